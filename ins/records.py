@@ -1,0 +1,340 @@
+"""The records that pass between packages: frozen, checked once, arrays float64 and read-only.
+
+Times are seconds from the run's start; SI units and radians unless the name says otherwise.
+"""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
+PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
+AXES = ("x", "y", "z")
+
+
+class InputError(ValueError):
+    """Bad input: one line that names file, row or key, what was got and what was needed (exit code 3)."""
+
+
+def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray:
+    """A read-only, C-ordered float64 copy, its shape checked (None: any length)."""
+    a = np.array(values, dtype=np.float64, order="C")
+    if a.ndim != len(shape) or any(want is not None and got != want for got, want in zip(a.shape, shape)):
+        raise InputError(f"{name}: shape {a.shape}, needed {shape}")
+    a.flags.writeable = False
+    return a
+
+
+def _freeze(record: Any, shapes: dict[str, tuple[int | None, ...]]) -> None:
+    for name, shape in shapes.items():
+        value = getattr(record, name)
+        if value is not None:
+            object.__setattr__(record, name, frozen_array(value, shape, f"{type(record).__name__}.{name}"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Site:
+    """A geodetic position, WGS-84; height above the ellipsoid."""
+
+    lat_rad: float
+    lon_rad: float
+    height_m: float
+
+    def __post_init__(self) -> None:
+        if not abs(self.lat_rad) <= np.pi / 2:
+            raise InputError(f"latitude {np.degrees(self.lat_rad):.6g} deg, needed within +-90 deg")
+        if not abs(self.lon_rad) <= 2 * np.pi:
+            raise InputError(f"longitude {np.degrees(self.lon_rad):.6g} deg, needed within +-360 deg")
+        if not -1000.0 <= self.height_m <= 30000.0:
+            raise InputError(f"height {self.height_m:.6g} m, needed -1000 to 30000 m")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span:
+    """A stretch of time and why it is named (excluded, repaired, a phase ...)."""
+
+    start_s: float
+    end_s: float
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuLog:
+    """Inertial increments: row k is the angle and velocity change over the `dt_s[k]` that end at `time_s[k]`.
+
+    dtheta_rad (n, 3), dv_m_s (n, 3) in body axes x forward, y right, z down. Times strictly increase;
+    `dt_s[0]` is the nominal interval. `source` tells whether the file held "increments" or "rates".
+    """
+
+    time_s: NDArray
+    dt_s: NDArray
+    dtheta_rad: NDArray
+    dv_m_s: NDArray
+    source: str = "increments"
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"time_s": (None,), "dt_s": (None,), "dtheta_rad": (None, 3), "dv_m_s": (None, 3)})
+        if self.time_s.size < 2 or not np.all(np.diff(self.time_s) > 0):
+            raise InputError("ImuLog: needs at least two rows with strictly increasing time_s")
+        if not (self.dt_s.shape == self.time_s.shape and len(self.dtheta_rad) == len(self.dv_m_s) == self.time_s.size):
+            raise InputError("ImuLog: columns differ in length")
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal sample rate: one over the median interval."""
+        return float(1.0 / np.median(np.diff(self.time_s)))
+
+    def between(self, start_s: float, end_s: float) -> "ImuLog":
+        """The rows whose interval ends in (start_s, end_s]."""
+        a, b = np.searchsorted(self.time_s, [start_s, end_s], side="right")
+        return ImuLog(
+            time_s=self.time_s[a:b], dt_s=self.dt_s[a:b], dtheta_rad=self.dtheta_rad[a:b], dv_m_s=self.dv_m_s[a:b],
+            source=self.source,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureLog:
+    """Temperatures [degC]; gyro_degC (n, 3) required, the others None where not logged."""
+
+    time_s: NDArray
+    gyro_degC: NDArray
+    accel_degC: NDArray | None = None
+    block_degC: NDArray | None = None
+    gradient_degC: NDArray | None = None
+    ambient_degC: NDArray | None = None
+
+    def __post_init__(self) -> None:
+        n = (None,)
+        _freeze(
+            self,
+            {"time_s": n, "gyro_degC": (None, 3), "accel_degC": (None, 3), "block_degC": n,
+             "gradient_degC": (None, 3), "ambient_degC": n},
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class GnssLog:
+    """Satellite fixes: position, velocity NED (n, 3), and sigmas (n,), None where the file has none."""
+
+    time_s: NDArray
+    lat_rad: NDArray
+    lon_rad: NDArray
+    height_m: NDArray
+    v_n_m_s: NDArray
+    sigma_horizontal_m: NDArray | None = None
+    sigma_vertical_m: NDArray | None = None
+    sigma_velocity_m_s: NDArray | None = None
+
+    def __post_init__(self) -> None:
+        one = dict.fromkeys((f.name for f in fields(self)), (None,))
+        _freeze(self, {**one, "v_n_m_s": (None, 3)})  # type: ignore[dict-item]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometerLog:
+    """Speed along body x at the wheel reference point."""
+
+    time_s: NDArray
+    speed_m_s: NDArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"time_s": (None,), "speed_m_s": (None,)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Phase:
+    """A phase of the run as logged or detected; `phase` is one of PHASES."""
+
+    phase: str
+    start_s: float
+    end_s: float
+
+    def __post_init__(self) -> None:
+        if self.phase not in PHASES:
+            raise InputError(f"phase {self.phase!r}, needed one of {', '.join(PHASES)}")
+        if not self.end_s > self.start_s:
+            raise InputError(f"phase {self.phase}: ends at {self.end_s} s, before it starts at {self.start_s} s")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceLog:
+    """Truth, for scoring only: never handed to an estimator."""
+
+    time_s: NDArray
+    lat_rad: NDArray
+    lon_rad: NDArray
+    height_m: NDArray
+    v_n_m_s: NDArray
+    roll_rad: NDArray
+    pitch_rad: NDArray
+    heading_rad: NDArray
+
+    def __post_init__(self) -> None:
+        one = dict.fromkeys((f.name for f in fields(self)), (None,))
+        _freeze(self, {**one, "v_n_m_s": (None, 3)})  # type: ignore[dict-item]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """Surveyed parked heading and taxi centre line, each None or with its sigma [rad]."""
+
+    heading_rad: float | None = None
+    sigma_heading_rad: float | None = None
+    centre_line_rad: float | None = None
+    sigma_centre_line_rad: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunHeader:
+    """What run.json says (formats.md, section 1)."""
+
+    run_id: str
+    tail: str
+    imu_serial: str
+    gyro_technology: str
+    start_utc: str
+    site: Site
+    wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    applied_table_sha256: str | None = None
+    gyro_mode: str = ""
+    survey: Survey = field(default_factory=Survey)
+
+    def __post_init__(self) -> None:
+        if self.gyro_technology not in GYRO_TECHNOLOGIES:
+            raise InputError(f"gyro_technology {self.gyro_technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """One power-on session, everything that an estimator may see.
+
+    `sha256` is over the content of run.json and all streams but `reference`; `faults` lists what was dropped
+    or repaired while reading. `phases` is empty where the run has no such stream.
+    """
+
+    header: RunHeader
+    imu: ImuLog
+    temperature: TemperatureLog | None = None
+    gnss: GnssLog | None = None
+    odometer: OdometerLog | None = None
+    phases: tuple[Phase, ...] = ()
+    sha256: str = ""
+    faults: tuple[Span, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavState:
+    """Position, velocity relative to Earth in NED, attitude C_nb (3, 3), at `time_s`."""
+
+    time_s: float
+    site: Site
+    v_n_m_s: NDArray
+    C_nb: NDArray
+
+    def __post_init__(self) -> None:
+        _freeze(self, {"v_n_m_s": (3,), "C_nb": (3, 3)})
+
+
+@dataclass(frozen=True, kw_only=True)
+class NavHistory:
+    """A navigation solution at epoch ends, with what each epoch accumulated (row k: over the epoch ending at time_s[k]).
+
+    Row 0 is the initial state, its accumulations zero.
+    C_nb_dt (k, 3, 3): integral of C_nb [s]; displacement_n (k, 3): integral of v_n [m];
+    displacement_b (k, 3): integral of C_bn v_n [m]; dv_f_n (k, 3): integral of C_nb f [m/s];
+    dtheta_b (k, 3): sum of the gyro increments used [rad].
+    """
+
+    time_s: NDArray
+    lat_rad: NDArray
+    lon_rad: NDArray
+    height_m: NDArray
+    v_n_m_s: NDArray
+    C_nb: NDArray
+    C_nb_dt: NDArray
+    displacement_n_m: NDArray
+    displacement_b_m: NDArray
+    dv_f_n_m_s: NDArray
+    dtheta_b_rad: NDArray
+
+    def __post_init__(self) -> None:
+        one = dict.fromkeys(("time_s", "lat_rad", "lon_rad", "height_m"), (None,))
+        vector = dict.fromkeys(
+            ("v_n_m_s", "displacement_n_m", "displacement_b_m", "dv_f_n_m_s", "dtheta_b_rad"), (None, 3)
+        )
+        _freeze(self, {**one, **vector, "C_nb": (None, 3, 3), "C_nb_dt": (None, 3, 3)})  # type: ignore[dict-item]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GyroNoise:
+    """A gyro triad as its twin declares it (formats.md, section 3); units in the names."""
+
+    arw_deg_sqrt_h: float = 0.002
+    bias_instability_deg_h: float = 0.002
+    rate_random_walk_deg_h_sqrt_h: float = 0.002
+    turn_on_deg_h: float = 0.003
+    scale_factor_ppm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    quantization_rad: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AccelNoise:
+    vrw_ug_sqrt_hz: float = 10.0
+    bias_ug: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bias_instability_ug: float = 1.0
+    rate_random_walk_ug_sqrt_h: float = 2.0
+    turn_on_ug: float = 30.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureNoise:
+    noise_degC: float = 0.01
+    resolution_degC: float = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class GnssNoise:
+    sigma_horizontal_m: float = 0.5
+    sigma_vertical_m: float = 0.75
+    sigma_velocity_m_s: float = 0.03
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometerNoise:
+    scale_ppm: float = 0.0
+    noise_m_s: float = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class VehicleNoise:
+    crab_mrad: float = 0.0
+    lateral_noise_m_s: float = 0.02
+    yaw_creep_arcsec_sqrt_h: float = 3.0
+    sway_m_s: float = 0.001
+    sway_hz: float = 0.28
+    sway_damping: float = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinModel:
+    """What is believed about one installation: noise and nominal errors, from a twin file or a technology's defaults.
+
+    `table` is the path as written in the file (None: no table); `source` says where the numbers came from.
+    """
+
+    imu_serial: str = ""
+    gyro_technology: str = "rlg"
+    table: str | None = None
+    gyro: GyroNoise = field(default_factory=GyroNoise)
+    accel: AccelNoise = field(default_factory=AccelNoise)
+    temperature: TemperatureNoise = field(default_factory=TemperatureNoise)
+    gnss: GnssNoise = field(default_factory=GnssNoise)
+    odometer: OdometerNoise = field(default_factory=OdometerNoise)
+    vehicle: VehicleNoise = field(default_factory=VehicleNoise)
+    effects: tuple[dict[str, Any], ...] = ()
+    source: str = "defaults"

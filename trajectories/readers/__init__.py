@@ -1,0 +1,1 @@
+"""Readers of flight logs: each turns one format into a run."""
