@@ -1,0 +1,18 @@
+"""The command line: registers one module a command (recal/commands)."""
+
+import importlib
+
+import typer
+
+app = typer.Typer(
+    name="recal",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    help="Strapdown inertial navigation that recalibrates its gyros in the field.",
+)
+
+COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update")
+for _name in COMMANDS:
+    app.command(_name)(importlib.import_module(f"recal.commands.{_name}").command)
+app.add_typer(importlib.import_module("recal.commands.table").app, name="table")
