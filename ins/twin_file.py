@@ -1,0 +1,109 @@
+"""Twin files (`recal.twin/1`, formats.md section 3): what is believed about one installation.
+
+The records in `ins.records` name the fields and units; this module only checks and fills them.
+"""
+
+from dataclasses import asdict, fields, replace
+from functools import cache
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, create_model
+
+from ins.json_file import StrictModel, parse, read_json_object, refuse_non_finite, without_schema
+from ins.records import GYRO_TECHNOLOGIES, AccelNoise, GyroNoise, InputError, TemperatureNoise, TwinModel
+
+SCHEMA = "recal.twin/1"
+SECTIONS = ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle")
+SIGNED = ("scale_factor_ppm", "misalignment_mrad", "bias_ug", "scale_ppm", "crab_mrad")  # the rest are sizes, >= 0
+
+# A MEMS unit of the industrial class. Gyro: ADIS16460 data sheet, rev. C: 0.12 deg/sqrt(h), 8 deg/h in-run; consumer
+# parts (ICM-20602: 0.004 deg/s/sqrt(Hz) = 0.24 deg/sqrt(h)) are a little worse, so rounded up. Accelerometer noise:
+# ICM-20602, 100 ug/sqrt(Hz). Turn-on and random walks: engineering estimates, what a factory's thermal trim leaves.
+MEMS_GYRO = GyroNoise(
+    arw_deg_sqrt_h=0.3, bias_instability_deg_h=10.0, rate_random_walk_deg_h_sqrt_h=10.0, turn_on_deg_h=30.0
+)
+MEMS_ACCEL = AccelNoise(
+    vrw_ug_sqrt_hz=100.0, bias_instability_ug=50.0, rate_random_walk_ug_sqrt_h=100.0, turn_on_ug=3000.0
+)
+MEMS_TEMPERATURE = TemperatureNoise(noise_degC=0.05, resolution_degC=0.01)
+
+
+class _Effect(StrictModel):
+    effect: str = Field(min_length=1)
+    target: str = Field(min_length=1)
+    parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+def default_twin(technology: str) -> TwinModel:
+    """The defaults of a technology: the twin of formats.md for rlg and fog, an industrial unit for mems."""
+    if technology not in GYRO_TECHNOLOGIES:
+        raise InputError(f"gyro_technology {technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
+    twin = TwinModel(gyro_technology=technology, source=f"defaults of {technology}")
+    if technology != "mems":
+        return twin
+    return replace(twin, gyro=MEMS_GYRO, accel=MEMS_ACCEL, temperature=MEMS_TEMPERATURE)
+
+
+def read_twin(path: Path) -> TwinModel:
+    """The twin in a JSON file; missing keys take the default of its technology. InputError names file and key."""
+    path = Path(path)
+    return twin_from_dict(read_json_object(path), source=str(path), name=str(path))
+
+
+def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel:
+    """The twin in a plain dict of formats.md section 3.
+
+    `source` is kept in the record (reports say where the noise model came from); `name` begins each error line.
+    Unknown keys, wrong types, negative noise and NaN raise InputError naming the key.
+    """
+    refuse_non_finite(data, name=name)
+    model = parse(_twin_model(), without_schema(data, SCHEMA, name=name), name=name)
+    given = model.model_dump(exclude_unset=True)
+    default = default_twin(given["gyro_technology"])
+    sections = {s: replace(getattr(default, s), **_tuples(given[s])) for s in SECTIONS if s in given}
+    return replace(
+        default, **sections, source=source, table=given.get("table"), imu_serial=given.get("imu_serial", ""),
+        effects=tuple({"parameters": {}, **effect} for effect in given.get("effects", ())),
+    )  # fmt: skip
+
+
+def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
+    """The plain dict of formats.md section 3; `twin_from_dict` returns the same twin."""
+    body = _lists({k: v for k, v in asdict(twin).items() if k != "source"})
+    return {"schema": SCHEMA, **body}
+
+
+@cache
+def _twin_model() -> type[StrictModel]:
+    """The pydantic model, built from the records so that names and defaults exist once."""
+    twin = TwinModel()
+    sections: dict[str, Any] = {name: (_section_model(getattr(twin, name)), None) for name in SECTIONS}
+    head: dict[str, Any] = {
+        "imu_serial": (str, ""),
+        "gyro_technology": (Literal["rlg", "fog", "mems"], ...),
+        "table": (Annotated[str, Field(min_length=1)] | None, None),
+        "effects": (list[_Effect], []),
+    }
+    return create_model("Twin", __base__=StrictModel, **head, **sections)
+
+
+def _section_model(record: Any) -> type[StrictModel]:
+    types: dict[str, Any] = {}
+    for f in fields(record):
+        value = getattr(record, f.name)
+        number: Any = float if f.name in SIGNED else Annotated[float, Field(ge=0)]
+        length = len(value) if isinstance(value, tuple) else None
+        kind = number if length is None else Annotated[list[number], Field(min_length=length, max_length=length)]
+        types[f.name] = (kind, None)
+    return create_model(type(record).__name__, __base__=StrictModel, **types)
+
+
+def _tuples(section: dict[str, Any]) -> dict[str, Any]:
+    return {k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in section.items()}
+
+
+def _lists(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _lists(v) for k, v in value.items()}
+    return [_lists(v) for v in value] if isinstance(value, list | tuple) else value
