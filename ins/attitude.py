@@ -71,3 +71,20 @@ def rotation_vector_from_dcm(C: ArrayLike) -> NDArray:
 def wrap_pi(angle_rad: ArrayLike) -> NDArray:
     """Angle brought into [-pi, pi)."""
     return np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi
+
+
+def quaternion_from_dcm(C: ArrayLike) -> NDArray:
+    """Unit quaternion, scalar first and not negative, of one rotation matrix (3, 3) -> (4,); any angle.
+
+    The eigenvector of the largest eigenvalue, so a matrix that is slightly off gives the nearest rotation.
+    Source: Bar-Itzhack, J. Guidance 23(6), 2000, pp. 1085-1087.
+    """
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(C, dtype=float)
+    K = np.array(
+        [[a + e + i, h - f, c - g, d - b],
+         [h - f, a - e - i, b + d, c + g],
+         [c - g, b + d, e - a - i, f + h],
+         [d - b, c + g, f + h, i - a - e]]
+    )  # fmt: skip
+    q = np.linalg.eigh(K)[1][:, -1]
+    return q if q[0] >= 0 else -q

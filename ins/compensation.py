@@ -1,0 +1,80 @@
+"""Measured increments to corrected ones: biases, scale factors and misalignment removed. Holds no parameter values.
+
+The sensor model is measured = (I + S + M) true + bias, in sensor axes x, y, z.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ins.records import ImuLog, InputError
+from ins.units import MILLIRADIAN, PPM
+
+NO_SCALE_FACTOR = (0.0, 0.0, 0.0)
+NO_MISALIGNMENT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+OFF_DIAGONAL = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1])  # xy, xz, yx, yz, zx, zy
+
+
+def gyro_matrix(*, scale_factor_ppm: ArrayLike, misalignment_mrad: ArrayLike) -> NDArray:
+    """I + S + M (3, 3) from three scale factors [ppm] and [xy, xz, yx, yz, zx, zy] [mrad].
+
+    Entry ij is the sensitivity of gyro i to rate about j.  Raises InputError on another length.
+    """
+    scale, misalignment = np.asarray(scale_factor_ppm, dtype=float), np.asarray(misalignment_mrad, dtype=float)
+    if scale.shape != (3,) or misalignment.shape != (6,):
+        raise InputError(f"gyro matrix: shapes {scale.shape} and {misalignment.shape}, needed (3,) and (6,)")
+    matrix = np.diag(1 + scale * PPM)
+    matrix[OFF_DIAGONAL] = misalignment * MILLIRADIAN
+    return matrix
+
+
+def compensate(
+    imu: ImuLog,
+    *,
+    gyro_bias_rad_s: ArrayLike | None = None,
+    accel_bias_m_s2: ArrayLike | None = None,
+    gyro_scale_factor_ppm: ArrayLike = NO_SCALE_FACTOR,
+    gyro_misalignment_mrad: ArrayLike = NO_MISALIGNMENT,
+) -> ImuLog:
+    """The log with its sensor errors removed: the exact inverse of measured = (I + S + M) true + bias.
+
+    Parameters
+    ----------
+    imu : ImuLog
+        Measured increments, n rows.
+    gyro_bias_rad_s, accel_bias_m_s2 : array_like, shape (3,) or (n, 3), or None
+        Measured minus true at zero scale error; None: zero. Integrated over each row's dt_s.
+    gyro_scale_factor_ppm : shape (3,)
+    gyro_misalignment_mrad : shape (6,)
+        [xy, xz, yx, yz, zx, zy]; entry ij is the sensitivity of gyro i to rate about j (formats.md, section 3).
+
+    Returns
+    -------
+    ImuLog
+        Same times and source.
+
+    Raises
+    ------
+    InputError
+        A bias of another shape or not finite; a matrix that has no inverse.
+    """
+    matrix = gyro_matrix(scale_factor_ppm=gyro_scale_factor_ppm, misalignment_mrad=gyro_misalignment_mrad)
+    if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
+        raise InputError("gyro scale factors and misalignment: the matrix I + S + M has no inverse")
+    dtheta = imu.dtheta_rad - _integrated(gyro_bias_rad_s, imu, "gyro_bias_rad_s")
+    return ImuLog(
+        time_s=imu.time_s,
+        dt_s=imu.dt_s,
+        dtheta_rad=np.linalg.solve(matrix, dtheta.T).T,
+        dv_m_s=imu.dv_m_s - _integrated(accel_bias_m_s2, imu, "accel_bias_m_s2"),
+        source=imu.source,
+    )
+
+
+def _integrated(bias: ArrayLike | None, imu: ImuLog, name: str) -> NDArray:
+    """The bias of shape (3,) or (n, 3) times dt, shape (n, 3)."""
+    value = np.zeros(3) if bias is None else np.asarray(bias, dtype=float)
+    if value.shape not in ((3,), imu.dtheta_rad.shape):
+        raise InputError(f"{name}: shape {value.shape}, needed (3,) or {imu.dtheta_rad.shape}")
+    if not np.isfinite(value).all():
+        raise InputError(f"{name}: holds a value that is not finite")
+    return value * imu.dt_s[:, None]

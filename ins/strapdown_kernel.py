@@ -1,0 +1,238 @@
+"""The strapdown loop: one step after another in the Earth frame. Import lazily: this module loads numba.
+
+Every compiled function lives here, because numba does not see a change in another file's callee. Without numba,
+or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples of nine in
+row order; SI and radians, silent. The loop takes no sine and no cosine of position, so no latitude is special.
+
+State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration correction.
+"""
+
+from math import atan2, cos, sin, sqrt
+
+from ins.earth import EARTH_RATE_RAD_S as OMEGA
+from ins.earth import (
+    ECCENTRICITY_SQUARED,
+    FLATTENING,
+    GRAVITY_EQUATOR_M_S2,
+    GRAVITY_RATIO_M,
+    SEMI_MAJOR_AXIS_M,
+    SEMI_MINOR_AXIS_M,
+    SOMIGLIANA_K,
+)
+
+try:
+    import numba
+except ImportError:  # the plain-Python path
+    numba = None  # type: ignore[assignment]
+
+A, B, E2 = SEMI_MAJOR_AXIS_M, SEMI_MINOR_AXIS_M, ECCENTRICITY_SQUARED
+EP2 = E2 / (1 - E2)  # second eccentricity squared
+SLOPE_0, SLOPE_1 = -2 / A * (1 + FLATTENING + GRAVITY_RATIO_M), 4 / A * FLATTENING
+POLE_RADIUS_M = 1e-3  # closer to the pole than this, longitude is defined as 0
+SERIES_ANGLE_2 = 0.01  # below 0.1 rad a step the rotation uses power series
+MAX_INTERVAL_RATIO = 2.0  # an interval longer than twice the one before (a gap) tells nothing of the slope
+
+
+def jit(function):
+    """Compile on first call; keep the result on disk where some folder can be written."""
+    if numba is None:
+        return function
+    try:
+        return numba.njit(cache=True, nogil=True)(function)
+    except (RuntimeError, OSError):  # no folder for the cache
+        return numba.njit(nogil=True)(function)
+
+
+@jit
+def cross(a, b):
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@jit
+def add(a, b, k):
+    """a + k b"""
+    return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
+
+
+@jit
+def rotate(C, a):
+    return (
+        C[0] * a[0] + C[1] * a[1] + C[2] * a[2],
+        C[3] * a[0] + C[4] * a[1] + C[5] * a[2],
+        C[6] * a[0] + C[7] * a[1] + C[8] * a[2],
+    )
+
+
+@jit
+def row(table, k):
+    return table[k, 0], table[k, 1], table[k, 2]
+
+
+@jit
+def dcm(q):
+    """C from a unit quaternion, scalar first. Source: Groves (2013), eq. (2.34)."""
+    w, x, y, z = q
+    return (
+        w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
+        2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
+        2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z,
+    )  # fmt: skip
+
+
+@jit
+def local_frame(r):
+    """sin and cos of latitude and of longitude, and height, by square roots alone. Source: Bowring (1985)."""
+    p = sqrt(r[0] * r[0] + r[1] * r[1])
+    R = sqrt(p * p + r[2] * r[2])
+    s, c = B * r[2] * (R + EP2 * B), A * p * R  # tan beta = (b z / a p)(1 + e'^2 b / R)
+    k = 1 / sqrt(s * s + c * c)
+    s, c = s * k, c * k
+    s, c = r[2] + EP2 * B * s * s * s, p - E2 * A * c * c * c  # tan L = (z + e'^2 b sin^3)/(p - e^2 a cos^3)
+    k = 1 / sqrt(s * s + c * c)
+    s, c = s * k, c * k
+    height = p * c + r[2] * s - A * sqrt(1 - E2 * s * s)
+    if p < POLE_RADIUS_M:
+        return s, c, 0.0, 1.0, height
+    return s, c, r[1] / p, r[0] / p, height
+
+
+@jit
+def dcm_ne(frame):
+    """C_ne: ECEF components into NED."""
+    sL, cL, sl, cl, _ = frame
+    return -sL * cl, -sL * sl, cL, -sl, cl, 0.0, -cL * cl, -cL * sl, -sL
+
+
+@jit
+def gravity(sin_lat, height):
+    """ins.earth.gravity_magnitude, from the sine of latitude."""
+    sin2 = sin_lat * sin_lat
+    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_K * sin2) / sqrt(1 - E2 * sin2)
+    return surface * (1 + (SLOPE_0 + SLOPE_1 * sin2) * height + 3 / (A * A) * height * height)
+
+
+@jit
+def compensate(theta, dv, theta_before, dv_before, dt, dt_before):
+    """Rotation vector, velocity increment in the body frame of the interval's start, and its scrolling part [m/s].
+
+    The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the trapezoid of the
+    velocity misses: -(slope dt^2 + theta x dv) / 12.
+    """
+    weight = 0.0
+    slope = (0.0, 0.0, 0.0)
+    if dt <= MAX_INTERVAL_RATIO * dt_before:
+        ratio = dt / dt_before
+        weight = dt * ratio / (6 * (dt + dt_before))
+        slope = add((0.0, 0.0, 0.0), add(dv, dv_before, -ratio), 12 * weight / ratio)
+    rotation = add(theta, cross(theta_before, theta), weight)
+    turn = cross(theta, dv)
+    sculling = add(cross(theta_before, dv), cross(dv_before, theta), 1.0)
+    a2 = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
+    if a2 < SERIES_ANGLE_2:
+        k1, k2 = 0.5 - a2 / 24 * (1 - a2 / 30), 1 / 6 - a2 / 120 * (1 - a2 / 42)
+    else:
+        a = sqrt(a2)
+        k1, k2 = 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
+    dv_start = add(add(add(dv, turn, k1), cross(theta, turn), k2), sculling, weight)
+    return rotation, dv_start, add(add((0.0, 0.0, 0.0), slope, -1 / 12), turn, -1 / 12)
+
+
+@jit
+def turn_attitude(q, rotation, earth_angle):
+    """q after the body turned by `rotation` (body axes) and the Earth by `earth_angle`; unit length kept."""
+    x, y, z = 0.5 * rotation[0], 0.5 * rotation[1], 0.5 * rotation[2]
+    h2 = x * x + y * y + z * z
+    if h2 < SERIES_ANGLE_2 / 4:
+        w = 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56)))
+        k = 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42))
+    else:
+        h = sqrt(h2)
+        w, k = cos(h), sin(h) / h
+    x, y, z = k * x, k * y, k * z
+    a, b, c, d = q
+    a, b, c, d = (
+        a * w - b * x - c * y - d * z,
+        a * x + b * w + c * z - d * y,
+        a * y - b * z + c * w + d * x,
+        a * z + b * y - c * x + d * w,
+    )
+    e = -0.5 * earth_angle
+    w, e = 1 - e * e / 2 * (1 - e * e / 12), e * (1 - e * e / 6 * (1 - e * e / 20))
+    a, b, c, d = w * a - e * d, w * b - e * c, w * c + e * b, w * d + e * a
+    k = 1.5 - 0.5 * (a * a + b * b + c * c + d * d)  # Newton step of 1/norm
+    return a * k, b * k, c * k, d * k
+
+
+@jit
+def step_velocity(v, dv_e, g_dt_e, earth_angle):
+    """v_eb_e after one step: Coriolis at the step's middle.  v' = f + g - 2 omega_ie x v (Groves (2013), 5.35)."""
+    dv_e = (dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2])
+    gained = add(dv_e, g_dt_e, 1.0)
+    half = (
+        v[0] + 0.5 * gained[0] + earth_angle * v[1],
+        v[1] + 0.5 * gained[1] - earth_angle * v[0],
+    )
+    return dv_e, (
+        v[0] + gained[0] + 2 * earth_angle * half[1],
+        v[1] + gained[1] - 2 * earth_angle * half[0],
+        v[2] + gained[2],
+    )
+
+
+@jit
+def accumulate(j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta, C_nb_dt, sums):
+    """Add one step to row j: sums holds displacement_n, displacement_b, dv_f_n, dtheta_b side by side."""
+    dr_n, dv_n = rotate(C_ne, dr), rotate(C_ne, dv_e)
+    for i in range(3):
+        v_b = C[i] * v[0] + C[3 + i] * v[1] + C[6 + i] * v[2]
+        v_b += C_new[i] * v_new[0] + C_new[3 + i] * v_new[1] + C_new[6 + i] * v_new[2]
+        sums[j, i] += dr_n[i]
+        sums[j, 3 + i] += 0.5 * dt * v_b
+        sums[j, 6 + i] += dv_n[i]
+        sums[j, 9 + i] += theta[i]
+        column = rotate(C_ne, (C[i] + C_new[i], C[3 + i] + C_new[3 + i], C[6 + i] + C_new[6 + i]))
+        C_nb_dt[j, 0, i] += 0.5 * dt * column[0]
+        C_nb_dt[j, 1, i] += 0.5 * dt * column[1]
+        C_nb_dt[j, 2, i] += 0.5 * dt * column[2]
+
+
+@jit
+def record(j, C, v, r, geodetic, v_n, C_nb):
+    """Write latitude, longitude, height, velocity and attitude to row j, in the NED frame at r."""
+    frame = local_frame(r)
+    C_ne = dcm_ne(frame)
+    geodetic[j, 0], geodetic[j, 1], geodetic[j, 2] = atan2(frame[0], frame[1]), atan2(frame[2], frame[3]), frame[4]
+    v_n[j, 0], v_n[j, 1], v_n[j, 2] = rotate(C_ne, v)
+    for i in range(3):
+        C_nb[j, 0, i], C_nb[j, 1, i], C_nb[j, 2, i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
+
+
+@jit
+def integrate(dt, dtheta, dv, before, height_ref, gains, ends, q, v, r, geodetic, v_n, C_nb, C_nb_dt, sums):
+    """Rows ends[j-1] to ends[j] make output row j, j >= 1; the outputs are filled in place.
+
+    before: dtheta, dv, dt of the interval before the first row (7,). gains: k1, k2, k3 of the vertical loop,
+    all zero when free; height_ref: the height it is damped to, one a row.
+    """
+    theta_before, dv_before = (before[0], before[1], before[2]), (before[3], before[4], before[5])
+    dt_before, correction, C = before[6], 0.0, dcm(q)
+    for j in range(1, ends.size):
+        for k in range(ends[j - 1], ends[j]):
+            T, theta, dv_b = dt[k], row(dtheta, k), row(dv, k)
+            rotation, dv_start, scroll = compensate(theta, dv_b, theta_before, dv_before, T, dt_before)
+            frame = local_frame(add(r, v, 0.5 * T))
+            C_ne = dcm_ne(frame)
+            down = (C_ne[6], C_ne[7], C_ne[8])
+            error = frame[4] - height_ref[k]
+            dv_e, v_new = step_velocity(
+                v, rotate(C, dv_start), add((0.0, 0.0, 0.0), down, T * gravity(frame[0], frame[4])), OMEGA * T
+            )
+            v_new = add(v_new, down, T * (gains[1] * error + correction))
+            correction += T * gains[2] * error
+            dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), rotate(C, scroll), T)
+            q = turn_attitude(q, rotation, OMEGA * T)
+            C_new = dcm(q)
+            accumulate(j, T, C_ne, C, C_new, v, v_new, dr, dv_e, theta, C_nb_dt, sums)
+            r = add(add(r, dr, 1.0), down, T * gains[0] * error)
+            v, C, theta_before, dv_before, dt_before = v_new, C_new, theta, dv_b, T
+        record(j, C, v, r, geodetic, v_n, C_nb)
