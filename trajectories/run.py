@@ -1,0 +1,284 @@
+"""Read and write run directories (formats.md, section 1).
+
+`inspect_run` reads everything and lists all that is wrong; `read_run` is the same, raising the first error.
+Truth (`reference`) comes only from `read_reference`, so that no estimator can see it.
+"""
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.json_file import read_json_object
+from ins.records import ImuLog, InputError, ReferenceLog, Run, RunHeader, Span
+from trajectories import streams
+from trajectories.physics_gates import QuietMeans, check_physics
+from trajectories.run_check import (
+    Finding,
+    Findings,
+    check_finite,
+    check_gaps,
+    check_increasing,
+    check_rate,
+    dropout_spans,
+    find_dropouts,
+    hold_over_dropouts,
+)
+from trajectories.run_schema import STREAMS, check_columns, header_from_json, header_to_json, imu_columns
+from trajectories.stream_files import ENDINGS, StreamFile, write_columns
+
+FORMATS = ("parquet", "csv", "csv.gz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """What a run directory holds and what is wrong with it; `run` is None where an error makes it unusable."""
+
+    path: Path
+    run: Run | None
+    findings: tuple[Finding, ...]
+    quiet: QuietMeans | None = None
+
+    @property
+    def errors(self) -> list[str]:
+        return [item.text for item in self.findings if item.level == "error"]
+
+
+def read_run(path: Path) -> Run:
+    """The run in a directory, without its reference. InputError names the file, the row or key, and the trouble.
+
+    What could be repaired or had to be dropped is in `Run.faults`.
+    """
+    inspection = inspect_run(path)
+    if inspection.run is None:
+        first, *rest = inspection.errors
+        more = f" (and {len(rest)} more: recal check lists all)" if rest else ""
+        raise InputError(f"{inspection.path}: {first}{more}")
+    return inspection.run
+
+
+def read_reference(path: Path) -> ReferenceLog | None:
+    """The truth in a run directory, for scoring only; None where it has none."""
+    findings = Findings()
+    stream = _open_stream(Path(path), "reference", findings)
+    log = streams.load_reference(stream, findings) if stream else None
+    if findings.errors:
+        raise InputError(f"{path}: {findings.errors[0]}")
+    return log
+
+
+def inspect_run(path: Path) -> Inspection:
+    """Reads a run directory and lists everything that is wrong; raises nothing for bad input."""
+    path, findings = Path(path), Findings()
+    faults: list[Span] = []
+    if not path.is_dir():
+        what = "not a directory" if path.exists() else "no such run directory"
+        return Inspection(path=path, run=None, findings=(Finding(level="error", text=what),))
+    header = _read_header(path, findings)
+    imu, imu_faults = _load(path, "imu", load_imu, findings) or (None, [])
+    faults += imu_faults
+    optional: dict[str, Any] = {}
+    for name, load in streams.LOADERS.items():
+        optional[name], more = _load(path, name, load, findings) or (None, [])
+        faults += more
+    _warn_of_strangers(path, findings)
+    quiet = None
+    if imu is not None and header is not None:
+        quiet = check_physics(
+            imu, site=header.site, technology=header.gyro_technology, label=_label(path, "imu"), findings=findings
+        )
+        streams.check_overlap(imu, optional, header, findings)
+    run = None
+    if imu is not None and header is not None and not findings.errors:
+        optional["phases"] = optional["phases"] or ()
+        run = Run(header=header, imu=imu, faults=tuple(sorted(faults, key=lambda s: s.start_s)), **optional)
+        run = replace(run, sha256=run_sha256(run))
+    return Inspection(path=path, run=run, findings=tuple(findings.items), quiet=quiet)
+
+
+def run_sha256(run: Run) -> str:
+    """Hash of what was measured: the serial and the float64 content of imu, temperature, gnss and odometer.
+
+    Packing, column order, run_id, tail, site and phases do not change it, so that the same recording is known again
+    under another name. Increments are hashed as read (rates once turned into increments), angles in radians.
+    """
+    digest = hashlib.sha256(json.dumps(["recal.run/1", run.header.imu_serial]).encode())
+    for name in ("imu", "temperature", "gnss", "odometer"):
+        log = getattr(run, name)
+        for key in sorted(k for k in (vars(log) if log else ()) if k not in ("source", "dt_s")):
+            values = getattr(log, key)
+            if values is not None:
+                digest.update(f"{name}.{key}{values.shape}".encode())
+                digest.update(memoryview(np.ascontiguousarray(values, dtype="<f8")))
+    return digest.hexdigest()
+
+
+def load_imu(stream: StreamFile, findings: Findings) -> tuple[ImuLog | None, list[Span]]:
+    """The imu stream as increments, with its faults; None once an error was found.
+
+    A row of rates is the mean over the interval that ends at its time, so increment = rate x interval.
+    """
+    names = imu_columns(stream.names)
+    errors = len(findings.errors)
+    time_s = stream.column("time_s")
+    vectors = np.empty((2, time_s.size, 3))  # dtheta, dv
+    for k, name in enumerate(names[1:]):
+        column = stream.column(name)
+        findings.error(*check_finite(column, name, stream.row))
+        vectors[k // 3, :, k % 3] = column
+    findings.error(*check_finite(time_s, "time_s", stream.row))
+    if time_s.size < 2:
+        findings.error(f"{stream.label}: {time_s.size} rows, needed at least 2")
+    elif len(findings.errors) == errors:
+        findings.error(*check_increasing(time_s, stream.row))
+    if len(findings.errors) == errors:
+        findings.error(*check_gaps(time_s, stream.row), *check_rate(time_s, stream.row, stream.label))
+    if len(findings.errors) > errors:
+        return None, []
+    return _imu_log(time_s, vectors[0], vectors[1], source="rates" if "gyro_x_rad_s" in names else "increments")
+
+
+def _imu_log(time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str) -> tuple[ImuLog, list[Span]]:
+    nominal = float(np.median(np.diff(time_s)))
+    dt_s = np.concatenate([[nominal], np.diff(time_s)])
+    rows, lost = find_dropouts(time_s)
+    if source == "rates":
+        dtheta *= dt_s[:, None]
+        dv *= dt_s[:, None]
+    else:
+        hold_over_dropouts(dtheta, dv, dt_s, rows, nominal_s=nominal)
+    log = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta, dv_m_s=dv, source=source)
+    return log, dropout_spans(time_s, rows, lost)
+
+
+def write_run(
+    path: Path, run: Run, *, reference: ReferenceLog | None = None, fmt: str = "parquet",
+    conversion: dict[str, Any] | None = None,
+) -> None:  # fmt: skip
+    """Writes a run directory completely or not at all; an older run at `path` is replaced.
+
+    fmt is "parquet", "csv" or "csv.gz". InputError where `path` exists and is not a run: nothing is overwritten.
+    """
+    if fmt not in FORMATS:
+        raise InputError(f"run format {fmt!r}, needed one of {', '.join(FORMATS)}")
+    path = Path(path)
+    _refuse_foreign(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        new = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    try:
+        text = json.dumps(header_to_json(run.header, conversion=conversion), indent=1, allow_nan=False) + "\n"
+        (new / "run.json").write_text(text, encoding="utf-8")
+        for name, columns in streams.tables(run, reference).items():
+            write_columns(new / f"{name}.{fmt}", columns)
+        new.chmod(0o777 & ~_umask())
+        _put_in_place(new, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
+    finally:
+        shutil.rmtree(new, ignore_errors=True)
+
+
+def _read_header(path: Path, findings: Findings) -> RunHeader | None:
+    try:
+        data = read_json_object(_confined(path, "run.json"))
+    except InputError as error:
+        findings.error(str(error).removeprefix(f"{path}{os.sep}"))
+        return None
+    header, errors, warnings = header_from_json(data, name="run.json")
+    findings.error(*errors)
+    findings.warn(*warnings)
+    return header
+
+
+def _load(path: Path, name: str, load: Callable, findings: Findings) -> Any:
+    """What `load` makes of a stream; None where it is absent or cannot be used (then findings say why)."""
+    stream = _open_stream(path, name, findings)
+    try:
+        return load(stream, findings) if stream else None
+    except InputError as error:
+        findings.error(str(error))
+        return None
+    finally:
+        findings.warn(*(stream.notes if stream else ()))
+
+
+def _open_stream(path: Path, name: str, findings: Findings) -> StreamFile | None:
+    found = [f"{name}{end}" for end in ENDINGS if (path / f"{name}{end}").exists()]
+    if len(found) > 1:
+        findings.error(f"{' and '.join(found)}: needed one of them")
+    elif not found and name == "imu":
+        findings.error(f"imu.parquet is missing (or imu.csv, imu.csv.gz) in {path}")
+    if len(found) != 1:
+        return None
+    try:
+        stream = StreamFile(_confined(path, found[0]))
+    except InputError as error:
+        findings.error(str(error).removeprefix(f"{path}{os.sep}"))
+        return None
+    wrong = check_columns(name, stream.names, where=stream.label)
+    findings.error(*wrong)
+    return None if wrong else stream
+
+
+def _confined(path: Path, name: str) -> Path:
+    file = path / name
+    if not file.resolve().is_relative_to(path.resolve()):
+        raise InputError(f"{name}: a link that leaves the run directory")
+    return file
+
+
+def _label(path: Path, name: str) -> str:
+    return next((f"{name}{end}" for end in ENDINGS if (path / f"{name}{end}").exists()), name)
+
+
+def _run_files() -> set[str]:
+    return {"run.json", *(f"{name}{end}" for name in STREAMS for end in ENDINGS)}
+
+
+def _warn_of_strangers(path: Path, findings: Findings) -> None:
+    strangers = sorted(p.name for p in path.iterdir() if p.name not in _run_files())
+    findings.warn(*(f"{name}: not part of a run, not read" for name in strangers))
+
+
+def _refuse_foreign(path: Path) -> None:
+    if path.is_dir():
+        names = {p.name for p in path.iterdir()}
+        foreign = sorted(names - _run_files())
+        if foreign or (names and "run.json" not in names):
+            held = foreign[0] if foreign else "no run.json"
+            raise InputError(f"{path}: exists and is not a run (holds {held}), not overwritten")
+    elif path.exists() or path.is_symlink():
+        raise InputError(f"{path}: exists and is not a run directory, not overwritten")
+
+
+def _put_in_place(new: Path, path: Path) -> None:
+    """Rename a complete directory to its name; an older one steps aside first and is then removed."""
+    if not path.exists():
+        new.rename(path)
+        return
+    aside = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}.old."))
+    path.rename(aside / path.name)
+    try:
+        new.rename(path)
+    except OSError:
+        (aside / path.name).rename(path)
+        raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,225 @@
+"""What a run directory may hold (formats.md, section 1): the columns of each stream and the keys of run.json.
+
+Angles are degrees in the files and radians in the records; `degrees_exact` makes the way back lose nothing.
+"""
+
+import datetime
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from ins.json_file import complaints, without_schema
+from ins.records import AXES, InputError, RunHeader, Site, Survey
+from ins.units import DEG
+
+SCHEMA = "recal.run/1"
+
+
+def _triple(pattern: str) -> tuple[str, ...]:
+    return tuple(pattern.format(axis) for axis in AXES)
+
+
+INCREMENTS = _triple("dtheta_{}_rad") + _triple("dv_{}_m_s")
+RATES = _triple("gyro_{}_rad_s") + _triple("accel_{}_m_s2")
+GYRO_DEGC, ACCEL_DEGC, GRADIENT_DEGC = (_triple(p) for p in ("gyro_{}_degC", "accel_{}_degC", "gradient_{}_degC"))
+POSITION = ("lat_deg", "lon_deg", "height_m")
+VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
+SIGMAS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
+ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
+
+REQUIRED: dict[str, tuple[str, ...]] = {
+    "temperature": ("time_s", *GYRO_DEGC),
+    "gnss": ("time_s", *POSITION, *VELOCITY),
+    "odometer": ("time_s", "speed_m_s"),
+    "phases": ("phase", "start_s", "end_s"),
+    "reference": ("time_s", *POSITION, *VELOCITY, *ATTITUDE),
+}
+OPTIONAL: dict[str, tuple[str, ...]] = {
+    "temperature": (*ACCEL_DEGC, "block_degC", *GRADIENT_DEGC, "ambient_degC"),
+    "gnss": SIGMAS,
+}
+STREAMS = ("imu", *REQUIRED)
+WHOLE_TRIPLES = (ACCEL_DEGC, GRADIENT_DEGC)  # all three axes or none
+
+
+def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]:
+    """What is wrong with the column names of a stream, one line each; empty when nothing is."""
+    required = imu_columns(names) if stream == "imu" else REQUIRED[stream]
+    optional = OPTIONAL.get(stream, ())
+    known = (*required, *optional)
+    if stream == "imu" and set(names) & set(INCREMENTS) and set(names) & set(RATES):
+        a, b = (next(n for n in names if n in group) for group in (INCREMENTS, RATES))
+        return [f"{where}: column {b} beside {a}: needed either increments or rates, not both"]
+    allowed = (*INCREMENTS, *RATES, "time_s") if stream == "imu" else known
+    wrong = [_unknown(n, allowed) for n in names if n not in known]
+    wrong += [f"column {n} appears twice" for n in dict.fromkeys(names) if list(names).count(n) > 1]
+    wrong += [f"column {n} is missing, needed {' '.join(required)}" for n in required if n not in names][:1]
+    for triple in WHOLE_TRIPLES:
+        given = [n for n in triple if n in names]
+        if triple[0] in optional and 0 < len(given) < 3:
+            wrong.append(f"column {given[0]} needs all of {' '.join(triple)}")
+    return [f"{where}: {line}" for line in wrong]
+
+
+def imu_columns(names: Iterable[str]) -> tuple[str, ...]:
+    """The imu columns in order: rates where the file names any rate, else increments."""
+    rates = any(n.startswith(("gyro_", "accel_")) for n in names)
+    return ("time_s", *(RATES if rates else INCREMENTS))
+
+
+def _unknown(name: str, known: Sequence[str]) -> str:
+    if not name or name.startswith(("Unnamed:", "__index_level_")):
+        return f"column {name!r} is a table index: write the file without it"
+    stem = re.match(r"(?:(?:gyro|accel|dtheta|dv|gradient)_[xyz]|time|lat|lon|height|speed|v[ned])_", name)
+    same = [k for k in known if stem and k.startswith(stem.group())]
+    if same:
+        return f"unknown column {name}: the unit must be as in {same[0]}"
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"unknown column {name}" + (f" (did you mean {near[0]}?)" if near else f", needed among: {' '.join(known)}")
+
+
+class _Open(BaseModel):
+    """Keys of run.json that this version does not know are kept and reported, not refused."""
+
+    model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False, frozen=True)
+
+
+class _SiteKeys(_Open):
+    lat_deg: float = Field(ge=-90, le=90)
+    lon_deg: float = Field(ge=-360, le=360)
+    height_m: float = Field(ge=-1000, le=30000)
+
+
+_Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+_Text = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")]
+_Name = Annotated[_Text, Field(min_length=1)]
+
+
+class _LeverArms(_Open):
+    wheel_reference: _Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+    gnss: _Vector = Field(default_factory=lambda: [0.0, 0.0, 0.0])
+
+
+class _SurveyKeys(_Open):
+    heading_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    sigma_heading_deg: Annotated[float, Field(gt=0)] | None = None
+    centre_line_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
+    sigma_centre_line_deg: Annotated[float, Field(gt=0)] | None = None
+
+    @model_validator(mode="after")
+    def _each_with_its_sigma(self) -> "_SurveyKeys":
+        for key in ("heading_deg", "centre_line_deg"):
+            if getattr(self, key) is not None and getattr(self, f"sigma_{key}") is None:
+                raise ValueError(f"sigma_{key} beside {key}")
+        return self
+
+
+class _RunKeys(_Open):
+    run_id: _Name
+    tail: _Text = ""
+    imu_serial: _Name
+    gyro_technology: Literal["rlg", "fog", "mems"]
+    start_utc: str
+    site: _SiteKeys
+    lever_arms_m: _LeverArms = _LeverArms()
+    applied_table_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    gyro_mode: _Text = ""
+    survey: _SurveyKeys | None = None
+    conversion: dict[str, Any] = Field(default_factory=dict)
+
+    @field_validator("start_utc")
+    @classmethod
+    def _utc(cls, text: str) -> str:
+        try:
+            offset = datetime.datetime.fromisoformat(text).utcoffset()
+        except ValueError:
+            offset = None
+        if offset != datetime.timedelta(0):
+            raise ValueError("a UTC time such as 2026-03-01T05:00:00Z")
+        return text
+
+
+
+
+EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")  # in every run.json; the default is taken with a warning
+
+
+def header_from_json(data: dict[str, Any], *, name: str) -> tuple[RunHeader | None, list[str], list[str]]:
+    """The header in run.json, the errors (header None then) and the warnings, one line each."""
+    try:
+        keys = _RunKeys.model_validate(without_schema(data, SCHEMA, name=name))
+    except InputError as error:
+        return None, [str(error)], []
+    except ValidationError as error:
+        return None, complaints(error, _RunKeys, name=name), []
+    warnings = [f"{name}: unknown key {key}, not used" for key in _unused(keys)]
+    warnings += [f"{name}: key {k} is missing, taken as {_default(k)}" for k in EXPECTED if k not in data]
+    survey = keys.survey or _SurveyKeys()
+    header = RunHeader(
+        run_id=keys.run_id, tail=keys.tail, imu_serial=keys.imu_serial, gyro_technology=keys.gyro_technology,
+        start_utc=keys.start_utc, site=site_from_degrees(**{k: getattr(keys.site, k) for k in POSITION}),
+        wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference), gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
+        applied_table_sha256=keys.applied_table_sha256, gyro_mode=keys.gyro_mode,
+        survey=Survey(**{k.replace("_deg", "_rad"): _rad(getattr(survey, k)) for k in type(survey).model_fields}),
+    )  # fmt: skip
+    return header, [], warnings
+
+
+def header_to_json(header: RunHeader, *, conversion: dict[str, Any] | None = None) -> dict[str, Any]:
+    """run.json as a plain dict; `conversion` says where a converted log came from."""
+    site, survey = header.site, header.survey
+    return {
+        "schema": SCHEMA, "run_id": header.run_id, "tail": header.tail, "imu_serial": header.imu_serial,
+        "gyro_technology": header.gyro_technology, "start_utc": header.start_utc,
+        "site": {"lat_deg": _deg(site.lat_rad), "lon_deg": _deg(site.lon_rad), "height_m": float(site.height_m)},
+        "lever_arms_m": {"wheel_reference": list(map(float, header.wheel_reference_m)),
+                         "gnss": list(map(float, header.gnss_lever_arm_m))},
+        "applied_table_sha256": header.applied_table_sha256, "gyro_mode": header.gyro_mode,
+        "survey": {k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields},
+        **({"conversion": conversion} if conversion else {}),
+    }  # fmt: skip
+
+
+def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Site:
+    return Site(lat_rad=lat_deg * DEG, lon_rad=lon_deg * DEG, height_m=height_m)
+
+
+def degrees_exact(angle_rad: ArrayLike) -> NDArray:
+    """Degrees whose product with DEG is the same float again, wherever such a number exists (else the nearest).
+
+    Plain division is off by one unit in the last place for about one angle in three; the neighbours are tried.
+    """
+    rad = np.asarray(angle_rad, dtype=float)
+    best = rad / DEG
+    for other in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf), np.round(best, 10)):
+        best = np.where(other * DEG == rad, other, best)  # the short decimal last: it is what a person typed
+    return best
+
+
+def _deg(angle_rad: float | None) -> float | None:
+    return None if angle_rad is None else float(degrees_exact(angle_rad))
+
+
+def _rad(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else angle_deg * DEG
+
+
+def _xyz(values: list[float]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])
+
+
+def _default(key: str) -> str:
+    return {"tail": "''", "lever_arms_m": "zero", "applied_table_sha256": "null (raw gyro output)"}[key]
+
+
+def _unused(keys: _Open, prefix: str = "") -> list[str]:
+    names = [prefix + k for k in keys.model_extra or {}]
+    for name in type(keys).model_fields:
+        value = getattr(keys, name)
+        names += _unused(value, f"{prefix}{name}.") if isinstance(value, _Open) else []
+    return names
