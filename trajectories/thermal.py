@@ -1,0 +1,103 @@
+"""Temperature histories of a unit after power-on: block, gyros, accelerometers, gradient, ambient.
+
+The block approaches its settled temperature with one time constant; each gyro follows the block with a second one, so
+its temperature starts level (second order). The sun on the apron adds a slow load from a given time on.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ins.records import InputError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Temperatures:
+    """True temperatures [degC] at n times: gyros, accelerometers, gradient at each gyro (n, 3); block, ambient (n,)."""
+
+    gyro_degC: NDArray
+    accel_degC: NDArray
+    gradient_degC: NDArray
+    block_degC: NDArray
+    ambient_degC: NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalHistory:
+    """One power-on: the unit starts at `start_degC` and settles at `settled_degC` (block).
+
+    gyro_rise_degC: each gyro's own heat above the block; gradient_fraction: Tdiff per block-to-gyro difference;
+    sun_degC, from sun_start_s on, warms the block with the time constant sun_tau_s.
+    """
+
+    ambient_degC: float
+    start_degC: float
+    settled_degC: float
+    block_tau_s: float = 1500.0
+    gyro_tau_s: tuple[float, float, float] = (420.0, 480.0, 360.0)
+    gyro_rise_degC: tuple[float, float, float] = (1.5, 2.5, 0.8)
+    gradient_fraction: tuple[float, float, float] = (0.3, -0.2, 0.25)
+    sun_degC: float = 0.0
+    sun_start_s: float = 0.0
+    sun_tau_s: float = 1800.0
+
+    def __post_init__(self) -> None:
+        taus = (self.block_tau_s, self.sun_tau_s, *self.gyro_tau_s)
+        if not min(taus) > 0 or self.block_tau_s in self.gyro_tau_s:
+            raise InputError("thermal: time constants must be above 0, gyro_tau_s other than block_tau_s")
+
+    def at(self, time_s: ArrayLike) -> Temperatures:
+        """Temperatures at times (n,) since power-on."""
+        t = np.asarray(time_s, dtype=float)
+        sun = self.sun_degC * _rise(t - self.sun_start_s, self.sun_tau_s)
+        step = self.settled_degC - self.start_degC
+        block = self.start_degC + step * _rise(t, self.block_tau_s) + sun
+        own = np.stack([r * _rise(t, tau) for r, tau in zip(self.gyro_rise_degC, self.gyro_tau_s)], axis=-1)
+        lagged = self.start_degC + np.stack([
+            step * _second_order(t, self.block_tau_s, tau)
+            + self.sun_degC * _second_order(t - self.sun_start_s, self.sun_tau_s, 0.999 * tau)
+            for tau in self.gyro_tau_s
+        ], axis=-1)  # fmt: skip
+        gradient = np.asarray(self.gradient_fraction) * (block[:, None] - lagged)
+        accel = np.repeat(lagged.mean(axis=1)[:, None], 3, axis=1)
+        return Temperatures(
+            gyro_degC=lagged + own, accel_degC=accel, gradient_degC=gradient, block_degC=block,
+            ambient_degC=np.full(t.shape, self.ambient_degC),
+        )  # fmt: skip
+
+
+def _rise(t: NDArray, tau_s: float) -> NDArray:
+    """First-order step response, 0 before its start."""
+    return -np.expm1(-np.maximum(t, 0.0) / tau_s)
+
+
+def _second_order(t: NDArray, tau1_s: float, tau2_s: float) -> NDArray:
+    """Step response of two lags in series (distinct time constants), 0 before its start."""
+    return (tau1_s * _rise(t, tau1_s) - tau2_s * _rise(t, tau2_s)) / (tau1_s - tau2_s)
+
+
+STARTS = {
+    "cold": ThermalHistory(ambient_degC=-5.0, start_degC=-5.0, settled_degC=34.0),
+    "ambient": ThermalHistory(ambient_degC=20.0, start_degC=20.0, settled_degC=42.0),
+    "hot": ThermalHistory(ambient_degC=36.0, start_degC=41.0, settled_degC=44.0, sun_degC=4.0, sun_start_s=600.0),
+    "cooling": ThermalHistory(ambient_degC=5.0, start_degC=46.0, settled_degC=26.0),
+}
+
+
+def thermal_history(start: str, *, rng: np.random.Generator | None = None) -> ThermalHistory:
+    """A named power-on (one of STARTS); an rng moves its temperatures by 3 degC, its block time by 15 % (1 sigma).
+
+    Raises InputError where the name is not one of STARTS.
+    """
+    if start not in STARTS:
+        raise InputError(f"thermal start {start!r}, needed one of {', '.join(STARTS)}")
+    history = STARTS[start]
+    if rng is None:
+        return history
+    shift = 3.0 * rng.standard_normal(3)
+    return replace(
+        history, ambient_degC=history.ambient_degC + shift[0], start_degC=history.start_degC + shift[0] + shift[1],
+        settled_degC=history.settled_degC + shift[0] + shift[2],
+        block_tau_s=history.block_tau_s * float(np.clip(1 + 0.15 * rng.standard_normal(), 0.6, 1.6)),
+    )  # fmt: skip

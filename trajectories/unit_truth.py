@@ -1,0 +1,125 @@
+"""The true unit: smooth thermal bias curves that have aged since the factory measured them.
+
+Written apart from the estimator's table: the true curve is a smooth function, not a row of nodes, and may also carry
+what a table does not model (lag, rate term, hysteresis).
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.signal import lfilter
+
+from ins.records import AXES, GYRO_TECHNOLOGIES, InputError
+
+GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # the curves are cubic splines over this grid
+NODES_DEGC = np.arange(-10.0, 51.0, 10.0)
+CURVE_SIZE_DEG_H = {"rlg": 0.03, "fog": 0.1, "mems": 30.0}  # RMS of the factory curve's linear, square and wavy part
+SHAPE_LENGTH_DEGC = 30.0  # correlation length of the ageing shape, physics.md 6.8
+HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over this
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitTruth:
+    """One unit as it is today. Curves (3, len(GRID_DEGC)) [deg/h]; the last three terms are off by default.
+
+    thermal_rate: bias per degC/min; lag_s: the bias follows the temperature this late; hysteresis: half of the split
+    between heating and cooling.
+    """
+
+    imu_serial: str
+    gyro_technology: str
+    factory_deg_h: NDArray
+    ageing_deg_h: NDArray
+    sigma_deg_h: float
+    thermal_rate_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lag_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hysteresis_deg_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def bias_deg_h(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
+        """The settled true bias of an axis, mean over power-ons, at temperatures of any shape."""
+        row = AXES.index(axis)
+        return CubicSpline(GRID_DEGC, self.factory_deg_h[row] + self.ageing_deg_h[row])(temperature_degC)
+
+    def bias_history_deg_h(self, gyro_degC: NDArray, dt_s: float) -> NDArray:
+        """True thermal bias (n, 3) along gyro temperatures (n, 3) at even steps, with all the unit's terms."""
+        bias = np.empty_like(gyro_degC)
+        for k, axis in enumerate(AXES):
+            felt = _lagged(gyro_degC[:, k], dt_s, self.lag_s[k])
+            bias[:, k] = self.bias_deg_h(axis, felt)
+            if self.thermal_rate_deg_h_per_degC_min[k]:
+                bias[:, k] += self.thermal_rate_deg_h_per_degC_min[k] * np.gradient(gyro_degC[:, k], dt_s) * 60.0
+            if self.hysteresis_deg_h[k]:
+                bias[:, k] += self.hysteresis_deg_h[k] * _hysteresis(gyro_degC[:, k])
+        return bias
+
+    def factory_table(self, node_degC: ArrayLike = NODES_DEGC) -> dict[str, Any]:
+        """The table the factory delivered (recal.table/1), its sigma that of the ageing since."""
+        nodes = np.asarray(node_degC, dtype=float)
+        axes = {
+            axis: {
+                "temperature_degC": nodes.tolist(),
+                "bias_deg_h": CubicSpline(GRID_DEGC, self.factory_deg_h[k])(nodes).tolist(),
+                "sigma_deg_h": [self.sigma_deg_h] * nodes.size,
+            }
+            for k, axis in enumerate(AXES)
+        }
+        return {
+            "schema": "recal.table/1", "imu_serial": self.imu_serial, "gyro_technology": self.gyro_technology,
+            "created_utc": "2025-01-01T00:00:00Z", "interpolation": "linear", "axes": axes, "covariance": None,
+            "provenance": {"parent_sha256": None, "runs": []},
+        }  # fmt: skip
+
+
+def aged_unit(
+    rng: np.random.Generator, *, imu_serial: str = "SN-0042", gyro_technology: str = "rlg",
+    ageing_offset_deg_h: float = 0.006, ageing_shape_deg_h: float = 0.004, **terms: tuple[float, float, float],
+) -> UnitTruth:  # fmt: skip
+    """A random unit: factory curves, then ageing by a common shift and a smooth shape on each axis (1 sigma each).
+
+    The default ageing is 0.0072 deg/h RMS, physics.md 6.8. `terms`: the optional terms of UnitTruth.
+    """
+    if gyro_technology not in GYRO_TECHNOLOGIES:
+        raise InputError(f"gyro_technology {gyro_technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
+    factory = np.stack([_factory_curve(rng, CURVE_SIZE_DEG_H[gyro_technology]) for _ in AXES])
+    shift = ageing_offset_deg_h * rng.standard_normal((3, 1))
+    shape = ageing_shape_deg_h * np.stack([_smooth_shape(rng) for _ in AXES])
+    return UnitTruth(
+        imu_serial=imu_serial, gyro_technology=gyro_technology, factory_deg_h=factory, ageing_deg_h=shift + shape,
+        sigma_deg_h=float(np.hypot(ageing_offset_deg_h, ageing_shape_deg_h)), **terms,
+    )  # fmt: skip
+
+
+def _factory_curve(rng: np.random.Generator, size_deg_h: float) -> NDArray:
+    """A level, a slope, a bend and a slow wave over temperature."""
+    x = (GRID_DEGC - 20.0) / 40.0
+    level, slope, bend, wave = size_deg_h * rng.standard_normal(4) * [1.0, 0.7, 0.3, 0.15]
+    return level + slope * x + bend * (x**2 - 0.5) + wave * np.sin(np.pi * x + rng.uniform(0, 2 * np.pi))
+
+
+def _smooth_shape(rng: np.random.Generator) -> NDArray:
+    """A unit-variance random curve over GRID_DEGC with covariance exp(-dT^2 / (2 l^2))."""
+    distance = (GRID_DEGC[:, None] - GRID_DEGC) / SHAPE_LENGTH_DEGC
+    value, vector = np.linalg.eigh(np.exp(-0.5 * distance**2))
+    return vector @ (np.sqrt(np.maximum(value, 0.0)) * rng.standard_normal(value.size))
+
+
+def _lagged(temperature: NDArray, dt_s: float, lag_s: float) -> NDArray:
+    """First-order lag of a sampled temperature, settled before the first sample; exact for straight pieces."""
+    if not lag_s:
+        return temperature
+    decay = np.exp(-dt_s / lag_s)
+    late = lag_s / dt_s * (1 - decay)  # share of a ramp's step that is still missing at its end
+    return temperature[0] + lfilter([1 - late, late - decay], [1, -decay], temperature - temperature[0])
+
+
+def _hysteresis(temperature: NDArray) -> NDArray:
+    """From -1 (cooling) to +1 (heating): follows the sense of the change over HYSTERESIS_WIDTH_DEGC; starts at 0."""
+    change = np.diff(temperature, prepend=temperature[0])
+    state, out = 0.0, np.empty_like(temperature)
+    for k, (sense, keep) in enumerate(zip(np.sign(change), np.exp(-np.abs(change) / HYSTERESIS_WIDTH_DEGC))):
+        state = sense + (state - sense) * keep
+        out[k] = state
+    return out
