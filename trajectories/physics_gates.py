@@ -93,14 +93,18 @@ def _force_size(means: QuietMeans, imu: ImuLog, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.f_m_s2)), G_TOLERANCE[technology]
     if abs(size / EXPECTED_F - 1) <= tolerance:
         return ""
+    seen = f"mean |f| at rest is {size:.4g} m/s2, needed 9.8"
     causes = [(imu.rate_hz, "m/s2 in columns of increments", "name them accel_x_m_s2 ...")]
     if imu.source == "rates":
         causes = [(1 / imu.rate_hz, "velocity increments in columns of rates", "name them dv_x_m_s ...")]
-    for factor, unit, fix in (*causes, *F_UNITS):
-        if abs(size / (EXPECTED_F * factor) - 1) <= tolerance:
-            return f"mean |f| at rest is {size:.4g} m/s2, needed 9.8: {unit}? {fix}"
+    fits = [
+        f"{unit}? {fix}" for factor, unit, fix in (*causes, *F_UNITS)
+        if abs(size / (EXPECTED_F * factor) - 1) <= tolerance
+    ]  # fmt: skip
+    if fits:
+        return f"{seen}: {'; or '.join(fits)}"
     hint = "gravity removed from the log?" if size < 0.5 else "unit or scale of the accelerometers?"
-    return f"mean |f| at rest is {size:.4g} m/s2, needed 9.8 within {100 * tolerance:g} %: {hint}"
+    return f"{seen} within {100 * tolerance:g} %: {hint}"
 
 
 def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
@@ -115,7 +119,7 @@ def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
         return f"{seen}: {fix}, up to a turn about the vertical"
     upward = float(means.w_rad_s[2] / (EARTH_RATE_RAD_S * np.sin(site.lat_rad) or np.inf))
     if technology != "mems" and abs(abs(upward) - 1) < FACTOR_TOLERANCE:
-        cause = f"z points up: {fix}" if upward > 0 else "z points down by Earth rate: accelerometer sign"
+        cause = f"z points up: {fix}" if upward > 0 else "Earth rate says z points down: accelerometer sign"
         return f"{seen}: {cause}"
     return f"{seen}: accelerometer sign or axes? If z points up, {fix}"
 

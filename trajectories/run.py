@@ -10,29 +10,19 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ins.json_file import read_json_object
-from ins.records import ImuLog, InputError, ReferenceLog, Run, RunHeader, Span
+from ins.records import InputError, ReferenceLog, Run, RunHeader, Span
 from trajectories import streams
+from trajectories.imu_stream import load_imu
 from trajectories.physics_gates import QuietMeans, check_physics
-from trajectories.run_check import (
-    Finding,
-    Findings,
-    check_finite,
-    check_gaps,
-    check_increasing,
-    check_rate,
-    dropout_spans,
-    find_dropouts,
-    hold_over_dropouts,
-)
-from trajectories.run_schema import STREAMS, check_columns, header_from_json, header_to_json, imu_columns
+from trajectories.run_check import Finding, Findings
+from trajectories.run_schema import STREAMS, check_columns, header_from_json, header_to_json
 from trajectories.stream_files import ENDINGS, StreamFile, write_columns
 
 FORMATS = ("parquet", "csv", "csv.gz")
@@ -40,11 +30,17 @@ FORMATS = ("parquet", "csv", "csv.gz")
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """What a run directory holds and what is wrong with it; `run` is None where an error makes it unusable."""
+    """What a run directory holds and what is wrong with it; `run` is None where an error makes it unusable.
+
+    `header` and `logs` (by stream) are what could be read even then; `quiet` holds the means at rest.
+    """
 
     path: Path
-    run: Run | None
+    run: Run | None = None
     findings: tuple[Finding, ...]
+    header: RunHeader | None = None
+    logs: dict[str, Any] = field(default_factory=dict)
+    faults: tuple[Span, ...] = ()
     quiet: QuietMeans | None = None
 
     @property
@@ -61,7 +57,7 @@ def read_run(path: Path) -> Run:
     if inspection.run is None:
         first, *rest = inspection.errors
         more = f" (and {len(rest)} more: recal check lists all)" if rest else ""
-        raise InputError(f"{inspection.path}: {first}{more}")
+        raise InputError(f"{_within(inspection.path, first)}{more}")
     return inspection.run
 
 
@@ -71,7 +67,7 @@ def read_reference(path: Path) -> ReferenceLog | None:
     stream = _open_stream(Path(path), "reference", findings)
     log = streams.load_reference(stream, findings) if stream else None
     if findings.errors:
-        raise InputError(f"{path}: {findings.errors[0]}")
+        raise InputError(_within(Path(path), findings.errors[0]))
     return log
 
 
@@ -80,28 +76,26 @@ def inspect_run(path: Path) -> Inspection:
     path, findings = Path(path), Findings()
     faults: list[Span] = []
     if not path.is_dir():
-        what = "not a directory" if path.exists() else "no such run directory"
-        return Inspection(path=path, run=None, findings=(Finding(level="error", text=what),))
+        what = f"{path}: not a directory" if path.exists() else f"{path}: no such run directory"
+        return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
-    imu, imu_faults = _load(path, "imu", load_imu, findings) or (None, [])
-    faults += imu_faults
-    optional: dict[str, Any] = {}
-    for name, load in streams.LOADERS.items():
-        optional[name], more = _load(path, name, load, findings) or (None, [])
+    logs: dict[str, Any] = {}
+    for name, load in (("imu", load_imu), *streams.LOADERS.items()):
+        logs[name], more = _load(path, name, load, findings) or (None, [])
         faults += more
     _warn_of_strangers(path, findings)
-    quiet = None
+    faults.sort(key=lambda span: span.start_s)
+    imu, quiet, run = logs["imu"], None, None
     if imu is not None and header is not None:
-        quiet = check_physics(
-            imu, site=header.site, technology=header.gyro_technology, label=_label(path, "imu"), findings=findings
-        )
-        streams.check_overlap(imu, optional, header, findings)
-    run = None
+        site, technology = header.site, header.gyro_technology
+        quiet = check_physics(imu, site=site, technology=technology, label=_label(path, "imu"), findings=findings)
+        streams.check_overlap(imu, logs, header, findings)
     if imu is not None and header is not None and not findings.errors:
-        optional["phases"] = optional["phases"] or ()
-        run = Run(header=header, imu=imu, faults=tuple(sorted(faults, key=lambda s: s.start_s)), **optional)
+        run = Run(header=header, faults=tuple(faults), **{**logs, "phases": logs["phases"] or ()})
         run = replace(run, sha256=run_sha256(run))
-    return Inspection(path=path, run=run, findings=tuple(findings.items), quiet=quiet)
+    return Inspection(
+        path=path, run=run, findings=tuple(findings.items), header=header, logs=logs, faults=tuple(faults), quiet=quiet
+    )
 
 
 def run_sha256(run: Run) -> str:
@@ -117,46 +111,8 @@ def run_sha256(run: Run) -> str:
             values = getattr(log, key)
             if values is not None:
                 digest.update(f"{name}.{key}{values.shape}".encode())
-                digest.update(memoryview(np.ascontiguousarray(values, dtype="<f8")))
+                digest.update(np.ascontiguousarray(values, dtype="<f8").data)
     return digest.hexdigest()
-
-
-def load_imu(stream: StreamFile, findings: Findings) -> tuple[ImuLog | None, list[Span]]:
-    """The imu stream as increments, with its faults; None once an error was found.
-
-    A row of rates is the mean over the interval that ends at its time, so increment = rate x interval.
-    """
-    names = imu_columns(stream.names)
-    errors = len(findings.errors)
-    time_s = stream.column("time_s")
-    vectors = np.empty((2, time_s.size, 3))  # dtheta, dv
-    for k, name in enumerate(names[1:]):
-        column = stream.column(name)
-        findings.error(*check_finite(column, name, stream.row))
-        vectors[k // 3, :, k % 3] = column
-    findings.error(*check_finite(time_s, "time_s", stream.row))
-    if time_s.size < 2:
-        findings.error(f"{stream.label}: {time_s.size} rows, needed at least 2")
-    elif len(findings.errors) == errors:
-        findings.error(*check_increasing(time_s, stream.row))
-    if len(findings.errors) == errors:
-        findings.error(*check_gaps(time_s, stream.row), *check_rate(time_s, stream.row, stream.label))
-    if len(findings.errors) > errors:
-        return None, []
-    return _imu_log(time_s, vectors[0], vectors[1], source="rates" if "gyro_x_rad_s" in names else "increments")
-
-
-def _imu_log(time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str) -> tuple[ImuLog, list[Span]]:
-    nominal = float(np.median(np.diff(time_s)))
-    dt_s = np.concatenate([[nominal], np.diff(time_s)])
-    rows, lost = find_dropouts(time_s)
-    if source == "rates":
-        dtheta *= dt_s[:, None]
-        dv *= dt_s[:, None]
-    else:
-        hold_over_dropouts(dtheta, dv, dt_s, rows, nominal_s=nominal)
-    log = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta, dv_m_s=dv, source=source)
-    return log, dropout_spans(time_s, rows, lost)
 
 
 def write_run(
@@ -187,6 +143,10 @@ def write_run(
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
     finally:
         shutil.rmtree(new, ignore_errors=True)
+
+
+def _within(path: Path, text: str) -> str:
+    return text if str(path) in text else f"{path}: {text}"
 
 
 def _read_header(path: Path, findings: Findings) -> RunHeader | None:

@@ -67,8 +67,11 @@ def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]
 
 
 def imu_columns(names: Iterable[str]) -> tuple[str, ...]:
-    """The imu columns in order: rates where the file names any rate, else increments."""
-    rates = any(n.startswith(("gyro_", "accel_")) for n in names)
+    """The imu columns in order: those of rates where the file names more of them, else of increments."""
+    given = set(names)
+    rates = len(given & set(RATES)) > len(given & set(INCREMENTS)) or (
+        not given & set(INCREMENTS) and any(n.startswith(("gyro_", "accel_")) for n in given)
+    )
     return ("time_s", *(RATES if rates else INCREMENTS))
 
 

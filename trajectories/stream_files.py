@@ -133,11 +133,12 @@ def parse_rows(
         text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
         notes.append(f"{label}: last row has no line end (file cut off?), dropped")
     table, problem = _arrow_table(text, names, delimiter)
-    if table is None:
-        line, last, why = _first_bad_line(text, len(names), delimiter) or (0, False, problem)
+    if table is None and (bad := _first_bad_line(text, names, delimiter)):
+        where, last, why = bad
+        where = f"{label}: row {where + 1} (line {where + first_line}): {why}"
         if not last:
-            raise InputError(f"{label}: " + (f"line {line + first_line}: " if why != problem else "") + why)
-        notes.append(f"{label}: line {line + first_line}: {why}: last row dropped")
+            raise InputError(where)
+        notes.append(f"{where}: last row dropped")
         text = text.rstrip(b"\r\n")
         table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter)
     if table is None:
@@ -171,21 +172,25 @@ def _arrow_table(text: bytes, names: Sequence[str], delimiter: str) -> tuple[Any
     return table.rename_columns(list(names)), ""
 
 
-def _first_bad_line(text: bytes, width: int, delimiter: str) -> tuple[int, bool, str] | None:
-    """Index of the first line that is not `width` numbers, whether it is the last, and what is wrong with it."""
+def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str) -> tuple[int, bool, str] | None:
+    """Index of the first line that is not one number a column, whether it is the last, and what is wrong with it."""
     lines = text.decode("utf-8", errors="replace").splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
     for i, line in enumerate(lines):
-        if not line.strip():
-            continue
         fields = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-        if len(fields) != width:
-            return i, i == len(lines) - 1, f"{len(fields)} values, needed {width}"
-        for k, field in enumerate(fields):
-            if field.strip() not in MISSING and not _is_number(field):
-                return i, i == len(lines) - 1, f"column {k + 1}: got {field[:40]!r}, needed a number"
+        if fields and (why := _wrong_fields(fields, names)):
+            return i, i == len(lines) - 1, why
     return None
+
+
+def _wrong_fields(fields: Sequence[str], names: Sequence[str]) -> str:
+    if len(fields) != len(names):
+        return f"{len(fields)} values, needed {len(names)}"
+    for name, field in zip(names, fields):
+        if field.strip() not in MISSING and not _is_number(field):
+            return f"column {name}: got {field[:40]!r}, needed a number"
+    return ""
 
 
 def _is_number(text: str) -> bool:
