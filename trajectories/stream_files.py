@@ -134,8 +134,8 @@ def parse_rows(
         notes.append(f"{label}: last row has no line end (file cut off?), dropped")
     table, problem = _arrow_table(text, names, delimiter)
     if table is None and (bad := _first_bad_line(text, names, delimiter)):
-        where, last, why = bad
-        where = f"{label}: row {where + 1} (line {where + first_line}): {why}"
+        index, last, why = bad
+        where = f"{label}: row {index + 1} (line {index + first_line}): {why}"
         if not last:
             raise InputError(where)
         notes.append(f"{where}: last row dropped")

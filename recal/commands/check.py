@@ -66,7 +66,8 @@ def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:
 def _holds(seen: "Inspection") -> dict[str, Any]:
     from trajectories.run_check import jitter
 
-    out: dict[str, Any] = {name: None if not log else _times(log) for name, log in seen.logs.items() if name != "phases"}
+    logs = {name: log for name, log in seen.logs.items() if name != "phases"}
+    out: dict[str, Any] = {name: None if log is None else _times(log) for name, log in logs.items()}
     if (imu := seen.logs.get("imu")) is not None:
         out["imu"].update(source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu.time_s))
     if (temperature := seen.logs.get("temperature")) is not None:
@@ -111,7 +112,7 @@ def _at_rest(seen: "Inspection") -> dict[str, Any] | None:
     return {
         "start_s": quiet.start_s, "end_s": quiet.end_s, "mean_f_m_s2": quiet.f_m_s2, "mean_w_deg_h": w,
         "size_f_m_s2": float(np.linalg.norm(quiet.f_m_s2)), "size_w_deg_h": float(np.linalg.norm(w)),
-        "w_down_deg_h": float(-w @ quiet.f_m_s2 / np.linalg.norm(quiet.f_m_s2)),
+        "w_down_deg_h": float(-w @ quiet.f_m_s2 / (np.linalg.norm(quiet.f_m_s2) or np.inf)),
         "expected": expected_rest(seen.header.site),
     }  # fmt: skip
 
