@@ -101,7 +101,8 @@ def geodetic_from_ecef(r_e: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
 
     r = np.asarray(r_e, dtype=float)
     lat, lon, height = pymap3d.ecef2geodetic(r[..., 0], r[..., 1], r[..., 2], deg=False)
-    return np.asarray(lat), np.asarray(lon), np.asarray(height)
+    shape = r.shape[:-1]  # pymap3d drops a length of one
+    return np.reshape(lat, shape), np.reshape(lon, shape), np.reshape(height, shape)
 
 
 def displacement_ned(

@@ -30,7 +30,10 @@ class VerticalChannel:
     Heights are above the ellipsoid. Only the down components of velocity and position are corrected.
     The integral path removes a constant accelerometer error, so at rest the height error goes to zero.
 
-    Source: Siouris, Aerospace Avionics Systems (1993), section 4.8; k1 = 3/tau, k2 = 3/tau^2 + 2g/R, k3 = 1/tau^3.
+    A step B of vertical acceleration error gives B t^2/2 exp(-t/tau) of height error.
+
+    Source: the third-order loop of Widnall and Sinha, J. Guidance 3(2), 1980, pp. 172-178, with
+    s^3 + k1 s^2 + (k2 - 2g/R) s + k3 = (s + 1/tau)^3:  k1 = 3/tau, k2 = 3/tau^2 + 2g/R, k3 = 1/tau^3.
     """
 
     mode: str = "free"

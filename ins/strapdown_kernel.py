@@ -70,7 +70,7 @@ def row(table, k):
 
 @jit
 def dcm(q):
-    """C from a unit quaternion, scalar first. Source: Groves (2013), eq. (2.34)."""
+    """C from a unit quaternion, scalar first. Source: Groves (2013), section 2.2.3."""
     w, x, y, z = q
     return (
         w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
@@ -165,7 +165,7 @@ def turn_attitude(q, rotation, earth_angle):
 
 @jit
 def step_velocity(v, dv_e, g_dt_e, earth_angle):
-    """v_eb_e after one step: Coriolis at the step's middle.  v' = f + g - 2 omega_ie x v (Groves (2013), 5.35)."""
+    """v_eb_e after one step: Coriolis at the step's middle.  v' = f + g - 2 omega_ie x v (Groves (2013), section 5.3)."""
     dv_e = (dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2])
     gained = add(dv_e, g_dt_e, 1.0)
     half = (

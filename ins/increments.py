@@ -1,0 +1,104 @@
+"""Rates to increments, and what integrating within one interval owes to the motion: coning, sculling, scrolling.
+
+Rows of a rate log are taken as the mean over the interval that ends at `time_s`. A log of instantaneous samples is
+thereby delayed by half an interval, gyros and accelerometers alike: attitude and velocity stay consistent with each
+other, and only their common time tag is late.
+
+Rate and specific force are modelled as linear in time over the previous and the current interval, of lengths Tp, T:
+with d = 2 (x/T - xp/Tp) / (T + Tp) the slope of either. An interval longer than MAX_INTERVAL_RATIO times the one
+before it (a gap) and the first row are taken as constant: no slope, no coning, no sculling.
+Units are SI and radians. ins.strapdown_kernel holds the same formulas for the loop; a test pins one to the other.
+Source: Savage, J. Guidance 21(1), 1998, pp. 19-28 and 21(2), 1998, pp. 208-221 (previous and current increment),
+derived here for unequal intervals.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ins.records import ImuLog, InputError, frozen_array
+
+MAX_INTERVAL_RATIO = 2.0
+SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
+
+
+def increments_from_rates(time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> ImuLog:
+    """A rate log as increments: row k times the interval since row k-1; the first interval is the median one.
+
+    Shapes (n,), (n, 3), (n, 3), n >= 2, times strictly increasing; InputError otherwise.
+    """
+    t = frozen_array(time_s, (None,), "time_s")
+    gyro, accel = frozen_array(gyro_rad_s, (t.size, 3), "gyro_rad_s"), frozen_array(accel_m_s2, (t.size, 3), "accel_m_s2")
+    dt = np.diff(t)
+    if t.size < 2 or not np.all(dt > 0):
+        raise InputError("time_s: needs at least two rows, strictly increasing")
+    dt = np.concatenate([[np.median(dt)], dt])
+    return ImuLog(time_s=t, dt_s=dt, dtheta_rad=gyro * dt[:, None], dv_m_s=accel * dt[:, None], source="rates")
+
+
+def mean_rates(imu: ImuLog) -> tuple[NDArray, NDArray]:
+    """Mean angular rate [rad/s] and specific force [m/s^2] of each interval, both (n, 3)."""
+    return imu.dtheta_rad / imu.dt_s[:, None], imu.dv_m_s / imu.dt_s[:, None]
+
+
+def coning(imu: ImuLog) -> NDArray:
+    """Rotation vector less the sum of angle increments [rad], (n, 3): (1/2) integral of alpha x omega.
+
+    T^2 / (6 Tp (T + Tp)) dtheta_p x dtheta; a twelfth of the cross product at equal intervals.
+    """
+    return _slope_weight(imu.dt_s)[:, None] * np.cross(_before(imu.dtheta_rad), imu.dtheta_rad)
+
+
+def sculling(imu: ImuLog) -> NDArray:
+    """Velocity from alternating rotation and acceleration [m/s], (n, 3): (1/2) integral of alpha x f + u x omega,
+    without its rotation part (1/2) dtheta x dv.
+
+    T^2 / (6 Tp (T + Tp)) (dtheta_p x dv + dv_p x dtheta).
+    """
+    cross = np.cross(_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(_before(imu.dv_m_s), imu.dtheta_rad)
+    return _slope_weight(imu.dt_s)[:, None] * cross
+
+
+def rotation_vectors(imu: ImuLog) -> NDArray:
+    """Rotation of the body over each interval [rad], (n, 3): C_b(k-1)b(k) = exp(skew(row k))."""
+    return imu.dtheta_rad + coning(imu)
+
+
+def velocity_increments(imu: ImuLog) -> NDArray:
+    """Integral of C f over each interval, in the body frame of its start [m/s], (n, 3).
+
+    The rotation part is exact for constant rate and force: dv + (1 - cos a)/a^2 t x dv + (a - sin a)/a^3 t x (t x dv).
+    """
+    turn = np.cross(imu.dtheta_rad, imu.dv_m_s)
+    angle = np.linalg.norm(imu.dtheta_rad, axis=1)[:, None]
+    k1 = 0.5 * np.sinc(angle / (2 * np.pi)) ** 2
+    a = np.maximum(angle, SERIES_ANGLE_RAD)
+    k2 = np.where(angle < SERIES_ANGLE_RAD, 1 / 6, (a - np.sin(a)) / a**3)
+    return imu.dv_m_s + k1 * turn + k2 * np.cross(imu.dtheta_rad, turn) + sculling(imu)
+
+
+def scrolling(imu: ImuLog) -> NDArray:
+    """Position less the trapezoid of velocity, over T [m/s], (n, 3), body frame of the interval's start.
+
+    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, the slope of specific force seen from inertial
+    space.
+    """
+    ratio = _interval_ratio(imu.dt_s)
+    weight = np.where(ratio <= MAX_INTERVAL_RATIO, 2 * ratio / (1 + ratio), 0.0)[:, None]
+    slope = weight * (imu.dv_m_s - ratio[:, None] * _before(imu.dv_m_s))
+    return -(slope + np.cross(imu.dtheta_rad, imu.dv_m_s)) / 12
+
+
+def _before(rows: NDArray) -> NDArray:
+    """Each row's predecessor; the first is its own."""
+    return np.concatenate([rows[:1], rows[:-1]])
+
+
+def _interval_ratio(dt_s: NDArray) -> NDArray:
+    """T / Tp."""
+    return dt_s / np.concatenate([dt_s[:1], dt_s[:-1]])
+
+
+def _slope_weight(dt_s: NDArray) -> NDArray:
+    """T^2 / (6 Tp (T + Tp)), zero after a gap."""
+    ratio = _interval_ratio(dt_s)
+    return np.where(ratio <= MAX_INTERVAL_RATIO, ratio**2 / (6 * (1 + ratio)), 0.0)
