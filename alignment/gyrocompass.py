@@ -1,0 +1,209 @@
+"""Fine alignment: the navigation-mode filter on the parked stretch, and the loop that linearises it about its result."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import coarse, stillness
+from alignment.navigation_filter import Aid, ParkedConstraint, heading_error_row, new_filter, plan_steps, sweep, view_of
+from alignment.result import Alignment, BiasPrior, Solution
+from ins import error_model as em
+from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
+from ins.compensation import compensate
+from ins.earth import EARTH_RATE_RAD_S
+from ins.kalman import nis_band
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import ImuLog, NavState, Phase, Site, Span, TwinModel
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+
+MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
+MIN_REST_S = 60.0
+LATITUDE_SIGMAS = 3.3  # alarm level of the latitude test: 0.1 % false alarms
+SMALLEST_YAW_JITTER_RAD = 0.1 * ARCSEC
+CONVERGED_RAD = 2e-5
+MAX_PASSES = 4
+UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
+
+
+def solve(
+    imu: ImuLog,
+    site: Site,
+    twin: TwinModel,
+    prior: BiasPrior,
+    *,
+    rest: tuple[float, float],
+    phases: tuple[Phase, ...] = (),
+    sigma0: dict[str, float] | None = None,
+    aids: Sequence[Aid] = (),
+    vertical: VerticalChannel | None = None,
+    clone_at_s: float = np.inf,
+    until_s: float = np.inf,
+    parked_only: bool = False,
+    hold_heading: bool = True,
+) -> Solution:
+    """Navigate from the rest, estimate the errors, correct the start and the biases, and again until it stands.
+
+    imu: compensated with everything known (table, scale factors); rest: (start, end) of the first rest [s];
+    parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
+    """
+    log = imu.between(rest[0], min(until_s, float(imu.time_s[-1])))
+    C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
+    applied = np.zeros((len(prior.edges_s) - 1, 3))
+    for number in range(MAX_PASSES):
+        rows = np.clip(np.searchsorted(prior.edges_s, log.time_s - 1e-6, side="right") - 1, 0, len(applied) - 1)
+        start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
+        history = navigate(
+            compensate(log, gyro_bias_rad_s=applied[rows]), start, epoch_s=1.0, vertical=vertical or VerticalChannel()
+        )
+        if number < 2:
+            motion = stillness.classify(history, phases)
+            jitter = stillness.sway_position_sigma(history, motion)
+            yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
+        plan = plan_steps(motion, prior.bin_of, until_s=_first_roll(motion) if parked_only else until_s)
+        flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance)
+        parked = ParkedConstraint(
+            displacement_sigma_m=jitter,
+            hold_heading=hold_heading,
+            yaw_jitter_rad=max(yaw_jitter, SMALLEST_YAW_JITTER_RAD),
+        )
+        sweep(history, plan, flt, parked, aids=aids, clone_at_s=clone_at_s)
+        correction = flt.x[em.THETA_START]
+        if number > 0 and np.linalg.norm(correction) < CONVERGED_RAD:
+            break
+        if number < MAX_PASSES - 1:
+            C_nb = dcm_from_rotation_vector(-correction) @ C_nb
+            applied = applied + flt.bias[0].reshape(-1, 3)
+    return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
+
+
+def _first_roll(motion: stillness.Motion) -> float:
+    rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
+    return float(motion.time_s[max(rolling[0] - 1, 0)]) if rolling.size else np.inf
+
+
+def align(
+    imu: ImuLog,
+    site: Site,
+    twin: TwinModel,
+    *,
+    bias_sigma_deg_h: NDArray | None = None,
+    phases: tuple[Phase, ...] = (),
+    hold_heading: bool = True,
+) -> Alignment:
+    """Attitude with sigma at the end of the parked time of a log.
+
+    imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left of the gyro
+    biases; None: the unit is unknown, the technology's sigma widened by what the parked rates show.
+    Refusals come back as a verdict with reasons, not as exceptions.
+    """
+    if abs(site.lat_rad) > MAX_LATITUDE_RAD:
+        return _refused(f"latitude {site.lat_rad / DEG:.2f} deg: no gyrocompass alignment above 78.25 deg")
+    rest = coarse.first_rest(imu)
+    if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.BLOCK_S:
+        return _refused("the log never rests for a minute; a parked stretch of 5 to 15 min is needed")
+    means = coarse.rest_means(imu.between(*rest))
+    arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
+    sigma = np.full(3, np.nan) if bias_sigma_deg_h is None else np.asarray(bias_sigma_deg_h, dtype=float)
+    if bias_sigma_deg_h is None:
+        sigma[:] = unknown_bias_sigma_deg_h(twin, means)
+    prior = BiasPrior(np.array([rest[0], imu.time_s[-1] + 1.0]), np.diag((sigma * DEG_PER_HOUR) ** 2))
+    level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
+    earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
+    solution = solve(imu, site, twin, prior, rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading)
+    result = _attitude(solution, phases)
+    if level_sigma > 0.3 * earth_level:
+        return replace(
+            result,
+            verdict="level_only",
+            reasons=(
+                f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
+                "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit",
+            ),
+        )
+    return _latitude_test(result, site, means, float(np.max(sigma)), arw)
+
+
+def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
+    """Bias sigma of a unit without a table: its technology's, widened by the excess of |omega| over Earth rate."""
+    floor = UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
+    excess = abs(coarse.latitude_from_rates(means)[1]) / DEG_PER_HOUR
+    noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)
+    return float(max(floor, excess if excess > 3.0 * np.hypot(floor, noise) else 0.0))
+
+
+def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
+    """Corrected attitude at the end of the filter's plan."""
+    flt, last = solution.filter, solution.plan[-1]
+    view = view_of(solution.history, last)
+    tan_over_R = np.tan(view.lat_rad) / view.step.radius_m
+    rows = np.zeros((3, flt.x.size))  # phi from theta and p (physics.md 6.2)
+    rows[:, em.THETA] = np.eye(3)
+    rows[0, em.POS.start + 1] = -1.0 / view.step.radius_m
+    rows[1, em.POS.start] = 1.0 / view.step.radius_m
+    rows[2, em.POS.start + 1] = tan_over_R
+    assert np.allclose(rows[2], heading_error_row(flt, view))
+    C_nb = dcm_from_rotation_vector(-(rows @ flt.x)) @ view.C_nb
+    P_phi = rows @ flt.P @ rows.T
+    roll, pitch, heading = (float(a) for a in euler_from_dcm(C_nb))
+    level = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
+    P_level = level @ P_phi[:2, :2] @ level.T
+    tally = flt.tally
+    dof = sum(tally.dof.values())
+    return Alignment(
+        verdict="aligned",
+        reasons=(),
+        time_s=view.end_s,
+        roll_rad=roll,
+        pitch_rad=pitch,
+        heading_rad=heading,
+        sigma_roll_rad=float(np.sqrt(P_level[0, 0])),
+        sigma_pitch_rad=float(np.sqrt(P_level[1, 1])),
+        sigma_heading_rad=float(np.sqrt(P_phi[2, 2])),
+        duration_s=view.end_s - float(solution.history.time_s[0]),
+        phases=phases or stillness.detect_phases(solution.motion),
+        excluded=solution.motion.spans(stillness.DISTURBED, "motion"),
+        nis_mean=sum(tally.nis.values()) / max(dof, 1),
+        dof=dof,
+        C_nb=C_nb,
+    )
+
+
+def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float) -> Alignment:
+    """Compare the entered latitude with the angle between gravity and Earth rate."""
+    found, _ = coarse.latitude_from_rates(means)
+    noise = np.hypot(bias_deg_h * DEG_PER_HOUR, 1.25 * arw / np.sqrt(means.seconds))
+    sigma = float(noise / EARTH_RATE_RAD_S)
+    off = found - site.lat_rad
+    result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
+    if abs(off) <= LATITUDE_SIGMAS * sigma:
+        return result
+    reason = (
+        f"latitude entered {site.lat_rad / DEG:.3f} deg, the gyros say {found / DEG:.3f} +- {sigma / DEG:.3f} deg: "
+        "wrong position, or a gyro bias beyond its sigma"
+    )
+    return replace(result, verdict="inconsistent", reasons=(reason,))
+
+
+def nis_verdict(nis_mean: float, dof: int) -> str | None:
+    """A reason where the filter's NIS is above its 99.9 % band; None where it is not."""
+    low, high = nis_band(dof, 0.999)
+    if nis_mean <= high:
+        return None
+    return f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of freedom, band to {high:.2f}"
+
+
+def _refused(reason: str) -> Alignment:
+    return Alignment(verdict="refused", reasons=(reason,))
+
+
+def excluded_spans(solution: Solution) -> tuple[Span, ...]:
+    """What the filter did not use and why: disturbed stretches and single measurements beyond the gate."""
+    spans = list(solution.motion.spans(stillness.DISTURBED, "motion"))
+    for time_s, kind in solution.filter.tally.rejected:
+        if spans and spans[-1].reason == f"gate: {kind}" and time_s - spans[-1].end_s < 15.0:
+            spans[-1] = replace(spans[-1], end_s=time_s)
+        else:
+            spans.append(Span(start_s=max(time_s - 1.0, 0.0), end_s=time_s, reason=f"gate: {kind}"))
+    return tuple(sorted(spans, key=lambda s: s.start_s))

@@ -1,0 +1,75 @@
+"""Results of alignment: value, sigma, evidence, verdict."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.navigation_filter import PlannedStep
+from alignment.stillness import Motion
+from ins.error_filter import ErrorFilter
+from ins.records import NavHistory, Phase, Span
+
+
+@dataclass(frozen=True)
+class BiasPrior:
+    """What is known of the gyro bias beyond what was already subtracted: constants over time bins.
+
+    edges_s (N + 1,); covariance (3N, 3N) [(rad/s)^2], order x, y, z of bin 0, then of bin 1 ...
+    """
+
+    edges_s: NDArray
+    covariance: NDArray
+
+    def bin_of(self, time_s: float) -> int:
+        """Index of the bin that a step ending at time_s belongs to."""
+        return int(np.clip(np.searchsorted(self.edges_s, time_s - 1e-6, side="right") - 1, 0, len(self.edges_s) - 2))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """A navigation solution linearised about itself, and the filter's last state of its errors.
+
+    applied_bias_rad_s (N, 3): what the last pass had subtracted beyond the table. `clone_s`: the time of the theta clone.
+    """
+
+    history: NavHistory
+    motion: Motion
+    plan: list[PlannedStep]
+    filter: ErrorFilter
+    prior: BiasPrior
+    applied_bias_rad_s: NDArray
+    clone_s: float
+    displacement_sigma_m: float
+
+    @property
+    def bias(self) -> tuple[NDArray, NDArray]:
+        """Posterior mean (3N,) and covariance (3N, 3N) of the gyro bias beyond the table [rad/s]."""
+        mean, covariance = self.filter.bias
+        return mean + self.applied_bias_rad_s.ravel(), covariance
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """Attitude at `time_s`, the end of the parked time, with sigmas [rad]; NaN where refused.
+
+    verdict: "aligned", "level_only", "refused" or "inconsistent"; reasons in words.
+    """
+
+    verdict: str
+    reasons: tuple[str, ...]
+    time_s: float = float("nan")
+    roll_rad: float = float("nan")
+    pitch_rad: float = float("nan")
+    heading_rad: float = float("nan")
+    sigma_roll_rad: float = float("nan")
+    sigma_pitch_rad: float = float("nan")
+    sigma_heading_rad: float = float("nan")
+    latitude_rad: float = float("nan")
+    sigma_latitude_rad: float = float("nan")
+    duration_s: float = 0.0
+    phases: tuple[Phase, ...] = ()
+    excluded: tuple[Span, ...] = ()
+    nis_mean: float = float("nan")
+    dof: int = 0
+    C_nb: NDArray | None = None

@@ -1,0 +1,245 @@
+"""One power-on session against the stored table: from a run to the posterior of its gyro biases.
+
+The gyro output, less the table at the logged temperature, goes through navigation, and the navigation-mode filter
+carries what is left of each gyro's bias as a constant over five-minute bins. The bins' prior is the table's own
+uncertainty at their temperatures plus what a session adds (turn-on, flicker, random walk): one joint covariance over
+axes and time, so that nothing shared is counted twice.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import coarse, gyrocompass
+from alignment.navigation_filter import Aid
+from alignment.result import Alignment, BiasPrior, Solution
+from infield.merge import session_covariance
+from infield.table import ThermalTable
+from infield.taxi_heading import CentreLineAid, GnssAid, LateralAid, OdometerAid, SurveyedHeadingAid
+from infield.thermometer import GyroTemperature
+from ins import error_model as em
+from ins.attitude import euler_from_dcm, wrap_pi
+from ins.compensation import compensate
+from ins.mechanization import VerticalChannel
+from ins.records import ImuLog, Run, TwinModel
+from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
+
+BIN_S = 300.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionSettings:
+    """Prior sigmas of what no table or twin declares; each is an assumption and is named as one in the report."""
+
+    bin_s: float = BIN_S
+    sigma_crab_mrad: float = 10.0
+    sigma_lever_arm_m: float = 5.0
+    sigma_odometer_scale: float = 0.01
+    sigma_scale_factor_ppm: dict[str, float] = field(default_factory=lambda: {"rlg": 5.0, "fog": 50.0, "mems": 5000.0})
+    sigma_misalignment_mrad: float = 0.01
+    hold_heading: bool = True
+    use_gnss: bool = True
+    use_odometer: bool = True
+
+
+@dataclass(frozen=True)
+class SessionBins:
+    """Time bins of a session and how they hang on the table.
+
+    edges_s (N + 1,); temperature, rate (N, 3): bin means; H (3N, n): rows of the table averaged over the bin, order
+    x, y, z of bin 0, then bin 1 ...; table_deg_h (3N,): the table there; prior (3N, 3N) [(deg/h)^2] = H P H' + T.
+    """
+
+    edges_s: NDArray
+    temperature_degC: NDArray
+    rate_degC_min: NDArray
+    H: NDArray
+    table_deg_h: NDArray
+    prior: NDArray
+    own: NDArray  # T alone: what the session adds
+
+    @property
+    def centre_s(self) -> NDArray:
+        return 0.5 * (self.edges_s[1:] + self.edges_s[:-1])
+
+    @property
+    def duration_s(self) -> NDArray:
+        return np.diff(self.edges_s)
+
+
+@dataclass(frozen=True)
+class SessionEstimate:
+    """Posterior of the session's bias beyond the table (mean (3N,), covariance (3N, 3N), deg/h) and its evidence.
+
+    heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment alone) and after.
+    """
+
+    bins: SessionBins
+    mean_deg_h: NDArray
+    covariance: NDArray
+    alignment: Alignment
+    solution: Solution
+    heading_error_rad: float
+    sigma_heading_rad: float
+    sigma_heading_before_rad: float
+    nis_mean: float
+    dof: int
+
+
+def compensated_imu(run: Run, table_deg_h: NDArray, twin: TwinModel) -> ImuLog:
+    """The log less the table (n, 3) [deg/h] at each row, less the twin's nominal scale, misalignment and biases."""
+    return compensate(
+        run.imu,
+        gyro_bias_rad_s=table_deg_h * DEG_PER_HOUR,
+        accel_bias_m_s2=np.asarray(twin.accel.bias_ug) * MICRO_G,
+        gyro_scale_factor_ppm=twin.gyro.scale_factor_ppm,
+        gyro_misalignment_mrad=twin.gyro.misalignment_mrad,
+    )
+
+
+def table_along(table: ThermalTable, temperature: GyroTemperature, time_s: NDArray) -> NDArray:
+    """Table bias (k, 3) [deg/h] at the gyro temperatures of given times."""
+    T = temperature.at(time_s)
+    return np.stack([table.bias_deg_h(axis, T[:, axis]) for axis in range(3)], axis=1)
+
+
+def make_bins(
+    table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings,
+    *, start_s: float, end_s: float,
+) -> SessionBins:  # fmt: skip
+    """Equal bins of about `bin_s`; an axis whose thermometer is stuck gets a session spread that teaches the table nothing."""
+    count = max(int(round((end_s - start_s) / settings.bin_s)), 1)
+    edges = np.linspace(start_s, end_s, count + 1)
+    T, rate, H = np.empty((count, 3)), np.empty((count, 3)), np.empty((3 * count, table.n_parameters))
+    for k in range(count):
+        rows = temperature.between(edges[k], edges[k + 1])
+        T[k], rate[k] = temperature.temperature_degC[rows].mean(axis=0), temperature.rate_degC_min[rows].mean(axis=0)
+        for axis in range(3):
+            H[3 * k + axis] = table.basis(axis, temperature.temperature_degC[rows, axis]).mean(axis=0)
+    own = session_covariance(
+        axis_index=np.tile(np.arange(3), count),
+        time_s=np.repeat(0.5 * (edges[1:] + edges[:-1]), 3),
+        duration_s=np.repeat(np.diff(edges), 3),
+        gyro=twin.gyro,
+        run_length_s=end_s,
+        sigma_misalignment_mrad=settings.sigma_misalignment_mrad,
+    )
+    for axis in temperature.stuck:
+        rows_of_axis = np.arange("xyz".index(axis), 3 * count, 3)
+        own[np.ix_(rows_of_axis, rows_of_axis)] += 1e4 * np.max(np.diag(table.covariance))
+    return SessionBins(edges, T, rate, H, H @ table.parameters, H @ table.covariance @ H.T + own, own)
+
+
+def estimate_session(
+    run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings,
+    *, rest: tuple[float, float], end_s: float,
+) -> SessionEstimate:  # fmt: skip
+    """Alignment on the alignment phase, then one filter over align, park and taxi with all aids the run has."""
+    imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), twin)
+    bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
+    aligned = gyrocompass.align(
+        imu.between(rest[0], _alignment_end(run, rest)),
+        run.header.site,
+        twin,
+        bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3]),
+        hold_heading=settings.hold_heading,
+    )
+    prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
+    clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
+    solution = gyrocompass.solve(
+        imu, run.header.site, twin, prior,
+        rest=rest, phases=run.phases, sigma0=_nuisance_sigmas(run, twin, settings),
+        aids=_aids(run, twin, settings, clone_at), vertical=_vertical(run), clone_at_s=clone_at, until_s=end_s,
+        hold_heading=settings.hold_heading,
+    )  # fmt: skip
+    mean, covariance = solution.bias
+    error, sigma = _heading_error(aligned, solution)
+    tally = solution.filter.tally
+    dof = sum(tally.dof.values())
+    return SessionEstimate(
+        bins=bins,
+        mean_deg_h=mean / DEG_PER_HOUR,
+        covariance=covariance / DEG_PER_HOUR**2,
+        alignment=aligned,
+        solution=solution,
+        heading_error_rad=error,
+        sigma_heading_rad=sigma,
+        sigma_heading_before_rad=aligned.sigma_heading_rad,
+        nis_mean=sum(tally.nis.values()) / max(dof, 1),
+        dof=dof,
+    )
+
+
+def _alignment_end(run: Run, rest: tuple[float, float]) -> float:
+    """End of the logged alignment phase, else ten minutes after the rest began."""
+    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > rest[0]]
+    return logged[0] if logged else rest[0] + 600.0
+
+
+def _heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:
+    """Alignment heading less the heading that the whole session gives for the same moment [rad], and its sigma."""
+    flt, history = solution.filter, solution.history
+    if not np.isfinite(aligned.heading_rad):
+        return float("nan"), float("nan")
+    k = int(np.argmin(np.abs(history.time_s - aligned.time_s)))
+    down = em.THETA_CLONE.stop - 1
+    heading = euler_from_dcm(history.C_nb[k])[2] - flt.x[down]
+    return float(wrap_pi(aligned.heading_rad - heading)), float(np.sqrt(flt.P[down, down]))
+
+
+def _nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, float]:
+    survey = run.header.survey
+    return {
+        "KAPPA": settings.sigma_crab_mrad * MILLIRADIAN,
+        "LEVER_X": settings.sigma_lever_arm_m,
+        "ODOMETER": settings.sigma_odometer_scale,
+        "SCALE_Z": settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM,
+        "CENTRE_LINE": survey.sigma_centre_line_rad or 0.0,
+    }
+
+
+def _aids(run: Run, twin: TwinModel, settings: SessionSettings, aligned_s: float) -> list[Aid]:
+    """Every source the run has: the wheels always, odometer, GNSS and survey where logged."""
+    header, survey = run.header, run.header.survey
+    aids: list[Aid] = [LateralAid(header.wheel_reference_m)]
+    if run.odometer is not None and settings.use_odometer:
+        aids.append(OdometerAid(run.odometer, twin.odometer.noise_m_s, header.wheel_reference_m))
+    if run.gnss is not None and settings.use_gnss:
+        aids.append(GnssAid(run.gnss, header.gnss_lever_arm_m, twin.gnss.sigma_horizontal_m, twin.gnss.sigma_velocity_m_s))
+    if survey.heading_rad is not None and survey.sigma_heading_rad:
+        aids.append(SurveyedHeadingAid(survey.heading_rad, survey.sigma_heading_rad, aligned_s))
+    if survey.centre_line_rad is not None and survey.sigma_centre_line_rad:
+        aids.append(CentreLineAid(survey.centre_line_rad))
+    return aids
+
+
+def _vertical(run: Run) -> VerticalChannel:
+    """Height held at the site's, or at GNSS height where logged."""
+    if run.gnss is None:
+        return VerticalChannel(mode="hold")
+    return VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m)
+
+
+def find_rest(run: Run) -> tuple[float, float] | None:
+    """The first rest: within the logged alignment phase where there is one."""
+    logged = [p for p in run.phases if p.phase in ("alignment", "extended_alignment", "parked")]
+    imu = run.imu
+    if logged:
+        start = max(logged[0].start_s, float(imu.time_s[0]))
+        end = min(logged[0].end_s, float(imu.time_s[-1]))
+        if end - start < 30.0:
+            return None
+        imu = imu.between(start, end)
+    return coarse.first_rest(imu)
+
+
+def session_end(run: Run) -> float:
+    """Where the ground session ends: the first take-off or flight phase, else the end of the log."""
+    airborne = [p.start_s for p in run.phases if p.phase in ("takeoff", "flight", "landing")]
+    return min([*airborne, float(run.imu.time_s[-1])])
+
+
+def own_information_floor_deg_h(twin: TwinModel, seconds: float) -> float:
+    """ARW / sqrt(t): no session can know a bias better than this from its own data (requirements R11)."""
+    return float(twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR))

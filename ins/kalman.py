@@ -1,0 +1,68 @@
+"""Kalman filter steps with checks: the only door to filterpy.
+
+filterpy 2.0 is the engine for filters at 1 to 10 Hz. Guarded here, because filterpy does not: shapes, NaN, scalar Q
+(which it would add to every element), symmetry of P after predict.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+
+class Innovation(NamedTuple):
+    """What a measurement said before it was used: residual (m,), its covariance S (m, m), and NIS = y' S^-1 y."""
+
+    residual: NDArray
+    S: NDArray
+    nis: float
+
+
+def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, NDArray]:
+    """x = F x, P = F P F' + Q, P symmetrised. Shapes (n,), (n, n), (n, n), (n, n).
+
+    Raises ValueError where a shape is wrong or P, F or Q holds a NaN.
+    """
+    from filterpy.kalman import predict as filterpy_predict
+
+    n = x.shape[0]
+    for name, matrix in (("P", P), ("F", F), ("Q", Q)):
+        if np.shape(matrix) != (n, n):
+            raise ValueError(f"kalman.predict: {name} has shape {np.shape(matrix)}, needed {(n, n)}")
+    x_minus, P_minus = filterpy_predict(x, P, F=F, Q=Q)
+    if not np.isfinite(P_minus).all():
+        raise ValueError("kalman.predict: covariance is not finite")
+    return x_minus, 0.5 * (P_minus + P_minus.T)
+
+
+def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> Innovation:
+    """Residual, its covariance and NIS of a measurement z (m,) with row matrix H (m, n) and noise R (m, m)."""
+    y = z - H @ x
+    S = H @ P @ H.T + R
+    return Innovation(y, S, float(y @ np.linalg.solve(S, y)))
+
+
+def update(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> tuple[NDArray, NDArray, Innovation]:
+    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m).
+
+    Raises ValueError on a NaN in z or a wrong shape (filterpy would turn the whole state into NaN).
+    """
+    from filterpy.kalman import update as filterpy_update
+
+    m, n = H.shape
+    if z.shape != (m,) or R.shape != (m, m) or x.shape != (n,) or P.shape != (n, n):
+        raise ValueError(f"kalman.update: z {z.shape}, H {H.shape}, R {R.shape}, x {x.shape}, P {P.shape} do not fit")
+    if not np.isfinite(z).all():
+        raise ValueError("kalman.update: measurement is not finite; leave it out instead")
+    seen = innovation(x, P, z, H, R)
+    x_plus, P_plus = filterpy_update(x, P, z, R, H)
+    return x_plus, 0.5 * (P_plus + P_plus.T), seen
+
+
+def nis_band(dof: int, probability: float) -> tuple[float, float]:
+    """Two-sided band of the mean NIS per degree of freedom: chi-square quantiles over dof."""
+    if dof < 1:
+        return 0.0, float("inf")
+    tail = 0.5 * (1.0 - probability)
+    return float(chi2.ppf(tail, dof) / dof), float(chi2.ppf(1.0 - tail, dof) / dof)
