@@ -1,1 +1,6 @@
-"""Readers of flight logs: each turns one format into a run."""
+"""Readers of flight logs: each turns one format into a `ConvertedLog`.
+
+Contract: a reader knows whether a file is of its format (`detect`, by content) and reads it with the options of a
+map file (`read`); it drops what it must, lists what it dropped, and raises InputError for the rest.
+Reading order: registry (what a reader is), columns (units, axes, times), delimited and binary (rows of numbers).
+"""

@@ -1,0 +1,78 @@
+"""`recal convert`: a flight log to a run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recal.console import JsonFlag, Quiet, emit_json, say
+
+if TYPE_CHECKING:
+    from trajectories.conversion import Conversion
+
+
+def command(
+    log: Annotated[Path, typer.Argument(help="A flight log.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
+    map_file: Annotated[Path | None, typer.Option("--map", help="TOML map: columns, units, axes, rate.")] = None,
+    serial: Annotated[str | None, typer.Option("--serial", help="imu_serial of the unit.")] = None,
+    technology: Annotated[str | None, typer.Option("--technology", help="rlg, fog or mems.")] = None,
+    lat_deg: Annotated[float | None, typer.Option("--lat-deg", help="Where the run starts.")] = None,
+    lon_deg: Annotated[float | None, typer.Option("--lon-deg")] = None,
+    height_m: Annotated[float | None, typer.Option("--height-m", help="Above the ellipsoid.")] = None,
+    tail: Annotated[str | None, typer.Option("--tail", help="Tail number.")] = None,
+    start_utc: Annotated[str | None, typer.Option("--start-utc", help="Such as 2026-03-01T05:00:00Z.")] = None,
+    run_id: Annotated[str | None, typer.Option("--run-id", help="Default: the name of the log.")] = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+) -> None:
+    """Convert a flight log of a known format, or by a column map, to a run; list all that was dropped or repaired.
+
+    Example: recal convert x_LN100_up.ins -o runs/ln100 --map examples/maps/x_LN100_up.toml
+    """
+    from trajectories.conversion import convert_log, read_map
+    from trajectories.run import write_run
+
+    given = {
+        "imu_serial": serial, "gyro_technology": technology, "lat_deg": lat_deg, "lon_deg": lon_deg,
+        "height_m": height_m, "tail": tail, "start_utc": start_utc, "run_id": run_id,
+    }  # fmt: skip
+    conversion = convert_log(log, read_map(map_file) if map_file else {}, given)
+    write_run(output, conversion.run, conversion=conversion.record)
+    result = summary(conversion, output)
+    if as_json:
+        emit_json(result)
+        return
+    for line in report_lines(result):
+        say(line, quiet=quiet)
+
+
+def summary(conversion: "Conversion", output: Path) -> dict[str, Any]:
+    """The result `recal.convert/1`."""
+    run, record = conversion.run, conversion.record
+    return {
+        "schema": "recal.convert/1",
+        "run": str(output),
+        "run_id": run.header.run_id,
+        "sha256": run.sha256,
+        "format": record["format"],
+        "rows": run.imu.time_s.size,
+        "rate_hz": run.imu.rate_hz,
+        "duration_s": float(run.imu.time_s[-1]),
+        "time_shift_s": record["time_shift_s"],
+        "notes": record["notes"],
+        "repaired": [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in run.faults],
+        "problems": [{"level": f.level, "text": f.text} for f in conversion.findings],
+    }
+
+
+def report_lines(result: dict[str, Any]) -> list[str]:
+    """The same for people."""
+    lines = [f"dropped: {note}" for note in result["notes"]]
+    lines += [f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}" for s in result["repaired"]]
+    lines += [f"{p['level']}: {p['text']}" for p in result["problems"]]
+    lines.append(
+        f"{result['run']}: {result['rows']} rows, {result['rate_hz']:.4g} Hz, {result['duration_s']:.3f} s; "
+        f"log time {result['time_shift_s']:.6f} s is run time 0"
+    )
+    return lines

@@ -1,0 +1,89 @@
+"""A flight log to a run: choose the reader, complete the header, check what came out."""
+
+import hashlib
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ins.records import InputError, Run
+from trajectories.physics_gates import check_physics
+from trajectories.readers.registry import ConvertedLog, read_log
+from trajectories.run import run_sha256
+from trajectories.run_check import Finding, Findings, check_rate
+from trajectories.run_schema import SCHEMA, header_from_json
+
+MAX_MAP_BYTES = 1_000_000
+OPTIONS = {
+    "imu_serial": "--serial", "gyro_technology": "--technology", "start_utc": "--start-utc",
+    "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """A run made from a log; `record` goes into its run.json and says where it came from."""
+
+    run: Run
+    record: dict[str, Any]
+    findings: tuple[Finding, ...]
+
+
+def read_map(path: Path) -> dict[str, Any]:
+    """The TOML map file as a plain dict."""
+    try:
+        if path.stat().st_size > MAX_MAP_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_MAP_BYTES}")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid TOML ({' '.join(str(error).split())[:200]})") from None
+
+
+def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:
+    """The run in a log file.
+
+    `options` is the map, `given` run.json keys from the command line (flat: lat_deg, lon_deg, height_m for the site);
+    they override those of the map, which override what the log itself says. InputError names what is missing or wrong.
+    """
+    path = Path(path)
+    name, log = read_log(path, options)
+    findings, label = Findings(), path.name
+    header, errors, warnings = header_from_json(_header(log, given, path), name=label)
+    if header is None:
+        raise InputError(errors[0])
+    findings.warn(*(w for w in warnings if "taken as" not in w))
+    findings.error(*check_rate(log.imu.time_s, lambda k: f"{label}: row {k + 1}", label))
+    check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
+    if findings.errors:
+        raise InputError(findings.errors[0])
+    run = Run(
+        header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults
+    )
+    record = {
+        "source": path.name, "source_sha256": _file_sha256(path), "format": name, "time_shift_s": log.time_shift_s,
+        "notes": list(log.notes), "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
+    }  # fmt: skip
+    return Conversion(run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items))
+
+
+def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """run.json from the log, the map and the command line, the last one winning."""
+    known = {k: v for k, v in given.items() if v is not None}
+    position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}
+    header = {"schema": SCHEMA, "run_id": path.name.split(".")[0], "tail": "", **log.header, **known}
+    site = header.get("site", {})
+    header["site"] = {**site, **position} if isinstance(site, dict) else site
+    if isinstance(header["site"], dict):
+        missing = [k for k in OPTIONS if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)]
+        if missing:
+            told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
+            raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}")
+    return header
+
+
+def _file_sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

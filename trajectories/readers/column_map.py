@@ -1,0 +1,135 @@
+"""Column maps: a TOML file that says what the columns of a log mean (examples in examples/maps).
+
+Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments.
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.records import AXES, InputError
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
+from trajectories.run_check import MAX_RATE_HZ, MIN_RATE_HZ
+
+FOOT = 0.3048  # international foot [m]
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+GYRO_RATES = {
+    "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "deg/h": DEG_PER_HOUR, "arcsec/s": ARCSEC,
+}  # fmt: skip
+GYRO_INCREMENTS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": DEG, "arcsec": ARCSEC}
+ACCEL_RATES = {
+    "m/s2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "ft/s2": FOOT, "g": STANDARD_GRAVITY, "mg": 1e3 * MICRO_G, "ug": MICRO_G,
+}  # fmt: skip
+ACCEL_INCREMENTS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": FOOT}
+CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
+
+_Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
+_Three = Annotated[list[str], Field(min_length=3, max_length=3)]
+
+
+class TimeKeys(StrictModel):
+    """The column of time stamps."""
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+
+
+class SensorKeys(StrictModel):
+    """Three columns in the log's own axes x, y, z: value = raw * scale [unit]; the unit says increments or rates."""
+
+    columns: _Three
+    unit: str
+    scale: float = 1.0
+    kind: Literal["increments", "rates"] | None = None
+
+
+class TemperatureKeys(StrictModel):
+    """One column for all gyros or three in the log's own axes."""
+
+    columns: Annotated[list[str], Field(min_length=1, max_length=3)]
+    unit: Literal["degC", "K", "degF"] = "degC"
+    scale: float = 1.0
+
+    @field_validator("columns")
+    @classmethod
+    def _one_or_three(cls, columns: list[str]) -> list[str]:
+        if len(columns) == 2:
+            raise ValueError("one column or three")
+        return columns
+
+
+class AxesKeys(StrictModel):
+    """Which raw axis, with its sign, is each body axis (x forward, y right, z down)."""
+
+    x: _Axis = "x"
+    y: _Axis = "y"
+    z: _Axis = "z"
+
+
+class ColumnMap(StrictModel):
+    """A map file; `run` holds keys for run.json."""
+
+    format: Literal["csv", "text", "binary"] | None = None
+    columns: Annotated[list[str], Field(min_length=1)] | None = None
+    header_lines: Annotated[int, Field(ge=0, le=10_000)] | None = None
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    header_bytes: Annotated[int, Field(ge=0)] = 0
+    dtype: str | list[str] = "<f8"
+    rate_hz: Annotated[float, Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ)] | None = None
+    time: TimeKeys | None = None
+    gyro: SensorKeys
+    accel: SensorKeys
+    temperature: TemperatureKeys | None = None
+    axes: AxesKeys = AxesKeys()
+    run: dict[str, Any] = Field(default_factory=dict)
+
+
+def column_map(options: Mapping[str, Any]) -> ColumnMap:
+    """The map of a plain dict, checked: units, axes of a right-handed set, one source of time."""
+    refuse_non_finite(dict(options), name="map")
+    keys = parse(ColumnMap, dict(options), name="map")
+    if (keys.time is None) == (keys.rate_hz is None):
+        raise InputError("map: needed either a [time] column or rate_hz")
+    _unit(keys.gyro, "gyro", GYRO_RATES, GYRO_INCREMENTS)
+    _unit(keys.accel, "accel", ACCEL_RATES, ACCEL_INCREMENTS)
+    M = axis_matrix(keys.axes)
+    if round(float(np.linalg.det(M))) != 1:
+        drawn = ", ".join(f'{b} = "{getattr(keys.axes, b)}"' for b in AXES)
+        raise InputError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
+    return keys
+
+
+def axis_matrix(axes: AxesKeys) -> NDArray:
+    """M with v_body = M @ v_raw, shape (3, 3); entries 0 and +-1."""
+    M = np.zeros((3, 3))
+    for i, name in enumerate(AXES):
+        text = getattr(axes, name)
+        M[i, AXES.index(text[-1])] = -1.0 if text[0] == "-" else 1.0
+    return M
+
+
+def used_columns(keys: ColumnMap) -> list[str]:
+    """The names of the columns that the map reads."""
+    names = [*keys.gyro.columns, *keys.accel.columns]
+    names += [keys.time.column] if keys.time else []
+    return names + (keys.temperature.columns if keys.temperature else [])
+
+
+def _unit(sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]) -> None:
+    if sensor.unit not in rates | increments:
+        raise InputError(f"map: {name}.unit: got {sensor.unit[:40]!r}, needed one of {', '.join(rates | increments)}")
+    kind = "rates" if sensor.unit in rates else "increments"
+    if sensor.kind not in (None, kind):
+        raise InputError(f"map: {name}.kind: got {sensor.kind!r}, but {sensor.unit} is a unit of {kind}")
+
+
+def binary_type(text: str) -> np.dtype:
+    """A plain number type such as "<f8" or ">i2"; nothing that could hold Python objects."""
+    if not re.fullmatch(r"[<>]?(f[48]|[iu][1248])", text):
+        raise InputError(f"map: dtype: got {text[:20]!r}, needed f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 after < or >")
+    return np.dtype(text)

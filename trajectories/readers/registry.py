@@ -1,0 +1,62 @@
+"""The known log formats, and choosing one: by the map's `format`, else by the content of the file."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ins.records import GnssLog, ImuLog, InputError, OdometerLog, Span, TemperatureLog
+
+MODULES = ("delimited", "binary")  # each has READERS; a new format is one more module here
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConvertedLog:
+    """What a reader found: streams with run time (starting at 0), what it dropped or repaired, and what it noticed.
+
+    `time_shift_s` is what was subtracted from the log's own times [s]; `header` holds run.json keys the log knows.
+    """
+
+    imu: ImuLog
+    temperature: TemperatureLog | None = None
+    gnss: GnssLog | None = None
+    odometer: OdometerLog | None = None
+    time_shift_s: float = 0.0
+    faults: tuple[Span, ...] = ()
+    notes: tuple[str, ...] = ()
+    header: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reader:
+    """One format: its name in maps, a line about it, `detect(path)` by content, `read(path, options)`."""
+
+    name: str
+    about: str
+    detect: Callable[[Path], bool]
+    read: Callable[[Path, Mapping[str, Any]], ConvertedLog]
+
+
+def readers() -> tuple[Reader, ...]:
+    """All known formats, those that can be recognised first."""
+    modules = (importlib.import_module(f"trajectories.readers.{name}") for name in MODULES)
+    return tuple(reader for module in modules for reader in module.READERS)
+
+
+def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]:
+    """The name of the format and the log. InputError where the file, its format or an option is wrong."""
+    if not path.is_file():
+        raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
+    known = readers()
+    name = options.get("format")
+    if name is not None:
+        chosen = [r for r in known if r.name == name]
+        if not chosen:
+            raise InputError(f"format: got {str(name)[:40]!r}, needed one of {', '.join(r.name for r in known)}")
+    else:
+        chosen = [r for r in known if r.detect(path)]
+    if not chosen:
+        formats = "; ".join(f"{r.name} ({r.about})" for r in known)
+        raise InputError(f"{path}: format not recognised, needed --map with a `format`. Known: {formats}")
+    return chosen[0].name, chosen[0].read(path, options)
