@@ -51,10 +51,9 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     path = Path(path)
     name, log = read_log(path, options)
     findings, label = Findings(), path.name
-    header, errors, warnings = header_from_json(_header(log, given, path), name=label)
-    if header is None:
-        raise InputError(errors[0])
-    findings.warn(*(w for w in warnings if "taken as" not in w))
+    header, errors, unknown = header_from_json(_header(log, given, path), name="options and map [run]")
+    if header is None or unknown:
+        raise InputError((errors + unknown)[0])
     findings.error(*check_rate(log.imu.time_s, lambda k: f"{label}: row {k + 1}", label))
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
     if findings.errors:
@@ -73,7 +72,10 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
     """run.json from the log, the map and the command line, the last one winning."""
     known = {k: v for k, v in given.items() if v is not None}
     position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}
-    header = {"schema": SCHEMA, "run_id": path.name.split(".")[0], "tail": "", **log.header, **known}
+    header = {
+        "schema": SCHEMA, "run_id": path.name.split(".")[0], "tail": "", "lever_arms_m": {},
+        "applied_table_sha256": None, **log.header, **known,
+    }  # fmt: skip
     site = header.get("site", {})
     header["site"] = {**site, **position} if isinstance(site, dict) else site
     if isinstance(header["site"], dict):

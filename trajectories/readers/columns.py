@@ -21,6 +21,7 @@ from trajectories.readers.column_map import (
     ColumnMap,
     SensorKeys,
     axis_matrix,
+    used_columns,
 )
 from trajectories.readers.registry import ConvertedLog
 from trajectories.run_check import MAX_GAP_S
