@@ -1,8 +1,8 @@
 """Rates to increments, and what integrating within one interval owes to the motion: coning, sculling, scrolling.
 
 Rows of a rate log are taken as the mean over the interval that ends at `time_s`. A log of instantaneous samples is
-thereby delayed by half an interval, gyros and accelerometers alike: attitude and velocity stay consistent with each
-other, and only their common time tag is late.
+thereby tagged half an interval too early (what is computed for time_s belongs to time_s + dt/2), gyros and
+accelerometers alike: attitude and velocity stay consistent with each other, only their common time tag is off.
 
 Rate and specific force are modelled as linear in time over the previous and the current interval, of lengths Tp, T:
 with d = 2 (x/T - xp/Tp) / (T + Tp) the slope of either. An interval longer than MAX_INTERVAL_RATIO times the one
@@ -27,7 +27,8 @@ def increments_from_rates(time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: 
     Shapes (n,), (n, 3), (n, 3), n >= 2, times strictly increasing; InputError otherwise.
     """
     t = frozen_array(time_s, (None,), "time_s")
-    gyro, accel = frozen_array(gyro_rad_s, (t.size, 3), "gyro_rad_s"), frozen_array(accel_m_s2, (t.size, 3), "accel_m_s2")
+    gyro = frozen_array(gyro_rad_s, (t.size, 3), "gyro_rad_s")
+    accel = frozen_array(accel_m_s2, (t.size, 3), "accel_m_s2")
     dt = np.diff(t)
     if t.size < 2 or not np.all(dt > 0):
         raise InputError("time_s: needs at least two rows, strictly increasing")
