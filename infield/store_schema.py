@@ -1,0 +1,74 @@
+"""Tables of the store (SQLAlchemy Core); infield/migrations creates them, a test compares the two.
+
+Names begin with `recal_` because a fleet's PostgreSQL database may hold other people's tables.
+"""
+
+from sqlalchemy import (
+    CheckConstraint,
+    Column,
+    ForeignKey,
+    ForeignKeyConstraint,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    UniqueConstraint,
+)
+
+SCHEMA_REVISION = "0001"  # the newest migration
+metadata = MetaData()
+
+# One gyro triad: the key that a table belongs to, and the twin record that its noise model comes from.
+unit = Table(
+    "recal_unit",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("imu_serial", String(200), nullable=False),
+    Column("gyro_technology", String(20), nullable=False),
+    Column("gyro_mode", String(200), nullable=False),
+    Column("twin_json", Text),
+    Column("twin_sha256", String(64)),
+    Column("twin_table_sha256", String(64)),  # the table that was imported with the twin
+    UniqueConstraint("imu_serial", "gyro_technology", "gyro_mode", name="uq_recal_unit_key"),
+)
+
+# Append-only. record_sha256 covers the row and the record before it, so a changed row breaks the chain.
+revision = Table(
+    "recal_revision",
+    metadata,
+    Column("unit_id", Integer, ForeignKey("recal_unit.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("kind", String(20), nullable=False),
+    Column("created_utc", String(40), nullable=False),
+    Column("parent_sha256", String(64)),
+    Column("sha256", String(64), nullable=False),
+    Column("table_json", Text, nullable=False),  # canonical text, what sha256 is over
+    Column("runs_json", Text, nullable=False),  # runs that this revision merged: [[run_id, sha256], ...]
+    Column("restored_number", Integer),  # rollback: whose table this is
+    Column("report_json", Text),
+    Column("note", Text, nullable=False),
+    Column("record_sha256", String(64), nullable=False),
+    CheckConstraint("kind IN ('factory', 'import', 'update', 'rollback')", name="ck_recal_revision_kind"),
+    Index("ix_recal_revision_sha256", "sha256"),
+)
+
+tag = Table(
+    "recal_tag",
+    metadata,
+    Column("unit_id", Integer, primary_key=True),
+    Column("name", String(20), primary_key=True),  # factory, active
+    Column("number", Integer, nullable=False),
+    ForeignKeyConstraint(
+        ["unit_id", "number"], ["recal_revision.unit_id", "recal_revision.number"], name="fk_recal_tag_revision"
+    ),
+)
+
+# Runs that the active table holds: none can be merged twice; a rollback takes its own out again.
+merged_run = Table(
+    "recal_merged_run",
+    metadata,
+    Column("unit_id", Integer, ForeignKey("recal_unit.id"), primary_key=True),
+    Column("run_sha256", String(64), primary_key=True),
+)
