@@ -1,7 +1,7 @@
 """Sensor imperfections as formats.md section 3 defines them, written apart from the estimator; rng passed in.
 
-Slow errors (flicker, rate random walk, turn-on) are made at up to SLOW_RATE_HZ and interpolated: above that the
-white noise is larger by more than 1e4 in power for every grade this project simulates.
+Slow errors (flicker, rate random walk, turn-on) are made at SLOW_RATE_HZ and interpolated between: what flicker has
+above half of that is below 1 % of the white noise in power for the default twins (1e-5 for rlg and fog gyros).
 """
 
 from collections.abc import Sequence
@@ -42,11 +42,6 @@ def random_walk(rng: np.random.Generator, n: int, *, density: float, rate_hz: fl
     steps = density / np.sqrt(rate_hz) * rng.standard_normal(n)
     steps[0] = 0.0
     return np.cumsum(steps)
-
-
-def slow_rate_hz(imu_rate_hz: float) -> float:
-    """Rate at which slow errors are made."""
-    return min(imu_rate_hz, SLOW_RATE_HZ)
 
 
 def gyro_session_bias(rng: np.random.Generator, noise: GyroNoise, n: int, *, rate_hz: float) -> NDArray:

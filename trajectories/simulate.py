@@ -3,10 +3,8 @@
 Everything stays in memory; `trajectories.run.write_run` puts it on disk. The same rng state gives the same run.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +24,7 @@ from ins.records import (
     TwinModel,
 )  # fmt: skip
 from trajectories import imperfections
+from trajectories.run import run_sha256
 from trajectories.sensors import IdealSensors
 from trajectories.thermal import ThermalHistory
 from trajectories.truth import rate_from_euler
@@ -40,7 +39,7 @@ class SimulatedRun:
     """A run, and what only the simulator knows.
 
     gyro_bias_true_deg_h, accel_bias_true_ug (n, 3): total bias (thermal, turn-on, flicker, random walk) at bias_time_s
-    (n,), 1 Hz; temperature_true_degC (m, 3): of the gyros, at the times of the temperature stream.
+    (n,), 1 Hz; temperature_true_degC (n, 3): of the gyros; the temperature stream has the same times.
     """
 
     run: Run
@@ -65,12 +64,12 @@ def simulate_run(
         raise InputError(f"twin: effect {twin.effects[0].get('effect')!r} is not among what simulate_run can make")
     moved = disturb(ideal, twin.vehicle, events, rng)
     slow_s, gyro_bias, accel_bias = _biases(ideal, thermal, unit, twin, rng)
+    temperature, temperature_true = _temperatures(ideal, thermal, twin, rng)
     header = RunHeader(
         run_id=run_id, tail=tail, imu_serial=unit.imu_serial, gyro_technology=unit.gyro_technology,
         start_utc=start_utc, site=ideal.truth.site, wheel_reference_m=ideal.truth.wheel_reference_m,
         gnss_lever_arm_m=gnss_lever_arm_m, survey=survey or Survey(),
     )  # fmt: skip
-    temperature, temperature_true = _temperatures(ideal, thermal, twin, rng)
     run = Run(
         header=header,
         imu=_imu(ideal, moved, slow_s, gyro_bias, accel_bias, twin, rng),
@@ -79,9 +78,9 @@ def simulate_run(
         odometer=_odometer(ideal, twin, rng) if with_odometer else None,
         phases=ideal.truth.motion.phases if with_phases else (),
     )
-    second = np.searchsorted(slow_s, np.arange(np.floor(slow_s[-1]) + 1) - 1e-9)
+    second = slice(0, len(temperature_true) * int(imperfections.SLOW_RATE_HZ), int(imperfections.SLOW_RATE_HZ))
     return SimulatedRun(
-        run=replace(run, sha256=content_sha256(run)), reference=reference_of(ideal, moved),
+        run=replace(run, sha256=run_sha256(run)), reference=reference_of(ideal, moved),
         bias_time_s=slow_s[second], gyro_bias_true_deg_h=gyro_bias[second], accel_bias_true_ug=accel_bias[second],
         temperature_true_degC=temperature_true,
     )  # fmt: skip
@@ -91,7 +90,7 @@ def _biases(
     ideal: IdealSensors, thermal: ThermalHistory, unit: UnitTruth, twin: TwinModel, rng: np.random.Generator
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Times (m,), gyro bias [deg/h] and accelerometer bias [micro-g] (m, 3) from power-on to the end of the run."""
-    rate_hz = imperfections.slow_rate_hz(ideal.rate_hz)
+    rate_hz = imperfections.SLOW_RATE_HZ
     m = int(np.ceil(ideal.time_s[-1] * rate_hz - 1e-6)) + 1
     slow_s = np.arange(m) / rate_hz
     gyro = unit.bias_history_deg_h(thermal.at(slow_s).gyro_degC, 1 / rate_hz)
@@ -165,20 +164,3 @@ def reference_of(ideal: IdealSensors, moved: Disturbed) -> ReferenceLog:
         height_m=ideal.height_m[rows], v_n_m_s=moved.v_n_m_s[rows], roll_rad=roll, pitch_rad=pitch,
         heading_rad=heading,
     )  # fmt: skip
-
-
-def content_sha256(run: Run) -> str:
-    """Hash of header and streams of a run in memory (of a run on disk, `run.read_run` gives its own)."""
-    digest = hashlib.sha256(repr((run.header, run.phases)).encode())
-    for stream in (run.imu, run.temperature, run.gnss, run.odometer):
-        for name, values in _columns(stream):
-            digest.update(name.encode())
-            digest.update(np.ascontiguousarray(values).data)
-    return digest.hexdigest()
-
-
-def _columns(stream: Any) -> list[tuple[str, NDArray]]:
-    if stream is None:
-        return []
-    values = [(f.name, getattr(stream, f.name)) for f in fields(stream)]
-    return [(name, value) for name, value in values if isinstance(value, np.ndarray)]

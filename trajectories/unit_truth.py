@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.signal import lfilter
 
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError
 
-GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # the curves are cubic splines over this grid
+GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # random curves are cubic splines over this grid
 NODES_DEGC = np.arange(-10.0, 51.0, 10.0)
 CURVE_SIZE_DEG_H = {"rlg": 0.03, "fog": 0.1, "mems": 30.0}  # RMS of the factory curve's linear, square and wavy part
 SHAPE_LENGTH_DEGC = 30.0  # correlation length of the ageing shape, physics.md 6.8
@@ -23,16 +23,16 @@ HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over 
 
 @dataclass(frozen=True, kw_only=True)
 class UnitTruth:
-    """One unit as it is today. Curves (3, len(GRID_DEGC)) [deg/h]; the last three terms are off by default.
+    """One unit as it is today: bias curves over temperature [deg/h], one an axis, held constant beyond their ends.
 
-    thermal_rate: bias per degC/min; lag_s: the bias follows the temperature this late; hysteresis: half of the split
-    between heating and cooling.
+    The last three terms are off by default. thermal_rate: bias per degC/min; lag_s: the bias follows the temperature
+    this late; hysteresis: half of the split between heating and cooling.
     """
 
     imu_serial: str
     gyro_technology: str
-    factory_deg_h: NDArray
-    ageing_deg_h: NDArray
+    factory_deg_h: tuple[PPoly, PPoly, PPoly]
+    ageing_deg_h: tuple[PPoly, PPoly, PPoly]
     sigma_deg_h: float
     thermal_rate_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lag_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -41,7 +41,7 @@ class UnitTruth:
     def bias_deg_h(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
         """The settled true bias of an axis, mean over power-ons, at temperatures of any shape."""
         row = AXES.index(axis)
-        return CubicSpline(GRID_DEGC, self.factory_deg_h[row] + self.ageing_deg_h[row])(temperature_degC)
+        return _value(self.factory_deg_h[row], temperature_degC) + _value(self.ageing_deg_h[row], temperature_degC)
 
     def bias_history_deg_h(self, gyro_degC: NDArray, dt_s: float) -> NDArray:
         """True thermal bias (n, 3) along gyro temperatures (n, 3) at even steps, with all the unit's terms."""
@@ -61,7 +61,7 @@ class UnitTruth:
         axes = {
             axis: {
                 "temperature_degC": nodes.tolist(),
-                "bias_deg_h": CubicSpline(GRID_DEGC, self.factory_deg_h[k])(nodes).tolist(),
+                "bias_deg_h": _value(self.factory_deg_h[k], nodes).tolist(),
                 "sigma_deg_h": [self.sigma_deg_h] * nodes.size,
             }
             for k, axis in enumerate(AXES)
@@ -73,23 +73,44 @@ class UnitTruth:
         }  # fmt: skip
 
 
+Terms = tuple[float, float, float]
+
+
 def aged_unit(
     rng: np.random.Generator, *, imu_serial: str = "SN-0042", gyro_technology: str = "rlg",
-    ageing_offset_deg_h: float = 0.006, ageing_shape_deg_h: float = 0.004, **terms: tuple[float, float, float],
+    ageing_offset_deg_h: float = 0.006, ageing_shape_deg_h: float = 0.004, table: dict[str, Any] | None = None,
+    **terms: Terms,
 ) -> UnitTruth:  # fmt: skip
-    """A random unit: factory curves, then ageing by a common shift and a smooth shape on each axis (1 sigma each).
+    """A unit and its ageing: on each axis a common shift and a smooth shape (1 sigma each) above the factory curve.
 
-    The default ageing is 0.0072 deg/h RMS, physics.md 6.8. `terms`: the optional terms of UnitTruth.
+    The factory curve is that of `table` (recal.table/1, taken as checked), else a random smooth one. The default
+    ageing is 0.0072 deg/h RMS, physics.md 6.8. `terms`: the optional terms of UnitTruth.
     """
     if gyro_technology not in GYRO_TECHNOLOGIES:
         raise InputError(f"gyro_technology {gyro_technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
-    factory = np.stack([_factory_curve(rng, CURVE_SIZE_DEG_H[gyro_technology]) for _ in AXES])
-    shift = ageing_offset_deg_h * rng.standard_normal((3, 1))
-    shape = ageing_shape_deg_h * np.stack([_smooth_shape(rng) for _ in AXES])
+    ageing = [ageing_offset_deg_h * rng.standard_normal() + ageing_shape_deg_h * _smooth_shape(rng) for _ in AXES]
+    if table is None:
+        factory = [CubicSpline(GRID_DEGC, _factory_curve(rng, CURVE_SIZE_DEG_H[gyro_technology])) for _ in AXES]
+    else:
+        factory = [_table_curve(table["axes"][axis]) for axis in AXES]
+    x, y, z = factory
+    ax, ay, az = (CubicSpline(GRID_DEGC, a) for a in ageing)
     return UnitTruth(
-        imu_serial=imu_serial, gyro_technology=gyro_technology, factory_deg_h=factory, ageing_deg_h=shift + shape,
+        imu_serial=imu_serial, gyro_technology=gyro_technology, factory_deg_h=(x, y, z), ageing_deg_h=(ax, ay, az),
         sigma_deg_h=float(np.hypot(ageing_offset_deg_h, ageing_shape_deg_h)), **terms,
     )  # fmt: skip
+
+
+def _table_curve(axis: dict[str, Any]) -> PPoly:
+    """The curve of one axis of a table: straight between nodes, or cubic Hermite where it has slopes."""
+    nodes, bias = (np.asarray(axis[key], dtype=float) for key in ("temperature_degC", "bias_deg_h"))
+    if "slope_deg_h_degC" in axis:
+        return CubicHermiteSpline(nodes, bias, np.asarray(axis["slope_deg_h_degC"], dtype=float))
+    return PPoly(np.stack([np.diff(bias) / np.diff(nodes), bias[:-1]]), nodes)
+
+
+def _value(curve: PPoly, temperature_degC: ArrayLike) -> NDArray:
+    return curve(np.clip(temperature_degC, curve.x[0], curve.x[-1]))
 
 
 def _factory_curve(rng: np.random.Generator, size_deg_h: float) -> NDArray:

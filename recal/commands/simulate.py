@@ -1,0 +1,81 @@
+"""`recal simulate`: a run from a scenario file and a twin."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recal.console import JsonFlag, Quiet, Seed, emit_json, say
+
+if TYPE_CHECKING:
+    from trajectories.simulate import SimulatedRun
+
+
+def command(
+    scenario: Annotated[str, typer.Argument(help="A scenario file (TOML), or the name of a packaged one.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
+    twin: Annotated[Path | None, typer.Option("--twin", help="Twin file, instead of the scenario's.")] = None,
+    table: Annotated[Path | None, typer.Option("--table", help="Factory table of the unit (JSON).")] = None,
+    truth: Annotated[Path | None, typer.Option("--truth", help="CSV of the true biases, for scoring.")] = None,
+    table_out: Annotated[Path | None, typer.Option("--table-out", help="Where to put the unit's table.")] = None,
+    seed: Seed = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate one power-on session from a scenario and write it as a run with its reference.
+
+    Example: recal simulate cold_parked_taxi -o run --seed 7 --table-out table.json
+    """
+    result = simulate(scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed)
+    if as_json:
+        emit_json(result)
+    say(f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed {result['seed']}", quiet=quiet)
+
+
+def simulate(
+    scenario: str, output: Path, *, twin: Path | None = None, table: Path | None = None, truth: Path | None = None,
+    table_out: Path | None = None, seed: int | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """Writes the run and what else was asked for; returns the result `recal.simulate/1`."""
+    from infield.table_file import json_text, read_table_dict
+    from trajectories.run import write_run
+    from trajectories.scenario import read_scenario, simulate_scenario
+
+    plan = read_scenario(scenario, twin_path=twin)
+    table_path = table or plan.table_path
+    factory = None if table_path is None else read_table_dict(table_path)
+    simulated, unit = simulate_scenario(plan, seed=seed, table=factory)
+    write_run(output, simulated.run, reference=simulated.reference)
+    if table_out is not None:
+        _write(table_out, json_text(factory or unit.factory_table()))
+    if truth is not None:
+        _write(truth, truth_csv(simulated))
+    header, imu = simulated.run.header, simulated.run.imu
+    return {
+        "schema": "recal.simulate/1", "run": str(output), "run_id": header.run_id, "imu_serial": header.imu_serial,
+        "seed": plan.seed if seed is None else seed, "duration_s": float(imu.time_s[-1]), "rate_hz": imu.rate_hz,
+        "twin": plan.twin.source, "table": None if table_path is None else str(table_path),
+        "phases": [vars(phase) for phase in simulated.run.phases],
+    }  # fmt: skip
+
+
+def truth_csv(simulated: "SimulatedRun") -> str:
+    """The true total biases and gyro temperatures at 1 Hz."""
+    import numpy as np
+
+    columns = {"time_s": simulated.bias_time_s}
+    for k, axis in enumerate("xyz"):
+        columns[f"gyro_{axis}_bias_deg_h"] = simulated.gyro_bias_true_deg_h[:, k]
+        columns[f"accel_{axis}_bias_ug"] = simulated.accel_bias_true_ug[:, k]
+        columns[f"gyro_{axis}_degC"] = simulated.temperature_true_degC[:, k]
+    rows = [",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=-1).tolist()]
+    return "\n".join([",".join(columns), *rows]) + "\n"
+
+
+def _write(path: Path, text: str) -> None:
+    from ins.records import InputError
+
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
