@@ -6,6 +6,7 @@ media. synchronous=EXTRA makes a commit survive loss of power; writers take the 
 
 import os
 import sqlite3
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,6 +24,7 @@ LOCK_WAIT_S = 5.0
 ATTEMPTS = 6
 MIGRATION_LOCK = 5527003  # any number that all writers agree on (PostgreSQL advisory lock)
 RETRY_SQLSTATES = ("40001", "40P01", "55P03")  # serialization failure, deadlock, lock not available
+_ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
 T = TypeVar("T")
 
 
@@ -138,7 +140,8 @@ def _migrate(connection: Connection) -> None:
     from alembic.util import CommandError
 
     try:
-        command.upgrade(alembic_config(connection), "head")
+        with _ONE_MIGRATION:
+            command.upgrade(alembic_config(connection), "head")
     except CommandError as error:
         raise InputError(f"store: cannot be upgraded to schema {SCHEMA_REVISION}: {error}") from None
 

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+import uuid
 
 import numpy as np
 import pytest
@@ -230,7 +231,7 @@ def test_another_schema_version_is_refused(store, url, tmp_path):
             TableStore.open(url, create=create)
 
 
-def writers_race(url, *, writers, updates):
+def writers_race(url, *, serial="SN-1", writers, updates):
     """Threads that each commit until done, told of every conflict; returns how many conflicts there were."""
     conflicts, faults = [], []
 
@@ -240,7 +241,7 @@ def writers_race(url, *, writers, updates):
                 done = 0
                 while done < updates:
                     try:
-                        commit(store, store.active(), run=f"{name}-{done}", shift_deg_h=1e-6)
+                        commit(store, store.active(serial), run=f"{name}-{done}", shift_deg_h=1e-6)
                         done += 1
                     except StoreConflict as conflict:
                         conflicts.append(conflict)
@@ -262,6 +263,26 @@ def test_no_update_is_lost_between_writers(store, url):
     history = store.history()
     assert len(history) == 13
     assert history[-1].table.parameters[0] == pytest.approx(12e-6, rel=1e-9)
+
+
+def test_several_may_create_the_store_at_once(url):
+    faults = []
+
+    def work(serial):
+        try:
+            with TableStore.open(url, create=True) as store:
+                store.import_table(table_to_dict(table(serial)))
+        except BaseException as fault:
+            faults.append(fault)
+
+    threads = [threading.Thread(target=work, args=(f"SN-{k}",)) for k in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not faults
+    with TableStore.open(url) as store:
+        assert len(store.units()) == 4
 
 
 def test_store_that_cannot_be_written_still_reads(store):
@@ -341,15 +362,18 @@ def postgres_url():
     return url
 
 
-def test_postgres_same_behaviour(postgres_url):
+def test_postgres_behaves_the_same(postgres_url):
+    serial = f"PG-{uuid.uuid4()}"
     with TableStore.open(postgres_url, create=True) as store:
-        data = table_to_dict(table("PG-1"))
+        data = table_to_dict(table(serial))
         first = store.import_table(data)
         assert first.table_json == canonical_json(data)
         second = commit(store, first)
         with pytest.raises(StoreConflict):
             commit(store, first, run="run-2")
-        assert store.active("PG-1") == second
-        writers_race(postgres_url, writers=4, updates=5)
-        assert len(store.history("PG-1")) == 22
-        assert store.rollback("PG-1", to="factory").table_json == first.table_json
+        with pytest.raises(RunAlreadyMerged):
+            commit(store, second)
+        assert store.active(serial) == second
+        writers_race(postgres_url, serial=serial, writers=4, updates=5)
+        assert len(store.history(serial)) == 22
+        assert store.rollback(serial, to="factory").table_json == first.table_json
