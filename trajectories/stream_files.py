@@ -106,17 +106,27 @@ def read_text(path: Path) -> tuple[bytes, str]:
         raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_TEXT_BYTES}")
     if not path.name.endswith(".gz"):
         return path.read_bytes(), ""
-    out = bytearray()
-    with gzip.open(path) as file:
+    return _gunzip(path)
+
+
+def _gunzip(path: Path) -> tuple[bytes, str]:
+    """What can be unpacked of a gzip file of one or more members, and a note where it ends too early."""
+    out, unpack, note = bytearray(), zlib.decompressobj(wbits=31), ""
+    with path.open("rb") as file:
         try:
-            while chunk := file.read(1 << 20):
-                out += chunk
+            while chunk := unpack.unused_data or file.read(1 << 16):
+                if unpack.eof:
+                    unpack = zlib.decompressobj(wbits=31)
+                out += unpack.decompress(chunk)
                 if len(out) > MAX_TEXT_BYTES:
                     raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes unpacked")
-        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
-            if not out:
-                raise InputError(f"{path}: not a gzip file ({error})") from None
-            return bytes(out), f"gzip data damaged after {len(out)} bytes ({error}), the rest dropped"
+        except zlib.error as error:
+            note = str(error)
+    if not unpack.eof:
+        note = note or "the file ends too early"
+        if not out:
+            raise InputError(f"{path}: not a gzip file ({note})")
+        return bytes(out), f"gzip data damaged after {len(out)} bytes ({note}), the rest dropped"
     return bytes(out), ""
 
 

@@ -1,0 +1,256 @@
+"""Run directories: what is written comes back bit for bit, whole or not at all, and truth stays apart."""
+
+import gzip
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ins.records import InputError, Phase, Run
+from ins.units import DEG
+from tests.trajectories.run_cases import (
+    F_B,
+    SITE,
+    W_B,
+    csv_run,
+    edit_json,
+    full_run,
+    header,
+    imu_log,
+    lines,
+    put_lines,
+    reference_log,
+    set_cell,
+)
+from trajectories import run as run_module
+from trajectories.run import FORMATS, read_reference, read_run, write_run
+from trajectories.run_schema import INCREMENTS, RATES, degrees_exact
+from trajectories.stream_files import StreamFile, write_columns
+
+
+def same(a, b) -> bool:
+    """Equal to the last bit, field by field."""
+    pairs = zip(vars(a).values(), vars(b).values())
+    return all(np.array_equal(x, y) if isinstance(x, np.ndarray) else x == y for x, y in pairs)
+
+
+@pytest.mark.parametrize("fmt", FORMATS)
+def test_written_runs_come_back_bit_for_bit(tmp_path, fmt):
+    write_run(tmp_path / "first", full_run(), reference=reference_log(), fmt=fmt)
+    first = read_run(tmp_path / "first")
+    assert first.header == header()
+    assert all(np.array_equal(getattr(first.imu, k), getattr(imu_log(), k)) for k in ("time_s", "dtheta_rad", "dv_m_s"))
+    assert same(first.temperature, full_run().temperature)
+    assert first.phases == full_run().phases
+    write_run(tmp_path / "second", first, fmt=fmt)
+    second = read_run(tmp_path / "second")
+    for stream in ("imu", "temperature", "gnss", "odometer"):
+        assert same(getattr(first, stream), getattr(second, stream)), stream
+    assert second.sha256 == first.sha256
+    assert read_reference(tmp_path / "first").heading_rad[0] == pytest.approx(1.2, abs=1e-15)
+    assert read_reference(tmp_path / "second") is None
+
+
+def test_a_run_never_carries_its_reference(tmp_path):
+    path = csv_run(tmp_path / "run")
+    held = vars(read_run(path))
+    assert not any("reference" in key for key in held)
+    (path / "reference.csv").write_text("damaged")
+    read_run(path)  # truth is not even opened
+    with pytest.raises(InputError, match=r"reference\.csv"):
+        read_reference(path)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=1, max_size=20))
+def test_no_digit_is_lost_in_a_stream_file(tmp_path_factory, values):
+    folder = tmp_path_factory.mktemp("streams")
+    for ending in ("parquet", "csv", "csv.gz"):
+        path = folder / f"odometer.{ending}"
+        write_columns(path, {"time_s": np.arange(len(values)) + 0.1, "speed_m_s": np.array(values)})
+        assert StreamFile(path).column("speed_m_s").tobytes() == np.array(values).tobytes()
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(min_value=-360, max_value=360))
+def test_degrees_of_a_file_survive_radians(lat_deg):
+    once = np.asarray(lat_deg) * DEG
+    assert degrees_exact(once) * DEG == once
+
+
+def test_missing_values_are_empty_in_csv_and_nan_in_memory(tmp_path):
+    write_columns(tmp_path / "a.csv", {"time_s": np.array([1.0, 2.0]), "block_degC": np.array([np.nan, 20.5])})
+    assert (tmp_path / "a.csv").read_text() == "time_s,block_degC\n1,\n2,20.5\n"
+    assert np.isnan(StreamFile(tmp_path / "a.csv").column("block_degC")[0])
+
+
+def test_rates_are_means_over_the_interval_that_ends_at_their_time(tmp_path):
+    path = csv_run(tmp_path / "run")
+    rows = lines(path / "imu.csv")
+    rates = [[row[0], *(repr(100.0 * float(v)) for v in row[1:])] for row in rows[1:]]
+    put_lines(path / "imu.csv", [["time_s", *RATES], *rates])
+    imu = read_run(path).imu
+    assert imu.source == "rates"
+    assert imu.dt_s[0] == pytest.approx(0.01)
+    np.testing.assert_allclose(imu.dtheta_rad, imu_log().dtheta_rad, rtol=1e-9)
+    np.testing.assert_allclose(imu.dv_m_s.sum(axis=0), F_B * 40.0, atol=1e-3)
+
+
+def test_uneven_rates_are_integrated_with_the_logged_interval(tmp_path):
+    rng = np.random.default_rng(2)
+    time_s = np.cumsum(0.01 * (1 + 0.05 * rng.uniform(-1, 1, 4000)))
+    columns = {"time_s": time_s} | {n: np.full(4000, v) for n, v in zip(RATES, [*W_B, *F_B])}
+    path = csv_run(tmp_path / "run")
+    (path / "imu.csv").unlink()
+    write_columns(path / "imu.parquet", columns)
+    imu = read_run(path).imu
+    np.testing.assert_allclose(imu.dv_m_s[1:].sum(axis=0), F_B * (time_s[-1] - time_s[0]), rtol=1e-12)
+
+
+def test_the_hash_knows_the_recording_not_its_packing(tmp_path):
+    write_run(tmp_path / "a", full_run(), fmt="parquet")
+    write_run(tmp_path / "b", full_run(header=header(run_id="R2", tail="other"), phases=()), fmt="csv")
+    put_lines(tmp_path / "b" / "imu.csv", [row[::-1] for row in lines(tmp_path / "b" / "imu.csv")])
+    known = read_run(tmp_path / "a").sha256
+    assert read_run(tmp_path / "b").sha256 == known
+    set_cell(tmp_path / "b" / "temperature.csv", row=7, column="gyro_y_degC", value="20.0000001")
+    assert read_run(tmp_path / "b").sha256 != known
+    write_run(tmp_path / "c", full_run(header=header(imu_serial="SN-0043")))
+    assert read_run(tmp_path / "c").sha256 != known
+
+
+def test_pandas_files_are_read(tmp_path):
+    """Other producers write with pandas; its metadata and its CSV quoting are no obstacle."""
+    write_run(tmp_path / "a", full_run())
+    for name in ("imu", "temperature", "phases"):
+        frame = pd.read_parquet(tmp_path / "a" / f"{name}.parquet")
+        frame.to_parquet(tmp_path / "a" / f"{name}.parquet", index=False)
+    known = read_run(tmp_path / "a")
+    for name in ("imu", "temperature", "phases"):
+        frame = pd.read_parquet(tmp_path / "a" / f"{name}.parquet")
+        (tmp_path / "a" / f"{name}.parquet").unlink()
+        frame.to_csv(tmp_path / "a" / f"{name}.csv.gz", index=False)
+    assert read_run(tmp_path / "a").sha256 == known.sha256
+    assert read_run(tmp_path / "a").phases == known.phases
+
+
+def test_a_failed_write_leaves_nothing_and_keeps_the_old_run(tmp_path, monkeypatch):
+    write_run(tmp_path / "run", full_run())
+    before = {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()}
+
+    def full_disk(path, columns):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(run_module, "write_columns", full_disk)
+    for name in ("run", "new"):
+        with pytest.raises(InputError, match="No space left"):
+            write_run(tmp_path / name, full_run(header=header(run_id="R9")))
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+    assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
+
+
+def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
+    write_run(tmp_path / "run", full_run(), reference=reference_log())
+    write_run(tmp_path / "run", full_run(header=header(run_id="R2"), gnss=None), fmt="csv")
+    assert read_run(tmp_path / "run").header.run_id == "R2"
+    assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [
+        "imu.csv", "odometer.csv", "phases.csv", "run.json", "temperature.csv",
+    ]  # fmt: skip
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
+    (tmp_path / "empty").mkdir()
+    write_run(tmp_path / "empty", full_run())
+    (tmp_path / "run" / "notes.txt").write_text("mine")
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "imu.csv").write_text("mine")
+    (tmp_path / "file").write_text("mine")
+    for name, why in (("run", "holds notes.txt"), ("photos", "holds no run.json"), ("file", "not a run directory")):
+        with pytest.raises(InputError, match=why):
+            write_run(tmp_path / name, full_run())
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_repaired_stretches_are_listed(tmp_path):
+    """Lost rows, missing temperatures, fixes without a position: reading goes on, each is in faults."""
+    path = csv_run(tmp_path / "run")
+    rows = lines(path / "imu.csv")
+    put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
+    set_cell(path / "temperature.csv", row=5, column="gyro_x_degC", value="")
+    set_cell(path / "gnss.csv", row=8, column="vn_m_s", value="nan")
+    set_cell(path / "gnss.csv", row=9, column="lat_deg", value="0")
+    set_cell(path / "gnss.csv", row=9, column="lon_deg", value="0")
+    read = read_run(path)
+    reasons = {fault.reason: (fault.start_s, fault.end_s) for fault in read.faults}
+    assert reasons["dropout: 10 imu rows lost"] == pytest.approx((10.0, 10.11))
+    assert reasons["temperature: row 5 dropped, missing values"] == (4.0, 4.0)
+    assert reasons["gnss: rows 8 to 9 dropped, missing values or position 0, 0"] == (7.0, 8.0)
+    assert len(read.faults) == 3
+    assert read.temperature.time_s.size == 39 and read.gnss.time_s.size == 38
+
+
+def test_increments_cover_a_dropout(tmp_path):
+    """Ten lost rows would be 1 m/s of lost gravity; a logger that keeps summing must not be counted twice."""
+    path = csv_run(tmp_path / "run")
+    rows = lines(path / "imu.csv")
+    put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
+    lost = read_run(path).imu
+    np.testing.assert_allclose(lost.dv_m_s.sum(axis=0), F_B * 40.0, atol=1e-3)
+    np.testing.assert_allclose(lost.dtheta_rad.sum(axis=0), W_B * 40.0, atol=5e-6)
+    summed = np.array(rows[1001:1012], dtype=float)[:, 1:].sum(axis=0)
+    put_lines(path / "imu.csv", rows[:1001] + [[rows[1011][0], *map(repr, summed.tolist())]] + rows[1012:])
+    kept = read_run(path).imu
+    np.testing.assert_allclose(kept.dv_m_s[1000], summed[3:], rtol=1e-15)
+
+
+def test_late_time_stamps_are_jitter_not_dropouts(tmp_path):
+    time_s = imu_log().time_s.copy()
+    time_s[500:3500:100] += 0.008  # a late stamp, the next on time
+    imu = imu_log()
+    columns = dict(zip(("time_s", *INCREMENTS), [time_s, *imu.dtheta_rad.T, *imu.dv_m_s.T]))
+    path = csv_run(tmp_path / "run")
+    (path / "imu.csv").unlink()
+    write_columns(path / "imu.parquet", columns)
+    read = read_run(path)
+    assert read.faults == ()
+    assert np.array_equal(read.imu.dv_m_s, imu.dv_m_s)
+
+
+def test_a_cut_off_file_is_read_up_to_the_cut(tmp_path):
+    path = csv_run(tmp_path / "run")
+    text = (path / "imu.csv").read_bytes()
+    (path / "imu.csv").write_bytes(text[:-9])  # in the middle of the last number
+    assert read_run(path).imu.time_s.size == 3999
+    (path / "imu.csv").unlink()
+    packed = gzip.compress(text, mtime=0)
+    (path / "imu.csv.gz").write_bytes(packed[: len(packed) // 2])
+    imu = read_run(path).imu
+    assert 1000 < imu.time_s.size < 3000
+    assert np.array_equal(imu.dtheta_rad, imu_log().dtheta_rad[: imu.time_s.size])
+
+
+def test_conversion_record_and_unknown_keys_do_not_stop_reading(tmp_path):
+    write_run(tmp_path / "run", full_run(), conversion={"source": "a.bin"})
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["conversion"] == {"source": "a.bin"}
+    edit_json(tmp_path / "run", lambda data: data.update(weather="rain"))
+    assert read_run(tmp_path / "run").header == header()
+
+
+def test_minimal_run(tmp_path):
+    """Only what formats.md calls required, whole numbers as integers, survey absent."""
+    path = tmp_path / "run"
+    write_run(path, Run(header=header(), imu=imu_log(seconds=5)))
+    site = {"lat_deg": 45, "lon_deg": 7, "height_m": 250}
+    edit_json(path, lambda data: (data.pop("survey"), data.pop("gyro_mode"), data.update(site=site)))
+    read = read_run(path)
+    assert read.header.site == SITE
+    assert read.temperature is None and read.gnss is None and read.phases == ()
+
+
+def test_phases_come_in_order_of_time(tmp_path):
+    path = csv_run(tmp_path / "run")
+    (path / "phases.csv").write_text("start_s,phase,end_s\n30,taxi,40\n0,alignment,30")
+    assert read_run(path).phases == (
+        Phase(phase="alignment", start_s=0, end_s=30), Phase(phase="taxi", start_s=30, end_s=40),
+    )  # fmt: skip
