@@ -41,7 +41,7 @@ from ins.records import InputError, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
 __all__ = ["MergedRun", "Revision", "RunAlreadyMerged", "StoreConflict", "TableStore", "UnitKey", "UnitRecord",
-           "UnknownUnit", "store_exists"]  # fmt: skip
+           "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
 
 
 class TableStore:
@@ -157,10 +157,7 @@ class TableStore:
         """
         checked = table_from_dict(table, name="table")
         key = unit_of_table(checked)
-        if twin is not None and (twin.imu_serial or key.imu_serial, twin.gyro_technology) != (
-            key.imu_serial, key.gyro_technology,
-        ):  # fmt: skip
-            raise InputError(f"twin: of {twin.imu_serial} ({twin.gyro_technology}), needed {key} as in the table")
+        require_same_unit(table, twin)
 
         def work(c: Connection) -> Revision:
             row = lock_unit(c, key)
@@ -234,3 +231,12 @@ class TableStore:
             return tagged(c, row, "active")
 
         return self._database.write(work)
+
+
+def require_same_unit(table: dict[str, Any], twin: TwinModel | None) -> None:
+    """InputError where a twin is of another technology, or names another serial, than the table it comes with."""
+    serial, technology = table["imu_serial"], table["gyro_technology"]
+    if twin is not None and (twin.imu_serial not in ("", serial) or twin.gyro_technology != technology):
+        raise InputError(
+            f"twin of {twin.imu_serial or 'any'} ({twin.gyro_technology}), the table is of {serial} ({technology})"
+        )
