@@ -171,15 +171,15 @@ def _check(imu: ImuLog, initial: NavState, first: int, vertical: VerticalChannel
     if first == imu.time_s.size:
         raise InputError(f"imu: ends at {imu.time_s[-1]:.6g} s, needed rows after the initial {initial.time_s:.6g} s")
     dt = imu.dt_s[first:]
+    finite = np.isfinite(imu.dtheta_rad).all(axis=1) & np.isfinite(imu.dv_m_s).all(axis=1) & (imu.dt_s > 0)
+    if not finite[first:].all():
+        k = first + int(np.argmin(finite[first:]))
+        raise InputError(f"imu: row {k} at {imu.time_s[k]:.6g} s, needed finite increments and dt_s above 0")
     late = imu.time_s[first] - dt[0] - initial.time_s
     if late > dt[0]:
         raise InputError(
             f"imu: first row starts {late:.6g} s after the initial state at {initial.time_s:.6g} s, needed at it"
         )
-    finite = np.isfinite(imu.dtheta_rad).all(axis=1) & np.isfinite(imu.dv_m_s).all(axis=1) & (imu.dt_s > 0)
-    if not finite[first:].all():
-        k = first + int(np.argmin(finite[first:]))
-        raise InputError(f"imu: row {k} at {imu.time_s[k]:.6g} s, needed finite increments and dt_s above 0")
     C = initial.C_nb
     if not (np.abs(C.T @ C - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(C) > 0):
         raise InputError("initial C_nb is not a rotation matrix")
