@@ -1,0 +1,240 @@
+"""Bad runs: one line that names the file, the row or key, what was got and what was needed."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ins.records import InputError
+from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, scale_columns, set_cell
+from trajectories.run import inspect_run, read_run
+
+
+@pytest.fixture
+def path(tmp_path):
+    return csv_run(tmp_path / "run")
+
+
+def rename(path, old, new):
+    rows = lines(path)
+    rows[0] = [name.replace(old, new) for name in rows[0]]
+    put_lines(path, rows)
+
+
+CELLS = [
+    ("imu", 10, "dtheta_z_rad", "nan", r"imu\.csv: row 10 \(line 11\): column dtheta_z_rad: got nan"),
+    ("imu", 10, "dv_x_m_s", "", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got nan"),
+    ("imu", 10, "dv_x_m_s", "-inf", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got -inf"),
+    ("imu", 10, "dv_x_m_s", "1,5", r"imu\.csv: row 10 \(line 11\): 8 values, needed 7"),
+    ("imu", 10, "dv_x_m_s", "abc", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got 'abc', needed a number"),
+    ("imu", 10, "time_s", "0.05", r"imu\.csv: row 10 \(line 11\): column time_s: 0\.05 s goes back from 0\.09 s"),
+    ("imu", 10, "time_s", "0.09", r"imu\.csv: row 10 \(line 11\): column time_s: 0\.09 s repeats"),
+    ("imu", 10, "time_s", "nan", r"imu\.csv: row 10 \(line 11\): column time_s: got nan"),
+    ("temperature", 4, "time_s", "1", r"temperature\.csv: row 4 \(line 5\): column time_s: 1 s goes back from 2 s"),
+    ("temperature", 4, "gyro_x_degC", "warm", r"temperature\.csv: row 4 \(line 5\): column gyro_x_degC: got 'warm'"),
+    ("gnss", 4, "lat_deg", "91", r"gnss\.csv: row 4 \(line 5\): column lat_deg: got 91, needed -90 to 90"),
+    ("gnss", 4, "time_s", "2", r"gnss\.csv: row 4 \(line 5\): column time_s: 2 s repeats"),
+    ("gnss", 4, "sigma_velocity_m_s", "-1", r"gnss\.csv: row 4 .*sigma_velocity_m_s: got -1, needed more than 0"),
+    ("odometer", 4, "time_s", "0", r"odometer\.csv: row 4 \(line 5\): column time_s"),
+    ("phases", 2, "phase", "flying", r"phases\.csv: row 2 \(line 3\): phase 'flying', needed one of alignment"),
+    ("phases", 2, "end_s", "20", r"phases\.csv: row 2 \(line 3\): phase parked: ends at 20"),
+    ("phases", 2, "end_s", "", r"phases\.csv: row 2 \(line 3\): got 'parked"),
+]
+
+
+@pytest.mark.parametrize(("stream", "row", "column", "value", "line"), CELLS)
+def test_a_wrong_value_is_named(path, stream, row, column, value, line):
+    set_cell(path / f"{stream}.csv", row=row, column=column, value=value)
+    with pytest.raises(InputError, match=line) as caught:
+        read_run(path)
+    assert "\n" not in str(caught.value)
+
+
+COLUMNS = [
+    ("imu", "dtheta_x_rad", "dtheta_x_deg", r"unknown column dtheta_x_deg: the unit must be as in dtheta_x_rad"),
+    ("imu", "dtheta_x_rad", "gyro_x_deg_h", r"unknown column gyro_x_deg_h: the unit must be as in gyro_x_rad_s"),
+    ("imu", "dtheta_x_rad", "gyro_x_rad_s", r"imu\.csv: column gyro_x_rad_s beside dtheta_y_rad: needed either"),
+    ("imu", "dv_z_m_s", "dv_y_m_s", r"imu\.csv: column dv_y_m_s appears twice"),
+    ("imu", "time_s", "", r"imu\.csv: column '' is a table index"),
+    ("imu", "time_s", "time_us", r"imu\.csv: unknown column time_us: the unit must be as in time_s"),
+    ("temperature", "gyro_x_degC", "gyro_x_K", r"unknown column gyro_x_K: the unit must be as in gyro_x_degC"),
+    ("temperature", "gradient_x_degC", "ambient_degC", r"column gradient_y_degC needs all of gradient_x_degC"),
+    ("gnss", "lat_deg", "lat_rad", r"gnss\.csv: unknown column lat_rad: the unit must be as in lat_deg"),
+    ("odometer", "speed_m_s", "speed_kt", r"odometer\.csv: unknown column speed_kt: the unit must be as in speed_m_s"),
+    ("phases", "end_s", "stop", r"phases\.csv: unknown column stop"),
+]
+
+
+@pytest.mark.parametrize(("stream", "old", "new", "line"), COLUMNS)
+def test_a_wrong_column_is_named(path, stream, old, new, line):
+    rename(path / f"{stream}.csv", old, new)
+    with pytest.raises(InputError, match=line):
+        read_run(path)
+
+
+KEYS = [
+    (lambda d: d["site"].update(lat_deg=91), r"run\.json: site\.lat_deg: got '91', needed less than or equal to 90"),
+    (lambda d: d["site"].update(lat_deg="45"), r"run\.json: site\.lat_deg: got '45', needed a valid number"),
+    (lambda d: d["site"].update(height_m=float("nan")), r"run\.json: not valid JSON \(NaN"),
+    (lambda d: d["site"].pop("lon_deg"), r"run\.json: key site\.lon_deg is missing"),
+    (lambda d: d.pop("imu_serial"), r"run\.json: key imu_serial is missing"),
+    (lambda d: d.update(imu_serial=""), r"run\.json: imu_serial"),
+    (lambda d: d.update(imu_serial="a\nb"), r"run\.json: imu_serial"),
+    (lambda d: d.update(gyro_technology="laser"), r"run\.json: gyro_technology: got 'laser', needed 'rlg', 'fog' or"),
+    (lambda d: d.update(schema="recal.run/2"), r"run\.json: schema: got 'recal.run/2', needed 'recal.run/1'"),
+    (lambda d: d.update(start_utc="2026-03-01T05:00:00"), r"run\.json: start_utc: .* needed a UTC time"),
+    (lambda d: d.update(applied_table_sha256="abc"), r"run\.json: applied_table_sha256: got 'abc'"),
+    (lambda d: d["lever_arms_m"].update(gnss=[1, 2]), r"run\.json: lever_arms_m\.gnss: got '\[1, 2\]'"),
+    (lambda d: d["survey"].update(sigma_heading_deg=None), r"needed sigma_heading_deg beside heading_deg"),
+]
+
+
+@pytest.mark.parametrize(("change", "line"), KEYS)
+def test_a_wrong_key_is_named(path, change, line):
+    edit_json(path, change)
+    with pytest.raises(InputError, match=line):
+        read_run(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [("{", "not valid JSON"), ("[1]", "holds a JSON list"), ('{"a": 1, "a": 2}', "key 'a' appears twice"),
+     ("[" * 100_000, "not valid JSON"), (json.dumps({"a": "x" * 5_000_000}), "needed at most"),
+     ('{"schema": "recal.run/1", "site": {"lat_deg": 1e999}}', "site.lat_deg")],
+)  # fmt: skip
+def test_hostile_json_is_refused(path, text, line):
+    (path / "run.json").write_text(text)
+    findings = inspect_run(path).findings
+    assert any(f.level == "error" and f.text.startswith("run.json") and line in f.text for f in findings), findings
+
+
+def test_files_are_named_when_missing_doubled_or_damaged(path, tmp_path):
+    with pytest.raises(InputError, match="no such run directory"):
+        read_run(tmp_path / "nowhere")
+    (path / "imu.parquet").write_bytes(b"PAR1 this is not")
+    with pytest.raises(InputError, match=r"imu\.parquet and imu\.csv: needed one of them"):
+        read_run(path)
+    (path / "imu.csv").unlink()
+    with pytest.raises(InputError, match=r"imu\.parquet: not a Parquet file"):
+        read_run(path)
+    (path / "imu.parquet").unlink()
+    with pytest.raises(InputError, match=r"imu\.parquet is missing"):
+        read_run(path)
+    (path / "run.json").unlink()
+    assert len(inspect_run(path).errors) == 2
+
+
+def test_links_out_of_the_run_are_refused(path, tmp_path):
+    (path / "gnss.csv").rename(tmp_path / "elsewhere.csv")
+    (path / "gnss.csv").symlink_to(tmp_path / "elsewhere.csv")
+    with pytest.raises(InputError, match=r"gnss\.csv: a link that leaves the run directory"):
+        read_run(path)
+
+
+def test_a_gap_is_named_with_its_length(path):
+    rows = lines(path / "imu.csv")
+    put_lines(path / "imu.csv", rows[:1001] + rows[1151:])
+    with pytest.raises(InputError, match=r"imu\.csv: row 1001 \(line 1002\): gap of 1\.510 s before it"):
+        read_run(path)
+
+
+@pytest.mark.parametrize(("part", "line"), [
+    (lambda rows: rows[:2001] + rows[2001::2], r"row 2001 .*: rate changes from 100 to 50 Hz at 20\.0"),
+    (lambda rows: [rows[0], *rows[1::12]], r"rate 8\.333 Hz, needed 10 to 2000 Hz"),
+    (lambda rows: [rows[0], *([repr(float(r[0]) / 30), *r[1:]] for r in rows[1:])], r"rate 3000 Hz, needed"),
+    (lambda rows: rows[:2], r"1 rows, needed at least 2"),
+    (lambda rows: rows[:1], r"imu\.csv: no rows"),
+])  # fmt: skip
+def test_a_wrong_rate_is_named(path, part, line):
+    put_lines(path / "imu.csv", part(lines(path / "imu.csv")))
+    with pytest.raises(InputError, match=line):
+        read_run(path)
+
+
+def test_a_second_of_double_rate_is_not_a_rate_change(path):
+    rows = lines(path / "imu.csv")
+    put_lines(path / "imu.csv", rows[:1001] + rows[1001:1101:2] + rows[1101:])
+    assert len(read_run(path).faults) == 1
+
+
+GATES = [
+    ("dv_", 1 / 9.80665, r"mean \|f\| at rest is 0\.9\d+ m/s2, needed 9\.8: g\? multiply by 9\.80665"),
+    ("dv_", 1000.0, r"mm/s2\? divide by 1000"),
+    ("dv_", 100.0, r"m/s2 in columns of increments\? name them accel_x_m_s2 \.\.\.; or .*cm/s2\? divide by 100"),
+    ("dv_", 0.9, r"needed 9\.8 within 2 %: unit or scale"),
+    ("dv_", 0.0, r"gravity removed"),
+    ("dv_", -1.0, r"\+9\.80\d m/s2 on z, needed about -9\.8 on z \(z must point down\): .*accelerometer sign"),
+    ("dtheta_", 57.29578, r"mean \|w\| at rest is 8\d\d\.\d deg/h, .* deg/s\? multiply by pi/180"),
+    ("dtheta_", 206264.8, r"deg/h\? multiply by 4\.848"),
+    ("dtheta_", 1000.0, r"mrad/s\? divide by 1000"),
+    ("dtheta_", 100.0, r"rates in columns of increments\? name them gyro_x_rad_s"),
+]
+
+
+@pytest.mark.parametrize(("prefix", "factor", "line"), GATES)
+def test_units_and_signs_are_found_at_rest(path, prefix, factor, line):
+    scale_columns(path / "imu.csv", prefix, factor)
+    with pytest.raises(InputError, match=line):
+        read_run(path)
+
+
+def test_increments_named_as_rates_are_found(path):
+    rename(path / "imu.csv", "dtheta", "gyro")
+    rows = lines(path / "imu.csv")
+    names = [n.replace("_rad", "_rad_s") if "gyro" in n else n.replace("dv", "accel") + "2" for n in rows[0][1:]]
+    put_lines(path / "imu.csv", [["time_s", *names], *rows[1:]])
+    with pytest.raises(InputError, match=r"velocity increments in columns of rates\? name them dv_x_m_s"):
+        read_run(path)
+
+
+@pytest.mark.parametrize("axis", ["x", "y"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_axis_map_named_for_a_wrong_installation_puts_it_right(path, axis, sign):
+    """Turn the unit so that another axis points down or up; the map in the message turns it back, right-handed."""
+    k = "xy".index(axis)
+    turn = [2, 1, 0] if axis == "x" else [0, 2, 1]
+    rows = lines(path / "imu.csv")
+    raw = np.array(rows[1:], dtype=float)
+    for at in (1, 4):
+        body = raw[:, at : at + 3].copy()
+        raw[:, at : at + 3] = body[:, turn] * np.where(np.arange(3) == k, -sign, 1)
+    put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
+    with pytest.raises(InputError, match=rf"{'[+]' if sign > 0 else '-'}9\.8\d\d m/s2 on {axis}") as e:
+        read_run(path)
+    text = str(e.value)
+    told = dict(part.split(" = ") for part in text[text.index("axes ") + 5 : text.index(" would")].split(", "))
+    M = np.zeros((3, 3))
+    for i, name in enumerate("xyz"):
+        raw_axis = told[name].strip('"')
+        M[i, "xyz".index(raw_axis[-1])] = -1 if raw_axis.startswith("-") else 1
+    assert np.linalg.det(M) == pytest.approx(1)
+    assert (M @ raw[0, 4:7])[2] == pytest.approx(-9.8 / 100, rel=0.01)
+
+
+def test_a_wrong_gyro_sign_fails_the_check_but_can_be_read(path):
+    scale_columns(path / "imu.csv", "dtheta_", -1.0)
+    seen = inspect_run(path)
+    assert seen.run is not None
+    assert [f.level for f in seen.findings] == ["suspect"]
+    assert "sign of the gyros or of the latitude" in seen.findings[0].text
+
+
+def test_tilted_and_biased_units_pass(path):
+    """20 deg of pitch, a 1 deg/h bias: neither is a unit or an axis fault."""
+    rows = lines(path / "imu.csv")
+    raw = np.array(rows[1:], dtype=float)
+    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
+    tilt = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    raw[:, 1:4], raw[:, 4:7] = raw[:, 1:4] @ tilt.T + np.radians(1 / 3600) / 100, raw[:, 4:7] @ tilt.T
+    put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
+    assert inspect_run(path).findings == ()
+
+
+def test_all_errors_are_collected(path):
+    set_cell(path / "imu.csv", row=10, column="dtheta_z_rad", value="nan")
+    set_cell(path / "imu.csv", row=20, column="dv_x_m_s", value="nan")
+    set_cell(path / "gnss.csv", row=4, column="lat_deg", value="91")
+    edit_json(path, lambda d: (d["site"].update(lat_deg=91), d.pop("run_id")))
+    assert len(inspect_run(path).errors) == 5
+    with pytest.raises(InputError, match=r"and 4 more: recal check lists all"):
+        read_run(path)
