@@ -23,6 +23,7 @@ from ins.units import ARCSEC, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
 STILL_STEP_S = 10.0
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
+NEW_HEADING_RAD = 1e-3  # a sudden turn beyond this is a new parked heading
 DIFFUSE_HEADING_RAD = 1.0
 DIFFUSE_TILT_RAD = 0.02
 
@@ -185,6 +186,7 @@ def sweep(
         if rolling:
             C_ref = None
         elif planned.kind == STILL:
+            C_ref = None if planned.jolt_rad > NEW_HEADING_RAD else C_ref
             _zero_velocity(flt, view, parked, "stop" if rolled else "still")
             if parked.hold_heading:
                 C_ref = _hold_heading(flt, view, parked, C_ref)

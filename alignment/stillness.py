@@ -95,7 +95,7 @@ def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
     """RMS of the parked vehicle's horizontal position jitter [m], per axis.
 
     From 20 s pieces of the integrated velocity with a cubic taken out (errors of the solution are smoother than
-    that); the median over pieces, so that a few gusts do not count.
+    that); pieces beyond four times the median variance are gusts and do not count.
     """
     length, order = 20, 3
     cubic = np.vander(np.linspace(-1, 1, length), order + 1)
@@ -105,7 +105,10 @@ def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
         for i in range(max(a, 1), b - length + 1, length):
             way = np.cumsum(history.displacement_n_m[i : i + length, :2], axis=0)
             variances.append(np.sum((project @ way) ** 2, axis=0) / (length - order - 1))
-    return float(np.sqrt(np.median(variances))) if variances else 0.0
+    if not variances:
+        return 0.0
+    v = np.concatenate(variances)
+    return float(np.sqrt(np.mean(v[v <= 4.0 * np.median(v)])))
 
 
 def yaw_jitter_sigma(history: NavHistory, motion: Motion) -> float:

@@ -26,6 +26,7 @@ from ins.records import ImuLog, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 BIN_S = 300.0
+BIN_FLOOR_DEG_H = 1e-4  # spread of a bin's mean about every model of it; keeps the joint covariance invertible
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,6 +126,7 @@ def make_bins(
         run_length_s=end_s,
         sigma_misalignment_mrad=settings.sigma_misalignment_mrad,
     )
+    own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
     for axis in temperature.stuck:
         rows_of_axis = np.arange("xyz".index(axis), 3 * count, 3)
         own[np.ix_(rows_of_axis, rows_of_axis)] += 1e4 * np.max(np.diag(table.covariance))

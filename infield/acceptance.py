@@ -1,0 +1,62 @@
+"""Gates: may a session change the table? A verdict with reasons, never a bare yes or no."""
+
+from dataclasses import dataclass, field
+
+from alignment.gyrocompass import nis_verdict
+from infield.bias_points import AxisObservability
+from infield.merge import MergeResult
+from infield.session import SessionEstimate
+
+MIN_PARKED_S = 300.0
+
+DECISION_RULE = (
+    "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were logged and moved or were "
+    "live, the filter's NIS is not above its 99.9 % band, the session agrees with the stored table within 99.9 %, the "
+    "run was not merged before, and at least one gyro's mean bias became better known by 10 % or more."
+)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`outcome`: "accepted", "refused" or "inconsistent"; reasons in words, each with what was got and needed."""
+
+    outcome: str
+    reasons: tuple[str, ...] = field(default_factory=tuple)
+
+    @property
+    def accepted(self) -> bool:
+        return self.outcome == "accepted"
+
+
+def refuse(*reasons: str) -> Verdict:
+    return Verdict("refused", reasons)
+
+
+def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:
+    """Is the session sound and does it say anything?"""
+    aligned = estimate.alignment
+    if aligned.verdict == "inconsistent":
+        return Verdict("inconsistent", aligned.reasons)
+    if aligned.verdict != "aligned":
+        return refuse(*aligned.reasons)
+    excess = nis_verdict(estimate.nis_mean, estimate.dof)
+    if excess:
+        return Verdict("inconsistent", (excess + "; the twin's noise is too small or an effect is not modelled",))
+    if all(axis.verdict == "not_observable" for axis in seen):
+        best = min(axis.sigma_after_deg_h / axis.sigma_before_deg_h for axis in seen)
+        return refuse(f"no gyro gains: the best keeps {100 * best:.0f} % of its prior sigma, needed below 90 %")
+    return Verdict("accepted")
+
+
+def judge_merge(merged: MergeResult) -> Verdict:
+    """Does the session agree with the stored table?"""
+    if merged.consistent:
+        return Verdict("accepted")
+    shifts = ", ".join(f"{a} {z:+.1f}" for a, z in zip("xyz", merged.axis_z))
+    return Verdict(
+        "inconsistent",
+        (
+            f"the session contradicts the stored table: NIS {merged.nis:.1f} for {merged.dof} degrees of freedom "
+            f"(99.9 % below {merged.band[1]:.1f}), shift of each axis in sigmas {shifts}",
+        ),
+    )

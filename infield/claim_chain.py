@@ -1,0 +1,153 @@
+"""Claim 1 of US 5,527,003 step by step, as a separate path beside the filter, to be compared with it.
+
+(a) initial alignment -> (b) navigation mode -> (c) rates and accelerations, (d) gyro temperatures -> (e) acceleration
+against the computed platform -> (f) acceleration rate -> (g) tilt rate -> (h) set 1 of (tilt rate, temperature) ->
+(i) bias errors -> (j) set 2 -> (k) taxi -> (l) heading error from cross-track motion -> (m) set 3 = set 2 less
+Omega cosL psi on the east axis -> (n) ready to be merged. Steps (o) to (q) are `infield.merge` and the table's use.
+
+Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is not removed), the
+windows do not share their common errors, accelerometer drift counts as tilt rate. The filter does all three.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.result import Alignment
+from alignment.stillness import ROLLING, STILL, classify
+from alignment.tilt_rate import TiltRate, tilt_rates
+from infield.thermometer import GyroTemperature
+from ins.attitude import euler_from_dcm
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import ImuLog, NavHistory, NavState, Phase, Site, TwinModel
+from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+
+UNSEEN = 0.9  # a heading sigma above this share of its prior means that the taxi did not show it
+
+
+@dataclass(frozen=True)
+class ChainPoint:
+    """Set 2 and set 3 of one window: bias errors left by the table, north and east at the parked heading [deg/h]."""
+
+    time_s: float
+    temperature_degC: float
+    north_deg_h: float
+    east_relative_deg_h: float
+    east_deg_h: float
+    sigma_deg_h: float
+
+
+@dataclass(frozen=True)
+class ClaimChain:
+    """psi: heading error at the end of the alignment [rad], NaN where the taxi does not show it."""
+
+    points: tuple[ChainPoint, ...]
+    heading_rad: float
+    psi_rad: float
+    sigma_psi_rad: float
+    note: str
+
+
+def run_claim_chain(
+    imu: ImuLog, site: Site, twin: TwinModel, aligned: Alignment, temperature: GyroTemperature,
+    *, phases: tuple[Phase, ...], until_s: float, prior_sigma_deg_h: float,
+) -> ClaimChain:  # fmt: skip
+    """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a)."""
+    start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
+    log = imu.between(aligned.time_s, until_s)
+    history = navigate(log, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)
+    motion = classify(history, phases)
+    first_roll = np.flatnonzero(motion.kind >= ROLLING)
+    parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
+    arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
+    set_1 = tilt_rates(history, parked & (motion.kind == STILL), arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
+    psi, sigma, note = _heading_from_taxi(history, motion.kind, twin, aligned, prior_sigma_deg_h * DEG_PER_HOUR)  # (k, l)
+    coupling = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
+    points = tuple(_set_3(rate, temperature, coupling * psi) for rate in set_1)  # (i), (j), (m)
+    return ClaimChain(points, aligned.heading_rad, psi, sigma, note)
+
+
+def _set_3(rate: TiltRate, temperature: GyroTemperature, east_offset_rad_s: float) -> ChainPoint:
+    """(i) tilt rate -> bias error: north direct, east relative; (m) subtract Omega cosL psi."""
+    rows = temperature.between(rate.time_s - 0.5 * rate.window_s, rate.time_s + 0.5 * rate.window_s)
+    return ChainPoint(
+        time_s=rate.time_s,
+        temperature_degC=float(temperature.temperature_degC[rows].mean()),  # (d)
+        north_deg_h=rate.u_north_rad_s / DEG_PER_HOUR,
+        east_relative_deg_h=rate.u_east_rad_s / DEG_PER_HOUR,
+        east_deg_h=(rate.u_east_rad_s - east_offset_rad_s) / DEG_PER_HOUR,
+        sigma_deg_h=rate.sigma_rad_s / DEG_PER_HOUR,
+    )
+
+
+def _heading_from_taxi(
+    history: NavHistory, kind: NDArray, twin: TwinModel, aligned: Alignment, prior_rad_s: float
+) -> tuple[float, float, str]:
+    """(l): least squares of cross-track velocity while rolling and of both velocities at stops.
+
+    Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level accelerometer biases, crab.
+    A bias fixed to the body is cancelled by the alignment on the parked heading and appears as the heading changes.
+    """
+    rolling = np.flatnonzero(kind == ROLLING)
+    lat = float(history.lat_rad[0])
+    coupling = EARTH_RATE_RAD_S * np.cos(lat)
+    if not rolling.size:
+        return float("nan"), float("nan"), "no taxi: the east axis stays relative"
+    rows = slice(max(int(rolling[0]) - 60, 1), int(np.flatnonzero(kind <= ROLLING)[-1]) + 1)
+    response, v = _responses(history, rows, float(gravity_magnitude(lat, history.height_m[0])), aligned.heading_rad)
+    A, z, weight = _observations(history, kind, rows, response, v, twin)
+    prior = np.array([prior_rad_s, twin.accel.turn_on_ug * MICRO_G, twin.accel.turn_on_ug * MICRO_G, 0.01, 0.1, 0.1, 1e-3, 1e-3])
+    information = (A.T * weight) @ A + np.diag(prior**-2.0)
+    P = np.linalg.inv(information)
+    eps, sigma = float((P @ (A.T @ (weight * z)))[0]), float(np.sqrt(P[0, 0]))
+    if sigma > UNSEEN * prior_rad_s:
+        return float("nan"), float("nan"), "the taxi never left the alignment heading: its cross-track motion is blind"
+    return -eps / coupling, sigma / coupling, "cross-track velocity after a turn, both velocities at stops"
+
+
+def _responses(
+    history: NavHistory, rows: slice, gravity: float, parked_heading_rad: float
+) -> tuple[NDArray, NDArray]:
+    """Velocity error (n, 2, 8) in north, east per unknown over the rows, and the computed velocity (n, 2).
+
+    Unknowns: east bias error, accelerometer x, y biases, crab (none here), velocity at the start (2), acceleration
+    at the start (2). Tilt rate -> acceleration -> velocity by sums over the epochs (physics.md 6.5, under ten minutes).
+    """
+    dt = np.diff(history.time_s)[rows.start - 1 : rows.stop - 1, None]
+    heading = euler_from_dcm(history.C_nb[rows])[2]
+    t = np.cumsum(dt[:, 0])
+    out = np.zeros((len(heading), 2, 8))
+    b_x, b_y = np.sin(parked_heading_rad), np.cos(parked_heading_rad)  # body parts of a bias along parked east
+    eps_n = b_x * np.cos(heading) - b_y * np.sin(heading)
+    eps_e = b_x * np.sin(heading) + b_y * np.cos(heading) - 1.0
+    tilt = np.cumsum(np.stack([eps_n, eps_e], axis=1) * dt, axis=0)
+    out[:, :, 0] = np.cumsum(gravity * np.stack([-tilt[:, 1], tilt[:, 0]], axis=1) * dt, axis=0)
+    c, s = np.cos(heading), np.sin(heading)
+    c0, s0 = np.cos(parked_heading_rad), np.sin(parked_heading_rad)
+    out[:, :, 1] = np.cumsum(np.stack([c - c0, s - s0], axis=1) * dt, axis=0)
+    out[:, :, 2] = np.cumsum(np.stack([-s + s0, c - c0], axis=1) * dt, axis=0)
+    out[:, 0, 4] = out[:, 1, 5] = 1.0
+    out[:, 0, 6] = out[:, 1, 7] = t
+    return out, history.v_n_m_s[rows, :2]
+
+
+def _observations(
+    history: NavHistory, kind: NDArray, rows: slice, response: NDArray, v: NDArray, twin: TwinModel
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Rows, values and weights of all epochs: lateral velocity while rolling, both components while standing."""
+    heading = euler_from_dcm(history.C_nb[rows])[2]
+    forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+    side = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
+    turning = np.abs(np.gradient(np.unwrap(heading))) > 2e-3
+    roll = (kind[rows] == ROLLING) & ~turning
+    stop = kind[rows] == STILL
+    lateral = np.einsum("ni,nij->nj", side, response)
+    lateral[:, 3] = np.einsum("ni,ni->n", forward, v)
+    A = np.concatenate([lateral[roll], response[stop][:, 0], response[stop][:, 1]])
+    z = np.concatenate([np.einsum("ni,ni->n", side, v)[roll], v[stop][:, 0], v[stop][:, 1]])
+    sigma_lateral = 2.0 * max(twin.vehicle.lateral_noise_m_s, 1e-3)  # 2 s Gauss-Markov sampled each second
+    sigma_stop = max(twin.vehicle.sway_m_s, 1e-3) * 3.0
+    weight = np.concatenate([np.full(roll.sum(), sigma_lateral**-2.0), np.full(2 * stop.sum(), sigma_stop**-2.0)])
+    return A, z, weight

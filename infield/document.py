@@ -1,0 +1,376 @@
+"""The result of an update as the plain document of formats.md section 5 (`update.json`), with all a report shows.
+
+Everything is computed here; `infield.report` only draws it.
+"""
+
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.gyrocompass import excluded_spans
+from alignment.navigation_filter import LATERAL_TIME_S
+from infield.acceptance import DECISION_RULE
+from infield.bias_points import UNSEEN_SIGMA, AxisObservability
+from infield.claim_chain import ClaimChain
+from infield.merge import random_walk_covariance
+from infield.pipeline import SessionResult, UpdateResult
+from infield.table import ThermalTable
+from infield.table_file import table_sha256, table_to_dict
+from infield.taxi_heading import heading_source
+from ins.attitude import euler_from_dcm
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.kalman import nis_band
+from ins.records import AXES
+from ins.twin_file import twin_to_dict
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
+
+NM_H_PER_DEG_H = 60.0  # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
+HEATING_DEG_C_MIN = 0.05
+METHOD = "in-field recalibration after US 5,527,003: navigation-mode error filter, joint merge with full covariance"
+
+
+def update_document(
+    result: UpdateResult, *, committed: bool, store: str | None, version: str, table_before: dict[str, Any],
+    revision: int | None = None, rollback_command: str | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """update.json. table_before: the dict as stored, so that its hash is the stored one."""
+    verdict = {"accepted": "committed" if committed else "proposed"}.get(result.outcome, result.outcome)
+    estimated = [s for s in result.sessions if s.estimate is not None]
+    best = estimated[-1] if estimated else None
+    after = table_to_dict(result.after) if result.merged_runs else table_before
+    return {
+        "schema": "recal.update/1",
+        "verdict": verdict,
+        "reasons": list(result.reasons),
+        "imu_serial": result.before.imu_serial,
+        "gyro_technology": result.before.gyro_technology,
+        "runs": [{"run_id": s.run.header.run_id, "sha256": s.run.sha256} for s in result.sessions],
+        "heading_error": _heading_error(best),
+        "observability": _observability(estimated),
+        "points": [point for s in estimated for point in _points(s)],
+        "excluded": [span for s in result.sessions for span in _excluded(s)],
+        "consistency": _consistency(estimated),
+        "table_before": table_before,
+        "table_after": after,
+        "uncertainty_budget": _budget(best, result) if best else [],
+        "table_before_sha256": table_sha256(table_before),
+        "table_after_sha256": table_sha256(after),
+        "method": {"name": METHOD, "program": "recal", "version": version},
+        "issued_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "store": store,
+        "revision": revision,
+        "rollback_command": rollback_command,
+        "decision_rule": DECISION_RULE,
+        "noise_model": {"source": result.twin.source, **twin_to_dict(result.twin)},
+        "assumptions": _assumptions(result),
+        "predicted_effect": _predicted_effect(result),
+        "changes": _changes(result.before, result.after),
+        "sessions": [_session(s) for s in result.sessions],
+    }
+
+
+def _heading_error(session: SessionResult | None) -> dict[str, Any]:
+    """Computed minus true at the end of the alignment; null where the session did not add to the alignment."""
+    nothing = {"value_mrad": None, "sigma_mrad": None, "source": None}
+    if session is None or session.estimate is None:
+        return nothing
+    e = session.estimate
+    sigma = e.sigma_heading_rad / MILLIRADIAN
+    if not np.isfinite(sigma):
+        return nothing
+    source = heading_source(e.solution.filter.tally.heading_gain)
+    if source is None or e.sigma_heading_rad > UNSEEN_SIGMA * e.sigma_heading_before_rad:
+        return {"value_mrad": None, "sigma_mrad": sigma, "source": None}
+    return {"value_mrad": e.heading_error_rad / MILLIRADIAN, "sigma_mrad": sigma, "source": source}
+
+
+def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
+    """Per axis, the session that saw it best."""
+    found: dict[str, Any] = {}
+    for k, axis in enumerate(AXES):
+        seen = [s.seen[k] for s in sessions if s.seen]
+        if not seen:
+            continue
+        best: AxisObservability = min(seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h)
+        found[axis] = {
+            "sigma_before_deg_h": best.sigma_before_deg_h,
+            "sigma_after_deg_h": best.sigma_after_deg_h,
+            "verdict": best.verdict,
+            "advice": best.advice,
+        }
+    return found
+
+
+def _points(session: SessionResult) -> list[dict[str, Any]]:
+    p = session.points
+    if p is None:
+        return []
+    verdicts = {a.axis: a.verdict for a in session.seen}
+    return [
+        {
+            "axis": AXES[axis],
+            "time_s": float(p.time_s[k]),
+            "temperature_degC": float(p.temperature_degC[k]),
+            "bias_deg_h": float(p.bias_deg_h[k]),
+            "sigma_deg_h": float(p.sigma_deg_h[k]),
+            "temperature_rate_degC_min": float(p.temperature_rate_degC_min[k]),
+            "duration_s": float(p.duration_s[k]),
+            "run_id": p.run_id,
+            "applied_table_sha256": p.applied_table_sha256,
+            "observability": verdicts.get(AXES[axis], "not_observable"),
+        }
+        for k, axis in enumerate(p.axis_index)
+    ]
+
+
+def _excluded(session: SessionResult) -> list[dict[str, Any]]:
+    spans = list(session.run.faults)
+    if session.estimate is not None:
+        spans += list(excluded_spans(session.estimate.solution))
+    run_id = session.run.header.run_id
+    return [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id} for s in spans]
+
+
+def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
+    dof = sum(s.estimate.dof for s in sessions if s.estimate)
+    total = sum(s.estimate.nis_mean * s.estimate.dof for s in sessions if s.estimate)
+    band = nis_band(dof, 0.95)
+    return {
+        "nis_mean": total / dof if dof else None,
+        "dof": dof,
+        "band_95": [band[0], band[1]] if dof else None,
+        "band_999": list(nis_band(dof, 0.999)) if dof else None,
+        "merge": [
+            {"run_id": s.run.header.run_id, "nis": s.merged.nis, "dof": s.merged.dof, "band_999": list(s.merged.band),
+             "axis_shift_sigmas": s.merged.axis_z.tolist()}
+            for s in sessions if s.merged
+        ],
+    }  # fmt: skip
+
+
+def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
+    """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and its head)."""
+    e, twin = session.estimate, result.twin
+    assert e is not None
+    seconds = float(e.bins.edges_s[-1] - e.bins.edges_s[0])
+    lat, heading = session.run.header.site.lat_rad, e.alignment.heading_rad
+    east = {"x": abs(np.sin(heading)), "y": abs(np.cos(heading)), "z": 0.0}
+    g = float(gravity_magnitude(lat, session.run.header.site.height_m))
+    tilt = twin.accel.turn_on_ug * MICRO_G / g
+    omega = EARTH_RATE_RAD_S / DEG_PER_HOUR
+    walk = twin.gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG / np.sqrt(seconds / HOUR)
+    rows = []
+    for axis in AXES:
+        level = axis != "z"
+        terms = {
+            "angle random walk": twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR),
+            "accelerometer bias (tilt)": omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat)),
+            "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
+            "yaw creep of the airframe": 0.0 if level else creep,
+            "misalignment": omega * result.settings.sigma_misalignment_mrad * MILLIRADIAN,
+            "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
+            "bias instability": 0.664 * twin.gyro.bias_instability_deg_h,
+            "rate random walk": float(np.sqrt(walk[0, 0])),
+        }
+        rows += [{"axis": axis, "term": term, "sigma_deg_h": float(s)} for term, s in terms.items() if s > 0]
+    return rows
+
+
+def _assumptions(result: UpdateResult) -> list[str]:
+    s, twin = result.settings, result.twin
+    hold = f"the parked airframe keeps its heading up to {twin.vehicle.yaw_creep_arcsec_sqrt_h:g} arcsec/sqrt(h)"
+    return [
+        hold if s.hold_heading else "no parked-attitude constraint: the vertical gyro rests on its prior",
+        f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within {s.sigma_lever_arm_m:g} m (1 sigma), both estimated",
+        f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over {LATERAL_TIME_S:g} s",
+        f"gyro misalignment within {s.sigma_misalignment_mrad:g} mrad (1 sigma)",
+        f"noise of the unit from {twin.source}",
+        f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
+        f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",
+    ]
+
+
+def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
+    """What the change means at the temperatures visited, the new table taken as the better one."""
+    session = next((s for s in reversed(result.sessions) if s.merged is not None and s.estimate is not None), None)
+    if session is None or session.estimate is None or not result.merged_runs:
+        return None
+    T = session.estimate.bins.temperature_degC
+    change = np.stack([result.after.bias_deg_h(k, T[:, k]) - result.before.bias_deg_h(k, T[:, k]) for k in (0, 1)])
+    sigma = np.stack([result.after.sigma_deg_h(k, T[:, k]) for k in (0, 1)])
+    level = float(np.sqrt(np.mean(np.sum(change**2, axis=0))))
+    left = float(np.sqrt(np.mean(np.sum(sigma**2, axis=0))))
+    coupling = EARTH_RATE_RAD_S * np.cos(session.run.header.site.lat_rad) / DEG_PER_HOUR
+    return {
+        "level_change_deg_h": level,
+        "drift_removed_nm_h": NM_H_PER_DEG_H * level,
+        "drift_left_sigma_nm_h": NM_H_PER_DEG_H * left,
+        "heading_removed_mrad": level / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "heading_left_sigma_mrad": left / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "temperature_degC": [float(T[:, :2].min()), float(T[:, :2].max())],
+    }
+
+
+def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:
+    """Every node of the new table beside the old table at its temperature."""
+    rows = []
+    for k, axis in enumerate(AXES):
+        T = after.temperature_degC[k]
+        columns = (T, before.bias_deg_h(k, T), before.sigma_deg_h(k, T), after.bias_deg_h(k, T), after.sigma_deg_h(k, T))
+        for t, b0, s0, b1, s1 in zip(*columns):
+            rows.append({"axis": axis, "temperature_degC": float(t), "before_deg_h": float(b0), "U_before_k2_deg_h": 2 * float(s0),
+                         "after_deg_h": float(b1), "U_after_k2_deg_h": 2 * float(s1), "change_deg_h": float(b1 - b0)})  # fmt: skip
+    return rows
+
+
+def _session(session: SessionResult) -> dict[str, Any]:
+    """Everything a report shows of one run."""
+    header = session.run.header
+    out: dict[str, Any] = {
+        "run_id": header.run_id,
+        "sha256": session.run.sha256,
+        "tail": header.tail,
+        "start_utc": header.start_utc,
+        "site": {"lat_deg": header.site.lat_rad / DEG, "lon_deg": header.site.lon_rad / DEG, "height_m": header.site.height_m},
+        "outcome": session.verdict.outcome,
+        "reasons": list(session.verdict.reasons),
+        "duration_s": float(session.run.imu.time_s[-1] - session.run.imu.time_s[0]),
+        "streams": [n for n in ("temperature", "gnss", "odometer") if getattr(session.run, n) is not None],
+    }
+    if session.temperature is not None:
+        T = session.temperature
+        every = max(len(T.time_s) // 400, 1)
+        out["temperature"] = {
+            "min_degC": T.temperature_degC.min(axis=0).tolist(),
+            "max_degC": T.temperature_degC.max(axis=0).tolist(),
+            "stuck": list(T.stuck),
+            "time_s": T.time_s[::every].tolist(),
+            "gyro_degC": T.temperature_degC[::every].tolist(),
+        }
+    if session.estimate is not None:
+        out.update(_estimate(session))
+    return out
+
+
+def _estimate(session: SessionResult) -> dict[str, Any]:
+    e = session.estimate
+    assert e is not None
+    aligned, tally = e.alignment, e.solution.filter.tally
+    return {
+        "alignment": {
+            "verdict": aligned.verdict,
+            "time_s": aligned.time_s,
+            "roll_deg": aligned.roll_rad / DEG,
+            "pitch_deg": aligned.pitch_rad / DEG,
+            "heading_deg": aligned.heading_rad / DEG,
+            "sigma_heading_deg": aligned.sigma_heading_rad / DEG,
+            "latitude_found_deg": aligned.latitude_rad / DEG,
+            "sigma_latitude_deg": aligned.sigma_latitude_rad / DEG,
+        },
+        "heading_error": _heading_error(session),
+        "observability": {a.axis: vars(a) for a in session.seen},
+        "measurements": {
+            kind: {"nis_mean": tally.nis[kind] / tally.dof[kind], "dof": tally.dof[kind]} for kind in sorted(tally.nis)
+        },
+        "phases": [vars(p) for p in aligned.phases] or [vars(p) for p in session.run.phases],
+        "parked_jitter_m": e.solution.displacement_sigma_m,
+        "coverage": _coverage(session),
+        "residuals": _residuals(session),
+        "heating_cooling": _heating_cooling(session),
+        "velocity": _velocity(session),
+        "claim_chain": _chain(session.chain, session),
+    }
+
+
+def _coverage(session: SessionResult) -> list[dict[str, Any]]:
+    """Seconds of the session in each 5 degC band, per axis."""
+    T = session.temperature
+    assert T is not None and session.estimate is not None
+    edges_s = session.estimate.bins.edges_s
+    rows = T.between(edges_s[0], edges_s[-1])
+    step = float(np.median(np.diff(T.time_s)))
+    found = []
+    for k, axis in enumerate(AXES):
+        values = T.temperature_degC[rows, k]
+        edges = np.arange(5 * np.floor(values.min() / 5), values.max() + 5.0, 5.0)
+        counts, _ = np.histogram(values, edges)
+        for low, high, n in zip(edges[:-1], edges[1:], counts):
+            found.append({"axis": axis, "low_degC": float(low), "high_degC": float(high), "seconds": float(n * step)})
+    return found
+
+
+def _residuals(session: SessionResult) -> list[dict[str, Any]]:
+    """Points less the table before and after the merge, in deg/h, with the point's sigma."""
+    p = session.points
+    assert p is not None and session.estimate is not None
+    before = session.estimate.bins.table_deg_h
+    after = p.H @ session.merged.candidate.parameters if session.merged else before
+    return [
+        {"axis": AXES[a], "time_s": float(t), "temperature_degC": float(T), "before_deg_h": float(y - b),
+         "after_deg_h": float(y - c), "sigma_deg_h": float(s)}
+        for a, t, T, y, b, c, s in zip(p.axis_index, p.time_s, p.temperature_degC, p.bias_deg_h, before, after, p.sigma_deg_h)
+    ]  # fmt: skip
+
+
+def _heating_cooling(session: SessionResult) -> list[dict[str, Any]]:
+    """Mean residual to the merged table over rising and over falling temperature, per axis, with the sigma of their
+    difference from the points' joint covariance; null where one side was not visited."""
+    p = session.points
+    assert p is not None
+    after = p.H @ session.merged.candidate.parameters if session.merged else p.bias_deg_h * 0.0
+    residual = p.bias_deg_h - after
+    found = []
+    for k, axis in enumerate(AXES):
+        up = (p.axis_index == k) & (p.temperature_rate_degC_min > HEATING_DEG_C_MIN)
+        down = (p.axis_index == k) & (p.temperature_rate_degC_min < -HEATING_DEG_C_MIN)
+        row: dict[str, Any] = {"axis": axis, "heating_points": int(up.sum()), "cooling_points": int(down.sum()),
+                               "difference_deg_h": None, "sigma_deg_h": None}  # fmt: skip
+        if up.any() and down.any():
+            w = up / up.sum() - down / down.sum()
+            row["difference_deg_h"], row["sigma_deg_h"] = float(w @ residual), float(np.sqrt(w @ p.covariance @ w))
+        found.append(row)
+    return found
+
+
+def _velocity(session: SessionResult) -> dict[str, Any]:
+    """Computed velocity of the last pass, decimated, for the plot."""
+    assert session.estimate is not None
+    history = session.estimate.solution.history
+    every = max(len(history.time_s) // 800, 1)
+    return {
+        "time_s": history.time_s[::every].tolist(),
+        "north_m_s": history.v_n_m_s[::every, 0].tolist(),
+        "east_m_s": history.v_n_m_s[::every, 1].tolist(),
+        "heading_deg": (euler_from_dcm(history.C_nb[::every])[2] / DEG).tolist(),
+    }
+
+
+def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] | None:
+    """The patent's own path beside the filter: points along north and east of the parked heading."""
+    p, e = session.points, session.estimate
+    if chain is None or p is None or e is None:
+        return None
+    c, s = np.cos(chain.heading_rad), np.sin(chain.heading_rad)
+    level = e.mean_deg_h.reshape(-1, 3)[:, :2] @ np.array([[c, s], [-s, c]])  # columns north, east
+    centre = e.bins.centre_s
+    rows = []
+    for point in chain.points:
+        north, east = (float(np.interp(point.time_s, centre, level[:, k])) for k in (0, 1))
+        rows.append({**vars(point), "filter_north_deg_h": north, "filter_east_deg_h": east})
+    nan = bool(np.isnan(chain.psi_rad))
+    difference = np.array([[r["north_deg_h"] - r["filter_north_deg_h"], r["east_deg_h"] - r["filter_east_deg_h"]] for r in rows])
+    return {
+        "points": rows,
+        "heading_error_mrad": None if nan else chain.psi_rad / MILLIRADIAN,
+        "sigma_heading_error_mrad": None if nan else chain.sigma_psi_rad / MILLIRADIAN,
+        "note": chain.note,
+        "difference_rms_deg_h": _rms(difference[:, 0]) if rows else None,
+        "difference_rms_east_deg_h": _rms(difference[:, 1]) if rows and not nan else None,
+    }
+
+
+def _rms(values: NDArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,207 @@
+"""The spine: runs of one unit and its stored table in, a judged update out.
+
+    read temperature -> find the rest -> estimate the session -> judge it -> merge it -> judge the merge -> next run
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+
+import numpy as np
+
+from infield import acceptance
+from infield.acceptance import Verdict
+from infield.bias_points import AxisObservability, observability, session_points
+from infield.claim_chain import ClaimChain, run_claim_chain
+from infield.merge import MergeResult, SessionPoints, merge_posterior
+from infield.session import (
+    SessionEstimate,
+    SessionSettings,
+    compensated_imu,
+    estimate_session,
+    find_rest,
+    session_end,
+    table_along,
+)
+from infield.table import AgeingModel, ThermalTable
+from infield.thermometer import GyroTemperature, gyro_temperature
+from ins.compensation import compensate
+from ins.records import InputError, Run, TwinModel
+from ins.units import DEG_PER_HOUR
+
+
+@dataclass(frozen=True)
+class SessionResult:
+    """One run's part in an update; `estimate` and what follows are None where it was refused before."""
+
+    run: Run
+    verdict: Verdict
+    temperature: GyroTemperature | None = None
+    estimate: SessionEstimate | None = None
+    seen: tuple[AxisObservability, ...] = ()
+    points: SessionPoints | None = None
+    merged: MergeResult | None = None
+    chain: ClaimChain | None = None
+
+
+@dataclass(frozen=True)
+class UpdateResult:
+    """outcome: "accepted", "refused" or "inconsistent"; `after` is `before` where nothing was merged."""
+
+    outcome: str
+    reasons: tuple[str, ...]
+    before: ThermalTable
+    after: ThermalTable
+    sessions: tuple[SessionResult, ...]
+    twin: TwinModel
+    settings: SessionSettings
+    ageing: AgeingModel
+    merged_runs: tuple[Run, ...] = field(default_factory=tuple)
+
+
+def update_calibration(
+    runs: Sequence[Run],
+    table: ThermalTable,
+    twin: TwinModel,
+    *,
+    parent_sha256: str | None,
+    settings: SessionSettings | None = None,
+    ageing: AgeingModel | None = None,
+    already_merged: Callable[[str], bool] = lambda sha256: False,
+    applied_table: Callable[[str], ThermalTable] | None = None,
+) -> UpdateResult:
+    """Recalibrate one unit's table from its runs, taken in the order of their start.
+
+    already_merged(run_sha256) tells whether the table holds a run; applied_table(sha256) gives the table that a unit
+    had subtracted (InputError where unknown). A run that contradicts model or table makes the whole update
+    inconsistent; a refused run is left out with its reasons.
+    """
+    settings, ageing = settings or SessionSettings(), ageing or AgeingModel()
+    _check_unit(runs, table, twin)
+    before, current = table, table
+    sessions: list[SessionResult] = []
+    merged_runs: list[Run] = []
+    for run in sorted(runs, key=lambda r: r.header.start_utc):
+        repeated = already_merged(run.sha256) or any(run.sha256 == m.sha256 for m in merged_runs)
+        raw = _with_applied_table_undone(run, applied_table)
+        result = _one_session(raw, current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
+                              twin, settings, repeated)  # fmt: skip
+        sessions.append(result)
+        if result.verdict.accepted and result.merged is not None:
+            merged_runs.append(run)
+            current = result.merged.table.replaced(created_utc=run.header.start_utc)
+    outcome, reasons = _overall(sessions)
+    if outcome == "accepted":
+        current = _with_provenance(current, before, parent_sha256, merged_runs)
+    else:
+        current, merged_runs = before, []
+    return UpdateResult(outcome, reasons, before, current, tuple(sessions), twin, settings, ageing, tuple(merged_runs))
+
+
+def _one_session(
+    run: Run, table: ThermalTable, twin: TwinModel, settings: SessionSettings, repeated: bool
+) -> SessionResult:
+    """One run against the table as it stands."""
+    if repeated:
+        return SessionResult(run, acceptance.refuse("the table already holds this run (same content hash)"))
+    if run.temperature is None or run.temperature.time_s.size < 10:
+        return SessionResult(
+            run, acceptance.refuse("no gyro temperature in the run: a bias without its temperature has no place in the table")
+        )
+    temperature = gyro_temperature(run.temperature)
+    if len(temperature.stuck) == 3:
+        return SessionResult(
+            run, acceptance.refuse("all gyro thermometers are stuck: one reading for the whole run"), temperature
+        )
+    end_s = session_end(run)
+    rest = find_rest(run)
+    if rest is None:
+        return SessionResult(
+            run,
+            acceptance.refuse("the run never rests for a minute; a parked alignment and 30 min or more in navigation are needed"),
+            temperature,
+        )
+    low, high = temperature.temperature_degC.min(axis=0).min(), temperature.temperature_degC.max(axis=0).max()
+    table = table.extended_to(float(low), float(high))
+    estimate = estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
+    seen = observability(estimate, hold_heading=settings.hold_heading)
+    points = session_points(run, estimate)
+    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    verdict = acceptance.judge_estimate(estimate, seen)
+    if not verdict.accepted:
+        return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
+    bins = estimate.bins
+    merged = merge_posterior(
+        table, bins.H, bins.table_deg_h, bins.prior, bins.table_deg_h + estimate.mean_deg_h, estimate.covariance
+    )
+    return SessionResult(run, acceptance.judge_merge(merged), temperature, estimate, seen, points, merged, chain)
+
+
+def _claim_chain(
+    run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, estimate: SessionEstimate, end_s: float
+) -> ClaimChain | None:
+    """The patent's own path on the same data, for the report."""
+    aligned = estimate.alignment
+    if aligned.C_nb is None or end_s - aligned.time_s < 600.0:
+        return None
+    imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), twin)
+    return run_claim_chain(
+        imu, run.header.site, twin, aligned, temperature, phases=run.phases, until_s=end_s,
+        prior_sigma_deg_h=float(np.sqrt(np.diag(estimate.bins.prior)[:2].max())),
+    )  # fmt: skip
+
+
+def _check_unit(runs: Sequence[Run], table: ThermalTable, twin: TwinModel) -> None:
+    """InputError unless runs, table and twin are of one unit."""
+    for run in runs:
+        header = run.header
+        got = (header.imu_serial, header.gyro_technology, header.gyro_mode)
+        need = (table.imu_serial, table.gyro_technology, table.gyro_mode)
+        if got != need:
+            raise InputError(f"run {header.run_id}: unit {_unit(got)}, the table is of {_unit(need)}")
+    if twin.imu_serial and twin.imu_serial != table.imu_serial:
+        raise InputError(f"twin of unit {twin.imu_serial}, the run is of {table.imu_serial}")
+    if twin.gyro_technology != table.gyro_technology:
+        raise InputError(f"twin of a {twin.gyro_technology} unit, the run is of a {table.gyro_technology} unit")
+
+
+def _unit(key: tuple[str, str, str]) -> str:
+    return " ".join(part for part in key if part)
+
+
+def _with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
+    """The run with raw gyro output: a table that the unit had subtracted is added back."""
+    sha256 = run.header.applied_table_sha256
+    if sha256 is None:
+        return run
+    if applied_table is None:
+        raise InputError(f"run {run.header.run_id}: applied_table_sha256 {sha256[:12]} is unknown: no store to find it in")
+    table = applied_table(sha256)
+    if run.temperature is None:
+        raise InputError(f"run {run.header.run_id}: a table was applied but no temperature is logged: cannot be undone")
+    bias = table_along(table, gyro_temperature(run.temperature), run.imu.time_s)
+    from dataclasses import replace
+
+    return replace(run, imu=compensate(run.imu, gyro_bias_rad_s=-bias * DEG_PER_HOUR))
+
+
+def _days_between(earlier_utc: str, later_utc: str) -> float:
+    a, b = (datetime.fromisoformat(text.replace("Z", "+00:00")) for text in (earlier_utc, later_utc))
+    a, b = (t if t.tzinfo else t.replace(tzinfo=UTC) for t in (a, b))
+    return max((b - a).total_seconds() / 86400.0, 0.0)
+
+
+def _overall(sessions: Sequence[SessionResult]) -> tuple[str, tuple[str, ...]]:
+    """One verdict for the update: inconsistent if any session is, accepted if any is, else refused."""
+    outcomes = [s.verdict.outcome for s in sessions]
+    name = "inconsistent" if "inconsistent" in outcomes else "accepted" if "accepted" in outcomes else "refused"
+    reasons = [f"{s.run.header.run_id}: {r}" for s in sessions for r in s.verdict.reasons]
+    return name, tuple(reasons)
+
+
+def _with_provenance(
+    after: ThermalTable, before: ThermalTable, parent_sha256: str | None, merged: Sequence[Run]
+) -> ThermalTable:
+    old = [dict(r) if isinstance(r, dict) else r for r in before.provenance.get("runs", [])]
+    new = [{"run_id": run.header.run_id, "sha256": run.sha256} for run in merged]
+    return after.replaced(provenance={**before.provenance, "parent_sha256": parent_sha256, "runs": old + new})
