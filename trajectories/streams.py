@@ -25,7 +25,7 @@ from ins.records import (
     TemperatureLog,
 )
 from ins.units import DEG
-from trajectories.run_check import Findings, Row, check_increasing
+from trajectories.run_check import JITTER_WARNING, Findings, Row, check_increasing, jitter
 from trajectories.run_schema import (
     ACCEL_DEGC,
     ATTITUDE,
@@ -140,6 +140,8 @@ def check_overlap(imu: ImuLog, optional: dict[str, Any], header: RunHeader, find
     start, end = float(imu.time_s[0]), float(imu.time_s[-1])
     if not -1.0 <= start <= 60.0:
         findings.warn(f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)")
+    if (spread := jitter(imu.time_s)) > JITTER_WARNING:
+        findings.warn(f"imu: time stamps jitter by {spread:.0%} of the interval (99th percentile)")
     for name in ("temperature", "gnss", "odometer"):
         log = optional.get(name)
         if log is not None and (log.time_s[0] > end or log.time_s[-1] < start):
