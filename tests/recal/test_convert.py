@@ -1,0 +1,262 @@
+"""`recal convert`: real and third-party logs to runs, with their axes proven by gravity and Earth rate."""
+
+import json
+import struct
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.records import InputError
+from ins.units import DEG_PER_HOUR
+from recal.commands.check import check
+from recal.commands.convert import command
+from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
+from trajectories.conversion import convert_log, read_map
+from trajectories.run import read_run
+
+ROOT = Path(__file__).parents[2]
+DATA = ROOT.parent / "shared" / "data"
+MAPS = ROOT / "examples" / "maps"
+needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not beside the project")
+
+app = typer.Typer()
+app.command()(command)
+
+
+def invoke(*args):
+    return CliRunner().invoke(app, [str(a) for a in args])
+
+
+def rest_means(name: str, axes: dict | None = None):
+    """Mean f [m/s^2] and w [deg/h] in body axes of a shared log, by its example map or with other axes."""
+    options = read_map(MAPS / f"{name.split('.')[0]}.toml")
+    run = convert_log(DATA / name, options | ({"axes": axes} if axes else {}), {}).run
+    span = run.imu.dt_s.sum()
+    return run, run.imu.dv_m_s.sum(axis=0) / span, run.imu.dtheta_rad.sum(axis=0) / span / DEG_PER_HOUR
+
+
+def down_and_horizontal(f, w):
+    down = -f / np.linalg.norm(f)
+    return w @ down, np.linalg.norm(w - (w @ down) * down)
+
+
+@needs_data
+@pytest.mark.parametrize(
+    ("name", "rows", "rate_hz", "shift_s", "tolerance_deg_h"),
+    [("x_LN100_up.ins", 19217, 64.07, 10769.990, 0.3),  # biases of 0.2 to 0.3 deg/h, not known from one position
+     ("calgary_project_data.BIN", 66667, 66.667, -0.015, 0.3)],  # declared: 0.1 deg/h an axis, more by Gauss-Markov
+)  # fmt: skip
+def test_gyro_logs_show_gravity_down_and_earth_rate(name, rows, rate_hz, shift_s, tolerance_deg_h):
+    """f is (0, 0, -g); w is -Omega sinL about down and Omega cosL level. Any wrong sign is off by 12 deg/h or more."""
+    run, f, w = rest_means(name)
+    assert run.imu.time_s.size == rows
+    assert run.imu.rate_hz == pytest.approx(rate_hz, rel=1e-3)
+    assert run.imu.time_s[0] == pytest.approx(1 / rate_hz, rel=0.02)
+    record = convert_log(DATA / name, read_map(MAPS / f"{name.split('.')[0]}.toml"), {}).record
+    assert record["time_shift_s"] == pytest.approx(shift_s, abs=1e-3)
+    site = run.header.site
+    assert f[2] == pytest.approx(-float(gravity_magnitude(site.lat_rad, site.height_m)), abs=0.01)
+    assert abs(f[0]) < 0.4 and abs(f[1]) < 0.1  # the second log is 2 deg nose up
+    down, level = down_and_horizontal(f, w)
+    assert down == pytest.approx(-EARTH_RATE_RAD_S * np.sin(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h)
+    assert level == pytest.approx(EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h)
+
+
+@needs_data
+def test_ln100_axes_are_those_of_its_note():
+    """Body (x, y, z) = (raw z, raw y, -raw x): the means of the raw file as published beside it, turned by hand."""
+    _, f, w = rest_means("x_LN100_up.ins")
+    np.testing.assert_allclose(w, [1.250, 9.187, -11.479], atol=0.02)  # plain means; the stamps jitter by 1 %
+    raw = np.fromfile(DATA / "x_LN100_up.ins", dtype="<f8").reshape(-1, 7)
+    np.testing.assert_allclose(f, raw[:, [6, 5, 4]].mean(axis=0) * [1, 1, -1], atol=1e-5)
+
+
+@needs_data
+@pytest.mark.parametrize(
+    "axes",
+    [{"x": "x", "y": "y", "z": "z"}, {"x": "-z", "y": "y", "z": "x"}, {"x": "x", "y": "-z", "z": "y"}],
+    ids=["as logged", "upside down", "on its side"],
+)
+def test_wrong_ln100_axes_are_refused(axes):
+    with pytest.raises(InputError, match="z must point down"):
+        rest_means("x_LN100_up.ins", axes)
+
+
+@needs_data
+def test_the_refusal_names_the_right_map_for_the_ln100():
+    with pytest.raises(InputError) as caught:
+        rest_means("x_LN100_up.ins", {"x": "x", "y": "y", "z": "z"})
+    assert 'axes x = "z", y = "y", z = "-x"' in str(caught.value)
+
+
+@needs_data
+def test_a_left_handed_ln100_map_is_refused():
+    with pytest.raises(InputError, match="right-handed"):
+        rest_means("x_LN100_up.ins", {"x": "z", "y": "-y", "z": "-x"})
+
+
+@needs_data
+def test_mems_log_shows_gravity():
+    """Gyro biases of up to 2.6 deg/s hide Earth rate; gravity is down, within 60 mg, level to 3 deg."""
+    run, f, _ = rest_means("x_adi_up.txt")
+    assert run.imu.time_s.size == 3579 and run.imu.rate_hz == pytest.approx(100, rel=1e-6)
+    assert run.header.gyro_technology == "mems"
+    assert -f[2] == pytest.approx(9.81, abs=0.6)
+    assert np.degrees(np.hypot(f[0], f[1]) / -f[2]) < 3.0
+
+
+@needs_data
+def test_from_log_to_checked_run(tmp_path):
+    said = invoke(DATA / "x_LN100_up.ins", "-o", tmp_path / "run", "--map", MAPS / "x_LN100_up.toml", "--tail", "T1")
+    assert said.exit_code == 0, said.stderr
+    assert "19217 rows, 64.07 Hz" in said.stderr and said.stdout == ""
+    assert check(tmp_path / "run")["verdict"] == "ok"
+    assert read_run(tmp_path / "run").header.tail == "T1"
+    record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
+    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(10769.990, abs=1e-3)
+
+
+MAP = """
+columns = ["t", "wx", "wy", "wz", "fx", "fy", "fz"]
+{format}
+[time]
+column = "t"
+[gyro]
+columns = ["wx", "wy", "wz"]
+unit = "rad/s"
+[accel]
+columns = ["fx", "fy", "fz"]
+unit = "m/s2"
+"""
+GIVEN = {
+    "imu_serial": "S", "gyro_technology": "rlg", "start_utc": "2026-03-01T05:00:00Z", "lat_deg": 45, "lon_deg": 7,
+    "height_m": 250,
+}  # fmt: skip
+ROWS = np.array([[0.02 * k, *W_B, *F_B] for k in range(500)])
+
+
+def options(format_lines: str) -> dict:
+    return tomllib.loads(MAP.format(format=format_lines))
+
+
+@pytest.mark.parametrize(("dtype", "pack"), [("<f8", "<7d"), (">f8", ">7d")])
+def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
+    log = tmp_path / "log.dat"
+    log.write_bytes(b"HEADER!" + b"".join(struct.pack(pack, *row) for row in ROWS) + b"\x01" * 30)
+    made = convert_log(log, options(f'format = "binary"\ndtype = "{dtype}"\nheader_bytes = 7'), GIVEN)
+    np.testing.assert_allclose(made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18)
+    assert made.record["notes"] == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
+
+
+def test_mixed_binary_types(tmp_path):
+    row = np.dtype([("t", "<u4"), *((n, "<f8") for n in ("wx", "wy", "wz", "fx", "fy", "fz"))])
+    data = np.empty(500, dtype=row)
+    data["t"] = 20 * np.arange(500) + 4_000_000
+    for k, name in enumerate(row.names[1:]):
+        data[name] = ROWS[:, k + 1]
+    log = tmp_path / "log.dat"
+    data.tofile(log)
+    keys = options('format = "binary"') | {"dtype": ["<u4", *["<f8"] * 6], "time": {"column": "t", "unit": "ms"}}
+    made = convert_log(log, keys, GIVEN)
+    assert made.record["time_shift_s"] == pytest.approx(3999.98)
+    assert made.run.imu.rate_hz == pytest.approx(50)
+
+
+@pytest.mark.parametrize(
+    ("text", "lines"),
+    [(lambda rows: "\n".join(" " + "   ".join(map(str, r)) for r in rows) + "\n", 'format = "text"'),
+     (lambda rows: "# a log\n# of 2026\n" + "\n".join("\t".join(map(str, r)) for r in rows) + "\n",
+      'format = "text"\nheader_lines = 2'),
+     (lambda rows: "\n".join(";".join(map(str, r)) for r in rows) + "\n", 'format = "csv"\ndelimiter = ";"'),
+     (lambda rows: "\r\n".join(",".join(map(str, r)) for r in rows) + "\r\n", 'format = "csv"')],
+    ids=["white space", "tabs and header lines", "semicolons", "DOS line ends"],
+)  # fmt: skip
+def test_text_layouts(tmp_path, text, lines):
+    log = tmp_path / "log.txt"
+    log.write_bytes(text(ROWS.tolist()).encode())
+    made = convert_log(log, options(lines), GIVEN)
+    np.testing.assert_allclose(made.run.imu.dtheta_rad, np.tile(W_B * 0.02, (500, 1)), rtol=1e-9)
+    assert made.record["notes"] == []
+
+
+def test_damaged_text_is_named(tmp_path):
+    log = tmp_path / "log.txt"
+    rows = [" ".join(map(str, r)) for r in ROWS.tolist()]
+    log.write_text("\n".join(rows[:-1]) + "\n" + rows[-1][:20])
+    made = convert_log(log, options('format = "text"'), GIVEN)
+    assert made.run.imu.time_s.size == 499
+    assert made.record["notes"] == ["log.txt: last row has no line end (file cut off?), dropped"]
+    log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
+    made = convert_log(log, options('format = "text"'), GIVEN)
+    assert made.record["notes"] == ["log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"]
+    log.write_text("\n".join([*rows[:10], "0.2 what 0 0 0 0 -9.8", *rows[10:]]) + "\n")
+    with pytest.raises(InputError, match=r"log\.txt: row 11 \(line 11\): column wx: got 'what', needed a number"):
+        convert_log(log, options('format = "text"'), GIVEN)
+
+
+def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
+    source = csv_run(tmp_path / "source") / "imu.csv"
+    said = invoke(
+        source, "-o", tmp_path / "run", "--serial", "SN-0042", "--technology", "rlg", "--lat-deg", 45, "--lon-deg", 7,
+        "--height-m", 250, "--start-utc", "2026-03-01T05:00:00Z", "--run-id", "again", "--json",
+    )  # fmt: skip
+    assert said.exit_code == 0, said.stderr
+    result = json.loads(said.stdout)
+    assert (result["schema"], result["format"], result["run_id"]) == ("recal.convert/1", "csv", "again")
+    run = read_run(tmp_path / "run")
+    assert result["sha256"] == run.sha256
+    np.testing.assert_allclose(run.imu.dtheta_rad, full_run().imu.dtheta_rad, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("given", "line"),
+    [({"imu_serial": None}, r"needed from the options or \[run\] in the map: imu_serial \(--serial\)"),
+     ({"lat_deg": None, "lon_deg": None}, r"lat_deg \(--lat-deg\), lon_deg \(--lon-deg\)"),
+     ({"lat_deg": 91}, r"site\.lat_deg: got '91'"),
+     ({"gyro_technology": "laser"}, "gyro_technology: got 'laser'"),
+     ({"start_utc": "today"}, "start_utc: got 'today'")],
+)  # fmt: skip
+def test_missing_or_wrong_header_values_are_named(tmp_path, given, line):
+    source = csv_run(tmp_path / "source") / "imu.csv"
+    with pytest.raises(InputError, match=line):
+        convert_log(source, {}, GIVEN | given)
+
+
+def test_unknown_keys_formats_and_files_are_refused(tmp_path):
+    source = csv_run(tmp_path / "source") / "imu.csv"
+    with pytest.raises(InputError, match=r"unknown key serial"):
+        convert_log(source, {"run": {"serial": "S"}}, GIVEN)
+    with pytest.raises(InputError, match=r"map: unknown key colums"):
+        convert_log(source, options('format = "csv"\ncolums = 1'), GIVEN)
+    with pytest.raises(InputError, match=r"format: got 'ulg', needed one of csv, text, binary"):
+        convert_log(source, {"format": "ulg"}, GIVEN)
+    (tmp_path / "log").write_bytes(bytes(range(256)))
+    with pytest.raises(InputError, match=r"log: format not recognised, needed --map .* Known: csv"):
+        convert_log(tmp_path / "log", {}, GIVEN)
+    with pytest.raises(InputError, match="no such file"):
+        convert_log(tmp_path / "nothing", {}, GIVEN)
+    (tmp_path / "map.toml").write_text("axes = {")
+    with pytest.raises(InputError, match="not valid TOML"):
+        read_map(tmp_path / "map.toml")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_map(tmp_path / "no.toml")
+
+
+@pytest.mark.parametrize("text", ["", "\n", "t,wx\n", "\x00\x01"])
+def test_empty_and_garbled_logs_are_bad_input(tmp_path, text):
+    log = tmp_path / "log.csv"
+    log.write_text(text)
+    with pytest.raises(InputError):
+        convert_log(log, options('format = "csv"'), GIVEN)
+
+
+@pytest.mark.parametrize("path", sorted(MAPS.glob("*.toml")), ids=lambda p: p.stem)
+def test_example_maps_are_complete(path):
+    """Each needs no option: the header is in its [run]."""
+    keys = read_map(path)
+    assert set(keys["run"]) >= {"imu_serial", "gyro_technology", "start_utc", "site"}

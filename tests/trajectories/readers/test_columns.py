@@ -1,0 +1,196 @@
+"""Column maps: units, axes, damaged rows, time. A parked unit whose raw axes are x up, y right, z forward."""
+
+import numpy as np
+import pytest
+
+from ins.records import InputError
+from ins.units import DEG, DEG_PER_HOUR
+from tests.trajectories.run_cases import F_B, W_B
+from trajectories.readers.column_map import (
+    ACCEL_INCREMENTS,
+    ACCEL_RATES,
+    GYRO_INCREMENTS,
+    GYRO_RATES,
+    AxesKeys,
+    axis_matrix,
+    binary_type,
+    column_map,
+)
+from trajectories.readers.columns import converted, row_ranges
+
+N, DT_S = 200, 0.01
+
+
+def raw_columns(*, start_s: float = 5000.0) -> dict:
+    """What such a unit logs, SI rates: body (x, y, z) = (raw z, raw y, -raw x)."""
+    columns = {"t": start_s + DT_S * np.arange(N)}
+    for name, v in (("w", W_B), ("f", F_B)):
+        columns |= {f"{name}x": np.full(N, -v[2]), f"{name}y": np.full(N, v[1]), f"{name}z": np.full(N, v[0])}
+    return columns
+
+
+def options(**changes) -> dict:
+    keys = {
+        "time": {"column": "t"}, "axes": {"x": "z", "y": "y", "z": "-x"},
+        "gyro": {"columns": ["wx", "wy", "wz"], "unit": "rad/s"},
+        "accel": {"columns": ["fx", "fy", "fz"], "unit": "m/s2"},
+    }  # fmt: skip
+    return {k: v for k, v in {**keys, **changes}.items() if v is not None}
+
+
+def convert(columns, **changes):
+    return converted(columns, column_map(options(**changes)), label="log", notes=[])
+
+
+def test_axes_units_and_time():
+    log = convert(raw_columns())
+    np.testing.assert_allclose(log.imu.dtheta_rad, np.tile(W_B * DT_S, (N, 1)), rtol=1e-9)
+    np.testing.assert_allclose(log.imu.dv_m_s, np.tile(F_B * DT_S, (N, 1)), rtol=1e-9, atol=1e-18)
+    assert log.time_shift_s == pytest.approx(5000.0 - DT_S, abs=1e-9)
+    assert log.imu.time_s[0] == pytest.approx(DT_S, abs=1e-9)
+    assert log.notes == () and log.faults == ()
+
+
+@pytest.mark.parametrize("unit", [*GYRO_RATES, *GYRO_INCREMENTS])
+def test_gyro_units(unit):
+    factor = (GYRO_RATES | GYRO_INCREMENTS)[unit]
+    columns = raw_columns()
+    span = 1.0 if unit in GYRO_RATES else DT_S
+    for k in ("wx", "wy", "wz"):
+        columns[k] = columns[k] * span / factor
+    log = convert(columns, gyro={"columns": ["wx", "wy", "wz"], "unit": unit})
+    np.testing.assert_allclose(log.imu.dtheta_rad, np.tile(W_B * DT_S, (N, 1)), rtol=1e-9)
+
+
+@pytest.mark.parametrize("unit", [*ACCEL_RATES, *ACCEL_INCREMENTS])
+def test_accel_units(unit):
+    factor = (ACCEL_RATES | ACCEL_INCREMENTS)[unit]
+    columns = raw_columns()
+    span = 1.0 if unit in ACCEL_RATES else DT_S
+    for k in ("fx", "fy", "fz"):
+        columns[k] = columns[k] * span / factor / 2
+    log = convert(columns, accel={"columns": ["fx", "fy", "fz"], "unit": unit, "scale": 2.0})
+    np.testing.assert_allclose(log.imu.dv_m_s, np.tile(F_B * DT_S, (N, 1)), rtol=1e-9, atol=1e-18)
+
+
+def test_unit_factors_are_the_published_ones():
+    """Independent of ins.units: BIPM and CGPM values typed here."""
+    assert GYRO_RATES["deg/h"] == pytest.approx(4.84813681109536e-06 / 1, rel=1e-14)
+    assert GYRO_RATES["arcsec/s"] == pytest.approx(GYRO_RATES["deg/h"], rel=1e-14)  # 1 deg/h is 1 arcsec/s
+    assert ACCEL_RATES["g"] == 9.80665
+    assert ACCEL_RATES["ug"] == pytest.approx(9.80665e-6, rel=1e-14)
+    assert ACCEL_RATES["ft/s2"] == 0.3048
+
+
+@pytest.mark.parametrize(("unit", "per_second"), [("ms", 1e3), ("us", 1e6), ("ns", 1e9)])
+def test_time_units(unit, per_second):
+    columns = raw_columns(start_s=50.0)
+    columns["t"] = np.round(columns["t"] * per_second)
+    log = convert(columns, time={"column": "t", "unit": unit})
+    assert log.imu.rate_hz == pytest.approx(100.0, rel=1e-6)
+    assert log.time_shift_s == pytest.approx(49.99, abs=1e-6)
+
+
+def test_a_rate_instead_of_times():
+    log = convert(raw_columns(), time=None, rate_hz=100.0)
+    assert log.time_shift_s == pytest.approx(0.0, abs=1e-15)
+    assert log.imu.time_s[-1] == pytest.approx(2.0)
+
+
+def test_temperatures_follow_their_gyro():
+    """Raw x points up, so its thermometer belongs to body z; seconds are averaged, kelvin converted."""
+    columns = raw_columns() | {k: np.full(N, v + 273.15) for k, v in (("Tx", 30.0), ("Ty", 20.0), ("Tz", 10.0))}
+    columns["Tx"][::2] += 0.2
+    log = convert(columns, temperature={"columns": ["Tx", "Ty", "Tz"], "unit": "K"})
+    assert log.temperature.time_s.size == 3  # [0, 1), [1, 2), [2, 2]
+    np.testing.assert_allclose(log.temperature.gyro_degC[1], [10.0, 20.0, 30.1], atol=1e-9)
+    one = convert(columns, temperature={"columns": ["Ty"], "unit": "K"})
+    np.testing.assert_allclose(one.temperature.gyro_degC, 20.0, atol=1e-9)
+
+
+def test_damaged_rows_are_dropped_and_listed():
+    columns = raw_columns()
+    columns["wx"][10] = np.nan
+    columns["fz"][20] = 1e30
+    columns["t"][30] = columns["t"][29]
+    columns["t"][31] = columns["t"][25]
+    log = convert(columns)
+    assert log.imu.time_s.size == N - 4
+    assert log.notes == (
+        "log: row 11 dropped: missing or not finite",
+        "log: row 21 dropped: beyond 100 rad/s or 2000 m/s2",
+        "log: rows 31-32 dropped: time repeats or goes back",
+    )
+    assert [s.reason for s in log.faults] == ["dropout: 4 imu rows lost"]  # neighbours within a second are one stretch
+    np.testing.assert_allclose(log.imu.dv_m_s.sum(axis=0), F_B * N * DT_S, rtol=1e-9, atol=1e-12)
+
+
+def test_a_log_is_read_up_to_a_gap():
+    columns = raw_columns()
+    columns["t"][150:] += 3.0
+    log = convert(columns)
+    assert log.imu.time_s.size == 150
+    assert log.notes == ("log: read up to row 150: gap of 3.010 s, 50 rows after it dropped",)
+
+
+def test_mixed_increments_and_rates():
+    columns = raw_columns()
+    for k in ("wx", "wy", "wz"):
+        columns[k] = columns[k] * DT_S / DEG
+    log = convert(columns, gyro={"columns": ["wx", "wy", "wz"], "unit": "deg", "kind": "increments"})
+    assert log.imu.source == "increments"
+    np.testing.assert_allclose(log.imu.dtheta_rad[5], W_B * DT_S, rtol=1e-9)
+    np.testing.assert_allclose(log.imu.dv_m_s[5], F_B * DT_S, rtol=1e-9, atol=1e-18)
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [({"axes": {"x": "z", "y": "y", "z": "x"}}, 'map: axes x = "z", y = "y", z = "x": needed a right-handed set'),
+     ({"axes": {"x": "x", "y": "x", "z": "z"}}, "needed a right-handed set that uses x, y and z once"),
+     ({"axes": {"x": "up"}}, "map: axes.x: got 'up'"),
+     ({"axis": {}}, "map: unknown key axis (did you mean axes?)"),
+     ({"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}}, "map: key gyro.unit is missing"),
+     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}}, "gyro.unit: got 'deg/min', needed one of rad/s,"),
+     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "g"}}, "map: gyro.unit: got 'g'"),
+     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s", "kind": "increments"}}, "deg/s is a unit of rates"),
+     ({"gyro": {"columns": ["wx", "wy"], "unit": "deg/s"}}, "map: gyro.columns"),
+     ({"time": None}, "map: needed either a [time] column or rate_hz"),
+     ({"rate_hz": 100.0}, "map: needed either a [time] column or rate_hz"),
+     ({"time": None, "rate_hz": 5.0}, "map: rate_hz: got '5.0', needed greater than or equal to 10"),
+     ({"accel": {"columns": ["fx", "fy", "up"], "unit": "g"}}, "log: no column up, has t wx"),
+     ({"accel": {"columns": ["fx", "fy", "fz"], "unit": "g", "scale": float("nan")}}, "map: accel.scale: got nan"),
+     ({"temperature": {"columns": ["a", "b"]}}, "map: temperature.columns")],
+)  # fmt: skip
+def test_wrong_maps_are_refused(changes, line):
+    with pytest.raises(InputError) as caught:
+        convert(raw_columns(), **changes)
+    assert line in str(caught.value)
+
+
+def test_a_wrong_map_is_not_taken_for_damaged_rows():
+    columns = raw_columns()
+    columns["wx"][:50] = 1e9
+    with pytest.raises(InputError, match=r"log: 50 of 200 rows are damaged \(first row 1: beyond 100 rad/s"):
+        convert(columns)
+
+
+def test_axis_matrix_takes_raw_into_body():
+    M = axis_matrix(AxesKeys(x="z", y="y", z="-x"))
+    np.testing.assert_array_equal(M @ [1.0, 2.0, 3.0], [3.0, 2.0, -1.0])
+
+
+def test_number_types_hold_no_objects():
+    assert binary_type(">i2").itemsize == 2
+    for text in ("O", "|O8", "V8", "<f8, O", "U10", "<f16", ""):
+        with pytest.raises(InputError, match="map: dtype"):
+            binary_type(text)
+
+
+def test_row_ranges():
+    assert row_ranges(np.array([6])) == "row 7"
+    assert row_ranges(np.array([6, 8, 9, 10])) == "rows 7, 9-11"
+    assert row_ranges(np.arange(0, 40, 2)).endswith("and 10 more stretches")
+
+
+def test_deg_per_hour_is_named_once():
+    assert GYRO_RATES["deg/h"] == DEG_PER_HOUR
