@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ins.records import ImuLog, InputError, frozen_array
 
-MAX_INTERVAL_RATIO = 2.0
+MAX_INTERVAL_RATIO = 2.5
 SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
 
 

@@ -30,7 +30,7 @@ EP2 = E2 / (1 - E2)  # second eccentricity squared
 SLOPE_0, SLOPE_1 = -2 / A * (1 + FLATTENING + GRAVITY_RATIO_M), 4 / A * FLATTENING
 POLE_RADIUS_M = 1e-3  # closer to the pole than this, longitude is defined as 0
 SERIES_ANGLE_2 = 0.01  # below 0.1 rad a step the rotation uses power series
-MAX_INTERVAL_RATIO = 2.0  # an interval longer than twice the one before (a gap) tells nothing of the slope
+MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells nothing of the slope
 
 
 def jit(function):
@@ -165,7 +165,10 @@ def turn_attitude(q, rotation, earth_angle):
 
 @jit
 def step_velocity(v, dv_e, g_dt_e, earth_angle):
-    """v_eb_e after one step: Coriolis at the step's middle.  v' = f + g - 2 omega_ie x v (Groves (2013), section 5.3)."""
+    """Force increment in the mean ECEF axes of the step, and v_eb_e after it: Coriolis at the step's middle.
+
+    v' = f + g - 2 omega_ie x v.  Source: Groves (2013), section 5.3.
+    """
     dv_e = (dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2])
     gained = add(dv_e, g_dt_e, 1.0)
     half = (

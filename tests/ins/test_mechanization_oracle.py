@@ -1,0 +1,276 @@
+"""The mechanization against truth that owes it nothing: closed-form flights, other authors' profiles, pyins.
+
+The increments come by way of the inertial frame (inertial_truth.py): no Coriolis term, no transport rate there.
+"""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from ins import earth
+from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm
+from ins.mechanization import VerticalChannel, navigate
+from ins.units import ARCSEC
+
+from .inertial_truth import (
+    Jet,
+    about_x,
+    about_y,
+    about_z,
+    attitude,
+    constant,
+    cosine,
+    errors,
+    geodetic_motion,
+    ideal_imu,
+    matmul,
+    sine,
+    true_state,
+)
+from .test_increments import residual_factor
+from .test_mechanization import at_rest
+
+DATA = Path(__file__).parents[3] / "shared" / "data"
+ONE_CM = 0.01
+TURN = 2 * np.pi
+
+
+def manoeuvring(t):
+    """Roll +-29 deg, pitch +-6 deg, heading swinging +-172 deg in two minutes (up to 9 deg/s)."""
+    return 0.5 * sine(TURN / 60 * t), 0.1 * sine(TURN / 37 * t), 1.0 + 3 * sine(TURN / 120 * t)
+
+
+def flight(t, *, climb_m=2500.0, height_m=3000.0):
+    """A wandering figure of eight at up to 350 m/s, 500 to 5500 m high."""
+    lat = 0.8 + 3.2e-3 * sine(TURN / 600 * t)
+    lon = 0.2 + 6e-3 * sine(TURN / 1200 * t + 0.3) + 1e-5 * t
+    return geodetic_motion(lat, lon, height_m - climb_m * cosine(TURN / 3600 * t), *manoeuvring(t))
+
+
+def level_flight(t):
+    return flight(t, climb_m=0.0, height_m=0.0)
+
+
+def polar_flight(t, *, offset_rad=0.0):
+    """On the ellipsoid along a meridian, 1.15 deg beyond the pole and back in an hour; offset sideways."""
+    a, b = earth.SEMI_MAJOR_AXIS_M, earth.SEMI_MINOR_AXIS_M
+    u, side = -0.02 * cosine(TURN / 3600 * t), constant(offset_rad, t)
+    su, cu, ss, cs = sine(u), cosine(u), sine(side), cosine(side)
+    r_e = [a * (su * cs), a * ss, b * (cu * cs)]
+    normal = np.stack([r_e[0].x / a**2, r_e[1].x / a**2, r_e[2].x / b**2], axis=-1)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    return r_e, matmul(about_y(u), attitude(*manoeuvring(t))), np.arcsin(normal[:, 2]), np.zeros(len(normal)), normal
+
+
+def edges(duration_s, dt):
+    return dt * np.arange(round(duration_s / dt) + 1)
+
+
+def sizes(history, motion):
+    return np.array([np.linalg.norm(e) for e in errors(history, motion)])
+
+
+# ------------------------------------------------------------------------------------------------ straight back
+
+
+def test_one_hour_flight_comes_straight_back():
+    """100 Hz, ideal sensors, free vertical channel: required 1 m and 1 arcsec; reached 1 mm and 2e-5 arcsec."""
+    h = navigate(ideal_imu(flight, edges(3600, 0.01)), true_state(flight, 0.0))
+    position_m, velocity_m_s, attitude_rad = sizes(h, flight)
+    assert position_m < ONE_CM
+    assert velocity_m_s < 1e-4
+    assert attitude_rad < 1e-3 * ARCSEC
+    assert abs(h.height_m[900] - 3000) < 1 and np.ptp(h.height_m) > 4900  # it did fly
+
+
+@pytest.mark.parametrize("motion", [flight, polar_flight])
+def test_halving_the_interval_divides_the_error_by_four_or_more(motion):
+    """From 12.5 to 25 to 50 Hz over 10 min; observed 8 in position and velocity."""
+    found = []
+    for dt in (0.08, 0.04, 0.02):
+        h = navigate(ideal_imu(motion, edges(600, dt)), true_state(motion, 0.0))
+        found.append(sizes(h, motion))
+    assert np.all(found[0] / found[1] > 4)
+    assert np.all(found[1] / found[2] > 4)
+
+
+@pytest.mark.parametrize("offset_rad", [0.0, 5e-5])
+def test_flight_over_the_pole_returns(offset_rad):
+    """Through the pole itself, and 320 m beside it; the way back passes it again."""
+
+    def motion(t):
+        return polar_flight(t, offset_rad=offset_rad)
+
+    h = navigate(ideal_imu(motion, edges(3600, 0.02)), true_state(motion, 0.0))
+    assert np.degrees(h.lat_rad.max()) > 89.99
+    assert np.ptp(h.lon_rad) > 3.0  # it was on the other side
+    assert sizes(h, motion) == pytest.approx(np.zeros(3), abs=2 * ONE_CM)
+    assert sizes(h, motion)[2] < 0.01 * ARCSEC
+    assert np.isfinite(h.C_nb).all() and np.isfinite(h.displacement_n_m).all()
+
+
+def test_irregular_intervals_come_straight_back():
+    """Intervals jittered by 40 %, as logged time stamps are: their own dt is what counts."""
+    rng = np.random.default_rng(11)
+    t = np.concatenate([[0.0], np.cumsum(0.02 * rng.uniform(0.6, 1.4, 15000))])
+    h = navigate(ideal_imu(flight, t), true_state(flight, 0.0), epoch_s=None)
+    position_m, _, attitude_rad = sizes(h, flight)
+    assert position_m < ONE_CM and attitude_rad < 0.02 * ARCSEC
+
+
+def test_a_sign_error_in_the_truth_would_be_seen():
+    """Test of the test: a log delayed by half an interval, or one gyro reversed, does not come back."""
+    t = edges(300, 0.02)
+    late = ideal_imu(flight, t + 0.01)
+    h = navigate(late, true_state(flight, 0.01), epoch_s=None)
+    assert sizes(h, flight)[0] < ONE_CM
+    shifted = type(late)(time_s=late.time_s - 0.01, dt_s=late.dt_s, dtheta_rad=late.dtheta_rad, dv_m_s=late.dv_m_s)
+    assert sizes(navigate(shifted, true_state(flight, 0.0), epoch_s=None), flight)[0] > 1.0
+
+
+# ------------------------------------------------------------------------------------------------ coning, sculling
+
+
+@pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
+def test_coning_through_the_whole_mechanization(frequency_hz):
+    """Half-angle 10 mrad for 60 s at rest, 100 Hz: heading drifts at the closed-form residual, 1/30 or less of raw."""
+
+    def motion(t):
+        spin = TURN * frequency_hz * t
+        C_nb = matmul(about_z(spin), matmul(about_x(constant(0.01, t)), about_z(-spin)))
+        r_e, C_en, lat, height, up = geodetic_motion(constant(0.8, t), constant(0.1, t), *[constant(0.0, t)] * 4)
+        return r_e, matmul(C_en, C_nb), lat, height, up
+
+    h = navigate(ideal_imu(motion, edges(60, 0.01)), true_state(motion, 0.0), vertical=VerticalChannel(mode="hold"))
+    phi_n = earth.dcm_en(0.8, 0.1).T @ errors(h, motion)[2]
+    w = TURN * frequency_hz
+    assert phi_n[2] / 60 == pytest.approx(-w * 0.01**2 * residual_factor(0.01 * w), rel=0.05)
+    assert abs(phi_n[2] / 60) < 0.2 * w * 0.01**2 / 2
+
+
+@pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
+def test_sculling_through_the_whole_mechanization(frequency_hz):
+    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: rectified acceleration error of the closed form."""
+    w, theta0, sway_m = TURN * frequency_hz, 1e-3, 0.003
+    radius = float(earth.radii_of_curvature(0.0)[1])
+
+    def motion(t):
+        zero = constant(0.0, t)
+        return geodetic_motion(zero, 0.1 - sway_m / radius * sine(w * t), zero, theta0 * sine(w * t), zero, zero)
+
+    h = navigate(ideal_imu(motion, edges(20, 0.01)), true_state(motion, 0.0))
+    error_down = -errors(h, motion)[1] @ earth.dcm_en(0.0, 0.1)[:, 2] / 20
+    whole = 0.5 * theta0 * sway_m * w**2
+    assert error_down == pytest.approx(2 * whole * residual_factor(0.01 * w), rel=0.1, abs=1e-7)
+    assert abs(error_down) < 0.1 * whole
+
+
+# ------------------------------------------------------------------------------------------------ other authors
+
+
+def profile(number):
+    """A profile and the motion through its rows: cubic splines of latitude, longitude, height and Euler angles."""
+    path = DATA / f"groves_Profile_{number}.csv"
+    if not path.exists():
+        pytest.skip(f"{path} is absent (shared data are not part of the project)")
+    rows = np.loadtxt(path, delimiter=",")
+    angles = np.unwrap(np.radians(rows[:, 7:]), axis=0)
+    table = np.column_stack([np.radians(rows[:, 1:3]), rows[:, 3], angles])
+    spline = make_interp_spline(rows[:, 0], table - table[0], k=3)  # offsets: the spline then keeps its digits
+
+    def motion(t):
+        x, d, dd = table[0] + spline(t.x), spline(t.x, 1), spline(t.x, 2)
+        return geodetic_motion(*(Jet(x[:, i], d[:, i], dd[:, i]) for i in range(6)))
+
+    return rows, motion
+
+
+def worst_position_m(h, rows):
+    """Largest distance from the profile's own positions at the epochs."""
+    k = np.round(100 * h.time_s).astype(int)
+    expected = earth.ecef_from_geodetic(np.radians(rows[k, 1]), np.radians(rows[k, 2]), rows[k, 3])
+    got = earth.ecef_from_geodetic(h.lat_rad, h.lon_rad, h.height_m)
+    return np.linalg.norm(got - expected, axis=1).max()
+
+
+@pytest.mark.parametrize(("number", "bound_m"), [(0, 2e-6), (1, 2e-4), (2, 7e-4)])
+def test_groves_profile_is_navigated_back(number, bound_m):
+    """At the profile's 100 Hz; reached 0.6 micrometres, 0.08 mm, 0.33 mm over 60, 60, 175 s."""
+    rows, motion = profile(number)
+    t = np.linspace(0.0, rows[-1, 0], len(rows))
+    h = navigate(ideal_imu(motion, t), true_state(motion, 0.0))
+    assert worst_position_m(h, rows) < bound_m
+    assert sizes(h, motion)[2] < 0.01 * ARCSEC
+    k = np.round(100 * h.time_s).astype(int)
+    assert np.abs(h.v_n_m_s - rows[k, 4:7]).max() < 0.08  # as far as the profile's velocity fits its own positions
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_groves_profile_error_falls_with_the_interval(number):
+    """100, 200 and 400 Hz through the same splines; observed 8 a halving, although their third derivative jumps."""
+    rows, motion = profile(number)
+    worst = []
+    for per_row in (1, 2, 4):
+        t = np.linspace(0.0, rows[-1, 0], per_row * (len(rows) - 1) + 1)
+        worst.append(worst_position_m(navigate(ideal_imu(motion, t), true_state(motion, 0.0)), rows))
+    assert worst[0] / worst[1] > 4 and worst[1] / worst[2] > 4
+
+
+def pyins_trajectory(imu, state):
+    """The same increments through pyins.strapdown (degrees, DataFrames); the row before the first repeats it."""
+    strapdown = pytest.importorskip("pyins.strapdown")
+    import pandas as pd
+    from pyins import util
+
+    repeat = np.concatenate([[0], np.arange(imu.time_s.size)])
+    table = pd.DataFrame(
+        np.hstack([imu.dtheta_rad[repeat], imu.dv_m_s[repeat]]),
+        index=np.concatenate([[state.time_s], imu.time_s]), columns=util.GYRO_COLS + util.ACCEL_COLS,
+    )  # fmt: skip
+    angles = np.degrees(euler_from_dcm(state.C_nb))
+    place = np.degrees([state.site.lat_rad, state.site.lon_rad])
+    pva = pd.Series(
+        [*place, state.site.height_m, *state.v_n_m_s, *angles], index=util.TRAJECTORY_COLS, name=state.time_s
+    )
+    return strapdown.Integrator(pva).integrate(strapdown.compute_increments_from_imu(table, "increment"))
+
+
+@pytest.mark.filterwarnings("ignore:The copy keyword is deprecated")  # pandas 3 on pyins
+def test_pyins_agrees_over_an_hour():
+    """Level flight on the ellipsoid (pyins has gravity to first order in height only), the same 100 Hz increments.
+
+    They agree to 2 m and 0.1 arcsec. The difference is pyins's: ours is within 2 mm of truth, and its error falls
+    with the interval. Height is compared after 5 min: free, 2 mm there have grown to 38 m in an hour.
+    """
+    imu, state = ideal_imu(level_flight, edges(3600, 0.01)), true_state(level_flight, 0.0)
+    h = navigate(imu, state, epoch_s=10.0)
+    theirs = pyins_trajectory(imu, state)
+    end = theirs.iloc[-1]
+    offset = earth.displacement_ned(
+        np.radians(end.lat), np.radians(end.lon),
+        lat0_rad=h.lat_rad[-1], lon0_rad=h.lon_rad[-1], height0_m=0.0,
+    )  # fmt: skip
+    assert np.abs(offset).max() < 3.0
+    assert np.abs([end.VN, end.VE] - h.v_n_m_s[-1, :2]).max() < 0.005
+    C_nb = dcm_from_euler(*np.radians([end.roll, end.pitch, end.heading]))
+    assert np.abs(rotation_vector_from_dcm(C_nb @ h.C_nb[-1].T)).max() < 0.1 * ARCSEC
+    assert theirs.alt.iloc[30000] == pytest.approx(h.height_m[30], abs=0.1)
+    assert sizes(h, level_flight)[0] < ONE_CM < np.abs(offset).max()
+
+
+# ------------------------------------------------------------------------------------------------ speed
+
+
+def test_speed():
+    """An hour at 100 Hz: 0.06 s on one core when quiet; bound 1 microsecond a step, plain Python needs more than 20."""
+    imu, state = at_rest(45.0, duration_s=3600, dt=0.01)
+    navigate(imu.between(0.0, 1.0), state)
+    taken = []
+    for _ in range(5):
+        start = time.perf_counter()
+        navigate(imu, state)
+        taken.append((time.perf_counter() - start) / imu.time_s.size)
+    assert min(taken) < 1e-6
