@@ -216,9 +216,7 @@ def _open(url: str) -> TableStore:
     return TableStore.open(url)
 
 
-def _revision(
-    opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None
-) -> Revision:
+def _revision(opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None) -> Revision:
     """A revision by number or tag; InputError where there is none."""
     key = _key(opened.active(serial, technology, mode))
     if name == "previous":
