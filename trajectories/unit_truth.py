@@ -5,6 +5,7 @@ what a table does not model (lag, rate term, hysteresis).
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -122,9 +123,14 @@ def _factory_curve(rng: np.random.Generator, size_deg_h: float) -> NDArray:
 
 def _smooth_shape(rng: np.random.Generator) -> NDArray:
     """A unit-variance random curve over GRID_DEGC with covariance exp(-dT^2 / (2 l^2))."""
+    return _shape_root() @ rng.standard_normal(GRID_DEGC.size)
+
+
+@cache
+def _shape_root() -> NDArray:
     distance = (GRID_DEGC[:, None] - GRID_DEGC) / SHAPE_LENGTH_DEGC
     value, vector = np.linalg.eigh(np.exp(-0.5 * distance**2))
-    return vector @ (np.sqrt(np.maximum(value, 0.0)) * rng.standard_normal(value.size))
+    return vector * np.sqrt(np.maximum(value, 0.0))
 
 
 def _lagged(temperature: NDArray, dt_s: float, lag_s: float) -> NDArray:

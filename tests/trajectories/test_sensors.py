@@ -1,5 +1,7 @@
 """Ideal sensors against closed forms, against the navigation-frame equations (not used in making them), and back."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -48,7 +50,8 @@ def test_at_rest_they_read_gravity_and_earth_rate(lat_deg):
 
 def test_east_along_the_equator():
     """Constant speed v on the equator: f_up = g - 2 Omega v - v^2/(a + h), pitch rate -(Omega + v/(a + h))."""
-    truth = truth_at([Straight(duration_s=80.0, speed_m_s=30.0, acceleration_m_s2=2.0)], lat_deg=0.0, heading_rad=90 * DEG)
+    leg = Straight(duration_s=80.0, speed_m_s=30.0, acceleration_m_s2=2.0)
+    truth = truth_at([leg], lat_deg=0.0, heading_rad=90 * DEG)
     ideal = ideal_sensors(truth, 20.0)
     cruise = slice(1000, 1500)
     radius = SEMI_MAJOR_AXIS_M + 250.0
@@ -121,7 +124,7 @@ def test_body_rate_of_a_cone_is_exact_to_the_order_of_the_collocation():
         turned = [rotation_vector_from_dcm(attitude(0.1).T @ attitude(0.1 + dt * tau)) for tau in (*NODES, 1.0)]
         made = WEIGHTS @ _body_rate(np.array([turned]))[0]
         fine = np.linspace(0.1, 0.1 + dt, 4001)
-        parts = [rotation_vector_from_dcm(attitude(a).T @ attitude(b)) for a, b in zip(fine, fine[1:])]
+        parts = [rotation_vector_from_dcm(attitude(a).T @ attitude(b)) for a, b in pairwise(fine)]
         return np.linalg.norm(made - np.sum(parts, axis=0))
 
     coarse, finer = error(0.1), error(0.05)

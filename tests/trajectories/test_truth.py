@@ -40,7 +40,7 @@ def test_rest_is_constant_to_the_bit_and_joins_the_motion():
     still = truth.kinematics(np.linspace(0.0, 20.0, 50))
     assert np.ptp(still.r_e, axis=0).max() == 0 and not still.v_e.any() and not still.a_e.any()
     for t in truth.breaks_s[1:-1]:
-        before, after = truth.kinematics(np.array([t - 1e-9, t]))  .r_e
+        before, after = truth.kinematics(np.array([t - 1e-9, t])).r_e
         np.testing.assert_allclose(before, after, atol=1e-8)
     joined = truth.kinematics(truth.breaks_s[1:-1] + 1e-6)
     assert np.max(np.abs(joined.a_e)) < 1e-6
@@ -89,7 +89,8 @@ def test_a_turn_in_flight_is_coordinated():
     """No side force in body axes but Coriolis (2 Omega V = 0.02 m/s^2 at 150 m/s)."""
     from trajectories.sensors import ideal_sensors
 
-    motion = lay([TakeOff(), Climb(height_m=500.0), TurnFlight(angle_deg=180.0, bank_deg=25.0), Cruise(duration_s=20.0)])
+    turn = TurnFlight(angle_deg=180.0, bank_deg=25.0)
+    motion = lay([TakeOff(), Climb(height_m=500.0), turn, Cruise(duration_s=20.0)])
     ideal = ideal_sensors(build_truth(motion, SITE), 10.0)
     turning = ideal.euler_rad[:, 0] > 20 * DEG
     side = ideal.dv_m_s[turning, 1] / ideal.dt_s

@@ -1,0 +1,60 @@
+"""Temperature histories: closed-form lags solve their differential equations, start level and settle."""
+
+import numpy as np
+import pytest
+
+from ins.records import InputError
+from trajectories.thermal import STARTS, ThermalHistory, thermal_history
+
+T = np.arange(0.0, 20_000.0, 1.0)
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_gyros_lag_the_block_by_their_time_constant(start):
+    """tau dT/dt = T_block - T of the gyro less its own heat, by central differences; sun and all."""
+    history = thermal_history(start)
+    at = history.at(T)
+    for k in range(3):
+        tau = history.gyro_tau_s[k]
+        own = history.gyro_rise_degC[k] * (1 - np.exp(-T / tau))
+        lagged = at.gyro_degC[:, k] - own
+        rate = np.gradient(lagged, T)
+        residual = (tau * rate - (at.block_degC - lagged))[2:-2]
+        assert np.max(np.abs(residual)) < 0.02  # 0.1 % of the sun's time constant is bent to keep it off tau
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_it_starts_at_the_start_and_settles(start):
+    history = thermal_history(start)
+    at = history.at(np.array([0.0, 1.0, 40_000.0]))
+    np.testing.assert_allclose(at.gyro_degC[0], history.start_degC)
+    assert np.max(np.abs(np.diff(at.gyro_degC[:2], axis=0))) < 0.02  # level: below 1.2 degC/min in the first second
+    settled = history.settled_degC + history.sun_degC
+    np.testing.assert_allclose(at.gyro_degC[2], settled + np.array(history.gyro_rise_degC), atol=1e-3)
+    np.testing.assert_allclose(at.gradient_degC[2], 0.0, atol=1e-3)
+
+
+def test_named_starts_go_the_way_they_say():
+    change = {s: np.diff(thermal_history(s).at(np.array([0.0, 4200.0])).gyro_degC[:, 0])[0] for s in STARTS}
+    assert change["cold"] > 30 and 10 < change["ambient"] < 30 and 0 < change["hot"] < 12 and change["cooling"] < -10
+    coldest = min(thermal_history(s).at(T).gyro_degC.min() for s in STARTS)
+    hottest = max(thermal_history(s).at(T).gyro_degC.max() for s in STARTS)
+    assert -10 <= coldest and hottest <= 52  # within the nodes of a table, but for its last degrees
+
+
+def test_gradient_is_not_a_multiple_of_the_rate():
+    at = thermal_history("cold").at(T[:4200])
+    rate = np.gradient(at.gyro_degC[:, 0], T[:4200])
+    assert abs(np.corrcoef(rate, at.gradient_degC[:, 0])[0, 1]) < 0.9999
+
+
+def test_rng_moves_a_start_and_only_then():
+    a, b = (thermal_history("cold", rng=np.random.default_rng(s)) for s in (1, 2))
+    assert a != b and thermal_history("cold") == thermal_history("cold")
+
+
+def test_bad_starts_and_times_are_refused():
+    with pytest.raises(InputError, match="'tepid', needed one of cold, ambient, hot, cooling"):
+        thermal_history("tepid")
+    with pytest.raises(InputError, match="above 0"):
+        ThermalHistory(ambient_degC=0.0, start_degC=0.0, settled_degC=1.0, block_tau_s=0.0)

@@ -1,0 +1,167 @@
+"""Disturbances: their statistics, their signs, and that sensors and truth move together (through the mechanization)."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm, wrap_pi
+from ins.earth import radii_of_curvature
+from ins.mechanization import navigate
+from ins.records import ImuLog, NavState, Site, VehicleNoise
+from ins.units import ARCSEC, DEG, MILLIRADIAN
+from trajectories.motions import lay
+from trajectories.segments import Park, Stop, Straight, Turn
+from trajectories.sensors import ideal_sensors
+from trajectories.truth import build_truth
+from trajectories.vehicle import Boarding, Bump, Gust, disturb, gauss_markov, sway_velocity
+
+QUIET = {"crab_mrad": 0.0, "lateral_noise_m_s": 0.0, "yaw_creep_arcsec_sqrt_h": 0.0, "sway_m_s": 0.0}
+SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
+TAXI = [
+    Park(duration_s=60.0), Turn(angle_deg=90.0), Straight(duration_s=120.0), Stop(duration_s=20.0),
+    Turn(angle_deg=-90.0), Straight(duration_s=60.0), Stop(duration_s=10.0),
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def taxi():
+    return ideal_sensors(build_truth(lay(TAXI), SITE, heading_rad=0.4, wheel_reference_m=(4.0, 0.5, 1.0)), 100.0)
+
+
+@pytest.fixture(scope="module")
+def parked():
+    return ideal_sensors(build_truth(lay([Park(duration_s=4000.0)]), SITE), 10.0)
+
+
+def chi_square_band(n, false_alarm=1e-4):
+    """Two-sided bounds on a sample variance over the true one."""
+    return stats.chi2.ppf([false_alarm / 2, 1 - false_alarm / 2], n) / n
+
+
+@pytest.mark.parametrize(
+    ("noise", "events", "far_m"),
+    [
+        ({"crab_mrad": 8.7}, (), 0.05),
+        ({"lateral_noise_m_s": 0.3}, (), 0.02),
+        ({"yaw_creep_arcsec_sqrt_h": 300.0}, (), 0.002),
+        ({"sway_m_s": 0.02}, (), 0.001),
+        ({}, (Boarding(time_s=20.0, roll_arcsec=300.0, pitch_arcsec=-200.0, heading_arcsec=250.0),), 0.02),
+        ({}, (Gust(time_s=10.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=50.0, velocity_m_s=0.2)), 0.001),
+    ],
+    ids=["crab", "side noise", "creep", "sway", "boarding", "gust and bump"],
+)
+def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
+    """The disturbed increments navigate to the disturbed truth; the bounds are what the module says is left out."""
+    moved = disturb(taxi, VehicleNoise(**{**QUIET, **noise}), events, np.random.default_rng(5))
+    imu = ImuLog(
+        time_s=taxi.time_s, dt_s=np.full(taxi.time_s.size, taxi.dt_s), dtheta_rad=moved.dtheta_rad, dv_m_s=moved.dv_m_s
+    )
+    start = NavState(time_s=0.0, site=SITE, v_n_m_s=np.zeros(3), C_nb=dcm_from_euler(0.0, 0.0, 0.4))
+    history = navigate(imu, start, epoch_s=None)
+    meridian, transverse = radii_of_curvature(taxi.lat_rad)
+    assert np.max(np.abs(history.lat_rad[1:] - moved.lat_rad) * meridian) < far_m
+    assert np.max(np.abs(history.lon_rad[1:] - moved.lon_rad) * transverse) < far_m
+    assert np.max(np.abs(history.v_n_m_s[1:] - moved.v_n_m_s)) < 2e-4
+    phi = rotation_vector_from_dcm(history.C_nb[1:] @ np.swapaxes(moved.C_nb, 1, 2))
+    assert np.max(np.abs(phi)) < 0.002 * ARCSEC
+    shifted = np.max(np.abs(moved.v_n_m_s - taxi.v_n_m_s)) + np.max(np.abs(moved.C_nb - taxi.C_nb)) * 10
+    assert shifted > 0.005  # the disturbance was there
+
+
+def test_crab_is_heading_less_direction_of_rolling(taxi):
+    """formats.md: lateral velocity in body axes is -V crab."""
+    moved = disturb(taxi, VehicleNoise(**{**QUIET, "crab_mrad": 5.0}), (), np.random.default_rng(1))
+    leg = (taxi.time_s > 120) & (taxi.time_s < 160)
+    v_n, heading = moved.v_n_m_s[leg], taxi.euler_rad[leg, 2]
+    v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], v_n)
+    np.testing.assert_allclose(v_b[:, 1], -taxi.speed_m_s[leg] * 5e-3, rtol=1e-4)
+    course = np.arctan2(v_n[:, 1], v_n[:, 0])
+    np.testing.assert_allclose(wrap_pi(heading - course), 5 * MILLIRADIAN, rtol=1e-4)
+
+
+def test_yaw_creep_walks_only_while_parked(parked, taxi):
+    creep = VehicleNoise(**{**QUIET, "yaw_creep_arcsec_sqrt_h": 5.0})
+    moved = disturb(parked, creep, (), np.random.default_rng(2))
+    heading = wrap_pi(euler_from_dcm(moved.C_nb)[2])
+    steps = np.diff(heading[::10]) / (5.0 * ARCSEC * np.sqrt(1 / 3600))
+    low, high = chi_square_band(steps.size)
+    assert low < np.mean(steps**2) < high
+    rolling = disturb(taxi, creep, (), np.random.default_rng(3))
+    drift = wrap_pi(euler_from_dcm(rolling.C_nb)[2] - taxi.euler_rad[:, 2])[taxi.speed_m_s > 0.1]
+    legs = np.unique(np.round(drift, 12))
+    assert legs.size == 2  # one heading shift on each of the two legs between rests
+
+
+def test_sway_has_its_rms_and_the_correlation_of_the_oscillator():
+    """R(tau) = rms^2 e^{-zw tau}(cos wd tau - z w/wd sin wd tau): velocity of a damped oscillator under white force."""
+    rate, f, z, rms = 10.0, 0.28, 0.2, 0.001
+    v = sway_velocity(np.random.default_rng(4), 400_000, rms_m_s=rms, frequency_hz=f, damping=z, rate_hz=rate)
+    w = 2 * np.pi * f
+    wd = w * np.sqrt(1 - z**2)
+    independent = v.size / rate * z * w  # samples worth: correlation time 1/(2 z w) of the square
+    assert np.mean(v**2) / rms**2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / independent))
+    for lag in (3, 10, 18, 36):
+        tau = lag / rate
+        expected = np.exp(-z * w * tau) * (np.cos(wd * tau) - z * w / wd * np.sin(wd * tau))
+        assert np.mean(v[lag:] * v[:-lag]) / rms**2 == pytest.approx(expected, abs=4 / np.sqrt(independent))
+
+
+def test_sway_does_not_depend_on_the_sample_rate():
+    """Exact discretisation: the variance of the first sample and of late ones agree at 10 and 200 Hz."""
+    for rate in (10.0, 200.0):
+        runs = [
+            sway_velocity(np.random.default_rng(s), 60, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+            for s in range(1000)
+        ]
+        low, high = chi_square_band(1000)
+        for column in (0, 59):
+            assert low < np.mean(np.array(runs)[:, column] ** 2) < high
+
+
+def test_side_noise_is_gauss_markov_of_two_seconds():
+    v = gauss_markov(np.random.default_rng(6), 400_000, rms=0.02, tau_s=2.0, rate_hz=10.0)
+    independent = v.size / 20.0
+    assert np.mean(v**2) / 0.02**2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / independent))
+    assert np.mean(v[20:] * v[:-20]) / 0.02**2 == pytest.approx(np.exp(-1), abs=4 / np.sqrt(independent))
+
+
+def test_side_noise_acts_along_body_y_and_only_while_rolling(taxi):
+    moved = disturb(taxi, VehicleNoise(**{**QUIET, "lateral_noise_m_s": 0.05}), (), np.random.default_rng(7))
+    extra_b = np.einsum("nji,nj->ni", taxi.C_nb, moved.v_n_m_s - taxi.v_n_m_s)
+    np.testing.assert_allclose(extra_b[:, [0, 2]], 0.0, atol=1e-15)
+    assert not extra_b[taxi.speed_m_s < 0.5, 1].any()
+    assert 0.02 < np.std(extra_b[taxi.speed_m_s > 1.5, 1]) < 0.08
+
+
+def test_boarding_settles_at_its_step_within_seconds(parked):
+    event = Boarding(time_s=100.0, roll_arcsec=100.0, pitch_arcsec=-50.0, heading_arcsec=20.0)
+    moved = disturb(parked, VehicleNoise(**QUIET), (event,), np.random.default_rng(8))
+    angles = np.stack(euler_from_dcm(moved.C_nb), axis=-1)
+    angles[:, 2] = wrap_pi(angles[:, 2])
+    assert np.max(np.abs(angles[parked.time_s <= 100.0])) < 1e-12
+    settled = angles[parked.time_s > 105.0] / ARCSEC
+    np.testing.assert_allclose(settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1)
+
+
+def test_bump_reaches_its_velocity_and_leaves_no_displacement(taxi):
+    moved = disturb(taxi, VehicleNoise(**QUIET), (Bump(time_s=20.0, velocity_m_s=0.2),), np.random.default_rng(9))
+    assert np.max(np.abs(moved.v_n_m_s[:5000])) == pytest.approx(0.2 * np.cos(0.4), rel=0.01)
+    assert abs(moved.lat_rad[4000] - taxi.lat_rad[4000]) * 6.4e6 < 1e-6
+
+
+def test_gust_is_over_when_it_is_over(parked):
+    gust = Gust(time_s=1000.0, duration_s=500.0, sway_m_s=0.05)
+    moved = disturb(parked, VehicleNoise(**QUIET), (gust,), np.random.default_rng(10))
+    inside = (parked.time_s > 1100) & (parked.time_s < 1400)
+    assert 0.03 < np.std(moved.v_n_m_s[inside, :2]) < 0.08
+    outside = (parked.time_s < 1000) | (parked.time_s > 1500)
+    assert not moved.v_n_m_s[outside].any()
+
+
+def test_level_turns_with_the_displacement_as_the_frames_say():
+    """rho = (cosL dlon, -dlat, -sinL dlon) is the rotation between the frames at the two places."""
+    from ins.earth import dcm_en
+
+    lat, dlat, dlon = 0.8, 3e-6, -5e-6
+    between = rotation_vector_from_dcm(dcm_en(lat, 0.1).T @ dcm_en(lat + dlat, 0.1 + dlon))
+    np.testing.assert_allclose(between, [np.cos(lat) * dlon, -dlat, -np.sin(lat) * dlon], atol=1e-10)
