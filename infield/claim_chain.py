@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from alignment.result import Alignment
 from alignment.stillness import ROLLING, STILL, classify
@@ -96,12 +97,16 @@ def _heading_from_taxi(
     if not rolling.size:
         return float("nan"), float("nan"), "no taxi: the east axis stays relative"
     rows = slice(max(int(rolling[0]) - 60, 1), int(np.flatnonzero(kind <= ROLLING)[-1]) + 1)
-    response, v = _responses(history, rows, float(gravity_magnitude(lat, history.height_m[0])), aligned.heading_rad)
-    A, z, weight = _observations(history, kind, rows, response, v, twin)
-    prior = np.array([prior_rad_s, twin.accel.turn_on_ug * MICRO_G, twin.accel.turn_on_ug * MICRO_G, 0.01, 0.1, 0.1, 1e-3, 1e-3])
-    information = (A.T * weight) @ A + np.diag(prior**-2.0)
-    P = np.linalg.inv(information)
-    eps, sigma = float((P @ (A.T @ (weight * z)))[0]), float(np.sqrt(P[0, 0]))
+    gravity = float(gravity_magnitude(lat, history.height_m[0]))
+    response, v = _responses(history, rows, gravity, aligned.heading_rad)
+    seen = _observations(history, kind, rows, response, v, twin)
+    level = twin.accel.turn_on_ug * MICRO_G
+    prior = np.array([prior_rad_s, level, level, 0.01, 1.0, 1.0, 1e-3, 1e-3])
+    whitener = np.linalg.cholesky(_covariance(seen, history.time_s[rows], gravity, twin))
+    scaled = solve_triangular(whitener, seen.A * prior, lower=True)  # unknowns in units of their prior sigma
+    P = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior)))
+    x = P @ (scaled.T @ solve_triangular(whitener, seen.z, lower=True))
+    eps, sigma = float(x[0]) * prior_rad_s, float(np.sqrt(P[0, 0])) * prior_rad_s
     if sigma > UNSEEN * prior_rad_s:
         return float("nan"), float("nan"), "the taxi never left the alignment heading: its cross-track motion is blind"
     return -eps / coupling, sigma / coupling, "cross-track velocity after a turn, both velocities at stops"
@@ -133,21 +138,47 @@ def _responses(
     return out, history.v_n_m_s[rows, :2]
 
 
+@dataclass(frozen=True)
+class _Observations:
+    """Rows A (m, 8) and values z (m,); the epoch, direction (m, 2) in north, east and own sigma of each."""
+
+    A: NDArray
+    z: NDArray
+    epoch: NDArray
+    direction: NDArray
+    sigma: NDArray
+
+
 def _observations(
     history: NavHistory, kind: NDArray, rows: slice, response: NDArray, v: NDArray, twin: TwinModel
-) -> tuple[NDArray, NDArray, NDArray]:
-    """Rows, values and weights of all epochs: lateral velocity while rolling, both components while standing."""
+) -> _Observations:
+    """Every third epoch: lateral velocity while rolling straight, both components while standing."""
     heading = euler_from_dcm(history.C_nb[rows])[2]
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     side = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
     turning = np.abs(np.gradient(np.unwrap(heading))) > 2e-3
-    roll = (kind[rows] == ROLLING) & ~turning
-    stop = kind[rows] == STILL
-    lateral = np.einsum("ni,nij->nj", side, response)
-    lateral[:, 3] = np.einsum("ni,ni->n", forward, v)
-    A = np.concatenate([lateral[roll], response[stop][:, 0], response[stop][:, 1]])
-    z = np.concatenate([np.einsum("ni,ni->n", side, v)[roll], v[stop][:, 0], v[stop][:, 1]])
-    sigma_lateral = 2.0 * max(twin.vehicle.lateral_noise_m_s, 1e-3)  # 2 s Gauss-Markov sampled each second
-    sigma_stop = max(twin.vehicle.sway_m_s, 1e-3) * 3.0
-    weight = np.concatenate([np.full(roll.sum(), sigma_lateral**-2.0), np.full(2 * stop.sum(), sigma_stop**-2.0)])
-    return A, z, weight
+    every = np.arange(len(heading)) % 3 == 0
+    roll = np.flatnonzero((kind[rows] == ROLLING) & ~turning & every)
+    stop = np.flatnonzero((kind[rows] == STILL) & every)
+    epoch = np.concatenate([roll, stop, stop])
+    north, east = (np.tile(d, (stop.size, 1)) for d in ([1.0, 0.0], [0.0, 1.0]))
+    direction = np.concatenate([side[roll], north, east])
+    A = np.einsum("mi,mij->mj", direction, response[epoch])
+    A[: roll.size, 3] = np.einsum("ni,ni->n", forward, v)[roll]
+    lateral = np.full(roll.size, max(twin.vehicle.lateral_noise_m_s, 1e-3))
+    sway = np.full(2 * stop.size, max(twin.vehicle.sway_m_s, 1e-3))
+    return _Observations(
+        A, np.einsum("mi,mi->m", direction, v[epoch]), epoch, direction, np.concatenate([lateral, sway])
+    )
+
+
+def _covariance(seen: _Observations, time_s: NDArray, gravity: float, twin: TwinModel) -> NDArray:
+    """Noise of the observations: their own, and the velocity error that angle and velocity random walk build up.
+
+    For s < t: g^2 N^2 s^2 (3 t - s) / 6 from the angle, n^2 s from the velocity, in north and east alike.
+    """
+    t = (time_s - time_s[0] + 1.0)[seen.epoch]
+    early, late = np.minimum(t[:, None], t[None, :]), np.maximum(t[:, None], t[None, :])
+    angle = (gravity * twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2 * early**2 * (3.0 * late - early) / 6.0
+    velocity = (twin.accel.vrw_ug_sqrt_hz * MICRO_G) ** 2 * early
+    return (seen.direction @ seen.direction.T) * (angle + velocity) + np.diag(seen.sigma**2)

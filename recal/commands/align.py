@@ -1,0 +1,82 @@
+"""`recal align`: attitude and heading with sigma from the parked part of a run."""
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from recal.console import (
+    DEFAULT_STORE,
+    DONE,
+    INCONSISTENT,
+    REFUSED,
+    JsonFlag,
+    OutputPath,
+    Quiet,
+    StoreUrl,
+    emit_json,
+    result_text,
+    say,
+)
+
+EXIT = {"aligned": DONE, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT}
+
+
+def command(
+    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    store: StoreUrl = DEFAULT_STORE,
+    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+) -> None:
+    """Level, gyrocompass and find the phases; heading with an honest sigma.
+
+    Example: recal align run-1 --json
+    """
+    document = align(run, store_url=store, twin=twin, output=output)
+    if as_json:
+        emit_json(document)
+    for line in _summary(document):
+        say(line, quiet=quiet)
+    raise typer.Exit(EXIT[document["verdict"]])
+
+
+def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None) -> dict[str, Any]:
+    """Align one run and write alignment.json; returns its document."""
+    import numpy as np
+
+    from alignment.document import alignment_document
+    from alignment.gyrocompass import align as align_log
+    from infield.session import compensated_imu, table_along
+    from infield.thermometer import gyro_temperature
+    from recal.output import output_directory, write_text
+    from recal.unit_inputs import open_store, unit_inputs
+    from trajectories.run import read_run
+
+    run = read_run(run_path)
+    unit = unit_inputs(run, open_store(store_url), twin)
+    sigma, table_deg_h = None, np.zeros((len(run.imu.time_s), 3))
+    if unit.known and run.temperature is not None:
+        temperature = gyro_temperature(run.temperature)
+        table_deg_h = table_along(unit.table, temperature, run.imu.time_s)
+        T = temperature.temperature_degC[0]
+        sigma = np.array([unit.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
+        sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
+    imu = compensated_imu(run, table_deg_h, unit.twin)
+    result = align_log(imu, run.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=run.phases)
+    document = alignment_document(result, run)
+    write_text(output_directory(output, "align") / "alignment.json", result_text(document))
+    return document
+
+
+def _summary(document: dict[str, Any]) -> list[str]:
+    lines = [f"{document['run_id']}: {document['verdict']}"]
+    lines += [f"  because {reason}" for reason in document["reasons"]]
+    for name in ("roll", "pitch", "heading"):
+        value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
+        if value is not None and value == value:
+            lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
+    for phase in document["phases"]:
+        lines.append(f"  {phase['phase']:20s}{phase['start_s']:9.1f} to {phase['end_s']:9.1f} s")
+    return lines
