@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.earth import radii_of_curvature
 from ins.records import AccelNoise, GnssLog, GnssNoise, GyroNoise, OdometerLog, OdometerNoise, TemperatureNoise
 from ins.units import (
     DEG_PER_HOUR,
@@ -113,8 +114,6 @@ def thermometer(rng: np.random.Generator, true_degC: NDArray, noise: Temperature
 
 def gnss_output(rng: np.random.Generator, true: GnssLog, noise: GnssNoise) -> GnssLog:
     """Fixes with white errors; horizontal sigma for each of north and east, velocity sigma for all three axes."""
-    from ins.earth import radii_of_curvature
-
     n = true.time_s.size
     north, east = noise.sigma_horizontal_m * rng.standard_normal((2, n))
     meridian, transverse = radii_of_curvature(true.lat_rad)

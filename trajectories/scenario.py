@@ -16,7 +16,7 @@ from pydantic import Field, create_model
 from ins.json_file import StrictModel, parse, refuse_non_finite, without_schema
 from ins.records import InputError, Site, Survey, TwinModel
 from ins.twin_file import default_twin, read_twin, twin_from_dict
-from ins.units import DEG, MILLIRADIAN
+from ins.units import DEG
 from trajectories.motions import lay
 from trajectories.segments import SEGMENTS, Segment
 from trajectories.sensors import IdealSensors, ideal_sensors
@@ -91,9 +91,9 @@ class LeverArmSection:
 @dataclass(frozen=True, kw_only=True)
 class SurveySection:
     heading_deg: float | None = None
-    sigma_heading_mrad: float | None = None
+    sigma_heading_deg: float | None = None
     centre_line_deg: float | None = None
-    sigma_centre_line_mrad: float | None = None
+    sigma_centre_line_deg: float | None = None
 
 
 SECTIONS: dict[str, type] = {
@@ -155,8 +155,8 @@ def scenario_from_dict(
     rest = {k: v for k, v in without_schema(data, SCHEMA, name=name).items() if k not in SECTIONS}
     head = fill(_Head, rest, name=name)
     sections = {key: fill(cls, data.get(key, {}), name=f"{name}: {key}") for key, cls in SECTIONS.items()}
-    twin, twin_folder = _twin(head, folder, twin_path, name)
     unit: UnitSection = sections["unit"]
+    twin, twin_folder = _twin(head, folder, twin_path, name, technology=unit.gyro_technology or "rlg")
     table_path = folder / unit.table if unit.table else twin_folder / twin.table if twin.table else None
     return Scenario(
         name=Path(name).stem, seed=head.seed, alignment_s=head.alignment_s, twin=twin, table_path=table_path,
@@ -179,10 +179,9 @@ def simulate_scenario(
         events=scenario.events, gnss_lever_arm_m=scenario.lever_arms_m.gnss,
         run_id=run.run_id or f"{scenario.name}-{seed}", tail=run.tail, start_utc=run.start_utc,
         survey=Survey(
-            heading_rad=_times(survey.heading_deg, DEG),
-            sigma_heading_rad=_times(survey.sigma_heading_mrad, MILLIRADIAN),
-            centre_line_rad=_times(survey.centre_line_deg, DEG),
-            sigma_centre_line_rad=_times(survey.sigma_centre_line_mrad, MILLIRADIAN),
+            heading_rad=_radians(survey.heading_deg), sigma_heading_rad=_radians(survey.sigma_heading_deg),
+            centre_line_rad=_radians(survey.centre_line_deg),
+            sigma_centre_line_rad=_radians(survey.sigma_centre_line_deg),
         ),
     )  # fmt: skip
     return simulated, unit
@@ -247,8 +246,10 @@ class _Head:
     disturbance: list[dict[str, Any]] = field(default_factory=list)
 
 
-def _twin(head: _Head, folder: Path, twin_path: Path | None, name: str) -> tuple[TwinModel, Path]:
-    """The twin and the folder that its table is relative to."""
+def _twin(
+    head: _Head, folder: Path, twin_path: Path | None, name: str, *, technology: str
+) -> tuple[TwinModel, Path]:
+    """The twin (else the defaults of the technology) and the folder that its table is relative to."""
     if head.twin is not None and head.twin_file is not None:
         raise InputError(f"{name}: twin and twin_file are both given, needed one of them")
     if twin_path is not None:
@@ -258,7 +259,7 @@ def _twin(head: _Head, folder: Path, twin_path: Path | None, name: str) -> tuple
     if head.twin is not None:
         inline = {"schema": "recal.twin/1", **head.twin}
         return twin_from_dict(inline, source=f"{name}: twin", name=f"{name}: twin"), folder
-    return default_twin("rlg"), folder
+    return default_twin(technology), folder
 
 
 def _one_of(kinds: dict[str, type], key: str, item: dict[str, Any], name: str) -> Any:
@@ -288,8 +289,8 @@ def _agreed(scenario: str, key: str, sources: dict[str, str | None]) -> str:
     return next(iter(given.values()), "")
 
 
-def _times(value: float | None, unit: float) -> float | None:
-    return None if value is None else value * unit
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else angle_deg * DEG
 
 
 def _read_text(path: Path) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
+from ins.attitude import dcm_from_rotation_vector
 from ins.earth import omega_ie_n, radii_of_curvature
 from ins.records import VehicleNoise
 from ins.units import ARCSEC, MILLIRADIAN
@@ -98,11 +98,6 @@ def disturb(
         dtheta_rad=dtheta, dv_m_s=_turned_by(0.5 * (q_b + _shifted(q_b)), dv_b), lat_rad=ideal.lat_rad + dlat,
         lon_rad=ideal.lon_rad + dlon, v_n_m_s=ideal.v_n_m_s + dv_n, C_nb=ideal.C_nb @ dcm_from_rotation_vector(q_b),
     )  # fmt: skip
-
-
-def euler_of(disturbed: Disturbed) -> tuple[NDArray, NDArray, NDArray]:
-    """Roll, pitch, heading [rad] with the disturbances in."""
-    return euler_from_dcm(disturbed.C_nb)
 
 
 def sway_velocity(

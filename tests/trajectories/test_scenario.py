@@ -2,6 +2,7 @@
 
 import tomllib
 from importlib import resources
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from ins.records import InputError
 from ins.units import DEG
 from trajectories.motions import reference_motion
 from trajectories.scenario import (
+    SECTIONS,
     packaged_scenarios,
     read_scenario,
     scenario_from_dict,
@@ -17,6 +19,7 @@ from trajectories.scenario import (
     scenario_unit,
     simulate_scenario,
 )
+from trajectories.vehicle import EVENTS
 
 
 def small(**changes):
@@ -68,14 +71,15 @@ def test_every_section_reaches_the_run():
         unit={"imu_serial": "SN-7", "gyro_technology": "fog", "ageing_seed": 3},
         twin={"gyro_technology": "fog", "gyro": {"arw_deg_sqrt_h": 0.01}}, streams={"gnss": True, "odometer": True},
         lever_arms_m={"wheel_reference": [1.0, 2.0, 3.0], "gnss": [4, 5, 6]},
-        survey={"heading_deg": 30.0, "sigma_heading_mrad": 0.2},
+        survey={"heading_deg": 30.0, "sigma_heading_deg": 0.01},
         disturbance=[{"event": "boarding", "time_s": 10, "roll_arcsec": 100}],
     )  # fmt: skip
     made, unit = simulate_scenario(scenario_from_dict(data, name="s.toml"))
     header = made.run.header
     assert (header.run_id, header.tail, header.imu_serial, header.gyro_technology) == ("R1", "D-ABCD", "SN-7", "fog")
     assert header.wheel_reference_m == (1.0, 2.0, 3.0) and header.gnss_lever_arm_m == (4.0, 5.0, 6.0)
-    assert header.survey.heading_rad == pytest.approx(30 * DEG) and header.survey.sigma_heading_rad == 2e-4
+    assert header.survey.heading_rad == pytest.approx(30 * DEG)
+    assert header.survey.sigma_heading_rad == pytest.approx(0.01 * DEG)
     assert made.run.gnss is not None and made.run.odometer is not None
     assert made.reference.roll_rad[-1] - made.reference.roll_rad[0] == pytest.approx(100 * DEG / 3600, rel=0.05)
     assert made.reference.pitch_rad[0] == pytest.approx(-2 * DEG, abs=1e-6) and unit.gyro_technology == "fog"
@@ -117,6 +121,14 @@ def test_what_is_wrong_is_named(changes, words):
     assert all(word in str(caught.value) for word in words), str(caught.value)
 
 
+def test_the_example_shows_every_section():
+    path = Path(__file__).parents[2] / "examples" / "scenario.toml"
+    scenario = read_scenario(path)
+    assert set(SECTIONS) <= set(tomllib.loads(path.read_text()))
+    assert {type(e) for e in scenario.events} == set(EVENTS.values())
+    simulate_scenario(scenario_from_dict({**tomllib.loads(path.read_text()), "imu": {"rate_hz": 10}}, name="example"))
+
+
 def test_a_latitude_of_91_is_refused():
     site = {"lat_deg": 91.0, "lon_deg": 7.0, "height_m": 0.0}
     with pytest.raises(InputError, match="latitude 91 deg"):
@@ -128,7 +140,9 @@ def test_unit_and_twin_must_be_of_one_technology_and_serial():
     with pytest.raises(InputError, match=r"unit\.imu_serial says SN-2, twin says SN-1"):
         scenario_unit(scenario_from_dict(small(twin=twin, unit={"imu_serial": "SN-2"}), name="s.toml"))
     with pytest.raises(InputError, match="gyro_technology"):
-        scenario_unit(scenario_from_dict(small(unit={"gyro_technology": "fog"}), name="s.toml"))
+        scenario_unit(scenario_from_dict(small(twin=twin, unit={"gyro_technology": "fog"}), name="s.toml"))
+    alone = scenario_from_dict(small(unit={"gyro_technology": "mems"}), name="s.toml")
+    assert alone.twin.gyro.arw_deg_sqrt_h > 0.1 and scenario_unit(alone).gyro_technology == "mems"
     assert scenario_unit(scenario_from_dict(small(twin=twin), name="s.toml")).imu_serial == "SN-1"
 
 
