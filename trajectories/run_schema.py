@@ -1,6 +1,6 @@
 """What a run directory may hold (formats.md, section 1): the columns of each stream and the keys of run.json.
 
-Angles are degrees in the files and radians in the records; `degrees_exact` makes the way back lose nothing.
+Angles are degrees in the files and radians in the records; `degrees_exact` is the way back.
 """
 
 import datetime
@@ -193,15 +193,15 @@ def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Sit
 
 
 def degrees_exact(angle_rad: ArrayLike) -> NDArray:
-    """Degrees whose product with DEG is the same float again, wherever such a number exists (else the nearest).
+    """Degrees for a file: the short decimal a person typed where it gives the same float in radians, else the quotient.
 
-    Plain division is off by one unit in the last place for about one angle in three; the neighbours are tried.
+    What was read from a file comes back the same in degrees and in radians; other angles may lose one unit in the last
+    place of the radians the first time (1.4e-9 m on the ground), nothing after.
     """
     rad = np.asarray(angle_rad, dtype=float)
-    best = rad / DEG
-    for other in (np.nextafter(best, -np.inf), np.nextafter(best, np.inf), np.round(best, 10)):
-        best = np.where(other * DEG == rad, other, best)  # the short decimal last: it is what a person typed
-    return best
+    quotient = rad / DEG
+    short = np.round(quotient, 10)
+    return np.where(short * DEG == rad, short, quotient)
 
 
 def _deg(angle_rad: float | None) -> float | None:

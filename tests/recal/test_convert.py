@@ -134,7 +134,7 @@ columns = ["fx", "fy", "fz"]
 unit = "m/s2"
 """
 GIVEN = {
-    "imu_serial": "S", "gyro_technology": "rlg", "start_utc": "2026-03-01T05:00:00Z", "lat_deg": 45, "lon_deg": 7,
+    "imu_serial": "S", "gyro_technology": "rlg", "start_utc": "2026-03-01T05:00:00Z", "lat_deg": 30, "lon_deg": 7,
     "height_m": 250,
 }  # fmt: skip
 ROWS = np.array([[0.02 * k, *W_B, *F_B] for k in range(500)])
@@ -202,7 +202,7 @@ def test_damaged_text_is_named(tmp_path):
 def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
     source = csv_run(tmp_path / "source") / "imu.csv"
     said = invoke(
-        source, "-o", tmp_path / "run", "--serial", "SN-0042", "--technology", "rlg", "--lat-deg", 45, "--lon-deg", 7,
+        source, "-o", tmp_path / "run", "--serial", "SN-0042", "--technology", "rlg", "--lat-deg", 30, "--lon-deg", 7,
         "--height-m", 250, "--start-utc", "2026-03-01T05:00:00Z", "--run-id", "again", "--json",
     )  # fmt: skip
     assert said.exit_code == 0, said.stderr

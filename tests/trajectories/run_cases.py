@@ -1,4 +1,4 @@
-"""Small runs for tests: a unit at rest, level, heading 0, at latitude 45 deg, with every stream."""
+"""Small runs for tests: a unit at rest, level, heading 0, latitude 30 deg (sine and cosine differ), every stream."""
 
 import json
 from pathlib import Path
@@ -20,7 +20,7 @@ from ins.records import (
 )
 from trajectories.run import write_run
 
-SITE = Site(lat_rad=np.radians(45.0), lon_rad=np.radians(7.0), height_m=250.0)
+SITE = Site(lat_rad=np.radians(30.0), lon_rad=np.radians(7.0), height_m=250.0)
 W_B = omega_ie_n(SITE.lat_rad)  # level, heading 0: body axes are north-east-down
 F_B = -gravity_n(SITE.lat_rad, SITE.height_m)
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -75,10 +76,18 @@ def test_no_digit_is_lost_in_a_stream_file(tmp_path_factory, values):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.floats(min_value=-360, max_value=360))
-def test_degrees_of_a_file_survive_radians(lat_deg):
-    once = np.asarray(lat_deg) * DEG
-    assert degrees_exact(once) * DEG == once
+@given(st.integers(min_value=-360 * 10**8, max_value=360 * 10**8), st.floats(min_value=-360, max_value=360))
+def test_degrees_of_a_file_survive_radians(typed, stored):
+    """A typed decimal comes back as typed; any stored number gives the same radians again."""
+    assert degrees_exact(typed / 1e8 * DEG) == typed / 1e8
+    assert degrees_exact(stored * DEG) * DEG == stored * DEG
+
+
+def test_typed_positions_stay_typed():
+    """Plain division turns 7 % of eight-digit decimals into long ones; these are among them."""
+    typed = np.round(np.linspace(-180, 180, 1001), 8)
+    assert np.any(np.asarray(typed * DEG) / DEG != typed)
+    assert np.array_equal(degrees_exact(typed * DEG), typed)
 
 
 def test_missing_values_are_empty_in_csv_and_nan_in_memory(tmp_path):
@@ -150,6 +159,23 @@ def test_a_failed_write_leaves_nothing_and_keeps_the_old_run(tmp_path, monkeypat
             write_run(tmp_path / name, full_run(header=header(run_id="R9")))
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
     assert {p.name: p.read_bytes() for p in (tmp_path / "run").iterdir()} == before
+
+
+def test_the_old_run_comes_back_when_the_new_one_cannot_take_its_place(tmp_path, monkeypatch):
+    write_run(tmp_path / "run", full_run())
+    rename = Path.rename
+
+    def failing(self, target):
+        if self.parent == tmp_path and target == tmp_path / "run":
+            raise OSError(5, "Input/output error")
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(InputError, match="Input/output error"):
+        write_run(tmp_path / "run", full_run(header=header(run_id="R2")))
+    monkeypatch.undo()
+    assert read_run(tmp_path / "run").header.run_id == "R1"
+    assert [p.name for p in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
@@ -241,7 +267,7 @@ def test_minimal_run(tmp_path):
     """Only what formats.md calls required, whole numbers as integers, survey absent."""
     path = tmp_path / "run"
     write_run(path, Run(header=header(), imu=imu_log(seconds=5)))
-    site = {"lat_deg": 45, "lon_deg": 7, "height_m": 250}
+    site = {"lat_deg": 30, "lon_deg": 7, "height_m": 250}
     edit_json(path, lambda data: (data.pop("survey"), data.pop("gyro_mode"), data.update(site=site)))
     read = read_run(path)
     assert read.header.site == SITE

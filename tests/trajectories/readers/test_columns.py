@@ -104,6 +104,9 @@ def test_temperatures_follow_their_gyro():
     log = convert(columns, temperature={"columns": ["Tx", "Ty", "Tz"], "unit": "K"})
     assert log.temperature.time_s.size == 3  # [0, 1), [1, 2), [2, 2]
     np.testing.assert_allclose(log.temperature.gyro_degC[1], [10.0, 20.0, 30.1], atol=1e-9)
+    cyclic = {"x": "y", "y": "z", "z": "x"}
+    turned = convert(columns, axes=cyclic, temperature={"columns": ["Tx", "Ty", "Tz"], "unit": "K"})
+    np.testing.assert_allclose(turned.temperature.gyro_degC[1], [20.0, 10.0, 30.1], atol=1e-9)
     one = convert(columns, temperature={"columns": ["Ty"], "unit": "K"})
     np.testing.assert_allclose(one.temperature.gyro_degC, 20.0, atol=1e-9)
 
