@@ -1,7 +1,8 @@
 """The strapdown loop: one step after another in the Earth frame. Import lazily: this module loads numba.
 
-Every compiled function lives here, because numba does not see a change in another file's callee. Without numba,
-or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples of nine in
+Every compiled function lives here, because numba does not see a change in another file's callee; nor does it see a
+change of the constants below, so clear __pycache__ after editing ins.earth. Without numba, or with
+NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples of nine in
 row order; SI and radians, silent. The loop takes no sine and no cosine of position, so no latitude is special.
 
 State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration correction.

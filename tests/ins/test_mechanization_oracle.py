@@ -87,14 +87,14 @@ def test_one_hour_flight_comes_straight_back():
 
 
 @pytest.mark.parametrize("motion", [flight, polar_flight])
-def test_halving_the_interval_divides_the_error_by_four_or_more(motion):
-    """From 12.5 to 25 to 50 Hz over 10 min; observed 8 in position and velocity."""
+def test_halving_the_interval_divides_the_error_by_more_than_four(motion):
+    """From 12.5 to 25 to 50 Hz over 10 min; observed 8: third order."""
     found = []
     for dt in (0.08, 0.04, 0.02):
         h = navigate(ideal_imu(motion, edges(600, dt)), true_state(motion, 0.0))
         found.append(sizes(h, motion))
-    assert np.all(found[0] / found[1] > 4)
-    assert np.all(found[1] / found[2] > 4)
+    assert np.all(found[0] / found[1] > 6)
+    assert np.all(found[1] / found[2] > 6)
 
 
 @pytest.mark.parametrize("offset_rad", [0.0, 5e-5])
@@ -166,6 +166,19 @@ def test_sculling_through_the_whole_mechanization(frequency_hz):
     whole = 0.5 * theta0 * sway_m * w**2
     assert error_down == pytest.approx(2 * whole * residual_factor(0.01 * w), rel=0.1, abs=1e-7)
     assert abs(error_down) < 0.1 * whole
+
+
+def test_position_follows_a_sway_better_than_the_trapezoid():
+    """1 m at 0.5 Hz, sampled at 20 Hz: the trapezoid alone is off by dt^2/12 times the force, 2 mm; reached 0.17 mm."""
+    meridian = float(earth.radii_of_curvature(0.8)[0])
+
+    def motion(t):
+        zero = constant(0.0, t)
+        return geodetic_motion(0.8 - 1 / meridian * cosine(TURN / 2 * t), 0.1 + zero, zero, zero, zero, zero)
+
+    h = navigate(ideal_imu(motion, edges(10, 0.05)), true_state(motion, 0.0), epoch_s=None)
+    off = [np.linalg.norm(errors(h, motion, k)[0]) for k in range(h.time_s.size)]
+    assert max(off) < 3e-4
 
 
 # ------------------------------------------------------------------------------------------------ other authors
