@@ -58,10 +58,12 @@ def test_a_unit_made_from_a_table_has_it_exactly_and_ages_on_top():
 
     nodes = [-7.0, 11.0, 42.0]
     axis = {"temperature_degC": nodes, "bias_deg_h": [0.01, -0.02, 0.03], "sigma_deg_h": [0.01] * 3}
-    table = {"axes": dict.fromkeys("xyz", axis)}
+    other = {**axis, "bias_deg_h": [0.0, 0.1, 0.2]}
+    table = {"axes": {"x": other, "y": axis, "z": other}}
     unit = aged_unit(np.random.default_rng(1), table=table, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
     at = np.linspace(-20, 60, 81)
     np.testing.assert_allclose(unit.bias_deg_h("y", at), np.interp(at, nodes, axis["bias_deg_h"]), atol=1e-15)
+    np.testing.assert_allclose(unit.bias_deg_h("z", at), np.interp(at, nodes, other["bias_deg_h"]), atol=1e-15)
     slopes = [0.001, 0.0, -0.002]
     smooth = {"axes": {key: {**axis, "slope_deg_h_degC": slopes} for key in "xyz"}}
     unit = aged_unit(np.random.default_rng(1), table=smooth, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)

@@ -46,9 +46,10 @@ def chi_square_band(n, false_alarm=1e-4):
         ({"yaw_creep_arcsec_sqrt_h": 300.0}, (), 0.002),
         ({"sway_m_s": 0.02}, (), 0.001),
         ({}, (Boarding(time_s=20.0, roll_arcsec=300.0, pitch_arcsec=-200.0, heading_arcsec=250.0),), 0.02),
+        ({}, (Boarding(time_s=20.0, roll_arcsec=300.0), Boarding(time_s=30.0, pitch_arcsec=300.0)), 0.02),
         ({}, (Gust(time_s=10.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=50.0, velocity_m_s=0.2)), 0.001),
     ],
-    ids=["crab", "side noise", "creep", "sway", "boarding", "gust and bump"],
+    ids=["crab", "side noise", "creep", "sway", "boarding", "roll then pitch", "gust and bump"],
 )
 def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
     """The disturbed increments navigate to the disturbed truth; the bounds are what the module says is left out."""
@@ -77,6 +78,15 @@ def test_crab_is_heading_less_direction_of_rolling(taxi):
     np.testing.assert_allclose(v_b[:, 1], -taxi.speed_m_s[leg] * 5e-3, rtol=1e-4)
     course = np.arctan2(v_n[:, 1], v_n[:, 0])
     np.testing.assert_allclose(wrap_pi(heading - course), 5 * MILLIRADIAN, rtol=1e-4)
+
+
+def test_course_of_rolling_turns_with_the_heading(taxi):
+    """A parked vehicle that has yawed still rolls along its own x axis afterwards: no side slip."""
+    yawed = (Boarding(time_s=20.0, heading_arcsec=300.0),)
+    moved = disturb(taxi, VehicleNoise(**QUIET), yawed, np.random.default_rng(1))
+    leg = (taxi.time_s > 120) & (taxi.time_s < 160)
+    v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], moved.v_n_m_s[leg])
+    assert np.max(np.abs(v_b[:, 1])) < 1e-4  # 300 arcsec of 9.5 m/s would be 14 mm/s
 
 
 def test_yaw_creep_walks_only_while_parked(parked, taxi):
