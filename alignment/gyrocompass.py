@@ -21,7 +21,7 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
 LATITUDE_SIGMAS = 3.3  # alarm level of the latitude test: 0.1 % false alarms
-SMALLEST_YAW_JITTER_RAD = 0.1 * ARCSEC
+SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
 CONVERGED_RAD = 2e-5
 MAX_PASSES = 4
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
@@ -51,6 +51,7 @@ def solve(
     log = imu.between(rest[0], min(until_s, float(imu.time_s[-1])))
     C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
     applied = np.zeros((len(prior.edges_s) - 1, 3))
+    level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
         rows = np.clip(np.searchsorted(prior.edges_s, log.time_s - 1e-6, side="right") - 1, 0, len(applied) - 1)
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
@@ -62,7 +63,7 @@ def solve(
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.bin_of, until_s=_first_roll(motion) if parked_only else until_s)
-        flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance)
+        flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
         parked = ParkedConstraint(
             displacement_sigma_m=jitter,
             hold_heading=hold_heading,

@@ -24,8 +24,8 @@ STILL_STEP_S = 10.0
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 NEW_HEADING_RAD = 1e-3  # a sudden turn beyond this is a new parked heading
-DIFFUSE_HEADING_RAD = 1.0
-DIFFUSE_TILT_RAD = 0.02
+DIFFUSE_HEADING_RAD = 0.05  # wide beside a coarse heading, and at least 20 times what the gyro prior allows
+DIFFUSE_TILT_RAD = 0.005
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,17 @@ def process_noise(twin: TwinModel) -> em.ProcessNoise:
     )
 
 
-def new_filter(twin: TwinModel, sigma0: dict[str, float], bias_mean: NDArray, bias_covariance: NDArray) -> ErrorFilter:
-    """A filter at the start of a parked solution: level and heading diffuse, so that the prior adds nothing."""
+def new_filter(
+    twin: TwinModel,
+    sigma0: dict[str, float],
+    bias_mean: NDArray,
+    bias_covariance: NDArray,
+    level_earth_rate_rad_s: float,
+) -> ErrorFilter:
+    """A filter at the start of a parked solution: level and heading diffuse, so that the prior adds nothing.
+
+    Wider priors than these would cost digits: the parked heading is compared to 1e-12 rad^2.
+    """
     base = {
         "W": 0.05,
         "POS": 100.0,
@@ -152,7 +161,8 @@ def new_filter(twin: TwinModel, sigma0: dict[str, float], bias_mean: NDArray, bi
         bias_mean=bias_mean,
         bias_covariance=bias_covariance,
     )
-    flt.assign(em.THETA.stop - 1, np.zeros(flt.x.size), DIFFUSE_HEADING_RAD)
+    gyro_heading = np.sqrt(np.max(np.diag(bias_covariance))) / level_earth_rate_rad_s
+    flt.assign(em.THETA.stop - 1, np.zeros(flt.x.size), min(max(DIFFUSE_HEADING_RAD, 20.0 * gyro_heading), 1.0))
     flt.clone(em.THETA_START)
     return flt
 

@@ -90,6 +90,8 @@ class ErrorFilter:
     def measure(self, kind: str, z: NDArray, H: NDArray, R: NDArray, time_s: float, *, gate: bool = True) -> bool:
         """Use a measurement unless the gate refuses it; returns whether it was used."""
         seen = kalman.innovation(self.x, self.P, z, H, R)
+        if np.any(np.diag(seen.S) < 0.9 * np.diag(R)):
+            raise ArithmeticError(f"{kind} at {time_s:.1f} s: the covariance has lost its digits")
         if gate and np.any(np.abs(seen.residual) > GATE_SIGMA * np.sqrt(np.diag(seen.S))):
             self.tally.rejected.append((time_s, kind))
             return False
