@@ -22,6 +22,8 @@ MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment ab
 MIN_REST_S = 60.0
 LATITUDE_SIGMAS = 3.3  # alarm level of the latitude test: 0.1 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
+NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 21.0, 34.0)  # tried in turn where the residuals exceed the model
+MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 2e-5
 MAX_PASSES = 4
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
@@ -112,13 +114,25 @@ def align(
     prior = BiasPrior(np.array([rest[0], imu.time_s[-1] + 1.0]), np.diag((sigma * DEG_PER_HOUR) ** 2))
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
-    solution = solve(imu, site, twin, prior, rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading)
-    result = _attitude(solution, phases)
+    for scale in NOISE_SCALES:
+        solution = solve(
+            imu, site, scaled_noise(twin, scale), prior,
+            rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading,
+        )  # fmt: skip
+        result = _attitude(solution, phases)
+        if nis_verdict(result.nis_mean, result.dof) is None and rejected_share(solution) < MAX_REJECTED:
+            break
+    if scale > 1.0:
+        result = replace(
+            result,
+            reasons=(f"the unit is noisier than its noise model ({twin.source}): taken {scale:g} times as large",),
+        )
     if level_sigma > 0.3 * earth_level:
         return replace(
             result,
             verdict="level_only",
             reasons=(
+                *result.reasons,
                 f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
                 "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit",
             ),
@@ -184,7 +198,7 @@ def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_
         f"latitude entered {site.lat_rad / DEG:.3f} deg, the gyros say {found / DEG:.3f} +- {sigma / DEG:.3f} deg: "
         "wrong position, or a gyro bias beyond its sigma"
     )
-    return replace(result, verdict="inconsistent", reasons=(reason,))
+    return replace(result, verdict="inconsistent", reasons=(*result.reasons, reason))
 
 
 def nis_verdict(nis_mean: float, dof: int) -> str | None:
@@ -193,6 +207,26 @@ def nis_verdict(nis_mean: float, dof: int) -> str | None:
     if nis_mean <= high:
         return None
     return f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of freedom, band to {high:.2f}"
+
+
+def rejected_share(solution: Solution) -> float:
+    """Share of the measurements that the gate left out."""
+    tally = solution.filter.tally
+    return len(tally.rejected) / max(len(tally.rejected) + sum(len(v) for v in tally.normalised.values()), 1)
+
+
+def scaled_noise(twin: TwinModel, scale: float) -> TwinModel:
+    """The twin with white noise and random walks `scale` times as large."""
+    gyro, accel = twin.gyro, twin.accel
+    return replace(
+        twin,
+        gyro=replace(gyro, arw_deg_sqrt_h=scale * gyro.arw_deg_sqrt_h),
+        accel=replace(
+            accel,
+            vrw_ug_sqrt_hz=scale * accel.vrw_ug_sqrt_hz,
+            rate_random_walk_ug_sqrt_h=scale * accel.rate_random_walk_ug_sqrt_h,
+        ),
+    )
 
 
 def _refused(reason: str) -> Alignment:

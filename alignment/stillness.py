@@ -145,8 +145,16 @@ class _Baseline:
         self.t: list[float] = []
         self.v: list[NDArray] = []
         self.mean, self.slope, self.centre = np.zeros(2), np.zeros(2), 0.0
+        self.misses: list[float] = []
+
+    def gate(self) -> float:
+        """Eight times the median miss of the line's own predictions: the wander of this unit, kept over restarts."""
+        return 8.0 * float(np.median(self.misses)) if len(self.misses) >= 60 else 0.0
 
     def add(self, t: float, v: NDArray) -> None:
+        if len(self.t) >= 30:
+            self.misses.append(float(np.linalg.norm(v - self.at(t))))
+            del self.misses[:-300]
         self.t.append(t)
         self.v.append(v)
         del self.t[:-90], self.v[:-90]
@@ -172,13 +180,13 @@ def _walk(t: NDArray, v: NDArray, sigma: float) -> NDArray:
     base.restart(float(t[0]), np.median(v[: min(len(t), 20)], axis=0))
     k, guard_until = 0, -np.inf
     while k < len(t):
-        fresh = 0.03 if len(base.t) < 30 else 0.0
-        if np.linalg.norm(v[k] - base.at(t[k])) <= gate + fresh:
+        limit = max(gate, base.gate()) + (0.03 if len(base.t) < 30 else 0.0)
+        if np.linalg.norm(v[k] - base.at(t[k])) <= limit:
             kind[k] = DISTURBED if t[k] < guard_until else STILL
             base.add(float(t[k]), v[k])
             k += 1
             continue
-        end, rolled = _excursion(t, v, k, base, gate, sigma)
+        end, rolled = _excursion(t, v, k, base, limit, sigma)
         kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
         if end < len(t):
             base.restart(float(t[end]), np.median(v[end : end + STOP_WINDOW_S], axis=0))

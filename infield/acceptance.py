@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 
-from alignment.gyrocompass import nis_verdict
+from alignment.gyrocompass import nis_verdict, rejected_share
+from alignment.stillness import DISTURBED, STILL
 from infield.bias_points import AxisObservability
 from infield.merge import MergeResult
 from infield.session import SessionEstimate
 
-MIN_PARKED_S = 300.0
+MIN_REST_S = 300.0
+MAX_REJECTED_SHARE = 0.25
 
 DECISION_RULE = (
     "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were logged and moved or were "
@@ -39,9 +41,21 @@ def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...
         return Verdict("inconsistent", aligned.reasons)
     if aligned.verdict != "aligned":
         return refuse(*aligned.reasons)
+    rest = estimate.solution.motion.seconds(STILL)
+    if rest < MIN_REST_S:
+        dropped = estimate.solution.motion.seconds(DISTURBED)
+        return refuse(
+            f"{rest:.0f} s at rest, needed {MIN_REST_S:.0f} s; {dropped:.0f} s were dropped for motion (listed as excluded)"
+        )
     excess = nis_verdict(estimate.nis_mean, estimate.dof)
     if excess:
         return Verdict("inconsistent", (excess + "; the twin's noise is too small or an effect is not modelled",))
+    share = rejected_share(estimate.solution)
+    if share > MAX_REJECTED_SHARE:
+        return Verdict(
+            "inconsistent",
+            (f"{100 * share:.0f} % of the measurements lie beyond the gate, needed below {100 * MAX_REJECTED_SHARE:.0f} %",),
+        )
     if all(axis.verdict == "not_observable" for axis in seen):
         best = min(axis.sigma_after_deg_h / axis.sigma_before_deg_h for axis in seen)
         return refuse(f"no gyro gains: the best keeps {100 * best:.0f} % of its prior sigma, needed below 90 %")
