@@ -7,7 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse, stillness
-from alignment.navigation_filter import Aid, ParkedConstraint, heading_error_row, new_filter, plan_steps, sweep, view_of
+from alignment.navigation_filter import (
+    Aid,
+    ParkedConstraint,
+    bin_of,
+    heading_error_row,
+    new_filter,
+    plan_steps,
+    sweep,
+    view_of,
+)
 from alignment.result import Alignment, BiasPrior, Solution
 from ins import error_model as em
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
@@ -55,7 +64,7 @@ def solve(
     applied = np.zeros((len(prior.edges_s) - 1, 3))
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
-        rows = np.clip(np.searchsorted(prior.edges_s, log.time_s - 1e-6, side="right") - 1, 0, len(applied) - 1)
+        rows = bin_of(prior.edges_s, log.time_s)
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
         history = navigate(
             compensate(log, gyro_bias_rad_s=applied[rows]), start, epoch_s=1.0, vertical=vertical or VerticalChannel()
@@ -64,7 +73,7 @@ def solve(
             motion = stillness.classify(history, phases)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
-        plan = plan_steps(motion, prior.bin_of, until_s=_first_roll(motion) if parked_only else until_s)
+        plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)
         flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
         parked = ParkedConstraint(
             displacement_sigma_m=jitter,

@@ -5,7 +5,7 @@ One sweep over a navigation solution: errors propagate by `ins.error_model`; a s
 constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.taxi_heading`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -67,23 +67,29 @@ class Aid(Protocol):
         """Use what this aid saw within the step."""
 
 
-def plan_steps(motion: Motion, bin_of: Callable[[float], int], *, until_s: float = np.inf) -> list[PlannedStep]:
+def bin_of(edges_s: NDArray, time_s: NDArray) -> NDArray:
+    """Index of the bias bin that each epoch ending at time_s belongs to; the outer bins reach on."""
+    return np.minimum(np.maximum(np.searchsorted(edges_s, time_s - 1e-6, side="right") - 1, 0), len(edges_s) - 2)
+
+
+def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> list[PlannedStep]:
     """Steps of up to 10 s while standing, one epoch otherwise; ends at the first airborne epoch or `until_s`.
 
-    A step never crosses a change of kind or of bias bin.
+    A step never crosses a change of kind or of bias bin (edges_s, (N + 1,)).
     """
     t, kind = motion.time_s, motion.kind
+    bins = bin_of(edges_s, t)
     plan: list[PlannedStep] = []
     first = 0
     for k in range(1, len(t)):
         if kind[k] == AIRBORNE or t[k] > until_s:
             break
-        here = (kind[k], bin_of(float(t[k])))
-        later = (kind[k + 1], bin_of(float(t[k + 1]))) if k + 1 < len(t) and t[k + 1] <= until_s else None
+        here = (kind[k], bins[k])
+        later = (kind[k + 1], bins[k + 1]) if k + 1 < len(t) and t[k + 1] <= until_s else None
         long = kind[k] in (STILL, DISTURBED) and later == here and t[k] - t[first] < STILL_STEP_S - 1e-6
         if not long:
             jolt = float(np.sqrt(np.sum(motion.jolt_rad[first + 1 : k + 1] ** 2)))
-            plan.append(PlannedStep(first, k, int(kind[k]), here[1], jolt))
+            plan.append(PlannedStep(first, k, int(kind[k]), int(bins[k]), jolt))
             first = k
     return plan
 

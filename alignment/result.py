@@ -21,10 +21,6 @@ class BiasPrior:
     edges_s: NDArray
     covariance: NDArray
 
-    def bin_of(self, time_s: float) -> int:
-        """Index of the bin that a step ending at time_s belongs to."""
-        return int(np.clip(np.searchsorted(self.edges_s, time_s - 1e-6, side="right") - 1, 0, len(self.edges_s) - 2))
-
 
 @dataclass(frozen=True)
 class Solution:

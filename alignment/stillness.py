@@ -139,57 +139,63 @@ def _velocity_noise(v: NDArray) -> float:
 
 
 class _Baseline:
-    """Straight line through the velocity of the last still epochs."""
+    """Straight line through the velocity of the last still epochs, refitted every fifth."""
 
-    def __init__(self) -> None:
-        self.t: list[float] = []
-        self.v: list[NDArray] = []
-        self.mean, self.slope, self.centre = np.zeros(2), np.zeros(2), 0.0
-        self.misses: list[float] = []
+    def __init__(self, t: NDArray, v: NDArray) -> None:
+        self._t, self._v = t, v
+        self._rows: list[int] = []
+        self._misses: list[float] = []
+        self._mean, self._slope, self._centre = np.zeros(2), np.zeros(2), 0.0
+        self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
 
-    def gate(self) -> float:
-        """Eight times the median miss of the line's own predictions: the wander of this unit, kept over restarts."""
-        return 8.0 * float(np.median(self.misses)) if len(self.misses) >= 60 else 0.0
+    @property
+    def fresh(self) -> bool:
+        return len(self._rows) < 30
 
-    def add(self, t: float, v: NDArray) -> None:
-        if len(self.t) >= 30:
-            self.misses.append(float(np.linalg.norm(v - self.at(t))))
-            del self.misses[:-300]
-        self.t.append(t)
-        self.v.append(v)
-        del self.t[:-90], self.v[:-90]
-        if len(self.t) % 5 == 0 or len(self.t) < 10:
-            T, X = np.array(self.t), np.array(self.v)
-            self.centre, self.mean = float(T.mean()), X.mean(axis=0)
-            s = T - self.centre
-            self.slope = s @ X / (s @ s) if len(self.t) >= 30 else np.zeros(2)
+    def add(self, k: int) -> None:
+        if not self.fresh:
+            self._misses.append(float(np.hypot(*(self._v[k] - self.at(self._t[k])))))
+            if len(self._misses) % 30 == 0 and len(self._misses) >= 60:
+                self.gate = 8.0 * float(np.median(self._misses[-300:]))
+        self._rows.append(k)
+        del self._rows[:-90]
+        if len(self._rows) % 5 == 0 or len(self._rows) < 10 or k % 5 == 0:
+            self._fit(self._v[self._rows])
 
-    def restart(self, t: float, v: NDArray) -> None:
-        self.t, self.v = [], []
-        self.add(t, v)
+    def restart(self, k: int, v: NDArray) -> None:
+        """Begin anew at epoch k with v (m, 2) as what rest looks like."""
+        self._rows = [k]
+        self._fit(v)
 
-    def at(self, t: float) -> NDArray:
-        return self.mean + self.slope * (t - self.centre)
+    def _fit(self, v: NDArray) -> None:
+        T = self._t[self._rows]
+        self._centre, self._mean, self._slope = float(T.mean()), v.mean(axis=0), np.zeros(2)
+        if not self.fresh:
+            s = T - self._centre
+            self._slope = s @ v / (s @ s)
+
+    def at(self, t: float | NDArray) -> NDArray:
+        return self._mean + self._slope * (np.asarray(t)[..., None] - self._centre)
 
 
 def _walk(t: NDArray, v: NDArray, sigma: float) -> NDArray:
     """Sequential classification of the epochs into still, disturbed, rolling."""
     kind = np.full(len(t), STILL)
     gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
-    base = _Baseline()
-    base.restart(float(t[0]), np.median(v[: min(len(t), 20)], axis=0))
+    base = _Baseline(t, v)
+    base.restart(0, v[: min(len(t), 20)])
     k, guard_until = 0, -np.inf
     while k < len(t):
-        limit = max(gate, base.gate()) + (0.03 if len(base.t) < 30 else 0.0)
-        if np.linalg.norm(v[k] - base.at(t[k])) <= limit:
+        limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
+        if np.hypot(*(v[k] - base.at(t[k]))) <= limit:
             kind[k] = DISTURBED if t[k] < guard_until else STILL
-            base.add(float(t[k]), v[k])
+            base.add(k)
             k += 1
             continue
         end, rolled = _excursion(t, v, k, base, limit, sigma)
         kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
         if end < len(t):
-            base.restart(float(t[end]), np.median(v[end : end + STOP_WINDOW_S], axis=0))
+            base.restart(end, v[end : end + STOP_WINDOW_S])
         guard_until = t[min(end, len(t) - 1)] + (2.0 if rolled else GUARD_S)
         k = end
     return kind
@@ -199,7 +205,7 @@ def _excursion(
     t: NDArray, v: NDArray, k: int, base: _Baseline, gate: float, sigma: float
 ) -> tuple[int, bool]:
     """End of the excursion that begins at epoch k, and whether the vehicle went anywhere."""
-    rest = np.array([base.at(x) for x in t[k:]])
+    rest = base.at(t[k:])
     deviation = v[k:] - rest
     way = np.linalg.norm(np.cumsum(deviation * np.gradient(t)[k:, None], axis=0), axis=1)
     for j in range(1, len(deviation)):

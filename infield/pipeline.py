@@ -89,7 +89,9 @@ def update_calibration(
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:
             merged_runs.append(run)
-            current = result.merged.table.replaced(created_utc=run.header.start_utc)
+            later = _days_between(current.created_utc, run.header.start_utc) > 0
+            made_utc = run.header.start_utc if later else current.created_utc
+            current = result.merged.table.replaced(created_utc=made_utc)
     outcome, reasons = _overall(sessions)
     if outcome == "accepted":
         current = _with_provenance(current, before, parent_sha256, merged_runs)
