@@ -1,7 +1,7 @@
 """The navigation-mode filter: what a free-running solution shows while the vehicle stands and rolls.
 
 One sweep over a navigation solution: errors propagate by `ins.error_model`; a standing vehicle has no velocity
-(zero-velocity update over each step's displacement) and keeps its heading up to a slow creep (parked-attitude
+(its displacement since the stop) and keeps its heading up to a slow creep (parked-attitude
 constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.taxi_heading`).
 """
 
@@ -193,17 +193,21 @@ def sweep(
 ) -> None:
     """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches `clone_at_s`."""
     C_ref: NDArray | None = None
+    moved: NDArray | None = None  # way of the solution since the vehicle stopped, body axes
     cloned, rolled = False, False
     for planned in plan:
         view = view_of(history, planned)
-        rolling = planned.kind == ROLLING
-        flt.advance(view.step, planned.bin_index, rolling=rolling, extra_yaw_rad=planned.jolt_rad)
+        rolling, still = planned.kind == ROLLING, planned.kind == STILL
+        moved = moved if still else None
+        flt.advance(
+            view.step, planned.bin_index, rolling=rolling, keep_displacement=moved is not None,
+            extra_yaw_rad=planned.jolt_rad,
+        )  # fmt: skip
         rolled = rolled or rolling
-        if rolling:
+        if rolling or planned.jolt_rad > NEW_HEADING_RAD:
             C_ref = None
-        elif planned.kind == STILL:
-            C_ref = None if planned.jolt_rad > NEW_HEADING_RAD else C_ref
-            _zero_velocity(flt, view, parked, "stop" if rolled else "still")
+        if still:
+            moved = _hold_position(flt, view, parked, moved, "stop" if rolled else "still")
             if parked.hold_heading:
                 C_ref = _hold_heading(flt, view, parked, C_ref)
         for aid in aids:
@@ -214,11 +218,21 @@ def sweep(
             cloned = True
 
 
-def _zero_velocity(flt: ErrorFilter, view: StepView, parked: ParkedConstraint, kind: str) -> None:
-    """Zero velocity over the step: what the solution moved in body x, y is error."""
+def _hold_position(
+    flt: ErrorFilter, view: StepView, parked: ParkedConstraint, moved: NDArray | None, kind: str
+) -> NDArray:
+    """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for the jitter of the
+    standing vehicle about its place. (A zero mean velocity over each step says the same but counts the jitter twice.)
+    """
+    sigma = max(parked.displacement_sigma_m, MIN_DISPLACEMENT_SIGMA_M)
+    if moved is None:
+        moved = np.zeros(2)
+        for index in (em.S.start, em.S.start + 1):  # where in its jitter the vehicle was at the stop
+            flt.P[index, index] += sigma**2
+    moved = moved + view.displacement_b_m[:2]
     H = np.stack([flt.row({em.S.start: 1.0}), flt.row({em.S.start + 1: 1.0})])
-    R = np.eye(2) * 2.0 * max(parked.displacement_sigma_m, MIN_DISPLACEMENT_SIGMA_M) ** 2
-    flt.measure(kind, view.displacement_b_m[:2], H, R, view.end_s)
+    flt.measure(kind, moved, H, np.eye(2) * sigma**2, view.end_s)
+    return moved
 
 
 def heading_error_row(flt: ErrorFilter, view: StepView) -> NDArray:

@@ -73,12 +73,15 @@ class ErrorFilter:
         self.x, self.P = M @ self.x, M @ self.P @ M.T
         self.P[index, index] += sigma**2
 
-    def advance(self, step: em.Step, bin_index: int, *, rolling: bool, extra_yaw_rad: float = 0.0) -> None:
-        """Propagate over one step with the gyro bias of bin `bin_index`; the step displacement S starts at zero.
+    def advance(
+        self, step: em.Step, bin_index: int, *, rolling: bool, keep_displacement: bool = False, extra_yaw_rad: float = 0.0
+    ) -> None:
+        """Propagate over one step with the gyro bias of bin `bin_index`.
 
+        keep_displacement: S goes on from the step before instead of starting at zero.
         extra_yaw_rad: sigma of a sudden turn of the parked vehicle within the step (boarding, a bump).
         """
-        Phi, Gamma, Q = em.discretize(step, self.noise, rolling=rolling)
+        Phi, Gamma, Q = em.discretize(step, self.noise, rolling=rolling, keep_displacement=keep_displacement)
         n, column = self.x.size, em.BASE + 3 * bin_index
         F, Q_full = np.eye(n), np.zeros((n, n))
         F[: em.BASE, : em.BASE] = Phi

@@ -16,7 +16,7 @@ Derived from the psi-angle error equations (Benson 1975; Groves 2013, ch. 14) by
 and 6.5 are the parked and level-taxi cases. A heading error does not enter w: that is the cancellation of 6.5, exact
 here by construction, and the measured velocity in body axes is C_bn w.
 
-Ground-vehicle nuisances ride along: displacement error S over the current step in body x, y (reset each step),
+Ground-vehicle nuisances ride along: displacement error S over the current step, or since the vehicle stopped, in body x, y,
 accelerometer biases, crab ratio, lever arm along x, lateral velocity (Gauss-Markov), parked heading, odometer scale,
 vertical-gyro scale factor, centre-line azimuth, and two clones of theta (at the start and at a time the caller chooses).
 """
@@ -101,10 +101,13 @@ def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
     return F, B
 
 
-def discretize(step: Step, noise: ProcessNoise, *, rolling: bool) -> tuple[NDArray, NDArray, NDArray]:
+def discretize(
+    step: Step, noise: ProcessNoise, *, rolling: bool, keep_displacement: bool = False
+) -> tuple[NDArray, NDArray, NDArray]:
     """Transition Phi (24, 24), bias input Gamma (24, 3), process noise Q (24, 24) over the step.
 
     Phi and Gamma to third order in dt (omega_s dt = 0.012 at 10 s: relative remainder 1e-9), Q by Simpson's rule.
+    keep_displacement: S goes on from the step before (a standing vehicle) instead of starting at zero.
     While not rolling the lateral velocity takes no part and is held at its stationary spread.
     """
     F, B = system_matrix(step, noise.lateral_time_s)
@@ -116,7 +119,8 @@ def discretize(step: Step, noise: ProcessNoise, *, rolling: bool) -> tuple[NDArr
     h, f = half[:BASE, :BASE], full[:BASE, :BASE]
     Q = dt / 6.0 * (q + 4.0 * h @ q @ h.T + f @ q @ f.T)
     Phi, Gamma = full[:BASE, :BASE].copy(), full[:BASE, BASE:]
-    Phi[:, S] = 0.0  # the displacement of a step starts at zero
+    if not keep_displacement:
+        Phi[:, S] = 0.0  # the displacement of a step starts at zero
     if not rolling:
         Phi[LATERAL, LATERAL] = 0.0
         Phi[S.stop - 1, LATERAL] = 0.0
