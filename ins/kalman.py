@@ -46,7 +46,7 @@ def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> In
 def update(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> tuple[NDArray, NDArray, Innovation]:
     """Measurement update in Joseph form. z (m,), H (m, n), R (m, m).
 
-    Raises ValueError on a NaN in z or a wrong shape (filterpy would turn the whole state into NaN).
+    Raises ValueError on a wrong shape or a NaN in any of the five (filterpy would turn the whole state into NaN).
     """
     from filterpy.kalman import update as filterpy_update
 
@@ -56,6 +56,8 @@ def update(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> tuple[
     if not np.isfinite(z).all():
         raise ValueError("kalman.update: measurement is not finite; leave it out instead")
     seen = innovation(x, P, z, H, R)
+    if not np.isfinite(seen.nis):
+        raise ValueError("kalman.update: x, P, H or R is not finite")
     x_plus, P_plus = filterpy_update(x, P, z, R, H)
     return x_plus, 0.5 * (P_plus + P_plus.T), seen
 

@@ -1,0 +1,169 @@
+"""Kalman steps: cases worked by hand, refusals, invariants, and the faults of filterpy that are guarded here."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import chi2
+
+from ins import kalman
+
+ROUNDING = 1e-12
+
+
+def one(value):
+    return np.array([[float(value)]])
+
+
+def test_scalar_predict_by_hand():
+    """x = 2 * 3, P = 2 * 4 * 2 + 1."""
+    x, P = kalman.predict(np.array([3.0]), one(4), one(2), one(1))
+    assert x == pytest.approx([6.0])
+    assert P == pytest.approx(one(17))
+
+
+def test_scalar_update_by_hand():
+    """P = 3, R = 1, z - x = 2: K = 3/4, x = 1 + 1.5, P = 3/4, NIS = 4/4."""
+    x, P, seen = kalman.update(np.array([1.0]), one(3), np.array([3.0]), one(1), one(1))
+    assert x == pytest.approx([2.5])
+    assert P == pytest.approx(one(0.75))
+    assert (seen.residual[0], seen.S[0, 0], seen.nis) == pytest.approx((2.0, 4.0, 1.0))
+
+
+def test_two_states_by_hand():
+    """Position and velocity, dt = 1, P = I: P- = [[2, 1], [1, 1]]; z = position, R = 2: K = (1/2, 1/4)."""
+    x, P = kalman.predict(np.array([0.0, 1.0]), np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 2)))
+    assert x == pytest.approx([1.0, 1.0])
+    assert P == pytest.approx(np.array([[2.0, 1.0], [1.0, 1.0]]))
+    x, P, seen = kalman.update(x, P, np.array([3.0]), np.array([[1.0, 0.0]]), one(2))
+    assert x == pytest.approx([2.0, 1.5])
+    assert P == pytest.approx(np.array([[1.0, 0.5], [0.5, 0.75]]))
+    assert seen.nis == pytest.approx(1.0)
+
+
+def test_two_rows_at_once_are_two_rows_in_turn():
+    rng = np.random.default_rng(1)
+    A = rng.standard_normal((4, 4))
+    x, P, H, z = rng.standard_normal(4), A @ A.T, rng.standard_normal((2, 4)), rng.standard_normal(2)
+    R = np.diag([0.5, 2.0])
+    both = kalman.update(x, P, z, H, R)
+    x1, P1, first = kalman.update(x, P, z[:1], H[:1], R[:1, :1])
+    x2, P2, second = kalman.update(x1, P1, z[1:], H[1:], R[1:, 1:])
+    assert both[0] == pytest.approx(x2, abs=ROUNDING)
+    assert both[1] == pytest.approx(P2, abs=ROUNDING)
+    assert both[2].nis == pytest.approx(first.nis + second.nis)
+
+
+def test_joseph_form_keeps_a_tiny_variance_positive():
+    """P = 1, R = 1e-20: (1 - K) P rounds to exactly 0 or below; the Joseph form keeps R."""
+    _, P, _ = kalman.update(np.zeros(1), one(1), np.zeros(1), one(1), one(1e-20))
+    K = 1.0 / (1.0 + 1e-20)
+    assert (1.0 - K) * 1.0 == 0.0
+    assert P[0, 0] == pytest.approx(1e-20, rel=1e-6)
+
+
+@given(st.integers(0, 2**31), st.integers(2, 8), st.integers(1, 3))
+def test_covariance_stays_symmetric_and_positive(seed, n, m):
+    rng = np.random.default_rng(seed)
+    A, F, B = rng.standard_normal((3, n, n))
+    P, x, H = A @ A.T, rng.standard_normal(n), rng.standard_normal((m, n))
+    x, P_minus = kalman.predict(x, P, F, B @ B.T)
+    x, P_plus, seen = kalman.update(x, P_minus, rng.standard_normal(m), H, np.eye(m))
+    for covariance in (P_minus, P_plus):
+        assert np.array_equal(covariance, covariance.T)
+        assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * np.trace(covariance)
+    assert seen.nis >= 0.0
+    assert np.linalg.eigvalsh(P_minus - P_plus)[0] > -1e-9 * np.trace(P_minus)  # a measurement never adds variance
+
+
+@pytest.mark.parametrize("name", ["P", "F", "Q"])
+@pytest.mark.parametrize("wrong", [1e-4, np.eye(3), np.zeros(2)])
+def test_predict_refuses_a_wrong_shape_and_says_which(name, wrong):
+    """A scalar Q most of all: filterpy adds it to every element of P."""
+    matrices = {"P": np.eye(2), "F": np.eye(2), "Q": np.eye(2), name: wrong}
+    with pytest.raises(ValueError, match=rf"{name} has shape .*needed \(2, 2\)"):
+        kalman.predict(np.zeros(2), matrices["P"], matrices["F"], matrices["Q"])
+
+
+@pytest.mark.parametrize("name", ["P", "F", "Q"])
+def test_predict_refuses_nan(name):
+    matrices = {"P": np.eye(2), "F": np.eye(2), "Q": np.eye(2)}
+    matrices[name] = np.array([[np.nan, 0.0], [0.0, 1.0]])
+    with pytest.raises(ValueError, match="not finite"):
+        kalman.predict(np.zeros(2), matrices["P"], matrices["F"], matrices["Q"])
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_update_refuses_a_measurement_that_is_not_finite(value):
+    with pytest.raises(ValueError, match="not finite; leave it out"):
+        kalman.update(np.zeros(1), one(1), np.array([value]), one(1), one(1))
+
+
+@pytest.mark.parametrize("name", ["x", "P", "H", "R"])
+def test_update_refuses_nan_elsewhere(name):
+    given_ = {"x": np.zeros(1), "P": one(1), "z": np.zeros(1), "H": one(1), "R": one(1)}
+    given_[name] = given_[name] + np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        kalman.update(*given_.values())
+
+
+@pytest.mark.parametrize(
+    ("x", "P", "z", "R"),
+    [(np.zeros(3), np.eye(2), np.zeros(1), np.eye(1)), (np.zeros(2), np.eye(3), np.zeros(1), np.eye(1)),
+     (np.zeros(2), np.eye(2), np.zeros(2), np.eye(1)), (np.zeros(2), np.eye(2), np.zeros(1), np.eye(2)),
+     (np.zeros(2), np.eye(2), np.array(1.0), np.eye(1)), (np.zeros((2, 1)), np.eye(2), np.zeros(1), np.eye(1))],
+)  # fmt: skip
+def test_update_refuses_shapes_that_do_not_fit(x, P, z, R):
+    with pytest.raises(ValueError, match="do not fit"):
+        kalman.update(x, P, z, np.ones((1, 2)), R)
+
+
+@pytest.mark.parametrize("dof", [1, 10, 812])
+@pytest.mark.parametrize("probability", [0.95, 0.999])
+def test_nis_band_holds_that_share_of_chi_square(dof, probability):
+    low, high = kalman.nis_band(dof, probability)
+    assert chi2.cdf(high * dof, dof) - chi2.cdf(low * dof, dof) == pytest.approx(probability, abs=1e-9)
+    assert chi2.cdf(low * dof, dof) == pytest.approx(chi2.sf(high * dof, dof), abs=1e-9)
+    assert low < 1.0 < high
+
+
+def test_nis_band_without_measurements_rejects_nothing():
+    assert kalman.nis_band(0, 0.95) == (0.0, float("inf"))
+
+
+class TestFaultsOfFilterpy:
+    """Each fails once filterpy mends it: then the guard in ins.kalman may go, and dependencies.md is out of date."""
+
+    def test_scalar_q_is_added_to_every_element(self):
+        from filterpy.kalman import predict
+
+        _, P = predict(np.zeros(2), np.eye(2), F=np.eye(2), Q=0.5)
+        assert P == pytest.approx(np.array([[1.5, 0.5], [0.5, 1.5]]))
+
+    def test_update_turns_everything_into_nan_without_a_word(self):
+        from filterpy.kalman import update
+
+        x, P = update(np.zeros(2), np.eye(2), np.array([np.nan]), np.eye(1), np.array([[1.0, 0.0]]))
+        assert np.isnan(x[0])
+        assert np.isfinite(P).all()  # the covariance even looks sound
+
+    def test_predict_does_not_symmetrise(self):
+        from filterpy.kalman import predict
+
+        rng = np.random.default_rng(0)
+        A, F = rng.standard_normal((2, 6, 6))
+        _, P = predict(np.zeros(6), A @ A.T, F=F, Q=np.zeros((6, 6)))
+        assert not np.array_equal(P, P.T)
+        _, mended = kalman.predict(np.zeros(6), A @ A.T, F, np.zeros((6, 6)))
+        assert np.array_equal(mended, mended.T)
+
+    def test_module_smoother_uses_the_transition_of_the_step_before(self):
+        """Truth x = 1 into step 2 with F[1] = 2: the smoother that uses F[0] = 1 instead answers otherwise."""
+        from filterpy.kalman import rts_smoother
+
+        X, P = np.array([[1.0], [2.0]]), np.array([one(1), one(2)])
+        F, Q = [one(1), one(2)], [one(0), one(0)]
+        x, *_ = rts_smoother(X, P, F, Q)
+        shifted, *_ = rts_smoother(X, P, [one(2), one(2)], Q)  # F[k + 1] where F[k] is asked for
+        assert x[0, 0] == pytest.approx(2.0)
+        assert shifted[0, 0] == pytest.approx(1.0)  # 2 is just what 1 predicts: nothing to smooth
