@@ -61,20 +61,23 @@ def solve(
     """
     log = imu.between(rest[0], min(until_s, float(imu.time_s[-1])))
     C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
-    applied = np.zeros((len(prior.edges_s) - 1, 3))
+    applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
+    seen = np.zeros(0)
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
         rows = bin_of(prior.edges_s, log.time_s)
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
         history = navigate(
-            compensate(log, gyro_bias_rad_s=applied[rows]), start, epoch_s=1.0, vertical=vertical or VerticalChannel()
-        )
-        if number < 2:
+            compensate(log, gyro_bias_rad_s=applied[rows], accel_bias_m_s2=applied_accel),
+            start, epoch_s=1.0, vertical=vertical or VerticalChannel(),
+        )  # fmt: skip
+        if number < MAX_PASSES - 1:
             motion = stillness.classify(history, phases)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)
         flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
+        flt.x[em.ACCEL] = -applied_accel[:2]
         parked = ParkedConstraint(
             displacement_sigma_m=jitter,
             hold_heading=hold_heading,
@@ -82,11 +85,13 @@ def solve(
         )
         sweep(history, plan, flt, parked, aids=aids, clone_at_s=clone_at_s)
         correction = flt.x[em.THETA_START]
-        if number > 0 and np.linalg.norm(correction) < CONVERGED_RAD:
+        if number > 0 and np.linalg.norm(correction) < CONVERGED_RAD and np.array_equal(seen, motion.kind):
             break
+        seen = motion.kind
         if number < MAX_PASSES - 1:
             C_nb = dcm_from_rotation_vector(-correction) @ C_nb
             applied = applied + flt.bias[0].reshape(-1, 3)
+            applied_accel[:2] += flt.x[em.ACCEL]
     return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
 
 
