@@ -106,7 +106,8 @@ def discretize(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Transition Phi (24, 24), bias input Gamma (24, 3), process noise Q (24, 24) over the step.
 
-    Phi and Gamma to third order in dt (omega_s dt = 0.012 at 10 s: relative remainder 1e-9), Q by Simpson's rule.
+    Phi and Gamma to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 = 1.3e-5 of it at 10 s),
+    Q by Simpson's rule.
     keep_displacement: S goes on from the step before (a standing vehicle) instead of starting at zero.
     While not rolling the lateral velocity takes no part and is held at its stationary spread.
     """
