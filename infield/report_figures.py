@@ -1,0 +1,107 @@
+"""Drawing for reports: one style, one palette (Okabe-Ito, told apart by the colour-blind), figures as small inline SVG.
+
+`new_figure` -> draw on its axes -> `svg_text`. matplotlib is imported inside functions only, and never pyplot.
+"""
+
+import hashlib
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup, escape
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FIGURE_WIDTH = 10.0  # inches: a drawing as wide as the page
+PANEL_WIDTH = 4.3  # inches: one of two or three side by side, one below the other on a phone
+MAX_POINTS = 2000  # of a curve
+
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
+GREY = "#59636E"
+OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
+AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
+AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
+
+_STYLE: dict[str, Any] = {
+    "font.family": ["sans-serif"], "font.sans-serif": ["DejaVu Sans"], "font.size": 9.0, "axes.titlesize": 9.5,
+    "axes.titleweight": "bold", "axes.titlelocation": "left", "axes.labelsize": 9.0, "legend.fontsize": 8.5,
+    "legend.frameon": False, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "axes.grid": True, "axes.axisbelow": True,
+    "grid.color": "#E3E8ED", "grid.linewidth": 0.7, "axes.edgecolor": "#8C959F", "axes.linewidth": 0.8,
+    "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.5, "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False, "text.parse_math": False, "path.simplify_threshold": 0.2,
+    "svg.fonttype": "none", "svg.hashsalt": "recal",
+}  # fmt: skip
+
+
+def new_figure(
+    rows: int = 1, columns: int = 1, *, width: float = FIGURE_WIDTH, height: float = 2.8, **subplots: Any
+) -> tuple["Figure", NDArray]:
+    """A figure (inches) in the reports' style and its axes (rows, columns); `subplots` goes to Figure.subplots."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    with rc_context(_STYLE):
+        figure = Figure(figsize=(width, height), layout="constrained")
+        return figure, figure.subplots(rows, columns, squeeze=False, **subplots)
+
+
+def svg_text(figure: "Figure", label: str) -> Markup:
+    """The figure as an SVG element for a page: `label` is read aloud, nothing is fetched, equal figures give equal text."""
+    import io
+
+    from matplotlib import rc_context
+
+    buffer = io.StringIO()
+    with rc_context(_STYLE):
+        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    return Markup(_slim(buffer.getvalue(), label))  # noqa: S704  (matplotlib escapes its texts)
+
+
+def _slim(svg: str, label: str) -> str:
+    """Without prolog, metadata, name spaces and unused ids, coordinates to 0.01 pt; ids unique to this drawing."""
+    svg = svg[svg.index("<svg") :]
+    svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
+    svg = re.sub(r"<!--.*?-->\s*|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
+    svg = svg.replace("xlink:href=", "href=")
+    prefix = f"f{hashlib.sha256((svg + label).encode()).hexdigest()[:8]}-"
+    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg))
+    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
+    svg = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", svg)
+    svg = re.sub(r'(?<= )(?:d|x|y|transform)="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    box = re.search(r'viewBox="[^"]*"', svg)
+    head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">'
+    return re.sub(r"\n\s*", "\n", head + svg[svg.index(">") + 1 :]).strip()
+
+
+def thinned(*columns: ArrayLike) -> tuple[NDArray, ...]:
+    """Equal-length columns with at most MAX_POINTS rows kept, evenly, the first and the last among them; null is NaN."""
+    arrays = [np.array(c, dtype=float) for c in columns]
+    n = len(arrays[0])
+    rows = np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int)) if n else np.arange(0)
+    return tuple(a[rows] for a in arrays)
+
+
+def robust_limits(inner: ArrayLike, outer: ArrayLike = (), *, spans: float = 1.5) -> tuple[float, float]:
+    """Axis limits that hold all of `inner`, and `outer` (wide bands, vague points) as far as it goes `spans` beyond."""
+    core = np.asarray(inner, dtype=float)
+    core = core[np.isfinite(core)]
+    if not core.size:
+        return -1.0, 1.0
+    low, high = float(core.min()), float(core.max())
+    span = max(high - low, 1e-6 * max(abs(low), abs(high)), 1e-9)
+    wide = np.asarray(outer, dtype=float)
+    wide = np.clip(wide[np.isfinite(wide)], low - spans * span, high + spans * span)
+    low, high = min([low, *wide.tolist()]), max([high, *wide.tolist()])
+    pad = 0.06 * max(high - low, span)
+    return low - pad, high + pad
+
+
+def axis_text(ax: "Axes", *, title: str = "", x: str = "", y: str = "") -> None:
+    """Title, left, and labels with their units."""
+    ax.set_title(title)
+    ax.set_xlabel(x)
+    ax.set_ylabel(y)

@@ -1,0 +1,57 @@
+"""One self-contained HTML page from a template of `infield/templates`: what every report of the program shares.
+
+A report's template begins with `{% extends "base.html.j2" %}` and fills the blocks title, kind, subtitle, content and
+footer; `parts.html.j2` has the figure, badge, facts and nothing macros. Drawings come from `report_figures.svg_text`.
+"""
+
+import math
+from functools import lru_cache
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+NOT_AVAILABLE = "n/a"
+MINUS = "\u2212"
+
+
+def render_page(template: str, **context: Any) -> str:
+    """The page; every text in the context is escaped, drawings excepted (they are Markup)."""
+    return _environment().get_template(template).render(**context)
+
+
+def number(value: float | None, decimals: int = 2, *, sign: bool = False) -> str:
+    """A number with fixed decimals and a true minus; `n/a` where it is null or not finite."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return NOT_AVAILABLE
+    text = f"{value:{'+' if sign else ''}.{decimals}f}"
+    if float(text) == 0.0:
+        text = text.replace("-", "+" if sign else "")
+    return text.replace("-", MINUS)
+
+
+def decimals_for(sigmas: list[float | None]) -> int:
+    """Decimals that show the smallest of some sigmas with two digits, 0 to 6."""
+    found = [s for s in sigmas if isinstance(s, int | float) and math.isfinite(s) and s > 0]
+    return min(max(1 - math.floor(math.log10(min(found))), 0), 6) if found else 4
+
+
+def duration(seconds: float | None) -> str:
+    """Seconds in words that people read: `82.8 min`, `45 s`."""
+    if not isinstance(seconds, int | float) or not math.isfinite(seconds):
+        return NOT_AVAILABLE
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.2f} h"
+
+
+def short_hash(sha256: str | None) -> str:
+    """The first twelve digits of a hash."""
+    return str(sha256)[:12] if sha256 else NOT_AVAILABLE
+
+
+@lru_cache(maxsize=1)
+def _environment() -> Environment:
+    found = Environment(
+        loader=PackageLoader("infield", "templates"), autoescape=True, undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True,
+    )  # fmt: skip
+    found.filters.update(number=number, duration=duration, short_hash=short_hash)
+    return found
