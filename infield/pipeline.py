@@ -83,7 +83,7 @@ def update_calibration(
     merged_runs: list[Run] = []
     for run in sorted(runs, key=lambda r: r.header.start_utc):
         repeated = already_merged(run.sha256) or any(run.sha256 == m.sha256 for m in merged_runs)
-        raw = _with_applied_table_undone(run, applied_table)
+        raw = with_applied_table_undone(run, applied_table)
         result = _one_session(raw, current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
                               twin, settings, repeated)  # fmt: skip
         sessions.append(result)
@@ -171,8 +171,8 @@ def _unit(key: tuple[str, str, str]) -> str:
     return " ".join(part for part in key if part)
 
 
-def _with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
-    """The run with raw gyro output: a table that the unit had subtracted is added back."""
+def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
+    """The run with raw gyro output: a table that the unit had subtracted is added back; InputError where it cannot be."""
     sha256 = run.header.applied_table_sha256
     if sha256 is None:
         return run
