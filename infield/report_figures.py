@@ -50,7 +50,7 @@ def new_figure(
 
 
 def svg_text(figure: "Figure", label: str) -> Markup:
-    """The figure as an SVG element for a page: `label` is read aloud, nothing is fetched, equal figures give equal text."""
+    """The figure as an SVG element for a page; `label` is read aloud. It fetches nothing; equal figures, equal text."""
     import io
 
     from matplotlib import rc_context
@@ -58,7 +58,7 @@ def svg_text(figure: "Figure", label: str) -> Markup:
     buffer = io.StringIO()
     with rc_context(_STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
-    return Markup(_slim(buffer.getvalue(), label))  # noqa: S704  (matplotlib escapes its texts)
+    return Markup(_slim(buffer.getvalue(), label))  # matplotlib escapes the texts in it
 
 
 def _slim(svg: str, label: str) -> str:
@@ -66,7 +66,8 @@ def _slim(svg: str, label: str) -> str:
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r"<!--.*?-->\s*|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
-    svg = svg.replace("xlink:href=", "href=")
+    svg = svg.replace("xlink:href=", "href=").replace("font-family: 'DejaVu Sans', sans-serif; ", "")
+    svg = re.sub(r' transform="rotate\(-0 [^"]*"', "", svg)
     prefix = f"f{hashlib.sha256((svg + label).encode()).hexdigest()[:8]}-"
     used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg))
     svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
@@ -78,7 +79,7 @@ def _slim(svg: str, label: str) -> str:
 
 
 def thinned(*columns: ArrayLike) -> tuple[NDArray, ...]:
-    """Equal-length columns with at most MAX_POINTS rows kept, evenly, the first and the last among them; null is NaN."""
+    """Columns of equal length with at most MAX_POINTS rows kept, evenly, first and last among them; null is NaN."""
     arrays = [np.array(c, dtype=float) for c in columns]
     n = len(arrays[0])
     rows = np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int)) if n else np.arange(0)

@@ -35,11 +35,27 @@ def decimals_for(sigmas: list[float | None]) -> int:
     return min(max(1 - math.floor(math.log10(min(found))), 0), 6) if found else 4
 
 
+def significant(value: float | None, digits: int = 2) -> str:
+    """A number with so many significant digits, never in exponent form."""
+    if not isinstance(value, int | float) or not math.isfinite(value) or value == 0.0:
+        return number(value, 0)
+    return number(value, min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), 9))
+
+
 def duration(seconds: float | None) -> str:
     """Seconds in words that people read: `82.8 min`, `45 s`."""
     if not isinstance(seconds, int | float) or not math.isfinite(seconds):
         return NOT_AVAILABLE
-    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.2f} h"
+    if seconds < 120:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.1f} min" if seconds < 7200 else f"{seconds / 3600:.2f} h"
+
+
+def heading(degrees: float | None, decimals: int = 2) -> str:
+    """A heading in [0, 360) degrees."""
+    if not isinstance(degrees, int | float) or not math.isfinite(degrees):
+        return NOT_AVAILABLE
+    return number(round(degrees % 360.0, decimals) % 360.0, decimals)
 
 
 def short_hash(sha256: str | None) -> str:
@@ -53,5 +69,5 @@ def _environment() -> Environment:
         loader=PackageLoader("infield", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found.filters.update(number=number, duration=duration, short_hash=short_hash)
+    found.filters.update(number=number, significant=significant, duration=duration, heading=heading, short_hash=short_hash)
     return found
