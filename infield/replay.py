@@ -1,0 +1,291 @@
+"""A logged session flown again with each of several tables: align, then navigate free-inertially to the end of the log.
+
+    raw log -> less the table -> gyrocompass on the alignment phase -> navigation -> drift while parked, ground speed at
+    later stops, error against GNSS
+
+The alignment is computed anew with each table, since its heading error is that table's own. Nothing is aided but the
+vertical channel. `ReferenceLog` is truth: it scores the result here and goes nowhere near the solution.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from alignment import gyrocompass, stillness
+from alignment.result import Alignment
+from infield.drift import REALIGN_M_S, Drift, drift_against, parked_drift
+from infield.drift_prediction import DriftPrediction, level_shares, predict_parked
+from infield.pipeline import with_applied_table_undone
+from infield.session import (
+    SessionBins,
+    SessionSettings,
+    compensated_imu,
+    find_rest,
+    make_bins,
+    session_end,
+    table_along,
+)
+from infield.table import ThermalTable
+from infield.thermometer import GyroTemperature, gyro_temperature
+from ins.earth import EARTH_RATE_RAD_S
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import AXES, NavHistory, NavState, ReferenceLog, Run, TwinModel
+from ins.units import DEG_PER_HOUR
+
+ALIGNMENT_S = 600.0  # where the log does not say how long its alignment is
+SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
+STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
+STOP_BELOW_M_S = 2.0 * REALIGN_M_S  # a faster "stop" is a steady taxi, unless the log calls it parked
+
+Where = tuple[float, float]  # start and end [s]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableChoice:
+    """A table to fly with. role: "active" or "previous"; origin: where it comes from, in words.
+
+    table None: the gyro output stays raw.
+    """
+
+    role: str
+    table: ThermalTable | None
+    origin: str
+    sha256: str | None = None
+    revision: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopSpeed:
+    """Computed ground speed [m/s] while the vehicle stands: all of it is error."""
+
+    start_s: float
+    end_s: float
+    median_m_s: float
+    max_m_s: float
+
+    @property
+    def realign(self) -> bool:
+        return self.median_m_s > REALIGN_M_S
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableReplay:
+    """One table's flight. `history` is None where its alignment was refused; the rest is None where there is nothing.
+
+    parked: against the parked position; gnss, reference: from the end of the parked span on (reference: scoring only);
+    heading_error_rad: against the reference.
+    """
+
+    choice: TableChoice
+    alignment: Alignment
+    history: NavHistory | None = None
+    notes: tuple[str, ...] = ()
+    bins: SessionBins | None = None
+    parked: Drift | None = None
+    predicted: DriftPrediction | None = None
+    stops: tuple[StopSpeed, ...] = ()
+    gnss: Drift | None = None
+    reference: Drift | None = None
+    heading_error_rad: float = float("nan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayResult:
+    """verdict: "replayed", "refused" (no table could be flown) or "inconsistent" (the active table's alignment is).
+
+    alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls.
+    """
+
+    run: Run
+    verdict: str
+    reasons: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    vertical: str = ""
+    alignment_span: Where | None = None
+    parked_until_s: float | None = None
+    tables: tuple[TableReplay, ...] = ()
+
+    def of(self, role: str) -> TableReplay | None:
+        return next((t for t in self.tables if t.choice.role == role), None)
+
+
+def replay(
+    run: Run,
+    tables: Sequence[TableChoice],
+    twin: TwinModel,
+    *,
+    applied_table: Callable[[str], ThermalTable] | None = None,
+    reference: ReferenceLog | None = None,
+) -> ReplayResult:
+    """Fly a log with each table, the active one first.
+
+    applied_table(sha256): the table that the unit had subtracted, to be added back (InputError where unknown).
+    A run without gyro temperatures is flown raw, once, and the notes say so. Refusals are verdicts.
+    """
+    raw = with_applied_table_undone(run, applied_table)
+    temperature, notes = None, [f"{f.start_s:g} to {f.end_s:g} s: {f.reason}" for f in run.faults]
+    if raw.temperature is None or raw.temperature.time_s.size < 10:
+        notes.append("no gyro temperature in the run: no table can be applied, flown with the raw gyro output")
+        tables = [TableChoice(role="active", table=None, origin="none: raw gyro output")]
+    else:
+        temperature = gyro_temperature(raw.temperature)
+        notes += [f"gyro {axis}: its thermometer is stuck, its bias is taken there" for axis in temperature.stuck]
+    vertical, how = _vertical(raw)
+    rest = find_rest(raw)
+    if rest is None:
+        reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
+        return ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
+    span = (rest[0], min(_alignment_end(raw, rest[0]), float(raw.imu.time_s[-1])))
+    flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
+    result = ReplayResult(
+        run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
+        alignment_span=span, tables=tuple(flown),
+    )  # fmt: skip
+    first = next((t for t in flown if t.history is not None), None)
+    if first is None or first.history is None:
+        return result
+    motion = stillness.classify(first.history, raw.phases)
+    parked_s = first_roll(motion)
+    stops = find_stops(first.history, motion, raw)
+    inconsistent = flown[0].alignment.verdict == "inconsistent"
+    return replace(
+        result,
+        verdict="inconsistent" if inconsistent else "replayed",
+        reasons=flown[0].alignment.reasons if inconsistent or flown[0].history is None else (),
+        parked_until_s=parked_s,
+        tables=tuple(_scored(t, raw, twin, span, parked_s, stops, reference) for t in flown),
+    )
+
+
+def _fly(
+    run: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel, span: Where,
+    vertical: VerticalChannel,
+) -> TableReplay:  # fmt: skip
+    """Align with one table, then navigate to the end of the log; only the alignment where that is refused."""
+    imu, bins, sigma = run.imu, None, None
+    notes: tuple[str, ...] = ()
+    table_deg_h = np.zeros((imu.time_s.size, 3))
+    if choice.table is not None and temperature is not None:
+        table, notes = _covering(choice.table, temperature)
+        bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
+        sigma = np.sqrt(np.diag(bins.prior)[:3])
+        coarse = table_along(table, temperature, temperature.time_s)  # the smoothed temperature is a 1 Hz series
+        table_deg_h = np.stack([np.interp(imu.time_s, temperature.time_s, b) for b in coarse.T], axis=1)
+    imu = compensated_imu(run, table_deg_h, twin)
+    aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
+    history, left_s = None, float(imu.time_s[-1]) - aligned.time_s
+    if aligned.verdict in ("aligned", "inconsistent") and aligned.C_nb is not None:
+        if left_s < SHORTEST_S:
+            reason = f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation are needed"
+            aligned = replace(aligned, verdict="refused", reasons=(*aligned.reasons, reason))
+        else:
+            start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
+            history = navigate(imu, start, epoch_s=1.0, vertical=vertical)
+    return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
+
+
+def _covering(table: ThermalTable, temperature: GyroTemperature) -> tuple[ThermalTable, tuple[str, ...]]:
+    """The table widened to the temperatures seen (the end values held), and a note for each axis beyond its nodes."""
+    T = temperature.temperature_degC
+    beyond = tuple(
+        f"gyro {axis}: {T[:, k].min():.1f} to {T[:, k].max():.1f} degC, beyond the table's nodes: end value held"
+        for k, axis in enumerate(AXES)
+        if not table.in_range(axis, T[:, k]).all()
+    )
+    return table.extended_to(float(T.min()), float(T.max())), beyond
+
+
+def _alignment_end(run: Run, start_s: float) -> float:
+    """End of the logged alignment phase, else ten minutes after the rest began (as in infield.session)."""
+    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > start_s]
+    return logged[0] if logged else start_s + ALIGNMENT_S
+
+
+def _vertical(run: Run) -> tuple[VerticalChannel, str]:
+    """What damps the height, and how it is said."""
+    if run.gnss is None:
+        return VerticalChannel(mode="hold"), "damped to the height of the site (no GNSS height in the run)"
+    aided = VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m)
+    return aided, "damped to the GNSS height"
+
+
+def first_roll(motion: stillness.Motion) -> float:
+    """End of the parked span: the last epoch before the vehicle rolls, or the end of the log [s]."""
+    rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
+    return float(motion.time_s[max(rolling[0] - 1, 0)] if rolling.size else motion.time_s[-1])
+
+
+def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple[Where, ...]:
+    """Where the vehicle stands again after it first rolled, for at least eight seconds.
+
+    The velocity is steady to 3 cm/s (or eight sigmas of its noise), and either below 10 kt or the log says parked;
+    an odometer, where there is one, must agree. The same rule on the ramp after a flight, where the solution's own
+    speed may be several knots wrong.
+    """
+    t, v = history.time_s, history.v_n_m_s[:, :2]
+    width = stillness.STOP_WINDOW_S
+    steady = np.zeros(t.size, bool)
+    quiet = max(8.0 * motion.sigma_v_m_s, STOP_QUIET_M_S)
+    for k in np.flatnonzero(t[: t.size - width + 1] >= first_roll(motion)):
+        if np.ptp(v[k : k + width], axis=0).max() <= quiet:
+            steady[k : k + width] = True
+    said = np.zeros(t.size, bool)
+    for p in run.phases:
+        said |= (p.phase == "parked") & (t > p.start_s) & (t <= p.end_s)
+    stands = steady & (said | (np.linalg.norm(v, axis=1) < STOP_BELOW_M_S)) & (t > first_roll(motion))
+    if run.odometer is not None:
+        stands &= np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0)) < 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stands.astype(int), [0]))))
+    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2]) if b - a >= width)
+
+
+def _scored(
+    flown: TableReplay, run: Run, twin: TwinModel, span: Where, parked_s: float, stops: Sequence[Where],
+    reference: ReferenceLog | None,
+) -> TableReplay:  # fmt: skip
+    """The flight with its measures."""
+    history, aligned = flown.history, flown.alignment
+    if history is None or aligned.C_nb is None:
+        return flown
+    parked = predicted = None
+    if parked_s - aligned.time_s >= SHORTEST_S:
+        parked = parked_drift(history, run.header.site, parked_s)
+        if flown.bins is not None:
+            predicted = predict_parked(
+                edges_s=flown.bins.edges_s, covariance=flown.bins.prior, twin=twin, site=run.header.site,
+                C_nb=aligned.C_nb, alignment=(span[0], aligned.time_s), end_s=float(aligned.time_s + parked.time_s[-1]),
+            )  # fmt: skip
+    heading_error = float("nan")
+    if reference is not None:
+        k = int(np.argmin(np.abs(reference.time_s - aligned.time_s)))
+        heading_error = float(np.angle(np.exp(1j * (aligned.heading_rad - reference.heading_rad[k]))))
+    lever = np.asarray(run.header.gnss_lever_arm_m)
+    return replace(
+        flown,
+        parked=parked,
+        predicted=predicted,
+        stops=tuple(_stop_speed(history, where) for where in stops),
+        gnss=None if run.gnss is None else drift_against(history, run.gnss, lever, parked_s),
+        reference=None if reference is None else drift_against(history, reference, np.zeros(3), parked_s),
+        heading_error_rad=heading_error,
+    )
+
+
+def _stop_speed(history: NavHistory, where: Where) -> StopSpeed:
+    rows = (history.time_s >= where[0]) & (history.time_s <= where[1])
+    speed = np.linalg.norm(history.v_n_m_s[rows, :2], axis=1)
+    return StopSpeed(start_s=where[0], end_s=where[1], median_m_s=float(np.median(speed)), max_m_s=float(speed.max()))
+
+
+def heading_change(result: ReplayResult) -> tuple[float, float] | None:
+    """Aligned heading with the active table less that with the previous one [rad], and what the tables' own difference
+    of mean east bias over the alignment makes of it, db_E / (Omega cosL) (physics.md 6.4)."""
+    new, old = result.of("active"), result.of("previous")
+    if new is None or old is None or new.history is None or old.history is None or new.bins is None or old.bins is None:
+        return None
+    seen = np.angle(np.exp(1j * (new.alignment.heading_rad - old.alignment.heading_rad)))
+    assert result.alignment_span is not None and new.alignment.C_nb is not None
+    east = level_shares(new.bins.edges_s, new.alignment.C_nb, result.alignment_span)[1]
+    change = east @ (new.bins.table_deg_h - old.bins.table_deg_h) * DEG_PER_HOUR
+    return float(seen), float(change / (EARTH_RATE_RAD_S * np.cos(result.run.header.site.lat_rad)))
