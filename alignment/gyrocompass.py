@@ -11,6 +11,7 @@ from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
     bin_of,
+    diffuse_heading_rad,
     heading_error_row,
     new_filter,
     plan_steps,
@@ -84,6 +85,7 @@ def solve(
             yaw_jitter_rad=max(yaw_jitter, SMALLEST_YAW_JITTER_RAD),
         )
         sweep(history, plan, flt, parked, aids=aids, clone_at_s=clone_at_s)
+        flt.withdraw_prior(em.THETA_START.stop - 1, diffuse_heading_rad(prior.covariance, level_rate))
         correction = flt.x[em.THETA_START]
         if number > 0 and np.linalg.norm(correction) < CONVERGED_RAD and np.array_equal(seen, motion.kind):
             break

@@ -143,6 +143,12 @@ def process_noise(twin: TwinModel) -> em.ProcessNoise:
     )
 
 
+def diffuse_heading_rad(bias_covariance: NDArray, level_earth_rate_rad_s: float) -> float:
+    """Heading prior [rad] of a new filter; `solve` takes its information back at the end."""
+    gyro_heading = np.sqrt(np.max(np.diag(bias_covariance))) / level_earth_rate_rad_s
+    return float(min(max(DIFFUSE_HEADING_RAD, 20.0 * gyro_heading), 1.0))
+
+
 def new_filter(
     twin: TwinModel,
     sigma0: dict[str, float],
@@ -150,9 +156,10 @@ def new_filter(
     bias_covariance: NDArray,
     level_earth_rate_rad_s: float,
 ) -> ErrorFilter:
-    """A filter at the start of a parked solution: level and heading diffuse, so that the prior adds nothing.
+    """A filter at the start of a parked solution: level and heading wide.
 
-    Wider priors than these would cost digits: the parked heading is compared to 1e-12 rad^2.
+    Wider priors than these would cost digits (the parked heading is compared to 1e-12 rad^2); what the heading prior
+    says is withdrawn after the sweep, so that it adds nothing at all.
     """
     base = {
         "W": 0.05,
@@ -167,8 +174,8 @@ def new_filter(
         bias_mean=bias_mean,
         bias_covariance=bias_covariance,
     )
-    gyro_heading = np.sqrt(np.max(np.diag(bias_covariance))) / level_earth_rate_rad_s
-    flt.assign(em.THETA.stop - 1, np.zeros(flt.x.size), min(max(DIFFUSE_HEADING_RAD, 20.0 * gyro_heading), 1.0))
+    sigma = diffuse_heading_rad(bias_covariance, level_earth_rate_rad_s)
+    flt.assign(em.THETA.stop - 1, np.zeros(flt.x.size), sigma)
     flt.clone(em.THETA_START)
     return flt
 

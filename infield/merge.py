@@ -8,7 +8,7 @@ Two forms of the same update: `merge_points` from y and R, `merge_posterior` fro
 Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o); Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +112,7 @@ def merge_points(table: ThermalTable, points: SessionPoints, extra_covariance: A
 
 def merge_posterior(
     table: ThermalTable, H: ArrayLike, prior_mean: ArrayLike, prior_cov: ArrayLike, post_mean: ArrayLike,
-    post_cov: ArrayLike,
+    post_cov: ArrayLike, *, held_axes: Sequence[str] = (),
 ) -> MergeResult:  # fmt: skip
     """Merge what a filter learnt of the session biases b; H (m, n), means (m,), covariances (m, m).
 
@@ -122,6 +122,10 @@ def merge_posterior(
 
     exact for any linear measurement of b. Worked in coordinates where C = I and P1 = I - diag(d): d is the share of
     variance that the session removed, and a direction with d below UNOBSERVED moves nothing at all.
+
+    held_axes: axes that the session did not show. Their common part stays exactly where it was (a consider update):
+    a session sees north and east, and the heading, itself uncertain by about a milliradian, would otherwise carry a
+    thousandth of the north gyro's change into the east gyro. Their shape over temperature may still be learnt.
     """
     H, C = np.asarray(H, dtype=float), np.asarray(prior_cov, dtype=float)
     innovation = np.asarray(post_mean, dtype=float) - np.asarray(prior_mean, dtype=float)
@@ -137,10 +141,22 @@ def merge_posterior(
     gain = G @ U
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
+    change, P_plus = G @ delta, table.covariance - shrunk @ shrunk.T
+    if held_axes:
+        T = sum(_common_part(table, axis) for axis in held_axes)  # P - M G - G M' + M G M' with M = I - T, G = P - P+
+        change, held = change - T @ change, T @ shrunk
+        P_plus = P_plus + held @ held.T
     return _judged(
-        table, innovation, reduction, gain, change=G @ delta, P_plus=table.covariance - shrunk @ shrunk.T,
+        table, innovation, reduction, gain, change=change, P_plus=P_plus,
         nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()),
     )  # fmt: skip
+
+
+def _common_part(table: ThermalTable, axis: str) -> NDArray:
+    """Projector (n, n) of a change onto the common part of one axis."""
+    ones = np.zeros(table.n_parameters)
+    ones[table.values_of(axis)] = 1.0
+    return np.outer(ones, table.common_weights(axis))
 
 
 def session_covariance(

@@ -134,8 +134,9 @@ def _one_session(
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
     bins = estimate.bins
     merged = merge_posterior(
-        table, bins.H, bins.table_deg_h, bins.prior, bins.table_deg_h + estimate.mean_deg_h, estimate.covariance
-    )
+        table, bins.H, bins.table_deg_h, bins.prior, bins.table_deg_h + estimate.mean_deg_h, estimate.covariance,
+        held_axes=[axis.axis for axis in seen if axis.verdict == "not_observable"],
+    )  # fmt: skip
     return SessionResult(run, acceptance.judge_merge(merged), temperature, estimate, seen, points, merged, chain)
 
 

@@ -175,19 +175,24 @@ class ThermalTable:
                     self._hold_end(A, Q, wide, axis, new=new, first=first, end=end)
         return replace(wide, parameters=A @ self.parameters, covariance=A @ self.covariance @ A.T + Q)
 
-    def common_shift(self, axis: str | int, updated: "ThermalTable") -> float:
-        """How far an update moved the common part of an axis [deg/h]; `self` is the table before it.
+    def common_weights(self, axis: str | int) -> NDArray:
+        """Row (n,) that takes a change of the parameters to the common part of an axis.
 
         The common part is the generalised least squares mean of the node values, weights P^-1 1 / (1' P^-1 1) with
-        the prior P. For P = v 11' + S that is the posterior mean of the common shift, unshrunk, and data that only
-        see differences between temperatures (rows that sum to zero) move it by exactly nothing.
+        the covariance P of this table. For P = v 11' + S that is the posterior mean of the common shift, unshrunk, and
+        data that only see differences between temperatures (rows that sum to zero) move it by exactly nothing.
         """
         nodes = self.values_of(axis)
         weights = np.linalg.pinv(self.covariance[nodes, nodes], rcond=1e-12, hermitian=True).sum(axis=0)
         if weights.sum() <= 0.0:
             weights = np.ones(weights.size)
-        change = updated.parameters[updated.values_of(axis)] - self.parameters[nodes]
-        return float(weights @ change / weights.sum())
+        row = np.zeros(self.n_parameters)
+        row[nodes] = weights / weights.sum()
+        return row
+
+    def common_shift(self, axis: str | int, updated: "ThermalTable") -> float:
+        """How far an update moved the common part of an axis [deg/h]; `self` is the table before it."""
+        return float(self.common_weights(axis) @ (updated.parameters - self.parameters))
 
     def _block(self, axis: str | int) -> NDArray:
         """Indices of an axis's values, then its slopes."""

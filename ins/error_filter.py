@@ -73,6 +73,18 @@ class ErrorFilter:
         self.x, self.P = M @ self.x, M @ self.P @ M.T
         self.P[index, index] += sigma**2
 
+    def withdraw_prior(self, index: int, sigma: float) -> None:
+        """Take back what the prior N(0, sigma^2) of a static state said: the update of that state with variance
+        -sigma^2. Exact; needs the posterior of the state to be well inside its prior, else nothing is done.
+        """
+        S = self.P[index, index] - sigma**2
+        if S > -0.5 * sigma**2:
+            return
+        gain = self.P[:, index] / S
+        self.x = self.x - gain * self.x[index]
+        P = self.P - np.outer(gain, self.P[index, :])
+        self.P = 0.5 * (P + P.T)
+
     def advance(
         self, step: em.Step, bin_index: int, *, rolling: bool, keep_displacement: bool = False, extra_yaw_rad: float = 0.0
     ) -> None:
