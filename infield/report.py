@@ -1,4 +1,4 @@
-"""The update report: one self-contained HTML page drawn from the update document alone. It computes nothing but drawing.
+"""The update report: one self-contained HTML page drawn from the update document alone; all numbers come from there.
 
 Written to be read twice: the verdict, its reason and three figures in ten seconds; everything behind them below, with
 the items of ISO/IEC 17025:2017, 7.8.2 to 7.8.6 (identification, dates, conditions, method, results with U(k=2),
@@ -6,6 +6,7 @@ decision rule and statement of conformity, what is out of scope).
 """
 
 import shlex
+from itertools import cycle
 from typing import Any
 
 from markupsafe import Markup
@@ -31,7 +32,7 @@ OUTCOMES = {"accepted": ("merged", "good"), "refused": ("left out", "none"), "in
 
 
 def update_html(document: dict[str, Any]) -> str:
-    """The report of an update (`update.json` of formats.md, section 5), committed, proposed, refused or inconsistent."""
+    """The report of an update (`update.json`, formats.md section 5): committed, proposed, refused or inconsistent."""
     before, after = _table(document, "table_before"), _table(document, "table_after")
     sessions = [_session(document, k) for k in range(len(document.get("sessions", [])))]
     changes = document.get("changes") or []
@@ -44,7 +45,8 @@ def update_html(document: dict[str, Any]) -> str:
         decimals=_decimals(document),
         changed=_changed(document),
         bias_drawings=_bias_drawings(document, before, after),
-        run_key=[(s["run_id"], figures.SESSION_COLOURS[k % len(figures.SESSION_COLOURS)]) for k, s in enumerate(sessions)],
+        has_points=any(figures.seen_points(document, axis) for axis in AXES),
+        run_key=list(zip((s["run_id"] for s in sessions), cycle(figures.SESSION_COLOURS))),
         changes={axis: [row for row in changes if row["axis"] == axis] for axis in AXES},
         agreement=figures.agreement_drawing(document) if document["consistency"].get("nis_mean") is not None else None,
         kinds=sorted({kind for s in sessions for kind in s.get("measurements", {})}),
@@ -77,7 +79,7 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
     """One sentence of why and one of what to do with it."""
     sessions = document.get("sessions", [])
     merged = sum(s["outcome"] == "accepted" for s in sessions)
-    runs = f"{merged} of {len(sessions)} run{'s' if len(sessions) > 1 else ''}"
+    runs = "The run" if len(sessions) == 1 else f"{merged} of {len(sessions)} runs"
     first = next(iter(document["reasons"]), "no reason is on record")
     partly = ", ".join(axis for axis, seen in document["observability"].items() if seen["verdict"] == "not_observable")
     limits = f" Gyro {partly}: not observable, it rests on its prior." if partly else ""
@@ -85,7 +87,7 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
     return {
         "committed": {
             "why": f"{runs} passed every gate of the decision rule and changed the table.{limits}",
-            "use": f"In use: the new table is stored{revision}. The command that takes it back is at the end of this page.",
+            "use": f"In use: the new table is stored{revision}. The command that takes it back ends this page.",
         },
         "proposed": {
             "why": f"{runs} passed every gate of the decision rule.{limits}",
@@ -109,9 +111,18 @@ def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:
     rows = [row for row in document.get("changes") or [] if row["axis"] == axis]
     word, look = BADGES.get(seen["verdict"], (str(seen["verdict"]), "none")) if seen else ("not estimated", "none")
     return {
-        "axis": axis, "seen": seen, "word": word, "look": look,
+        "axis": axis, "seen": seen, "word": word, "look": look, "help": _help(document, seen),
         "largest": max(rows, key=lambda row: abs(row["change_deg_h"]), default=None),
     }  # fmt: skip
+
+
+def _help(document: dict[str, Any], seen: dict[str, Any] | None) -> str:
+    """What would make this gyro better known."""
+    if document["verdict"] == "inconsistent":
+        return "explain the contradiction first"
+    if seen is None:
+        return "see the reason above"
+    return seen["advice"] or "nothing more needed"
 
 
 def _bias_drawings(
@@ -196,7 +207,7 @@ def _nis_words(consistency: dict[str, Any]) -> str:
         return f"Outside its 95 % band, inside its 99.9 % band ({_band(band_999, 2)})."
     if band_999 and nis > band_999[1]:
         return f"Above its 99.9 % band ({_band(band_999, 2)}): the data hold more than the noise model."
-    return f"Below its bands (95 %: {_band(band_95, 2)}): quieter than the noise model, so the sigmas are on the safe side."
+    return f"Below its bands (95 %: {_band(band_95, 2)}): quieter than the noise model says."
 
 
 def _temperature_words(temperature: dict[str, Any]) -> str:
@@ -210,7 +221,8 @@ def _temperature_words(temperature: dict[str, Any]) -> str:
 
 def _hysteresis_words(sessions: list[dict[str, Any]]) -> str:
     """Was a difference between heating and cooling looked for?"""
-    tested = sorted({r["axis"] for s in sessions for r in s.get("heating_cooling", []) if r["difference_deg_h"] is not None})
+    rows = [row for session in sessions for row in session.get("heating_cooling", [])]
+    tested = sorted({row["axis"] for row in rows if row["difference_deg_h"] is not None})
     if not tested:
         return "no run visited both ways, a difference between them was not tested."
     return f"tested on gyro {', '.join(tested)}; the figures stand with each run."

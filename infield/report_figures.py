@@ -1,11 +1,14 @@
 """Drawing for reports: one style, one palette (Okabe-Ito, told apart by the colour-blind), figures as small inline SVG.
 
-`new_figure` -> draw on its axes -> `svg_text`. matplotlib is imported inside functions only, and never pyplot.
+`@in_style` on a function that does: `new_figure` -> draw on its axes -> `svg_text`. matplotlib is imported inside
+functions only, and never pyplot.
 """
 
 import hashlib
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from functools import wraps
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -21,7 +24,7 @@ MAX_POINTS = 2000  # of a curve
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 YELLOW, BLUE, VERMILLION, PURPLE = "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-GREY = "#59636E"
+GREY, PALE = "#59636E", "#C9D1D9"
 OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
 AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
@@ -37,27 +40,41 @@ _STYLE: dict[str, Any] = {
 }  # fmt: skip
 
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def in_style(draw: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Decorator: all that the function draws takes the reports' style, whatever matplotlibrc says."""
+
+    @wraps(draw)
+    def styled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        from matplotlib import rc_context, rcParamsDefault
+
+        with rc_context({**rcParamsDefault, **_STYLE}):
+            return draw(*args, **kwargs)
+
+    return styled
+
+
+@in_style
 def new_figure(
     rows: int = 1, columns: int = 1, *, width: float = FIGURE_WIDTH, height: float = 2.8, **subplots: Any
 ) -> tuple["Figure", NDArray]:
     """A figure (inches) in the reports' style and its axes (rows, columns); `subplots` goes to Figure.subplots."""
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    with rc_context(_STYLE):
-        figure = Figure(figsize=(width, height), layout="constrained")
-        return figure, figure.subplots(rows, columns, squeeze=False, **subplots)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False, **subplots)
 
 
+@in_style
 def svg_text(figure: "Figure", label: str) -> Markup:
     """The figure as an SVG element for a page; `label` is read aloud. It fetches nothing; equal figures, equal text."""
     import io
 
-    from matplotlib import rc_context
-
     buffer = io.StringIO()
-    with rc_context(_STYLE):
-        figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
+    figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     return Markup(_slim(buffer.getvalue(), label))  # matplotlib escapes the texts in it
 
 

@@ -35,13 +35,6 @@ def decimals_for(sigmas: list[float | None]) -> int:
     return min(max(1 - math.floor(math.log10(min(found))), 0), 6) if found else 4
 
 
-def significant(value: float | None, digits: int = 2) -> str:
-    """A number with so many significant digits, never in exponent form."""
-    if not isinstance(value, int | float) or not math.isfinite(value) or value == 0.0:
-        return number(value, 0)
-    return number(value, min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), 9))
-
-
 def duration(seconds: float | None) -> str:
     """Seconds in words that people read: `82.8 min`, `45 s`."""
     if not isinstance(seconds, int | float) or not math.isfinite(seconds):
@@ -69,5 +62,5 @@ def _environment() -> Environment:
         loader=PackageLoader("infield", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found.filters.update(number=number, significant=significant, duration=duration, heading=heading, short_hash=short_hash)
+    found.filters.update({f.__name__: f for f in (number, duration, heading, short_hash)})
     return found

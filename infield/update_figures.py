@@ -15,11 +15,13 @@ from infield.report_figures import (
     NEW,
     OLD,
     ORANGE,
+    PALE,
     PANEL_WIDTH,
     PURPLE,
     SKY,
     YELLOW,
     axis_text,
+    in_style,
     new_figure,
     robust_limits,
     svg_text,
@@ -36,7 +38,7 @@ SETTLED_DEG_C_MIN = 0.05  # a slower change of temperature is drawn as settled
 VAGUE = 4.0  # a point this many times the median sigma may run out of the frame
 PHASE_COLOURS = {
     "alignment": SKY, "extended_alignment": "#A9D8F5", "parked": GREEN, "taxi": ORANGE, "takeoff": YELLOW,
-    "flight": "#C9D1D9", "landing": YELLOW,
+    "flight": PALE, "landing": YELLOW,
 }  # fmt: skip
 MINUTE = 60.0
 
@@ -46,6 +48,7 @@ def seen_points(document: dict[str, Any], axis: str) -> list[dict[str, Any]]:
     return [p for p in document["points"] if p["axis"] == axis and p.get("observability") != "not_observable"]
 
 
+@in_style
 def bias_drawing(
     document: dict[str, Any], axis: str, before: ThermalTable, after: ThermalTable | None, run_ids: list[str]
 ) -> Markup:
@@ -67,11 +70,11 @@ def bias_drawing(
     inner.append(_draw_points(ax, points, run_ids))
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=1.2))
     axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
-    return svg_text(figure, f"Bias of gyro {axis} against temperature, stored table, new table and {len(points)} points")
+    return svg_text(figure, f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points")
 
 
 def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -> NDArray:
-    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns what must be in sight."""
+    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns what must be seen."""
     if not points:
         return np.empty(0)
     T, bias, sigma = thinned(*([p[k] for p in points] for k in ("temperature_degC", "bias_deg_h", "sigma_deg_h")))
@@ -90,16 +93,18 @@ def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -
     return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure]])
 
 
+@in_style
 def agreement_drawing(document: dict[str, Any]) -> Markup:
     """NIS per degree of freedom: the whole filter and each merge in their bands, each kind of measurement as dots."""
     consistency = document["consistency"]
     rows: list[tuple[str, list[float], Any, Any]] = [
         ("all measurements", [consistency["nis_mean"]], consistency["band_95"], consistency.get("band_999"))
     ]
-    for number, merge in enumerate(consistency.get("merge", []), start=1):
+    run_ids = [s["run_id"] for s in document.get("sessions", [])]
+    for merge in consistency.get("merge", []):
         band = [b / merge["dof"] for b in merge["band_999"]]
-        name = "against the table" + (f", run {number}" if len(consistency["merge"]) > 1 else "")
-        rows.append((name, [merge["nis"] / merge["dof"]], None, band))
+        run = f", run {run_ids.index(merge['run_id']) + 1}" if len(run_ids) > 1 and merge["run_id"] in run_ids else ""
+        rows.append((f"against the table{run}", [merge["nis"] / merge["dof"]], None, band))
     kinds: dict[str, list[float]] = {}
     for session in document.get("sessions", []):
         for kind, found in session.get("measurements", {}).items():
@@ -138,6 +143,7 @@ def _plain(text: str, longest: int = 32) -> str:
     return str(text).encode("ascii", "replace").decode()[:longest]
 
 
+@in_style
 def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Markup | None:
     """Phases and excluded spans, gyro temperatures, heading and velocity over the run; None where there is nothing."""
     temperature, velocity = session.get("temperature"), session.get("velocity")
@@ -156,7 +162,7 @@ def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Ma
             _draw_strip(ax, phases, spans)
         else:
             for span in spans:
-                ax.axvspan(span["start_s"] / MINUTE, span["end_s"] / MINUTE, color="#C9D1D9", alpha=0.6)
+                ax.axvspan(span["start_s"] / MINUTE, span["end_s"] / MINUTE, color=PALE, alpha=0.6)
             {"temperature": _draw_temperature, "heading": _draw_heading, "velocity": _draw_velocity}[name](ax, session)
     axes[-1, 0].set_xlabel("time since the start of the run [min]")
     axes[-1, 0].set_xlim(0.0, max((session.get("duration_s") or 0.0) / MINUTE, 1e-3))
@@ -215,6 +221,7 @@ def _legend_beside(ax: "Axes") -> None:
     ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), handlelength=1.8, borderaxespad=0.3)
 
 
+@in_style
 def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
     """Points of one run less the table before and after, over time, with the points' own sigma; None without points."""
     rows = [r for r in session.get("residuals", []) if r["axis"] == axis]
@@ -234,6 +241,7 @@ def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
     return svg_text(figure, f"Residuals of gyro {axis} over time to the table before and after")
 
 
+@in_style
 def coverage_drawing(session: dict[str, Any]) -> Markup | None:
     """Minutes of the run in each 5 degC band, the three gyros side by side; None where not known."""
     rows = session.get("coverage") or []
@@ -246,10 +254,11 @@ def coverage_drawing(session: dict[str, Any]) -> Markup | None:
         centre, time_s = thinned([0.5 * (r["low_degC"] + r["high_degC"]) for r in mine], [r["seconds"] for r in mine])
         ax.bar(centre + 1.4 * (k - 1), time_s, width=1.3, color=AXIS_COLOURS[axis], label=f"gyro {axis}", linewidth=0)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
-    axis_text(ax, title="Coverage: time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
+    axis_text(ax, title="Time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
     return svg_text(figure, "Seconds of the run in each 5 degC band of gyro temperature")
 
 
+@in_style
 def chain_drawing(session: dict[str, Any], direction: str) -> Markup | None:
     """The patent's chain beside the filter along `north` or `east` of the parked heading; None without points."""
     chain = session.get("claim_chain")
