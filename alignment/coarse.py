@@ -68,6 +68,7 @@ def latitude_from_rates(means: RestMeans) -> tuple[float, float]:
 REST_BLOCKS = 6
 REST_FORCE_M_S2 = 0.03
 REST_RATE_RAD_S = 3e-4
+NOISIEST = 10.0  # block means that scatter by more (0.17 deg/s, 0.3 m/s^2) are a vehicle that moves, not a noisy unit
 LONGEST_COARSE_S = 600.0
 
 
@@ -89,7 +90,7 @@ def first_rest(imu: ImuLog) -> tuple[float, float] | None:
         if not good[reference].all():
             continue
         last = i + REST_BLOCKS - 1
-        while last + 1 < len(starts) and good[last + 1 : last + 4].any() and ends[last + 1] - ends[i] < LONGEST_COARSE_S:
+        while good[last + 1 : last + 4].any() and ends[last + 1] - ends[i] < LONGEST_COARSE_S:
             last += 1
         while not good[last]:
             last -= 1
@@ -98,7 +99,7 @@ def first_rest(imu: ImuLog) -> tuple[float, float] | None:
 
 
 def _near(values: NDArray, reference: slice, limit: float) -> NDArray:
-    """Rows within `limit`, or within 6 robust sigmas of the reference rows, of their median."""
+    """Rows within `limit`, or within 6 robust sigmas (up to NOISIEST limits), of the median of the reference rows."""
     centre = np.median(values[reference], axis=0)
     noise = 1.4826 * np.median(np.abs(np.diff(values, axis=0)), axis=0) / np.sqrt(2.0)
-    return np.asarray((np.abs(values - centre) <= np.maximum(limit, 6.0 * noise)).all(axis=1))
+    return np.asarray((np.abs(values - centre) <= np.clip(6.0 * noise, limit, NOISIEST * limit)).all(axis=1))
