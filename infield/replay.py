@@ -174,13 +174,13 @@ def _fly(
         table_deg_h = np.stack([np.interp(imu.time_s, temperature.time_s, b) for b in coarse.T], axis=1)
     imu = compensated_imu(run, table_deg_h, twin)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
-    history, left_s = None, float(imu.time_s[-1]) - aligned.time_s
-    if aligned.verdict in ("aligned", "inconsistent") and aligned.C_nb is not None:
+    history, C_nb, left_s = None, aligned.C_nb, float(imu.time_s[-1]) - aligned.time_s
+    if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
         if left_s < SHORTEST_S:
             reason = f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation are needed"
             aligned = replace(aligned, verdict="refused", reasons=(*aligned.reasons, reason))
         else:
-            start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
+            start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
             history = navigate(imu, start, epoch_s=1.0, vertical=vertical)
     return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
 

@@ -1,0 +1,224 @@
+"""replay.html: the replay document and its curves as one page that fetches nothing. Computes nothing."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from infield.drift import CLASSES
+from infield.replay import ReplayResult, TableReplay
+from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, new_figure, svg_text, thinned
+from infield.report_page import number, render_page
+from ins.attitude import euler_from_dcm
+from ins.earth import displacement_ned
+from ins.units import DEG, HOUR, KNOT, NAUTICAL_MILE
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = {"previous": OLD, "active": NEW}
+LINES = {"previous": "--", "active": "-"}
+LABELS = {"previous": "previous table", "active": "active table"}
+BANNERS = {"replayed": "good", "refused": "none", "inconsistent": "bad"}
+FIGURES = ("radial", "velocity", "wander", "track", "attitude", "gnss", "reference")
+MOVED_M = 50.0  # a track longer than the parked drift is worth a drawing of its own
+
+
+def replay_html(document: dict[str, Any], result: ReplayResult) -> str:
+    """The page of a document made by `replay_document` from the same result."""
+    return render_page(
+        "replay.html.j2",
+        d=document,
+        tables={t["role"]: t for t in document["tables"]},
+        banner=BANNERS[document["verdict"]],
+        headline=_headline(document),
+        figures=_figures(result),
+        labels=LABELS,
+    )
+
+
+def _headline(document: dict[str, Any]) -> str:
+    """The result in one sentence."""
+    if document["verdict"] == "refused":
+        return "No table could be flown: " + "; ".join(document["reasons"])
+    tables = {t["role"]: t for t in document["tables"]}
+    active, previous = tables["active"], tables.get("previous")
+    if active["parked"] is None:
+        return "The vehicle rolls within a minute of its alignment: no parked drift to measure."
+    after, hours = active["parked"]["rate_nm_h"], active["parked"]["hours"]
+    if previous is None or previous["parked"] is None:
+        return f"Parked drift {number(after)} NM/h over {hours * 60:.0f} min."
+    before = previous["parked"]["rate_nm_h"]
+    return (
+        f"Parked drift over {hours * 60:.0f} min: {number(before)} NM/h with the previous table, {number(after)} NM/h "
+        f"with the active one ({number(after - before, sign=True)} NM/h)."
+    )
+
+
+def _figures(result: ReplayResult) -> dict[str, Markup | None]:
+    """Drawings by name; None where there is nothing to show."""
+    flown = [t for t in sorted(result.tables, key=lambda t: t.choice.role == "active") if t.history is not None]
+    found: dict[str, Markup | None] = dict.fromkeys(FIGURES)
+    if any(t.parked is not None for t in flown):
+        found["radial"] = _radial(flown)
+        found["velocity"] = _velocity(flown)
+        found["wander"] = _wander(flown)
+    if flown:
+        found["attitude"] = _attitude(flown)
+        if _track_length(flown[-1]) > MOVED_M:
+            found["track"] = _track(flown, result)
+    for name in ("gnss", "reference"):
+        if any(getattr(t, name) is not None for t in flown):
+            found[name] = _against(flown, name)
+    return found
+
+
+def _style(t: TableReplay) -> dict[str, Any]:
+    role = t.choice.role
+    return {"color": COLOURS[role], "linestyle": LINES[role], "label": LABELS[role]}
+
+
+def _radial(flown: list[TableReplay]) -> Markup:
+    """Radial error while parked, with the predicted sigma of each table and the drift classes where they come near."""
+    figure, axes = new_figure(height=3.4)
+    ax, top = axes[0, 0], 0.0
+    for t in flown:
+        if t.parked is None:
+            continue
+        hours, radial = thinned(t.parked.time_s / HOUR, t.parked.radial_m / NAUTICAL_MILE)
+        ax.plot(60 * hours, radial, **_style(t))
+        top = max(top, float(radial.max()))
+        if t.predicted is not None:
+            minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / NAUTICAL_MILE)
+            ax.plot(minutes, sigma, color=COLOURS[t.choice.role], linestyle=":", linewidth=1.2,
+                    label=f"predicted 1 sigma, {LABELS[t.choice.role]}")  # fmt: skip
+            top = max(top, float(sigma.max()))
+    _draw_classes(ax, top)
+    ax.set_ylim(0.0, 1.08 * top)
+    axis_text(ax, title="Radial position error while parked", x="min of navigation", y="NM")
+    ax.legend(loc="upper left")
+    return svg_text(figure, "Radial position error while parked over time, by table")
+
+
+def _draw_classes(ax: "Axes", top: float) -> None:
+    """The 2T+2 and 3T+3 limits, where they lie within the drawing."""
+    low, high = ax.get_xlim()
+    x = np.array([max(low, 0.0), high])
+    for (name, slope, offset), line in zip(CLASSES, ("-.", "-")):
+        if offset < top:
+            ax.plot(x, slope * x / 60 + offset, color=GREY, linestyle=line, linewidth=1.0,
+                    label=f"{name} NM")  # fmt: skip
+    ax.set_xlim(low, high)
+
+
+def _velocity(flown: list[TableReplay]) -> Markup:
+    """North and east velocity while parked: all of it is error."""
+    figure, axes = new_figure(1, 2, height=3.0, sharey=True)
+    for t in flown:
+        if t.parked is None:
+            continue
+        minutes, north, east = thinned(t.parked.time_s / 60, *t.parked.velocity_m_s.T)
+        axes[0, 0].plot(minutes, north, **_style(t))
+        axes[0, 1].plot(minutes, east, **_style(t))
+    axis_text(axes[0, 0], title="North velocity while parked", x="min of navigation", y="m/s")
+    axis_text(axes[0, 1], title="East velocity while parked", x="min of navigation")
+    axes[0, 0].legend(loc="best")
+    return svg_text(figure, "North and east velocity while parked, by table")
+
+
+def _wander(flown: list[TableReplay]) -> Markup:
+    """Where the parked solution wanders to, on a plain grid."""
+    figure, axes = new_figure(width=4.8, height=4.4)
+    ax = axes[0, 0]
+    for t in flown:
+        if t.parked is not None:
+            east, north = thinned(t.parked.position_m[:, 1], t.parked.position_m[:, 0])
+            ax.plot(east, north, **_style(t))
+            ax.plot(east[-1], north[-1], marker="o", color=COLOURS[t.choice.role])
+    ax.plot(0.0, 0.0, marker="+", markersize=11, markeredgewidth=1.8, color=BLACK, linestyle="none", label="true")
+    _square(ax)
+    axis_text(ax, title="Computed position while parked", x="east, m", y="north, m")
+    ax.legend(loc="best")
+    return svg_text(figure, "Computed position while parked on a plain grid, by table")
+
+
+def _track(flown: list[TableReplay], result: ReplayResult) -> Markup:
+    """The whole track, with GNSS where logged."""
+    figure, axes = new_figure(width=4.8, height=4.4)
+    ax, site = axes[0, 0], result.run.header.site
+    largest = max(float(np.abs(_grid(t, result)).max()) for t in flown)
+    unit, name = (1000.0, "km") if largest > 5000.0 else (1.0, "m")
+    if result.run.gnss is not None:
+        gnss = result.run.gnss
+        fixes = displacement_ned(
+            gnss.lat_rad, gnss.lon_rad, lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m
+        )
+        north, east = thinned(*(fixes / unit).T)
+        ax.plot(east, north, color=GREY, linewidth=3.0, alpha=0.45, label="GNSS")
+    for t in flown:
+        north, east = thinned(*(_grid(t, result) / unit).T)
+        ax.plot(east, north, **_style(t))
+    _square(ax)
+    axis_text(ax, title="Computed track", x=f"east, {name}", y=f"north, {name}")
+    ax.legend(loc="best")
+    return svg_text(figure, "Computed track on a plain grid, by table")
+
+
+def _grid(t: TableReplay, result: ReplayResult) -> NDArray:
+    assert t.history is not None
+    site = result.run.header.site
+    return displacement_ned(
+        t.history.lat_rad, t.history.lon_rad, lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m
+    )
+
+
+def _track_length(t: TableReplay) -> float:
+    """Way since the end of the parked span [m]."""
+    assert t.history is not None
+    parked = t.parked.time_s.size + 1 if t.parked is not None else 0
+    return float(np.linalg.norm(t.history.displacement_n_m[parked:, :2].sum(axis=0)))
+
+
+def _square(ax: "Axes") -> None:
+    """Equal scales, and a field that is not a sliver."""
+    (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
+    half = 0.5 * max(x1 - x0, y1 - y0)
+    ax.set_xlim(0.5 * (x0 + x1) - half, 0.5 * (x0 + x1) + half)
+    ax.set_ylim(0.5 * (y0 + y1) - half, 0.5 * (y0 + y1) + half)
+    ax.set_aspect("equal")
+
+
+def _attitude(flown: list[TableReplay]) -> Markup:
+    """Roll, pitch and heading from the end of the alignment to the end of the log."""
+    figure, axes = new_figure(1, 3, height=2.8)
+    for t in flown:
+        assert t.history is not None
+        angles = [np.unwrap(a) / DEG for a in euler_from_dcm(t.history.C_nb)]
+        minutes, *columns = thinned(t.history.time_s / 60, *angles)
+        for ax, angle in zip(axes[0], columns):
+            ax.plot(minutes, angle, **_style(t))
+    for ax, name in zip(axes[0], ("Roll", "Pitch", "Heading (unwrapped)")):
+        axis_text(ax, title=name, x="min of the log", y="deg")
+    axes[0, 0].legend(loc="best")
+    return svg_text(figure, "Roll, pitch and heading, by table")
+
+
+def _against(flown: list[TableReplay], name: str) -> Markup:
+    """Radial and speed error against an outside track after the parked span."""
+    figure, axes = new_figure(1, 2, height=3.0)
+    what, top = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name], 0.0
+    for t in flown:
+        drift = getattr(t, name)
+        if drift is not None:
+            minutes, radial, speed = thinned(drift.time_s / 60, drift.radial_m / NAUTICAL_MILE, drift.speed_m_s / KNOT)
+            axes[0, 0].plot(minutes, radial, **_style(t))
+            axes[0, 1].plot(minutes, speed, **_style(t))
+            top = max(top, float(radial.max()))
+    _draw_classes(axes[0, 0], top)
+    axes[0, 0].set_ylim(0.0, 1.08 * top)
+    axes[0, 1].set_ylim(bottom=0.0)
+    axis_text(axes[0, 0], title=f"Radial error against {what}", x="min of navigation", y="NM")
+    axis_text(axes[0, 1], title="Velocity error, horizontal", x="min of navigation", y="kt")
+    axes[0, 0].legend(loc="best")
+    return svg_text(figure, f"Radial and velocity error against {what} after the parked span, by table")

@@ -1,0 +1,152 @@
+"""`recal replay`: navigate a log with the stored table and with the one before it."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recal.console import (
+    DEFAULT_STORE,
+    DONE,
+    INCONSISTENT,
+    REFUSED,
+    JsonFlag,
+    OutputPath,
+    Quiet,
+    StoreUrl,
+    emit_json,
+    result_text,
+    say,
+)
+
+if TYPE_CHECKING:
+    from infield.replay import ReplayResult, TableChoice
+    from infield.store import TableStore
+    from ins.records import Run
+    from recal.unit_inputs import UnitInputs
+
+EXIT = {"replayed": DONE, "refused": REFUSED, "inconsistent": INCONSISTENT}
+NAVIGATION = ("roll_deg", "pitch_deg", "heading_deg")
+
+
+def command(
+    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    store: StoreUrl = DEFAULT_STORE,
+    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+) -> None:
+    """Fly the log again with the stored table and with the one before it: drift in NM/h, old and new.
+
+    Example: recal replay run-2 --store sqlite:///recal.db -o replay
+    """
+    document = replay(run, store_url=store, twin=twin, output=output)
+    if as_json:
+        emit_json(document)
+    for line in summary(document):
+        say(line, quiet=quiet)
+    raise typer.Exit(EXIT[document["verdict"]])
+
+
+def replay(
+    run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None
+) -> dict[str, Any]:
+    """Replay one run; writes replay.json, replay.html and, unless refused, navigation.parquet; returns the document."""
+    from infield.replay import replay as replay_run
+    from infield.replay_document import replay_document
+    from infield.replay_report import replay_html
+    from recal.output import output_directory, program_version, write_text
+    from recal.unit_inputs import open_store, unit_inputs
+    from trajectories.run import read_reference, read_run
+
+    run, reference = read_run(run_path), read_reference(run_path)
+    database = open_store(store_url)
+    unit = unit_inputs(run, database, twin)
+    tables, notes = _choices(run, unit, database)
+    result = replay_run(
+        run, tables, unit.twin, reference=reference,
+        applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
+    )  # fmt: skip
+    name = database.name if database else None
+    document = replay_document(result, unit.twin, store=name, version=program_version(), notes=notes)
+    directory = output_directory(output, "replay")
+    write_text(directory / "replay.json", result_text(document))
+    write_text(directory / "replay.html", replay_html(document, result))
+    _write_navigation(directory / "navigation.parquet", result)
+    return document
+
+
+def _choices(
+    run: "Run", unit: "UnitInputs", database: "TableStore | None"
+) -> tuple[list["TableChoice"], tuple[str, ...]]:
+    """The tables to fly with, active first, and what there is to say of them."""
+    from infield.replay import TableChoice
+
+    header = run.header
+    if database is None or not unit.known:
+        why = "no store there" if database is None else f"the store does not know unit {header.imu_serial}"
+        origin = f"default of a {header.gyro_technology} unit: bias 0"
+        return [TableChoice(role="active", table=unit.table, origin=origin)], (f"{why}: flown with the {origin}",)
+    key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
+    found = [("active", database.active(*key)), ("previous", database.previous(*key))]
+    tables = [
+        TableChoice(
+            role=role, table=r.table, origin=f"revision {r.number} ({r.kind})", sha256=r.sha256, revision=r.number
+        )
+        for role, r in found
+        if r is not None
+    ]
+    only = f"the store holds one revision of unit {header.imu_serial}: nothing to compare it with"
+    return tables, () if len(tables) == 2 else (only,)
+
+
+def _write_navigation(path: Path, result: "ReplayResult") -> None:
+    """The solutions at 1 Hz, one below the other; a file of an earlier replay goes where nothing was flown."""
+    import numpy as np
+
+    from ins.attitude import euler_from_dcm
+    from ins.units import DEG
+    from trajectories.stream_files import write_columns
+
+    flown = [t for t in result.tables if t.history is not None]
+    if not flown:
+        path.unlink(missing_ok=True)
+        return
+    parts = []
+    for t in flown:
+        h = t.history
+        assert h is not None
+        attitude = dict(zip(NAVIGATION, (angle / DEG for angle in euler_from_dcm(h.C_nb))))
+        velocity = dict(zip(("vn_m_s", "ve_m_s", "vd_m_s"), h.v_n_m_s.T))
+        parts.append({
+            "time_s": h.time_s, "lat_deg": h.lat_rad / DEG, "lon_deg": h.lon_rad / DEG, "height_m": h.height_m,
+            **velocity, **attitude, "table": np.full(h.time_s.size, t.choice.role),
+        })  # fmt: skip
+    write_columns(path, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def summary(document: dict[str, Any]) -> list[str]:
+    """The result in a few lines for people."""
+    lines = [f"{document['run_id']}: {document['verdict']}"]
+    lines += [f"  because {reason}" for reason in document["reasons"]]
+    lines += [f"  {note}" for note in document["notes"]]
+    for t in document["tables"]:
+        drift, predicted = t["parked"], t["predicted"]
+        line = f"  {t['role']:9s}{t['origin']}: "
+        if drift is None:
+            lines.append(line + f"alignment {t['alignment']['verdict']}, no parked drift")
+            continue
+        expected = f" (predicted 1 sigma {predicted['sigma_nm_h']:.3f})" if predicted else ""
+        lines.append(
+            line + f"{drift['rate_nm_h']:.3f} NM/h{expected}, RMS rate {drift['rms_rate_nm_h']:.3f} NM/h, "
+            f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{', REALIGN' if t['realign'] else ''}"
+        )
+    difference = document["difference"]
+    if difference and difference["rate_nm_h"]:
+        rate = difference["rate_nm_h"]
+        lines.append(
+            f"  previous to active: {rate['previous']:.3f} -> {rate['active']:.3f} NM/h, "
+            f"heading {difference['heading_mrad']:+.2f} mrad"
+        )
+    return lines
