@@ -6,7 +6,7 @@ decision rule and statement of conformity, what is out of scope).
 """
 
 import shlex
-from itertools import cycle
+from itertools import count, cycle
 from typing import Any
 
 from markupsafe import Markup
@@ -46,7 +46,7 @@ def update_html(document: dict[str, Any]) -> str:
         changed=_changed(document),
         bias_drawings=_bias_drawings(document, before, after),
         has_points=any(figures.seen_points(document, axis) for axis in AXES),
-        run_key=list(zip((s["run_id"] for s in sessions), cycle(figures.SESSION_COLOURS))),
+        run_key=_run_key(document),
         changes={axis: [row for row in changes if row["axis"] == axis] for axis in AXES},
         agreement=figures.agreement_drawing(document) if document["consistency"].get("nis_mean") is not None else None,
         kinds=sorted({kind for s in sessions for kind in s.get("measurements", {})}),
@@ -95,12 +95,12 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
         },
         "refused": {
             "why": first,
-            "use": "Keep using the stored table: it has not changed.",
+            "use": "Keep using the stored table: nothing was written to it.",
         },
         "inconsistent": {
             "why": first,
-            "use": "Do not use: the data contradict the model or the stored table. Nothing was committed, the stored "
-            "table has not changed.",
+            "use": "Do not use: the data contradict the model or the stored table. Nothing was committed, "
+            "nothing was written to the stored table.",
         },
     }.get(document["verdict"], {"why": first, "use": "Unknown verdict: do not use."})
 
@@ -137,6 +137,14 @@ def _bias_drawings(
         (axis, figures.bias_drawing(document, axis, before, new, run_ids), bool(figures.seen_points(document, axis)))
         for axis in AXES
     ]
+
+
+def _run_key(document: dict[str, Any]) -> list[tuple[int, str, str]]:
+    """Number, id and colour of each run with points; empty where there is one run."""
+    run_ids = [s["run_id"] for s in document.get("sessions", [])]
+    drawn = {p.get("run_id") for axis in AXES for p in figures.seen_points(document, axis)}
+    key = zip(count(1), run_ids, cycle(figures.SESSION_COLOURS))
+    return [row for row in key if row[1] in drawn] if len(run_ids) > 1 else []
 
 
 def _session(document: dict[str, Any], k: int) -> dict[str, Any]:
