@@ -77,17 +77,19 @@ def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:
 def drift_against(
     history: NavHistory, other: GnssLog | ReferenceLog, lever_arm_m: NDArray, from_s: float
 ) -> Drift | None:
-    """The solution less an outside track, at that track's own times from `from_s` on; None where it has none.
+    """The solution less an outside track, at those of its times that are nearest to the solution's own, from `from_s` on.
 
+    None where the track has nothing there.
     lever_arm_m (3,): from the IMU to the point of the track. The offset between the two while parked (a site entered
     roughly) is taken out: it is no drift.
     """
     t0, t1 = float(history.time_s[0]), float(history.time_s[-1])
-    used = (other.time_s >= t0) & (other.time_s <= t1)
-    after = other.time_s[used] > from_s
+    used = _nearest(history.time_s, other.time_s)
+    used = used[(other.time_s[used] >= t0) & (other.time_s[used] <= t1)]
+    t = other.time_s[used]
+    after = t > from_s
     if not after.any():
         return None
-    t = other.time_s[used]
     k = np.clip(np.rint(np.interp(t, history.time_s, np.arange(history.time_s.size))).astype(int), 1, None)
     dt = np.diff(history.time_s)[k - 1]
     omega_b = history.dtheta_b_rad[k] / dt[:, None]  # Earth rate stays in: 0.1 mm/s per metre of arm
@@ -106,6 +108,12 @@ def drift_against(
         position_m=position[after] - _offset(history, other, before, arm_n[0, :2]),
         velocity_m_s=velocity[after],
     )
+
+
+def _nearest(time_s: NDArray, track_s: NDArray) -> NDArray:
+    """Rows of the track nearest to each time, each once."""
+    edges = 0.5 * (track_s[1:] + track_s[:-1])
+    return np.unique(np.searchsorted(edges, time_s))
 
 
 def _offset(history: NavHistory, other: GnssLog | ReferenceLog, rows: NDArray, arm_n: NDArray) -> NDArray:

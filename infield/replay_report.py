@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from infield.drift import CLASSES
 from infield.replay import ReplayResult, TableReplay
-from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, new_figure, svg_text, thinned
+from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text, thinned
 from infield.report_page import number, render_page
-from ins.attitude import euler_from_dcm
+from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.units import DEG, HOUR, KNOT, NAUTICAL_MILE
 
@@ -56,6 +56,7 @@ def _headline(document: dict[str, Any]) -> str:
     )
 
 
+@in_style
 def _figures(result: ReplayResult) -> dict[str, Markup | None]:
     """Drawings by name; None where there is nothing to show."""
     flown = [t for t in sorted(result.tables, key=lambda t: t.choice.role == "active") if t.history is not None]
@@ -96,7 +97,7 @@ def _radial(flown: list[TableReplay]) -> Markup:
             top = max(top, float(sigma.max()))
     _draw_classes(ax, top)
     ax.set_ylim(0.0, 1.08 * top)
-    axis_text(ax, title="Radial position error while parked", x="min of navigation", y="NM")
+    axis_text(ax, title="Radial position error while parked", x="time since navigation began [min]", y="error [NM]")
     ax.legend(loc="upper left")
     return svg_text(figure, "Radial position error while parked over time, by table")
 
@@ -121,8 +122,8 @@ def _velocity(flown: list[TableReplay]) -> Markup:
         minutes, north, east = thinned(t.parked.time_s / 60, *t.parked.velocity_m_s.T)
         axes[0, 0].plot(minutes, north, **_style(t))
         axes[0, 1].plot(minutes, east, **_style(t))
-    axis_text(axes[0, 0], title="North velocity while parked", x="min of navigation", y="m/s")
-    axis_text(axes[0, 1], title="East velocity while parked", x="min of navigation")
+    axis_text(axes[0, 0], title="North velocity while parked", x="time since navigation began [min]", y="velocity [m/s]")
+    axis_text(axes[0, 1], title="East velocity while parked", x="time since navigation began [min]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, "North and east velocity while parked, by table")
 
@@ -138,7 +139,7 @@ def _wander(flown: list[TableReplay]) -> Markup:
             ax.plot(east[-1], north[-1], marker="o", color=COLOURS[t.choice.role])
     ax.plot(0.0, 0.0, marker="+", markersize=11, markeredgewidth=1.8, color=BLACK, linestyle="none", label="true")
     _square(ax)
-    axis_text(ax, title="Computed position while parked", x="east, m", y="north, m")
+    axis_text(ax, title="Computed position while parked", x="east [m]", y="north [m]")
     ax.legend(loc="best")
     return svg_text(figure, "Computed position while parked on a plain grid, by table")
 
@@ -160,7 +161,7 @@ def _track(flown: list[TableReplay], result: ReplayResult) -> Markup:
         north, east = thinned(*(_grid(t, result) / unit).T)
         ax.plot(east, north, **_style(t))
     _square(ax)
-    axis_text(ax, title="Computed track", x=f"east, {name}", y=f"north, {name}")
+    axis_text(ax, title="Computed track", x=f"east [{name}]", y=f"north [{name}]")
     ax.legend(loc="best")
     return svg_text(figure, "Computed track on a plain grid, by table")
 
@@ -194,12 +195,13 @@ def _attitude(flown: list[TableReplay]) -> Markup:
     figure, axes = new_figure(1, 3, height=2.8)
     for t in flown:
         assert t.history is not None
-        angles = [np.unwrap(a) / DEG for a in euler_from_dcm(t.history.C_nb)]
+        roll, pitch, heading = euler_from_dcm(t.history.C_nb)
+        angles = [roll / DEG, pitch / DEG, np.unwrap(wrap_pi(heading)) / DEG]
         minutes, *columns = thinned(t.history.time_s / 60, *angles)
         for ax, angle in zip(axes[0], columns):
             ax.plot(minutes, angle, **_style(t))
-    for ax, name in zip(axes[0], ("Roll", "Pitch", "Heading (unwrapped)")):
-        axis_text(ax, title=name, x="min of the log", y="deg")
+    for ax, name in zip(axes[0], ("Roll", "Pitch", "Heading, continuous")):
+        axis_text(ax, title=name, x="time of the log [min]", y="angle [deg]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, "Roll, pitch and heading, by table")
 
@@ -218,7 +220,7 @@ def _against(flown: list[TableReplay], name: str) -> Markup:
     _draw_classes(axes[0, 0], top)
     axes[0, 0].set_ylim(0.0, 1.08 * top)
     axes[0, 1].set_ylim(bottom=0.0)
-    axis_text(axes[0, 0], title=f"Radial error against {what}", x="min of navigation", y="NM")
-    axis_text(axes[0, 1], title="Velocity error, horizontal", x="min of navigation", y="kt")
+    axis_text(axes[0, 0], title=f"Radial error against {what}", x="time since navigation began [min]", y="error [NM]")
+    axis_text(axes[0, 1], title="Velocity error, horizontal", x="time since navigation began [min]", y="error [kt]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, f"Radial and velocity error against {what} after the parked span, by table")
