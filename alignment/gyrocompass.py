@@ -32,7 +32,8 @@ MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment ab
 MIN_REST_S = 60.0
 LATITUDE_SIGMAS = 3.3  # alarm level of the latitude test: 0.1 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
-NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 21.0, 34.0)  # tried in turn where the residuals exceed the model
+NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # tried in turn where the residuals exceed the model
+LEVEL_S = 30.0  # of the rest, for the first level: people who board later tilt the vehicle
 MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 2e-5
 MAX_PASSES = 4
@@ -61,7 +62,8 @@ def solve(
     parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
     """
     log = imu.between(rest[0], min(until_s, float(imu.time_s[-1])))
-    C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
+    first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
+    C_nb = coarse.gyrocompass_dcm(replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b))
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
     seen = np.zeros(0)
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
@@ -138,6 +140,12 @@ def align(
         result = _attitude(solution, phases)
         if nis_verdict(result.nis_mean, result.dof) is None and rejected_share(solution) < MAX_REJECTED:
             break
+    else:
+        return replace(
+            result,
+            verdict="refused",
+            reasons=(f"it moves: the rest does not fit even {scale:g} times the noise model ({twin.source})",),
+        )
     if scale > 1.0:
         result = replace(
             result,
@@ -153,7 +161,7 @@ def align(
                 "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit",
             ),
         )
-    return _latitude_test(result, site, means, float(np.max(sigma)), arw)
+    return _latitude_test(result, site, means, float(np.max(sigma)), scale * arw)
 
 
 def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
@@ -219,7 +227,7 @@ def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_
 
 def nis_verdict(nis_mean: float, dof: int) -> str | None:
     """A reason where the filter's NIS is above its 99.9 % band; None where it is not."""
-    low, high = nis_band(dof, 0.999)
+    high = nis_band(dof, 0.999)[1]
     if nis_mean <= high:
         return None
     return f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of freedom, band to {high:.2f}"
