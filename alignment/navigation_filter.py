@@ -41,7 +41,7 @@ class PlannedStep:
 
 @dataclass(frozen=True)
 class StepView:
-    """What a step shows to an aid. Displacements in body axes [m], heading change relative to Earth [rad];
+    """What a step shows to an aid. Displacements of the solution in body axes and NED [m], heading change relative to Earth [rad];
     C_nb, v_n, lat, lon, height at the step's end, v_start_n at its start; `kind` as in `stillness`."""
 
     kind: int
@@ -49,6 +49,7 @@ class StepView:
     start_s: float
     end_s: float
     displacement_b_m: NDArray
+    displacement_n_m: NDArray
     heading_change_rad: float
     C_nb: NDArray
     v_n: NDArray
@@ -94,13 +95,21 @@ def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> 
     return plan
 
 
-def view_of(history: NavHistory, planned: PlannedStep) -> StepView:
-    """Means and sums of a planned step."""
+def view_of(history: NavHistory, planned: PlannedStep, velocity_error_m_s: NDArray | None = None) -> StepView:
+    """Means and sums of a planned step.
+
+    velocity_error_m_s (2,): estimate of w, taken off the velocity about which the errors are linearised; a vehicle
+    known to stand has none. (The computed velocity instead leaves v_error x theta in the position: 0.6 m an hour.)
+    """
     a, b = planned.first, planned.last
     rows = slice(a + 1, b + 1)
     dt = float(history.time_s[b] - history.time_s[a])
     lat, height = float(history.lat_rad[b]), float(history.height_m[b])
     v_mean = history.displacement_n_m[rows].sum(axis=0) / dt
+    if planned.kind == STILL:
+        v_mean = np.zeros(3)
+    elif velocity_error_m_s is not None:
+        v_mean[:2] -= velocity_error_m_s
     C_mean = history.C_nb_dt[rows].sum(axis=0) / dt
     heading_a, heading_b = (euler_from_dcm(history.C_nb[i])[2] for i in (a, b))
     step = em.Step(
@@ -119,6 +128,7 @@ def view_of(history: NavHistory, planned: PlannedStep) -> StepView:
         start_s=float(history.time_s[a]),
         end_s=float(history.time_s[b]),
         displacement_b_m=history.displacement_b_m[rows].sum(axis=0),
+        displacement_n_m=history.displacement_n_m[rows].sum(axis=0),
         heading_change_rad=float(wrap_pi(heading_b - heading_a)),
         C_nb=history.C_nb[b],
         v_n=history.v_n_m_s[b],
@@ -203,7 +213,7 @@ def sweep(
     moved: NDArray | None = None  # way of the solution since the vehicle stopped, body axes
     cloned, rolled = False, False
     for planned in plan:
-        view = view_of(history, planned)
+        view = view_of(history, planned, flt.x[em.W])
         rolling, still = planned.kind == ROLLING, planned.kind == STILL
         moved = moved if still else None
         flt.advance(

@@ -6,13 +6,13 @@ velocity error w is taken against the true velocity in the computed frame, and t
 heading or a centre line. Cross-track position enters as the displacement over each step (US 5,574,650).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from alignment.navigation_filter import StepView, heading_error_row
-from alignment.stillness import ROLLING, STILL
+from alignment.stillness import ROLLING
 from ins import error_model as em
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
@@ -21,7 +21,7 @@ from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
-CENTRE_LINE_WANDER_M = 0.05  # per square root of a second, about the painted line
+CENTRE_LINE_WANDER_M = 0.01  # per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
 CENTRE_LINE_NEAR_RAD = 5 * DEG
 CENTRE_LINE_TURN_RAD_S = 0.01
 
@@ -108,20 +108,19 @@ class GnssAid:
 
 @dataclass
 class SurveyedHeadingAid:
-    """A surveyed parked heading, used once, at the first standing step that ends after `at_s`."""
+    """A surveyed parked heading, used once: in the standing step that holds the time `at_s`."""
 
     heading_rad: float
     sigma_rad: float
     at_s: float
     always: bool = True
-    used: bool = field(default=False)
 
     def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        if self.used or view.kind != STILL or view.end_s < self.at_s:
+        if view.kind == ROLLING or not view.start_s < self.at_s <= view.end_s:
             return
         z = wrap_pi(euler_from_dcm(view.C_nb)[2] - self.heading_rad)
         R = np.array([[self.sigma_rad**2]])
-        self.used = flt.measure("survey", np.atleast_1d(z), heading_error_row(flt, view)[None], R, view.end_s)
+        flt.measure("survey", np.atleast_1d(z), heading_error_row(flt, view)[None], R, view.end_s)
 
 
 @dataclass
@@ -140,7 +139,7 @@ class CentreLineAid:
         if turning or abs(wrap_pi(heading - chi)) > CENTRE_LINE_NEAR_RAD:
             return
         along, cross = np.array([np.cos(chi), np.sin(chi)]), np.array([-np.sin(chi), np.cos(chi)])
-        way_n = view.step.v_n[:2] * view.step.dt_s
+        way_n = view.displacement_n_m[:2]
         D = float(along @ way_n)
         body = cross @ view.step.C_nb[:2, :2]  # the step's displacement error lives in body axes
         H = D * heading_error_row(flt, view)

@@ -14,6 +14,7 @@ from infield.acceptance import judge_estimate
 from infield.bias_points import observability
 from infield.merge import merge_posterior
 from infield.session import SessionSettings, own_information_floor_deg_h
+from ins.records import Survey
 from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, ideal, prior_table, session
 
 CONFIDENCE = 0.999
@@ -136,6 +137,30 @@ def test_r8_gnss_finds_the_heading_on_a_straight_taxi(runs):
     assert np.mean([o.sigma_deg_h[1] for o in found]) <= 0.0036
     assert_honest(axis(found, 1), "east gyro")
     assert_honest([o.heading_normalised for o in found], "heading error")
+
+
+@pytest.mark.parametrize("runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("sigma_mrad", "east_deg_h"), [(1.0, 0.0074), (0.3, 0.0036), (0.1, 0.0024)])
+def test_r8_surveyed_heading(sigma_mrad, east_deg_h, runs):
+    """physics.md 6.7, last row; the surveyor's own error is drawn for each run."""
+    found = []
+    for seed in range(runs):
+        off = sigma_mrad * 1e-3 * np.random.default_rng([seed, 9]).standard_normal()
+        survey = Survey(heading_rad=off, sigma_heading_rad=sigma_mrad * 1e-3)
+        found.append(session("parked_only", seed, survey=survey))
+    assert_sigma(found, 1, east_deg_h)
+    assert_honest(axis(found, 1), "east gyro")
+
+
+@pytest.mark.parametrize("runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)])
+def test_r8_centre_line(runs):
+    found = []
+    for seed in range(runs):
+        off = 0.3e-3 * np.random.default_rng([seed, 9]).standard_normal()
+        survey = Survey(centre_line_rad=off, sigma_centre_line_rad=0.3e-3)
+        found.append(session("straight_taxi", seed, survey=survey))
+    assert np.mean([o.sigma_deg_h[1] for o in found]) < 0.006
+    assert_honest(axis(found, 1), "east gyro")
 
 
 @pytest.mark.parametrize("runs", RUNS)
