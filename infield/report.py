@@ -80,7 +80,9 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
     sessions = document.get("sessions", [])
     merged = sum(s["outcome"] == "accepted" for s in sessions)
     runs = "The run" if len(sessions) == 1 else f"{merged} of {len(sessions)} runs"
-    first = next(iter(document["reasons"]), "no reason is on record")
+    reasons = document["reasons"] or ["no reason is on record"]
+    refused = reasons[0] if len(reasons) == 1 else "Nothing can be merged, for these reasons:"
+    contrary = reasons[0] if len(reasons) == 1 else "The data contradict the model or the stored table:"
     partly = ", ".join(axis for axis, seen in document["observability"].items() if seen["verdict"] == "not_observable")
     limits = f" Gyro {partly}: not observable, it rests on its prior." if partly else ""
     revision = f" as revision {document['revision']}" if document.get("revision") is not None else ""
@@ -94,15 +96,14 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
             "use": "Not in use yet: nothing was stored. Read this page, then run the same command with --commit.",
         },
         "refused": {
-            "why": first,
+            "why": refused,
             "use": "Keep using the stored table: nothing was written to it.",
         },
         "inconsistent": {
-            "why": first,
-            "use": "Do not use: the data contradict the model or the stored table. Nothing was committed, "
-            "nothing was written to the stored table.",
+            "why": contrary,
+            "use": "Do not use: the data contradict the model or the stored table. Nothing was committed.",
         },
-    }.get(document["verdict"], {"why": first, "use": "Unknown verdict: do not use."})
+    }.get(document["verdict"], {"why": "; ".join(reasons), "use": "Unknown verdict: do not use."})
 
 
 def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:

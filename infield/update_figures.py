@@ -68,7 +68,7 @@ def bias_drawing(
         inner.append(bias)
         outer += [bias - 2 * sigma, bias + 2 * sigma]
     inner.append(_draw_points(ax, points, run_ids))
-    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=1.2))
+    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8))
     axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
     return svg_text(figure, f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points")
 
@@ -117,7 +117,7 @@ def agreement_drawing(document: dict[str, Any]) -> Markup:
             if band:
                 ax.barh(y, band[1] - band[0], left=band[0], height=0.72, color=SKY, alpha=alpha, linewidth=0)
         ax.plot(values, [y] * len(values), "D" if band_999 else "o", color=BLACK if band_999 else GREY, markersize=5)
-    _ratio_axis(ax, [v for row in rows for v in row[1]])
+    _ratio_axis(ax, [v for _, *numbers in rows for some in numbers for v in some or ()])
     ax.axvline(1.0, color=GREY, linewidth=0.9)
     ax.set_yticks(range(len(rows)), [row[0] for row in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
@@ -129,7 +129,7 @@ def _ratio_axis(ax: "Axes", values: list[float]) -> None:
     """A logarithmic axis about 1 with plain numbers."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    low, high = min(0.45, 0.8 * min(values)), max(2.2, 1.3 * max(values))
+    low, high = min(0.45, 0.85 * min(values)), max(2.2, 1.2 * max(values))
     ax.set_xscale("log")
     ax.set_xlim(max(low, 1e-4), high)
     steps = (1, 2, 5) if high / max(low, 1e-4) < 1e3 else (1,)
@@ -195,15 +195,18 @@ def _draw_temperature(ax: "Axes", session: dict[str, Any]) -> None:
 
 def _draw_heading(ax: "Axes", session: dict[str, Any]) -> None:
     """Drawn without a jump at north; the labels are in [0, 360)."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, MaxNLocator
 
     t, heading = thinned(session["velocity"]["time_s"], session["velocity"]["heading_deg"])
     good = np.isfinite(heading)
     heading[good] = np.unwrap(heading[good], period=360.0)
+    heading -= 360.0 * np.round(np.mean(heading[good]) / 360.0) if good.any() else 0.0
     ax.plot(t / MINUTE, heading, color=BLACK, linewidth=1.3)
     low, high = robust_limits(heading)
     middle, half = 0.5 * (low + high), max(0.5 * (high - low), 0.05)
     ax.set_ylim(middle - half, middle + half)
+    if half > 30.0:
+        ax.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
     ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{round(v, 4) % 360.0:g}"))
     axis_text(ax, y="heading [deg]")
 

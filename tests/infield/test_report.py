@@ -1,0 +1,327 @@
+"""The update report against R27: what every kind of update must show, safely, small and the same each time.
+
+The documents are real ones, of 10 Hz simulated runs: proposed, committed (two runs), refused, inconsistent.
+"""
+
+import copy
+import html
+import math
+import re
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from infield import report_page, update_figures
+from infield.document import update_document
+from infield.pipeline import update_calibration
+from infield.report import update_html
+from infield.report_figures import MAX_POINTS, PANEL_WIDTH, in_style, new_figure, robust_limits, svg_text, thinned
+from infield.table_file import table_from_dict, table_sha256
+from ins.records import TwinModel
+from trajectories.scenario import read_scenario, simulate_scenario
+
+KINDS = ("proposed", "committed", "refused", "inconsistent")
+PAGE_LIMIT_BYTES = 600_000
+CONTRACT_KEYS = (  # formats.md, section 5: all that any update document is sure to have
+    "schema", "verdict", "reasons", "imu_serial", "runs", "heading_error", "observability", "points", "excluded",
+    "consistency", "table_before", "table_after", "uncertainty_budget",
+)  # fmt: skip
+
+
+def _simulated(seed, *, start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
+    plan = read_scenario("cold_parked_taxi")
+    short = (replace(plan.segments[0], duration_s=1800.0), *plan.segments[1:])
+    plan = replace(
+        plan, segments=short, imu=replace(plan.imu, rate_hz=10.0), run=replace(plan.run, start_utc=start_utc),
+        attitude=replace(plan.attitude, heading_deg=heading_deg),
+    )  # fmt: skip
+    simulated, unit = simulate_scenario(plan, seed=seed)
+    return simulated.run, unit.factory_table()
+
+
+def _document(runs, table, *, committed=False, **facts):
+    parsed, twin = table_from_dict(table, name="table"), TwinModel(source="defaults of rlg")
+    result = update_calibration(runs, parsed, twin, parent_sha256=table_sha256(table))
+    facts = {"store": "sqlite:///recal.db", "version": "9.8.7", **facts}
+    return update_document(result, committed=committed, table_before=table, **facts)
+
+
+@pytest.fixture(scope="module")
+def documents():
+    first, table = _simulated(3)
+    second, _ = _simulated(4, start_utc="2026-04-01T06:00:00Z", heading_deg=120.0)
+    cold = replace(first, temperature=None)
+    wrong = copy.deepcopy(table)
+    wrong["axes"]["x"]["bias_deg_h"] = [b + 0.2 for b in table["axes"]["x"]["bias_deg_h"]]
+    rollback = "recal table rollback --store 'sqlite:///recal.db' --serial SN-0042 --to 1"
+    found = {
+        "proposed": _document([first], table),
+        "committed": _document([first, second], table, committed=True, revision=2, rollback_command=rollback),
+        "refused": _document([cold], table),
+        "inconsistent": _document([first], wrong),
+    }
+    assert {kind: d["verdict"] for kind, d in found.items()} == {kind: kind for kind in KINDS}
+    return found
+
+
+@pytest.fixture(scope="module")
+def pages(documents):
+    return {kind: update_html(document) for kind, document in documents.items()}
+
+
+class Page(HTMLParser):
+    """Tags in order, text, attributes; checks that elements nest."""
+
+    VOID = frozenset({"meta", "br", "link", "img", "input", "hr"})
+
+    def __init__(self, page):
+        super().__init__(convert_charrefs=True)
+        self.tags: list[str] = []
+        self.attributes: list[tuple[str, str, str | None]] = []
+        self.words: list[str] = []
+        self._open: list[str] = []
+        self.feed(page)
+        assert not self._open, f"left open: {self._open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value) for name, value in attrs]
+        if tag not in self.VOID:
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.tags.append(tag)
+        self.attributes += [(tag, name, value) for name, value in attrs]
+
+    def handle_endtag(self, tag):
+        assert self._open.pop() == tag
+
+    def handle_data(self, data):
+        if "style" not in self._open:
+            self.words.append(data)
+
+    @property
+    def text(self):
+        return " ".join(" ".join(self.words).split())
+
+
+def _expected(document):
+    """What R27 and ISO/IEC 17025 7.8 ask for, in the words of this document."""
+    d = document
+    yield from (d["imu_serial"], d["issued_utc"], d["verdict"], d["method"]["name"], "recal version 9.8.7")
+    yield from (d["decision_rule"], "Statement of conformity", "Out of scope", "U(k=2)", "Authorised by")
+    yield from (d["table_before_sha256"], d["table_after_sha256"], "defaults of rlg", *d["assumptions"], *d["reasons"])
+    for run in d["runs"]:
+        yield from (run["run_id"], run["sha256"])
+    for session in d["sessions"]:
+        yield from (session["start_utc"], session["tail"], report_page.number(session["site"]["lat_deg"], 4))
+        yield report_page.duration(session["duration_s"])
+    yield from {term["term"] for term in d["uncertainty_budget"]}
+    yield from {span["reason"] for span in d["excluded"]}
+    yield d["rollback_command"] or "recal table rollback --store sqlite:///recal.db --serial SN-0042 --to previous"
+    yield "recal update RUN"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_required_item_is_on_the_page(documents, pages, kind):
+    text = Page(pages[kind]).text
+    missing = [item for item in _expected(documents[kind]) if " ".join(item.split()) not in text]
+    assert not missing
+
+
+@pytest.mark.parametrize("kind", ["proposed", "committed", "inconsistent"])
+def test_an_estimated_run_shows_its_evidence(documents, pages, kind):
+    d, text = documents[kind], Page(pages[kind]).text
+    for words in ("Residuals: points less the table", "Time in each 5 °C band", "Heating against cooling",
+                  "excluded because", "normalised innovation squared", "difference north, RMS",
+                  "Known limits of the chain"):  # fmt: skip
+        assert words in text
+    assert report_page.number(d["consistency"]["nis_mean"], 3) in text
+    assert report_page.number(d["consistency"]["band_999"][1], 3) in text
+    if d["heading_error"]["value_mrad"] is not None:
+        value, sigma = d["heading_error"]["value_mrad"], d["heading_error"]["sigma_mrad"]
+        assert f"{report_page.number(value, 2, sign=True)} ± {report_page.number(sigma, 2)}" in text
+
+
+@pytest.mark.parametrize("kind", ["proposed", "committed"])
+def test_a_change_is_shown_node_by_node_with_expanded_uncertainty(documents, pages, kind):
+    d, text = documents[kind], Page(pages[kind]).text
+    decimals = report_page.decimals_for(
+        [s["sigma_after_deg_h"] for s in d["observability"].values()] + [r["U_after_k2_deg_h"] for r in d["changes"]]
+    )
+    for row in d["changes"]:
+        cells = [row[k] for k in ("before_deg_h", "U_before_k2_deg_h", "after_deg_h", "U_after_k2_deg_h")]
+        assert " ".join(report_page.number(c, decimals) for c in cells) in text
+    assert f"{report_page.number(d['predicted_effect']['drift_removed_nm_h'], 2)} NM/h" in text
+
+
+def test_the_first_screen_says_what_changed_how_sure_and_may_i_use_it(documents, pages):
+    proposed, refused, inconsistent = (Page(pages[k]).text[:900] for k in ("proposed", "refused", "inconsistent"))
+    assert "Proposed The run passed every gate" in proposed and "Not in use yet: nothing was stored" in proposed
+    assert "Refused" in refused and "Keep using the stored table" in refused and "no gyro temperature" in refused
+    assert "Inconsistent" in inconsistent and "Do not use" in inconsistent
+    assert " ".join(documents["inconsistent"]["reasons"][0].split()) in inconsistent
+    assert "stored as revision 2" in Page(pages["committed"]).text[:600]
+
+
+def test_a_refused_page_says_why_where_there_is_nothing_to_show(pages):
+    page = Page(pages["refused"])
+    assert page.tags.count("svg") == 3  # the stored table, one drawing a gyro
+    for words in ("No points to draw: no run was estimated.", "Nothing to show: no run gave measurements",
+                  "No residuals, coverage or claim chain: the run was not estimated. no gyro temperature",
+                  "No budget: no run was estimated.", "Nothing to draw: the run was refused"):  # fmt: skip
+        assert words in page.text
+
+
+def test_an_unobservable_gyro_is_said_in_words_and_its_points_are_not_drawn(documents):
+    d = copy.deepcopy(documents["proposed"])
+    d["observability"]["y"] |= {"verdict": "not_observable", "advice": "turn by 90 deg"}
+    d["sessions"][0]["observability"]["y"]["verdict"] = "not_observable"
+    d["heading_error"] = {"value_mrad": None, "sigma_mrad": 0.95, "source": None}
+    for point in d["points"]:
+        if point["axis"] == "y":
+            point["observability"] = "not_observable"
+    text = Page(update_html(d)).text
+    for words in ("○ not observable", "turn by 90 deg", "No points: gyro y was not observable.",
+                  "sigma stays 0.95 mrad", "Gyro y: not observable in this run",
+                  "Gyro y: not observable, it rests on its prior."):  # fmt: skip
+        assert words in text
+    table = table_from_dict(d["table_before"], name="table")
+    marks = {a: _markers(update_figures.bias_drawing(d, a, table, None, [d["runs"][0]["run_id"]])) for a in "xy"}
+    assert marks["x"] - marks["y"] == sum(p["axis"] == "x" for p in d["points"])
+
+
+def _markers(svg):
+    """Marks in a drawing: table nodes and points; ticks are the uses with a line width of 0.8."""
+    return len(re.findall(r"<use (?![^>]*stroke-width: 0\.8)", svg))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_page_is_self_contained_small_and_sound(pages, kind):
+    page = Page(pages[kind])
+    assert not re.search(r"https?:|//[a-z]|@import|javascript:", re.sub(r"sqlite:///", "", pages[kind]))
+    assert not {"script", "link", "img", "iframe", "object", "embed"} & set(page.tags)
+    assert not [a for a in page.attributes if a[1].startswith("on") or a[1] in ("src", "srcset")]
+    ids = Counter(value for _, name, value in page.attributes if name == "id")
+    assert max(ids.values()) == 1
+    links = [value for _, name, value in page.attributes if name == "href"]
+    links += ["#" + target for target in re.findall(r"url\(#([^)]*)\)", pages[kind])]
+    assert links and all(link[1:] in ids for link in links)
+    assert len(pages[kind].encode()) < PAGE_LIMIT_BYTES
+    assert "None" not in page.text and "nan" not in page.text.split()
+
+
+HOSTILE = "<script>alert(1)</script>\"'><img src=x onerror=alert(2)>{{ 7*7 }}$\\frac{\u2620"
+
+
+def _poisoned(value, old):
+    """Every text that comes from a file replaced; keys and words of the program stay."""
+    if isinstance(value, dict):
+        return {k: _poisoned(v, old) for k, v in value.items()}
+    if isinstance(value, list):
+        return [_poisoned(v, old) for v in value]
+    return HOSTILE if value in old else value
+
+
+@pytest.mark.parametrize("kind", ["committed", "refused"])
+def test_hostile_texts_from_files_change_no_tag(documents, pages, kind):
+    d = documents[kind]
+    old = {d["imu_serial"], d["store"], d["noise_model"]["source"]} | {s["tail"] for s in d["sessions"]}
+    poisoned = _poisoned(d, old)
+    for part in (poisoned["excluded"], *(s.get("phases", []) for s in poisoned["sessions"])):
+        for span in part:
+            span |= {k: HOSTILE for k in ("reason", "phase") if k in span}
+    poisoned["reasons"] = [HOSTILE for _ in d["reasons"]]
+    page = update_html(poisoned)
+    assert html.escape("<script>alert(1)", quote=False) in page
+    assert "<script" not in page and "<img" not in page
+    harmless = _poisoned(d, set())
+    for part in (harmless["excluded"], *(s.get("phases", []) for s in harmless["sessions"])):
+        for span in part:
+            span |= {k: "one" for k in ("reason", "phase") if k in span}
+    assert Page(page).tags == Page(update_html(harmless)).tags
+    assert HOSTILE.split("{{")[0] in "".join(Page(page).words)
+
+
+def test_the_bare_document_of_the_contract_is_enough(documents):
+    for kind in KINDS:
+        bare = {k: documents[kind][k] for k in CONTRACT_KEYS}
+        bare["consistency"] = {k: bare["consistency"][k] for k in ("nis_mean", "dof", "band_95")}
+        keys = ("axis", "time_s", "temperature_degC", "bias_deg_h", "sigma_deg_h")
+        bare["points"] = [{k: p[k] for k in keys} for p in bare["points"]]
+        assert bare["imu_serial"] in Page(update_html(bare)).text
+
+
+def test_equal_documents_give_equal_pages_whatever_the_users_style(documents, pages):
+    from matplotlib import rc_context
+
+    with rc_context({"font.size": 20, "svg.fonttype": "path", "axes.facecolor": "red", "svg.hashsalt": "other"}):
+        assert update_html(copy.deepcopy(documents["proposed"])) == pages["proposed"]
+
+
+def test_no_curve_has_more_points_than_allowed(documents):
+    d = copy.deepcopy(documents["proposed"])
+    n = 30_000
+    t = np.linspace(0.0, d["sessions"][0]["duration_s"], n)
+    wild = np.random.default_rng(5).standard_normal(n)
+    d["sessions"][0]["velocity"] = {"time_s": t.tolist(), "north_m_s": wild.tolist(), "east_m_s": wild.tolist(),
+                                    "heading_deg": (90.0 + wild).tolist()}  # fmt: skip
+    drawing = update_figures.timeline_drawing(d["sessions"][0], []) or ""
+    vertices = [len(re.findall(r"[ML] ", path)) for path in re.findall(r' d="([^"]*)"', drawing)]
+    assert 0.5 * MAX_POINTS < max(vertices) <= MAX_POINTS
+
+
+def test_thinning_keeps_both_ends_and_null_becomes_nan():
+    t, v = thinned(np.arange(10_001), np.array([None] + [1.0] * 10_000))
+    assert t.size == v.size == MAX_POINTS and t[0] == 0.0 and t[-1] == 10_000.0 and math.isnan(v[0])
+    assert [a.size for a in thinned([], [])] == [0, 0]
+
+
+def test_vague_values_do_not_flatten_the_rest():
+    low, high = robust_limits([0.0, 1.0], [-500.0, 500.0], spans=1.5)
+    assert -2.0 < low <= -1.5 and 2.5 <= high < 3.0  # 1.5 spans beyond and a margin
+    low, high = robust_limits([0.0, 1.0], [-0.2, 1.1])
+    assert -0.4 < low < -0.2 and 1.1 < high < 1.3
+    assert robust_limits([np.nan]) == (-1.0, 1.0)
+    low, high = robust_limits([0.02, 0.02])
+    assert low < 0.02 < high
+
+
+def test_drawings_keep_tick_labels_whole_and_are_told_apart():
+    @in_style
+    def draw(value):
+        figure, axes = new_figure(width=PANEL_WIDTH)
+        axes[0, 0].plot([0.0, value])
+        axes[0, 0].set_yticks([0.0, value])
+        return svg_text(figure, "a < b")
+
+    one, two = draw(0.0125), draw(0.0375)
+    assert ">0.0125<" in one and ">0.0375<" in two
+    assert 'aria-label="a &lt; b"' in one and one == draw(0.0125)
+    ids = [set(re.findall(r' id="([^"]*)"', svg)) for svg in (one, two)]
+    assert ids[0] and not ids[0] & ids[1]
+
+
+def test_numbers_are_plain_or_not_available():
+    assert report_page.number(-0.00004, 4) == "0.0000" and report_page.number(-0.00004, 4, sign=True) == "+0.0000"
+    assert report_page.number(-1.25, 1) == "\u22121.2" and report_page.number(0.5, 2, sign=True) == "+0.50"
+    assert [report_page.number(v) for v in (None, math.nan, math.inf)] == ["n/a"] * 3
+    assert [report_page.decimals_for([s]) for s in (0.0017, 0.03, 0.5, 30.0)] == [4, 3, 2, 0]
+    assert report_page.decimals_for([None, 0.0]) == 4
+    assert report_page.heading(-0.004, 2) == "0.00" and report_page.heading(-90.0) == "270.00"
+    assert [report_page.duration(s) for s in (45.0, 600.0, 9000.0, None)] == ["45 s", "10.0 min", "2.50 h", "n/a"]
+
+
+def test_commands_are_quoted_for_the_shell(documents):
+    d = {**documents["proposed"], "store": "sqlite:///my store.db; rm x"}
+    assert "recal table rollback --store 'sqlite:///my store.db; rm x' --serial SN-0042" in Page(update_html(d)).text
+
+
+def test_importing_the_report_does_not_load_matplotlib():
+    code = "import infield.report, sys; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
