@@ -77,7 +77,7 @@ def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:
 def drift_against(
     history: NavHistory, other: GnssLog | ReferenceLog, lever_arm_m: NDArray, from_s: float
 ) -> Drift | None:
-    """The solution less an outside track, at those of its times that are nearest to the solution's own, from `from_s` on.
+    """The solution less an outside track, at the track's times nearest to the solution's own, from `from_s` on.
 
     None where the track has nothing there.
     lever_arm_m (3,): from the IMU to the point of the track. The offset between the two while parked (a site entered

@@ -122,8 +122,8 @@ def _velocity(flown: list[TableReplay]) -> Markup:
         minutes, north, east = thinned(t.parked.time_s / 60, *t.parked.velocity_m_s.T)
         axes[0, 0].plot(minutes, north, **_style(t))
         axes[0, 1].plot(minutes, east, **_style(t))
-    axis_text(axes[0, 0], title="North velocity while parked", x="time since navigation began [min]", y="velocity [m/s]")
-    axis_text(axes[0, 1], title="East velocity while parked", x="time since navigation began [min]")
+    axis_text(axes[0, 0], title="North velocity", x="time since navigation began [min]", y="velocity [m/s]")
+    axis_text(axes[0, 1], title="East velocity", x="time since navigation began [min]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, "North and east velocity while parked, by table")
 

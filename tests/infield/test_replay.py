@@ -1,0 +1,316 @@
+"""Replaying a log with several tables: closed forms of the parked drift, truth known, refusals, the page."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from infield.drift import REALIGN_M_S, Drift, drift_against
+from infield.drift_prediction import predict_parked
+from infield.pipeline import update_calibration
+from infield.replay import StopSpeed, TableChoice, heading_change, replay
+from infield.replay_document import replay_document
+from infield.replay_report import replay_html
+from infield.table import ThermalTable, default_table
+from infield.table_file import table_from_dict
+from ins.compensation import compensate
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
+from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
+from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
+from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
+from trajectories.motions import Park, Pivot, Stop, Straight, lay
+from trajectories.sensors import ideal_sensors
+from trajectories.simulate import SimulatedRun, simulate_run
+from trajectories.thermal import thermal_history
+from trajectories.truth import build_truth
+from trajectories.unit_truth import aged_unit
+
+SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
+NO_NOISE = TwinModel(
+    gyro=GyroNoise(
+        arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0
+    ),
+    accel=AccelNoise(vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0, turn_on_ug=0.0),
+    vehicle=VehicleNoise(sway_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, lateral_noise_m_s=0.0),
+)
+QUIET = replace(DEFAULT_TWIN, gyro=GyroNoise(arw_deg_sqrt_h=2e-4, bias_instability_deg_h=0.0,
+                                             rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0))  # fmt: skip
+R = float(np.sqrt(np.prod(radii_of_curvature(SITE.lat_rad))))
+SCHULER_RAD_S = float(np.sqrt(gravity_magnitude(SITE.lat_rad, SITE.height_m) / R))
+ERROR_DEG_H = 0.01  # physics.md 6.3, 6.4: its reference case
+
+
+def flat(**bias_deg_h: float) -> ThermalTable:
+    """A table that reads the same at all temperatures."""
+    table = prior_table(0.01)
+    values = table.parameters.copy()
+    for axis, value in bias_deg_h.items():
+        values[table.values_of(axis)] = value
+    return table.replaced(parameters=values)
+
+
+def choices(active: ThermalTable, previous: ThermalTable | None = None) -> list[TableChoice]:
+    named = [("active", active)] + ([("previous", previous)] if previous is not None else [])
+    return [TableChoice(role=role, table=table, origin=f"test {role}") for role, table in named]
+
+
+def simulated(motion, seed: int, *, heading_deg: float = 0.0, twin: TwinModel = NO_NOISE, ageing: float = 0.0,
+              start: str = "ambient", site: Site = SITE, **streams) -> SimulatedRun:  # fmt: skip
+    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=ageing, ageing_shape_deg_h=0.3 * ageing,
+                     table=table_to_zero())  # fmt: skip
+    base = ideal_sensors(build_truth(motion, site, heading_rad=heading_deg * DEG), 10.0)
+    return simulate_run(base, thermal_history(start), unit, twin, rng=np.random.default_rng(seed), **streams)
+
+
+@lru_cache(maxsize=4)
+def parked(seconds: float, heading_deg: float = 0.0, **streams) -> SimulatedRun:
+    """A perfect unit, parked, without noise: 10 min of alignment, then navigation."""
+    return simulated(lay([Park(duration_s=seconds)]), 1, heading_deg=heading_deg, **streams)
+
+
+def test_north_table_error_drifts_as_schuler_says():
+    """0.01 deg/h of north gyro error: R u (1 - sin(wt)/(wt)) t, 0.60 NM/h over a Schuler period (physics.md 6.3)."""
+    period_s = 2 * np.pi / SCHULER_RAD_S
+    run = parked(600.0 + period_s + 2.0).run
+    found = replay(run, choices(flat(x=ERROR_DEG_H)), TwinModel())
+    drift = found.tables[0].parked
+    u = ERROR_DEG_H * DEG_PER_HOUR
+    for seconds, tolerance in ((HOUR, 0.02), (period_s, 0.02)):
+        part = slice(0, int(np.searchsorted(drift.time_s, seconds)))
+        cut = Drift(time_s=drift.time_s[part], position_m=drift.position_m[part], velocity_m_s=drift.velocity_m_s[part])
+        x = SCHULER_RAD_S * cut.time_s[-1]
+        assert cut.rate_nm_h == pytest.approx(R * u / KNOT * (1 - np.sin(x) / x), rel=tolerance)
+    assert cut.rate_nm_h == pytest.approx(0.60, abs=0.01)
+    assert drift.position_m[-1, 1] < 0 < abs(drift.position_m[-1, 0])  # true less table: the residual error is negative
+    assert drift.speed_m_s.max() == pytest.approx(2 * R * u, rel=0.03)  # 0.618 m/s at 42 min
+
+
+def test_east_table_error_turns_the_heading_and_does_not_drift():
+    """psi = -eps_E / (Omega cosL), 0.94 mrad for 0.01 deg/h at 45 deg; no velocity error at that heading (6.4)."""
+    truth = parked(4200.0)
+    result = replay(truth.run, choices(flat(y=ERROR_DEG_H)), TwinModel(), reference=truth.reference)
+    flown = result.tables[0]
+    psi = ERROR_DEG_H * DEG_PER_HOUR / (EARTH_RATE_RAD_S * np.cos(SITE.lat_rad))
+    assert psi == pytest.approx(0.940 * MILLIRADIAN, rel=1e-3)
+    assert flown.heading_error_rad == pytest.approx(psi, rel=0.02)
+    assert flown.parked.rate_nm_h < 0.01
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 130.0])
+def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
+    """The linear prediction against two nonlinear flights, all three gyros, varying over temperature."""
+    old = prior_table(0.01)
+    nodes = old.temperature_degC[0]
+    curve = np.concatenate([0.01 + 2e-4 * (nodes - 20.0), -0.007 + 1e-4 * nodes, 0.004 - 2e-4 * nodes])
+    new = old.replaced(parameters=curve)
+    run = simulated(lay([Park(duration_s=4200.0)]), 1, heading_deg=heading_deg, start="cold").run
+    result = replay(run, choices(new, old), TwinModel())
+    seen, expected = heading_change(result)
+    assert seen == pytest.approx(expected, abs=0.02 * MILLIRADIAN)
+    moved = replay_document(result, TwinModel(), store=None, version="")["difference"]["parked_end_displacement_m"]
+    size = np.hypot(moved["north"]["expected"], moved["east"]["expected"])
+    assert size > 400.0
+    for axis in ("north", "east"):
+        assert moved[axis]["seen"] == pytest.approx(moved[axis]["expected"], abs=0.01 * size)
+
+
+def test_prediction_of_a_constant_bias_is_the_closed_form():
+    """Response summed over the bins: R (t - sin(wt)/w) east for the north gyro, nothing for a constant east gyro."""
+    edges = np.linspace(0.0, 4200.0, 15)
+    made = predict_parked(edges_s=edges, covariance=np.zeros((42, 42)), twin=NO_NOISE, site=SITE, C_nb=np.eye(3),
+                          alignment=(0.0, 600.0), end_s=4200.0)  # fmt: skip
+    x, y = (made.response_m_per_deg_h[:, k::3].sum(axis=1) for k in (0, 1))
+    t = 3600.0
+    closed = R * DEG_PER_HOUR * (t - np.sin(SCHULER_RAD_S * t) / SCHULER_RAD_S)
+    assert np.hypot(*x) == pytest.approx(closed, rel=0.02) and x[1] > 0.95 * closed
+    assert np.hypot(*y) < 1e-3 * closed
+    assert made.sigma_nm_h == 0.0
+
+
+@pytest.mark.slow
+def test_predicted_sigma_is_honest():
+    """Radial error squared over predicted variance averages 1 over seeded units: 99.9 % band, 1.3 dof each."""
+    ratios = []
+    for seed in range(60):
+        rng = np.random.default_rng([seed, 7])
+        unit = aged_unit(rng, ageing_offset_deg_h=0.01 * np.sqrt(0.7), ageing_shape_deg_h=0.01 * np.sqrt(0.3),
+                         table=table_to_zero())  # fmt: skip
+        run = simulate_run(ideal("parked_only"), thermal_history("cold"), unit, DEFAULT_TWIN, rng=rng).run
+        flown = replay(run, choices(prior_table(0.01)), DEFAULT_TWIN).tables[0]
+        ratios.append((flown.parked.radial_m[-1] / flown.predicted.sigma_radial_m[-1]) ** 2)
+    dof = 1.3 * len(ratios)
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], dof) / dof
+    assert low < np.mean(ratios) < high
+
+
+def true_table(truth: SimulatedRun, like: ThermalTable, unit_bias) -> ThermalTable:
+    return like.replaced(parameters=np.concatenate([unit_bias(a, t) for a, t in zip("xyz", like.temperature_degC)]))
+
+
+def test_update_drifts_less_and_the_true_table_least():
+    """R28 with truth: one committed session, then later parked sessions on other headings; RMS of their NM/h."""
+    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=0.012, ageing_shape_deg_h=0.0036,
+                     table=table_to_zero())  # fmt: skip
+    session = simulated(lay([Park(duration_s=3000.0), Pivot(angle_deg=90.0), Park(duration_s=1500.0)]), 11,
+                        twin=QUIET, ageing=0.012)  # fmt: skip
+    old = prior_table(0.012)
+    update = update_calibration([session.run], old, QUIET, parent_sha256=None)
+    assert update.outcome == "accepted"
+    true = true_table(session, old, unit.bias_deg_h)
+    rates: dict[str, list[float]] = {"old": [], "new": [], "true": []}
+    for seed, heading_deg in ((12, 20.0), (13, 150.0), (14, 260.0)):
+        later = simulated(lay([Park(duration_s=3600.0)]), seed, heading_deg=heading_deg, twin=QUIET, ageing=0.012).run
+        for name, table in (("old", old), ("new", update.after), ("true", true)):
+            rates[name].append(replay(later, choices(table), QUIET).tables[0].parked.rate_nm_h)
+    rms = {name: float(np.sqrt(np.mean(np.square(r)))) for name, r in rates.items()}
+    assert rms["true"] < rms["new"] < 0.5 * rms["old"], rms
+    assert rms["old"] > 0.2
+
+
+def test_measures_of_a_straight_drift():
+    hours = np.arange(1, 601) / 60.0
+    for rate, name in ((2.1, "2T+2"), (3.0, "3T+3"), (4.0, "beyond 3T+3")):
+        position = rate * NAUTICAL_MILE * hours[:, None] * [0.6, 0.8]
+        velocity = np.full((600, 2), rate * KNOT) * [0.6, 0.8]
+        drift = Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=velocity)
+        assert drift.rate_nm_h == pytest.approx(rate) and drift.rms_rate_nm_h == pytest.approx(rate)
+        assert drift.drift_class == name and drift.hours == pytest.approx(10.0)
+        assert drift.speed_m_s[0] == pytest.approx(rate * KNOT)
+
+
+def test_a_class_is_lost_by_one_excursion():
+    hours = np.arange(1, 61) / 60.0
+    position = np.zeros((60, 2))
+    position[30, 0] = (2 * hours[30] + 2.01) * NAUTICAL_MILE
+    assert Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=0 * position).drift_class == "3T+3"
+
+
+def test_realign_above_five_knots():
+    def at(speed: float) -> bool:
+        return StopSpeed(start_s=0.0, end_s=60.0, median_m_s=speed, max_m_s=9.0).realign
+
+    assert REALIGN_M_S == pytest.approx(2.572, abs=1e-3)
+    assert at(5.01 * KNOT) and not at(4.99 * KNOT)
+
+
+def test_stops_and_outside_tracks_agree_with_truth():
+    """Taxi and two stops: found where they are, their speed is the velocity error; GNSS and reference see one error,
+    whatever the antenna's lever arm and however roughly the site was entered."""
+    motion = lay([Park(duration_s=1200.0), Straight(duration_s=60.0), Stop(duration_s=60.0),
+                  Straight(duration_s=40.0), Stop(duration_s=90.0)])  # fmt: skip
+    twin = replace(NO_NOISE, gnss=replace(NO_NOISE.gnss, sigma_horizontal_m=1e-3, sigma_velocity_m_s=1e-4))
+    made = simulated(motion, 3, heading_deg=70.0, twin=twin, with_gnss=True, gnss_lever_arm_m=(3.0, -1.0, -2.0))
+    shifted = replace(SITE, lat_rad=SITE.lat_rad + 2e-5)  # 130 m
+    run = replace(made.run, header=replace(made.run.header, site=shifted))
+    flown = replay(run, choices(flat(x=0.05, y=0.03)), TwinModel(), reference=made.reference).tables[0]
+    assert [round(s.end_s - s.start_s, -1) for s in flown.stops] == [60.0, 90.0]
+    for stop in flown.stops:
+        standing = (made.reference.time_s >= stop.start_s) & (made.reference.time_s <= stop.end_s)
+        assert np.abs(made.reference.v_n_m_s[standing, :2]).max() < 0.3  # the last of the braking is within a window
+        row = np.searchsorted(flown.reference.time_s + flown.history.time_s[0], 0.5 * (stop.start_s + stop.end_s))
+        assert stop.median_m_s == pytest.approx(flown.reference.speed_m_s[row], abs=0.02)
+    assert flown.reference.radial_m[-1] > 50.0
+    for kind in ("position_m", "velocity_m_s"):
+        a, b = getattr(flown.gnss, kind)[-60:], getattr(flown.reference, kind)[-60:]
+        np.testing.assert_allclose(a, b, atol=0.3 if kind == "position_m" else 0.01)
+
+
+def test_track_that_ends_before_is_no_track():
+    flown = replay(parked(1800.0).run, choices(flat()), TwinModel()).tables[0]
+    assert drift_against(flown.history, parked(1800.0).reference, np.zeros(3), 1e6) is None
+
+
+# ---- what is refused, and what is flown all the same
+
+
+def test_level_gyros_too_coarse_are_refused():
+    run = parked(1200.0).run
+    mems = replace(run, header=replace(run.header, gyro_technology="mems"))
+    table = default_table(imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z")
+    result = replay(mems, choices(table), TwinModel(gyro_technology="mems"))
+    assert result.verdict == "refused" and "heading cannot be found" in result.reasons[-1]
+    assert result.tables[0].history is None
+
+
+def test_latitude_beyond_gyrocompassing_is_refused():
+    run = parked(1200.0).run
+    polar = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=79 * DEG)))
+    result = replay(polar, choices(flat()), TwinModel())
+    assert result.verdict == "refused" and "78.25" in result.reasons[0]
+
+
+def test_log_that_never_rests_is_refused_and_reported():
+    result = replay(never_rests(parked(1200.0).run), choices(flat()), TwinModel())
+    assert result.verdict == "refused" and "never rests" in result.reasons[0] and result.tables == ()
+    document = replay_document(result, TwinModel(), store=None, version="0")
+    assert "never rests" in replay_html(document, result)
+
+
+def never_rests(run: Run) -> Run:
+    """Rocked by 3 m/s^2 with a period of 37 s."""
+    dv = np.array(run.imu.dv_m_s)
+    dv[:, 0] += 3.0 * np.sin(2 * np.pi * run.imu.time_s / 37.0) * run.imu.dt_s
+    return replace(run, imu=replace(run.imu, dv_m_s=dv))
+
+
+def test_log_that_ends_with_its_alignment_is_refused():
+    result = replay(parked(630.0).run, choices(flat()), TwinModel())
+    assert result.verdict == "refused" and "60 s of navigation" in result.reasons[0]
+
+
+def test_wrong_latitude_is_inconsistent_but_flown():
+    run = parked(1800.0).run
+    wrong = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=46 * DEG)))
+    result = replay(wrong, choices(flat()), TwinModel())
+    assert result.verdict == "inconsistent" and "latitude entered" in result.reasons[-1]
+    assert result.tables[0].parked is not None
+
+
+def test_without_temperature_the_log_is_flown_raw():
+    run = replace(parked(1800.0).run, temperature=None)
+    result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
+    assert result.verdict == "replayed" and "no gyro temperature" in result.notes[0]
+    assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
+    assert result.tables[0].parked.rate_nm_h < 0.01  # the perfect unit's raw output; 1 deg/h was not subtracted
+
+
+def test_applied_table_is_undone_by_its_hash():
+    """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash is bad input."""
+    run, table = parked(1800.0).run, flat(x=0.05, y=-0.03, z=0.01)
+    subtracted = compensate(run.imu, gyro_bias_rad_s=np.array([0.05, -0.03, 0.01]) * DEG_PER_HOUR)
+    done = replace(run, imu=subtracted, header=replace(run.header, applied_table_sha256="ab" * 32))
+    a = replay(run, choices(flat(x=0.01)), TwinModel()).tables[0]
+    b = replay(done, choices(flat(x=0.01)), TwinModel(), applied_table=lambda sha256: table).tables[0]
+    assert b.parked.rate_nm_h == pytest.approx(a.parked.rate_nm_h, rel=1e-6)
+    with pytest.raises(InputError, match="abababababab is unknown"):
+        replay(done, choices(flat()), TwinModel())
+
+
+def test_temperature_beyond_the_table_is_said():
+    data = {"schema": "recal.table/1", "imu_serial": "SN-0042", "gyro_technology": "rlg",
+            "created_utc": "2026-01-01T00:00:00Z", "interpolation": "linear", "covariance": None,
+            "axes": {a: {"temperature_degC": [60.0, 70.0], "bias_deg_h": [0.0, 0.0], "sigma_deg_h": [0.01, 0.01]}
+                     for a in "xyz"}, "provenance": {"parent_sha256": None, "runs": []}}  # fmt: skip
+    flown = replay(parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()).tables[0]
+    assert len(flown.notes) == 3 and "beyond the table's nodes" in flown.notes[0]
+
+
+# ---- the page
+
+
+def test_page_shows_both_tables_and_is_the_same_twice():
+    truth = parked(2400.0)
+    pages = []
+    for _ in range(2):
+        result = replay(truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference)
+        document = replay_document(result, TwinModel(), store="sqlite:///x.db", version="1")
+        pages.append(replay_html(document, result))
+    assert pages[0] == pages[1]
+    page = pages[0]
+    assert "previous table" in page and "scoring only" in page.lower() and "No stop of eight seconds" in page
+    assert page.count("<svg") == 4  # radial, velocity, wander, attitude; no track, no GNSS
+    assert "http" not in page.replace("http://www.w3.org", "")
+    rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in document["tables"]]
+    assert all(rate in page for rate in rates)

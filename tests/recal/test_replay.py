@@ -1,0 +1,167 @@
+"""`recal replay` as a user runs it: outputs, exit codes, a store it never makes, the same bytes twice."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from infield.store import TableStore
+from infield.table import default_table
+from infield.table_file import table_sha256, table_to_dict
+from ins.records import InputError
+from ins.units import DEG
+from recal.commands import replay
+from tests.infield.test_replay import never_rests, simulated
+from trajectories.motions import Park, Stop, Straight, lay
+from trajectories.run import write_run
+from trajectories.simulate import SimulatedRun
+
+app = typer.Typer()
+app.command()(replay.command)
+COLUMNS = ["time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
+           "heading_deg", "table"]  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def session() -> SimulatedRun:
+    motion = lay([Park(duration_s=1200.0), Straight(duration_s=60.0), Stop(duration_s=30.0)])
+    return simulated(motion, 2, heading_deg=359.99, with_gnss=True)
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_run(tmp_path / "run", session().run, reference=session().reference)
+    return tmp_path
+
+
+def table(bias_deg_h: float, serial: str = "SN-0042"):
+    made = default_table(imu_serial=serial, gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z")
+    data = table_to_dict(made)
+    data["axes"]["x"]["bias_deg_h"] = [bias_deg_h] * len(data["axes"]["x"]["bias_deg_h"])
+    return data
+
+
+def stored(*tables) -> None:
+    with TableStore.open("sqlite:///recal.db", create=True) as store:
+        for data in tables:
+            store.import_table(data)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments])
+
+
+def result_of(*arguments, exit_code: int = 0) -> dict:
+    outcome = run(*arguments, "--json", "-q")
+    assert outcome.exit_code == exit_code, (outcome.output, outcome.exception)
+    return json.loads(outcome.stdout)
+
+
+def test_two_revisions_are_flown_and_compared(folder):
+    first, second = table(0.05), table(0.0)
+    stored(first, second)
+    outcome = run("run", "--json")
+    document = json.loads(outcome.stdout)
+    assert outcome.stdout == (folder / "recal-replay/replay.json").read_text()
+    assert document["schema"] == "recal.replay/1" and document["verdict"] == "replayed" and not document["notes"]
+    assert [(t["role"], t["revision"]) for t in document["tables"]] == [("active", 2), ("previous", 1)]
+    assert [t["sha256"] for t in document["tables"]] == [table_sha256(second), table_sha256(first)]
+    rate = document["difference"]["rate_nm_h"]
+    assert rate["active"] < 0.01 < 0.1 < rate["previous"]  # the unit's truth is no bias at all
+    assert rate["change"] == pytest.approx(rate["active"] - rate["previous"])
+    assert f"{rate['previous']:.3f} -> {rate['active']:.3f} NM/h" in outcome.stderr
+    active = document["tables"][0]
+    assert active["gnss"] is not None and active["scoring_only"]["source"] == "reference"
+    assert 0 <= active["alignment"]["heading_deg"] < 360 and len(active["stops"]) == 1 and not active["realign"]
+    assert "replay" in (folder / "recal-replay/replay.html").read_text().lower()
+
+
+def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
+    stored(table(0.05), table(0.0))
+    document = result_of("run", "-o", "out")
+    data = pq.read_table("out/navigation.parquet").to_pandas()
+    assert list(data.columns) == COLUMNS
+    for role in ("active", "previous"):
+        part = data[data["table"] == role]
+        np.testing.assert_allclose(np.diff(part["time_s"]), 1.0, atol=1e-6)
+        assert part["time_s"].iloc[0] == document["parked_span"]["start_s"]
+        assert part["heading_deg"].between(0, 360, inclusive="left").all()
+    reference, active = session().reference, data[data["table"] == "active"]
+    truth = np.interp(active["time_s"], reference.time_s, reference.lat_rad / DEG)
+    assert np.abs(active["lat_deg"] - truth).max() < 1e-3  # 100 m; the perfect unit with the perfect table
+    assert data.drop(columns="table").notna().all().all()
+
+
+def test_same_bytes_on_a_second_run(folder):
+    stored(table(0.05), table(0.0))
+    result_of("run", "-o", "one")
+    result_of("run", "-o", "two")
+    names = sorted(p.name for p in (folder / "one").iterdir())
+    assert names == ["navigation.parquet", "replay.html", "replay.json"]
+    for name in names:
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
+
+
+def test_one_revision_is_flown_alone_and_said(folder):
+    stored(table(0.0))
+    document = result_of("run")
+    assert len(document["tables"]) == 1 and document["difference"] is None
+    assert "one revision" in document["notes"][0]
+
+
+def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
+    document = result_of("run")
+    assert document["notes"][0].startswith("no store there") and document["store"] is None
+    assert document["tables"][0]["origin"].startswith("default") and document["tables"][0]["applied"]
+    assert not (folder / "recal.db").exists()
+
+
+def test_unit_unknown_to_the_store_is_said(folder):
+    stored(table(0.0, serial="SN-7"))
+    document = result_of("run")
+    assert "does not know unit SN-0042" in document["notes"][0] and len(document["tables"]) == 1
+
+
+def test_refused_writes_its_reasons_and_no_old_navigation(folder):
+    result_of("run", "-o", "out")
+    assert (folder / "out/navigation.parquet").exists()
+    write_run(folder / "moving", never_rests(session().run))
+    document = result_of("moving", "-o", "out", exit_code=4)
+    assert document["verdict"] == "refused" and "never rests" in document["reasons"][0]
+    assert json.loads((folder / "out/replay.json").read_text()) == document
+    assert "never rests" in (folder / "out/replay.html").read_text()
+    assert not (folder / "out/navigation.parquet").exists()
+
+
+def test_polar_site_is_refused_with_the_alignment_in_the_report(folder):
+    header = session().run.header
+    polar = replace(session().run, header=replace(header, site=replace(header.site, lat_rad=79 * DEG)), gnss=None)
+    write_run(folder / "polar", polar)
+    document = result_of("polar", exit_code=4)
+    assert "78.25" in document["reasons"][0]
+    assert document["tables"][0]["alignment"]["heading_deg"] is None and document["tables"][0]["parked"] is None
+
+
+def test_wrong_latitude_is_exit_code_5(folder):
+    header = session().run.header
+    wrong = replace(session().run, header=replace(header, site=replace(header.site, lat_rad=45.9 * DEG)), gnss=None)
+    write_run(folder / "wrong", wrong)
+    assert "latitude entered" in result_of("wrong", exit_code=5)["reasons"][-1]
+
+
+@pytest.mark.parametrize("applied", [False, True])
+def test_bad_input_is_one_line(folder, applied):
+    if applied:
+        header = replace(session().run.header, applied_table_sha256="ab" * 32)
+        write_run(folder / "bad", replace(session().run, header=header))
+        stored(table(0.0))
+    outcome = run("bad", "-o", "out")
+    assert isinstance(outcome.exception, InputError) and "\n" not in str(outcome.exception)
+    assert ("abab" if applied else "no such run") in str(outcome.exception)
+    assert not (folder / "out").exists()
