@@ -1,0 +1,109 @@
+"""Points of a session: its own information, free of the stored table, and the verdict on each gyro."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from infield.bias_points import mean_rows, measurement_information, observability, session_points
+from tests.infield.sessions import PARKED, estimate, estimate_of, factory, shifted, simulated, true_bias
+
+
+def test_information_is_the_difference_of_the_inverses():
+    e = estimate(1)
+    information, vector = measurement_information(e.bins, e)
+    posterior = np.linalg.inv(e.covariance)
+    expected = posterior - np.linalg.inv(e.bins.prior)
+    scale = np.abs(expected).max()
+    assert information == pytest.approx(expected, abs=1e-5 * scale)
+    assert vector == pytest.approx(posterior @ e.mean_deg_h, abs=1e-5 * np.abs(posterior @ e.mean_deg_h).max())
+
+
+def test_information_by_hand():
+    """One bin, prior 1, posterior 1/5 with mean 0.8: information 4, vector 4 (a reading of 1 with variance 1/4)."""
+    e = estimate(1)
+    bins = replace(e.bins, prior=np.eye(3))
+    one = replace(e, bins=bins, covariance=np.diag([0.2, 1.0, 1.0]), mean_deg_h=np.array([0.8, 0.0, 0.0]))
+    information, vector = measurement_information(bins, one)
+    assert information == pytest.approx(np.diag([4.0, 0.0, 0.0]), abs=1e-9)
+    assert vector == pytest.approx([4.0, 0.0, 0.0], abs=1e-9)
+
+
+def test_prior_and_points_together_are_the_posterior():
+    e = estimate(1)
+    p = session_points(simulated(1).run, e)
+    joint = np.linalg.inv(np.linalg.inv(e.bins.prior) + np.linalg.inv(p.covariance))
+    assert np.sqrt(np.diag(joint)) == pytest.approx(np.sqrt(np.diag(e.covariance)), rel=0.01)  # vague to 1e-4
+    mean = joint @ np.linalg.solve(p.covariance, p.bias_deg_h - e.bins.table_deg_h)
+    assert mean == pytest.approx(e.mean_deg_h, abs=0.02 * np.sqrt(np.diag(e.covariance)).max())
+
+
+@pytest.mark.parametrize("shift", [(0.02, 0.02, 0.02), (-0.02, 0.02, 0.0)])
+def test_points_do_not_depend_on_the_stored_table(shift):
+    """The table moved by 0.02 deg/h, two of its sigmas and more: points stay within a tenth of their sigma."""
+    run = simulated(1).run
+    a = session_points(run, estimate(1))
+    b = session_points(run, estimate_of(run, shifted(factory(), shift)))
+    moved = np.abs(b.bias_deg_h - a.bias_deg_h) / a.sigma_deg_h
+    assert moved.max() < 0.1
+    assert b.sigma_deg_h == pytest.approx(a.sigma_deg_h, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_points_agree_with_truth(seed):
+    e = estimate(seed)
+    p = session_points(simulated(seed).run, e)
+    error = p.bias_deg_h - true_bias(simulated(seed), e.bins.edges_s)
+    m = len(error)
+    assert error @ np.linalg.solve(p.covariance, error) < m + 4.5 * np.sqrt(2 * m)
+
+
+def test_a_point_that_says_nothing_says_so():
+    """Parked on north, never turned: each y point carries about 100 prior sigmas, each x point its own ARW."""
+    p = session_points(simulated(1, PARKED).run, estimate(1, PARKED))
+    prior = np.sqrt(np.diag(estimate(1, PARKED).bins.prior))
+    y, x = p.axis_index == 1, p.axis_index == 0
+    assert (p.sigma_deg_h[y] > 30 * prior[y]).all()
+    assert (p.sigma_deg_h[x] < 2 * prior[x]).all()
+
+
+def test_points_carry_what_the_contract_asks():
+    run = simulated(1).run
+    p = session_points(run, estimate(1))
+    assert p.run_id == "run-1"
+    assert p.run_sha256 == run.sha256
+    assert p.applied_table_sha256 is None
+    assert p.time_s == pytest.approx(np.repeat(estimate(1).bins.centre_s, 3))
+    assert list(p.axis_index[:3]) == [0, 1, 2]
+    assert (p.temperature_rate_degC_min[:3] > 0.1).all()  # warming up
+
+
+def test_verdicts_follow_from_the_ratio():
+    e = estimate(1, PARKED)
+    seen = observability(e, hold_heading=True)
+    rows = mean_rows(e)
+    assert rows.sum(axis=1) == pytest.approx(np.ones(3))
+    for axis, found in enumerate(seen):
+        before, after = (np.sqrt(rows[axis] @ P @ rows[axis]) for P in (e.bins.prior, e.covariance))
+        assert (found.sigma_before_deg_h, found.sigma_after_deg_h) == pytest.approx((before, after))
+    assert [a.verdict for a in seen] == ["observed", "not_observable", "observed"]
+    assert "turn by 90" in seen[1].advice
+    assert seen[0].advice == ""
+
+
+@pytest.mark.parametrize(
+    ("ratio", "verdict"), [(0.49, "observed"), (0.51, "weak"), (0.89, "weak"), (0.91, "not_observable")]
+)
+def test_thresholds_of_the_contract(ratio, verdict):
+    e = estimate(1, PARKED)
+    scaled = replace(e, covariance=ratio**2 * e.bins.prior)
+    seen = observability(scaled, hold_heading=True)
+    assert {a.verdict for a in seen} == {verdict}
+    assert all(bool(a.advice) == (verdict != "observed") for a in seen)
+
+
+def test_advice_for_the_vertical_gyro_names_the_constraint_where_it_is_off():
+    e = estimate(1, PARKED)
+    blind = replace(e, covariance=e.bins.prior)
+    assert "parked-attitude" in observability(blind, hold_heading=False)[2].advice
+    assert "park longer" in observability(blind, hold_heading=True)[2].advice
