@@ -37,6 +37,8 @@ LEVEL_S = 30.0  # of the rest, for the first level: people who board later tilt 
 MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 2e-5
 MAX_PASSES = 4
+BIAS_BIN_S = 300.0
+WARM_UP_S = 1800.0
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
 
 
@@ -72,7 +74,7 @@ def solve(
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
         history = navigate(
             compensate(log, gyro_bias_rad_s=applied[rows], accel_bias_m_s2=applied_accel),
-            start, epoch_s=1.0, vertical=vertical or VerticalChannel(),
+            start, epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
         )  # fmt: skip
         if number < MAX_PASSES - 1:
             motion = stillness.classify(history, phases)
@@ -129,7 +131,7 @@ def align(
     sigma = np.full(3, np.nan) if bias_sigma_deg_h is None else np.asarray(bias_sigma_deg_h, dtype=float)
     if bias_sigma_deg_h is None:
         sigma[:] = unknown_bias_sigma_deg_h(twin, means)
-    prior = BiasPrior(np.array([rest[0], imu.time_s[-1] + 1.0]), np.diag((sigma * DEG_PER_HOUR) ** 2))
+    prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=float(imu.time_s[-1]) + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
     for scale in NOISE_SCALES:
@@ -161,7 +163,16 @@ def align(
                 "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit",
             ),
         )
-    return _latitude_test(result, site, means, float(np.max(sigma)), scale * arw)
+    return _latitude_test(result, site, means, float(np.max(sigma)), arw)
+
+
+def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> BiasPrior:
+    """Gyro biases over five-minute bins, half of each variance constant, half wandering with the warm-up."""
+    edges = np.linspace(start_s, end_s, max(int(round((end_s - start_s) / BIAS_BIN_S)), 1) + 1)
+    centre = 0.5 * (edges[1:] + edges[:-1])
+    lag = (centre[:, None] - centre[None, :]) / WARM_UP_S
+    shape = 0.5 + 0.5 * np.exp(-0.5 * lag**2) + 1e-4 * np.eye(len(centre))
+    return BiasPrior(edges, np.kron(shape, np.diag(sigma_rad_s**2)))
 
 
 def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
@@ -212,7 +223,8 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
 def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float) -> Alignment:
     """Compare the entered latitude with the angle between gravity and Earth rate."""
     found, _ = coarse.latitude_from_rates(means)
-    noise = np.hypot(bias_deg_h * DEG_PER_HOUR, 1.25 * arw / np.sqrt(means.seconds))
+    rate_noise = max(1.25 * arw / np.sqrt(means.seconds), float(np.max(means.sigma_omega_rad_s)))
+    noise = np.hypot(bias_deg_h * DEG_PER_HOUR, rate_noise)
     sigma = float(noise / EARTH_RATE_RAD_S)
     off = found - site.lat_rad
     result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from trajectories.run_check import Findings
 
 STUCK_S = 600.0
+MIN_ZEROS = 5  # a log that crosses 0.00 degC shows one or two
 JUMP_DEGC, JUMP_DEGC_S = 2.0, 0.5  # a housing does not change faster
 
 
@@ -40,7 +41,7 @@ def _thermometer_faults(time_s: NDArray, values: NDArray) -> list[str]:
         at = jumps[0]
         faults.append(f"jumps by {step[at]:+.1f} degC at {time_s[at + 1]:.1f} s ({jumps.size} jumps)")
     zeros = int(np.sum(values == 0))
-    if 0 < zeros < values.size and np.abs(np.median(values)) > 5:
+    if MIN_ZEROS <= zeros < values.size and np.abs(np.median(values)) > 5:
         faults.append(f"is exactly 0 in {zeros} rows: missing values?")
     if 70.0 < np.median(values) <= 150.0:
         faults.append(f"is about {np.median(values):.0f} degC: Fahrenheit?")
