@@ -2,11 +2,12 @@
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from trajectories.run_check import Findings
 
 STUCK_S = 600.0
-MIN_ZEROS = 5  # a log that crosses 0.00 degC shows one or two
+ZERO_OFF_DEGC = 1.0  # a reading of exactly 0 this far from its neighbours' median is a missing value
 JUMP_DEGC, JUMP_DEGC_S = 2.0, 0.5  # a housing does not change faster
 
 
@@ -40,8 +41,9 @@ def _thermometer_faults(time_s: NDArray, values: NDArray) -> list[str]:
     if jumps.size:
         at = jumps[0]
         faults.append(f"jumps by {step[at]:+.1f} degC at {time_s[at + 1]:.1f} s ({jumps.size} jumps)")
-    zeros = int(np.sum(values == 0))
-    if MIN_ZEROS <= zeros < values.size and np.abs(np.median(values)) > 5:
+    around = median_filter(values, size=min(31, values.size), mode="nearest")
+    zeros = int(np.sum((values == 0) & (np.abs(around) > ZERO_OFF_DEGC)))
+    if zeros:
         faults.append(f"is exactly 0 in {zeros} rows: missing values?")
     if 70.0 < np.median(values) <= 150.0:
         faults.append(f"is about {np.median(values):.0f} degC: Fahrenheit?")
