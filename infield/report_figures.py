@@ -85,10 +85,11 @@ def _slim(svg: str, label: str) -> str:
     svg = re.sub(r"<!--.*?-->\s*|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
     svg = svg.replace("xlink:href=", "href=").replace("font-family: 'DejaVu Sans', sans-serif; ", "")
     svg = re.sub(r' transform="rotate\(-0 [^"]*"', "", svg)
-    prefix = f"f{hashlib.sha256((svg + label).encode()).hexdigest()[:8]}-"
-    used = set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg))
-    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{prefix}{m[1]}"' if m[1] in used else "", svg)
-    svg = re.sub(r'(url\(|href=")#', rf"\1#{prefix}", svg)
+    digest = hashlib.sha256((svg + label).encode()).hexdigest()[:8]
+    used = sorted(set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg)))
+    names = {old: f"f{digest}-{k}" for k, old in enumerate(used)}
+    svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{names[m[1]]}"' if m[1] in names else "", svg)
+    svg = re.sub(r'(url\(|href=")#([^)"]+)', lambda m: f"{m[1]}#{names[m[2]]}", svg)
     svg = re.sub(r'(?<= )(?:d|x|y|transform)="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
     box = re.search(r'viewBox="[^"]*"', svg)
     head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">'

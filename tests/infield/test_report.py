@@ -24,6 +24,7 @@ from infield.report_figures import MAX_POINTS, PANEL_WIDTH, in_style, new_figure
 from infield.table_file import table_from_dict, table_sha256
 from ins.records import TwinModel
 from trajectories.scenario import read_scenario, simulate_scenario
+from trajectories.segments import Park
 
 KINDS = ("proposed", "committed", "refused", "inconsistent")
 PAGE_LIMIT_BYTES = 600_000
@@ -35,7 +36,7 @@ CONTRACT_KEYS = (  # formats.md, section 5: all that any update document is sure
 
 def _simulated(seed, *, start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
     plan = read_scenario("cold_parked_taxi")
-    short = (replace(plan.segments[0], duration_s=1800.0), *plan.segments[1:])
+    short = (Park(duration_s=1800.0), *plan.segments[1:])
     plan = replace(
         plan, segments=short, imu=replace(plan.imu, rate_hz=10.0), run=replace(plan.run, start_utc=start_utc),
         attitude=replace(plan.attitude, heading_deg=heading_deg),
