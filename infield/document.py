@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
+from alignment.stillness import detect_phases
 from infield.acceptance import DECISION_RULE
 from infield.bias_points import UNSEEN_SIGMA, AxisObservability
 from infield.claim_chain import ClaimChain
@@ -275,7 +276,7 @@ def _estimate(session: SessionResult) -> dict[str, Any]:
         "measurements": {
             kind: {"nis_mean": tally.nis[kind] / tally.dof[kind], "dof": tally.dof[kind]} for kind in sorted(tally.nis)
         },
-        "phases": [vars(p) for p in aligned.phases] or [vars(p) for p in session.run.phases],
+        "phases": [vars(p) for p in session.run.phases or detect_phases(e.solution.motion)],
         "parked_jitter_m": e.solution.displacement_sigma_m,
         "coverage": _coverage(session),
         "residuals": _residuals(session),
