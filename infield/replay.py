@@ -35,6 +35,7 @@ from ins.units import DEG_PER_HOUR
 
 ALIGNMENT_S = 600.0  # where the log does not say how long its alignment is
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
+SHORT_S = 1800.0  # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
 STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
 STOP_BELOW_M_S = 2.0 * REALIGN_M_S  # a faster "stop" is a steady taxi, unless the log calls it parked
 
@@ -142,19 +143,28 @@ def replay(
         run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
         alignment_span=span, tables=tuple(flown),
     )  # fmt: skip
-    first = next((t for t in flown if t.history is not None), None)
-    if first is None or first.history is None:
-        return result
-    motion = stillness.classify(first.history, raw.phases)
-    parked_s = first_roll(motion)
-    stops = find_stops(first.history, motion, raw)
-    inconsistent = flown[0].alignment.verdict == "inconsistent"
+    first = next((t.history for t in flown if t.history is not None), None)
+    return result if first is None else _with_scores(result, raw, first, twin, reference)
+
+
+def _with_scores(
+    result: ReplayResult, raw: Run, first: NavHistory, twin: TwinModel, reference: ReferenceLog | None
+) -> ReplayResult:
+    """The result with every flight measured over the same spans, found on the first one."""
+    active, span = result.tables[0], result.alignment_span
+    assert span is not None
+    motion = stillness.classify(first, raw.phases)
+    parked_s, stops = first_roll(motion), find_stops(first, motion, raw)
+    parked_for_s = parked_s - float(first.time_s[0])
+    short = (f"parked for {parked_for_s / 60:.0f} min of navigation: NM/h is extrapolated",)
+    inconsistent = active.alignment.verdict == "inconsistent"
     return replace(
         result,
         verdict="inconsistent" if inconsistent else "replayed",
-        reasons=flown[0].alignment.reasons if inconsistent or flown[0].history is None else (),
+        reasons=active.alignment.reasons if inconsistent or active.history is None else (),
+        notes=result.notes + (short if SHORTEST_S <= parked_for_s < SHORT_S else ()),
         parked_until_s=parked_s,
-        tables=tuple(_scored(t, raw, twin, span, parked_s, stops, reference) for t in flown),
+        tables=tuple(_scored(t, raw, twin, span, parked_s, stops, reference) for t in result.tables),
     )
 
 
@@ -178,7 +188,7 @@ def _fly(
     if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
         if left_s < SHORTEST_S:
             reason = f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation are needed"
-            aligned = replace(aligned, verdict="refused", reasons=(*aligned.reasons, reason))
+            aligned = replace(aligned, verdict="refused", reasons=(reason, *aligned.reasons))
         else:
             start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
             history = navigate(imu, start, epoch_s=1.0, vertical=vertical)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 COLOURS = {"previous": OLD, "active": NEW}
 LINES = {"previous": "--", "active": "-"}
-LABELS = {"previous": "previous table", "active": "active table"}
+RAW = "raw gyro output"
 BANNERS = {"replayed": "good", "refused": "none", "inconsistent": "bad"}
 FIGURES = ("radial", "velocity", "wander", "track", "attitude", "gnss", "reference")
 MOVED_M = 50.0  # a track longer than the parked drift is worth a drawing of its own
@@ -34,7 +34,7 @@ def replay_html(document: dict[str, Any], result: ReplayResult) -> str:
         banner=BANNERS[document["verdict"]],
         headline=_headline(document),
         figures=_figures(result),
-        labels=LABELS,
+        labels={t.choice.role: _label(t) for t in result.tables},
     )
 
 
@@ -75,9 +75,13 @@ def _figures(result: ReplayResult) -> dict[str, Markup | None]:
     return found
 
 
+def _label(t: TableReplay) -> str:
+    return f"{t.choice.role} table" if t.choice.table is not None else RAW
+
+
 def _style(t: TableReplay) -> dict[str, Any]:
     role = t.choice.role
-    return {"color": COLOURS[role], "linestyle": LINES[role], "label": LABELS[role]}
+    return {"color": COLOURS[role], "linestyle": LINES[role], "label": _label(t)}
 
 
 def _radial(flown: list[TableReplay]) -> Markup:
@@ -93,7 +97,7 @@ def _radial(flown: list[TableReplay]) -> Markup:
         if t.predicted is not None:
             minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / NAUTICAL_MILE)
             ax.plot(minutes, sigma, color=COLOURS[t.choice.role], linestyle=":", linewidth=1.2,
-                    label=f"predicted 1 sigma, {LABELS[t.choice.role]}")  # fmt: skip
+                    label=f"predicted 1 sigma, {_label(t)}")  # fmt: skip
             top = max(top, float(sigma.max()))
     _draw_classes(ax, top)
     ax.set_ylim(0.0, 1.08 * top)

@@ -86,8 +86,8 @@ def _choices(
     header = run.header
     if database is None or not unit.known:
         why = "no store there" if database is None else f"the store does not know unit {header.imu_serial}"
-        origin = f"default of a {header.gyro_technology} unit: bias 0"
-        return [TableChoice(role="active", table=unit.table, origin=origin)], (f"{why}: flown with the {origin}",)
+        origin = f"default of a {header.gyro_technology} unit (bias 0)"
+        return [TableChoice(role="active", table=unit.table, origin=origin)], (f"{why}: its table is the {origin}",)
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
     found = [("active", database.active(*key)), ("previous", database.previous(*key))]
     tables = [
