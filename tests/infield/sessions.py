@@ -37,7 +37,8 @@ def ideal_of(segments=TAXI, heading_deg=0.0):
 
 @lru_cache(maxsize=1)
 def unit():
-    return aged_unit(np.random.default_rng(42))
+    """One that has aged by 0.006 deg/h on each axis."""
+    return aged_unit(np.random.default_rng(41))
 
 
 @lru_cache(maxsize=1)
