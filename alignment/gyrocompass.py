@@ -168,7 +168,7 @@ def align(
 
 def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> BiasPrior:
     """Gyro biases over five-minute bins, half of each variance constant, half wandering with the warm-up."""
-    edges = np.linspace(start_s, end_s, max(int(round((end_s - start_s) / BIAS_BIN_S)), 1) + 1)
+    edges = np.linspace(start_s, end_s, max(round((end_s - start_s) / BIAS_BIN_S), 1) + 1)
     centre = 0.5 * (edges[1:] + edges[:-1])
     lag = (centre[:, None] - centre[None, :]) / WARM_UP_S
     shape = 0.5 + 0.5 * np.exp(-0.5 * lag**2) + 1e-4 * np.eye(len(centre))

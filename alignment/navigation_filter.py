@@ -41,8 +41,11 @@ class PlannedStep:
 
 @dataclass(frozen=True)
 class StepView:
-    """What a step shows to an aid. Displacements of the solution in body axes and NED [m], heading change relative to Earth [rad];
-    C_nb, v_n, lat, lon, height at the step's end, v_start_n at its start; `kind` as in `stillness`."""
+    """What a step shows to an aid.
+
+    Displacements of the solution in body axes and NED [m]; heading change relative to Earth [rad]; C_nb, v_n, lat, lon,
+    height at the step's end, v_start_n at its start; `kind` as in `stillness`.
+    """
 
     kind: int
     step: em.Step

@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from alignment.gyrocompass import nis_verdict, rejected_share
 from alignment.stillness import DISTURBED, STILL
 from infield.bias_points import AxisObservability
-from infield.merge import MergeResult
+from infield.merge import AXIS_Z_LIMIT, MergeResult
 from infield.session import SessionEstimate
+from ins.records import AXES
 
 MIN_REST_S = 300.0
 MAX_REJECTED_SHARE = 0.25
@@ -66,11 +67,10 @@ def judge_merge(merged: MergeResult) -> Verdict:
     """Does the session agree with the stored table?"""
     if merged.consistent:
         return Verdict("accepted")
-    shifts = ", ".join(f"{a} {z:+.1f}" for a, z in zip("xyz", merged.axis_z))
-    return Verdict(
-        "inconsistent",
-        (
-            f"the session contradicts the stored table: NIS {merged.nis:.1f} for {merged.dof} degrees of freedom "
-            f"(99.9 % below {merged.band[1]:.1f}), shift of each axis in sigmas {shifts}",
-        ),
-    )
+    found = []
+    if merged.nis > merged.band[1]:
+        found.append(f"NIS {merged.nis:.1f} for {merged.dof} degrees of freedom, 99.9 % lie below {merged.band[1]:.1f}")
+    for axis, z in zip(AXES, merged.axis_z):
+        if abs(z) > AXIS_Z_LIMIT:
+            found.append(f"gyro {axis} shifted by {z:+.1f} sigma, 99.9 % of sessions lie within {AXIS_Z_LIMIT:.1f}")
+    return Verdict("inconsistent", (f"the session contradicts the stored table: {'; '.join(found)}",))

@@ -56,6 +56,8 @@ def run_claim_chain(
     *, phases: tuple[Phase, ...], until_s: float, prior_sigma_deg_h: float,
 ) -> ClaimChain:  # fmt: skip
     """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a)."""
+    if aligned.C_nb is None:
+        raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
     log = imu.between(aligned.time_s, until_s)
     history = navigate(log, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)

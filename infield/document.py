@@ -15,7 +15,7 @@ from alignment.stillness import detect_phases
 from infield.acceptance import DECISION_RULE
 from infield.bias_points import UNSEEN_SIGMA, AxisObservability
 from infield.claim_chain import ClaimChain
-from infield.merge import random_walk_covariance
+from infield.merge import AXIS_Z_LIMIT, random_walk_covariance
 from infield.pipeline import SessionResult, UpdateResult
 from infield.table import ThermalTable
 from infield.table_file import table_sha256, table_to_dict
@@ -145,7 +145,7 @@ def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
         "band_999": list(nis_band(dof, 0.999)) if dof else None,
         "merge": [
             {"run_id": s.run.header.run_id, "nis": s.merged.nis, "dof": s.merged.dof, "band_999": list(s.merged.band),
-             "axis_shift_sigmas": s.merged.axis_z.tolist()}
+             "axis_shift_sigmas": s.merged.axis_z.tolist(), "axis_shift_limit_sigmas": AXIS_Z_LIMIT}
             for s in sessions if s.merged
         ],
     }  # fmt: skip
@@ -222,8 +222,10 @@ def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:
         T = after.temperature_degC[k]
         columns = (T, before.bias_deg_h(k, T), before.sigma_deg_h(k, T), after.bias_deg_h(k, T), after.sigma_deg_h(k, T))
         for t, b0, s0, b1, s1 in zip(*columns):
-            rows.append({"axis": axis, "temperature_degC": float(t), "before_deg_h": float(b0), "U_before_k2_deg_h": 2 * float(s0),
-                         "after_deg_h": float(b1), "U_after_k2_deg_h": 2 * float(s1), "change_deg_h": float(b1 - b0)})  # fmt: skip
+            rows.append({
+                "axis": axis, "temperature_degC": float(t), "before_deg_h": float(b0), "U_before_k2_deg_h": 2 * float(s0),
+                "after_deg_h": float(b1), "U_after_k2_deg_h": 2 * float(s1), "change_deg_h": float(b1 - b0),
+            })  # fmt: skip
     return rows
 
 
@@ -362,7 +364,9 @@ def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] |
         north, east = (float(np.interp(point.time_s, centre, level[:, k])) for k in (0, 1))
         rows.append({**vars(point), "filter_north_deg_h": north, "filter_east_deg_h": east})
     nan = bool(np.isnan(chain.psi_rad))
-    difference = np.array([[r["north_deg_h"] - r["filter_north_deg_h"], r["east_deg_h"] - r["filter_east_deg_h"]] for r in rows])
+    difference = np.array([
+        [r["north_deg_h"] - r["filter_north_deg_h"], r["east_deg_h"] - r["filter_east_deg_h"]] for r in rows
+    ])  # fmt: skip
     return {
         "points": rows,
         "heading_error_mrad": None if nan else chain.psi_rad / MILLIRADIAN,

@@ -120,7 +120,7 @@ def _one_session(
     if rest is None:
         return SessionResult(
             run,
-            acceptance.refuse("the run never rests for a minute; a parked alignment and 30 min or more in navigation are needed"),
+            acceptance.refuse("the run never rests for a minute; a parked alignment and 30 min in navigation are needed"),
             temperature,
         )
     low, high = temperature.temperature_degC.min(axis=0).min(), temperature.temperature_degC.max(axis=0).max()

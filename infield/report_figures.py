@@ -51,7 +51,8 @@ def in_style(draw: Callable[_P, _R]) -> Callable[_P, _R]:
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
         from matplotlib import rc_context, rcParamsDefault
 
-        with rc_context({**rcParamsDefault, **_STYLE}):
+        style: dict[Any, Any] = {**rcParamsDefault, **_STYLE}
+        with rc_context(style):
             return draw(*args, **kwargs)
 
     return styled

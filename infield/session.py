@@ -110,7 +110,7 @@ def make_bins(
     *, start_s: float, end_s: float,
 ) -> SessionBins:  # fmt: skip
     """Equal bins of about `bin_s`; an axis whose thermometer is stuck gets a session spread that teaches the table nothing."""
-    count = max(int(round((end_s - start_s) / settings.bin_s)), 1)
+    count = max(round((end_s - start_s) / settings.bin_s), 1)
     edges = np.linspace(start_s, end_s, count + 1)
     T, rate, H = np.empty((count, 3)), np.empty((count, 3)), np.empty((3 * count, table.n_parameters))
     for k in range(count):
@@ -127,8 +127,8 @@ def make_bins(
         sigma_misalignment_mrad=settings.sigma_misalignment_mrad,
     )
     own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
-    for axis in temperature.stuck:
-        rows_of_axis = np.arange("xyz".index(axis), 3 * count, 3)
+    for name in temperature.stuck:
+        rows_of_axis = np.arange("xyz".index(name), 3 * count, 3)
         own[np.ix_(rows_of_axis, rows_of_axis)] += 1e4 * np.max(np.diag(table.covariance))
     return SessionBins(edges, T, rate, H, H @ table.parameters, H @ table.covariance @ H.T + own, own)
 

@@ -130,7 +130,7 @@ class GnssLog:
 
     def __post_init__(self) -> None:
         one = dict.fromkeys((f.name for f in fields(self)), (None,))
-        _freeze(self, {**one, "v_n_m_s": (None, 3)})  # type: ignore[dict-item]
+        _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +174,7 @@ class ReferenceLog:
 
     def __post_init__(self) -> None:
         one = dict.fromkeys((f.name for f in fields(self)), (None,))
-        _freeze(self, {**one, "v_n_m_s": (None, 3)})  # type: ignore[dict-item]
+        _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -266,7 +266,7 @@ class NavHistory:
         vector = dict.fromkeys(
             ("v_n_m_s", "displacement_n_m", "displacement_b_m", "dv_f_n_m_s", "dtheta_b_rad"), (None, 3)
         )
-        _freeze(self, {**one, **vector, "C_nb": (None, 3, 3), "C_nb_dt": (None, 3, 3)})  # type: ignore[dict-item]
+        _freeze(self, {**one, **vector, "C_nb": (None, 3, 3), "C_nb_dt": (None, 3, 3)})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -41,6 +41,6 @@ def _finite(value: Any) -> Any:
         return [_finite(v) for v in value]
     if hasattr(value, "tolist"):
         return _finite(value.tolist())
-    if isinstance(value, float) and value != value or value in (float("inf"), float("-inf")):
+    if (isinstance(value, float) and value != value) or value in (float("inf"), float("-inf")):
         return None
     return value

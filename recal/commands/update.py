@@ -120,9 +120,11 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     heading = document["heading_error"]
     if heading["value_mrad"] is not None:
         lines.append(
-            f"  heading error of the alignment {heading['value_mrad']:+.2f} +- {heading['sigma_mrad']:.2f} mrad, from {heading['source']}"
+            f"  heading error of the alignment {heading['value_mrad']:+.2f} +- {heading['sigma_mrad']:.2f} mrad, "
+            f"from {heading['source']}"
         )
     effect = document["predicted_effect"]
     if effect:
-        lines.append(f"  level gyros change by {effect['level_change_deg_h']:.4f} deg/h, about {effect['drift_removed_nm_h']:.2f} NM/h")
+        change, drift = effect["level_change_deg_h"], effect["drift_removed_nm_h"]
+        lines.append(f"  level gyros change by {change:.4f} deg/h, about {drift:.2f} NM/h")
     return lines

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -97,7 +98,7 @@ def table_to_zero() -> dict:
 def score(simulated: SimulatedRun, estimate: SessionEstimate, settings: SessionSettings, run) -> Outcome:
     """Errors against truth, bin by bin."""
     edges, truth = estimate.bins.edges_s, []
-    for a, b in zip(edges[:-1], edges[1:]):
+    for a, b in pairwise(edges):
         rows = (simulated.bias_time_s > a) & (simulated.bias_time_s <= b)
         truth.append(simulated.gyro_bias_true_deg_h[rows].mean(axis=0))
     error = estimate.bins.table_deg_h + estimate.mean_deg_h - np.concatenate(truth)

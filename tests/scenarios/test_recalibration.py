@@ -1,6 +1,6 @@
 """R29, first draft: units aged by 0.0072 deg/h, five sessions each on mixed headings and starts."""
 
-from functools import lru_cache
+from functools import cache
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ SESSIONS = 5
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 
 
-@lru_cache(maxsize=None)
+@cache
 def taxi(heading_deg):
     _, motion = reference_motion("realistic_taxi")
     return ideal_sensors(build_truth(motion, SITE, heading_rad=heading_deg * DEG), 10.0)
