@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 
@@ -81,7 +82,7 @@ def shifted(table, shift_deg_h):
 
 def true_bias(run, edges_s):
     """Bin means of the true gyro biases, (3N,) in the order of the session's bins [deg/h]."""
-    rows = [(run.bias_time_s > a) & (run.bias_time_s <= b) for a, b in zip(edges_s[:-1], edges_s[1:])]
+    rows = [(run.bias_time_s > a) & (run.bias_time_s <= b) for a, b in pairwise(edges_s)]
     return np.concatenate([run.gyro_bias_true_deg_h[r].mean(axis=0) for r in rows])
 
 

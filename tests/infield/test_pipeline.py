@@ -164,9 +164,9 @@ def test_a_wrong_latitude_is_inconsistent():
 
 
 def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
-    """x reads 0.08 deg/h beside its table, ten sigmas: not followed, and the good run beside it not merged either."""
+    """x reads 0.05 deg/h beside its table, six sigmas: not followed, and the good run beside it not merged either."""
     run = later()
-    off = np.array([-0.08, 0.0, 0.0]) * DEG_PER_HOUR
+    off = np.array([-0.05, 0.0, 0.0]) * DEG_PER_HOUR
     wrong = replace(run, imu=compensate(run.imu, gyro_bias_rad_s=off), sha256="b")
     result = update([simulated(1).run, wrong])
     assert [s.verdict.outcome for s in result.sessions] == ["accepted", "inconsistent"]
