@@ -22,6 +22,7 @@ from ins.units import DEG
 
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
 CENTRE_LINE_WANDER_M = 0.01  # per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
+TURN_CHANGE = 0.6  # how far the turn rate at a fix may be from the step's mean, as a share of it (entering a turn)
 CENTRE_LINE_NEAR_RAD = 5 * DEG
 CENTRE_LINE_TURN_RAD_S = 0.01
 
@@ -41,7 +42,7 @@ class LateralAid:
         forward, turn = view.displacement_b_m[0], view.heading_change_rad
         z = np.array([view.displacement_b_m[1] - lever_x * turn])
         H = flt.row({em.S.start + 1: 1.0, em.KAPPA: forward, em.LEVER_X: turn})
-        flt.measure("lateral", z, H[None], np.array([[LATERAL_FLOOR_M**2]]), view.end_s)
+        flt.measure("lateral", z, H[None], np.array([[_way_variance(view)]]), view.end_s)
 
 
 @dataclass
@@ -63,8 +64,8 @@ class OdometerAid:
         lever_y = -self.wheel_reference_m[1]
         z = np.array([view.displacement_b_m[0] - way + view.heading_change_rad * lever_y])
         H = flt.row({em.S.start: 1.0, em.ODOMETER: -way})
-        sigma = self.noise_m_s * view.step.dt_s / np.sqrt(inside.sum()) + LATERAL_FLOOR_M
-        flt.measure("odometer", z, H[None], np.array([[sigma**2]]), view.end_s)
+        wheels = self.noise_m_s * view.step.dt_s / np.sqrt(inside.sum())
+        flt.measure("odometer", z, H[None], np.array([[wheels**2 + _way_variance(view)]]), view.end_s)
 
 
 @dataclass
@@ -97,9 +98,9 @@ class GnssAid:
         flt.measure("gnss", z_p, _rows(flt, {em.POS.start: 1.0}, {em.POS.start + 1: 1.0}),
                     np.eye(2) * self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2,
                     view.end_s)  # fmt: skip
-        flt.measure("gnss", z_v, _velocity_rows(flt, view, v_n),
-                    np.eye(2) * self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s) ** 2,
-                    view.end_s)  # fmt: skip
+        sigma_v = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
+        sigma_arm = TURN_CHANGE * np.linalg.norm(np.cross(spin_n, arm_n))
+        flt.measure("gnss", z_v, _velocity_rows(flt, view, v_n), np.eye(2) * (sigma_v**2 + sigma_arm**2), view.end_s)
 
     @staticmethod
     def _sigma(logged: NDArray | None, k: int, declared: float) -> float:
@@ -147,6 +148,11 @@ class CentreLineAid:
         H[em.CENTRE_LINE] = -D
         R = np.array([[CENTRE_LINE_WANDER_M**2 * view.step.dt_s]])
         flt.measure("centre line", np.array([float(cross @ way_n)]), H[None], R, view.end_s)
+
+
+def _way_variance(view: StepView) -> float:
+    """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both ends [m^2]."""
+    return LATERAL_FLOOR_M**2 + 2.0 * view.jitter_m**2
 
 
 def _rows(flt: ErrorFilter, *entries: dict[int, float]) -> NDArray:
