@@ -44,10 +44,11 @@ class StepView:
     """What a step shows to an aid.
 
     Displacements of the solution in body axes and NED [m]; heading change relative to Earth [rad]; C_nb, v_n, lat, lon,
-    height at the step's end, v_start_n at its start; `kind` as in `stillness`.
+    height at the step's end, v_start_n at its start; `kind` as in `stillness`; jitter_m: sway of the vehicle's position.
     """
 
     kind: int
+    jitter_m: float
     step: em.Step
     start_s: float
     end_s: float
@@ -98,7 +99,9 @@ def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> 
     return plan
 
 
-def view_of(history: NavHistory, planned: PlannedStep, velocity_error_m_s: NDArray | None = None) -> StepView:
+def view_of(
+    history: NavHistory, planned: PlannedStep, velocity_error_m_s: NDArray | None = None, jitter_m: float = 0.0
+) -> StepView:
     """Means and sums of a planned step.
 
     velocity_error_m_s (2,): estimate of w, taken off the velocity about which the errors are linearised; a vehicle
@@ -127,6 +130,7 @@ def view_of(history: NavHistory, planned: PlannedStep, velocity_error_m_s: NDArr
     )
     return StepView(
         kind=planned.kind,
+        jitter_m=jitter_m,
         step=step,
         start_s=float(history.time_s[a]),
         end_s=float(history.time_s[b]),
@@ -216,7 +220,7 @@ def sweep(
     moved: NDArray | None = None  # way of the solution since the vehicle stopped, body axes
     cloned, rolled = False, False
     for planned in plan:
-        view = view_of(history, planned, flt.x[em.W])
+        view = view_of(history, planned, flt.x[em.W], parked.displacement_sigma_m)
         rolling, still = planned.kind == ROLLING, planned.kind == STILL
         moved = moved if still else None
         flt.advance(

@@ -23,6 +23,7 @@ STOP_DRIFT_M_S2 = 5e-4
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
 JOLT_RAD = 1.5e-5  # 3 arcsec turned within an epoch beyond the noise
+CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 
 
@@ -94,10 +95,10 @@ def detect_phases(motion: Motion) -> tuple[Phase, ...]:
 def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
     """RMS of the parked vehicle's horizontal position jitter [m], per axis.
 
-    From 20 s pieces of the integrated velocity with a cubic taken out (errors of the solution are smoother than
+    From 30 s pieces of the integrated velocity with a cubic taken out (errors of the solution are smoother than
     that); pieces beyond four times the median variance are gusts and do not count.
     """
-    length, order = 20, 3
+    length, order = 30, 3
     cubic = np.vander(np.linspace(-1, 1, length), order + 1)
     project = np.eye(length) - cubic @ np.linalg.pinv(cubic)
     variances = []
@@ -112,18 +113,18 @@ def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
 
 
 def yaw_jitter_sigma(history: NavHistory, motion: Motion) -> float:
-    """RMS of the parked vehicle's heading jitter about its slow creep [rad].
+    """RMS of the parked vehicle's heading about its slow creep [rad], gyro quantization included.
 
-    Jitter of an angle leaves neighbouring one-second turns anticorrelated by its variance; gyro noise and creep do
-    not. Clipped at five robust sigmas.
+    Turns over 1 s and over 10 s: gyro noise and creep add up with time, the jitter e of an angle does not, so
+    V1 = w + 2 e^2 and V10 = 10 w + 2 e^2. Robust variances (median of squares).
     """
     turn, still = _turn_about_down(history), motion.kind == STILL
-    pairs = still[1:-1] & still[2:]
-    if np.count_nonzero(pairs) < 30:
+    tens = [turn[k : k + 10].sum() for a, b in _runs(still) for k in range(max(a, 1), b - 9, 10)]
+    if len(tens) < 20:
         return 0.0
-    noise = 1.4826 * np.median(np.abs(turn[still] - np.median(turn[still])))
-    d = np.clip(turn - np.median(turn[still]), -5.0 * noise, 5.0 * noise)
-    return float(np.sqrt(max(-np.mean(d[1:-1][pairs] * d[2:][pairs]), 0.0)))
+    ones, rate = turn[still], float(np.median(tens)) / 10.0
+    v1, v10 = (np.median((x - centre) ** 2) / CHI2_MEDIAN for x, centre in ((ones, rate), (np.array(tens), 10.0 * rate)))
+    return float(np.sqrt(max(10.0 * v1 - v10, 0.0) / 18.0))
 
 
 def _turn_about_down(history: NavHistory) -> NDArray:
