@@ -111,7 +111,7 @@ class ErrorFilter:
             self.tally.rejected.append((time_s, kind))
             return False
         before = self.P[em.THETA_CLONE.stop - 1, em.THETA_CLONE.stop - 1]
-        self.x, self.P, seen = kalman.update(self.x, self.P, z, H, R)
+        self.x, self.P, seen = kalman.update(self.x, self.P, z, H, R, seen)
         self.tally.add(kind, seen)
         after = self.P[em.THETA_CLONE.stop - 1, em.THETA_CLONE.stop - 1]
         if before > 0.0:

@@ -43,8 +43,10 @@ def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> In
     return Innovation(y, S, float(y @ np.linalg.solve(S, y)))
 
 
-def update(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> tuple[NDArray, NDArray, Innovation]:
-    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m).
+def update(
+    x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray, seen: Innovation | None = None
+) -> tuple[NDArray, NDArray, Innovation]:
+    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m); `seen`: its innovation where already worked out.
 
     Raises ValueError on a wrong shape or a NaN in any of the five (filterpy would turn the whole state into NaN).
     """
@@ -55,7 +57,7 @@ def update(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> tuple[
         raise ValueError(f"kalman.update: z {z.shape}, H {H.shape}, R {R.shape}, x {x.shape}, P {P.shape} do not fit")
     if not np.isfinite(z).all():
         raise ValueError("kalman.update: measurement is not finite; leave it out instead")
-    seen = innovation(x, P, z, H, R)
+    seen = seen or innovation(x, P, z, H, R)
     if not np.isfinite(seen.nis):
         raise ValueError("kalman.update: x, P, H or R is not finite")
     x_plus, P_plus = filterpy_update(x, P, z, R, H)
