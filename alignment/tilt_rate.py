@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.earth import EARTH_RATE_RAD_S, SEMI_MAJOR_AXIS_M, gravity_magnitude
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import NavHistory
 
 WINDOW_S = 300.0
@@ -55,10 +55,10 @@ def _window(
     v, a, jerk = _parabola(t, history.v_n_m_s[rows, :2])
     lat, height = float(history.lat_rad[rows][0]), float(history.height_m[rows][0])
     g = float(gravity_magnitude(lat, height))
-    ws2 = g / (SEMI_MAJOR_AXIS_M + height)
+    meridian, transverse = (float(radius) + height for radius in radii_of_curvature(lat))
     coriolis = 2.0 * EARTH_RATE_RAD_S * np.sin(lat)
-    u_north = (jerk[1] + ws2 * v[1] - coriolis * a[0]) / g
-    u_east = -(jerk[0] + ws2 * v[0] + coriolis * a[1]) / g
+    u_north = (jerk[1] + g / transverse * v[1] - coriolis * a[0]) / g
+    u_east = -(jerk[0] + g / meridian * v[0] + coriolis * a[1]) / g
     from_velocity = sigma_v * np.sqrt(720.0 / rows.sum()) / (g * window_s**2)
     sigma = np.sqrt(WALK_FACTOR * arw**2 / window_s + from_velocity**2)
     return TiltRate(float(centre), float(window_s), float(u_north), float(u_east), float(sigma))

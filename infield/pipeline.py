@@ -23,6 +23,7 @@ from infield.session import (
     session_end,
     table_along,
 )
+from infield.standstill import speed_disagreement
 from infield.table import AgeingModel, ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature
 from ins.compensation import compensate
@@ -81,7 +82,7 @@ def update_calibration(
     before, current = table, table
     sessions: list[SessionResult] = []
     merged_runs: list[Run] = []
-    for run in sorted(runs, key=lambda r: r.header.start_utc):
+    for run in sorted(runs, key=lambda r: _utc(r.header.start_utc)):
         repeated = already_merged(run.sha256) or any(run.sha256 == m.sha256 for m in merged_runs)
         raw = with_applied_table_undone(run, applied_table)
         result = _one_session(raw, current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
@@ -129,7 +130,8 @@ def _one_session(
     seen = observability(estimate, hold_heading=settings.hold_heading)
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
-    verdict = acceptance.judge_estimate(estimate, seen)
+    against = speed_disagreement(run, estimate.solution.motion)
+    verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     if not verdict.accepted:
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
     bins = estimate.bins
@@ -189,9 +191,13 @@ def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTa
 
 
 def _days_between(earlier_utc: str, later_utc: str) -> float:
-    a, b = (datetime.fromisoformat(text.replace("Z", "+00:00")) for text in (earlier_utc, later_utc))
-    a, b = (t if t.tzinfo else t.replace(tzinfo=UTC) for t in (a, b))
-    return max((b - a).total_seconds() / 86400.0, 0.0)
+    return max((_utc(later_utc) - _utc(earlier_utc)).total_seconds() / 86400.0, 0.0)
+
+
+def _utc(text: str) -> datetime:
+    """A time stamp with its offset; without one it is UTC."""
+    t = datetime.fromisoformat(text.replace("Z", "+00:00"))
+    return t if t.tzinfo else t.replace(tzinfo=UTC)
 
 
 def _overall(sessions: Sequence[SessionResult]) -> tuple[str, tuple[str, ...]]:

@@ -1,0 +1,39 @@
+"""Speed logged by others against the motion found in the inertial solution."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from infield.document import update_document
+from infield.pipeline import update_calibration
+from infield.report import update_html
+from infield.standstill import speed_disagreement
+from infield.table_file import table_sha256, table_to_dict
+from ins.records import OdometerLog
+from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
+
+
+def test_agreeing_odometer_and_gnss_say_nothing():
+    o = session("realistic_taxi", 0, with_odometer=True, with_gnss=True)
+    assert speed_disagreement(o.simulated.run, o.estimate.solution.motion) == ()
+
+
+def test_dead_encoder_and_rolling_rest_are_named():
+    o = session("realistic_taxi", 0, with_odometer=True)
+    run, motion = o.simulated.run, o.estimate.solution.motion
+    t = run.odometer.time_s
+    dead = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.zeros(t.size)))
+    assert any("dead encoder" in reason for reason in speed_disagreement(dead, motion))
+    rolling = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.full(t.size, 9.0)))
+    assert any("while the inertial solution rests" in reason for reason in speed_disagreement(rolling, motion))
+
+
+def test_a_dead_encoder_refuses_the_update_with_a_full_report():
+    o = session("realistic_taxi", 0, with_odometer=True)
+    run = o.simulated.run
+    dead = replace(run, odometer=OdometerLog(time_s=run.odometer.time_s, speed_m_s=np.zeros(run.odometer.time_s.size)))
+    table, data = prior_table(), table_to_dict(prior_table())
+    result = update_calibration([dead], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
+    assert result.outcome == "refused" and "dead encoder" in result.reasons[0]
+    document = update_document(result, committed=False, store=None, version="test", table_before=data)
+    assert "dead encoder" in update_html(document)
