@@ -68,6 +68,8 @@ def bias_drawing(
         inner.append(bias)
         outer += [bias - 2 * sigma, bias + 2 * sigma]
     inner.append(_draw_points(ax, points, run_ids))
+    if not points:
+        inner += outer  # nothing but the bands to show: all of them
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8))
     axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
     return svg_text(figure, f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points")
