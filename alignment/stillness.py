@@ -17,6 +17,7 @@ SMALLEST_GATE_M_S = 0.015  # above the random walk of a quiet solution about its
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
 ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
 LONGEST_SHAKE_S = 60.0
+FRESH = 30  # epochs of rest before the line through them may have a slope
 STOP_WINDOW_S = 8
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
 STOP_DRIFT_M_S2 = 5e-4
@@ -151,7 +152,7 @@ class _Baseline:
 
     @property
     def fresh(self) -> bool:
-        return len(self._rows) < 30
+        return len(self._rows) < FRESH
 
     def add(self, k: int) -> None:
         if not self.fresh:
@@ -160,7 +161,7 @@ class _Baseline:
                 self.gate = 8.0 * float(np.median(self._misses[-300:]))
         self._rows.append(k)
         del self._rows[:-90]
-        if len(self._rows) % 5 == 0 or len(self._rows) < 10 or k % 5 == 0:
+        if k % 5 == 0 or len(self._rows) < 10 or len(self._rows) == FRESH:
             self._fit(self._v[self._rows])
 
     def restart(self, k: int, v: NDArray) -> None:
