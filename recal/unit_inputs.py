@@ -37,7 +37,7 @@ def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> U
                 _checked(twin or default_twin(header.gyro_technology), run), True,
             )  # fmt: skip
         except UnknownUnit:
-            _not_swapped(run, store)
+            pass
     twin = _checked(twin or default_twin(header.gyro_technology), run)
     table = table_of_unknown_unit(run, twin)
     return UnitInputs(table, table_to_dict(table), twin, False)
@@ -60,18 +60,6 @@ def open_store(url: str, *, create: bool = False) -> TableStore | None:
     if not create and not store_exists(url):
         return None
     return TableStore.open(url, create=create)
-
-
-def _not_swapped(run: Run, store: TableStore) -> None:
-    """InputError where the store knows this serial as a unit of another technology: a swapped log, or a wrong header."""
-    header = run.header
-    for record in store.units():
-        known = record.unit
-        if known.imu_serial == header.imu_serial and known.gyro_technology != header.gyro_technology:
-            raise InputError(
-                f"run {header.run_id}: run.json: gyro_technology {header.gyro_technology}, "
-                f"the store holds {known.imu_serial} as {known.gyro_technology}"
-            )
 
 
 def _checked(twin: TwinModel, run: Run) -> TwinModel:
