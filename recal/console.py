@@ -12,8 +12,11 @@ DEFAULT_STORE = "sqlite:///recal.db"
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: the whole result on standard error.")]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of the random generator.")]
+NoSeed = Annotated[
+    int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
+]
 StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
 OutputPath = Annotated[Path | None, typer.Option("-o", "--output", help="Where to write (created).")]
 
@@ -22,6 +25,12 @@ def say(text: str, *, quiet: bool = False) -> None:
     """One line for people, on standard error."""
     if not quiet:
         print(text, file=sys.stderr)
+
+
+def say_all(result: dict[str, Any], *, verbose: bool) -> None:
+    """With -v: the whole result, on standard error."""
+    if verbose:
+        print(result_text(result), file=sys.stderr, end="")
 
 
 def emit_json(result: dict[str, Any]) -> None:

@@ -11,12 +11,15 @@ from recal.console import (
     INCONSISTENT,
     REFUSED,
     JsonFlag,
+    NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
+    Verbose,
     emit_json,
     result_text,
     say,
+    say_all,
 )
 
 EXIT = {"aligned": DONE, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT}
@@ -29,12 +32,15 @@ def command(
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:
     """Level, gyrocompass and find the phases; heading with an honest sigma.
 
     Example: recal align run-1 --json
     """
     document = align(run, store_url=store, twin=twin, output=output)
+    say_all(document, verbose=verbose)
     if as_json:
         emit_json(document)
     for line in _summary(document):

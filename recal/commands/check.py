@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import BAD_INPUT, JsonFlag, Quiet, emit_json, say
+from recal.console import BAD_INPUT, JsonFlag, NoSeed, Quiet, Verbose, emit_json, say, say_all
 
 if TYPE_CHECKING:
     from ins.records import TemperatureLog
@@ -16,12 +16,15 @@ def command(
     serial: Annotated[str | None, typer.Option("--serial", help="The unit that it should be from.")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:
     """Read a run; say what it holds, what is wrong and where. Exit code 0, or 3 where something is wrong.
 
     Example: recal check flights/2026-03-01 --json
     """
     result = check(run, serial=serial)
+    say_all(result, verbose=verbose)
     if as_json:
         emit_json(result)
     else:

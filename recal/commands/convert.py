@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, Quiet, emit_json, say
+from recal.console import JsonFlag, NoSeed, Quiet, Verbose, emit_json, say, say_all
 
 if TYPE_CHECKING:
     from trajectories.conversion import Conversion
@@ -25,6 +25,8 @@ def command(
     run_id: Annotated[str | None, typer.Option("--run-id", help="Default: the name of the log.")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:
     """Convert a flight log of a known format, or by a column map, to a run; list all that was dropped or repaired.
 
@@ -40,6 +42,7 @@ def command(
     conversion = convert_log(log, read_map(map_file) if map_file else {}, given)
     write_run(output, conversion.run, conversion=conversion.record)
     result = summary(conversion, output)
+    say_all(result, verbose=verbose)
     if as_json:
         emit_json(result)
         return

@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, OutputPath, Quiet, Seed, emit_json, result_text, say
+from recal.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, emit_json, result_text, say, say_all
 
 SESSIONS = ("cold_parked_taxi", "ambient_parked_taxi", "hot_parked_taxi")
 STARTS_UTC = ("2026-03-01T05:00:00Z", "2026-04-12T06:30:00Z", "2026-06-20T11:00:00Z")
@@ -19,6 +19,7 @@ def command(
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     rate_hz: Annotated[float, typer.Option("--rate-hz", help="IMU rate of the simulated runs.")] = 50.0,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate three sessions of one aged unit, recalibrate its table from them, and report.
 
@@ -29,6 +30,7 @@ def command(
     console = Console(stderr=True)
     with console.status("simulating three sessions", spinner="dots") if console.is_terminal and not quiet else _Silent():
         result = demo(output, seed=seed if seed is not None else DEFAULT_SEED, rate_hz=rate_hz, quiet=quiet)
+    say_all(result, verbose=verbose)
     if as_json:
         emit_json(result)
     for line in _summary(result):

@@ -11,12 +11,15 @@ from recal.console import (
     INCONSISTENT,
     REFUSED,
     JsonFlag,
+    NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
+    Verbose,
     emit_json,
     result_text,
     say,
+    say_all,
 )
 
 if TYPE_CHECKING:
@@ -36,12 +39,15 @@ def command(
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:
     """Fly the log again with the stored table and with the one before it: drift in NM/h, old and new.
 
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
     document = replay(run, store_url=store, twin=twin, output=output)
+    say_all(document, verbose=verbose)
     if as_json:
         emit_json(document)
     for line in summary(document):

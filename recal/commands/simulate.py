@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, Quiet, Seed, emit_json, say
+from recal.console import JsonFlag, Quiet, Seed, Verbose, emit_json, say, say_all
 
 if TYPE_CHECKING:
     from trajectories.simulate import SimulatedRun
@@ -21,12 +21,14 @@ def command(
     seed: Seed = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Simulate one power-on session from a scenario and write it as a run with its reference.
 
     Example: recal simulate cold_parked_taxi -o run --seed 7 --table-out table.json
     """
     result = simulate(scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed)
+    say_all(result, verbose=verbose)
     if as_json:
         emit_json(result)
     say(f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed {result['seed']}", quiet=quiet)

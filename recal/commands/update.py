@@ -11,6 +11,7 @@ from recal.console import (
     INCONSISTENT,
     REFUSED,
     JsonFlag,
+    NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
@@ -33,6 +34,7 @@ def command(
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:
     """Recalibrate: tilt rates -> bias points -> heading -> merged table, with a report.
 
