@@ -79,8 +79,10 @@ def mean_rows(estimate: SessionEstimate) -> NDArray:
     return rows
 
 
-def observability(estimate: SessionEstimate, *, hold_heading: bool) -> tuple[AxisObservability, ...]:
-    """Verdict per axis from the variance that the session removed from its mean bias."""
+def observability(
+    estimate: SessionEstimate, *, hold_heading: bool, stuck: tuple[str, ...] = ()
+) -> tuple[AxisObservability, ...]:
+    """Verdict per axis from the variance that the session removed from its mean bias; none for a stuck thermometer."""
     A = mean_rows(estimate)
     before = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.bins.prior, A))
     after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
@@ -88,7 +90,10 @@ def observability(estimate: SessionEstimate, *, hold_heading: bool) -> tuple[Axi
     for axis, b, a in zip(AXES, before, after):
         ratio = a / b
         verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
-        found.append(AxisObservability(axis, float(b), float(a), verdict, _advice(axis, verdict, hold_heading)))
+        advice = _advice(axis, verdict, hold_heading)
+        if axis in stuck:
+            verdict, advice = "not_observable", f"the thermometer of gyro {axis} is stuck: its bias has no temperature"
+        found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
 
 

@@ -309,8 +309,7 @@ def _residuals(session: SessionResult) -> list[dict[str, Any]]:
     """Points less the table before and after the merge, in deg/h, with the point's sigma."""
     p = session.points
     assert p is not None and session.estimate is not None
-    before = session.estimate.bins.table_deg_h
-    after = p.H @ session.merged.candidate.parameters if session.merged else before
+    before, after = session.estimate.bins.table_deg_h, _table_after(session)
     return [
         {"axis": AXES[a], "time_s": float(t), "temperature_degC": float(T), "before_deg_h": float(y - b),
          "after_deg_h": float(y - c), "sigma_deg_h": float(s)}
@@ -318,13 +317,19 @@ def _residuals(session: SessionResult) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
+def _table_after(session: SessionResult) -> NDArray:
+    """The merged table at the points; as it was where nothing was merged or a stuck thermometer ties no table to them."""
+    assert session.estimate is not None and session.points is not None
+    before, H = session.estimate.bins.table_deg_h, session.points.H
+    return np.where(H.any(axis=1), H @ session.merged.candidate.parameters, before) if session.merged else before
+
+
 def _heating_cooling(session: SessionResult) -> list[dict[str, Any]]:
     """Mean residual to the merged table over rising and over falling temperature, per axis, with the sigma of their
     difference from the points' joint covariance; null where one side was not visited."""
     p = session.points
     assert p is not None
-    after = p.H @ session.merged.candidate.parameters if session.merged else p.bias_deg_h * 0.0
-    residual = p.bias_deg_h - after
+    residual = p.bias_deg_h - _table_after(session)
     found = []
     for k, axis in enumerate(AXES):
         up = (p.axis_index == k) & (p.temperature_rate_degC_min > HEATING_DEG_C_MIN)

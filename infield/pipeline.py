@@ -126,8 +126,11 @@ def _one_session(
         )
     low, high = temperature.temperature_degC.min(axis=0).min(), temperature.temperature_degC.max(axis=0).max()
     table = table.extended_to(float(low), float(high))
-    estimate = estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
-    seen = observability(estimate, hold_heading=settings.hold_heading)
+    try:
+        estimate = estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
+    except ArithmeticError as lost:
+        return SessionResult(run, acceptance.refuse(f"the filter cannot follow this log: {lost}"), temperature)
+    seen = observability(estimate, hold_heading=settings.hold_heading, stuck=temperature.stuck)
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     against = speed_disagreement(run, estimate.solution.motion)

@@ -109,7 +109,7 @@ def make_bins(
     table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings,
     *, start_s: float, end_s: float,
 ) -> SessionBins:  # fmt: skip
-    """Equal bins of about `bin_s`; an axis whose thermometer is stuck gets a session spread that teaches the table nothing."""
+    """Equal bins of about `bin_s`; an axis whose thermometer is stuck teaches the table nothing."""
     count = max(round((end_s - start_s) / settings.bin_s), 1)
     edges = np.linspace(start_s, end_s, count + 1)
     T, rate, H = np.empty((count, 3)), np.empty((count, 3)), np.empty((3 * count, table.n_parameters))
@@ -127,10 +127,13 @@ def make_bins(
         sigma_misalignment_mrad=settings.sigma_misalignment_mrad,
     )
     own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
-    for name in temperature.stuck:
-        rows_of_axis = np.arange("xyz".index(name), 3 * count, 3)
-        own[np.ix_(rows_of_axis, rows_of_axis)] += 1e4 * np.max(np.diag(table.covariance))
-    return SessionBins(edges, T, rate, H, H @ table.parameters, H @ table.covariance @ H.T + own, own)
+    table_deg_h = H @ table.parameters
+    for name in temperature.stuck:  # the bias is what it is, but no temperature ties it to the table
+        of_axis, values = np.arange("xyz".index(name), 3 * count, 3), table.values_of(name)
+        spread = np.max(np.diag(table.covariance)[values]) + np.var(table.parameters[values])
+        own[np.ix_(of_axis, of_axis)] += spread * (0.7 + 0.3 * np.eye(count))
+        H[of_axis] = 0.0
+    return SessionBins(edges, T, rate, H, table_deg_h, H @ table.covariance @ H.T + own, own)
 
 
 def estimate_session(

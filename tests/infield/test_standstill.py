@@ -9,7 +9,7 @@ from infield.pipeline import update_calibration
 from infield.report import update_html
 from infield.standstill import speed_disagreement
 from infield.table_file import table_sha256, table_to_dict
-from ins.records import OdometerLog
+from ins.records import OdometerLog, TemperatureLog
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
 
 
@@ -37,3 +37,20 @@ def test_a_dead_encoder_refuses_the_update_with_a_full_report():
     assert result.outcome == "refused" and "dead encoder" in result.reasons[0]
     document = update_document(result, committed=False, store=None, version="test", table_before=data)
     assert "dead encoder" in update_html(document)
+
+
+def test_a_stuck_thermometer_teaches_its_axis_nothing():
+    o = session("realistic_taxi", 0)
+    run = o.simulated.run
+    gyro = np.array(run.temperature.gyro_degC)
+    gyro[:, 0] = 0.0
+    stuck = replace(run, temperature=TemperatureLog(time_s=run.temperature.time_s, gyro_degC=gyro))
+    table, data = prior_table(), table_to_dict(prior_table())
+    result = update_calibration([stuck], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
+    assert result.outcome == "accepted"
+    x, y = table.values_of("x"), table.values_of("y")
+    assert np.array_equal(result.after.parameters[x], table.parameters[x])
+    assert np.max(np.abs(result.after.parameters[y] - table.parameters[y])) > 1e-5
+    document = update_document(result, committed=False, store=None, version="test", table_before=data)
+    assert document["observability"]["x"]["verdict"] == "not_observable"
+    assert "stuck" in document["observability"]["x"]["advice"]
