@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from ins.records import InputError
 
 ENDINGS = (".parquet", ".csv", ".csv.gz")
+PANDAS_INDEX = re.compile(r"__index_level_\d+__")  # what pandas adds to a filtered frame, no data of the run
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
 MAX_TEXT_BYTES = 8_000_000_000
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
@@ -59,7 +60,7 @@ class StreamFile:
             raise InputError(f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})") from None
         if self._table.metadata.num_rows > MAX_ROWS:
             raise InputError(f"{self.label}: {self._table.metadata.num_rows} rows, needed at most {MAX_ROWS}")
-        return tuple(self._table.schema_arrow.names)
+        return tuple(n for n in self._table.schema_arrow.names if not PANDAS_INDEX.fullmatch(n))
 
     def column(self, name: str) -> NDArray:
         """One column as float64, missing values NaN; InputError names file, row and column of anything else."""
