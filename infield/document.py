@@ -95,11 +95,12 @@ def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
         if not seen:
             continue
         best: AxisObservability = min(seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h)
+        refused = all(s.verdict.outcome == "refused" for s in sessions)
         found[axis] = {
             "sigma_before_deg_h": best.sigma_before_deg_h,
-            "sigma_after_deg_h": best.sigma_after_deg_h,
-            "verdict": best.verdict,
-            "advice": best.advice,
+            "sigma_after_deg_h": best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
+            "verdict": "not_observable" if refused else best.verdict,
+            "advice": "the session was refused, see the reasons" if refused else best.advice,
         }
     return found
 

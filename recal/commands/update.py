@@ -29,7 +29,7 @@ def command(
     store: StoreUrl = DEFAULT_STORE,
     commit: Annotated[bool, typer.Option("--commit", help="Store the new table; without it, only propose.")] = False,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
-    config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML): [session], [ageing].")] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")] = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
