@@ -20,6 +20,7 @@ from infield.pipeline import with_applied_table_undone
 from infield.session import (
     SessionBins,
     SessionSettings,
+    alignment_end,
     compensated_imu,
     find_rest,
     make_bins,
@@ -33,7 +34,6 @@ from ins.mechanization import VerticalChannel, navigate
 from ins.records import AXES, NavHistory, NavState, ReferenceLog, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
-ALIGNMENT_S = 600.0  # where the log does not say how long its alignment is
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
 SHORT_S = 1800.0  # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
 STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
@@ -137,7 +137,7 @@ def replay(
     if rest is None:
         reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
         return ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
-    span = (rest[0], min(_alignment_end(raw, rest[0]), float(raw.imu.time_s[-1])))
+    span = (rest[0], min(alignment_end(raw, rest[0]), float(raw.imu.time_s[-1])))
     flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
     result = ReplayResult(
         run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
@@ -204,12 +204,6 @@ def _covering(table: ThermalTable, temperature: GyroTemperature) -> tuple[Therma
         if not table.in_range(axis, T[:, k]).all()
     )
     return table.extended_to(float(T.min()), float(T.max())), beyond
-
-
-def _alignment_end(run: Run, start_s: float) -> float:
-    """End of the logged alignment phase, else ten minutes after the rest began (as in infield.session)."""
-    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > start_s]
-    return logged[0] if logged else start_s + ALIGNMENT_S
 
 
 def _vertical(run: Run) -> tuple[VerticalChannel, str]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from alignment import coarse, gyrocompass
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
+from alignment.stillness import ALIGNMENT_S
 from infield.merge import session_covariance
 from infield.table import ThermalTable
 from infield.taxi_heading import CentreLineAid, GnssAid, LateralAid, OdometerAid, SurveyedHeadingAid
@@ -144,7 +145,7 @@ def estimate_session(
     imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), twin)
     bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
     aligned = gyrocompass.align(
-        imu.between(rest[0], _alignment_end(run, rest)),
+        imu.between(rest[0], alignment_end(run, rest[0])),
         run.header.site,
         twin,
         bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3]),
@@ -176,10 +177,10 @@ def estimate_session(
     )
 
 
-def _alignment_end(run: Run, rest: tuple[float, float]) -> float:
-    """End of the logged alignment phase, else ten minutes after the rest began."""
-    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > rest[0]]
-    return logged[0] if logged else rest[0] + 600.0
+def alignment_end(run: Run, start_s: float) -> float:
+    """End of the logged alignment phase, else ten minutes after the rest began at `start_s`."""
+    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > start_s]
+    return logged[0] if logged else start_s + ALIGNMENT_S
 
 
 def _heading_error(aligned: Alignment, solution: Solution) -> tuple[float, float]:

@@ -56,6 +56,7 @@ def update(
     from infield.document import update_document
     from infield.pipeline import update_calibration
     from infield.report import update_html
+    from infield.table_file import table_sha256
     from recal.config import read_config
     from recal.output import output_directory, program_version, write_text
     from recal.unit_inputs import open_store, unit_inputs
@@ -67,7 +68,7 @@ def update(
     unit = unit_inputs(loaded[0], database, twin)
     serial = unit.table.imu_serial
     result = update_calibration(
-        loaded, unit.table, unit.twin, parent_sha256=_sha256(unit.table_dict), settings=settings, ageing=ageing,
+        loaded, unit.table, unit.twin, parent_sha256=table_sha256(unit.table_dict), settings=settings, ageing=ageing,
         already_merged=(lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
     )  # fmt: skip
@@ -102,12 +103,6 @@ def _commit(result: Any, unit: Any, store_url: str, facts: dict[str, Any]) -> di
         return {**update_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
     header = f"recal table rollback --store '{database.name}' --serial {result.after.imu_serial}"
     return {**document, "revision": revision.number, "rollback_command": f"{header} --to {revision.number - 1}"}
-
-
-def _sha256(table: dict[str, Any]) -> str:
-    from infield.table_file import table_sha256
-
-    return table_sha256(table)
 
 
 def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
