@@ -1,9 +1,7 @@
 """The strapdown loop: one step after another in the Earth frame. Import lazily: this module loads numba.
 
-Every compiled function lives here, because numba does not see a change in another file's callee; nor does it see a
-change of the constants below, so clear __pycache__ after editing ins.earth. Without numba, or with
-NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples of nine in
-row order; SI and radians, silent. The loop takes no sine and no cosine of position, so no latitude is special.
+Without numba, or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples
+of nine in row order; SI and radians, silent. The loop takes no sine and no cosine of position, so no latitude is special.
 
 State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration correction.
 """
@@ -20,11 +18,7 @@ from ins.earth import (
     SEMI_MINOR_AXIS_M,
     SOMIGLIANA_K,
 )
-
-try:
-    import numba
-except ImportError:  # the plain-Python path
-    numba = None  # type: ignore[assignment]
+from ins.jit import jit
 
 A, B, E2 = SEMI_MAJOR_AXIS_M, SEMI_MINOR_AXIS_M, ECCENTRICITY_SQUARED
 EP2 = E2 / (1 - E2)  # second eccentricity squared
@@ -32,16 +26,6 @@ SLOPE_0, SLOPE_1 = -2 / A * (1 + FLATTENING + GRAVITY_RATIO_M), 4 / A * FLATTENI
 POLE_RADIUS_M = 1e-3  # closer to the pole than this, longitude is defined as 0
 SERIES_ANGLE_2 = 0.01  # below 0.1 rad a step the rotation uses power series
 MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells nothing of the slope
-
-
-def jit(function):
-    """Compile on first call; keep the result on disk where some folder can be written."""
-    if numba is None:
-        return function
-    try:
-        return numba.njit(cache=True, nogil=True)(function)
-    except (RuntimeError, OSError):  # no folder for the cache
-        return numba.njit(nogil=True)(function)
 
 
 @jit

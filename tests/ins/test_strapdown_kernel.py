@@ -1,10 +1,8 @@
 """The compiled loop's own formulas against the array modules, and compiled against plain Python."""
 
-import importlib.util
 import subprocess
 import sys
 
-import numba
 import numpy as np
 import pytest
 from hypothesis import given
@@ -128,19 +126,3 @@ def test_compiled_and_plain_python_agree():
     assert (compiled_kind, plain_kind, missing_kind) == ("CPUDispatcher", "function", "function")
     assert compiled == pytest.approx(plain, rel=1e-13, abs=1e-12)
     assert np.array_equal(plain, missing)
-
-
-def test_without_a_folder_for_the_cache_it_still_compiles(monkeypatch):
-    njit = numba.njit
-
-    def njit_without_cache(**options):
-        if options.get("cache"):
-            raise RuntimeError("cannot cache function: no locator available")
-        return njit(**options)
-
-    monkeypatch.setattr(numba, "njit", njit_without_cache)
-    spec = importlib.util.spec_from_file_location("kernel_without_cache", strapdown_kernel.__file__)
-    kernel = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(kernel)
-    assert kernel.gravity(0.5, 10.0) == strapdown_kernel.gravity(0.5, 10.0)
-    assert kernel.gravity.signatures

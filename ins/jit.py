@@ -1,0 +1,122 @@
+"""`jit`: the decorator of every compiled kernel. Import lazily: this module loads numba.
+
+Without numba, or with NUMBA_DISABLE_JIT=1, a kernel runs as plain Python, slowly.
+
+Compiled code is kept in a folder named by a hash of all sources of `ins`, because numba itself looks at one file only and
+would go on using a kernel whose constants or callees changed elsewhere. So kernels may call each other and take constants
+across the modules of `ins`, and of no other package. The folder lies in the first place that can be written:
+NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under the temporary one.
+With none of them a kernel is compiled anew in each process.
+"""
+
+import contextlib
+import hashlib
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+try:
+    import numba
+except ImportError:  # the plain-Python path
+    numba = None  # type: ignore[assignment]
+
+OPTIONS = {"nogil": True}
+NEEDED_BYTES = 50_000_000  # a full disk would fail in the middle of a write
+KEPT_FOLDERS = 20  # compiled code of older sources, about 1 MB each
+
+
+def jit(function: Callable | None = None, **options: Any) -> Any:
+    """Compile on first call, with `options` of numba.njit; keep the machine code on disk where a folder can be written.
+
+    `@jit` or `@jit(error_model="numpy")`; nogil unless told otherwise. Without numba the function itself.
+    """
+    if function is None:
+        return lambda decorated: jit(decorated, **options)
+    config: Any = getattr(numba, "config", None)
+    if config is None or config.DISABLE_JIT:
+        return function
+    options = {**OPTIONS, **options}
+    on_disk = Path(function.__code__.co_filename).is_file()  # neither in a zip nor a .pyc alone
+    folder = cache_folder() if on_disk else None
+    if folder is not None:
+        given, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read once, by njit(cache=True)
+        try:
+            compiled = numba.njit(cache=True, **options)(function)
+            if Path(compiled.stats.cache_path).is_relative_to(folder):  # numba goes elsewhere if the folder has gone
+                return compiled
+        except (RuntimeError, OSError):
+            pass
+        finally:
+            config.CACHE_DIR = given
+    return numba.njit(**options)(function)
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Where compiled code of these very sources is kept, made if need be; None where nothing can be written."""
+    name = f"kernels-{source_hash(Path(__file__).parent)}"
+    for parent in _parents():
+        folder = parent / name
+        try:
+            new = not folder.is_dir()
+            folder.mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=folder).close()
+            os.utime(folder)
+            if shutil.disk_usage(folder).free < NEEDED_BYTES:
+                continue
+        except OSError:
+            continue
+        if new:
+            _remove_old(parent)
+        return folder
+    return None
+
+
+def source_hash(package: Path) -> str:
+    """16 hexadecimal digits over the names and bytes of a folder's Python files."""
+    digest = hashlib.sha256()
+    for path in sorted(package.glob("*.py")):
+        source = path.read_bytes()
+        digest.update(f"{path.name} {len(source)}\n".encode() + source)
+    return digest.hexdigest()[:16]
+
+
+def _parents() -> Iterator[Path]:
+    """Places to try, best first. Beside the package last but one: what is put there outlives `pip uninstall`."""
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        yield Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "recal"
+    try:
+        from platformdirs import user_cache_path
+
+        yield user_cache_path("recal", appauthor=False)
+    except (ImportError, OSError, RuntimeError, KeyError):  # no home, no such user
+        pass
+    yield Path(__file__).parent / "__pycache__"
+    if (own := _own_temporary_folder()) is not None:
+        yield own
+
+
+def _own_temporary_folder() -> Path | None:
+    """A folder under the temporary one that only this user can write: what lies in it will be run as code."""
+    if not hasattr(os, "getuid"):
+        return None
+    try:
+        folder = Path(tempfile.gettempdir()) / f"recal-{os.getuid()}"
+        folder.mkdir(mode=0o700, exist_ok=True)
+        status = folder.lstat()
+    except OSError:
+        return None
+    private = status.st_uid == os.getuid() and status.st_mode & 0o077 == 0 and folder.is_dir() and not folder.is_symlink()
+    return folder if private else None
+
+
+def _remove_old(parent: Path) -> None:
+    """Forget the compiled code of all but the latest sources."""
+    with contextlib.suppress(OSError):  # another process does the same
+        folders = [f for f in parent.glob("kernels-*") if f.is_dir() and not f.is_symlink()]
+        for folder in sorted(folders, key=lambda f: f.stat().st_mtime, reverse=True)[KEPT_FOLDERS:]:
+            shutil.rmtree(folder, ignore_errors=True)

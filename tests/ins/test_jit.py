@@ -1,0 +1,117 @@
+"""Where compiled kernels are kept, that they are found again, and that a stale one is not."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import pytest
+
+import ins
+from ins import jit, strapdown_kernel
+
+PROBE = """
+import json
+from ins import jit, strapdown_kernel
+g = strapdown_kernel.gravity(0.0, 0.0)
+hits = sum(strapdown_kernel.gravity.stats.cache_hits.values())
+print(json.dumps({"g": g, "hits": hits, "folder": str(jit.cache_folder())}))
+"""
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """A copy of the package that owes nothing to this machine's caches."""
+    shutil.copytree(Path(ins.__file__).parent, tmp_path / "site/ins", ignore=shutil.ignore_patterns("__pycache__"))
+    return tmp_path / "site"
+
+
+def probe(site, **environment):
+    clean = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "PYTHONPATH")}
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", PROBE], cwd=site, capture_output=True, text=True, check=True,
+        env={**clean, **environment},
+    )  # fmt: skip
+    return json.loads(done.stdout)
+
+
+def test_the_second_process_compiles_nothing_and_a_changed_constant_is_seen(copy, tmp_path):
+    first, second = (probe(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(2))
+    assert (first["hits"], second["hits"]) == (0, 1)
+    assert Path(first["folder"]).is_relative_to(tmp_path / "cache")
+    source = copy / "ins/earth.py"
+    text = source.read_text()
+    assert text.count("9.7803253359") == 1
+    source.write_text(text.replace("9.7803253359", "9.7903253359"))
+    third = probe(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    assert third["hits"] == 0
+    assert third["g"] - second["g"] == pytest.approx(0.01, abs=1e-9)
+
+
+def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
+    """A file where a folder is wanted stops root too."""
+    wall = tmp_path / "wall"
+    wall.write_text("")
+    (tmp_path / "tmp").mkdir()
+    shut = {"XDG_CACHE_HOME": f"{wall}/c", "HOME": f"{wall}/h", "LOCALAPPDATA": f"{wall}/l", "TMPDIR": str(tmp_path / "tmp")}
+    seen = probe(copy, **{**shut, "XDG_CACHE_HOME": str(tmp_path / "user")})
+    if sys.platform == "linux":
+        assert Path(seen["folder"]).parent == tmp_path / "user/recal"
+        beside = probe(copy, **shut)
+        assert Path(beside["folder"]).parent == copy / "ins/__pycache__"
+        shutil.rmtree(copy / "ins/__pycache__")
+    (copy / "ins/__pycache__").write_text("")
+    first, second = (probe(copy, **shut) for _ in range(2))
+    assert Path(first["folder"]).parent == tmp_path / "tmp" / f"recal-{os.getuid()}"
+    assert (first["hits"], second["hits"]) == (0, 1)
+    Path(first["folder"]).parent.chmod(0o777)  # others could have put code there
+    nowhere = probe(copy, **shut)
+    assert (nowhere["folder"], nowhere["hits"], nowhere["g"]) == ("None", 0, first["g"])
+
+
+def test_options_reach_numba():
+    @jit.jit(error_model="numpy")
+    def to_infinity(a, b):
+        return a / b
+
+    @jit.jit
+    def by_zero(a, b):
+        return a / b
+
+    assert to_infinity(1.0, 0.0) == float("inf")
+    with pytest.raises(ZeroDivisionError):
+        by_zero(1.0, 0.0)
+
+
+def test_the_users_own_numba_cache_is_left_alone():
+    before = numba.config.CACHE_DIR
+
+    @jit.jit
+    def one():
+        return 1
+
+    assert one() == 1 and numba.config.CACHE_DIR == before
+
+
+def test_folders_of_old_sources_are_forgotten(tmp_path):
+    for k in range(jit.KEPT_FOLDERS + 3):
+        folder = tmp_path / f"kernels-{k:016x}"
+        folder.mkdir()
+        os.utime(folder, (k, k))
+    (tmp_path / "others").mkdir()
+    jit._remove_old(tmp_path)
+    kept = sorted(f.name for f in tmp_path.iterdir())
+    assert len(kept) == jit.KEPT_FOLDERS + 1 and kept[0] == f"kernels-{3:016x}" and kept[-1] == "others"
+
+
+def test_without_its_folder_nothing_is_kept_elsewhere(monkeypatch, tmp_path):
+    """numba would go on to __pycache__, where nothing says of which sources the code is."""
+    assert Path(strapdown_kernel.gravity.stats.cache_path).is_relative_to(jit.cache_folder())
+    (tmp_path / "file").write_text("")
+    monkeypatch.setattr(jit, "cache_folder", lambda: tmp_path / "file" / "gone")
+    alone = jit.jit(strapdown_kernel.gravity.py_func)
+    assert alone(0.5, 10.0) == strapdown_kernel.gravity(0.5, 10.0)
+    assert alone.signatures and alone.stats.cache_path is None
