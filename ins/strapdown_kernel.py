@@ -27,6 +27,11 @@ POLE_RADIUS_M = 1e-3  # closer to the pole than this, longitude is defined as 0
 SERIES_ANGLE_2 = 0.01  # below 0.1 rad a step the rotation uses power series
 MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells nothing of the slope
 
+# columns of an output row: latitude, longitude, height; v_n; C_nb in row order; then the sums over the epoch: C_nb dt,
+# and displacement_n, displacement_b, dv_f_n, dtheta_b
+V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
+CORRECTION, BEFORE, STATE_SIZE = 10, 11, 18  # of the state that a stream carries over: see integrate
+
 
 @jit
 def cross(a, b):
@@ -168,44 +173,49 @@ def step_velocity(v, dv_e, g_dt_e, earth_angle):
 
 
 @jit
-def accumulate(j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta, C_nb_dt, sums):
-    """Add one step to row j: sums holds displacement_n, displacement_b, dv_f_n, dtheta_b side by side."""
+def accumulate(out, j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta):
+    """Add one step to the sums of row j."""
     dr_n, dv_n = rotate(C_ne, dr), rotate(C_ne, dv_e)
     for i in range(3):
         v_b = C[i] * v[0] + C[3 + i] * v[1] + C[6 + i] * v[2]
         v_b += C_new[i] * v_new[0] + C_new[3 + i] * v_new[1] + C_new[6 + i] * v_new[2]
-        sums[j, i] += dr_n[i]
-        sums[j, 3 + i] += 0.5 * dt * v_b
-        sums[j, 6 + i] += dv_n[i]
-        sums[j, 9 + i] += theta[i]
         column = rotate(C_ne, (C[i] + C_new[i], C[3 + i] + C_new[3 + i], C[6 + i] + C_new[6 + i]))
-        C_nb_dt[j, 0, i] += 0.5 * dt * column[0]
-        C_nb_dt[j, 1, i] += 0.5 * dt * column[1]
-        C_nb_dt[j, 2, i] += 0.5 * dt * column[2]
+        out[j, C_NB_DT + i] += 0.5 * dt * column[0]
+        out[j, C_NB_DT + 3 + i] += 0.5 * dt * column[1]
+        out[j, C_NB_DT + 6 + i] += 0.5 * dt * column[2]
+        out[j, SUMS + i] += dr_n[i]
+        out[j, SUMS + 3 + i] += 0.5 * dt * v_b
+        out[j, SUMS + 6 + i] += dv_n[i]
+        out[j, SUMS + 9 + i] += theta[i]
 
 
 @jit
-def record(j, C, v, r, geodetic, v_n, C_nb):
+def record(out, j, C, v, r):
     """Write latitude, longitude, height, velocity and attitude to row j, in the NED frame at r."""
     frame = local_frame(r)
     C_ne = dcm_ne(frame)
-    geodetic[j, 0], geodetic[j, 1], geodetic[j, 2] = atan2(frame[0], frame[1]), atan2(frame[2], frame[3]), frame[4]
-    v_n[j, 0], v_n[j, 1], v_n[j, 2] = rotate(C_ne, v)
+    v_n = rotate(C_ne, v)
+    out[j, 0], out[j, 1], out[j, 2] = atan2(frame[0], frame[1]), atan2(frame[2], frame[3]), frame[4]
     for i in range(3):
-        C_nb[j, 0, i], C_nb[j, 1, i], C_nb[j, 2, i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
+        out[j, V_N + i] = v_n[i]
+        out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
 
 
 @jit
-def integrate(dt, dtheta, dv, before, height_ref, gains, ends, q, v, r, geodetic, v_n, C_nb, C_nb_dt, sums):
-    """Rows ends[j-1] to ends[j] make output row j, j >= 1; the outputs are filled in place.
+def integrate(dt, dtheta, dv, height_ref, gains, ends, state, out):
+    """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to the row after it.
 
-    before: dtheta, dv, dt of the interval before the first row (7,). gains: k1, k2, k3 of the vertical loop,
-    all zero when free; height_ref: the height it is damped to, one a row.
+    state (18,): q, v, r, the vertical correction, and dtheta, dv, dt of the interval before the first row; changed in
+    place, so that a stream cut anywhere gives the same bits. out (ends.size + 1, COLUMNS), its sums set by the caller:
+    zero, or in row 0 those of the part before. gains: k1, k2, k3 of the vertical loop, all zero when free;
+    height_ref: the height it is damped to, one a row.
     """
-    theta_before, dv_before = (before[0], before[1], before[2]), (before[3], before[4], before[5])
-    dt_before, correction, C = before[6], 0.0, dcm(q)
-    for j in range(1, ends.size):
-        for k in range(ends[j - 1], ends[j]):
+    q, v, r = (state[0], state[1], state[2], state[3]), (state[4], state[5], state[6]), (state[7], state[8], state[9])
+    correction, theta_before, dv_before = state[10], (state[11], state[12], state[13]), (state[14], state[15], state[16])
+    dt_before, C, first = state[17], dcm(q), 0
+    for j in range(ends.size + 1):
+        last = ends[j] if j < ends.size else dt.size
+        for k in range(first, last):
             T, theta, dv_b = dt[k], row(dtheta, k), row(dv, k)
             rotation, dv_start, scroll = compensate(theta, dv_b, theta_before, dv_before, T, dt_before)
             frame = local_frame(add(r, v, 0.5 * T))
@@ -220,7 +230,13 @@ def integrate(dt, dtheta, dv, before, height_ref, gains, ends, q, v, r, geodetic
             dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), rotate(C, scroll), T)
             q = turn_attitude(q, rotation, OMEGA * T)
             C_new = dcm(q)
-            accumulate(j, T, C_ne, C, C_new, v, v_new, dr, dv_e, theta, C_nb_dt, sums)
+            accumulate(out, j, T, C_ne, C, C_new, v, v_new, dr, dv_e, theta)
             r = add(add(r, dr, 1.0), down, T * gains[0] * error)
             v, C, theta_before, dv_before, dt_before = v_new, C_new, theta, dv_b, T
-        record(j, C, v, r, geodetic, v_n, C_nb)
+        first = last
+        if j < ends.size:
+            record(out, j, C, v, r)
+    state[0], state[1], state[2], state[3] = q
+    state[10], state[17] = correction, dt_before
+    for i in range(3):
+        state[4 + i], state[7 + i], state[11 + i], state[14 + i] = v[i], r[i], theta_before[i], dv_before[i]
