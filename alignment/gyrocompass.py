@@ -16,7 +16,7 @@ from alignment.navigation_filter import (
     new_filter,
     plan_steps,
     sweep,
-    view_of,
+    views_of,
 )
 from alignment.result import Alignment, BiasPrior, Solution
 from ins import error_model as em
@@ -185,14 +185,15 @@ def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
 
 def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
     """Corrected attitude at the end of the filter's plan."""
-    flt, last = solution.filter, solution.plan[-1]
-    view = view_of(solution.history, last)
+    flt, views = solution.filter, views_of(solution.history, solution.plan)
+    radius, end_s = views.radius_m[-1], float(views.end_s[-1])
     rows = np.zeros((3, flt.x.size))  # phi from theta and p (physics.md 6.2)
     rows[:2, em.THETA] = np.eye(3)[:2]
-    rows[0, em.POS.start + 1] = -1.0 / view.step.radius_m
-    rows[1, em.POS.start] = 1.0 / view.step.radius_m
-    rows[2] = heading_error_row(flt, view)
-    C_nb = dcm_from_rotation_vector(-(rows @ flt.x)) @ view.C_nb
+    rows[0, em.POS.start + 1] = -1.0 / radius
+    rows[1, em.POS.start] = 1.0 / radius
+    for index, value in heading_error_row(views, -1).items():
+        rows[2, index] = value
+    C_nb = dcm_from_rotation_vector(-(rows @ flt.x)) @ views.C_nb[-1]
     P_phi = rows @ flt.P @ rows.T
     roll, pitch, heading = (float(a) for a in euler_from_dcm(C_nb))
     level = np.array([[np.cos(heading), np.sin(heading)], [-np.sin(heading), np.cos(heading)]])
@@ -202,14 +203,14 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
     return Alignment(
         verdict="aligned",
         reasons=(),
-        time_s=view.end_s,
+        time_s=end_s,
         roll_rad=roll,
         pitch_rad=pitch,
         heading_rad=heading,
         sigma_roll_rad=float(np.sqrt(P_level[0, 0])),
         sigma_pitch_rad=float(np.sqrt(P_level[1, 1])),
         sigma_heading_rad=float(np.sqrt(P_phi[2, 2])),
-        duration_s=view.end_s - float(solution.history.time_s[0]),
+        duration_s=end_s - float(solution.history.time_s[0]),
         phases=phases or stillness.detect_phases(solution.motion),
         excluded=solution.motion.spans(stillness.DISTURBED, "motion"),
         nis_mean=sum(tally.nis.values()) / max(dof, 1),

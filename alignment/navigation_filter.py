@@ -3,6 +3,7 @@
 One sweep over a navigation solution: errors propagate by `ins.error_model`; a standing vehicle has no velocity
 (its displacement since the stop) and keeps its heading up to a slow creep (parked-attitude
 constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.taxi_heading`).
+All of it is laid down as a `FilterProgram` first, with numpy over the whole run, and worked through in one go.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,9 @@ from numpy.typing import NDArray
 from alignment.stillness import AIRBORNE, DISTURBED, ROLLING, STILL, Motion
 from ins import error_model as em
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
-from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_en_n, omega_ie_n
-from ins.error_filter import ErrorFilter
+from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
+from ins.error_filter import GATE_SIGMA, ErrorFilter
+from ins.filter_program import FilterProgram, Row, Steps
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
 
@@ -29,47 +31,60 @@ DIFFUSE_TILT_RAD = 0.005
 
 
 @dataclass(frozen=True)
-class PlannedStep:
-    """One filter step: epochs (first, last] of the history, its kind, bias bin and sudden turn [rad]."""
+class StepPlan:
+    """K filter steps: epochs (first, last] of the history, their kind, bias bin and sudden turn [rad], (K,) each."""
 
-    first: int
-    last: int
-    kind: int
-    bin_index: int
-    jolt_rad: float
+    first: NDArray
+    last: NDArray
+    kind: NDArray
+    bin_index: NDArray
+    jolt_rad: NDArray
 
 
 @dataclass(frozen=True)
-class StepView:
-    """What a step shows to an aid.
+class StepViews:
+    """What each step (K) of a plan shows to an aid.
 
-    Displacements of the solution in body axes and NED [m]; heading change relative to Earth [rad]; C_nb, v_n, lat, lon,
-    height at the step's end, v_start_n at its start; `kind` as in `stillness`; jitter_m: sway of the vehicle's position.
+    Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth [rad]; at the
+    step's end C_nb (K, 3, 3), v_n, lat, lon, height, heading; v_start_n at its start; C_mean (K, 3, 3) over it;
+    turn_rad: by the vertical gyro, Earth rate included; kind as in `stillness`; jolt_rad: sudden turn within the step;
+    jitter_m: sway of the vehicle's position.
     """
 
-    kind: int
-    jitter_m: float
-    step: em.Step
-    start_s: float
-    end_s: float
+    kind: NDArray
+    bin_index: NDArray
+    jolt_rad: NDArray
+    start_s: NDArray
+    end_s: NDArray
     displacement_b_m: NDArray
     displacement_n_m: NDArray
-    heading_change_rad: float
+    heading_change_rad: NDArray
+    heading_rad: NDArray
     C_nb: NDArray
+    C_mean: NDArray
     v_n: NDArray
     v_start_n: NDArray
-    lat_rad: float
-    lon_rad: float
-    height_m: float
+    lat_rad: NDArray
+    lon_rad: NDArray
+    height_m: NDArray
+    turn_rad: NDArray
+    jitter_m: float
+
+    @property
+    def dt_s(self) -> NDArray:
+        return self.end_s - self.start_s
+
+    @property
+    def radius_m(self) -> NDArray:
+        """The sphere of the error model."""
+        return SEMI_MAJOR_AXIS_M + self.height_m
 
 
 class Aid(Protocol):
-    """Something that measures while the vehicle rolls (or at any time, if `always`)."""
+    """Something that measures while the vehicle rolls or stands."""
 
-    always: bool
-
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        """Use what this aid saw within the step."""
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        """Add what this aid saw, at the steps where it saw it."""
 
 
 def bin_of(edges_s: NDArray, time_s: NDArray) -> NDArray:
@@ -77,73 +92,63 @@ def bin_of(edges_s: NDArray, time_s: NDArray) -> NDArray:
     return np.minimum(np.maximum(np.searchsorted(edges_s, time_s - 1e-6, side="right") - 1, 0), len(edges_s) - 2)
 
 
-def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> list[PlannedStep]:
+def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> StepPlan:
     """Steps of up to 10 s while standing, one epoch otherwise; ends at the first airborne epoch or `until_s`.
 
     A step never crosses a change of kind or of bias bin (edges_s, (N + 1,)).
     """
     t, kind = motion.time_s, motion.kind
     bins = bin_of(edges_s, t)
-    plan: list[PlannedStep] = []
-    first = 0
-    for k in range(1, len(t)):
-        if kind[k] == AIRBORNE or t[k] > until_s:
-            break
-        here = (kind[k], bins[k])
-        later = (kind[k + 1], bins[k + 1]) if k + 1 < len(t) and t[k + 1] <= until_s else None
-        long = kind[k] in (STILL, DISTURBED) and later == here and t[k] - t[first] < STILL_STEP_S - 1e-6
-        if not long:
-            jolt = float(np.sqrt(np.sum(motion.jolt_rad[first + 1 : k + 1] ** 2)))
-            plan.append(PlannedStep(first, k, int(kind[k]), int(bins[k]), jolt))
+    stop = np.flatnonzero((kind[1:] == AIRBORNE) | (t[1:] > until_s))
+    count = int(stop[0]) + 1 if stop.size else len(t)  # epochs 1 .. count - 1
+    long = np.zeros(count, dtype=bool)  # may be joined with the next
+    long[1:-1] = np.isin(kind[1 : count - 1], (STILL, DISTURBED))
+    long[1:-1] &= (kind[2:count] == kind[1 : count - 1]) & (bins[2:count] == bins[1 : count - 1])
+    first, edges = 0, [0]
+    for k, (joins, time_s) in enumerate(zip(long[1:].tolist(), t[1:count].tolist()), start=1):
+        if not joins or time_s - t[first] >= STILL_STEP_S - 1e-6:
+            edges.append(k)
             first = k
-    return plan
+    a, b = np.array(edges[:-1], dtype=np.int64), np.array(edges[1:], dtype=np.int64)
+    jolt = np.sqrt(np.add.reduceat(motion.jolt_rad[1:count] ** 2, a)) if len(a) else np.zeros(0)
+    return StepPlan(a, b, kind[b], bins[b], jolt)
 
 
-def view_of(
-    history: NavHistory, planned: PlannedStep, velocity_error_m_s: NDArray | None = None, jitter_m: float = 0.0
-) -> StepView:
-    """Means and sums of a planned step.
+def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> StepViews:
+    """Means and sums of the planned steps."""
+    a, b = plan.first, plan.last
 
-    velocity_error_m_s (2,): estimate of w, taken off the velocity about which the errors are linearised; a vehicle
-    known to stand has none. (The computed velocity instead leaves v_error x theta in the position: 0.6 m an hour.)
+    def summed(rows: NDArray) -> NDArray:
+        return np.add.reduceat(rows[1 : b[-1] + 1], a) if len(b) else rows[:0]
+
+    heading = euler_from_dcm(history.C_nb)[2]
+    start_s, end_s = history.time_s[a], history.time_s[b]
+    return StepViews(
+        kind=plan.kind, bin_index=plan.bin_index, jolt_rad=plan.jolt_rad, start_s=start_s, end_s=end_s,
+        displacement_b_m=summed(history.displacement_b_m), displacement_n_m=summed(history.displacement_n_m),
+        heading_change_rad=wrap_pi(heading[b] - heading[a]), heading_rad=heading[b], C_nb=history.C_nb[b],
+        C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None], v_n=history.v_n_m_s[b],
+        v_start_n=history.v_n_m_s[a], lat_rad=history.lat_rad[b], lon_rad=history.lon_rad[b],
+        height_m=history.height_m[b], turn_rad=summed(history.dtheta_b_rad[:, 2]), jitter_m=jitter_m,
+    )  # fmt: skip
+
+
+def filter_steps(views: StepViews) -> Steps:
+    """Steps for the filter. A vehicle known to stand has no velocity; for the others the filter's velocity error is
+    taken off the computed one. (The computed velocity instead leaves v_error x theta in the position: 0.6 m an hour.)
     """
-    a, b = planned.first, planned.last
-    rows = slice(a + 1, b + 1)
-    dt = float(history.time_s[b] - history.time_s[a])
-    lat, height = float(history.lat_rad[b]), float(history.height_m[b])
-    v_mean = history.displacement_n_m[rows].sum(axis=0) / dt
-    if planned.kind == STILL:
-        v_mean = np.zeros(3)
-    elif velocity_error_m_s is not None:
-        v_mean[:2] -= velocity_error_m_s
-    C_mean = history.C_nb_dt[rows].sum(axis=0) / dt
-    heading_a, heading_b = (euler_from_dcm(history.C_nb[i])[2] for i in (a, b))
-    step = em.Step(
-        dt_s=dt,
-        C_nb=C_mean,
-        v_n=v_mean,
-        omega_ie_n=omega_ie_n(lat),
-        omega_en_n=omega_en_n(lat, height, v_mean),
-        gravity=float(gravity_magnitude(lat, height)),
-        radius_m=SEMI_MAJOR_AXIS_M + height,
-        turn_rad=float(history.dtheta_b_rad[rows, 2].sum()),
-    )
-    return StepView(
-        kind=planned.kind,
-        jitter_m=jitter_m,
-        step=step,
-        start_s=float(history.time_s[a]),
-        end_s=float(history.time_s[b]),
-        displacement_b_m=history.displacement_b_m[rows].sum(axis=0),
-        displacement_n_m=history.displacement_n_m[rows].sum(axis=0),
-        heading_change_rad=float(wrap_pi(heading_b - heading_a)),
-        C_nb=history.C_nb[b],
-        v_n=history.v_n_m_s[b],
-        v_start_n=history.v_n_m_s[a],
-        lat_rad=lat,
-        lon_rad=float(history.lon_rad[b]),
-        height_m=height,
-    )
+    dt, still = views.dt_s, views.kind == STILL
+    v_n = np.where(still[:, None], 0.0, views.displacement_n_m / dt[:, None])
+    meridian, transverse = radii_of_curvature(views.lat_rad)
+    east, north = 1.0 / (transverse + views.height_m), 1.0 / (meridian + views.height_m)
+    none = np.zeros(len(dt))
+    return Steps(
+        end_s=views.end_s, dt_s=dt, C_nb=views.C_mean, v_n=v_n, omega_ie_n=omega_ie_n(views.lat_rad),
+        transport=np.column_stack([east, north, east * np.tan(views.lat_rad)]),
+        gravity=gravity_magnitude(views.lat_rad, views.height_m), radius_m=views.radius_m, turn_rad=views.turn_rad,
+        bin_index=views.bin_index, rolling=views.kind == ROLLING, keep=still & np.append(False, still[:-1]),
+        moving=~still, jump_yaw=views.jolt_rad**2, jump_w=none, jump_theta=none,
+    )  # fmt: skip
 
 
 def process_noise(twin: TwinModel) -> em.ProcessNoise:
@@ -192,8 +197,8 @@ def new_filter(
         bias_covariance=bias_covariance,
     )
     sigma = diffuse_heading_rad(bias_covariance, level_earth_rate_rad_s)
-    flt.assign(em.THETA.stop - 1, np.zeros(flt.x.size), sigma)
-    flt.clone(em.THETA_START)
+    flt.widen_prior(em.THETA.stop - 1, sigma)
+    flt.clone_start()
     return flt
 
 
@@ -208,7 +213,7 @@ class ParkedConstraint:
 
 def sweep(
     history: NavHistory,
-    plan: Sequence[PlannedStep],
+    plan: StepPlan,
     flt: ErrorFilter,
     parked: ParkedConstraint,
     *,
@@ -216,62 +221,54 @@ def sweep(
     clone_at_s: float = np.inf,
 ) -> None:
     """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches `clone_at_s`."""
-    C_ref: NDArray | None = None
-    moved: NDArray | None = None  # way of the solution since the vehicle stopped, body axes
-    cloned, rolled = False, False
-    for planned in plan:
-        view = view_of(history, planned, flt.x[em.W], parked.displacement_sigma_m)
-        rolling, still = planned.kind == ROLLING, planned.kind == STILL
-        moved = moved if still else None
-        flt.advance(
-            view.step, planned.bin_index, rolling=rolling, keep_displacement=moved is not None,
-            extra_yaw_rad=planned.jolt_rad,
-        )  # fmt: skip
-        rolled = rolled or rolling
-        if rolling or planned.jolt_rad > NEW_HEADING_RAD:
-            C_ref = None
-        if still:
-            moved = _hold_position(flt, view, parked, moved, "stop" if rolled else "still")
-            if parked.hold_heading:
-                C_ref = _hold_heading(flt, view, parked, C_ref)
-        for aid in aids:
-            if rolling or aid.always:
-                aid.measure(flt, view)
-        if not cloned and view.end_s >= clone_at_s - 0.5 * STILL_STEP_S:
-            flt.clone(em.THETA_CLONE)
-            cloned = True
+    views = views_of(history, plan, parked.displacement_sigma_m)
+    program = FilterProgram(filter_steps(views))
+    _hold_position(program, views, parked)
+    if parked.hold_heading:
+        _hold_heading(program, views, parked)
+    for aid in aids:
+        aid.measure(program, views)
+    program.clone(np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE)
+    flt.run(program)
 
 
-def _hold_position(
-    flt: ErrorFilter, view: StepView, parked: ParkedConstraint, moved: NDArray | None, kind: str
-) -> NDArray:
+def _hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for the jitter of the
     standing vehicle about its place. (A zero mean velocity over each step says the same but counts the jitter twice.)
     """
     sigma = max(parked.displacement_sigma_m, MIN_DISPLACEMENT_SIGMA_M)
-    if moved is None:
-        moved = np.zeros(2)
-        for index in (em.S.start, em.S.start + 1):  # where in its jitter the vehicle was at the stop
-            flt.P[index, index] += sigma**2
-    moved = moved + view.displacement_b_m[:2]
-    H = np.stack([flt.row({em.S.start: 1.0}), flt.row({em.S.start + 1: 1.0})])
-    flt.measure(kind, moved, H, np.eye(2) * sigma**2, view.end_s)
-    return moved
+    still = views.kind == STILL
+    at = np.flatnonzero(still)
+    stops = np.flatnonzero(still & ~np.append(False, still[:-1]))
+    for index in (em.S.start, em.S.start + 1):  # where in its jitter the vehicle was at the stop
+        program.widen(stops, index, sigma**2)
+    way = np.cumsum(np.where(still[:, None], views.displacement_b_m[:, :2], 0.0), axis=0)
+    before = np.where(stops > 0, stops - 1, 0)
+    origin = np.where(stops[:, None] > 0, way[before], 0.0)
+    moved = way[at] - origin[np.searchsorted(stops, at, side="right") - 1]
+    rolled = np.cumsum(views.kind == ROLLING)[at] > 0
+    rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
+    for name, where in (("still", ~rolled), ("stop", rolled)):
+        program.measure(name, at[where], moved[where].T, rows, [sigma**2, sigma**2], gate=GATE_SIGMA)
 
 
-def heading_error_row(flt: ErrorFilter, view: StepView) -> NDArray:
-    """Row of phi_D = theta_D + p_E tanL / R (physics.md 6.2)."""
-    tan_over_R = np.tan(view.lat_rad) / view.step.radius_m
-    return flt.row({em.THETA.stop - 1: 1.0, em.POS.start + 1: tan_over_R})
+def heading_error_row(views: StepViews, at: NDArray | int, scale: NDArray | float = 1.0) -> dict[int, NDArray]:
+    """Row of phi_D = theta_D + p_E tanL / R (physics.md 6.2) at given steps, times `scale`."""
+    tan_over_R = np.tan(views.lat_rad[at]) / views.radius_m[at]
+    return {em.THETA.stop - 1: scale * np.ones_like(tan_over_R), em.POS.start + 1: scale * tan_over_R}
 
 
-def _hold_heading(flt: ErrorFilter, view: StepView, parked: ParkedConstraint, C_ref: NDArray | None) -> NDArray:
+def _hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus creep."""
-    H = heading_error_row(flt, view)
-    if C_ref is None:
-        flt.assign(em.YAW, -H, parked.yaw_jitter_rad)  # the heading at the stop is the reference
-        return view.C_nb
-    turn = rotation_vector_from_dcm(view.C_nb @ C_ref.T)[2]
-    H[em.YAW] = 1.0
-    flt.measure("heading held", np.array([turn]), H[None], np.array([[parked.yaw_jitter_rad**2]]), view.end_s)
-    return C_ref
+    still = np.flatnonzero(views.kind == STILL)
+    stay = np.cumsum((views.kind == ROLLING) | (views.jolt_rad > NEW_HEADING_RAD))[still]
+    _, first, number = np.unique(stay, return_index=True, return_inverse=True)
+    references, held = still[first], np.setdiff1d(still, still[first])
+    variance = parked.yaw_jitter_rad**2
+    assigned = {index: -value for index, value in heading_error_row(views, references).items()}
+    program.assign(references, em.YAW, assigned, variance)  # the heading at the stop is the reference
+    C_ref = views.C_nb[references[number[np.isin(still, held)]]]
+    turn = rotation_vector_from_dcm(views.C_nb[held] @ np.swapaxes(C_ref, 1, 2))[:, 2]
+    program.measure(
+        "heading held", held, [turn], [{**heading_error_row(views, held), em.YAW: 1.0}], [variance], gate=GATE_SIGMA
+    )

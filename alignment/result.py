@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import NDArray
 
-from alignment.navigation_filter import PlannedStep
+from alignment.navigation_filter import StepPlan
 from alignment.stillness import Motion
 from ins.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
@@ -30,7 +30,7 @@ class Solution:
 
     history: NavHistory
     motion: Motion
-    plan: list[PlannedStep]
+    plan: StepPlan
     filter: ErrorFilter
     prior: BiasPrior
     applied_bias_rad_s: NDArray

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.navigation_filter import StepView, heading_error_row
+from alignment.navigation_filter import StepViews, heading_error_row
 from alignment.stillness import ROLLING
 from ins import error_model as em
-from ins.attitude import euler_from_dcm, wrap_pi
+from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
-from ins.error_filter import ErrorFilter
+from ins.error_filter import GATE_SIGMA
+from ins.filter_program import FilterProgram, Row
 from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
@@ -35,14 +36,14 @@ class LateralAid:
     """
 
     wheel_reference_m: tuple[float, float, float]
-    always: bool = False
 
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        at = np.flatnonzero(views.kind == ROLLING)
         lever_x = -self.wheel_reference_m[0]  # from the no-slip point to the IMU
-        forward, turn = view.displacement_b_m[0], view.heading_change_rad
-        z = np.array([view.displacement_b_m[1] - lever_x * turn])
-        H = flt.row({em.S.start + 1: 1.0, em.KAPPA: forward, em.LEVER_X: turn})
-        flt.measure("lateral", z, H[None], np.array([[_way_variance(view)]]), view.end_s)
+        forward, side = views.displacement_b_m[at, 0], views.displacement_b_m[at, 1]
+        turn = views.heading_change_rad[at]
+        row: Row = {em.S.start + 1: 1.0, em.KAPPA: forward, em.LEVER_X: turn}
+        program.measure("lateral", at, [side - lever_x * turn], [row], [_way_variance(views)], gate=GATE_SIGMA)
 
 
 @dataclass
@@ -52,20 +53,26 @@ class OdometerAid:
     log: OdometerLog
     noise_m_s: float
     wheel_reference_m: tuple[float, float, float]
-    always: bool = False
 
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        inside = (self.log.time_s > view.start_s) & (self.log.time_s < view.end_s)
-        edges = np.array([view.start_s, view.end_s])
-        if edges[0] < self.log.time_s[0] or edges[1] > self.log.time_s[-1] or not np.any(inside):
-            return
-        t = np.concatenate((edges[:1], self.log.time_s[inside], edges[1:]))
-        way = float(np.trapezoid(np.interp(t, self.log.time_s, self.log.speed_m_s), t))
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        t = self.log.time_s
+        samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(t, views.start_s, side="right")
+        logged = (views.start_s >= t[0]) & (views.end_s <= t[-1]) & (samples > 0)
+        at = np.flatnonzero((views.kind == ROLLING) & logged)
+        way = self._way(views.end_s[at]) - self._way(views.start_s[at])
         lever_y = -self.wheel_reference_m[1]
-        z = np.array([view.displacement_b_m[0] - way + view.heading_change_rad * lever_y])
-        H = flt.row({em.S.start: 1.0, em.ODOMETER: -way})
-        wheels = self.noise_m_s * view.step.dt_s / np.sqrt(inside.sum())
-        flt.measure("odometer", z, H[None], np.array([[wheels**2 + _way_variance(view)]]), view.end_s)
+        z = views.displacement_b_m[at, 0] - way + views.heading_change_rad[at] * lever_y
+        wheels = self.noise_m_s * views.dt_s[at] / np.sqrt(samples[at])
+        row: Row = {em.S.start: 1.0, em.ODOMETER: -way}
+        program.measure("odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA)
+
+    def _way(self, time_s: NDArray) -> NDArray:
+        """Integral of the speed, straight between samples, from the first sample to given times [m]."""
+        t, v = self.log.time_s, self.log.speed_m_s
+        whole = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
+        k = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, len(t) - 2)
+        into = time_s - t[k]
+        return whole[k] + into * (v[k] + 0.5 * into * (v[k + 1] - v[k]) / (t[k + 1] - t[k]))
 
 
 @dataclass
@@ -76,35 +83,41 @@ class GnssAid:
     lever_arm_m: tuple[float, float, float]
     sigma_horizontal_m: float
     sigma_velocity_m_s: float
-    always: bool = True
 
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        a, b = np.searchsorted(self.log.time_s, [view.start_s + 1e-9, view.end_s + 1e-9])
-        for k in range(max(a, b - 2) if view.kind == ROLLING else max(a, b - 1), b):
-            self._fix(flt, view, k)
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        after = np.searchsorted(self.log.time_s, views.end_s + 1e-9)
+        before = np.searchsorted(self.log.time_s, views.start_s + 1e-9)
+        for back in (2, 1):  # the last fix of a step but one (rolling only), then the last
+            fix = after - back
+            at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
+            self._fixes(program, views, at, fix[at])
 
-    def _fix(self, flt: ErrorFilter, view: StepView, k: int) -> None:
-        ago = view.end_s - float(self.log.time_s[k])
-        arm_n = view.C_nb @ np.asarray(self.lever_arm_m)
-        spin_n = np.array([0.0, 0.0, view.heading_change_rad / view.step.dt_s])
-        acceleration = (view.v_n - view.v_start_n) / view.step.dt_s
-        v_n = view.v_n - ago * acceleration
-        z_v = (v_n + np.cross(spin_n, arm_n) - self.log.v_n_m_s[k])[:2]
+    def _fixes(self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray) -> None:
+        ago = (views.end_s[at] - self.log.time_s[k])[:, None]
+        dt = views.dt_s[at][:, None]
+        arm_n = views.C_nb[at] @ np.asarray(self.lever_arm_m, dtype=float)
+        spin = views.heading_change_rad[at] / dt[:, 0]
+        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])  # spin about down x arm, level
+        acceleration = (views.v_n[at] - views.v_start_n[at]) / dt
+        v_n = views.v_n[at] - ago * acceleration
+        z_v = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
         way = displacement_ned(
             self.log.lat_rad[k], self.log.lon_rad[k],
-            lat0_rad=view.lat_rad, lon0_rad=view.lon_rad, height0_m=view.height_m,
+            lat0_rad=views.lat_rad[at], lon0_rad=views.lon_rad[at], height0_m=views.height_m[at],
         )  # fmt: skip
-        z_p = arm_n[:2] - ago * (v_n[:2] + 0.5 * ago * acceleration[:2]) - way
-        flt.measure("gnss", z_p, _rows(flt, {em.POS.start: 1.0}, {em.POS.start + 1: 1.0}),
-                    np.eye(2) * self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2,
-                    view.end_s)  # fmt: skip
+        z_p = arm_n[:, :2] - ago * (v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
+        variance = self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
+        rows: list[Row] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
+        program.measure("gnss", at, z_p.T, rows, [variance, variance], gate=GATE_SIGMA)
         sigma_v = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
-        sigma_arm = TURN_CHANGE * np.linalg.norm(np.cross(spin_n, arm_n))
-        flt.measure("gnss", z_v, _velocity_rows(flt, view, v_n), np.eye(2) * (sigma_v**2 + sigma_arm**2), view.end_s)
+        variance = sigma_v**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
+        program.measure("gnss", at, z_v.T, _velocity_rows(views, at, v_n), [variance, variance], gate=GATE_SIGMA)
 
     @staticmethod
-    def _sigma(logged: NDArray | None, k: int, declared: float) -> float:
-        return float(logged[k]) if logged is not None and np.isfinite(logged[k]) and logged[k] > 0 else declared
+    def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
+        if logged is None:
+            return np.full(len(k), declared)
+        return np.where(np.isfinite(logged[k]) & (logged[k] > 0), logged[k], declared)
 
 
 @dataclass
@@ -114,14 +127,11 @@ class SurveyedHeadingAid:
     heading_rad: float
     sigma_rad: float
     at_s: float
-    always: bool = True
 
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        if view.kind == ROLLING or not view.start_s < self.at_s <= view.end_s:
-            return
-        z = wrap_pi(euler_from_dcm(view.C_nb)[2] - self.heading_rad)
-        R = np.array([[self.sigma_rad**2]])
-        flt.measure("survey", np.atleast_1d(z), heading_error_row(flt, view)[None], R, view.end_s)
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        at = np.flatnonzero((views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s))
+        z = wrap_pi(views.heading_rad[at] - self.heading_rad)
+        program.measure("survey", at, [z], [heading_error_row(views, at)], [self.sigma_rad**2], gate=GATE_SIGMA)
 
 
 @dataclass
@@ -129,46 +139,42 @@ class CentreLineAid:
     """A surveyed centre line that the taxi follows: cross-track displacement against its azimuth."""
 
     azimuth_rad: float
-    always: bool = False
 
-    def measure(self, flt: ErrorFilter, view: StepView) -> None:
-        heading = euler_from_dcm(view.C_nb)[2]
-        off = wrap_pi(heading - self.azimuth_rad)
-        backward = abs(off) > np.pi / 2
-        chi = self.azimuth_rad + (np.pi if backward else 0.0)
-        turning = abs(view.heading_change_rad) > CENTRE_LINE_TURN_RAD_S * view.step.dt_s
-        if turning or abs(wrap_pi(heading - chi)) > CENTRE_LINE_NEAR_RAD:
-            return
-        along, cross = np.array([np.cos(chi), np.sin(chi)]), np.array([-np.sin(chi), np.cos(chi)])
-        way_n = view.displacement_n_m[:2]
-        D = float(along @ way_n)
-        body = cross @ view.step.C_nb[:2, :2]  # the step's displacement error lives in body axes
-        H = D * heading_error_row(flt, view)
-        H[em.S] += body
-        H[em.CENTRE_LINE] = -D
-        R = np.array([[CENTRE_LINE_WANDER_M**2 * view.step.dt_s]])
-        flt.measure("centre line", np.array([float(cross @ way_n)]), H[None], R, view.end_s)
+    def measure(self, program: FilterProgram, views: StepViews) -> None:
+        backward = np.abs(wrap_pi(views.heading_rad - self.azimuth_rad)) > np.pi / 2
+        chi = self.azimuth_rad + np.where(backward, np.pi, 0.0)
+        straight = np.abs(views.heading_change_rad) <= CENTRE_LINE_TURN_RAD_S * views.dt_s
+        near = np.abs(wrap_pi(views.heading_rad - chi)) <= CENTRE_LINE_NEAR_RAD
+        at = np.flatnonzero((views.kind == ROLLING) & straight & near)
+        along = np.column_stack([np.cos(chi[at]), np.sin(chi[at])])
+        cross = np.column_stack([-along[:, 1], along[:, 0]])
+        way_n = views.displacement_n_m[at, :2]
+        D = np.einsum("ki,ki->k", along, way_n)
+        body = np.einsum("ki,kij->kj", cross, views.C_mean[at, :2, :2])  # the step's displacement error is in body axes
+        row: Row = {**heading_error_row(views, at, D), em.S.start: body[:, 0], em.S.start + 1: body[:, 1],
+                    em.CENTRE_LINE: -D}  # fmt: skip
+        wander = CENTRE_LINE_WANDER_M**2 * views.dt_s[at]
+        z = np.einsum("ki,ki->k", cross, way_n)
+        program.measure("centre line", at, [z], [row], [wander], gate=GATE_SIGMA)
 
 
-def _way_variance(view: StepView) -> float:
+def _way_variance(views: StepViews) -> float:
     """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both ends [m^2]."""
-    return LATERAL_FLOOR_M**2 + 2.0 * view.jitter_m**2
+    return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
 
 
-def _rows(flt: ErrorFilter, *entries: dict[int, float]) -> NDArray:
-    return np.stack([flt.row(e) for e in entries])
-
-
-def _velocity_rows(flt: ErrorFilter, view: StepView, v_n: NDArray) -> NDArray:
+def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[Row]:
     """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part."""
-    H = _rows(flt, {em.W.start: 1.0}, {em.W.start + 1: 1.0})
-    cross_v = -np.array([[0.0, -v_n[2], v_n[1]], [v_n[2], 0.0, -v_n[0]]])  # (phi x v) = -v x phi
-    meridian, transverse = radii_of_curvature(view.lat_rad)
-    radius = 0.5 * float(meridian + transverse) + view.height_m
-    phi_of_p = np.array([[0.0, -1.0 / radius], [1.0 / radius, 0.0], [0.0, np.tan(view.lat_rad) / radius]])
-    H[:, em.THETA] += cross_v
-    H[:, em.POS] += cross_v @ phi_of_p
-    return H
+    meridian, transverse = radii_of_curvature(views.lat_rad[at])
+    radius = 0.5 * (meridian + transverse) + views.height_m[at]
+    tan_L = np.tan(views.lat_rad[at])
+    north, east, down = em.THETA.start, em.THETA.start + 1, em.THETA.start + 2
+    p_north, p_east = em.POS.start, em.POS.start + 1  # phi_N = -p_E / R, phi_E = p_N / R, phi_D = p_E tanL / R
+    v_N, v_E, v_D = v_n.T
+    return [
+        {em.W.start: 1.0, east: v_D, down: -v_E, p_north: v_D / radius, p_east: -v_E * tan_L / radius},
+        {em.W.start + 1: 1.0, north: -v_D, down: v_N, p_east: (v_D + v_N * tan_L) / radius},
+    ]
 
 
 def heading_source(gains: dict[str, float]) -> str | None:

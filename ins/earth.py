@@ -106,9 +106,10 @@ def geodetic_from_ecef(r_e: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def displacement_ned(
-    lat_rad: ArrayLike, lon_rad: ArrayLike, *, lat0_rad: float, lon0_rad: float, height0_m: float
+    lat_rad: ArrayLike, lon_rad: ArrayLike, *, lat0_rad: ArrayLike, lon0_rad: ArrayLike, height0_m: ArrayLike
 ) -> NDArray:
     """North and east distance [m] from (lat0, lon0) on the local ellipsoid, shape (..., 2); 1e-4 within 50 km."""
+    lat0_rad, height0_m = np.asarray(lat0_rad, dtype=float), np.asarray(height0_m, dtype=float)
     meridian, transverse = radii_of_curvature(lat0_rad)
     dlon = np.mod(np.asarray(lon_rad, dtype=float) - lon0_rad + np.pi, 2 * np.pi) - np.pi
     north = (np.asarray(lat_rad, dtype=float) - lat0_rad) * (meridian + height0_m)

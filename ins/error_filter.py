@@ -12,31 +12,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins import error_model as em
-from ins import kalman
+from ins.filter_program import BIN, LOST, MEASURE, REFUSED, USED, Compiled, FilterProgram
 
 GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, not used
 
 
 @dataclass
 class Tally:
-    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate left out."""
+    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate left out.
+
+    normalised: innovations over their sigmas, (k, r) by kind; heading_gain: log of the ratio in variance of the
+    cloned heading, by kind.
+    """
 
     nis: dict[str, float] = field(default_factory=dict)
     dof: dict[str, int] = field(default_factory=dict)
     rejected: list[tuple[float, str]] = field(default_factory=list)
-    normalised: dict[str, list[NDArray]] = field(default_factory=dict)
+    normalised: dict[str, NDArray] = field(default_factory=dict)
     heading_gain: dict[str, float] = field(default_factory=dict)
-
-    def add(self, kind: str, seen: kalman.Innovation) -> None:
-        self.nis[kind] = self.nis.get(kind, 0.0) + seen.nis
-        self.dof[kind] = self.dof.get(kind, 0) + seen.residual.size
-        self.normalised.setdefault(kind, []).append(np.linalg.solve(np.linalg.cholesky(seen.S), seen.residual))
 
 
 class ErrorFilter:
     """x (n,), P (n, n), n = 24 + 3 bins. `sigma0` gives the base states' prior sigmas by name of `error_model`.
 
     bias_mean (3 bins,) and bias_covariance (3 bins, 3 bins) [rad/s, (rad/s)^2]: the prior of the gyro bias.
+    filtered (bins, 2, 3): bias and variance of each bin as they stood when its time was over.
     """
 
     def __init__(
@@ -56,22 +56,21 @@ class ErrorFilter:
                 self.P[i, i] = sigma**2
         self.x[em.BASE :] = bias_mean
         self.P[em.BASE :, em.BASE :] = bias_covariance
-        self.clone(em.THETA_START)
+        self.filtered = np.full((bias_mean.size // 3, 2, 3), np.nan)
+        self.clone_start()
         self.tally = Tally()
 
-    def clone(self, target: slice) -> None:
-        """Copy theta as it stands now into a static clone, fully correlated with it."""
+    def clone_start(self) -> None:
+        """Copy theta as it stands now into its clone at the start, fully correlated with it."""
         M = np.eye(self.x.size)
-        M[target] = 0.0
-        M[target, em.THETA] = np.eye(3)
+        M[em.THETA_START] = 0.0
+        M[em.THETA_START, em.THETA] = np.eye(3)
         self.x, self.P = M @ self.x, M @ self.P @ M.T
 
-    def assign(self, index: int, row: NDArray, sigma: float) -> None:
-        """Replace one state by a combination of the others plus independent noise (row zero: a fresh prior)."""
-        M = np.eye(self.x.size)
-        M[index] = row
-        self.x, self.P = M @ self.x, M @ self.P @ M.T
-        self.P[index, index] += sigma**2
+    def widen_prior(self, index: int, sigma: float) -> None:
+        """Give one state a fresh, independent prior of mean zero."""
+        self.x[index], self.P[index], self.P[:, index] = 0.0, 0.0, 0.0
+        self.P[index, index] = sigma**2
 
     def withdraw_prior(self, index: int, sigma: float) -> None:
         """Take back what the prior N(0, sigma^2) of a static state said: the update of that state with variance
@@ -85,46 +84,49 @@ class ErrorFilter:
         P = self.P - np.outer(gain, self.P[index, :])
         self.P = 0.5 * (P + P.T)
 
-    def advance(
-        self, step: em.Step, bin_index: int, *, rolling: bool, keep_displacement: bool = False, extra_yaw_rad: float = 0.0
-    ) -> None:
-        """Propagate over one step with the gyro bias of bin `bin_index`.
+    def run(self, program: FilterProgram) -> None:
+        """Work through a program, in place.
 
-        keep_displacement: S goes on from the step before instead of starting at zero.
-        extra_yaw_rad: sigma of a sudden turn of the parked vehicle within the step (boarding, a bump).
+        Raises ArithmeticError where the covariance loses its digits, ValueError where a value is not finite, both
+        with the kind of measurement and the time.
         """
-        Phi, Gamma, Q = em.discretize(step, self.noise, rolling=rolling, keep_displacement=keep_displacement)
-        n, column = self.x.size, em.BASE + 3 * bin_index
-        F, Q_full = np.eye(n), np.zeros((n, n))
-        F[: em.BASE, : em.BASE] = Phi
-        F[: em.BASE, column : column + 3] = Gamma
-        Q_full[: em.BASE, : em.BASE] = Q
-        Q_full[em.YAW, em.YAW] += extra_yaw_rad**2
-        self.x, self.P = kalman.predict(self.x, self.P, F, Q_full)
+        from ins import filter_kernel
 
-    def measure(self, kind: str, z: NDArray, H: NDArray, R: NDArray, time_s: float, *, gate: bool = True) -> bool:
-        """Use a measurement unless the gate refuses it; returns whether it was used."""
-        seen = kalman.innovation(self.x, self.P, z, H, R)
-        if np.any(np.diag(seen.S) < 0.9 * np.diag(R)):
-            raise ArithmeticError(f"{kind} at {time_s:.1f} s: the covariance has lost its digits")
-        if gate and np.any(np.abs(seen.residual) > GATE_SIGMA * np.sqrt(np.diag(seen.S))):
-            self.tally.rejected.append((time_s, kind))
-            return False
-        before = self.P[em.THETA_CLONE.stop - 1, em.THETA_CLONE.stop - 1]
-        self.x, self.P, seen = kalman.update(self.x, self.P, z, H, R, seen)
-        self.tally.add(kind, seen)
-        after = self.P[em.THETA_CLONE.stop - 1, em.THETA_CLONE.stop - 1]
-        if before > 0.0:
-            gain = self.tally.heading_gain
-            gain[kind] = gain.get(kind, 0.0) + float(np.log(before / after))
-        return True
+        c = program.compiled()
+        if c.flags.size and c.flags[:, BIN].max() >= len(self.filtered):
+            raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
+        count = len(c.ops)
+        outcome, gain, normalised = np.zeros(count, dtype=np.int64), np.full(count, np.nan), np.zeros(len(c.z))
+        self.x, self.P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
+        stopped = filter_kernel.run(
+            self.x, self.P, c.steps, c.flags, self.noise.values(), c.ops, c.index, c.value, c.z, c.variance,
+            c.gate, outcome, normalised, gain, self.filtered,
+        )  # fmt: skip
+        if stopped >= 0:
+            where = f"{c.names[c.name[stopped]]} at {c.time_s[stopped]:.1f} s"
+            if outcome[stopped] == LOST:
+                raise ArithmeticError(f"{where}: the covariance has lost its digits")
+            raise ValueError(f"{where}: measurement, state or covariance is not finite")
+        self._book(c, outcome, normalised, gain)
 
-    def row(self, entries: Mapping[int, float]) -> NDArray:
-        """One measurement row (n,) from {state index: coefficient}."""
-        H = np.zeros(self.x.size)
-        for index, value in entries.items():
-            H[index] = value
-        return H
+    def _book(self, c: Compiled, outcome: NDArray, normalised: NDArray, gain: NDArray) -> None:
+        """Enter what became of the measurements into the tally."""
+        tally, measured = self.tally, c.ops[:, 0] == MEASURE
+        for number, name in enumerate(c.names):
+            of_kind = measured & (c.name == number)
+            used = np.flatnonzero(of_kind & (outcome == USED))
+            if used.size:
+                rows = c.ops[used, 2][:, None] + np.arange(c.ops[used[0], 3])
+                seen = normalised[rows]
+                tally.nis[name] = tally.nis.get(name, 0.0) + float(np.sum(seen**2))
+                tally.dof[name] = tally.dof.get(name, 0) + seen.size
+                before = tally.normalised.get(name)
+                tally.normalised[name] = seen if before is None else np.concatenate([before, seen])
+                gained = gain[used][np.isfinite(gain[used])]  # NaN before the clone was made
+                if gained.size:
+                    tally.heading_gain[name] = tally.heading_gain.get(name, 0.0) + float(np.sum(gained))
+        refused = np.flatnonzero(measured & (outcome == REFUSED))
+        tally.rejected.extend((float(c.time_s[k]), c.names[c.name[k]]) for k in refused)
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:

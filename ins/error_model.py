@@ -26,8 +26,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.attitude import skew
-
 W = slice(0, 2)
 POS = slice(2, 4)
 THETA = slice(4, 7)
@@ -75,30 +73,18 @@ class ProcessNoise:
     lateral_rms: float
     lateral_time_s: float
 
+    def values(self) -> NDArray:
+        """The six in the order above."""
+        return np.array([self.arw, self.vrw, self.accel_rrw, self.yaw_creep, self.lateral_rms, self.lateral_time_s])
+
 
 def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
     """Continuous F (24, 24) of the base states and B (24, 3) from gyro bias in body axes."""
-    F, B = np.zeros((BASE, BASE)), np.zeros((BASE, 3))
-    C_nb, v = step.C_nb, step.v_n
-    g, R = step.gravity, step.radius_m
-    omega_w = 2 * step.omega_ie_n + step.omega_en_n
-    V = skew(v)
-    F[W, W] = -skew(omega_w)[:2, :2]
-    F[W, POS] = -g / R * np.eye(2)
-    F[W, THETA] = (skew([0.0, 0.0, g]) + V @ skew(step.omega_ie_n))[:2]
-    F[W, ACCEL] = C_nb[:2, :2]
-    F[POS, W] = np.eye(2)
-    F[POS, POS] = -skew(step.omega_en_n)[:2, :2]
-    F[POS, THETA] = -V[:2]
-    F[THETA, THETA] = -skew(step.omega_ie_n + step.omega_en_n)
-    F[S, W] = C_nb[:2, :2].T
-    F[S.stop - 1, LATERAL] = 1.0
-    F[LATERAL, LATERAL] = -1.0 / lateral_time_s
-    B[THETA] = C_nb
-    B[W] = (V @ C_nb)[:2]
-    rate_z = step.turn_rad / step.dt_s
-    F[:, SCALE_Z] = B[:, 2] * rate_z
-    return F, B
+    from ins import filter_kernel as fk
+
+    A = np.zeros((fk.CORE, fk.CORE))
+    fk.system(_row(step), lateral_time_s, A)
+    return _in_full(A, np.zeros((BASE, BASE)))
 
 
 def discretize(
@@ -111,38 +97,38 @@ def discretize(
     keep_displacement: S goes on from the step before (a standing vehicle) instead of starting at zero.
     While not rolling the lateral velocity takes no part and is held at its stationary spread.
     """
-    F, B = system_matrix(step, noise.lateral_time_s)
-    dt = step.dt_s
-    A = np.zeros((BASE + 3, BASE + 3))
-    A[:BASE, :BASE], A[:BASE, BASE:] = F, B
-    half, full = _exponential(A * (0.5 * dt)), _exponential(A * dt)
-    q = _density(step, noise, rolling)
-    h, f = half[:BASE, :BASE], full[:BASE, :BASE]
-    Q = dt / 6.0 * (q + 4.0 * h @ q @ h.T + f @ q @ f.T)
-    Phi, Gamma = full[:BASE, :BASE].copy(), full[:BASE, BASE:]
-    if not keep_displacement:
-        Phi[:, S] = 0.0  # the displacement of a step starts at zero
-    if not rolling:
-        Phi[LATERAL, LATERAL] = 0.0
-        Phi[S.stop - 1, LATERAL] = 0.0
-        Q[LATERAL, LATERAL] = noise.lateral_rms**2
-    return Phi, Gamma, Q
+    from ins import filter_kernel as fk
+
+    square = np.zeros((6, fk.CORE, fk.CORE))
+    Phi, Q_noisy = square[4], np.zeros((fk.NOISY, fk.NOISY))
+    flags = np.array([0, rolling, keep_displacement, 0], dtype=np.int64)
+    fk.transition(
+        _row(step), flags, noise.values(), square[0], square[1], square[2], square[3], Phi,
+        np.zeros((fk.NOISY, fk.NOISY)), Q_noisy,
+    )  # fmt: skip
+    Phi_full, Gamma = _in_full(Phi, np.eye(BASE))
+    at = np.array(fk.POSITIONS[: fk.NOISY])
+    Q = np.zeros((BASE, BASE))
+    Q[np.ix_(at, at)] = np.tril(Q_noisy) + np.tril(Q_noisy, -1).T
+    Q[YAW, YAW] = noise.yaw_creep**2 * step.dt_s
+    return Phi_full, Gamma, Q
 
 
-def _exponential(A: NDArray) -> NDArray:
-    A2 = A @ A
-    return np.eye(len(A)) + A + A2 / 2.0 + A2 @ A / 6.0
+def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
+    """The core states' matrix (16, 16) placed in the base states' (24, 24), and the part (24, 3) of the bias."""
+    from ins import filter_kernel as fk
+
+    at, bias = np.array(fk.POSITIONS), len(fk.POSITIONS)
+    full[np.ix_(at, at)] = core[:bias, :bias]
+    B = np.zeros((BASE, 3))
+    B[at] = core[:bias, bias:]
+    return full, B
 
 
-def _density(step: Step, noise: ProcessNoise, rolling: bool) -> NDArray:
-    """Spectral density matrix (24, 24): gyro noise enters theta and, through v x C_nb, w."""
-    G = np.zeros((BASE, 3))
-    G[THETA] = step.C_nb
-    G[W] = (skew(step.v_n) @ step.C_nb)[:2]
-    q = noise.arw**2 * (G @ G.T)
-    for index, value in ((W.start, noise.vrw), (W.start + 1, noise.vrw), (ACCEL.start, noise.accel_rrw),
-                         (ACCEL.start + 1, noise.accel_rrw), (YAW, noise.yaw_creep)):  # fmt: skip
-        q[index, index] += value**2
-    if rolling:
-        q[LATERAL, LATERAL] = 2.0 * noise.lateral_rms**2 / noise.lateral_time_s
-    return q
+def _row(step: Step) -> NDArray:
+    """The step as `filter_kernel` takes it. The transport rate is given, not worked out from v_n: east and north
+    rates over v_E and v_N, where there is a velocity."""
+    v_n, (north, east, down) = step.v_n, step.omega_en_n
+    over = [a / b if b != 0.0 else 0.0 for a, b in ((north, v_n[1]), (-east, v_n[0]), (-down, v_n[1]))]
+    parts = [step.dt_s], np.ravel(step.C_nb), v_n, step.omega_ie_n, over, [step.gravity, step.radius_m, step.turn_rad]
+    return np.concatenate([*parts, np.zeros(3)]).astype(float)

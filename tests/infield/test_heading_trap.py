@@ -9,10 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield import taxi_heading
 from infield.session import SessionSettings, estimate_session, find_rest, session_end
 from infield.thermometer import gyro_temperature
 from ins import error_model as em
+from ins import filter_kernel as fk
+from ins.filter_program import FilterProgram
 from ins.units import MILLIRADIAN
 from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, score
@@ -75,20 +76,10 @@ def test_a_turn_before_it_does_show_it(trapped):
 def wrong_lateral_row(measure):
     """The naive row: -V psi stands in H, beside a velocity error that already carries psi V."""
 
-    def naive(self, flt, view):
-        plain = flt.row
-
-        def row(entries):
-            H = plain(entries)
-            if em.KAPPA in entries:
-                H[em.THETA.stop - 1] = -entries[em.KAPPA]
-            return H
-
-        flt.row = row
-        try:
-            measure(self, flt, view)
-        finally:
-            del flt.row
+    def naive(self, name, at, z, rows, variance, **more):
+        if name == "lateral":
+            rows = [{**row, em.THETA.stop - 1: -row[em.KAPPA]} for row in rows]
+        measure(self, name, at, z, rows, variance, **more)
 
     return naive
 
@@ -96,7 +87,7 @@ def wrong_lateral_row(measure):
 def test_the_trap_test_fails_for_a_filter_with_psi_in_the_lateral_row(trapped, monkeypatch):
     seed, _ = trapped
     parked = estimated(STRAIGHT, seed, until_s=1498.0)
-    monkeypatch.setattr(taxi_heading.LateralAid, "measure", wrong_lateral_row(taxi_heading.LateralAid.measure))
+    monkeypatch.setattr(FilterProgram, "measure", wrong_lateral_row(FilterProgram.measure))
     assert not holds(parked, estimated(STRAIGHT, seed))
 
 
@@ -104,15 +95,16 @@ def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_veloci
     """Rows of nav-frame velocity, F without psi x f: position rows see psi V as if a reference were there."""
     seed, _ = trapped
     parked = estimated(STRAIGHT, seed, until_s=1498.0)
-    plain = em.system_matrix
+    plain = fk.system
 
-    def dropped(step, lateral_time_s):
-        F, B = plain(step, lateral_time_s)
-        side = step.C_nb[:2, 1]
-        F[em.S.stop - 1, em.THETA.stop - 1] = -side @ np.array([-step.v_n[1], step.v_n[0]])
-        return F, B
+    def dropped(step, lateral_time_s, A):
+        plain(step, lateral_time_s, A)
+        side = step[[fk.C_NB + 1, fk.C_NB + 4]]
+        A[8, 6] = -side @ np.array([-step[fk.V_N + 1], step[fk.V_N]])  # S across, theta down
 
-    monkeypatch.setattr(em, "system_matrix", dropped)
+    in_python = {name: getattr(getattr(fk, name), "py_func", getattr(fk, name)) for name in ("transition", "run")}
+    for name, function in {**in_python, "system": dropped}.items():
+        monkeypatch.setattr(fk, name, function)
     assert not holds(parked, estimated(STRAIGHT, seed))
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from alignment.navigation_filter import PlannedStep, view_of
+from alignment.navigation_filter import StepPlan, views_of
 from alignment.stillness import ROLLING, STILL
 from infield.taxi_heading import (
     CentreLineAid,
@@ -22,6 +22,7 @@ from ins.earth import geodetic_from_ecef
 from ins.mechanization import VerticalChannel, navigate
 from ins.records import NavState, Site
 from ins.units import DEG, MILLIRADIAN
+from tests.ins.filter_steps import dense
 from tests.ins.nonlinear_errors import Errors, error_states, perturbed_imu, perturbed_state
 from tests.scenarios.study import REFERENCE_TWIN, table_to_zero
 from trajectories.motions import lay
@@ -46,21 +47,16 @@ ONE_MM = 1e-3
 
 
 class Listener:
-    """A filter that only writes down what an aid measures."""
+    """A program that only writes down what an aid measures: name, z, dense rows and R of each measurement."""
 
     def __init__(self):
-        self.x = np.zeros(em.BASE + 3)
         self.seen = []
 
-    def row(self, entries):
-        H = np.zeros(self.x.size)
-        for index, value in entries.items():
-            H[index] = value
-        return H
-
-    def measure(self, kind, z, H, R, time_s, *, gate=True):
-        self.seen.append((kind, np.array(z), np.array(H), np.array(R)))
-        return True
+    def measure(self, name, at, z, rows, variance, *, gate):
+        for k in range(len(at)):
+            z_k, R = ([np.broadcast_to(value, (len(at),))[k] for value in part] for part in (z, variance))
+            H = np.stack([dense(row, em.BASE + 3, k) for row in rows])
+            self.seen.append((name, np.array(z_k), H, np.diag(R)))
 
 
 @cache
@@ -94,7 +90,8 @@ def solution(errors=Errors(), crab_mrad=0.0, odometer_ppm=0.0):  # noqa: B008  (
 
 
 def view(history, end_s, kind=ROLLING):
-    return view_of(history, PlannedStep(end_s - 1, end_s, kind, 0, 0.0))
+    one = np.array([0])
+    return views_of(history, StepPlan(one + end_s - 1, one + end_s, one + kind, one, np.zeros(1)))
 
 
 def seen_by(aid, history, end_s, kind=ROLLING):
@@ -152,7 +149,7 @@ def test_rows_are_the_derivative_of_what_the_aid_reads(kind, end_s, error):
 @pytest.mark.parametrize("kind", ["lateral", "odometer", "gnss"])
 def test_a_perfect_solution_leaves_no_residual(kind, end_s):
     """Lever arms in the turn: 4 m times 9 deg/s are 0.6 m in a second, and vanish with the right signs only."""
-    assert abs(view(solution(), TURNING_S).heading_change_rad) > 0.1
+    assert abs(view(solution(), TURNING_S).heading_change_rad[0]) > 0.1
     tolerance = {"lateral": ONE_MM, "odometer": 3 * ONE_MM, "gnss": 20 * ONE_MM}[kind]
     for _, z, _, _ in seen_by(aids()[kind], solution(), end_s):
         assert z == pytest.approx(np.zeros(len(z)), abs=tolerance)
@@ -169,7 +166,7 @@ def test_a_lever_arm_of_the_wrong_sign_is_seen():
 def test_crab_is_minus_kappa():
     """Crab 10 mrad: the lateral way is -V crab, and the row's coefficient of kappa is the way forward."""
     (_, z, H, _), = seen_by(LateralAid(WHEEL), solution(crab_mrad=10.0), STRAIGHT_S)  # fmt: skip
-    forward = view(solution(), STRAIGHT_S).displacement_b_m[0]
+    forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
     assert H[0, em.KAPPA] == pytest.approx(forward, rel=1e-3)
     assert z[0] == pytest.approx(-10.0 * MILLIRADIAN * forward, rel=0.02)
 
@@ -178,7 +175,7 @@ def test_lever_arm_error_shows_with_the_turn():
     """Assumed 0.5 m wrong along x: delta l = -delta(wheel_reference), z = turn times it."""
     assumed = (WHEEL[0] + 0.5, *WHEEL[1:])
     (_, z, H, _), = seen_by(LateralAid(assumed), solution(), TURNING_S)  # fmt: skip
-    turn = view(solution(), TURNING_S).heading_change_rad
+    turn = view(solution(), TURNING_S).heading_change_rad[0]
     assert H[0, em.LEVER_X] == pytest.approx(turn)
     assert z[0] == pytest.approx(0.5 * turn, abs=2 * ONE_MM)  # true lever less assumed lever is +0.5
 

@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 from ins import earth
 from ins import error_model as em
-from ins.attitude import dcm_from_euler
+from ins.attitude import dcm_from_euler, skew
 from ins.mechanization import VerticalChannel, navigate
 from ins.records import NavState, Site
 from ins.units import DEG, DEG_PER_HOUR
@@ -187,6 +187,18 @@ def van_loan(F, q, dt):
     return M[n:, n:].T @ M[:n, n:]
 
 
+def density(step, rolling):
+    """Spectral density (24, 24) from what each noise is: gyro noise turns theta and, times v, w."""
+    G = np.zeros((em.BASE, 3))
+    G[em.THETA], G[em.W] = step.C_nb, (skew(step.v_n) @ step.C_nb)[:2]
+    q = NOISE.arw**2 * (G @ G.T)
+    for index, value in [(em.W, NOISE.vrw), (em.ACCEL, NOISE.accel_rrw), (slice(em.YAW, em.YAW + 1), NOISE.yaw_creep)]:
+        q[index, index] += value**2 * np.eye(index.stop - index.start)
+    if rolling:
+        q[em.LATERAL, em.LATERAL] = 2.0 * NOISE.lateral_rms**2 / NOISE.lateral_time_s
+    return q
+
+
 @pytest.mark.parametrize(("case", "dt_s"), [("parked", 10.0), ("parked", 1.0), ("turning", 1.0)])
 def test_process_noise_is_van_loans(case, dt_s):
     """Simpson's rule: exact to dt^3 terms. In units of each state's sigma: 1e-3, but S of angle noise (dt^7): 2 %."""
@@ -196,7 +208,7 @@ def test_process_noise_is_van_loans(case, dt_s):
     if not rolling:
         F[:, em.LATERAL] = 0.0  # its Q stands for a fresh draw, tested below
     _, _, Q = em.discretize(step, NOISE, rolling=rolling)
-    exact = van_loan(F, em._density(step, NOISE, rolling), dt_s)
+    exact = van_loan(F, density(step, rolling), dt_s)
     Q[em.LATERAL, em.LATERAL] *= rolling
     sigma = np.sqrt(np.diag(exact))
     driven = sigma > 0
