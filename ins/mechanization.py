@@ -11,12 +11,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.attitude import quaternion_from_dcm, wrap_pi
-from ins.earth import GRAVITY_EQUATOR_M_S2, SEMI_MAJOR_AXIS_M, dcm_en, ecef_from_geodetic
+from ins.earth import GRAVITY_EQUATOR_M_S2, SEMI_MAJOR_AXIS_M
+from ins.navigation_start import (
+    EpochEnds,
+    check_initial,
+    check_rows,
+    check_start,
+    earth_frame_state,
+    initial_row,
+    interval_at,
+)
 from ins.records import ImuLog, InputError, NavHistory, NavState, frozen_array
 
 VERTICAL_MODES = ("free", "hold", "aided")
-ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude
 MIN_STEPS_PER_TIME_CONSTANT = 20  # fewer, and the discrete vertical loop is no longer the designed one
 
 
@@ -69,6 +76,15 @@ class VerticalChannel:
             return 0.0, 0.0, 0.0
         rate = 1 / self.time_constant_s
         return 3 * rate, 3 * rate**2 + 2 * GRAVITY_EQUATOR_M_S2 / SEMI_MAJOR_AXIS_M, rate**3
+
+    def check_interval(self, dt_s: NDArray) -> None:
+        """InputError unless the loop is slow enough for these intervals."""
+        needed_s = MIN_STEPS_PER_TIME_CONSTANT * np.median(dt_s)
+        if self.mode != "free" and self.time_constant_s < needed_s:
+            raise InputError(
+                f"VerticalChannel.time_constant_s {self.time_constant_s:.6g} s, needed at least "
+                f"{MIN_STEPS_PER_TIME_CONSTANT} intervals of {np.median(dt_s):.6g} s"
+            )
 
     def reference_height(self, time_s: NDArray, initial_height_m: float) -> NDArray:
         """The height it is damped to at each time [m]."""
@@ -139,15 +155,15 @@ class Navigator:
     ) -> None:
         from ins import strapdown_kernel as kernel
 
-        _check_initial(initial, epoch_s)
-        self._kernel, self._initial, self._epoch_s = kernel, initial, epoch_s
+        check_initial(initial)
+        self._kernel, self._initial = kernel, initial
         self._vertical = vertical or VerticalChannel()
         self._state = np.zeros(kernel.STATE_SIZE)
-        self._state[: kernel.CORRECTION] = _earth_frame_state(initial)
+        self._state[: kernel.CORRECTION] = earth_frame_state(initial)
         self._open = np.zeros(kernel.COLUMNS)  # sums since the last epoch end
-        self._rows, self._times_s = [_initial_row(initial)], [np.array([initial.time_s])]
-        self._edges_s = (np.nan, initial.time_s)  # of the last interval used
-        self._epochs_seen, self._at_end = 0, True  # multiples of epoch_s passed; whether a row was made at edges[1]
+        self._rows, self._times_s = [initial_row(initial)], [np.array([initial.time_s])]
+        self._epochs, self._rows_used = EpochEnds(initial.time_s, epoch_s), False
+        self._before: NDArray | None = None  # the interval before the first used
         self._fed_rows, self._fed_s = 0, -np.inf
 
     def feed(self, imu: ImuLog) -> None:
@@ -155,80 +171,45 @@ class Navigator:
         if imu.time_s[0] <= self._fed_s:
             raise InputError(f"imu: starts at {imu.time_s[0]:.6g} s, needed after {self._fed_s:.6g} s, fed before")
         first = int(np.searchsorted(imu.time_s, self._initial.time_s, side="right"))
+        if first > 0:
+            self._before = interval_at(imu, first - 1)
         if first < imu.time_s.size:
-            _check_rows(imu, first, self._fed_rows)
-            if np.isnan(self._edges_s[0]):
-                _check_start(imu, first, self._initial, self._vertical)
-        if first > 0 or self._fed_rows == 0:
-            self._state[self._kernel.BEFORE :] = _interval_before(imu, first)
-        if first < imu.time_s.size:
+            check_rows(imu, first, self._fed_rows)
+            if not self._rows_used:
+                check_start(imu, first, self._initial)
+                self._vertical.check_interval(imu.dt_s[first:])
+                self._state[self._kernel.BEFORE :] = interval_at(imu, first) if self._before is None else self._before
             self._advance(imu, first)
         self._fed_rows, self._fed_s = self._fed_rows + imu.time_s.size, float(imu.time_s[-1])
 
     def finish(self) -> NavHistory:
         """The solution up to here, with the epoch that ends within half an interval after the last row."""
-        before_s, last_s = self._edges_s
-        if np.isnan(before_s):
+        if not self._rows_used:
             start_s = self._initial.time_s
             raise InputError(f"imu: ends at {self._fed_s:.6g} s, needed rows after the initial {start_s:.6g} s")
         rows, times_s = self._rows, self._times_s
-        if not self._at_end and self._epoch_s is not None:
-            passed = (last_s + 0.5 * (last_s - before_s) - self._initial.time_s) / self._epoch_s
-            if int(np.floor(passed + 1e-9)) > self._epochs_seen:
-                out, nothing = np.stack([self._open, self._open]), np.empty((0, 3))
-                self._integrate(np.empty(0), nothing, nothing, np.empty(0), np.zeros(1, np.int64), out)
-                rows, times_s = [*rows, out[:1]], [*times_s, np.array([last_s])]
+        if self._epochs.last_row_ends_one():
+            out, nothing = np.stack([self._open, self._open]), np.empty((0, 3))
+            self._integrate(np.empty(0), nothing, nothing, np.empty(0), np.zeros(1, np.int64), out)
+            rows, times_s = [*rows, out[:1]], [*times_s, np.array([self._epochs.last_s])]
         return _history(np.concatenate(times_s), np.concatenate(rows))
 
     def _advance(self, imu: ImuLog, first: int) -> None:
         time_s, dt = imu.time_s[first:], imu.dt_s[first:]
-        edges = np.concatenate([[self._edges_s[1]], time_s])
-        ends = self._epoch_ends(edges)
+        before_s = self._epochs.last_s
+        ends = self._epochs.settle(time_s)
         out = np.zeros((ends.size + 1, self._kernel.COLUMNS))
         out[0] = self._open
         height_ref = self._vertical.reference_height(time_s - 0.5 * dt, self._initial.site.height_m)
         self._integrate(dt, imu.dtheta_rad[first:], imu.dv_m_s[first:], height_ref, ends, out)
         self._rows.append(out[:-1])
-        self._times_s.append(edges[ends])
-        self._open = out[-1].copy()
-        self._at_end = bool(ends.size and ends[-1] == time_s.size)
-        self._edges_s = (float(edges[-2]), float(edges[-1]))
+        self._times_s.append(np.where(ends == 0, before_s, time_s[ends - 1]))
+        self._open, self._rows_used = out[-1].copy(), True
 
     def _integrate(
         self, dt: NDArray, dtheta: NDArray, dv: NDArray, height_ref: NDArray, ends: NDArray, out: NDArray
     ) -> None:
         self._kernel.integrate(dt, dtheta, dv, height_ref, self._vertical.gains(), ends, self._state, out)
-
-    def _epoch_ends(self, edges: NDArray) -> NDArray:
-        """Rows of this part used up at each epoch end that it settles; 0 where its first row settles the last part's."""
-        if self._epoch_s is None:
-            return np.arange(1, edges.size)
-        start_s, seen = self._initial.time_s, self._epochs_seen
-        targets = start_s + self._epoch_s * np.arange(seen + 1, int((edges[-1] - start_s) / self._epoch_s) + 2)
-        targets = targets[targets <= edges[-1]]
-        self._epochs_seen += targets.size
-        after = np.searchsorted(edges, targets)
-        ends = np.unique(after - (targets - edges[after - 1] < edges[after] - targets))
-        return ends[1:] if self._at_end and ends.size and ends[0] == 0 else ends
-
-
-def _earth_frame_state(initial: NavState) -> NDArray:
-    """q, v, r of the kernel (10,)."""
-    site = initial.site
-    C_en = dcm_en(site.lat_rad, site.lon_rad)
-    r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
-    return np.concatenate([quaternion_from_dcm(C_en @ initial.C_nb), C_en @ initial.v_n_m_s, r_e])
-
-
-def _initial_row(initial: NavState) -> NDArray:
-    """Row 0 of the output (1, COLUMNS): the state as given, sums zero."""
-    from ins import strapdown_kernel as kernel
-
-    row, site = np.zeros((1, kernel.COLUMNS)), initial.site
-    row[0, : kernel.C_NB_DT] = np.concatenate(
-        [[site.lat_rad, wrap_pi(site.lon_rad), site.height_m], initial.v_n_m_s, initial.C_nb.ravel()]
-    )
-    return row
 
 
 def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
@@ -242,51 +223,3 @@ def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
         displacement_n_m=rows[:, SUMS : SUMS + 3], displacement_b_m=rows[:, SUMS + 3 : SUMS + 6],
         dv_f_n_m_s=rows[:, SUMS + 6 : SUMS + 9], dtheta_b_rad=rows[:, SUMS + 9 :],
     )  # fmt: skip
-
-
-def _interval_before(imu: ImuLog, first: int) -> NDArray:
-    """dtheta, dv, dt of the interval before row `first`; where there is none to use, that row itself: no slope."""
-    for k in (max(first - 1, 0), min(first, imu.time_s.size - 1)):
-        before = np.concatenate([imu.dtheta_rad[k], imu.dv_m_s[k], imu.dt_s[k : k + 1]])
-        if np.isfinite(before).all() and before[-1] > 0:
-            break
-    return before
-
-
-def _check_rows(imu: ImuLog, first: int, fed_rows: int) -> None:
-    """Raise InputError unless the rows from `first` on are finite, with intervals above zero."""
-    dtheta, dv, dt = imu.dtheta_rad[first:], imu.dv_m_s[first:], imu.dt_s[first:]
-    if np.isfinite(dtheta).all() and np.isfinite(dv).all() and dt.min() > 0 and dt.max() < np.inf:
-        return
-    finite = np.isfinite(dtheta).all(axis=1) & np.isfinite(dv).all(axis=1) & (dt > 0) & (dt < np.inf)
-    k = int(np.argmin(finite))
-    raise InputError(
-        f"imu: row {fed_rows + first + k} at {imu.time_s[first + k]:.6g} s, "
-        "needed finite increments and a finite dt_s above 0"
-    )
-
-
-def _check_start(imu: ImuLog, first: int, initial: NavState, vertical: VerticalChannel) -> None:
-    """Raise InputError unless row `first` starts at the initial state and the vertical loop is slow enough for it."""
-    dt = imu.dt_s[first:]
-    late = imu.time_s[first] - dt[0] - initial.time_s
-    if late > dt[0]:
-        raise InputError(
-            f"imu: first row starts {late:.6g} s after the initial state at {initial.time_s:.6g} s, needed at it"
-        )
-    if vertical.mode != "free" and vertical.time_constant_s < MIN_STEPS_PER_TIME_CONSTANT * np.median(dt):
-        raise InputError(
-            f"VerticalChannel.time_constant_s {vertical.time_constant_s:.6g} s, needed at least "
-            f"{MIN_STEPS_PER_TIME_CONSTANT} intervals of {np.median(dt):.6g} s"
-        )
-
-
-def _check_initial(initial: NavState, epoch_s: float | None) -> None:
-    """Raise InputError unless the attitude is a rotation, the velocity finite and the epoch above zero."""
-    C = initial.C_nb
-    if not (np.abs(C.T @ C - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(C) > 0):
-        raise InputError("initial C_nb is not a rotation matrix")
-    if not np.isfinite(initial.v_n_m_s).all():
-        raise InputError(f"initial v_n_m_s {initial.v_n_m_s}, needed finite")
-    if epoch_s is not None and not 0 < epoch_s < np.inf:
-        raise InputError(f"epoch_s {epoch_s}, needed above 0")

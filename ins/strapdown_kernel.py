@@ -33,18 +33,29 @@ V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
 CORRECTION, BEFORE, STATE_SIZE = 10, 11, 18  # of the state that a stream carries over: see integrate
 
 
-@jit
+# no test of each division: none here can be by zero. A part is compiled into its callers: a loop over tiles becomes
+# vector instructions only where nothing in it is called.
+kernel = jit(error_model="numpy")
+part = jit(error_model="numpy", forceinline=True)
+
+
+@part
 def cross(a, b):
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@jit
+@part
 def add(a, b, k):
     """a + k b"""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
-@jit
+@part
+def square(a):
+    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
+
+
+@part
 def rotate(C, a):
     return (
         C[0] * a[0] + C[1] * a[1] + C[2] * a[2],
@@ -53,12 +64,12 @@ def rotate(C, a):
     )
 
 
-@jit
+@part
 def row(table, k):
     return table[k, 0], table[k, 1], table[k, 2]
 
 
-@jit
+@part
 def dcm(q):
     """C from a unit quaternion, scalar first. Source: Groves (2013), section 2.2.3."""
     w, x, y, z = q
@@ -69,7 +80,7 @@ def dcm(q):
     )  # fmt: skip
 
 
-@jit
+@part
 def local_frame(r):
     """sin and cos of latitude and of longitude, and height, by square roots alone. Source: Bowring (1985)."""
     p = sqrt(r[0] * r[0] + r[1] * r[1])
@@ -86,14 +97,38 @@ def local_frame(r):
     return s, c, r[1] / p, r[0] / p, height
 
 
-@jit
+@part
+def normal(r):
+    """The upward unit normal of the ellipsoid at r, ECEF, and height: local_frame without the longitude, for any r."""
+    p2 = r[0] * r[0] + r[1] * r[1]
+    R = sqrt(p2 + r[2] * r[2])
+    s, c = B * r[2] * (R + EP2 * B), A * R  # c p in local_frame
+    k = 1 / sqrt(s * s + c * c * p2)
+    s, c = s * k, c * k
+    s, c = r[2] + EP2 * B * s * s * s, 1 - E2 * A * c * c * c * p2
+    k = 1 / sqrt(s * s + c * c * p2)
+    s, c = s * k, c * k
+    return (r[0] * c, r[1] * c, s), p2 * c + r[2] * s - A * sqrt(1 - E2 * s * s)
+
+
+@part
+def dcm_ne_at(r, up):
+    """C_ne where the normal is known."""
+    p = sqrt(r[0] * r[0] + r[1] * r[1])
+    k = 1 / max(p, POLE_RADIUS_M)
+    sl, cl = (r[1] * k, r[0] * k) if p >= POLE_RADIUS_M else (0.0, 1.0)
+    sL, cL = up[2], up[0] * cl + up[1] * sl
+    return -sL * cl, -sL * sl, cL, -sl, cl, 0.0, -up[0], -up[1], -up[2]
+
+
+@part
 def dcm_ne(frame):
     """C_ne: ECEF components into NED."""
     sL, cL, sl, cl, _ = frame
     return -sL * cl, -sL * sl, cL, -sl, cl, 0.0, -cL * cl, -cL * sl, -sL
 
 
-@jit
+@part
 def gravity(sin_lat, height):
     """ins.earth.gravity_magnitude, from the sine of latitude."""
     sin2 = sin_lat * sin_lat
@@ -101,44 +136,49 @@ def gravity(sin_lat, height):
     return surface * (1 + (SLOPE_0 + SLOPE_1 * sin2) * height + 3 / (A * A) * height * height)
 
 
-@jit
-def compensate(theta, dv, theta_before, dv_before, dt, dt_before):
+@part
+def angle(a2, small):
+    """(1 - cos a)/a^2 and (a - sin a)/a^3."""
+    if small or a2 < SERIES_ANGLE_2:
+        return 0.5 - a2 / 24 * (1 - a2 / 30), 1 / 6 - a2 / 120 * (1 - a2 / 42)
+    a = sqrt(a2)
+    return 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
+
+
+@part
+def compensate(theta, dv, theta_before, dv_before, dt, dt_before, small):
     """Rotation vector, velocity increment in the body frame of the interval's start, and its scrolling part [m/s].
 
     The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the trapezoid of the
-    velocity misses: -(slope dt^2 + theta x dv) / 12.
+    velocity misses: -(slope dt^2 + theta x dv) / 12. small: known to turn less than 0.1 rad.
     """
-    weight = 0.0
-    slope = (0.0, 0.0, 0.0)
-    if dt <= MAX_INTERVAL_RATIO * dt_before:
-        ratio = dt / dt_before
-        weight = dt * ratio / (6 * (dt + dt_before))
-        slope = add((0.0, 0.0, 0.0), add(dv, dv_before, -ratio), 12 * weight / ratio)
+    k1, k2 = angle(square(theta), small)
+    ratio = dt / dt_before
+    weight = dt * ratio / (6 * (dt + dt_before)) if dt <= MAX_INTERVAL_RATIO * dt_before else 0.0
+    slope = add((0.0, 0.0, 0.0), add(dv, dv_before, -ratio), 12 * weight / ratio)
     rotation = add(theta, cross(theta_before, theta), weight)
     turn = cross(theta, dv)
     sculling = add(cross(theta_before, dv), cross(dv_before, theta), 1.0)
-    a2 = theta[0] * theta[0] + theta[1] * theta[1] + theta[2] * theta[2]
-    if a2 < SERIES_ANGLE_2:
-        k1, k2 = 0.5 - a2 / 24 * (1 - a2 / 30), 1 / 6 - a2 / 120 * (1 - a2 / 42)
-    else:
-        a = sqrt(a2)
-        k1, k2 = 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
     dv_start = add(add(add(dv, turn, k1), cross(theta, turn), k2), sculling, weight)
     return rotation, dv_start, add(add((0.0, 0.0, 0.0), slope, -1 / 12), turn, -1 / 12)
 
 
-@jit
-def turn_attitude(q, rotation, earth_angle):
-    """q after the body turned by `rotation` (body axes) and the Earth by `earth_angle`; unit length kept."""
-    x, y, z = 0.5 * rotation[0], 0.5 * rotation[1], 0.5 * rotation[2]
-    h2 = x * x + y * y + z * z
-    if h2 < SERIES_ANGLE_2 / 4:
-        w = 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56)))
-        k = 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42))
-    else:
-        h = sqrt(h2)
-        w, k = cos(h), sin(h) / h
-    x, y, z = k * x, k * y, k * z
+@part
+def half_angle(h2, small):
+    """cos h and sin(h)/h."""
+    if small or h2 < SERIES_ANGLE_2 / 4:
+        return 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56))), 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42))
+    h = sqrt(h2)
+    return cos(h), sin(h) / h
+
+
+@part
+def turn_attitude(q, rotation, earth_angle, small):
+    """q after the body turned by `rotation` (body axes) and the Earth by `earth_angle`; unit length kept.
+    """
+    w, k = half_angle(0.25 * square(rotation), small)
+    k = 0.5 * k
+    x, y, z = k * rotation[0], k * rotation[1], k * rotation[2]
     a, b, c, d = q
     a, b, c, d = (
         a * w - b * x - c * y - d * z,
@@ -153,7 +193,7 @@ def turn_attitude(q, rotation, earth_angle):
     return a * k, b * k, c * k, d * k
 
 
-@jit
+@part
 def step_velocity(v, dv_e, g_dt_e, earth_angle):
     """Force increment in the mean ECEF axes of the step, and v_eb_e after it: Coriolis at the step's middle.
 
@@ -172,7 +212,7 @@ def step_velocity(v, dv_e, g_dt_e, earth_angle):
     )
 
 
-@jit
+@part
 def accumulate(out, j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta):
     """Add one step to the sums of row j."""
     dr_n, dv_n = rotate(C_ne, dr), rotate(C_ne, dv_e)
@@ -189,7 +229,7 @@ def accumulate(out, j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta):
         out[j, SUMS + 9 + i] += theta[i]
 
 
-@jit
+@part
 def record(out, j, C, v, r):
     """Write latitude, longitude, height, velocity and attitude to row j, in the NED frame at r."""
     frame = local_frame(r)
@@ -201,7 +241,21 @@ def record(out, j, C, v, r):
         out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
 
 
-@jit
+@part
+def translate(C, dv_start, scroll, v, r, correction, T, height_ref, gains):
+    """One step of velocity and position: v, r, vertical correction, displacement, force increment, mid-step up."""
+    up, height = normal(add(r, v, 0.5 * T))
+    error = height - height_ref
+    dv_e, v_new = step_velocity(
+        v, rotate(C, dv_start), add((0.0, 0.0, 0.0), up, -T * gravity(up[2], height)), OMEGA * T
+    )
+    v_new = add(v_new, up, -T * (gains[1] * error + correction))
+    dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), rotate(C, scroll), T)
+    r_new = add(add(r, dr, 1.0), up, -T * gains[0] * error)
+    return v_new, r_new, correction + T * gains[2] * error, dr, dv_e, up
+
+
+@kernel
 def integrate(dt, dtheta, dv, height_ref, gains, ends, state, out):
     """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to the row after it.
 
@@ -217,21 +271,14 @@ def integrate(dt, dtheta, dv, height_ref, gains, ends, state, out):
         last = ends[j] if j < ends.size else dt.size
         for k in range(first, last):
             T, theta, dv_b = dt[k], row(dtheta, k), row(dv, k)
-            rotation, dv_start, scroll = compensate(theta, dv_b, theta_before, dv_before, T, dt_before)
-            frame = local_frame(add(r, v, 0.5 * T))
-            C_ne = dcm_ne(frame)
-            down = (C_ne[6], C_ne[7], C_ne[8])
-            error = frame[4] - height_ref[k]
-            dv_e, v_new = step_velocity(
-                v, rotate(C, dv_start), add((0.0, 0.0, 0.0), down, T * gravity(frame[0], frame[4])), OMEGA * T
+            rotation, dv_start, scroll = compensate(theta, dv_b, theta_before, dv_before, T, dt_before, False)
+            middle = add(r, v, 0.5 * T)
+            v_new, r, correction, dr, dv_e, up = translate(
+                C, dv_start, scroll, v, r, correction, T, height_ref[k], gains
             )
-            v_new = add(v_new, down, T * (gains[1] * error + correction))
-            correction += T * gains[2] * error
-            dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), rotate(C, scroll), T)
-            q = turn_attitude(q, rotation, OMEGA * T)
+            q = turn_attitude(q, rotation, OMEGA * T, False)
             C_new = dcm(q)
-            accumulate(out, j, T, C_ne, C, C_new, v, v_new, dr, dv_e, theta)
-            r = add(add(r, dr, 1.0), down, T * gains[0] * error)
+            accumulate(out, j, T, dcm_ne_at(middle, up), C, C_new, v, v_new, dr, dv_e, theta)
             v, C, theta_before, dv_before, dt_before = v_new, C_new, theta, dv_b, T
         first = last
         if j < ends.size:

@@ -54,7 +54,7 @@ def test_compensation_is_that_of_ins_increments(theta, dv, theta_before, dv_befo
     imu = ImuLog(
         time_s=[0.0, 1.0], dt_s=[dt_before, dt], dtheta_rad=[theta_before, theta], dv_m_s=[dv_before, dv]
     )
-    got = strapdown_kernel.compensate(theta, dv, theta_before, dv_before, dt, dt_before)
+    got = strapdown_kernel.compensate(theta, dv, theta_before, dv_before, dt, dt_before, False)
     for one, function in zip(
         got, (increments.rotation_vectors, increments.velocity_increments, increments.scrolling), strict=True
     ):
@@ -71,7 +71,7 @@ def test_attitude_step_is_exact_across_the_series_threshold(size):
     q = np.array([0.5, -0.1, 0.7, 0.2])
     q /= np.linalg.norm(q)
     earth_angle = 7.3e-7
-    new = strapdown_kernel.turn_attitude(tuple(q), tuple(rotation), earth_angle)
+    new = strapdown_kernel.turn_attitude(tuple(q), tuple(rotation), earth_angle, False)
     C = np.reshape(strapdown_kernel.dcm(tuple(q)), (3, 3)) @ dcm_from_rotation_vector(rotation)
     expected = dcm_from_rotation_vector([0.0, 0.0, -earth_angle]) @ C
     assert np.reshape(strapdown_kernel.dcm(new), (3, 3)) == pytest.approx(expected, abs=1e-14)
@@ -82,7 +82,7 @@ def test_velocity_step_is_continuous_across_the_series_threshold(size):
     dv = (1.0, 2.0, -3.0)
     theta = tuple(size * np.array([0.48, -0.6, 0.64]))
     imu = ImuLog(time_s=[0.0, 1.0], dt_s=[1.0, 1.0], dtheta_rad=[theta] * 2, dv_m_s=[dv] * 2)
-    got = strapdown_kernel.compensate(theta, dv, theta, dv, 1.0, 1.0)[1]
+    got = strapdown_kernel.compensate(theta, dv, theta, dv, 1.0, 1.0, False)[1]
     assert got == pytest.approx(increments.velocity_increments(imu)[1], abs=1e-11)
 
 
