@@ -39,12 +39,21 @@ def tilt_rates(
     """
     found = []
     for start in np.arange(history.time_s[0], history.time_s[-1] - window_s + 1.0, window_s):
-        inside = (history.time_s > start) & (history.time_s <= start + window_s)
-        rows = inside & still
-        if rows.sum() < 0.75 * inside.sum() or rows.sum() < 30:
+        if not enough_still(history, still, start, window_s):
             continue
+        rows = _inside(history, start, window_s) & still
         found.append(_window(history, rows, start + 0.5 * window_s, window_s, arw, velocity_sigma_m_s))
     return found
+
+
+def enough_still(history: NavHistory, still: NDArray, start_s: float, window_s: float) -> bool:
+    """Three quarters of the window's epochs, and at least thirty, are still."""
+    inside = _inside(history, start_s, window_s)
+    return bool((inside & still).sum() >= max(0.75 * inside.sum(), 30))
+
+
+def _inside(history: NavHistory, start_s: float, window_s: float) -> NDArray:
+    return (history.time_s > start_s) & (history.time_s <= start_s + window_s)
 
 
 def _window(

@@ -5,10 +5,14 @@ against the computed platform -> (f) acceleration rate -> (g) tilt rate -> (h) s
 (i) bias errors -> (j) set 2 -> (k) taxi -> (l) heading error from cross-track motion -> (m) set 3 = set 2 less
 Omega cosL psi on the east axis -> (n) ready to be merged. Steps (o) to (q) are `infield.merge` and the table's use.
 
+Set 1 is taken twice: by the Schuler bracket on windows of the velocity, (e) to (g) to the letter, and by a filter over the
+parked phase that is smoothed over the whole of it (`alignment.tilt_smoother`). Sets 2 and 3 go on with the smoothed rates.
+
 Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is not removed), the
 windows do not share their common errors, accelerometer drift counts as tilt rate. The filter does all three.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +22,7 @@ from scipy.linalg import solve_triangular
 from alignment.result import Alignment
 from alignment.stillness import ROLLING, STILL, classify
 from alignment.tilt_rate import TiltRate, tilt_rates
+from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
 from infield.thermometer import GyroTemperature
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -30,7 +35,11 @@ UNSEEN = 0.9  # a heading sigma above this share of its prior means that the tax
 
 @dataclass(frozen=True)
 class ChainPoint:
-    """Set 2 and set 3 of one window: bias errors left by the table, north and east at the parked heading [deg/h]."""
+    """Set 2 and set 3 of one window: bias errors left by the table, north and east at the parked heading [deg/h].
+
+    sigma_filtered_deg_h: of the same filter without smoothing; bracket_*: set 1 by the bracket (NaN where too little of
+    the window was at rest).
+    """
 
     time_s: float
     temperature_degC: float
@@ -38,6 +47,10 @@ class ChainPoint:
     east_relative_deg_h: float
     east_deg_h: float
     sigma_deg_h: float
+    sigma_filtered_deg_h: float
+    bracket_north_deg_h: float
+    bracket_east_relative_deg_h: float
+    bracket_sigma_deg_h: float
 
 
 @dataclass(frozen=True)
@@ -65,14 +78,25 @@ def run_claim_chain(
     first_roll = np.flatnonzero(motion.kind >= ROLLING)
     parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
     arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
-    set_1 = tilt_rates(history, parked & (motion.kind == STILL), arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
+    still = parked & (motion.kind == STILL)
+    bracket = tilt_rates(history, still, arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
+    set_1 = smoothed_tilt_rates(
+        history, still, arw=arw, vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
+        velocity_sigma_m_s=max(motion.sigma_v_m_s, twin.vehicle.sway_m_s), rate_sigma_rad_s=prior_sigma_deg_h * DEG_PER_HOUR,
+    )  # fmt: skip
     psi, sigma, note = _heading_from_taxi(history, motion.kind, twin, aligned, prior_sigma_deg_h * DEG_PER_HOUR)  # (k, l)
     coupling = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
-    points = tuple(_set_3(rate, temperature, coupling * psi) for rate in set_1)  # (i), (j), (m)
+    points = tuple(_set_3(rate, _same_window(rate, bracket), temperature, coupling * psi) for rate in set_1)  # (i), (j), (m)
     return ClaimChain(points, aligned.heading_rad, psi, sigma, note)
 
 
-def _set_3(rate: TiltRate, temperature: GyroTemperature, east_offset_rad_s: float) -> ChainPoint:
+def _same_window(rate: TiltRate, others: Sequence[TiltRate]) -> TiltRate | None:
+    return next((other for other in others if abs(other.time_s - rate.time_s) < 1.0), None)
+
+
+def _set_3(
+    rate: SmoothedTiltRate, bracket: TiltRate | None, temperature: GyroTemperature, east_offset_rad_s: float
+) -> ChainPoint:
     """(i) tilt rate -> bias error: north direct, east relative; (m) subtract Omega cosL psi."""
     rows = temperature.between(rate.time_s - 0.5 * rate.window_s, rate.time_s + 0.5 * rate.window_s)
     return ChainPoint(
@@ -82,6 +106,10 @@ def _set_3(rate: TiltRate, temperature: GyroTemperature, east_offset_rad_s: floa
         east_relative_deg_h=rate.u_east_rad_s / DEG_PER_HOUR,
         east_deg_h=(rate.u_east_rad_s - east_offset_rad_s) / DEG_PER_HOUR,
         sigma_deg_h=rate.sigma_rad_s / DEG_PER_HOUR,
+        sigma_filtered_deg_h=rate.sigma_filtered_rad_s / DEG_PER_HOUR,
+        bracket_north_deg_h=bracket.u_north_rad_s / DEG_PER_HOUR if bracket else float("nan"),
+        bracket_east_relative_deg_h=bracket.u_east_rad_s / DEG_PER_HOUR if bracket else float("nan"),
+        bracket_sigma_deg_h=bracket.sigma_rad_s / DEG_PER_HOUR if bracket else float("nan"),
     )
 
 

@@ -17,6 +17,7 @@ from infield.bias_points import UNSEEN_SIGMA, AxisObservability
 from infield.claim_chain import ClaimChain
 from infield.merge import AXIS_Z_LIMIT, random_walk_covariance
 from infield.pipeline import SessionResult, UpdateResult
+from infield.session import SessionEstimate
 from infield.table import ThermalTable
 from infield.table_file import table_sha256, table_to_dict
 from infield.taxi_heading import heading_source
@@ -282,11 +283,23 @@ def _estimate(session: SessionResult) -> dict[str, Any]:
         "phases": [vars(p) for p in session.run.phases or detect_phases(e.solution.motion)],
         "parked_jitter_m": e.solution.displacement_sigma_m,
         "coverage": _coverage(session),
+        "smoothing": _smoothing(e),
         "residuals": _residuals(session),
         "heating_cooling": _heating_cooling(session),
         "velocity": _velocity(session),
         "claim_chain": _chain(session.chain, session),
     }
+
+
+def _smoothing(e: SessionEstimate) -> dict[str, dict[str, float]]:
+    """RMS over the bins of each gyro's sigma when the bin's time was over, and given the whole run."""
+    filtered = e.solution.filter.filtered[:, 1, :] / DEG_PER_HOUR**2
+    smoothed = np.diag(e.covariance).reshape(-1, 3)
+    return {
+        axis: {"filtered_sigma_deg_h": float(np.sqrt(np.nanmean(filtered[:, k]))),
+               "smoothed_sigma_deg_h": float(np.sqrt(np.mean(smoothed[:, k])))}
+        for k, axis in enumerate(AXES)
+    }  # fmt: skip
 
 
 def _coverage(session: SessionResult) -> list[dict[str, Any]]:
@@ -378,9 +391,17 @@ def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] |
         "heading_error_mrad": None if nan else chain.psi_rad / MILLIRADIAN,
         "sigma_heading_error_mrad": None if nan else chain.sigma_psi_rad / MILLIRADIAN,
         "note": chain.note,
+        "sigma_deg_h": _mean(rows, "sigma_deg_h"),
+        "sigma_filtered_deg_h": _mean(rows, "sigma_filtered_deg_h"),
+        "bracket_sigma_deg_h": _mean(rows, "bracket_sigma_deg_h"),
         "difference_rms_deg_h": _rms(difference[:, 0]) if rows else None,
         "difference_rms_east_deg_h": _rms(difference[:, 1]) if rows and not nan else None,
     }
+
+
+def _mean(rows: list[dict[str, Any]], key: str) -> float | None:
+    values = np.array([row[key] for row in rows], dtype=float)
+    return float(np.nanmean(values)) if np.isfinite(values).any() else None
 
 
 def _rms(values: NDArray) -> float:

@@ -271,12 +271,13 @@ def chain_drawing(session: dict[str, Any], direction: str) -> Markup | None:
         return None
     known = direction == "north" or chain["heading_error_mrad"] is not None
     key = "north_deg_h" if direction == "north" else "east_deg_h" if known else "east_relative_deg_h"
-    t, value, sigma, by_filter = thinned(
-        *([p[k] for p in chain["points"]] for k in ("time_s", key, "sigma_deg_h", f"filter_{direction}_deg_h"))
-    )
+    relative = "north_deg_h" if direction == "north" else "east_relative_deg_h"
+    names = ("time_s", key, "sigma_deg_h", f"filter_{direction}_deg_h", relative, f"bracket_{relative}")
+    t, value, sigma, by_filter, from_alignment, bracket = thinned(*([p[k] for p in chain["points"]] for k in names))
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
     ax = axes[0, 0]
     ax.axhline(0.0, color=GREY, linewidth=0.9)
+    ax.plot(t / MINUTE, bracket + value - from_alignment, "x", color=GREY, markersize=5)
     ax.errorbar(t / MINUTE, value, sigma, fmt="s", color=GREEN, markersize=4, elinewidth=0.7,
                 markerfacecolor=GREEN if known else "none")  # fmt: skip
     ax.plot(t / MINUTE, by_filter, "-", color=NEW)

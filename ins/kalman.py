@@ -1,6 +1,7 @@
 """Kalman filter steps with checks: the only door to filterpy.
 
-filterpy 2.0 is the engine for filters at 1 to 10 Hz. Guarded here, because filterpy does not: shapes, NaN, scalar Q
+filterpy 2.0 is the engine for small filters at 1 to 10 Hz and of the smoother, and the yardstick of the compiled error
+filter (ins.filter_kernel). Guarded here, because filterpy does not: shapes, NaN, scalar Q
 (which it would add to every element), symmetry of P after predict.
 """
 
@@ -62,6 +63,27 @@ def update(
         raise ValueError("kalman.update: x, P, H or R is not finite")
     x_plus, P_plus = filterpy_update(x, P, z, R, H)
     return x_plus, 0.5 * (P_plus + P_plus.T), seen
+
+
+def rts_smooth(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, NDArray]:
+    """Fixed-interval smoothing of a filter's estimates after their updates (Rauch, Tung and Striebel).
+
+    x (k, n), P (k, n, n): after the update of each step; F, Q (k, n, n): F[j] took step j - 1 to step j (F[0] is not
+    used). Returns the same shapes, given all measurements. By filterpy's KalmanFilter.rts_smoother; its module-level
+    function takes F[j] where F[j + 1] is due.
+
+    Raises ValueError where shapes do not fit or the result is not finite.
+    Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by tests/ins/test_kalman.py.
+    """
+    from filterpy.kalman import KalmanFilter
+
+    k, n = x.shape
+    if P.shape != (k, n, n) or F.shape != (k, n, n) or Q.shape != (k, n, n):
+        raise ValueError(f"kalman.rts_smooth: x {x.shape}, P {P.shape}, F {F.shape}, Q {Q.shape} do not fit")
+    x_s, P_s, *_ = KalmanFilter(dim_x=n, dim_z=1).rts_smoother(x, P, F, Q)
+    if not (np.isfinite(x_s).all() and np.isfinite(P_s).all()):
+        raise ValueError("kalman.rts_smooth: x, P, F or Q is not finite, or a predicted covariance is singular")
+    return x_s, 0.5 * (P_s + np.swapaxes(P_s, 1, 2))
 
 
 def nis_band(dof: int, probability: float) -> tuple[float, float]:

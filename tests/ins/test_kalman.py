@@ -118,6 +118,40 @@ def test_update_refuses_shapes_that_do_not_fit(x, P, z, R):
         kalman.update(x, P, z, np.ones((1, 2)), R)
 
 
+def test_smoother_is_the_batch_solution():
+    """Random time-varying steps: smoothed means and covariances are those of all states solved at once."""
+    rng, n, steps = np.random.default_rng(4), 3, 6
+    F, H = rng.standard_normal((steps, n, n)), rng.standard_normal((steps, 1, n))
+    Q = np.stack([a @ a.T for a in rng.standard_normal((steps, n, n))])
+    z, R = rng.standard_normal((steps, 1)), one(0.5)
+    information, vector = np.zeros((n * steps, n * steps)), np.zeros(n * steps)
+    information[:n, :n] = np.eye(n)  # prior N(0, I) of the first state
+    x, P, kept = np.zeros(n), np.eye(n), []
+    for k in range(steps):
+        here, before = slice(n * k, n * k + n), slice(n * k - n, n * k)
+        if k:
+            x, P = kalman.predict(x, P, F[k], Q[k])
+            step = np.hstack([-F[k], np.eye(n)])
+            information[n * k - n : n * k + n, n * k - n : n * k + n] += step.T @ np.linalg.inv(Q[k]) @ step
+            assert before.stop == here.start
+        x, P, _ = kalman.update(x, P, z[k], H[k], R)
+        information[here, here] += H[k].T @ H[k] / 0.5
+        vector[here] += H[k, 0] * z[k, 0] / 0.5
+        kept.append((x, P))
+    x_s, P_s = kalman.rts_smooth(*(np.stack(part) for part in zip(*kept)), F, Q)
+    covariance = np.linalg.inv(information)
+    assert x_s.ravel() == pytest.approx(covariance @ vector, abs=1e-9)
+    for k in range(steps):
+        assert P_s[k] == pytest.approx(covariance[n * k : n * k + n, n * k : n * k + n], abs=1e-9)
+
+
+def test_smoother_refuses_what_does_not_fit():
+    with pytest.raises(ValueError, match="do not fit"):
+        kalman.rts_smooth(np.zeros((2, 1)), np.zeros((2, 1, 1)), np.zeros((1, 1, 1)), np.zeros((2, 1, 1)))
+    with pytest.raises(ValueError, match="not finite"):
+        kalman.rts_smooth(np.full((2, 1), np.nan), np.ones((2, 1, 1)), np.ones((2, 1, 1)), np.ones((2, 1, 1)))
+
+
 @pytest.mark.parametrize("dof", [1, 10, 812])
 @pytest.mark.parametrize("probability", [0.95, 0.999])
 def test_nis_band_holds_that_share_of_chi_square(dof, probability):
