@@ -1,4 +1,4 @@
-"""Reading JSON objects that somebody else wrote: bounded, without NaN or repeated keys, one clear line when wrong.
+"""Reading JSON and TOML that somebody else wrote: bounded, without NaN or repeated keys, one clear line when wrong.
 
 `parse` turns a plain dict into a pydantic model; `complaints` turns pydantic's errors into lines that name the key.
 """
@@ -6,6 +6,8 @@
 import difflib
 import json
 import math
+import re
+import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -13,7 +15,20 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ins.records import InputError
 
-MAX_JSON_BYTES = 4_000_000  # a table with covariance is below 1 MB
+MAX_TEXT_BYTES = 4_000_000  # a table with covariance is below 1 MB
+MAX_SHOWN = 60
+UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")  # no key: a kind that was tried
+NEEDED = {
+    "string_type": "text", "float_type": "a number", "int_type": "a whole number", "int_from_float": "a whole number",
+    "bool_type": "true or false", "list_type": "a list", "dict_type": "keys with values", "model_type": "keys with values",
+    "finite_number": "a finite number",
+    "greater_than_equal": "at least {ge:g}", "greater_than": "more than {gt:g}",
+    "less_than_equal": "at most {le:g}", "less_than": "less than {lt:g}",
+    "too_short": "at least {min_length} values, not {actual_length}",
+    "too_long": "at most {max_length} values, not {actual_length}",
+    "string_too_short": "text that is not empty", "string_too_long": "text, its length at most {max_length}",
+    "string_pattern_mismatch": "text that matches {pattern}",
+}  # fmt: skip
 
 
 class StrictModel(BaseModel):
@@ -27,19 +42,38 @@ M = TypeVar("M", bound=BaseModel)
 
 def read_json_object(path: Path) -> dict[str, Any]:
     """The object in a JSON file; InputError names the file and what is wrong with it."""
+    text = read_small_text(path)
+    if not text.strip():
+        raise InputError(f"{path}: is empty, needed an object of JSON")
     try:
-        if path.stat().st_size > MAX_JSON_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_JSON_BYTES}")
-        data = json.loads(
-            path.read_text(encoding="utf-8-sig"), object_pairs_hook=_unique, parse_constant=_refuse_constant
-        )
+        data = json.loads(text, object_pairs_hook=_unique, parse_constant=_refuse_constant)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: not valid JSON ({_reason(error)})") from None
+    if not isinstance(data, dict):
+        raise InputError(f"{path}: holds {shown(data)}, needed an object of JSON")
+    return data
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The keys of a TOML file; InputError names the file and what is wrong with it."""
+    try:
+        return tomllib.loads(read_small_text(path))
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path}: not valid TOML ({_reason(error)})") from None
+
+
+def read_small_text(path: Path) -> str:
+    """The text of a file of at most MAX_TEXT_BYTES; InputError where it cannot be read or is no UTF-8."""
+    try:
+        with open(path, "rb") as stream:
+            data = stream.read(MAX_TEXT_BYTES + 1)
+        if len(data) > MAX_TEXT_BYTES:
+            raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes, needed at most that")
+        return data.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid JSON ({' '.join(str(error).split())[:200]})") from None
-    if not isinstance(data, dict):
-        raise InputError(f"{path}: holds a JSON {type(data).__name__}, needed an object")
-    return data
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from None
 
 
 def parse(model: type[M], data: dict[str, Any], *, name: str) -> M:
@@ -58,7 +92,8 @@ def complaints(error: ValidationError, model: type[BaseModel], *, name: str) -> 
 def without_schema(data: dict[str, Any], schema: str, *, name: str) -> dict[str, Any]:
     """The other keys, once `schema` says what is expected."""
     if data.get("schema") != schema:
-        raise InputError(f"{name}: schema: got {str(data.get('schema'))[:60]!r}, needed {schema!r}")
+        got = f"schema: got {shown(data['schema'])}" if "schema" in data else "key schema is missing"
+        raise InputError(f'{name}: {got}, needed "{schema}"')
     return {k: v for k, v in data.items() if k != "schema"}
 
 
@@ -75,13 +110,32 @@ def refuse_non_finite(value: Any, *, name: str, key: str = "") -> None:
 
 
 def _complaint(item: Any, model: type[BaseModel], name: str) -> str:
-    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
+    loc = [part for part in item["loc"] if isinstance(part, int) or not UNION_MEMBER.fullmatch(part)]
+    key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc).lstrip(".")
     if item["type"] == "missing":
         return f"{name}: key {key} is missing"
     if item["type"] == "extra_forbidden":
         return f"{name}: unknown key {key}{_suggestion(item['loc'], model)}"
-    needed = item["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
-    return f"{name}: {key}: got {str(item['input'])[:60]!r}, needed {needed}"
+    return f"{name}: {key}: got {shown(item['input'])}, needed {_needed(item['type'], item.get('ctx', {}))}"
+
+
+def shown(value: Any) -> str:
+    """A value as its file writes it, cut short: text in quotes, so that "45" is not taken for 45."""
+    text = json.dumps(value, default=str, ensure_ascii=False)
+    return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+
+
+def _reason(error: Exception) -> str:
+    return "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())[:200]
+
+
+def _needed(kind: str, facts: dict[str, Any]) -> str:
+    """What a key must be, from pydantic's error type and context."""
+    if kind == "value_error":
+        return str(facts["error"])
+    if kind == "literal_error":
+        return str(facts["expected"]).replace("'", "")
+    return NEEDED.get(kind, f"another value ({kind})").format(**facts)
 
 
 def _suggestion(loc: tuple, model: Any) -> str:

@@ -1,20 +1,47 @@
 """`recal` and `python -m recal`: runs the command line, turns bad input into one line and exit code 3."""
 
+import os
 import sys
 
 
 def main() -> None:
-    from ins.records import InputError
-    from recal.cli import app
-    from recal.console import BAD_INPUT
-
+    code = _run()
     try:
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        print(f"recal: standard output: {error.strerror}", file=sys.stderr)
+        code = 3
+    sys.exit(code)
+
+
+def _run() -> int:
+    """The exit code of the command that the arguments ask for."""
+    try:
+        from recal.cli import app
+
         app()
-    except InputError as error:
-        print(f"recal: {error}", file=sys.stderr)
-        sys.exit(BAD_INPUT)
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # the reader of the help has seen enough
+            return 0
+        return end.code if isinstance(end.code, int) else int(end.code is not None)
+    except KeyboardInterrupt:
+        return 130
     except BrokenPipeError:
-        sys.exit(0)
+        return 0
+    except Exception as error:
+        from ins.records import InputError
+
+        line = str(error)
+        if isinstance(error, OSError) and error.strerror is not None:
+            line = f"{error.filename or 'standard output'}: {error.strerror}"
+        elif not isinstance(error, InputError):
+            raise
+        print(f"recal: {line}", file=sys.stderr)
+        return 3
+    return 0
 
 
 if __name__ == "__main__":

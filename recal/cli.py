@@ -4,6 +4,8 @@ import importlib
 
 import typer
 
+from recal.console import Command
+
 app = typer.Typer(
     name="recal",
     no_args_is_help=True,
@@ -14,5 +16,5 @@ app = typer.Typer(
 
 COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update")
 for _name in COMMANDS:
-    app.command(_name)(importlib.import_module(f"recal.commands.{_name}").command)
+    app.command(_name, cls=Command)(importlib.import_module(f"recal.commands.{_name}").command)
 app.add_typer(importlib.import_module("recal.commands.table").app, name="table")

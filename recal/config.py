@@ -1,12 +1,12 @@
 """Settings of `recal update` from a TOML file: frozen models, units in key names, an unknown key is an error."""
 
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from infield.session import SessionSettings
 from infield.table import AgeingModel
+from ins.json_file import read_toml
 from ins.records import InputError
 
 SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
@@ -16,10 +16,7 @@ def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
     """Sections [session] and [ageing]; what is not given keeps its default. InputError names file and key."""
     if path is None:
         return SessionSettings(), AgeingModel()
-    try:
-        data = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path}: {error}") from None
+    data = read_toml(path)
     for key in data:
         if key not in SECTIONS:
             raise InputError(f"{path}: unknown key {key!r}, needed one of {', '.join(SECTIONS)}")

@@ -1,13 +1,20 @@
 """What every command shares: options, text on standard error, JSON on standard output, exit codes."""
 
+import errno
 import json
+import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 DONE, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 2, 3, 4, 5
+EXIT_CODES = {
+    **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed"), DONE),
+    "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
+}  # fmt: skip
 DEFAULT_STORE = "sqlite:///recal.db"
 
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")]
@@ -21,16 +28,45 @@ StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the ta
 OutputPath = Annotated[Path | None, typer.Option("-o", "--output", help="Where to write (created).")]
 
 
+class Command(TyperCommand):
+    """A command whose bad input is an InputError of one line, and with --json also an object on standard output."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """As typer does; InputError also where the operating system refuses a file that nobody else asked about."""
+        from ins.records import InputError
+
+        try:
+            return super().invoke(ctx)
+        except (InputError, OSError) as error:
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:  # the reader has seen enough
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+                raise typer.Exit(DONE) from None
+            if isinstance(error, OSError) and error.strerror is None:
+                raise
+            line = f"{error.filename or ctx.command_path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+            if ctx.params.get("as_json"):
+                emit_json({"schema": "recal.error/1", "command": ctx.command_path, "verdict": "bad_input", "reasons": [line]})
+            raise InputError(line) from error
+
+
+def finish(result: dict[str, Any]) -> None:
+    """Ends a command with the exit code of its result's verdict."""
+    raise typer.Exit(EXIT_CODES[result["verdict"]])
+
+
 def say(text: str, *, quiet: bool = False) -> None:
     """One line for people, on standard error."""
     if not quiet:
         print(text, file=sys.stderr)
 
 
-def say_all(result: dict[str, Any], *, verbose: bool) -> None:
-    """With -v: the whole result, on standard error."""
+def answer(result: dict[str, Any], *, as_json: bool, verbose: bool) -> bool:
+    """The result as -v (standard error) and --json (standard output) ask for it; whether --json did."""
     if verbose:
         print(result_text(result), file=sys.stderr, end="")
+    if as_json:
+        emit_json(result)
+    return as_json
 
 
 def emit_json(result: dict[str, Any]) -> None:

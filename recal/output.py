@@ -1,7 +1,9 @@
 """Writing results: a directory made on demand, each file whole or not at all."""
 
+import errno
 import os
 import tempfile
+from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -22,18 +24,37 @@ def output_directory(path: Path | None, command: str) -> Path:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{directory}: cannot be made: {error.strerror}") from None
+        raise InputError(f"{directory}: cannot be made ({error.strerror})") from None
     return directory
 
 
 def write_text(path: Path, text: str) -> Path:
-    """Write through a temporary sibling and rename, so that a reader never sees half a file."""
-    try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(text)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    """Write one file, whole or not at all; InputError where it cannot be written."""
+    write_files({path: text})
     return path
+
+
+def write_files(texts: dict[Path, str], *, commit: Callable[[], object] = lambda: None) -> None:
+    """Write every file to a temporary sibling, call `commit`, then rename: a reader never sees half a file.
+
+    InputError where one cannot be written, and then `commit` was not called; where `commit` raises, no file changed.
+    """
+    staged: dict[Path, str] = {}
+    path = Path()
+    try:
+        for path, text in texts.items():
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            handle, staged[path] = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+            with os.fdopen(handle, "w", encoding="utf-8") as stream:
+                stream.write(text)
+            os.chmod(staged[path], 0o644)
+        commit()
+        for path in texts:
+            os.replace(staged[path], path)
+            del staged[path]
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written ({error.strerror})") from None
+    finally:
+        for name in staged.values():
+            Path(name).unlink(missing_ok=True)

@@ -15,12 +15,13 @@ from ins.twin_file import default_twin, read_twin
 
 @dataclass(frozen=True)
 class UnitInputs:
-    """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the unit."""
+    """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the unit, at `revision`."""
 
     table: ThermalTable
     table_dict: dict[str, Any]
     twin: TwinModel
     known: bool
+    revision: int = 0
 
 
 def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> UnitInputs:
@@ -34,7 +35,7 @@ def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> U
             twin = twin or store.twin(*key)
             return UnitInputs(
                 revision.table, revision.table_dict,
-                _checked(twin or default_twin(header.gyro_technology), run), True,
+                _checked(twin or default_twin(header.gyro_technology), run), True, revision.number,
             )  # fmt: skip
         except UnknownUnit:
             pass

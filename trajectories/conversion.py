@@ -1,7 +1,6 @@
 """A flight log to a run: choose the reader, complete the header, check what came out."""
 
 import hashlib
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +13,6 @@ from trajectories.run import run_sha256
 from trajectories.run_check import Finding, Findings, check_rate
 from trajectories.run_schema import SCHEMA, header_from_json
 
-MAX_MAP_BYTES = 1_000_000
 OPTIONS = {
     "imu_serial": "--serial", "gyro_technology": "--technology", "start_utc": "--start-utc",
     "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
@@ -28,18 +26,6 @@ class Conversion:
     run: Run
     record: dict[str, Any]
     findings: tuple[Finding, ...]
-
-
-def read_map(path: Path) -> dict[str, Any]:
-    """The TOML map file as a plain dict."""
-    try:
-        if path.stat().st_size > MAX_MAP_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_MAP_BYTES}")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: not valid TOML ({' '.join(str(error).split())[:200]})") from None
 
 
 def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:

@@ -19,6 +19,8 @@ QUIET_SEARCH_S = 600.0  # looked for in this much of the log
 QUIET_F = 0.02  # of |f|: scatter of one-second means; sway and gusts stay below it, driving does not
 G_TOLERANCE = {"rlg": 0.02, "fog": 0.02, "mems": 0.1}  # of gravity: consumer accelerometers are off by up to 60 mg
 EXPECTED_F = 9.8  # [m/s^2] anywhere on Earth to 0.5 %
+# How far |w| at rest may be from Earth rate [deg/h]: the raw bias that a working unit's table takes out, noise of 30 s.
+W_TOLERANCE_DEG_H = {"rlg": 2.0, "fog": 5.0, "mems": 150.0}
 FACTOR_TOLERANCE = 0.3  # of a suspected unit factor in the Earth rate
 
 F_UNITS = (
@@ -83,8 +85,9 @@ def check_physics(imu: ImuLog, *, site: Site, technology: str, label: str, findi
     f_wrong = _force_size(means, imu, technology) or _force_axis(means, site, technology)
     if f_wrong:
         findings.error(f"{label}: {f_wrong}")
-    elif technology != "mems":
-        level, text = _earth_rate(means, site, imu)
+    else:
+        level, text = _earth_rate(means, site, imu) if technology != "mems" else ("warning", "")
+        text = text or _rate_size(means, technology)
         findings.add(level, *([f"{label}: {text}"] if text else []))
     return means
 
@@ -129,7 +132,7 @@ def _earth_rate(means: QuietMeans, site: Site, imu: ImuLog) -> tuple[str, str]:
     size = float(np.linalg.norm(means.w_rad_s))
     down = float(-means.w_rad_s @ means.f_m_s2 / np.linalg.norm(means.f_m_s2))
     needed_down = float(-EARTH_RATE_RAD_S * np.sin(site.lat_rad))
-    seen = f"mean |w| at rest is {size / DEG_PER_HOUR:.4g} deg/h, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    seen = _rate_seen(size)
     causes = [(imu.rate_hz, "rates in columns of increments", "name them gyro_x_rad_s ...")]
     if imu.source == "rates":
         causes = [(1 / imu.rate_hz, "angle increments in columns of rates", "name them dtheta_x_rad ...")]
@@ -142,9 +145,21 @@ def _earth_rate(means: QuietMeans, site: Site, imu: ImuLog) -> tuple[str, str]:
             f"rate about the vertical is {down / DEG_PER_HOUR:+.3f} deg/h, needed {needed_down / DEG_PER_HOUR:+.3f}: "
             "sign of the gyros or of the latitude?"
         )
-    if not 0.5 < size / EARTH_RATE_RAD_S < 2:
-        return "warning", f"{seen}: turning, a large bias, or a unit?"
     return "warning", ""
+
+
+def _rate_size(means: QuietMeans, technology: str) -> str:
+    """What is wrong with |w| at rest: too far from Earth rate for the unit's technology."""
+    size, tolerance = float(np.linalg.norm(means.w_rad_s)), W_TOLERANCE_DEG_H[technology]
+    if abs(size - EARTH_RATE_RAD_S) <= tolerance * DEG_PER_HOUR:
+        return ""
+    return f"{_rate_seen(size)}, needed within {tolerance:g} of it ({technology}): turning, a large bias, or a unit?"
+
+
+def _rate_seen(size_rad_s: float) -> str:
+    return (
+        f"mean |w| at rest is {size_rad_s / DEG_PER_HOUR:.4g} deg/h, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    )
 
 
 def expected_rest(site: Site) -> dict[str, float]:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from ins.json_file import complaints, without_schema
 from ins.records import AXES, InputError, RunHeader, Site, Survey
@@ -99,8 +99,22 @@ class _SiteKeys(_Open):
 
 
 _Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
-_Text = Annotated[str, Field(max_length=200, pattern=r"^[^\x00-\x1f\x7f]*$")]
-_Name = Annotated[_Text, Field(min_length=1)]
+
+
+def _one_line(text: str) -> str:
+    if not text.isprintable():
+        raise ValueError("text without line ends and control characters")
+    return text
+
+
+def _hexadecimal(text: str) -> str:
+    if not re.fullmatch("[0-9a-f]{64}", text):
+        raise ValueError("null or 64 hexadecimal digits")
+    return text
+
+
+_Text = Annotated[str, Field(max_length=200), AfterValidator(_one_line)]
+_Name = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_one_line)]
 
 
 class _LeverArms(_Open):
@@ -130,7 +144,7 @@ class _RunKeys(_Open):
     start_utc: str
     site: _SiteKeys
     lever_arms_m: _LeverArms = _LeverArms()
-    applied_table_sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = None
+    applied_table_sha256: Annotated[str, AfterValidator(_hexadecimal)] | None = None
     gyro_mode: _Text = ""
     survey: _SurveyKeys | None = None
     conversion: dict[str, Any] = Field(default_factory=dict)
@@ -145,8 +159,6 @@ class _RunKeys(_Open):
         if offset != datetime.timedelta(0):
             raise ValueError("a UTC time such as 2026-03-01T05:00:00Z")
         return text
-
-
 
 
 EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")  # in every run.json; the default is taken with a warning

@@ -7,22 +7,17 @@ import typer
 
 from recal.console import (
     DEFAULT_STORE,
-    DONE,
-    INCONSISTENT,
-    REFUSED,
     JsonFlag,
     NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
     Verbose,
-    emit_json,
+    answer,
+    finish,
     result_text,
     say,
-    say_all,
 )
-
-EXIT = {"aligned": DONE, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT}
 
 
 def command(
@@ -40,12 +35,10 @@ def command(
     Example: recal align run-1 --json
     """
     document = align(run, store_url=store, twin=twin, output=output)
-    say_all(document, verbose=verbose)
-    if as_json:
-        emit_json(document)
+    answer(document, as_json=as_json, verbose=verbose)
     for line in _summary(document):
         say(line, quiet=quiet)
-    raise typer.Exit(EXIT[document["verdict"]])
+    finish(document)
 
 
 def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None) -> dict[str, Any]:

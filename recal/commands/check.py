@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import BAD_INPUT, JsonFlag, NoSeed, Quiet, Verbose, emit_json, say, say_all
+from recal.console import JsonFlag, NoSeed, Quiet, Verbose, answer, finish, say
 
 if TYPE_CHECKING:
     from ins.records import TemperatureLog
     from trajectories.run import Inspection
+
 
 def command(
     run: Annotated[Path, typer.Argument(help="A run directory.")],
@@ -24,14 +25,10 @@ def command(
     Example: recal check flights/2026-03-01 --json
     """
     result = check(run, serial=serial)
-    say_all(result, verbose=verbose)
-    if as_json:
-        emit_json(result)
-    else:
+    if not answer(result, as_json=as_json, verbose=verbose):
         for line in report_lines(result, quiet=quiet):
             say(line)
-    if result["verdict"] == "bad_input":
-        raise typer.Exit(BAD_INPUT)
+    finish(result)
 
 
 def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, NoSeed, Quiet, Verbose, emit_json, say, say_all
+from recal.console import JsonFlag, NoSeed, Quiet, Verbose, answer, say
 
 if TYPE_CHECKING:
     from trajectories.conversion import Conversion
@@ -32,19 +32,18 @@ def command(
 
     Example: recal convert x_LN100_up.ins -o runs/ln100 --map examples/maps/x_LN100_up.toml
     """
-    from trajectories.conversion import convert_log, read_map
+    from ins.json_file import read_toml
+    from trajectories.conversion import convert_log
     from trajectories.run import write_run
 
     given = {
         "imu_serial": serial, "gyro_technology": technology, "lat_deg": lat_deg, "lon_deg": lon_deg,
         "height_m": height_m, "tail": tail, "start_utc": start_utc, "run_id": run_id,
     }  # fmt: skip
-    conversion = convert_log(log, read_map(map_file) if map_file else {}, given)
+    conversion = convert_log(log, read_toml(map_file) if map_file else {}, given)
     write_run(output, conversion.run, conversion=conversion.record)
     result = summary(conversion, output)
-    say_all(result, verbose=verbose)
-    if as_json:
-        emit_json(result)
+    if answer(result, as_json=as_json, verbose=verbose):
         return
     for line in report_lines(result):
         say(line, quiet=quiet)

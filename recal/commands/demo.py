@@ -5,7 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, emit_json, result_text, say, say_all
+from recal.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish, result_text, say
 
 SESSIONS = ("cold_parked_taxi", "ambient_parked_taxi", "hot_parked_taxi")
 STARTS_UTC = ("2026-03-01T05:00:00Z", "2026-04-12T06:30:00Z", "2026-06-20T11:00:00Z")
@@ -30,11 +30,10 @@ def command(
     console = Console(stderr=True)
     with console.status("simulating three sessions", spinner="dots") if console.is_terminal and not quiet else _Silent():
         result = demo(output, seed=seed if seed is not None else DEFAULT_SEED, rate_hz=rate_hz, quiet=quiet)
-    say_all(result, verbose=verbose)
-    if as_json:
-        emit_json(result)
+    answer(result, as_json=as_json, verbose=verbose)
     for line in _summary(result):
         say(line, quiet=quiet)
+    finish(result)
 
 
 class _Silent:

@@ -7,19 +7,16 @@ import typer
 
 from recal.console import (
     DEFAULT_STORE,
-    DONE,
-    INCONSISTENT,
-    REFUSED,
     JsonFlag,
     NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
     Verbose,
-    emit_json,
+    answer,
+    finish,
     result_text,
     say,
-    say_all,
 )
 
 if TYPE_CHECKING:
@@ -28,7 +25,6 @@ if TYPE_CHECKING:
     from ins.records import Run
     from recal.unit_inputs import UnitInputs
 
-EXIT = {"replayed": DONE, "refused": REFUSED, "inconsistent": INCONSISTENT}
 NAVIGATION = ("roll_deg", "pitch_deg", "heading_deg")
 
 
@@ -47,12 +43,10 @@ def command(
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
     document = replay(run, store_url=store, twin=twin, output=output)
-    say_all(document, verbose=verbose)
-    if as_json:
-        emit_json(document)
+    answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
         say(line, quiet=quiet)
-    raise typer.Exit(EXIT[document["verdict"]])
+    finish(document)
 
 
 def replay(
@@ -62,7 +56,7 @@ def replay(
     from infield.replay import replay as replay_run
     from infield.replay_document import replay_document
     from infield.replay_report import replay_html
-    from recal.output import output_directory, program_version, write_text
+    from recal.output import output_directory, program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs
     from trajectories.run import read_reference, read_run
 
@@ -77,8 +71,9 @@ def replay(
     name = database.name if database else None
     document = replay_document(result, unit.twin, store=name, version=program_version(), notes=notes)
     directory = output_directory(output, "replay")
-    write_text(directory / "replay.json", result_text(document))
-    write_text(directory / "replay.html", replay_html(document, result))
+    write_files({
+        directory / "replay.json": result_text(document), directory / "replay.html": replay_html(document, result)
+    })  # fmt: skip
     _write_navigation(directory / "navigation.parquet", result)
     return document
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import JsonFlag, Quiet, Seed, Verbose, emit_json, say, say_all
+from recal.console import JsonFlag, Quiet, Seed, Verbose, answer, say
 
 if TYPE_CHECKING:
     from trajectories.simulate import SimulatedRun
@@ -28,9 +28,7 @@ def command(
     Example: recal simulate cold_parked_taxi -o run --seed 7 --table-out table.json
     """
     result = simulate(scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed)
-    say_all(result, verbose=verbose)
-    if as_json:
-        emit_json(result)
+    answer(result, as_json=as_json, verbose=verbose)
     say(f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed {result['seed']}", quiet=quiet)
 
 
@@ -40,6 +38,7 @@ def simulate(
 ) -> dict[str, Any]:  # fmt: skip
     """Writes the run and what else was asked for; returns the result `recal.simulate/1`."""
     from infield.table_file import json_text, read_table_dict
+    from recal.output import write_text
     from trajectories.run import write_run
     from trajectories.scenario import read_scenario, simulate_scenario
 
@@ -49,9 +48,9 @@ def simulate(
     simulated, unit = simulate_scenario(plan, seed=seed, table=factory)
     write_run(output, simulated.run, reference=simulated.reference)
     if table_out is not None:
-        _write(table_out, json_text(factory or unit.factory_table()))
+        write_text(table_out, json_text(factory or unit.factory_table()))
     if truth is not None:
-        _write(truth, truth_csv(simulated))
+        write_text(truth, truth_csv(simulated))
     header, imu = simulated.run.header, simulated.run.imu
     return {
         "schema": "recal.simulate/1", "run": str(output), "run_id": header.run_id, "imu_serial": header.imu_serial,
@@ -72,12 +71,3 @@ def truth_csv(simulated: "SimulatedRun") -> str:
         columns[f"gyro_{axis}_degC"] = simulated.temperature_true_degC[:, k]
     rows = [",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=-1).tolist()]
     return "\n".join([",".join(columns), *rows]) + "\n"
-
-
-def _write(path: Path, text: str) -> None:
-    from ins.records import InputError
-
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None

@@ -6,14 +6,13 @@ stays fast.
 
 from __future__ import annotations
 
-import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.console import DEFAULT_STORE, JsonFlag, OutputPath, Quiet, StoreUrl, Verbose, emit_json, say
+from recal.console import DEFAULT_STORE, Command, JsonFlag, NoSeed, OutputPath, Quiet, StoreUrl, Verbose, answer, say
 
 if TYPE_CHECKING:
     from infield.store import Revision, TableStore
@@ -27,10 +26,10 @@ NoteOption = Annotated[str, typer.Option("--note", help="Kept with the revision.
 RevisionOption = Annotated[str, typer.Option("--revision", help="A number, factory, previous or active.")]
 
 
-@app.command("list")
+@app.command("list", cls=Command)
 def list_(
     store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, as_json: JsonFlag = False, quiet: Quiet = False,
-    verbose: Verbose = False,
+    verbose: Verbose = False, seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """Units and their revisions, newest last.
 
@@ -48,21 +47,22 @@ def list_(
             for u, history in zip(units, histories)
         ],
     }  # fmt: skip
-    if as_json:
-        return emit_json(result)
+    if answer(result, as_json=as_json, verbose=verbose) or quiet:
+        return
     for u, history in zip(units, histories):
         print(f"{u.unit}{'' if u.has_twin else ', no twin record'}")
         for r in history:
             tags = [name for name, n in (("factory", u.factory_number), ("active", u.active.number)) if n == r.number]
             print("  " + _line(r) + (f"  [{', '.join(tags)}]" if tags else ""))
-            if verbose and r.note:
+            if r.note:
                 print(f"       {r.note}")
 
 
-@app.command()
+@app.command(cls=Command)
 def show(
     store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
     mode: ModeOption = None, revision: RevisionOption = "active", as_json: JsonFlag = False,
+    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """One table with U(k=2); --json prints it as formats.md writes a table.
 
@@ -70,8 +70,8 @@ def show(
     """
     with _open(store) as opened:
         found = _revision(opened, revision, serial, technology, mode)
-    if as_json:
-        return emit_json(found.table_dict)
+    if answer(found.table_dict, as_json=as_json, verbose=verbose) or quiet:
+        return
     table = found.table
     print(f"{found.unit}\n{_line(found)}\nsha256 {found.sha256}\ncreated {table.created_utc}, {table.interpolation}")
     print("\naxis  temperature       bias    U(k=2)\n             degC      deg/h     deg/h")
@@ -80,13 +80,13 @@ def show(
             print(f"{axis:4}  {T:11.2f} {bias:+10.5f}  {2 * sigma:8.5f}")
 
 
-@app.command()
+@app.command(cls=Command)
 def diff(
     store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
     mode: ModeOption = None,
     from_: Annotated[str, typer.Option("--from", help="A number, factory, previous or active.")] = "previous",
     to: Annotated[str, typer.Option("--to", help="A number, factory, previous or active.")] = "active",
-    as_json: JsonFlag = False,
+    as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """What changed between two revisions, by default from the previous to the active one.
 
@@ -96,8 +96,9 @@ def diff(
         before = _revision(opened, from_, serial, technology, mode)
         after = _revision(opened, to, serial, technology, mode)
     axes = {axis: _change(before, after, axis) for axis in "xyz"}
-    if as_json:
-        return emit_json({"from": _about(before), "to": _about(after), "axes": axes})
+    result = {"from": _about(before), "to": _about(after), "axes": axes}
+    if answer(result, as_json=as_json, verbose=verbose) or quiet:
+        return
     print(f"{after.unit}\nfrom {_line(before)}\nto   {_line(after)}\n")
     print("axis  temperature     before      after     change  U(k=2) before    after")
     print("             degC      deg/h      deg/h      deg/h          deg/h    deg/h")
@@ -107,35 +108,41 @@ def diff(
             print(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
 
 
-@app.command()
+@app.command(cls=Command)
 def export(
     output: OutputPath = None, store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None,
     technology: TechnologyOption = None, mode: ModeOption = None, revision: RevisionOption = "active",
-    as_json: JsonFlag = False, quiet: Quiet = False,
+    as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """A table to a file: .json keeps everything, .csv node values and sigmas.
 
     Example: recal table export -o table.json --serial SN-0042
     """
     from infield.table_file import csv_text, json_text
+    from recal.output import output_directory, write_text
 
     if output is None or output.suffix not in (".json", ".csv"):
         raise typer.BadParameter("needed: a file that ends in .json or .csv", param_hint="-o")
     with _open(store) as opened:
         found = _revision(opened, revision, serial, technology, mode)
     csv = output.suffix == ".csv"
-    _write(output, csv_text(found.table) if csv else json_text(found.table_dict) + "\n")
-    if as_json:
-        emit_json({"output": str(output), **_about(found)})
+    output_directory(output.parent, "")
+    write_text(output, csv_text(found.table) if csv else json_text(found.table_dict) + "\n")
+    answer({"output": str(output), **_about(found)}, as_json=as_json, verbose=verbose)
     say(f"{output}: {_line(found)}{' (covariance is not in a CSV)' if csv else ''}", quiet=quiet)
 
 
-@app.command("import")
+@app.command("import", cls=Command)
 def import_(
     table: Annotated[Path, typer.Argument(help="A table, .json or .csv.")], store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[Path | None, typer.Option("--twin", help="Sets the unit's twin record.")] = None,
     serial: SerialOption = None, technology: TechnologyOption = None, mode: ModeOption = None, note: NoteOption = "",
-    as_json: JsonFlag = False, quiet: Quiet = False,
+    other_technology: Annotated[
+        bool, typer.Option("--override-technology", help="Although the store knows the serial as another; noted.")
+    ] = False,
+    as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """A table from a file becomes the active one; a unit's first is its factory table.
 
@@ -163,20 +170,23 @@ def import_(
     require_same_unit(data, record)
     try:
         with TableStore.open(store, create=True) as opened:
+            if (conflict := _other_technology(opened, data)) is not None:
+                _need(other_technology, f"{table}: {conflict} (--override-technology imports it all the same)")
+                note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
             found = opened.import_table(data, twin=record, note=note)
     except StoreConflict as error:
         raise InputError(str(error)) from None
-    if as_json:
-        emit_json(_about(found))
+    answer(_about(found), as_json=as_json, verbose=verbose)
     say(f"{found.unit}: {_line(found)}{', twin record set' if twin else ''}", quiet=quiet)
 
 
-@app.command()
+@app.command(cls=Command)
 def rollback(
     store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
     mode: ModeOption = None,
     to: Annotated[str, typer.Option("--to", help="A number, factory or previous.")] = "previous",
-    note: NoteOption = "", as_json: JsonFlag = False, quiet: Quiet = False,
+    note: NoteOption = "", as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
+    seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """An older table becomes active again, bit for bit, as a new revision.
 
@@ -190,13 +200,15 @@ def rollback(
             found = opened.rollback(serial, int(to) if to.isdecimal() else to, technology, mode, note=note)
     except StoreConflict as error:
         raise InputError(str(error)) from None
-    if as_json:
-        emit_json(_about(found))
+    answer(_about(found), as_json=as_json, verbose=verbose)
     say(f"{found.unit}: {_line(found)}, the table of revision {found.restored_number}", quiet=quiet)
 
 
-@app.command()
-def verify(store: StoreUrl = DEFAULT_STORE, as_json: JsonFlag = False, quiet: Quiet = False) -> None:
+@app.command(cls=Command)
+def verify(
+    store: StoreUrl = DEFAULT_STORE, as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:  # fmt: skip
     """Read every revision and check every hash and the chain.
 
     Example: recal table verify --store sqlite:///recal.db
@@ -204,8 +216,7 @@ def verify(store: StoreUrl = DEFAULT_STORE, as_json: JsonFlag = False, quiet: Qu
     with _open(store) as opened:
         counts = {str(u.unit): len(opened.history(*_key(u.active))) for u in opened.units()}
         twins = sum(opened.twin(*_key(u.active)) is not None for u in opened.units())
-    if as_json:
-        emit_json({"store": opened.name, "revisions": counts, "twins": twins})
+    answer({"store": opened.name, "revisions": counts, "twins": twins}, as_json=as_json, verbose=verbose)
     for unit, count in counts.items():
         say(f"{unit}: {count} revisions, all hashes right", quiet=quiet)
 
@@ -214,6 +225,15 @@ def _open(url: str) -> TableStore:
     from infield.store import TableStore
 
     return TableStore.open(url)
+
+
+def _other_technology(opened: TableStore, table: dict[str, Any]) -> str | None:
+    """What speaks against this table's gyro_technology: the store knows its serial as another."""
+    serial, technology = table["imu_serial"], table["gyro_technology"]
+    held = [u.unit for u in opened.units() if u.unit.imu_serial == serial]
+    if not held or any(unit.gyro_technology == technology for unit in held):
+        return None
+    return f"gyro_technology {technology}, the store holds {', '.join(map(str, held))}: another unit?"
 
 
 def _revision(opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None) -> Revision:
@@ -263,19 +283,6 @@ def _about(r: Revision) -> dict[str, Any]:
 def _line(r: Revision) -> str:
     runs = f"  {len(r.runs)} run{'s' if len(r.runs) > 1 else ''}" if r.runs else ""
     return f"revision {r.number}  {r.kind:8}  {r.created_utc}  {r.sha256[:12]}{runs}"
-
-
-def _write(path: Path, text: str) -> None:
-    """The whole file or none of it."""
-    from ins.records import InputError
-
-    part = path.with_name(path.name + ".part")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_text(text, encoding="utf-8")
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
 
 
 def _need(condition: object, otherwise: str) -> None:

@@ -7,21 +7,17 @@ import typer
 
 from recal.console import (
     DEFAULT_STORE,
-    DONE,
-    INCONSISTENT,
-    REFUSED,
     JsonFlag,
     NoSeed,
     OutputPath,
     Quiet,
     StoreUrl,
     Verbose,
-    emit_json,
+    answer,
+    finish,
     result_text,
     say,
 )
-
-EXIT = {"committed": DONE, "proposed": DONE, "refused": REFUSED, "inconsistent": INCONSISTENT}
 
 
 def command(
@@ -41,11 +37,10 @@ def command(
     Example: recal update run-1 run-2 --store sqlite:///recal.db --commit
     """
     document = update(runs, store_url=store, commit=commit, twin=twin, config=config, output=output, quiet=quiet)
-    if as_json:
-        emit_json(document)
+    answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, verbose=verbose):
         say(line, quiet=quiet)
-    raise typer.Exit(EXIT[document["verdict"]])
+    finish(document)
 
 
 def update(
@@ -55,10 +50,9 @@ def update(
     """Read, estimate, judge, merge, report, commit; returns the update document."""
     from infield.document import update_document
     from infield.pipeline import update_calibration
-    from infield.report import update_html
     from infield.table_file import table_sha256
     from recal.config import read_config
-    from recal.output import output_directory, program_version, write_text
+    from recal.output import output_directory, program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs
     from trajectories.run import read_run
 
@@ -67,42 +61,71 @@ def update(
     database = open_store(store_url)
     unit = unit_inputs(loaded[0], database, twin)
     serial = unit.table.imu_serial
+    directory = output_directory(output, "update")
     result = update_calibration(
         loaded, unit.table, unit.twin, parent_sha256=table_sha256(unit.table_dict), settings=settings, ageing=ageing,
         already_merged=(lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
     )  # fmt: skip
-    name = database.name if database else None
-    facts: dict[str, Any] = {"store": name, "version": program_version(), "table_before": unit.table_dict}
-    document = update_document(result, committed=False, **facts)
+    facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict}
     if commit and result.outcome == "accepted":
-        document = _commit(result, unit, store_url, facts)
-    directory = output_directory(output, "update")
-    write_text(directory / "update.json", result_text(document))
-    write_text(directory / "update.html", update_html(document))
+        return _commit(result, unit, store_url, directory, facts)
+    document = update_document(result, committed=False, store=database.name if database else None, **facts)
+    write_files(_files(directory, document))
     return document
 
 
-def _commit(result: Any, unit: Any, store_url: str, facts: dict[str, Any]) -> dict[str, Any]:
-    """Commit in one transaction; where another writer or an earlier merge stands in the way: refused, with the reason."""
+def _commit(result: Any, unit: Any, store_url: str, directory: Path, facts: dict[str, Any]) -> dict[str, Any]:
+    """Report and table together or neither: the report is staged, the store commits, the report takes its place.
+
+    Where another writer or an earlier merge stands in the way: refused, with the reason. Where the store cannot be
+    written the report stays, as a proposal that says so, and InputError is raised.
+    """
     from infield.document import update_document
     from infield.store import MergedRun, RunAlreadyMerged, StoreConflict
+    from ins.records import InputError
+    from recal.output import write_files
     from recal.unit_inputs import open_store
 
-    database = open_store(store_url, create=True)
-    assert database is not None
-    facts = {**facts, "store": database.name}
-    document = update_document(result, committed=True, **facts)
-    merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
+    facts, made = {**facts, "store": store_url}, []
     try:
-        revision = database.commit_update(
+        database = open_store(store_url, create=True)
+        assert database is not None
+        facts["store"] = database.name
+        document = update_document(result, committed=True, **facts)
+        merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
+        numbered = _numbered(document, (unit.revision or 1) + 1)
+        write_files(_files(directory, numbered), commit=lambda: made.append(database.commit_update(
             document["table_before_sha256"], result.after, merged, result_text(document),
-            first_table=None if unit.known else unit.table_dict,
-        )  # fmt: skip
+            first_table=None if unit.revision else unit.table_dict,
+        )))  # fmt: skip
+        if made[0].number != numbered["revision"]:  # somebody rolled back to the same table meanwhile
+            numbered = _numbered(document, made[0].number)
+            write_files(_files(directory, numbered))
+        return numbered
     except (StoreConflict, RunAlreadyMerged) as error:
-        return {**update_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
-    header = f"recal table rollback --store '{database.name}' --serial {result.after.imu_serial}"
-    return {**document, "revision": revision.number, "rollback_command": f"{header} --to {revision.number - 1}"}
+        document = {**update_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
+        write_files(_files(directory, document))
+        return document
+    except InputError as error:
+        if made:
+            say(f"committed as revision {made[0].number}, but {error}")
+            return _numbered(document, made[0].number)
+        document = {**update_document(result, committed=False, **facts), "reasons": [f"not committed: {error}"]}
+        write_files(_files(directory, document))
+        raise
+
+
+def _numbered(document: dict[str, Any], revision: int) -> dict[str, Any]:
+    """The document as committed under this number, and how to take it back."""
+    back = f"recal table rollback --store '{document['store']}' --serial {document['imu_serial']} --to {revision - 1}"
+    return {**document, "revision": revision, "rollback_command": back}
+
+
+def _files(directory: Path, document: dict[str, Any]) -> dict[Path, str]:
+    from infield.report import update_html
+
+    return {directory / "update.json": result_text(document), directory / "update.html": update_html(document)}
 
 
 def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:

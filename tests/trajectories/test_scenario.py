@@ -100,7 +100,7 @@ def test_seed_of_the_session_and_of_the_unit_are_apart():
         ({"schema": "recal.run/1"}, ["schema", "recal.scenario/1"]),
         ({"sites": {}}, ["unknown key sites"]),
         ({"site": {"lat_deg": 45.0, "lon_deg": 7.0}}, ["site", "height_m is missing"]),
-        ({"site": {"lat_deg": "45", "lon_deg": 7.0, "height_m": 0.0}}, ["lat_deg", "'45'"]),
+        ({"site": {"lat_deg": "45", "lon_deg": 7.0, "height_m": 0.0}}, ["lat_deg", '"45"']),
         ({"imu": {"rate": 100}}, ["imu", "unknown key rate", "rate_hz"]),
         ({"motion": [{"segment": "taxy", "duration_s": 5}]}, ["motion[0]", "'taxy'", "straight"]),
         ({"motion": [{"segment": "park", "duration_s": 5, "radius_m": 4}]}, ["motion[0]", "unknown key radius_m"]),
@@ -110,7 +110,7 @@ def test_seed_of_the_session_and_of_the_unit_are_apart():
         ({"twin": {"gyro_technology": "rlg", "gyro": {"arw": 1.0}}}, ["twin", "unknown key gyro.arw"]),
         ({"twin": {"gyro_technology": "rlg"}, "twin_file": "t.json"}, ["twin and twin_file"]),
         ({"disturbance": [{"event": "meteor"}]}, ["disturbance[0]", "meteor", "boarding"]),
-        ({"lever_arms_m": {"gnss": [1.0, 2.0]}}, ["lever_arms_m", "gnss", "3 items"]),
+        ({"lever_arms_m": {"gnss": [1.0, 2.0]}}, ["lever_arms_m", "gnss", "3 values"]),
         ({"alignment_s": float("nan")}, ["alignment_s", "finite"]),
     ],
 )

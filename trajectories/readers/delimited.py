@@ -64,7 +64,10 @@ def _names(line: bytes, delimiter: str) -> list[str]:
     words = line.decode("utf-8-sig", errors="replace").strip()
     if delimiter == " ":
         return words.split()
-    return [name.strip() for name in next(csv.reader([words], delimiter=delimiter), [])]
+    try:
+        return [name.strip() for name in next(csv.reader([words], delimiter=delimiter), [])]
+    except csv.Error:  # not a line of text
+        return []
 
 
 def _never(path: Path) -> bool:

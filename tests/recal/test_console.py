@@ -1,0 +1,155 @@
+"""What all commands share: start-up, flags, exit codes, and one line where the input is bad."""
+
+import errno
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import recal
+from ins.records import InputError
+from recal.cli import COMMANDS, app
+from recal.console import EXIT_CODES
+from recal.output import write_files
+
+ROOT = Path(recal.__file__).parent.parent
+TABLE = get_command(app).commands["table"].commands
+ALL = [[name] for name in COMMANDS] + [["table", name] for name in TABLE]
+HEAVY = {
+    "numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow", "matplotlib", "sqlalchemy", "alembic", "pydantic", "filterpy",
+    "pymap3d", "jinja2", "ins", "trajectories", "alignment", "infield",
+}  # fmt: skip
+LOADED = """
+import sys
+sys.argv = ["recal", {arguments}]
+from recal.__main__ import main
+try:
+    main()
+finally:
+    print(*{{name.split(".")[0] for name in sys.modules}}, file=sys.stderr)
+"""
+
+
+def python(code, *, cwd=ROOT, **environment):
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(ROOT), **environment},
+    )  # fmt: skip
+
+
+def test_help_loads_no_heavy_library():
+    """`recal --help` within 0.4 s: what costs time is importing; numpy alone takes 0.1 s."""
+    done = python(LOADED.format(arguments='"--help"'))
+    assert done.returncode == 0 and "update" in done.stdout
+    assert not HEAVY & set(done.stderr.split())
+
+
+@pytest.mark.parametrize("words", [["table"], *ALL], ids=" ".join)
+def test_the_help_of_a_command_loads_no_heavy_library_and_shows_an_example(words):
+    arguments = ", ".join(map(repr, [*words, "--help"]))
+    done = python(LOADED.format(arguments=arguments), COLUMNS="200")
+    assert done.returncode == 0
+    assert not HEAVY & set(done.stderr.split()) - {"pydantic"}  # typer's own
+    assert "Example: recal " + " ".join(words) in " ".join(done.stdout.split()) or words == ["table"]
+
+
+@pytest.mark.parametrize("words", ALL, ids=" ".join)
+def test_every_command_has_the_common_flags(words):
+    command = get_command(app)
+    for word in words:
+        command = command.commands[word]
+    flags = {flag for parameter in command.params for flag in parameter.opts}
+    assert flags >= {"--json", "-q", "-v", "--seed"}
+
+
+BAD = [
+    ["simulate", "nothing", "-o", "o"], ["convert", "nothing", "-o", "o"], ["check", "nothing"], ["align", "nothing"],
+    ["replay", "nothing"], ["update", "nothing"], ["table", "import", "nothing"],
+    *(["table", name, *(["-o", "t.json"] if name == "export" else [])] for name in TABLE if name != "import"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("words", BAD, ids=" ".join)
+def test_bad_input_is_one_line_exit_3_and_one_json_object(words, tmp_path, monkeypatch, capsys):
+    import recal.__main__
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["recal", *words, "--json"])
+    with pytest.raises(SystemExit) as end:
+        recal.__main__.main()
+    seen = capsys.readouterr()
+    assert end.value.code == 3
+    answer = json.loads(seen.out)
+    assert answer["verdict"] == "bad_input"
+    if words[0] == "check":
+        assert answer["schema"] == "recal.check/1" and seen.err == ""
+    else:
+        assert answer["schema"] == "recal.error/1" and seen.err == f"recal: {answer['reasons'][0]}\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_disk_that_the_system_refuses_is_bad_input(monkeypatch, tmp_path):
+    from recal.commands import check
+
+    def full(*arguments, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "run/imu.parquet")
+
+    monkeypatch.setattr(check, "check", full)
+    result = CliRunner().invoke(app, ["check", "run", "--json"])
+    assert isinstance(result.exception, InputError)
+    assert json.loads(result.stdout)["reasons"] == ["run/imu.parquet: No space left on device"]
+
+
+def test_wrong_usage_is_exit_2_and_prints_no_result():
+    for words in (["update"], ["check", "a", "--nonsense"], ["nonsense"], ["table", "show", "--json", "more"]):
+        result = CliRunner().invoke(app, words)
+        assert result.exit_code == 2 and result.stdout == ""
+
+
+def test_every_verdict_has_its_exit_code():
+    """formats.md, section 4."""
+    assert {code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())} == {
+        0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed"}, 3: {"bad_input"},
+        4: {"refused", "level_only"}, 5: {"inconsistent"},
+    }  # fmt: skip
+
+
+def test_a_reader_that_leaves_early_is_no_fault(tmp_path):
+    """More than a pipe holds, to a reader that takes one line."""
+    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['recal', '--help']\nfrom recal.__main__ import main"
+    long = f"{code}\nimport recal.cli\nrecal.cli.app = lambda: print('x' * 1_000_000)\nmain()"
+    for program in (f"{code}\nmain()", long):
+        with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            process.stdout.close()
+            assert process.stderr.read() == b""
+            assert process.wait() == 0
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_standard_output_on_a_full_disk_is_said():
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "recal", "--help"], stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT
+        )
+    assert (done.returncode, done.stderr) == (3, "recal: standard output: No space left on device\n")
+
+
+def test_files_are_written_together_or_not_at_all(tmp_path):
+    first, second = tmp_path / "a", tmp_path / "b"
+    write_files({first: "1", second: "2"})
+    with pytest.raises(InputError, match=r"c: cannot be written \(Is a directory\)"):
+        (tmp_path / "c").mkdir()
+        write_files({first: "new", tmp_path / "c": "new"}, commit=lambda: pytest.fail("committed"))
+
+    def refuse():
+        raise InputError("no")
+
+    with pytest.raises(InputError, match="no"):
+        write_files({first: "new", second: "new"}, commit=refuse)
+    assert (first.read_text(), second.read_text()) == ("1", "2")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a", "b", "c"]
