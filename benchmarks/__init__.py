@@ -1,0 +1,1 @@
+"""Studies and timings that stand beside the program: they see truth and estimator both, and are not installed."""
