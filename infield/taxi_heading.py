@@ -164,7 +164,12 @@ def _way_variance(views: StepViews) -> float:
 
 
 def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[Row]:
-    """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part."""
+    """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
+
+    A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit would claim to see
+    its heading (at 75 deg the east gyro's sigma came out 10 % below the Cramer-Rao bound).
+    """
+    v_n = np.where((views.kind[at] == ROLLING)[:, None], v_n, 0.0)
     meridian, transverse = radii_of_curvature(views.lat_rad[at])
     radius = 0.5 * (meridian + transverse) + views.height_m[at]
     tan_L = np.tan(views.lat_rad[at])
