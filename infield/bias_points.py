@@ -1,6 +1,8 @@
 """Bias-temperature points of a session, and how well each gyro was seen."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,16 +56,20 @@ def session_points(run: Run, estimate: SessionEstimate) -> SessionPoints:
     sigma = VAGUE * np.sqrt(np.diag(bins.prior))
     shared = np.outer(sigma, sigma) * (np.arange(m)[:, None] % 3 == np.arange(m)[None, :] % 3)
     vague = shared + np.diag(sigma**2)
-    covariance = np.linalg.inv(information + np.linalg.inv(vague))
+    alone = np.linalg.inv(information + np.linalg.inv(vague))
+    covariance = alone + bins.thermometer  # a point stands at its temperature, which is itself measured
     return SessionPoints(
         axis_index=np.tile(np.arange(3), count),
         time_s=np.repeat(bins.centre_s, 3),
         duration_s=np.repeat(bins.duration_s, 3),
         temperature_degC=bins.temperature_degC.ravel(),
         temperature_rate_degC_min=bins.rate_degC_min.ravel(),
-        bias_deg_h=bins.table_deg_h + covariance @ vector,
+        bias_deg_h=bins.table_deg_h + alone @ vector,
         covariance=0.5 * (covariance + covariance.T),
         H=bins.H,
+        gradient_degC=None if bins.gradient_degC is None else bins.gradient_degC.ravel(),
+        sigma_temperature_degC=bins.sigma_temperature_degC.ravel(),
+        sigma_rate_degC_min=bins.sigma_rate_degC_min.ravel(),
         run_id=run.header.run_id,
         run_sha256=run.sha256,
         applied_table_sha256=run.header.applied_table_sha256,
@@ -80,9 +86,10 @@ def mean_rows(estimate: SessionEstimate) -> NDArray:
 
 
 def observability(
-    estimate: SessionEstimate, *, hold_heading: bool, stuck: tuple[str, ...] = ()
+    estimate: SessionEstimate, *, hold_heading: bool, unusable: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[AxisObservability, ...]:
-    """Verdict per axis from the variance that the session removed from its mean bias; none for a stuck thermometer."""
+    """Verdict per axis from the variance that the session removed from its mean bias; unusable: axis -> what is wrong
+    with its thermometer."""
     A = mean_rows(estimate)
     before = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.bins.prior, A))
     after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
@@ -91,8 +98,8 @@ def observability(
         ratio = a / b
         verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
         advice = _advice(axis, verdict, hold_heading)
-        if axis in stuck:
-            verdict, advice = "not_observable", f"the thermometer of gyro {axis} is stuck: its bias has no temperature"
+        if axis in unusable:
+            verdict, advice = "not_observable", f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature"
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
 

@@ -21,6 +21,7 @@ from infield.session import SessionEstimate
 from infield.table import ThermalTable
 from infield.table_file import table_sha256, table_to_dict
 from infield.taxi_heading import heading_source
+from infield.thermometer import words
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
@@ -119,8 +120,13 @@ def _points(session: SessionResult) -> list[dict[str, Any]]:
             "bias_deg_h": float(p.bias_deg_h[k]),
             "sigma_deg_h": float(p.sigma_deg_h[k]),
             "temperature_rate_degC_min": float(p.temperature_rate_degC_min[k]),
+            "start_s": float(p.time_s[k] - 0.5 * p.duration_s[k]),
             "duration_s": float(p.duration_s[k]),
+            "gradient_degC": _number(p.gradient_degC, k),
+            "sigma_temperature_degC": _number(p.sigma_temperature_degC, k),
+            "sigma_temperature_rate_degC_min": _number(p.sigma_rate_degC_min, k),
             "run_id": p.run_id,
+            "run_sha256": p.run_sha256,
             "applied_table_sha256": p.applied_table_sha256,
             "observability": verdicts.get(AXES[axis], "not_observable"),
         }
@@ -128,8 +134,14 @@ def _points(session: SessionResult) -> list[dict[str, Any]]:
     ]
 
 
+def _number(values: NDArray | None, k: int) -> float | None:
+    return None if values is None or not np.isfinite(values[k]) else float(values[k])
+
+
 def _excluded(session: SessionResult) -> list[dict[str, Any]]:
     spans = list(session.run.faults)
+    if session.temperature is not None:
+        spans += list(session.temperature.spans())
     if session.estimate is not None:
         spans += list(excluded_spans(session.estimate.solution))
     run_id = session.run.header.run_id
@@ -251,7 +263,8 @@ def _session(session: SessionResult) -> dict[str, Any]:
         out["temperature"] = {
             "min_degC": T.temperature_degC.min(axis=0).tolist(),
             "max_degC": T.temperature_degC.max(axis=0).tolist(),
-            "stuck": list(T.stuck),
+            "unusable": list(T.unusable),
+            "faults": [words(fault) for fault in T.faults],
             "time_s": T.time_s[::every].tolist(),
             "gyro_degC": T.temperature_degC[::every].tolist(),
         }
@@ -282,6 +295,7 @@ def _estimate(session: SessionResult) -> dict[str, Any]:
         },
         "phases": [vars(p) for p in session.run.phases or detect_phases(e.solution.motion)],
         "parked_jitter_m": e.solution.displacement_sigma_m,
+        "points_covariance_deg_h2": session.points.covariance.tolist() if session.points else None,
         "coverage": _coverage(session),
         "smoothing": _smoothing(e),
         "residuals": _residuals(session),

@@ -33,7 +33,8 @@ class SessionPoints:
 
     axis_index (m,): 0, 1, 2; time_s (m,): centre; duration_s (m,); temperatures and rates: means over the point;
     bias_deg_h (m,): comparable with the table, a table already applied being added back; covariance (m, m)
-    [(deg/h)^2]: of the measurement alone; H (m, n): `ThermalTable.basis` rows averaged over each point.
+    [(deg/h)^2]: of the measurement alone, its temperature included; H (m, n): `ThermalTable.basis` rows averaged over
+    each point. Gradient and the sigmas of temperature and rate: None where not logged or not known.
     """
 
     axis_index: NDArray
@@ -48,11 +49,14 @@ class SessionPoints:
     run_sha256: str = ""
     applied_table_sha256: str | None = None
     gradient_degC: NDArray | None = None
+    sigma_temperature_degC: NDArray | None = None
+    sigma_rate_degC_min: NDArray | None = None
 
     def __post_init__(self) -> None:
         m = len(np.atleast_1d(self.bias_deg_h))
         shapes: dict[str, tuple[int | None, ...]] = {"covariance": (m, m), "H": (m, None)}
-        one = ("time_s", "duration_s", "temperature_degC", "temperature_rate_degC_min", "bias_deg_h", "gradient_degC")
+        one = ("time_s", "duration_s", "temperature_degC", "temperature_rate_degC_min", "bias_deg_h", "gradient_degC",
+               "sigma_temperature_degC", "sigma_rate_degC_min")  # fmt: skip
         shapes.update(dict.fromkeys(one, (m,)))
         for name, shape in shapes.items():
             if getattr(self, name) is not None:

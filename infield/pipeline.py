@@ -25,11 +25,13 @@ from infield.session import (
 )
 from infield.standstill import speed_disagreement
 from infield.table import AgeingModel, ThermalTable
-from infield.thermometer import GyroTemperature, gyro_temperature
+from infield.thermometer import GyroTemperature, gyro_temperature, no_thermometer, plausible_range, too_short, words
 from ins.compensation import compensate
 from ins.records import InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
+NEVER_RESTS = "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
+LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
 
 @dataclass(frozen=True)
 class SessionResult:
@@ -107,30 +109,26 @@ def _one_session(
     """One run against the table as it stands."""
     if repeated:
         return SessionResult(run, acceptance.refuse("the table already holds this run (same content hash)"))
-    if run.temperature is None or run.temperature.time_s.size < 10:
-        return SessionResult(
-            run, acceptance.refuse("no gyro temperature in the run: a bias without its temperature has no place in the table")
-        )
-    temperature = gyro_temperature(run.temperature)
-    if len(temperature.stuck) == 3:
-        return SessionResult(
-            run, acceptance.refuse("all gyro thermometers are stuck: one reading for the whole run"), temperature
-        )
-    end_s = session_end(run)
-    rest = find_rest(run)
+    short = too_short(run.temperature)
+    if run.temperature is None or short:
+        return SessionResult(run, acceptance.refuse(short))
+    temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
+    if len(temperature.unusable) == 3:
+        return SessionResult(run, acceptance.refuse(*no_thermometer(temperature)), temperature)
+    end_s, rest = session_end(run), find_rest(run)
     if rest is None:
-        return SessionResult(
-            run,
-            acceptance.refuse("the run never rests for a minute; a parked alignment and 30 min in navigation are needed"),
-            temperature,
-        )
+        return SessionResult(run, acceptance.refuse(NEVER_RESTS), temperature)
+    known = temperature.covered(rest[0], end_s).max()
+    if known < LEAST_COVERED:
+        reason = f"gyro temperature is known for {100 * known:.0f} % of the session, needed {100 * LEAST_COVERED:.0f} %"
+        return SessionResult(run, acceptance.refuse(reason, *map(words, temperature.faults)), temperature)
     low, high = temperature.temperature_degC.min(axis=0).min(), temperature.temperature_degC.max(axis=0).max()
     table = table.extended_to(float(low), float(high))
     try:
         estimate = estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
     except ArithmeticError as lost:
         return SessionResult(run, acceptance.refuse(f"the filter cannot follow this log: {lost}"), temperature)
-    seen = observability(estimate, hold_heading=settings.hold_heading, stuck=temperature.stuck)
+    seen = observability(estimate, hold_heading=settings.hold_heading, unusable=temperature.why_unusable())
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     against = speed_disagreement(run, estimate.solution.motion)
@@ -187,7 +185,8 @@ def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTa
     table = applied_table(sha256)
     if run.temperature is None:
         raise InputError(f"run {run.header.run_id}: a table was applied but no temperature is logged: cannot be undone")
-    bias = table_along(table, gyro_temperature(run.temperature), run.imu.time_s)
+    temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
+    bias = table_along(table, temperature, run.imu.time_s)
     from dataclasses import replace
 
     return replace(run, imu=compensate(run.imu, gyro_bias_rad_s=-bias * DEG_PER_HOUR))

@@ -28,7 +28,7 @@ from infield.session import (
     table_along,
 )
 from infield.table import ThermalTable
-from infield.thermometer import GyroTemperature, gyro_temperature
+from infield.thermometer import GyroTemperature, gyro_temperature, too_short, words
 from ins.earth import EARTH_RATE_RAD_S
 from ins.mechanization import VerticalChannel, navigate
 from ins.records import AXES, NavHistory, NavState, ReferenceLog, Run, TwinModel
@@ -126,12 +126,15 @@ def replay(
     """
     raw = with_applied_table_undone(run, applied_table)
     temperature, notes = None, [f"{f.start_s:g} to {f.end_s:g} s: {f.reason}" for f in run.faults]
-    if raw.temperature is None or raw.temperature.time_s.size < 10:
-        notes.append("no gyro temperature in the run: no table can be applied, flown with the raw gyro output")
+    short = too_short(raw.temperature)
+    if raw.temperature is None or short:
+        notes.append(f"{short.split(': ')[0] if raw.temperature is None else short}: no table can be applied, "
+                     "flown with the raw gyro output")  # fmt: skip
         tables = [TableChoice(role="active", table=None, origin="none: raw gyro output")]
     else:
         temperature = gyro_temperature(raw.temperature)
-        notes += [f"gyro {axis}: its thermometer is stuck, its bias is taken there" for axis in temperature.stuck]
+        notes += [words(fault) for fault in temperature.faults]
+        notes += [f"gyro {axis}: no thermometer of its own, the others' mean stands in" for axis in temperature.unusable]
     vertical, how = _vertical(raw)
     rest = find_rest(raw)
     if rest is None:
@@ -180,7 +183,7 @@ def _fly(
         table, notes = _covering(choice.table, temperature)
         bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
         sigma = np.sqrt(np.diag(bins.prior)[:3])
-        coarse = table_along(table, temperature, temperature.time_s)  # the smoothed temperature is a 1 Hz series
+        coarse = table_along(table, temperature, temperature.time_s)  # the smoothed temperature is a series every 5 s
         table_deg_h = np.stack([np.interp(imu.time_s, temperature.time_s, b) for b in coarse.T], axis=1)
     imu = compensated_imu(run, table_deg_h, twin)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)

@@ -220,11 +220,11 @@ def _nis_words(consistency: dict[str, Any]) -> str:
 
 
 def _temperature_words(temperature: dict[str, Any]) -> str:
-    """Range per gyro, and which thermometers are stuck."""
+    """Range per gyro, and what is wrong with the thermometers."""
     ranges = zip(temperature["min_degC"], temperature["max_degC"])
-    stuck = ", ".join(temperature.get("stuck") or [])
+    faults = "; ".join(temperature.get("faults") or [])
     return "; ".join(f"{number(low, 1)} to {number(high, 1)}" for low, high in ranges) + " \u00b0C" + (
-        f"; stuck: {stuck}" if stuck else ""
+        f"; {faults}" if faults else ""
     )
 
 

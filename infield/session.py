@@ -7,6 +7,7 @@ axes and time, so that nothing shared is counted twice.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,7 @@ from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 BIN_S = 300.0
 BIN_FLOOR_DEG_H = 1e-4  # spread of a bin's mean about every model of it; keeps the joint covariance invertible
+TIED_SHARE = 0.5  # of a bin that needs a gyro temperature
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +53,8 @@ class SessionBins:
 
     edges_s (N + 1,); temperature, rate (N, 3): bin means; H (3N, n): rows of the table averaged over the bin, order
     x, y, z of bin 0, then bin 1 ...; table_deg_h (3N,): the table there; prior (3N, 3N) [(deg/h)^2] = H P H' + T.
+    own: T, what the session adds; thermometer: the part of T that the temperatures' own errors make, their covariance
+    times the table's slope. tied (N, 3): the bin has a temperature; where not, its row of H is zero.
     """
 
     edges_s: NDArray
@@ -59,7 +63,12 @@ class SessionBins:
     H: NDArray
     table_deg_h: NDArray
     prior: NDArray
-    own: NDArray  # T alone: what the session adds
+    own: NDArray
+    thermometer: NDArray
+    tied: NDArray
+    sigma_temperature_degC: NDArray
+    sigma_rate_degC_min: NDArray
+    gradient_degC: NDArray | None = None
 
     @property
     def centre_s(self) -> NDArray:
@@ -110,15 +119,20 @@ def make_bins(
     table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings,
     *, start_s: float, end_s: float,
 ) -> SessionBins:  # fmt: skip
-    """Equal bins of about `bin_s`; an axis whose thermometer is stuck teaches the table nothing."""
+    """Equal bins of about `bin_s`; a bin without a gyro temperature teaches the table nothing."""
     count = max(round((end_s - start_s) / settings.bin_s), 1)
     edges = np.linspace(start_s, end_s, count + 1)
     T, rate, H = np.empty((count, 3)), np.empty((count, 3)), np.empty((3 * count, table.n_parameters))
+    tied = np.array([temperature.covered(a, b) for a, b in pairwise(edges)]) >= TIED_SHARE
+    tied[:, ["xyz".index(name) for name in temperature.unusable]] = False
+    gradient = None if temperature.gradient_degC is None else np.empty((count, 3))
     for k in range(count):
-        rows = temperature.between(edges[k], edges[k + 1])
-        T[k], rate[k] = temperature.temperature_degC[rows].mean(axis=0), temperature.rate_degC_min[rows].mean(axis=0)
+        rows = temperature.mean_rows(edges[k], edges[k + 1])
+        T[k], rate[k] = rows @ temperature.temperature_degC, rows @ temperature.rate_degC_min
+        if gradient is not None and temperature.gradient_degC is not None:
+            gradient[k] = rows @ temperature.gradient_degC
         for axis in range(3):
-            H[3 * k + axis] = table.basis(axis, temperature.temperature_degC[rows, axis]).mean(axis=0)
+            H[3 * k + axis] = rows[seen := rows > 0] @ table.basis(axis, temperature.temperature_degC[seen, axis])
     own = session_covariance(
         axis_index=np.tile(np.arange(3), count),
         time_s=np.repeat(0.5 * (edges[1:] + edges[:-1]), 3),
@@ -129,12 +143,38 @@ def make_bins(
     )
     own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
     table_deg_h = H @ table.parameters
-    for name in temperature.stuck:  # the bias is what it is, but no temperature ties it to the table
-        of_axis, values = np.arange("xyz".index(name), 3 * count, 3), table.values_of(name)
+    _cut_off(table, H, own, tied)
+    of_T = temperature.temperature_covariance(edges)
+    thermometer = _thermometer_covariance(table, T, of_T * (tied.T[:, :, None] & tied.T[:, None, :]))
+    own += thermometer
+    return SessionBins(
+        edges, T, rate, H, table_deg_h, H @ table.covariance @ H.T + own, own, thermometer, tied,
+        np.sqrt(np.diagonal(of_T, axis1=1, axis2=2).T), temperature.rate_sigma(edges), gradient,
+    )  # fmt: skip
+
+
+def _cut_off(table: ThermalTable, H: NDArray, own: NDArray, tied: NDArray) -> None:
+    """Untied bins, in place: the bias is what it is, but no temperature ties it to the table."""
+    for axis in range(3):
+        rows = 3 * np.flatnonzero(~tied[:, axis]) + axis
+        values = table.values_of(axis)
         spread = np.max(np.diag(table.covariance)[values]) + np.var(table.parameters[values])
-        own[np.ix_(of_axis, of_axis)] += spread * (0.7 + 0.3 * np.eye(count))
-        H[of_axis] = 0.0
-    return SessionBins(edges, T, rate, H, table_deg_h, H @ table.covariance @ H.T + own, own)
+        own[np.ix_(rows, rows)] += spread * (0.7 + 0.3 * np.eye(rows.size))
+        H[rows] = 0.0
+
+
+def _thermometer_covariance(table: ThermalTable, T: NDArray, covariance: NDArray) -> NDArray:
+    """What errors of the temperatures, covariance (3, N, N) [degC^2], do to the bias: times the table's slope (3N, 3N).
+
+    E[slope_i slope_j] holds the slope's own uncertainty too: a table that does not know its slope does not call it zero.
+    """
+    count = len(T)
+    out = np.zeros((3 * count, 3 * count))
+    for axis in range(3):
+        S = table.basis(axis, T[:, axis] + 0.5) - table.basis(axis, T[:, axis] - 0.5)  # per degC
+        slope = S @ table.parameters
+        out[axis::3, axis::3] = covariance[axis] * (np.outer(slope, slope) + S @ table.covariance @ S.T)
+    return out
 
 
 def estimate_session(

@@ -260,7 +260,7 @@ def coverage_drawing(session: dict[str, Any]) -> Markup | None:
         ax.bar(centre + 1.4 * (k - 1), time_s, width=1.3, color=AXIS_COLOURS[axis], label=f"gyro {axis}", linewidth=0)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
     axis_text(ax, title="Time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
-    return svg_text(figure, "Seconds of the run in each 5 degC band of gyro temperature")
+    return svg_text(figure, f"Seconds of run {session.get('run_id')} in each 5 degC band of gyro temperature")
 
 
 @in_style

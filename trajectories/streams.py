@@ -24,6 +24,7 @@ from ins.records import (
     Span,
     TemperatureLog,
 )
+from ins.thermometer_faults import HOLE_S
 from ins.units import DEG
 from trajectories.run_check import JITTER_WARNING, Findings, Row, check_increasing, jitter
 from trajectories.run_schema import (
@@ -147,6 +148,10 @@ def check_overlap(imu: ImuLog, optional: dict[str, Any], header: RunHeader, find
         if log is not None and (log.time_s[0] > end or log.time_s[-1] < start):
             a, b = log.time_s[0], log.time_s[-1]
             findings.suspect(f"{name}: time_s {a:.6g} to {b:.6g} s, imu {start:.6g} to {end:.6g} s: other time base?")
+        elif name == "temperature" and log is not None:
+            beyond = [(start, log.time_s[0]), (log.time_s[-1], end)]
+            lines = [f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)" for a, b in beyond if b - a > HOLE_S]
+            findings.warn(*lines)
     gnss = optional.get("gnss")
     if gnss is not None:
         off = np.degrees(np.abs([gnss.lat_rad[0] - header.site.lat_rad, gnss.lon_rad[0] - header.site.lon_rad]))

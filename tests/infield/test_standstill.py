@@ -53,4 +53,4 @@ def test_a_stuck_thermometer_teaches_its_axis_nothing():
     assert np.max(np.abs(result.after.parameters[y] - table.parameters[y])) > 1e-5
     document = update_document(result, committed=False, store=None, version="test", table_before=data)
     assert document["observability"]["x"]["verdict"] == "not_observable"
-    assert "stuck" in document["observability"]["x"]["advice"]
+    assert "thermometer of gyro x is exactly 0" in document["observability"]["x"]["advice"]

@@ -1,0 +1,308 @@
+"""What can be wrong with logged thermometers, and which readings may still be trusted.
+
+One judge for `recal check`, which lists it, and for the recalibration, which leaves it out. A fault is judged against
+the column's own past, the other thermometers of the run and what a housing can do; never against the true bias.
+Temperatures in degC, times in s throughout.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+PLAUSIBLE_degC = (-60.0, 70.0)  # of a run's median where no table says that the unit works beyond
+KELVIN_degC = 150.0  # a median above this is no Celsius
+COARSE_degC = 0.25  # steps at least so large are worth a remark
+FASTEST_degC_s = 0.05  # 3 degC/min: faster no housing changes
+JUMP_degC, JUMP_SIGMAS, JUMP_STEPS = 0.5, 10.0, 2.5
+TRANSIENT_S = 900.0  # a jump that comes back within this leaves the rest of the log as it was
+STUCK_S, LONG_STUCK_S = 120.0, 600.0
+HOLE_S = 60.0
+OTHER_SCALE_degC = 12.0  # no two thermometers of one unit differ by more for long
+SAME_SCALE_degC = 5.0  # a guessed scale that brings them so near is named
+ALIVE_SHARE = 0.2  # of rows that change: a thermometer fine enough to flicker
+SPIKE_ROWS = 11  # window of the running median: bursts of up to five rows are spikes
+SCALES = (
+    ("Fahrenheit?", lambda T: (T - 32.0) / 1.8), ("kelvin?", lambda T: T - 273.15),
+    ("ten times too large?", lambda T: T / 10.0), ("ten times too small?", lambda T: T * 10.0),
+    ("degC read as Fahrenheit?", lambda T: 1.8 * T + 32.0),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermometerFault:
+    """The column ("temperature" for all), its kind, from when to when, and what is seen."""
+
+    column: str
+    kind: str  # absent, zero, spike, stuck, jump, scale, implausible, coarse, hole
+    start_s: float
+    end_s: float
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermometerCheck:
+    """Faults in the order found; valid[column] (n,): rows to be trusted; resolution[column] [degC], 0 if none is seen."""
+
+    faults: tuple[ThermometerFault, ...]
+    valid: dict[str, NDArray]
+    resolution_degC: dict[str, float]
+
+
+class _Judge:
+    """The columns as the faults are taken out of them one after the other."""
+
+    def __init__(self, time_s: NDArray, columns: Mapping[str, NDArray]) -> None:
+        self.t, self.columns = time_s, columns
+        self.valid = {name: np.isfinite(v) for name, v in columns.items()}
+        self.step = {name: reading_step_degC(v[self.valid[name]]) for name, v in columns.items()}
+        self.faults: list[ThermometerFault] = []
+
+    def add(self, name: str, kind: str, rows: NDArray, text: str) -> None:
+        at = self.t[rows] if rows.size else self.t
+        fault = ThermometerFault(column=name, kind=kind, start_s=float(at[0]), end_s=float(at[-1]), text=text)
+        self.faults.append(fault)
+
+    def drop(self, name: str, kind: str, rows: NDArray, text: str) -> None:
+        """Say it, and trust these rows no more."""
+        self.add(name, kind, rows, text)
+        self.valid[name][rows] = False
+
+    def rows(self, name: str) -> NDArray:
+        return np.flatnonzero(self.valid[name])
+
+    def values(self, name: str) -> NDArray:
+        return self.columns[name][self.valid[name]]
+
+    def limit(self, name: str, values: NDArray) -> float:
+        """A change that noise and resolution do not explain."""
+        noise = 1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0) if values.size > 2 else 0.0
+        return float(max(JUMP_degC, JUMP_STEPS * self.step[name], JUMP_SIGMAS * noise))
+
+
+def check_thermometers(
+    time_s: NDArray, columns: Mapping[str, NDArray], *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC
+) -> ThermometerCheck:
+    """Judge thermometers logged at times (n,); columns by their names in the file (gyro_x_degC ... block_degC).
+
+    gyro_* columns are compared with each other and with accel_* and block; ambient_degC is not part of the unit.
+    Not to be found: a fault shared by every thermometer of the run that keeps them plausible.
+    """
+    judge = _Judge(time_s, columns)
+    _holes(judge)
+    for name in columns:
+        if not judge.valid[name].any():
+            judge.add(name, "absent", judge.rows(name), "has no reading")
+            continue
+        _zeros(judge, name)
+        _spikes(judge, name)
+    _scales(judge, plausible_degC)
+    for name in columns:
+        if not name.startswith("ambient"):
+            _stuck(judge, name)
+    for name in columns:
+        _jumps(judge, name)
+    for name, step in judge.step.items():
+        if step >= COARSE_degC:
+            judge.add(name, "coarse", judge.rows(name), f"has steps of {step:g} degC: its rate of change is poorly known")
+    return ThermometerCheck(faults=tuple(judge.faults), valid=judge.valid, resolution_degC=judge.step)
+
+
+def reading_step_degC(values: NDArray) -> float:
+    """The step of a rounded thermometer, 0 where the readings lie on no common grid or hardly ever repeat."""
+    levels = np.unique(np.round(values, 9))
+    if levels.size < 2 or levels.size > 0.5 * values.size:
+        return 0.0
+    step = float(np.min(np.diff(levels)))
+    counts = (levels - levels[0]) / step
+    even = step > 1e-6 and np.max(np.abs(counts - np.round(counts))) < 0.02
+    return step if even else 0.0
+
+
+def _holes(judge: _Judge) -> None:
+    gaps = np.diff(judge.t)
+    if not gaps.size:
+        return
+    for k in np.flatnonzero(gaps > max(HOLE_S, 5.0 * float(np.median(gaps)))):
+        text = f"no reading from {judge.t[k]:.1f} to {judge.t[k + 1]:.1f} s ({gaps[k]:.0f} s)"
+        judge.add("temperature", "hole", np.array([k, k + 1]), text)
+
+
+def _zeros(judge: _Judge, name: str) -> None:
+    """Readings of exactly 0 beside others that are far from it."""
+    rows, values = judge.rows(name), judge.values(name)
+    zero = values == 0.0
+    if zero.all():
+        if name.startswith("ambient"):  # a day at freezing point
+            return
+        judge.drop(name, "absent", rows, f"is exactly 0 in all {rows.size} rows: missing values?")
+        return
+    limit, missing = judge.limit(name, values[~zero]), np.zeros(rows.size, dtype=bool)
+    for a, b in _runs(zero):
+        beside = values[[k for k in (a - 1, b) if 0 <= k < values.size]]
+        missing[a:b] = np.max(np.abs(beside)) > limit
+    if missing.any():
+        judge.drop(name, "zero", rows[missing], f"is exactly 0 in {int(missing.sum())} rows: missing values?")
+
+
+def _spikes(judge: _Judge, name: str) -> None:
+    """Bursts of up to five rows far from their neighbours' median."""
+    rows = judge.rows(name)
+    if rows.size < SPIKE_ROWS:
+        return
+    values, half = judge.values(name), SPIKE_ROWS // 2
+    around = median_filter(np.pad(values, half, mode="reflect", reflect_type="odd"), SPIKE_ROWS)[half:-half]
+    far = np.abs(values - around) > judge.limit(name, values)
+    if far.any():
+        worst = int(np.argmax(np.abs(values - around)))
+        text = f"has {int(far.sum())} readings far from their neighbours, {values[worst]:g} at {judge.t[rows[worst]]:.1f} s"
+        judge.drop(name, "spike", rows[far], text)
+
+
+def _stuck(judge: _Judge, name: str) -> None:
+    """One reading for minutes while the unit's other thermometers moved."""
+    rows = judge.rows(name)
+    values, t = judge.values(name), judge.t[rows]
+    changes = np.concatenate([[0], np.flatnonzero(np.diff(values)) + 1, [values.size]])
+    flickers = 0.0 < judge.step[name] <= 0.05 or (judge.step[name] == 0.0 and changes.size > 2)
+    alive = flickers and changes.size > ALIVE_SHARE * values.size
+    for a, b in pairwise(changes):
+        lasts = t[b - 1] - t[a] if b > a else 0.0
+        if lasts <= STUCK_S:
+            continue
+        span = np.arange(rows[a], rows[b - 1] + 1)
+        moved = _others_moved(judge, name, span)
+        need = 1.5 * _step_or_others(judge, name) + (0.3 if lasts > LONG_STUCK_S else 0.5)
+        frozen = lasts > LONG_STUCK_S and not moved and (alive or changes.size == 2)
+        if (moved and min(moved) > need) or frozen:
+            text = f"is stuck at {values[a]:g} degC from {t[a]:.0f} s for {lasts:.0f} s"
+            judge.drop(name, "stuck", rows[a:b], text)
+
+
+def _others_moved(judge: _Judge, name: str, span: NDArray) -> list[float]:
+    """How far each other live thermometer moved over a span for sure: its steps and what is not a gyro count less."""
+    gyros = [n for n in judge.columns if n.startswith("gyro_") and n != name]
+    rest = [n for n in judge.columns if n.startswith(("accel_", "block")) and n != name]
+    for group in (gyros, rest):
+        moved = []
+        for other in group:
+            kept = judge.valid[other][span]
+            v, t = judge.columns[other][span][kept], judge.t[span][kept]
+            if v.size < 3 or np.ptp(v) == 0.0:
+                continue
+            if np.any(np.abs(np.diff(v)) > judge.limit(other, v) + FASTEST_degC_s * np.diff(t)):
+                continue  # it jumps itself
+            ends = [np.median(part) for part in (v[:5], v[v.size // 2 - 2 : v.size // 2 + 3], v[-5:])]
+            far = float(np.ptp(ends)) - judge.step[other]
+            moved.append(far if group is gyros and name.startswith("gyro_") else far / 3.0)
+        if moved:
+            return moved if len(moved) > 1 else [moved[0] / 2.0]
+    return []
+
+
+def _step_or_others(judge: _Judge, name: str) -> float:
+    """The column's step; of one that never moved, the coarsest of the others'."""
+    if np.ptp(judge.values(name)) > 0.0:
+        return judge.step[name]
+    return max(judge.step.values())
+
+
+def _jumps(judge: _Judge, name: str) -> None:
+    """Steps faster than a housing changes: the span where it comes back soon, else the whole column."""
+    rows = judge.rows(name)
+    if rows.size < 4:
+        return
+    values, t = judge.values(name), judge.t[rows]
+    limit = judge.limit(name, values)
+    found = np.zeros(rows.size, dtype=bool)
+    for lag in (1, 3):
+        step = values[lag:] - values[:-lag]
+        found[lag:] |= np.abs(step) > limit + FASTEST_degC_s * (t[lag:] - t[:-lag])
+    jumps = []
+    for a, b in _runs(found):
+        after = float(np.median(values[b - 1 : b + 4]) - np.median(values[max(a - 6, 0) : max(a, 1)]))
+        if abs(after) > 0.5 * limit:
+            steps = np.diff(values[max(a - 1, 0) : b])
+            largest = float(steps[np.argmax(np.abs(steps))])
+            size = largest if abs(largest - after) < 0.5 * abs(after) else after
+            jumps.append((a, b, size))
+    if jumps:
+        _drop_jumps(judge, name, rows, jumps)
+
+
+def _drop_jumps(judge: _Judge, name: str, rows: NDArray, jumps: list[tuple[int, int, float]]) -> None:
+    t = judge.t[rows]
+    k = 0
+    while k < len(jumps):
+        a, b, size = jumps[k]
+        back = jumps[k + 1] if k + 1 < len(jumps) else None
+        text = f"jumps by {size:+.1f} degC at {t[a]:.1f} s"
+        if back is not None and t[back[0]] - t[a] < TRANSIENT_S and abs(size + back[2]) < 0.35 * abs(size):
+            judge.drop(name, "jump", rows[a : back[1]], f"{text} and back at {t[back[0]]:.1f} s")
+            k += 2
+        elif a < SPIKE_ROWS or rows.size - b < SPIKE_ROWS:
+            judge.drop(name, "jump", rows[:a] if a < SPIKE_ROWS else rows[a:], text)
+            k += 1
+        else:
+            judge.drop(name, "jump", rows, f"{text}: which side is right is not known ({len(jumps)} jumps)")
+            return
+
+
+def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
+    """Kelvin; a column far from the unit's other thermometers; gyros that no unit reaches."""
+    for name in judge.columns:
+        if judge.valid[name].any() and np.median(judge.values(name)) > KELVIN_degC:
+            middle = np.median(judge.values(name))
+            guess = "kelvin?" if middle < KELVIN_degC + 210.0 else "ten times too large?"
+            judge.drop(name, "implausible", judge.rows(name), f"is about {middle:.0f}, needed degC: {guess}")
+    unit = [n for n in judge.columns if n.startswith(("gyro_", "accel_", "block")) and judge.valid[n].any()]
+    gyros = [n for n in unit if n.startswith("gyro_")]
+    if len(unit) > 1:
+        values = np.array([np.where(judge.valid[n], judge.columns[n], np.nan) for n in unit])
+        _odd_ones(judge, unit, gyros, values)
+    for name in gyros:
+        rows = judge.rows(name)
+        if not rows.size:
+            continue
+        middle, peak = np.median(judge.columns[name][rows]), np.percentile(judge.columns[name][rows], 95)
+        low, high = plausible_degC
+        if not low <= middle <= high or peak > high + 15.0:
+            guess = "Fahrenheit?" if peak > high else "wrong scale?"
+            judge.drop(name, "scale", judge.rows(name), f"is about {middle:.0f} degC, needed {low:g} to {high:g} degC: {guess}")
+
+
+def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray) -> None:
+    """Columns far from the median of the unit's thermometers over a fifth of the log."""
+    seen = np.isfinite(values).any(axis=0)
+    middle = np.full(values.shape[1], np.nan)
+    middle[seen] = np.nanmedian(values[:, seen], axis=0)
+    if len(unit) == 2 or (len(unit) == len(gyros) + 1 and len(gyros) == 3):
+        middle = _against_one(unit, gyros, values, middle)
+    for name, v in zip(unit, values):
+        off = np.abs(v - middle)
+        off = off[np.isfinite(off)]
+        if not off.size or np.percentile(off, 80) <= OTHER_SCALE_degC:
+            continue
+        near = [word for word, scale in SCALES if np.nanpercentile(np.abs(scale(v) - middle), 80) < SAME_SCALE_degC]
+        text = f"is {np.nanmedian(v - middle):+.0f} degC off the other thermometers: {near[0] if near else 'wrong scale?'}"
+        judge.drop(name, "scale", judge.rows(name), text)
+
+
+def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDArray) -> NDArray:
+    """Where all gyros stand against one other column: that one is the measure if a scale of the gyros explains it."""
+    others = [k for k, n in enumerate(unit) if n not in gyros]
+    if len(others) != 1:
+        return middle
+    other = values[others[0]]
+    of_gyros = np.median(np.nan_to_num(np.delete(values, others, axis=0)), axis=0)
+    explained = any(np.nanpercentile(np.abs(scale(of_gyros) - other), 80) < SAME_SCALE_degC for _, scale in SCALES)
+    return other if explained else middle
+
+
+def _runs(flags: NDArray) -> list[tuple[int, int]]:
+    """Half-open index ranges where flags (n,) are true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist()))
