@@ -77,7 +77,7 @@ def solve(
             start, epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
         )  # fmt: skip
         if number < MAX_PASSES - 1:
-            motion = stillness.classify(history, phases)
+            motion = stillness.classify(history, phases, log)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)
@@ -212,7 +212,7 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
         sigma_heading_rad=float(np.sqrt(P_phi[2, 2])),
         duration_s=end_s - float(solution.history.time_s[0]),
         phases=phases or stillness.detect_phases(solution.motion),
-        excluded=solution.motion.spans(stillness.DISTURBED, "motion"),
+        excluded=solution.motion.excluded(),
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
         C_nb=C_nb,
@@ -270,7 +270,7 @@ def _refused(reason: str) -> Alignment:
 
 def excluded_spans(solution: Solution) -> tuple[Span, ...]:
     """What the filter did not use and why: disturbed stretches and single measurements beyond the gate."""
-    spans = list(solution.motion.spans(stillness.DISTURBED, "motion"))
+    spans = list(solution.motion.excluded())
     for time_s, kind in solution.filter.tally.rejected:
         if spans and spans[-1].reason == f"gate: {kind}" and time_s - spans[-1].end_s < 15.0:
             spans[-1] = replace(spans[-1], end_s=time_s)

@@ -4,26 +4,31 @@ A parked inertial solution drifts slowly (Schuler), so rest is judged against a 
 velocity while the vehicle stands. Thresholds are in SI units and in sigmas of this unit's own noise, never in counts.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.records import NavHistory, Phase, Span
+from alignment.excursions import (
+    AIRBORNE,
+    DISTURBED,
+    GUARD_S,
+    LEAD_S,
+    PUSHED,
+    ROLLING,
+    STILL,
+    TAIL_S,
+    find_excursions,
+    velocity_noise,
+)
+from alignment.shake import JOLT_RAD, find_shaking
+from ins.records import ImuLog, NavHistory, Phase, Span
 
-STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
-EXCESS_MOTION_M_S = 0.061  # 0.2 ft/s, the aviation gate for excess motion during alignment
-SMALLEST_GATE_M_S = 0.015  # above the random walk of a quiet solution about its own trend over a minute
-GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
-ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
-LONGEST_SHAKE_S = 60.0
-FRESH = 30  # epochs of rest before the line through them may have a slope
-STOP_WINDOW_S = 8
-STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
-STOP_DRIFT_M_S2 = 5e-4
+ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
+PUSH_TURN_RAD = 0.05
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
-JOLT_RAD = 1.5e-5  # 3 arcsec turned within an epoch beyond the noise
+NEW_PLACE_RAD = 2e-3  # jolt of a vehicle that was pushed: beyond what the parked heading survives
 CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 
@@ -32,13 +37,22 @@ ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 class Motion:
     """Per epoch (row k of the history, interval ending there): kind code and the jolt about down [rad].
 
-    sigma_v_m_s: noise of the one-second velocity, from its second differences.
+    sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an epoch is
+    DISTURBED, in words; "" elsewhere.
     """
 
     time_s: NDArray
     kind: NDArray
     jolt_rad: NDArray
     sigma_v_m_s: float
+    cause: NDArray = field(default_factory=lambda: np.zeros(0, dtype=object))
+
+    def excluded(self) -> tuple[Span, ...]:
+        """What is left out of the parked time, guard included; each stretch with its causes."""
+        return tuple(
+            Span(start_s=span.start_s, end_s=span.end_s, reason=", ".join(dict.fromkeys(self.cause[a:b])) or "motion")
+            for span, (a, b) in zip(self.spans(DISTURBED, ""), _runs(self.kind == DISTURBED))
+        )
 
     def spans(self, kind: int, reason: str) -> tuple[Span, ...]:
         """The stretches of one kind."""
@@ -51,25 +65,69 @@ class Motion:
         return float(np.sum(np.diff(self.time_s)[self.kind[1:] == kind]))
 
 
-def classify(history: NavHistory, phases: tuple[Phase, ...] = ()) -> Motion:
+def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuLog | None = None) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
     `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that says parked
-    while the solution moves is not believed.
+    while the solution moves is not believed. `imu`: the rows behind the history; without them bumps that are gone
+    within an epoch, loading and gusts below the gate of the velocity are not seen.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
-    sigma = _velocity_noise(v)
-    kind = _walk(t, v, sigma)
+    sigma = velocity_noise(v)
+    kind, cause, pushed = find_excursions(t, v, sigma)
     speed = np.linalg.norm(v, axis=1)
     fast = np.flatnonzero(speed > TAKE_OFF_M_S)
     if fast.size:
         kind[fast[0] :] = AIRBORNE
-    turning = np.abs(_turn_about_down(history)) > PIVOT_RAD_S * np.gradient(t)
-    kind[turning & (kind <= DISTURBED)] = ROLLING
+    pushed += _pivots(history, kind, cause)
     for phase in phases:
         if phase.phase in ("takeoff", "flight", "landing"):
             kind[(t > phase.start_s) & (t <= phase.end_s)] = AIRBORNE
-    return Motion(time_s=t, kind=kind, jolt_rad=_jolts(history, kind), sigma_v_m_s=sigma)
+    if imu is not None:
+        shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
+        apart = ~_near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
+        for name, seen in (("bump", shaking.bump), ("loading", shaking.loading), ("gust", shaking.gust & ~shaking.bump)):
+            for a, b in _runs(seen):
+                seen[a:b] = apart[a:b].all()  # what runs into rolling is its slow start or end
+            exclude(t, kind, cause, seen, name)
+    cause[kind != DISTURBED] = ""
+    jolt = _jolts(history, kind)
+    jolt[pushed] = np.maximum(jolt[pushed], NEW_PLACE_RAD)
+    return Motion(time_s=t, kind=kind, jolt_rad=jolt, sigma_v_m_s=sigma, cause=cause)
+
+
+def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
+    """Turning on the spot is rolling, in place; but a turn of a few degrees away from any rolling is a tug's."""
+    t, turn = history.time_s, _turn_about_down(history)
+    ends = []
+    for a, b in _runs((np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != PUSHED)):
+        beside = slice(*np.searchsorted(t, [t[a] - ROLL_EDGE_S, t[b - 1] + ROLL_EDGE_S]))
+        if abs(turn[a:b].sum()) < PUSH_TURN_RAD and (kind[beside] <= DISTURBED).all():
+            seen = np.zeros(len(t), bool)
+            seen[a:b] = True
+            kind[seen], cause[seen] = DISTURBED, PUSHED
+            exclude(t, kind, cause, seen, PUSHED)
+            ends.append(b - 1)
+        else:
+            kind[a:b] = ROLLING
+    return ends
+
+
+def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str) -> None:
+    """Take the epochs `seen` (k,) with their guard out of the still ones, in place; what was left out keeps its cause."""
+    for a, b in _runs(seen):
+        near = slice(*np.searchsorted(t, [t[a] - LEAD_S - 0.5, t[b - 1] + GUARD_S + TAIL_S + 0.5]))
+        label = cause[a] if kind[a] == DISTURBED else name
+        cause[near] = np.where(kind[near] == STILL, label, cause[near])
+        kind[near] = np.where(kind[near] == STILL, DISTURBED, kind[near])
+
+
+def _near(t: NDArray, seen: NDArray, before_s: float, after_s: float) -> NDArray:
+    """Epochs from `before_s` before to `after_s` after an epoch that was seen."""
+    near = np.zeros(len(t), bool)
+    for a, b in _runs(seen):
+        near |= (t > t[a] - before_s - 0.5) & (t <= t[b - 1] + after_s + 0.5)
+    return near
 
 
 def detect_phases(motion: Motion) -> tuple[Phase, ...]:
@@ -133,94 +191,6 @@ def _turn_about_down(history: NavHistory) -> NDArray:
     turn = np.einsum("ij,ij->i", history.C_nb[:, 2, :], history.dtheta_b_rad)
     turn[0] = turn[1]
     return turn
-
-
-def _velocity_noise(v: NDArray) -> float:
-    second = np.diff(v, n=2, axis=0)
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) + 1e-6
-
-
-class _Baseline:
-    """Straight line through the velocity of the last still epochs, refitted every fifth."""
-
-    def __init__(self, t: NDArray, v: NDArray) -> None:
-        self._t, self._v = t, v
-        self._rows: list[int] = []
-        self._misses: list[float] = []
-        self._mean, self._slope, self._centre = np.zeros(2), np.zeros(2), 0.0
-        self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
-
-    @property
-    def fresh(self) -> bool:
-        return len(self._rows) < FRESH
-
-    def add(self, k: int) -> None:
-        if not self.fresh:
-            self._misses.append(float(np.hypot(*(self._v[k] - self.at(self._t[k])))))
-            if len(self._misses) % 30 == 0 and len(self._misses) >= 60:
-                self.gate = 8.0 * float(np.median(self._misses[-300:]))
-        self._rows.append(k)
-        del self._rows[:-90]
-        if k % 5 == 0 or len(self._rows) < 10 or len(self._rows) == FRESH:
-            self._fit(self._v[self._rows])
-
-    def restart(self, k: int, v: NDArray) -> None:
-        """Begin anew at epoch k with v (m, 2) as what rest looks like."""
-        self._rows = [k]
-        self._fit(v)
-
-    def _fit(self, v: NDArray) -> None:
-        T = self._t[self._rows]
-        self._centre, self._mean, self._slope = float(T.mean()), v.mean(axis=0), np.zeros(2)
-        if not self.fresh:
-            s = T - self._centre
-            self._slope = s @ v / (s @ s)
-
-    def at(self, t: float | NDArray) -> NDArray:
-        return self._mean + self._slope * (np.asarray(t)[..., None] - self._centre)
-
-
-def _walk(t: NDArray, v: NDArray, sigma: float) -> NDArray:
-    """Sequential classification of the epochs into still, disturbed, rolling."""
-    kind = np.full(len(t), STILL)
-    gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
-    base = _Baseline(t, v)
-    base.restart(0, v[: min(len(t), 20)])
-    k, guard_until = 0, -np.inf
-    while k < len(t):
-        limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
-        if np.hypot(*(v[k] - base.at(t[k]))) <= limit:
-            kind[k] = DISTURBED if t[k] < guard_until else STILL
-            base.add(k)
-            k += 1
-            continue
-        end, rolled = _excursion(t, v, k, base, limit, sigma)
-        kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
-        if end < len(t):
-            base.restart(end, v[end : end + STOP_WINDOW_S])
-        guard_until = t[min(end, len(t) - 1)] + (2.0 if rolled else GUARD_S)
-        k = end
-    return kind
-
-
-def _excursion(
-    t: NDArray, v: NDArray, k: int, base: _Baseline, gate: float, sigma: float
-) -> tuple[int, bool]:
-    """End of the excursion that begins at epoch k, and whether the vehicle went anywhere."""
-    rest = base.at(t[k:])
-    deviation = v[k:] - rest
-    way = np.linalg.norm(np.cumsum(deviation * np.gradient(t)[k:, None], axis=0), axis=1)
-    for j in range(1, len(deviation)):
-        elapsed = t[k + j] - t[k]
-        window = v[k + j : k + j + STOP_WINDOW_S]
-        if len(window) < STOP_WINDOW_S:
-            break
-        rolled = way[j] > ROLLED_M or elapsed > LONGEST_SHAKE_S
-        near = STOP_SPEED_M_S + STOP_DRIFT_M_S2 * elapsed if rolled else gate
-        level = np.linalg.norm(window.mean(axis=0) - rest[j]) <= near
-        if level and np.ptp(window, axis=0).max() <= max(8.0 * sigma, 0.03):
-            return k + j, bool(rolled)
-    return len(t), bool(way[-1] > ROLLED_M or t[-1] - t[k] > LONGEST_SHAKE_S)
 
 
 def _jolts(history: NavHistory, kind: NDArray) -> NDArray:

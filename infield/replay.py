@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from alignment import gyrocompass, stillness
+from alignment import excursions, gyrocompass, stillness
 from alignment.result import Alignment
 from infield.drift import REALIGN_M_S, Drift, drift_against, parked_drift
 from infield.drift_prediction import DriftPrediction, level_shares, predict_parked
@@ -231,7 +231,7 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
     speed may be several knots wrong.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
-    width = stillness.STOP_WINDOW_S
+    width = excursions.STOP_WINDOW_S
     steady = np.zeros(t.size, bool)
     quiet = max(8.0 * motion.sigma_v_m_s, STOP_QUIET_M_S)
     for k in np.flatnonzero(t[: t.size - width + 1] >= first_roll(motion)):

@@ -18,24 +18,29 @@ from scipy.signal import lfilter
 
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import omega_ie_n, radii_of_curvature
-from ins.records import VehicleNoise
-from ins.units import ARCSEC, MILLIRADIAN
+from ins.records import InputError, VehicleNoise
+from ins.units import ARCSEC, DEG, MILLIRADIAN
 from trajectories.sensors import IdealSensors
 
 ROLLING_M_S = (0.5, 1.5)  # side noise fades in between these speeds
 SIDE_NOISE_TAU_S = 2.0
 BOARDING_DAMPING = 0.4
+MAX_PUSH_TURN_DEG = 1.0  # the body's rotation is second order in angle
 BUMP_PEAK = 0.75 * np.sqrt(3)  # makes the largest value of sin(2 pi u) sin(pi u) one
 
 
 @dataclass(frozen=True, kw_only=True)
 class Boarding:
-    """A step of the body's attitude (people, fuel): rings in over about `settle_s`; stays."""
+    """A step of the body's attitude and height (people, fuel): rings in over about `settle_s`; stays.
+
+    sink_mm: downward, in the velocity and the specific force; the truth's height, held to the wheels, leaves it out.
+    """
 
     time_s: float
     roll_arcsec: float = 0.0
     pitch_arcsec: float = 0.0
     heading_arcsec: float = 0.0
+    sink_mm: float = 0.0
     settle_s: float = 1.0
 
 
@@ -50,15 +55,38 @@ class Gust:
 
 @dataclass(frozen=True, kw_only=True)
 class Bump:
-    """A tug's bump on the gear: one to and fro along body x, no lasting displacement."""
+    """A tug's bump on the gear: one to and fro, no lasting displacement; direction clockwise from body x."""
 
     time_s: float
     velocity_m_s: float
     duration_s: float = 0.5
+    direction_deg: float = 0.0
 
 
-Event = Boarding | Gust | Bump
-EVENTS: dict[str, type] = {"boarding": Boarding, "gust": Gust, "bump": Bump}
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A tug moves the parked vehicle along body x (negative: back) at this speed, and may turn it by a little."""
+
+    time_s: float
+    distance_m: float
+    speed_m_s: float = 0.3
+    ramp_s: float = 2.0
+    turn_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (self.speed_m_s > 0 and self.ramp_s > 0):
+            raise InputError(f"push: speed_m_s {self.speed_m_s}, ramp_s {self.ramp_s}, needed above 0")
+        if abs(self.turn_deg) > MAX_PUSH_TURN_DEG:
+            raise InputError(f"push: turn_deg {self.turn_deg}, needed within +-{MAX_PUSH_TURN_DEG:g}: use a turn segment")
+
+    @property
+    def duration_s(self) -> float:
+        """Ramps of `ramp_s` up and down, steady between; a short way takes two ramps at a lower speed."""
+        return max(abs(self.distance_m) / self.speed_m_s, self.ramp_s) + self.ramp_s
+
+
+Event = Boarding | Gust | Bump | Push
+EVENTS: dict[str, type] = {"boarding": Boarding, "gust": Gust, "bump": Bump, "push": Push}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +170,8 @@ def _body_rotation(
         if isinstance(event, Boarding):
             size = ARCSEC * np.array([event.roll_arcsec, event.pitch_arcsec, event.heading_arcsec])
             q_b += size * _ringing_step(ideal.time_s - event.time_s, event.settle_s)[:, None]
+        elif isinstance(event, Push):
+            q_b[:, 2] += event.turn_deg * DEG * _smooth_step((ideal.time_s - event.time_s) / event.duration_s)
     return q_b
 
 
@@ -156,7 +186,8 @@ def _ringing_step(since_s: NDArray, settle_s: float) -> NDArray:
 def _side_velocity_n(
     ideal: IdealSensors, vehicle: VehicleNoise, events: Sequence[Event], rng: np.random.Generator
 ) -> NDArray:
-    """Velocity laid over the motion (n, 3), NED: sway and gusts (north, east), crab and side noise (body y), bumps."""
+    """Velocity laid over the motion (n, 3), NED: sway and gusts (north, east), crab and side noise
+    (body y), bumps and pushes, sinking."""
     n, t, rate = ideal.time_s.size, ideal.time_s, ideal.rate_hz
     oscillator = {"frequency_hz": vehicle.sway_hz, "damping": vehicle.sway_damping, "rate_hz": rate}
     dv_n = np.zeros((n, 3))
@@ -175,7 +206,16 @@ def _side_velocity_n(
                 dv_n[:, axis] += envelope * sway_velocity(rng, n, rms_m_s=event.sway_m_s, **oscillator)
         elif isinstance(event, Bump):
             u = np.clip((t - event.time_s) / event.duration_s, 0.0, 1.0)
-            dv_b[:, 0] += event.velocity_m_s * BUMP_PEAK * np.sin(2 * np.pi * u) * np.sin(np.pi * u)
+            to_and_fro = event.velocity_m_s * BUMP_PEAK * np.sin(2 * np.pi * u) * np.sin(np.pi * u)
+            dv_b[:, 0] += np.cos(event.direction_deg * DEG) * to_and_fro
+            dv_b[:, 1] += np.sin(event.direction_deg * DEG) * to_and_fro
+        elif isinstance(event, Push):
+            since, steady = t - event.time_s, event.distance_m / (event.duration_s - event.ramp_s)
+            stopping = _smooth_step((since - event.duration_s + event.ramp_s) / event.ramp_s)
+            dv_b[:, 0] += steady * (_smooth_step(since / event.ramp_s) - stopping)
+        elif isinstance(event, Boarding) and event.sink_mm:
+            sunk_m = 1e-3 * event.sink_mm * _ringing_step(t - event.time_s, event.settle_s)
+            dv_n[:, 2] += np.diff(sunk_m, prepend=0.0) * rate
     return ideal.on_wheels[:, None] * (dv_n + _turn(ideal.C_nb, dv_b))
 
 

@@ -92,7 +92,8 @@ def test_people_and_gusts_do_not_spoil_it_as_they_spoil_an_average():
 
 def test_excess_motion_is_listed():
     result = align(simulate(ideal_of(), 300, events=PEOPLE))
-    assert any(s.reason == "motion" and s.start_s < 200.0 < s.end_s for s in result.excluded)
+    assert [s.reason for s in result.excluded] == ["loading", "motion", "loading", "motion", "loading"]
+    assert all(s.start_s < event.time_s and s.end_s > event.time_s + 30.0 for s, event in zip(result.excluded, PEOPLE))
 
 
 def at_latitude(simulated, offset_deg):

@@ -14,7 +14,7 @@ from tests.alignment.parked import ideal_of, parked_history, simulate
 from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.scenario import read_scenario, simulate_scenario
 from trajectories.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn
-from trajectories.vehicle import Boarding, Bump, Gust
+from trajectories.vehicle import Boarding, Bump, Gust, Push
 
 QUARTER_HOUR = (Park(duration_s=900.0),)
 EDGE_S = 3.0  # epochs of a second, and starts that creep away
@@ -25,7 +25,8 @@ TAXI = (
 
 
 def motion_of(segments=QUARTER_HOUR, seed=1, twin=DEFAULT_TWIN, phases=(), **options):
-    return stillness.classify(parked_history(simulate(ideal_of(segments), seed, twin=twin, **options).run), phases)
+    run = simulate(ideal_of(segments), seed, twin=twin, **options).run
+    return stillness.classify(parked_history(run), phases, run.imu)
 
 
 def during(motion, start_s, end_s):
@@ -65,8 +66,42 @@ def test_a_gust_is_left_out_with_its_guard(seed, sway_m_s):
 
 def test_a_long_bump_is_left_out_with_its_guard():
     motion = motion_of(events=[Bump(time_s=450.2, velocity_m_s=0.5, duration_s=2.0)])
+    assert (during(motion, 450.0, 482.0) == DISTURBED).all()
+    assert motion.seconds(DISTURBED) < 48.0  # 2 s, 3 s of the longest lag, 5 s before and 35 s after
+
+
+def test_a_bump_that_is_gone_within_an_epoch_is_seen_in_the_raw_rows():
+    """0.1 m/s to and fro in half a second: nothing is left of it in the velocity at the end of the second."""
+    bump = Bump(time_s=450.2, velocity_m_s=0.1, duration_s=0.5, direction_deg=60.0)
+    run = simulate(ideal_of(QUARTER_HOUR), 1, events=[bump]).run
+    assert (stillness.classify(parked_history(run)).kind == STILL).all()
+    motion = stillness.classify(parked_history(run), imu=run.imu)
     assert (during(motion, 450.0, 480.0) == DISTURBED).all()
-    assert motion.seconds(DISTURBED) < 45.0
+    (span,) = motion.excluded()
+    assert span.reason == "bump" and span.start_s <= 450.2 and 480.7 <= span.end_s <= 490.0
+
+
+@pytest.mark.parametrize(
+    ("change", "found"), [({"roll_arcsec": 8.0}, True), ({"sink_mm": 20.0}, True), ({"roll_arcsec": 1.0}, False)]
+)
+def test_loading_is_left_out_and_listed(change, found):
+    motion = motion_of(events=[Boarding(time_s=300.0, **change)])
+    assert (during(motion, 300.0, 330.0) == DISTURBED).all() == found
+    assert {s.reason for s in motion.excluded()} == ({"bump" if "sink_mm" in change else "loading"} if found else set())
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "speed_m_s", "turn_deg"), [(0.5, 0.2, 0.0), (-3.0, 0.1, 0.0), (8.0, 0.4, 1.0), (5.0, 0.6, -0.3)]
+)
+def test_a_tug_push_is_left_out_and_gives_a_new_parked_heading(distance_m, speed_m_s, turn_deg):
+    push = Push(time_s=400.0, distance_m=distance_m, speed_m_s=speed_m_s, turn_deg=turn_deg)
+    motion = motion_of(events=[push])
+    end = 400.0 + push.duration_s
+    assert (during(motion, 401.0, end + 30.0) == DISTURBED).all()
+    assert motion.seconds(ROLLING) == 0.0
+    assert {s.reason for s in motion.excluded()} >= {"tug push"}
+    assert motion.jolt_rad[(motion.time_s > 400.0) & (motion.time_s < end + 10.0)].max() > 1e-3
+    assert (during(motion, end + 45.0, 900.0) == STILL).all()
 
 
 @pytest.mark.parametrize("arcsec", [4.0, 8.0, 30.0])

@@ -7,13 +7,13 @@ from scipy import stats
 from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import radii_of_curvature
 from ins.mechanization import navigate
-from ins.records import ImuLog, NavState, Site, VehicleNoise
+from ins.records import ImuLog, InputError, NavState, Site, VehicleNoise
 from ins.units import ARCSEC, DEG, MILLIRADIAN
 from trajectories.motions import lay
 from trajectories.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
 from trajectories.sensors import ideal_sensors
 from trajectories.truth import build_truth
-from trajectories.vehicle import Boarding, Bump, Gust, disturb, gauss_markov, sway_velocity
+from trajectories.vehicle import Boarding, Bump, Gust, Push, disturb, gauss_markov, sway_velocity
 
 QUIET = {"crab_mrad": 0.0, "lateral_noise_m_s": 0.0, "yaw_creep_arcsec_sqrt_h": 0.0, "sway_m_s": 0.0}
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
@@ -48,8 +48,11 @@ def chi_square_band(n, false_alarm=1e-4):
         ({}, (Boarding(time_s=20.0, roll_arcsec=300.0, pitch_arcsec=-200.0, heading_arcsec=250.0),), 0.02),
         ({}, (Boarding(time_s=20.0, roll_arcsec=300.0), Boarding(time_s=30.0, pitch_arcsec=300.0)), 0.02),
         ({}, (Gust(time_s=10.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=50.0, velocity_m_s=0.2)), 0.001),
+        ({}, (Push(time_s=10.0, distance_m=-4.0, turn_deg=0.2),), 0.03),
+        ({}, (Bump(time_s=50.0, velocity_m_s=0.2, direction_deg=70.0), Boarding(time_s=20.0, sink_mm=30.0)), 0.002),
     ],
-    ids=["crab", "side noise", "creep", "sway", "boarding", "roll then pitch", "gust and bump"],
+    ids=["crab", "side noise", "creep", "sway", "boarding", "roll then pitch", "gust and bump",
+         "push", "side bump and sinking"],
 )
 def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
     """The disturbed increments navigate to the disturbed truth; the bounds are what the module says is left out."""
@@ -87,6 +90,20 @@ def test_course_of_rolling_turns_with_the_heading(taxi):
     leg = (taxi.time_s > 120) & (taxi.time_s < 160)
     v_b = np.einsum("nji,nj->ni", moved.C_nb[leg], moved.v_n_m_s[leg])
     assert np.max(np.abs(v_b[:, 1])) < 1e-4  # 300 arcsec of 9.5 m/s would be 14 mm/s
+
+
+def test_a_push_moves_the_vehicle_its_distance_and_turn(parked):
+    push = Push(time_s=20.0, distance_m=-3.0, speed_m_s=0.25, ramp_s=2.0, turn_deg=0.8)
+    moved = disturb(parked, VehicleNoise(**QUIET), (push,), np.random.default_rng(1))
+    north_m = radii_of_curvature(SITE.lat_rad)[0] * (moved.lat_rad - parked.lat_rad)
+    before, after = parked.time_s < 20.0, parked.time_s > 20.0 + push.duration_s
+    assert push.duration_s == 14.0
+    assert np.max(np.abs(north_m[before])) == 0.0
+    np.testing.assert_allclose(north_m[after], -3.0, atol=1e-3)
+    assert -0.251 < moved.v_n_m_s[:, 0].min() < -0.249
+    np.testing.assert_allclose(euler_from_dcm(moved.C_nb[after])[2], 0.8 * DEG, atol=1e-9)
+    with pytest.raises(InputError, match="turn_deg"):
+        Push(time_s=0.0, distance_m=1.0, turn_deg=5.0)
 
 
 def test_yaw_creep_walks_only_while_parked(parked, taxi):

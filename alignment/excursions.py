@@ -1,0 +1,125 @@
+"""Excursions of the computed velocity from what it does at rest: a shake, a tug's push, or a taxi.
+
+A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that follows the computed
+velocity while the vehicle stands.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
+
+STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
+GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
+LEAD_S, TAIL_S = 5.0, 5.0  # an event begins before it passes the limit, and falls below it before it ends
+ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
+PUSHED_M = 0.3  # net way after which the parked heading is a new one
+PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0  # a tug's push; what is farther, faster or longer is a taxi
+LONGEST_SHAKE_S = 60.0
+FRESH = 30  # epochs of rest before the line through them may have a slope
+STOP_WINDOW_S = 8
+STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
+STOP_DRIFT_M_S2 = 5e-4
+PUSHED = "tug push"
+
+
+def velocity_noise(v: NDArray) -> float:
+    second = np.diff(v, n=2, axis=0)
+    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) + 1e-6
+
+
+class _Baseline:
+    """Straight line through the velocity of the last still epochs, refitted every fifth."""
+
+    def __init__(self, t: NDArray, v: NDArray) -> None:
+        self._t, self._v = t, v
+        self._rows: list[int] = []
+        self._misses: list[float] = []
+        self._mean, self._slope, self._centre = np.zeros(2), np.zeros(2), 0.0
+        self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
+
+    @property
+    def fresh(self) -> bool:
+        return len(self._rows) < FRESH
+
+    def add(self, k: int) -> None:
+        if not self.fresh:
+            self._misses.append(float(np.hypot(*(self._v[k] - self.at(self._t[k])))))
+            if len(self._misses) % 30 == 0 and len(self._misses) >= 60:
+                self.gate = 8.0 * float(np.median(self._misses[-300:]))
+        self._rows.append(k)
+        del self._rows[:-90]
+        if k % 5 == 0 or len(self._rows) < 10 or len(self._rows) == FRESH:
+            self._fit(self._v[self._rows])
+
+    def restart(self, k: int, v: NDArray) -> None:
+        """Begin anew at epoch k with v (m, 2) as what rest looks like."""
+        self._rows = [k]
+        self._fit(v)
+
+    def _fit(self, v: NDArray) -> None:
+        T = self._t[self._rows]
+        self._centre, self._mean, self._slope = float(T.mean()), v.mean(axis=0), np.zeros(2)
+        if not self.fresh:
+            s = T - self._centre
+            self._slope = s @ v / (s @ s)
+
+    def at(self, t: float | NDArray) -> NDArray:
+        return self._mean + self._slope * (np.asarray(t)[..., None] - self._centre)
+
+
+def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDArray, list[int]]:
+    """Sequential classification of the epochs into still, disturbed, rolling; cause; ends of pushes."""
+    kind, cause, pushed = np.full(len(t), STILL), np.full(len(t), "", dtype=object), []
+    gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
+    base = _Baseline(t, v)
+    base.restart(0, v[: min(len(t), 20)])
+    k, guard_until, name = 0, -np.inf, ""
+    while k < len(t):
+        limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
+        if np.hypot(*(v[k] - base.at(t[k]))) <= limit:
+            if t[k] < guard_until:
+                kind[k], cause[k] = DISTURBED, name
+            base.add(k)
+            k += 1
+            continue
+        end, way, rolled = _excursion(t, v, k, base, limit, sigma)
+        if way > PUSHED_M and not rolled:
+            pushed.append(min(end, len(t) - 1))
+        name = PUSHED if pushed and pushed[-1] == end else "motion"
+        kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
+        cause[max(k - 2, 0) : end] = "" if rolled else name
+        if not rolled:
+            begun = slice(max(k - round(LEAD_S), 0), k)
+            cause[begun] = np.where(kind[begun] == STILL, name, cause[begun])
+            kind[begun] = np.maximum(kind[begun], DISTURBED)
+        if end < len(t):
+            base.restart(end, v[end : end + STOP_WINDOW_S])
+        guard_until = t[min(end, len(t) - 1)] + (2.0 if rolled else GUARD_S + TAIL_S)
+        k = end
+    return kind, cause, pushed
+
+
+def _excursion(
+    t: NDArray, v: NDArray, k: int, base: _Baseline, gate: float, sigma: float
+) -> tuple[int, float, bool]:
+    """End of the excursion that begins at epoch k, its net way [m], and whether it is a taxi (not a shake or a push)."""
+    rest = base.at(t[k:])
+    deviation = v[k:] - rest
+    way = np.linalg.norm(np.cumsum(deviation * np.gradient(t)[k:, None], axis=0), axis=1)
+    fastest = np.maximum.accumulate(np.linalg.norm(deviation, axis=1))
+    last = len(deviation) - 1
+    for j in range(1, last + 1):
+        elapsed = t[k + j] - t[k]
+        window = v[k + j : k + j + STOP_WINDOW_S]
+        if len(window) < STOP_WINDOW_S:
+            break
+        slow = elapsed <= PUSH_S and fastest[j] <= PUSH_SPEED_M_S
+        near = (gate if slow else STOP_SPEED_M_S) + STOP_DRIFT_M_S2 * elapsed
+        if way[j] <= ROLLED_M and elapsed <= LONGEST_SHAKE_S:
+            near = gate
+        level = np.linalg.norm(window.mean(axis=0) - rest[j]) <= near
+        if level and np.ptp(window, axis=0).max() <= max(8.0 * sigma, 0.03):
+            return k + j, float(way[j]), not (slow and way[j] <= PUSH_M)
+    short = t[-1] - t[k] <= LONGEST_SHAKE_S and way[last] <= ROLLED_M
+    return len(t), float(way[last]), not short
