@@ -128,14 +128,22 @@ def _require_schema(connection: Connection, name: str) -> None:
     if found is None:
         raise InputError(f"no store at {name}: the database holds no recal tables")
     if found != SCHEMA_REVISION:
+        _refuse_newer(found, f"store {name}")
         raise InputError(f"store {name}: schema {found}, needed {SCHEMA_REVISION} (importing a table upgrades it)")
+
+
+def _refuse_newer(found: str | None, name: str) -> None:
+    if found is not None and found > SCHEMA_REVISION:
+        raise InputError(f"{name}: schema {found}, needed {SCHEMA_REVISION}: a newer recal made it, use that one")
 
 
 def _migrate(connection: Connection) -> None:
     if connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-    if _schema_of(connection) == SCHEMA_REVISION:
+    found = _schema_of(connection)
+    if found == SCHEMA_REVISION:
         return
+    _refuse_newer(found, "store")
     from alembic import command  # 0.6 s, needed once in a store's life
     from alembic.util import CommandError
 

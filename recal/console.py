@@ -20,7 +20,7 @@ DEFAULT_STORE = "sqlite:///recal.db"
 JsonFlag = Annotated[bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
 Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: the whole result on standard error.")]
-Seed = Annotated[int | None, typer.Option("--seed", help="Seed of the random generator.")]
+Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random generator.")]
 NoSeed = Annotated[
     int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
 ]

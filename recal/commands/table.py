@@ -23,6 +23,7 @@ SerialOption = Annotated[str | None, typer.Option("--serial", help="IMU serial; 
 TechnologyOption = Annotated[str | None, typer.Option("--technology", help="rlg, fog or mems.")]
 ModeOption = Annotated[str | None, typer.Option("--mode", help="Gyro mode, where the unit has several.")]
 NoteOption = Annotated[str, typer.Option("--note", help="Kept with the revision.")]
+MAX_DIGITS = 10  # of a revision number
 RevisionOption = Annotated[str, typer.Option("--revision", help="A number, factory, previous or active.")]
 
 
@@ -197,7 +198,9 @@ def rollback(
 
     try:
         with _open(store) as opened:
-            found = opened.rollback(serial, int(to) if to.isdecimal() else to, technology, mode, note=note)
+            found = opened.rollback(
+                serial, to if to in ("factory", "previous") else _number(to), technology, mode, note=note
+            )
     except StoreConflict as error:
         raise InputError(str(error)) from None
     answer(_about(found), as_json=as_json, verbose=verbose)
@@ -246,8 +249,12 @@ def _revision(opened: TableStore, name: str, serial: str | None, technology: str
     if name in ("active", "factory"):
         record = next(u for u in opened.units() if _key(u.active) == key)
         return opened.revision({"active": record.active.number, "factory": record.factory_number}[name], *key)
-    _need(name.isdecimal(), f"revision {name!r}, needed a number, factory, previous or active")
-    return opened.revision(int(name), *key)
+    return opened.revision(_number(name), *key)
+
+
+def _number(name: str) -> int:
+    _need(name.isdecimal() and len(name) < MAX_DIGITS, f"revision {name[:40]!r}, needed a number, factory, previous or active")
+    return int(name)
 
 
 def _change(before: Revision, after: Revision, axis: str) -> dict[str, Any]:

@@ -184,3 +184,32 @@ def test_json_alone_on_standard_output(folder):
     table_file(folder)
     for arguments in (["import", "table.json"], ["list"], ["show"], ["verify"], ["export", "-o", "t.json"]):
         json.loads(ok(*arguments, "--json"))
+
+
+def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder):
+    """R24: a table of another unit under the same serial is a swapped unit until somebody says otherwise."""
+    table_file(folder)
+    table_file(folder, technology="fog", name="fog.json")
+    ok("import", "table.json")
+    assert refused("import", "fog.json").startswith("fog.json: gyro_technology fog, the store holds SN-1 (rlg): another unit?")
+    assert len(json.loads(ok("list", "--json"))["units"]) == 1
+    about = json.loads(ok("import", "fog.json", "--override-technology", "--note", "rebuilt", "--json"))
+    assert about["note"] == "rebuilt; technology overridden: gyro_technology fog, the store holds SN-1 (rlg): another unit?"
+    assert about["note"] in ok("list")
+    assert json.loads(ok("import", "fog.json", "--json"))["revision"] == 1  # known by now
+
+
+def test_quiet_prints_nothing_and_verbose_the_result_on_standard_error(folder):
+    table_file(folder)
+    ok("import", "table.json", "-q")
+    for name in ("list", "show", "verify"):
+        assert run(name, "-q", "--seed", "3").output == ""
+    seen = run("show", "-v")
+    assert json.loads(seen.stderr)["schema"] == "recal.table/1" and "axis  temperature" in seen.stdout
+
+
+def test_a_revision_is_a_number_or_a_tag(folder):
+    table_file(folder)
+    ok("import", "table.json")
+    for arguments in (["show", "--revision", "9" * 30], ["show", "--revision", "newest"], ["rollback", "--to", "-1"]):
+        assert "needed a number, factory, previous or active" in refused(*arguments)

@@ -1,6 +1,7 @@
 """Bad runs: one line that names the file, the row or key, what was got and what was needed."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -228,6 +229,20 @@ def test_tilted_and_biased_units_pass(path):
     raw[:, 1:4], raw[:, 4:7] = raw[:, 1:4] @ tilt.T + np.radians(1 / 3600) / 100, raw[:, 4:7] @ tilt.T
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
     assert inspect_run(path).findings == ()
+
+
+@pytest.mark.parametrize(("technology", "bias_deg_h", "tolerance"), [("rlg", 3.0, 2), ("fog", 6.0, 5), ("mems", 9472.0, 150)])
+def test_a_rate_at_rest_that_hides_the_earth_is_a_warning_with_the_number(path, technology, bias_deg_h, tolerance):
+    edit_json(path, lambda d: d.update(gyro_technology=technology))
+    rows = lines(path / "imu.csv")
+    raw = np.array(rows[1:], dtype=float)
+    size = np.linalg.norm(raw[:, 1:4].mean(axis=0))
+    raw[:, 1:4] *= 1 + np.radians(bias_deg_h / 3600) / 100 / size  # along Earth rate: |w| grows by the whole bias
+    put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
+    (found,) = inspect_run(path).findings
+    assert found.level == "warning"
+    seen = re.search(rf"mean \|w\| at rest is ([\d.]+) deg/h.* needed within {tolerance} of it \({technology}\)", found.text)
+    assert float(seen[1]) == pytest.approx(15.04 + bias_deg_h, rel=0.02)
 
 
 def test_all_errors_are_collected(path):
