@@ -1,14 +1,14 @@
 """Stream files as columns of float64: Parquet, CSV and CSV in gzip, read strictly and written without loss.
 
-Rows are counted from 1, the header not counted; messages on CSV give the line as well.
+Rows are counted from 1, the header not counted; messages on CSV give the line as well. A stream is read whole, column
+by column, or in pieces of some ten thousand rows, as often as needed; a short one is kept after its first reading.
 """
 
 import csv
 import gzip
 import io
 import re
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,32 +16,43 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import InputError
+from trajectories.text_rows import BLOCK_BYTES, MAX_LINE_BYTES, MAX_ROWS, line_blocks, parse_block, read_text, text_parts
 
 ENDINGS = (".parquet", ".csv", ".csv.gz")
 PANDAS_INDEX = re.compile(r"__index_level_\d+__")  # what pandas adds to a filtered frame, no data of the run
-MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
-MAX_TEXT_BYTES = 8_000_000_000
-MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
+PIECE_ROWS = 1 << 16
+HELD_ROWS = 1_000_000  # 83 min at 200 Hz: 64 MB of increments
+READ_AHEAD_BYTES = 1 << 20
+
+Piece = tuple[int, dict[str, NDArray]]  # index of its first row, columns
 
 
 class StreamFile:
-    """One open stream file: column names first, values on demand; `notes` lists what was dropped."""
+    """One open stream file: column names first, values on demand; `notes` lists what was dropped.
 
-    def __init__(self, path: Path) -> None:
+    Text is parsed a block of `block_bytes` at a time; a stream of at most `held_rows` rows is kept once all was read.
+    """
+
+    def __init__(self, path: Path, *, block_bytes: int = BLOCK_BYTES, held_rows: int = HELD_ROWS) -> None:
         self.path, self.label = path, path.name
         self.notes: list[str] = []
         self.is_text = not path.name.endswith(".parquet")
-        self._table: Any = None
-        self._text = b""
+        self._block_bytes, self._held_rows = block_bytes, held_rows
+        self._held: list[Any] | None = None  # pyarrow tables of all columns, in order
+        self._rows_of: list[int] = []  # rows of each block of text, once read
+        self._file: Any = None
         try:
             self.names = self._open_text() if self.is_text else self._open_parquet()
         except OSError as error:
             raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
 
     def _open_text(self) -> tuple[str, ...]:
-        self._text, note = read_text(self.path)
-        self.notes += [f"{self.label}: {note}"] if note else []
-        head, _, self._text = self._text.partition(b"\n")
+        head = b""
+        for part in text_parts(self.path, [], block_bytes=1 << 16):
+            head += part
+            if b"\n" in part or len(head) > MAX_LINE_BYTES:
+                break
+        head = head.partition(b"\n")[0]
         try:
             names = next(csv.reader([head.decode("utf-8-sig").strip()]), [])
         except (UnicodeDecodeError, csv.Error):
@@ -55,35 +66,125 @@ class StreamFile:
         import pyarrow.parquet as pq
 
         try:
-            self._table = pq.ParquetFile(self.path)
+            self._file = pq.ParquetFile(self.path, buffer_size=READ_AHEAD_BYTES, pre_buffer=False)
         except pa.ArrowException as error:
             raise InputError(f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})") from None
-        if self._table.metadata.num_rows > MAX_ROWS:
-            raise InputError(f"{self.label}: {self._table.metadata.num_rows} rows, needed at most {MAX_ROWS}")
-        return tuple(n for n in self._table.schema_arrow.names if not PANDAS_INDEX.fullmatch(n))
+        if self._file.metadata.num_rows > MAX_ROWS:
+            raise InputError(f"{self.label}: {self._file.metadata.num_rows} rows, needed at most {MAX_ROWS}")
+        return tuple(n for n in self._file.schema_arrow.names if not PANDAS_INDEX.fullmatch(n))
 
     def column(self, name: str) -> NDArray:
         """One column as float64, missing values NaN; InputError names file, row and column of anything else."""
+        if self.is_text:
+            if self._held is None:
+                self._held = [table for _, table in self._text_tables(0)]
+            tables = self._held
+        else:
+            tables = [table for _, table in self._parquet_tables((name,), 0)]
+        self._check_type(name, tables[0].schema.field(name).type if tables else None)
+        return np.concatenate([_values(table, name) for table in tables] or [np.empty(0)])
+
+    def pieces(self, names: Sequence[str] | None = None, *, from_row: int = 0, rows: int = PIECE_ROWS) -> Iterator[Piece]:
+        """The named columns (None: all) from a row on, at most `rows` rows at a time, as float64, missing values NaN.
+
+        InputError as in `column`. What is kept of a long stream is one block of text or one batch of Parquet.
+        """
+        names = self.names if names is None else names
+        for start, table in self._tables(names, from_row, rows):
+            for name in names:
+                self._check_type(name, table.schema.field(name).type)
+            for a in range(max(0, from_row - start), table.num_rows, rows):
+                part = table.slice(a, rows)
+                yield start + a, {name: _values(part, name) for name in names}
+
+    def _tables(self, names: Sequence[str], from_row: int, rows: int) -> Iterator[tuple[int, Any]]:
+        """Index of the first row and table, the one with `from_row` first; all of it kept where that is little."""
+        if self._held is not None:
+            yield from _numbered(self._held)
+            return
+        read = self._text_tables(from_row) if self.is_text else self._parquet_tables(names, from_row, rows)
+        kept: list[Any] | None = [] if from_row == 0 and (self.is_text or set(names) == set(self.names)) else None
+        for start, table in read:
+            if kept is not None:
+                kept = None if start + table.num_rows > self._held_rows else [*kept, table]
+            yield start, table
+        self._held = kept
+
+    def _text_tables(self, from_row: int) -> Iterator[tuple[int, Any]]:
+        """Blocks of parsed rows; after the first reading, blocks before `from_row` are passed over unparsed."""
+        notes: list[str] = []
+        parts = _without_header(text_parts(self.path, notes, block_bytes=self._block_bytes))
+        blocks = line_blocks(parts, label=self.label, block_bytes=self._block_bytes)
+        known, counted, start, lines = self._rows_of, [], 0, 0
+        for k, (text, last) in enumerate(blocks):
+            if k < len(known) and start + known[k] <= from_row:
+                start, lines = start + known[k], lines + text.count(b"\n")
+                continue
+            table, more = parse_block(text, self.names, label=self.label, lines_before=lines, last=last)
+            self._note(*more)
+            counted.append(table.num_rows if table is not None else 0)
+            if table is not None:
+                yield start, table
+            start, lines = start + counted[-1], lines + text.count(b"\n")
+            if start > MAX_ROWS:
+                raise InputError(f"{self.label}: more than {MAX_ROWS} rows, needed at most that")
+        if start == 0:
+            raise InputError(f"{self.label}: no rows")
+        self._note(*(f"{self.label}: {note}" for note in notes))
+        self._rows_of = known or counted
+
+    def _parquet_tables(self, names: Sequence[str], from_row: int, rows: int = PIECE_ROWS) -> Iterator[tuple[int, Any]]:
         import pyarrow as pa
 
-        if self._table is None:
-            self._table, notes = parse_rows(self._text, self.names, label=self.label)
-            self.notes, self._text = self.notes + notes, b""
+        groups, start = self._groups_from(from_row)
         try:
-            values = self._table.column(name) if self.is_text else self._table.read(columns=[name]).column(0)
+            for batch in self._file.iter_batches(rows, row_groups=groups, columns=list(names), use_threads=False):
+                if batch.num_rows:
+                    yield start, pa.Table.from_batches([batch])
+                start += batch.num_rows
         except (pa.ArrowException, OSError) as error:
+            name, error = self._damaged(names, groups) or (" ".join(names), error)
             raise InputError(f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})") from None
-        if not (pa.types.is_floating(values.type) or pa.types.is_integer(values.type)):
-            raise InputError(f"{self.label}: column {name} holds {values.type}, needed float64")
-        if pa.types.is_floating(values.type) and values.type.bit_width < 64:
-            self.notes.append(f"{self.label}: column {name} holds {values.type}, fewer digits than float64")
-        return np.asarray(values.cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+    def _groups_from(self, from_row: int) -> tuple[list[int], int]:
+        """Row groups from the one with `from_row` on, and their first row."""
+        meta = self._file.metadata
+        ends = np.cumsum([meta.row_group(k).num_rows for k in range(meta.num_row_groups)])
+        first = int(np.searchsorted(ends, from_row, side="right"))
+        return list(range(first, meta.num_row_groups)), int(ends[first - 1]) if first else 0
+
+    def _damaged(self, names: Sequence[str], groups: list[int]) -> tuple[str, Exception] | None:
+        """The first column that cannot be read, and why."""
+        import pyarrow as pa
+
+        for name in names:
+            try:
+                for _ in self._file.iter_batches(PIECE_ROWS, row_groups=groups, columns=[name], use_threads=False):
+                    pass
+            except (pa.ArrowException, OSError) as error:
+                return name, error
+        return None
+
+    def _check_type(self, name: str, held: Any) -> None:
+        import pyarrow as pa
+
+        if held is None:
+            return
+        if not (pa.types.is_floating(held) or pa.types.is_integer(held)):
+            raise InputError(f"{self.label}: column {name} holds {held}, needed float64")
+        if pa.types.is_floating(held) and held.bit_width < 64:
+            self._note(f"{self.label}: column {name} holds {held}, fewer digits than float64")
+
+    def _note(self, *notes: str) -> None:
+        self.notes += [note for note in notes if note not in self.notes]
 
     @property
     def text(self) -> str:
         """The rows of a text file as they are (for the one stream that holds words)."""
+        text, note = read_text(self.path)
+        self._note(*([f"{self.label}: {note}"] if note else []))
         try:
-            return self._text.decode("utf-8")
+            return text.partition(b"\n")[2].decode("utf-8")
         except UnicodeDecodeError:
             raise InputError(f"{self.label}: not UTF-8 text") from None
 
@@ -91,7 +192,7 @@ class StreamFile:
         """A Parquet column of words."""
         import pyarrow as pa
 
-        values = self._table.read(columns=[name]).column(0)
+        values = self._file.read(columns=[name]).column(0)
         if not (pa.types.is_string(values.type) or pa.types.is_large_string(values.type)):
             raise InputError(f"{self.label}: column {name} holds {values.type}, needed text")
         return [str(v) for v in values.to_pylist()]
@@ -101,115 +202,27 @@ class StreamFile:
         return f"{self.label}: row {index + 1}" + (f" (line {index + 2})" if self.is_text else "")
 
 
-def read_text(path: Path) -> tuple[bytes, str]:
-    """The bytes of a text file, gunzipped as far as it goes, and a note where a gzip file is cut off or damaged."""
-    if path.stat().st_size > MAX_TEXT_BYTES:
-        raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_TEXT_BYTES}")
-    if not path.name.endswith(".gz"):
-        return path.read_bytes(), ""
-    return _gunzip(path)
-
-
-def _gunzip(path: Path) -> tuple[bytes, str]:
-    """What can be unpacked of a gzip file of one or more members, and a note where it ends too early."""
-    out, unpack, note = bytearray(), zlib.decompressobj(wbits=31), ""
-    with path.open("rb") as file:
-        try:
-            while chunk := unpack.unused_data or file.read(1 << 16):
-                if unpack.eof:
-                    unpack = zlib.decompressobj(wbits=31)
-                out += unpack.decompress(chunk)
-                if len(out) > MAX_TEXT_BYTES:
-                    raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes unpacked")
-        except zlib.error as error:
-            note = str(error)
-    if not unpack.eof:
-        note = note or "the file ends too early"
-        if not out:
-            raise InputError(f"{path}: not a gzip file ({note})")
-        return bytes(out), f"gzip data damaged after {len(out)} bytes ({note}), the rest dropped"
-    return bytes(out), ""
-
-
-def parse_rows(
-    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2
-) -> tuple[Any, list[str]]:
-    """A pyarrow table of float64 columns from rows of text, and what was dropped.
-
-    A last row without a line end, or broken, is a cut-off file: dropped and noted. A broken row before it is an
-    InputError with line and column. `delimiter` " " means any white space.
-    """
-    notes: list[str] = []
-    if text and not text.endswith((b"\n", b"\r")):
-        text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
-        notes.append(f"{label}: last row has no line end (file cut off?), dropped")
-    table, problem = _arrow_table(text, names, delimiter)
-    if table is None and (bad := _first_bad_line(text, names, delimiter)):
-        index, last, why = bad
-        where = f"{label}: row {index + 1} (line {index + first_line}): {why}"
-        if not last:
-            raise InputError(where)
-        notes.append(f"{where}: last row dropped")
-        text = text.rstrip(b"\r\n")
-        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter)
-    if table is None:
-        raise InputError(f"{label}: {problem}")
-    if table.num_rows > MAX_ROWS:
-        raise InputError(f"{label}: {table.num_rows} rows, needed at most {MAX_ROWS}")
-    return table, notes
-
-
-def _arrow_table(text: bytes, names: Sequence[str], delimiter: str) -> tuple[Any, str]:
+def _values(table: Any, name: str) -> NDArray:
     import pyarrow as pa
-    from pyarrow import csv as arrow_csv
 
-    if delimiter == " ":
-        text = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text)
-        text, delimiter = re.sub(rb"[ \t]+", b",", text), ","
-    if not text.strip():
-        return None, "no rows"
-    keys = [str(i) for i in range(len(names))]
-    try:
-        table = arrow_csv.read_csv(
-            pa.BufferReader(text),
-            read_options=arrow_csv.ReadOptions(column_names=keys),
-            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
-            convert_options=arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(keys, pa.float64()), null_values=list(MISSING)
-            ),
-        )
-    except pa.ArrowException as error:
-        return None, " ".join(str(error).split())[:200]
-    return table.rename_columns(list(names)), ""
+    return np.asarray(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
-def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str) -> tuple[int, bool, str] | None:
-    """Index of the first line that is not one number a column, whether it is the last, and what is wrong with it."""
-    lines = text.decode("utf-8", errors="replace").splitlines()
-    while lines and not lines[-1].strip():
-        lines.pop()
-    for i, line in enumerate(lines):
-        fields = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-        if fields and (why := _wrong_fields(fields, names)):
-            return i, i == len(lines) - 1, why
-    return None
+def _numbered(tables: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+    start = 0
+    for table in tables:
+        yield start, table
+        start += table.num_rows
 
 
-def _wrong_fields(fields: Sequence[str], names: Sequence[str]) -> str:
-    if len(fields) != len(names):
-        return f"{len(fields)} values, needed {len(names)}"
-    for name, field in zip(names, fields):
-        if field.strip() not in MISSING and not _is_number(field):
-            return f"column {name}: got {field[:40]!r}, needed a number"
-    return ""
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
+def _without_header(parts: Iterator[bytes]) -> Iterator[bytes]:
+    head = True
+    for part in parts:
+        if head:
+            _, end, part = part.partition(b"\n")
+            head = not end
+        if part:
+            yield part
 
 
 def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:

@@ -10,7 +10,7 @@ from ins.records import InputError
 from trajectories.readers.column_map import binary_type, column_map
 from trajectories.readers.columns import converted
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.stream_files import MAX_ROWS
+from trajectories.text_rows import MAX_ROWS
 
 
 def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:

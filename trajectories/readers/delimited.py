@@ -10,7 +10,7 @@ from trajectories.readers.column_map import ColumnMap, column_map
 from trajectories.readers.columns import converted
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.run_schema import GYRO_DEGC, INCREMENTS, RATES
-from trajectories.stream_files import parse_rows, read_text
+from trajectories.text_rows import parse_rows, read_text
 
 OWN_UNITS = (("rad/s", "m/s2", RATES), ("rad", "m/s", INCREMENTS))
 

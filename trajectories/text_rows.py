@@ -1,0 +1,173 @@
+"""Rows of numbers in text, plain or in gzip: whole, or a block of lines at a time.
+
+What is said of a row does not depend on how the text was cut into blocks.
+"""
+
+import csv
+import re
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ins.records import InputError
+
+MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
+MAX_TEXT_BYTES = 8_000_000_000
+MAX_LINE_BYTES = 1_000_000
+BLOCK_BYTES = 1 << 22
+MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
+
+
+def read_text(path: Path) -> tuple[bytes, str]:
+    """The bytes of a text file, gunzipped as far as it goes, and a note where a gzip file is cut off or damaged."""
+    notes: list[str] = []
+    text = bytearray()
+    for part in text_parts(path, notes):
+        text += part
+    return bytes(text), "; ".join(notes)
+
+
+def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) -> Iterator[bytes]:
+    """The text in parts of about `block_bytes`, gunzipped as far as it goes; what is wrong with the gzip goes to `notes`."""
+    if path.stat().st_size > MAX_TEXT_BYTES:
+        raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_TEXT_BYTES}")
+    if path.name.endswith(".gz"):
+        yield from _gunzip(path, notes)
+        return
+    with path.open("rb") as file:
+        while part := file.read(block_bytes):
+            yield part
+
+
+def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
+    """What can be unpacked of a gzip file of one or more members; a note where it ends too early."""
+    size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
+    with path.open("rb") as file:
+        try:
+            while chunk := unpack.unused_data or file.read(1 << 16):
+                if unpack.eof:
+                    unpack = zlib.decompressobj(wbits=31)
+                part = unpack.decompress(chunk)
+                size += len(part)
+                if size > MAX_TEXT_BYTES:
+                    raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes unpacked")
+                if part:
+                    yield part
+        except zlib.error as error:
+            note = str(error)
+    if not unpack.eof:
+        note = note or "the file ends too early"
+        if not size:
+            raise InputError(f"{path}: not a gzip file ({note})")
+        notes.append(f"gzip data damaged after {size} bytes ({note}), the rest dropped")
+
+
+def line_blocks(parts: Iterator[bytes], *, label: str, block_bytes: int = BLOCK_BYTES) -> Iterator[tuple[bytes, bool]]:
+    """Whole lines, at least `block_bytes` of them, and whether they are the last: the last block alone may end without
+    a line end, and no block but the last ends in what may be the last line of the text."""
+    held = b""
+    for part in parts:
+        cut = held.rfind(b"\n") + 1
+        rest = held[cut:] + part
+        if cut >= block_bytes and rest[: rest.rfind(b"\n") + 1].strip():
+            yield held[:cut], False
+            held = rest
+        else:
+            held += part
+        if len(held) > MAX_LINE_BYTES + 2 * block_bytes and b"\n" not in held:
+            raise InputError(f"{label}: a line of more than {MAX_LINE_BYTES} bytes")
+    yield held, True
+
+
+def parse_rows(
+    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2
+) -> tuple[Any, list[str]]:
+    """A pyarrow table of float64 columns from rows of text, and what was dropped.
+
+    A last row without a line end, or broken, is a cut-off file: dropped and noted. A broken row before it is an
+    InputError with line and column. `delimiter` " " means any white space.
+    """
+    table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line)
+    if table is None:
+        raise InputError(f"{label}: no rows")
+    if table.num_rows > MAX_ROWS:
+        raise InputError(f"{label}: {table.num_rows} rows, needed at most {MAX_ROWS}")
+    return table, notes
+
+
+def parse_block(
+    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2, lines_before: int = 0,
+    last: bool = True,
+) -> tuple[Any, list[str]]:  # fmt: skip
+    """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it holds no row."""
+    notes: list[str] = []
+    if last and text and not text.endswith((b"\n", b"\r")):
+        text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
+        notes.append(f"{label}: last row has no line end (file cut off?), dropped")
+    table, problem = _arrow_table(text, names, delimiter)
+    if problem and (bad := _first_bad_line(text, names, delimiter)):
+        index, at_end, why = bad
+        where = f"{label}: row {lines_before + index + 1} (line {lines_before + index + first_line}): {why}"
+        if not (last and at_end):
+            raise InputError(where)
+        notes.append(f"{where}: last row dropped")
+        text = text.rstrip(b"\r\n")
+        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter)
+    if problem:
+        raise InputError(f"{label}: {problem}")
+    return table, notes
+
+
+def _arrow_table(text: bytes, names: Sequence[str], delimiter: str) -> tuple[Any, str]:
+    """The table, None where the text is blank, and what the parser complains of."""
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    if delimiter == " ":
+        text = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text)
+        text, delimiter = re.sub(rb"[ \t]+", b",", text), ","
+    if not text.strip():
+        return None, ""
+    keys = [str(i) for i in range(len(names))]
+    try:
+        table = arrow_csv.read_csv(
+            pa.BufferReader(text),
+            read_options=arrow_csv.ReadOptions(column_names=keys),
+            parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=dict.fromkeys(keys, pa.float64()), null_values=list(MISSING)
+            ),
+        )
+    except pa.ArrowException as error:
+        return None, " ".join(str(error).split())[:200]
+    return table.rename_columns(list(names)), ""
+
+
+def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str) -> tuple[int, bool, str] | None:
+    """Index of the first line that is not one number a column, whether it is the last, and what is wrong with it."""
+    lines = text.decode("utf-8", errors="replace").splitlines()
+    while lines and not lines[-1].strip():
+        lines.pop()
+    for i, line in enumerate(lines):
+        fields = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
+        if fields and (why := _wrong_fields(fields, names)):
+            return i, i == len(lines) - 1, why
+    return None
+
+
+def _wrong_fields(fields: Sequence[str], names: Sequence[str]) -> str:
+    if len(fields) != len(names):
+        return f"{len(fields)} values, needed {len(names)}"
+    for name, field in zip(names, fields):
+        if field.strip() not in MISSING and not _is_number(field):
+            return f"column {name}: got {field[:40]!r}, needed a number"
+    return ""
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text
