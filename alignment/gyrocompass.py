@@ -1,6 +1,6 @@
 """Fine alignment: the navigation-mode filter on the parked stretch, and the loop that linearises it about its result."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
 from ins.kalman import nis_band
 from ins.mechanization import VerticalChannel, navigate
-from ins.records import ImuLog, NavState, Phase, Site, Span, TwinModel
+from ins.records import ImuLog, ImuSource, NavState, Phase, Site, Span, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
@@ -43,7 +43,7 @@ UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, sec
 
 
 def solve(
-    imu: ImuLog,
+    imu: ImuSource,
     site: Site,
     twin: TwinModel,
     prior: BiasPrior,
@@ -63,18 +63,16 @@ def solve(
     imu: compensated with everything known (table, scale factors); rest: (start, end) of the first rest [s];
     parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
     """
-    log = imu.between(rest[0], min(until_s, float(imu.time_s[-1])))
     first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
     C_nb = coarse.gyrocompass_dcm(replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b))
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
     seen = np.zeros(0)
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
-        rows = bin_of(prior.edges_s, log.time_s)
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
         history = navigate(
-            compensate(log, gyro_bias_rad_s=applied[rows], accel_bias_m_s2=applied_accel),
-            start, epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
+            _less_found(imu.pieces(rest[0], min(until_s, imu.end_s)), prior.edges_s, applied, applied_accel), start,
+            epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
         )  # fmt: skip
         if number < MAX_PASSES - 1:
             motion = stillness.classify(history, phases, log)
@@ -101,13 +99,22 @@ def solve(
     return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
 
 
+def _less_found(
+    pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray
+) -> Iterator[ImuLog]:
+    """The pieces of a log less what was found: gyro biases (N, 3) over the bins, accelerometer biases (3,)."""
+    for piece in pieces:
+        bias = gyro_rad_s[bin_of(edges_s, piece.time_s)]
+        yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=accel_m_s2)
+
+
 def _first_roll(motion: stillness.Motion) -> float:
     rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
     return float(motion.time_s[max(rolling[0] - 1, 0)]) if rolling.size else np.inf
 
 
 def align(
-    imu: ImuLog,
+    imu: ImuSource,
     site: Site,
     twin: TwinModel,
     *,
@@ -131,7 +138,7 @@ def align(
     sigma = np.full(3, np.nan) if bias_sigma_deg_h is None else np.asarray(bias_sigma_deg_h, dtype=float)
     if bias_sigma_deg_h is None:
         sigma[:] = unknown_bias_sigma_deg_h(twin, means)
-    prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=float(imu.time_s[-1]) + 1.0)
+    prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
     for scale in NOISE_SCALES:

@@ -27,7 +27,7 @@ from infield.thermometer import GyroTemperature
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.mechanization import VerticalChannel, navigate
-from ins.records import ImuLog, NavHistory, NavState, Phase, Site, TwinModel
+from ins.records import ImuSource, NavHistory, NavState, Phase, Site, TwinModel
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 
 UNSEEN = 0.9  # a heading sigma above this share of its prior means that the taxi did not show it
@@ -65,14 +65,14 @@ class ClaimChain:
 
 
 def run_claim_chain(
-    imu: ImuLog, site: Site, twin: TwinModel, aligned: Alignment, temperature: GyroTemperature,
+    imu: ImuSource, site: Site, twin: TwinModel, aligned: Alignment, temperature: GyroTemperature,
     *, phases: tuple[Phase, ...], until_s: float, prior_sigma_deg_h: float,
 ) -> ClaimChain:  # fmt: skip
     """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a)."""
     if aligned.C_nb is None:
         raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
-    log = imu.between(aligned.time_s, until_s)
+    log = imu.pieces(aligned.time_s, until_s)
     history = navigate(log, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)
     motion = classify(history, phases, log)
     first_roll = np.flatnonzero(motion.kind >= ROLLING)

@@ -254,7 +254,7 @@ def _session(session: SessionResult) -> dict[str, Any]:
         "site": {"lat_deg": header.site.lat_rad / DEG, "lon_deg": header.site.lon_rad / DEG, "height_m": header.site.height_m},
         "outcome": session.verdict.outcome,
         "reasons": list(session.verdict.reasons),
-        "duration_s": float(session.run.imu.time_s[-1] - session.run.imu.time_s[0]),
+        "duration_s": session.run.imu.end_s - session.run.imu.start_s,
         "streams": [n for n in ("temperature", "gnss", "odometer") if getattr(session.run, n) is not None],
     }
     if session.temperature is not None:

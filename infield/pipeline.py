@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -21,13 +21,13 @@ from infield.session import (
     estimate_session,
     find_rest,
     session_end,
-    table_along,
+    table_series,
 )
 from infield.standstill import speed_disagreement
 from infield.table import AgeingModel, ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, no_thermometer, plausible_range, too_short, words
-from ins.compensation import compensate
-from ins.records import InputError, Run, TwinModel
+from ins.compensation import compensate, corrected
+from ins.records import ImuLog, InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
 NEVER_RESTS = "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
@@ -150,7 +150,7 @@ def _claim_chain(
     aligned = estimate.alignment
     if aligned.C_nb is None or end_s - aligned.time_s < 600.0:
         return None
-    imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), twin)
+    imu = compensated_imu(run, table, temperature, twin)
     return run_claim_chain(
         imu, run.header.site, twin, aligned, temperature, phases=run.phases, until_s=end_s,
         prior_sigma_deg_h=float(np.sqrt(np.diag(estimate.bins.prior)[:2].max())),
@@ -185,11 +185,12 @@ def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTa
     table = applied_table(sha256)
     if run.temperature is None:
         raise InputError(f"run {run.header.run_id}: a table was applied but no temperature is logged: cannot be undone")
-    temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
-    bias = table_along(table, temperature, run.imu.time_s)
-    from dataclasses import replace
+    bias_at = table_series(table, gyro_temperature(run.temperature, plausible_degC=plausible_range(table)))
 
-    return replace(run, imu=compensate(run.imu, gyro_bias_rad_s=-bias * DEG_PER_HOUR))
+    def restored(piece: ImuLog) -> ImuLog:
+        return compensate(piece, gyro_bias_rad_s=-bias_at(piece.time_s) * DEG_PER_HOUR)
+
+    return replace(run, imu=corrected(run.imu, restored))
 
 
 def _days_between(earlier_utc: str, later_utc: str) -> float:

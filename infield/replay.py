@@ -25,7 +25,6 @@ from infield.session import (
     find_rest,
     make_bins,
     session_end,
-    table_along,
 )
 from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, too_short, words
@@ -35,6 +34,7 @@ from ins.records import AXES, NavHistory, NavState, ReferenceLog, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
+ROW_BEFORE_S = 2.0  # before the start of navigation: holds the row before it (a run has no gap over 1 s)
 SHORT_S = 1800.0  # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
 STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
 STOP_BELOW_M_S = 2.0 * REALIGN_M_S  # a faster "stop" is a steady taxi, unless the log calls it parked
@@ -140,7 +140,7 @@ def replay(
     if rest is None:
         reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
         return ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
-    span = (rest[0], min(alignment_end(raw, rest[0]), float(raw.imu.time_s[-1])))
+    span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
     flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
     result = ReplayResult(
         run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
@@ -176,25 +176,22 @@ def _fly(
     vertical: VerticalChannel,
 ) -> TableReplay:  # fmt: skip
     """Align with one table, then navigate to the end of the log; only the alignment where that is refused."""
-    imu, bins, sigma = run.imu, None, None
+    bins, sigma, table = None, None, None
     notes: tuple[str, ...] = ()
-    table_deg_h = np.zeros((imu.time_s.size, 3))
     if choice.table is not None and temperature is not None:
         table, notes = _covering(choice.table, temperature)
         bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
         sigma = np.sqrt(np.diag(bins.prior)[:3])
-        coarse = table_along(table, temperature, temperature.time_s)  # the smoothed temperature is a series every 5 s
-        table_deg_h = np.stack([np.interp(imu.time_s, temperature.time_s, b) for b in coarse.T], axis=1)
-    imu = compensated_imu(run, table_deg_h, twin)
+    imu = compensated_imu(run, table, temperature, twin)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
-    history, C_nb, left_s = None, aligned.C_nb, float(imu.time_s[-1]) - aligned.time_s
+    history, C_nb, left_s = None, aligned.C_nb, imu.end_s - aligned.time_s
     if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
         if left_s < SHORTEST_S:
             reason = f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation are needed"
             aligned = replace(aligned, verdict="refused", reasons=(reason, *aligned.reasons))
         else:
             start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-            history = navigate(imu, start, epoch_s=1.0, vertical=vertical)
+            history = navigate(imu.pieces(aligned.time_s - ROW_BEFORE_S), start, epoch_s=1.0, vertical=vertical)
     return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
 
 

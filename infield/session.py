@@ -6,6 +6,7 @@ uncertainty at their temperatures plus what a session adds (turn-on, flicker, ra
 axes and time, so that nothing shared is counted twice.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -22,9 +23,9 @@ from infield.taxi_heading import CentreLineAid, GnssAid, LateralAid, OdometerAid
 from infield.thermometer import GyroTemperature
 from ins import error_model as em
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.compensation import compensate
+from ins.compensation import compensate, corrected
 from ins.mechanization import VerticalChannel
-from ins.records import ImuLog, Run, TwinModel
+from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 BIN_S = 300.0
@@ -98,15 +99,31 @@ class SessionEstimate:
     dof: int
 
 
-def compensated_imu(run: Run, table_deg_h: NDArray, twin: TwinModel) -> ImuLog:
-    """The log less the table (n, 3) [deg/h] at each row, less the twin's nominal scale, misalignment and biases."""
-    return compensate(
-        run.imu,
-        gyro_bias_rad_s=table_deg_h * DEG_PER_HOUR,
-        accel_bias_m_s2=np.asarray(twin.accel.bias_ug) * MICRO_G,
-        gyro_scale_factor_ppm=twin.gyro.scale_factor_ppm,
-        gyro_misalignment_mrad=twin.gyro.misalignment_mrad,
-    )
+def compensated_imu(
+    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+) -> ImuSource:
+    """The log less the table at each row's temperature, less the twin's nominal scale, misalignment and biases.
+
+    No table, or no temperature: only the twin's. A log that is in its file stays there.
+    """
+    bias_at = None if table is None or temperature is None else table_series(table, temperature)
+
+    def correct(piece: ImuLog) -> ImuLog:
+        return compensate(
+            piece,
+            gyro_bias_rad_s=None if bias_at is None else bias_at(piece.time_s) * DEG_PER_HOUR,
+            accel_bias_m_s2=np.asarray(twin.accel.bias_ug) * MICRO_G,
+            gyro_scale_factor_ppm=twin.gyro.scale_factor_ppm,
+            gyro_misalignment_mrad=twin.gyro.misalignment_mrad,
+        )
+
+    return corrected(run.imu, correct)
+
+
+def table_series(table: ThermalTable, temperature: GyroTemperature) -> Callable[[NDArray], NDArray]:
+    """Table bias (k, 3) [deg/h] at any times: the table at the nodes of the smoothed temperature, straight lines in between."""
+    time_s, bias = temperature.time_s, table_along(table, temperature, temperature.time_s)
+    return lambda at_s: np.stack([np.interp(at_s, time_s, b) for b in bias.T], axis=1)
 
 
 def table_along(table: ThermalTable, temperature: GyroTemperature, time_s: NDArray) -> NDArray:
@@ -182,7 +199,7 @@ def estimate_session(
     *, rest: tuple[float, float], end_s: float,
 ) -> SessionEstimate:  # fmt: skip
     """Alignment on the alignment phase, then one filter over align, park and taxi with all aids the run has."""
-    imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), twin)
+    imu = compensated_imu(run, table, temperature, twin)
     bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
     aligned = gyrocompass.align(
         imu.between(rest[0], alignment_end(run, rest[0])),
@@ -272,8 +289,7 @@ def find_rest(run: Run) -> tuple[float, float] | None:
     logged = [p for p in run.phases if p.phase in ("alignment", "extended_alignment", "parked")]
     imu = run.imu
     if logged:
-        start = max(logged[0].start_s, float(imu.time_s[0]))
-        end = min(logged[0].end_s, float(imu.time_s[-1]))
+        start, end = max(logged[0].start_s, imu.start_s), min(logged[0].end_s, imu.end_s)
         if end - start < 30.0:
             return None
         imu = imu.between(start, end)
@@ -283,7 +299,7 @@ def find_rest(run: Run) -> tuple[float, float] | None:
 def session_end(run: Run) -> float:
     """Where the ground session ends: the first take-off or flight phase, else the end of the log."""
     airborne = [p.start_s for p in run.phases if p.phase in ("takeoff", "flight", "landing")]
-    return min([*airborne, float(run.imu.time_s[-1])])
+    return min([*airborne, run.imu.end_s])
 
 
 def own_information_floor_deg_h(twin: TwinModel, seconds: float) -> float:

@@ -3,10 +3,13 @@
 The sensor model is measured = (I + S + M) true + bias, in sensor axes x, y, z.
 """
 
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ins.records import ImuLog, InputError
+from ins.records import ImuLog, ImuSource, InputError
 from ins.units import MILLIRADIAN, PPM
 
 NO_SCALE_FACTOR = (0.0, 0.0, 0.0)
@@ -64,10 +67,57 @@ def compensate(
     return ImuLog(
         time_s=imu.time_s,
         dt_s=imu.dt_s,
-        dtheta_rad=np.linalg.solve(matrix, dtheta.T).T,
+        dtheta_rad=dtheta if np.array_equal(matrix, np.eye(3)) else _turned(np.linalg.inv(matrix), dtheta),
         dv_m_s=imu.dv_m_s - _integrated(accel_bias_m_s2, imu, "accel_bias_m_s2"),
         source=imu.source,
     )
+
+
+@dataclass(frozen=True)
+class CorrectedImu:
+    """A log in its file seen through a correction of its rows, made anew for each piece (an `ImuSource`)."""
+
+    raw: ImuSource
+    correct: Callable[[ImuLog], ImuLog]
+
+    @property
+    def source(self) -> str:
+        return self.raw.source
+
+    @property
+    def rows(self) -> int:
+        return self.raw.rows
+
+    @property
+    def start_s(self) -> float:
+        return self.raw.start_s
+
+    @property
+    def end_s(self) -> float:
+        return self.raw.end_s
+
+    @property
+    def rate_hz(self) -> float:
+        return self.raw.rate_hz
+
+    def between(self, start_s: float, end_s: float) -> ImuLog:
+        return self.correct(self.raw.between(start_s, end_s))
+
+    def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
+        return map(self.correct, self.raw.pieces(start_s, end_s))
+
+    def whole(self) -> ImuLog:
+        return self.correct(self.raw.whole())
+
+
+def corrected(imu: ImuSource, correct: Callable[[ImuLog], ImuLog]) -> ImuSource:
+    """`imu` with each row corrected by itself (`compensate`): at once where it is in memory, else as it is read."""
+    return correct(imu) if isinstance(imu, ImuLog) else CorrectedImu(imu, correct)
+
+
+def _turned(matrix: NDArray, rows: NDArray) -> NDArray:
+    """matrix @ each row (n, 3), one product and sum a time: a row's bits do not depend on how many there are."""
+    return rows[:, :1] * matrix[:, 0] + rows[:, 1:2] * matrix[:, 1] + rows[:, 2:] * matrix[:, 2]
 
 
 def _integrated(bias: ArrayLike | None, imu: ImuLog, name: str) -> NDArray:

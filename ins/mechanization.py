@@ -6,6 +6,7 @@ consecutive increments (Savage, J. Guidance 21(1) and 21(2), 1998); gravity and 
 Everything is second order in the interval or better: halving it divides the error by four or more.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -95,13 +96,13 @@ class VerticalChannel:
 
 
 def navigate(
-    imu: ImuLog, initial: NavState, *, epoch_s: float | None = 1.0, vertical: VerticalChannel | None = None
+    imu: ImuLog | Iterable[ImuLog], initial: NavState, *, epoch_s: float | None = 1.0, vertical: VerticalChannel | None = None
 ) -> NavHistory:
     """Integrate the increments of `imu` from `initial` on.
 
     Parameters
     ----------
-    imu : ImuLog
+    imu : ImuLog, or its pieces in order (`ins.records.ImuSource.pieces`)
         Rows with time_s > initial.time_s are used, each whole, and over its own dt_s. The row before them, where
         there is one, serves the coning compensation of the first.
     initial : NavState
@@ -134,7 +135,8 @@ def navigate(
     known truth, profiles of other authors, pyins)
     """
     navigator = Navigator(initial, epoch_s=epoch_s, vertical=vertical)
-    navigator.feed(imu)
+    for piece in (imu,) if isinstance(imu, ImuLog) else imu:
+        navigator.feed(piece)
     return navigator.finish()
 
 

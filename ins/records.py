@@ -3,8 +3,10 @@
 Times are seconds from the run's start; SI units and radians unless the name says otherwise.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from typing import Any
+from itertools import pairwise
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
 AXES = ("x", "y", "z")
+PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
 class InputError(ValueError):
@@ -86,13 +89,74 @@ class ImuLog:
         """Nominal sample rate: one over the median interval."""
         return float(1.0 / np.median(np.diff(self.time_s)))
 
+    @property
+    def rows(self) -> int:
+        return int(self.time_s.size)
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first row."""
+        return float(self.time_s[0])
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last row."""
+        return float(self.time_s[-1])
+
+    def whole(self) -> "ImuLog":
+        return self
+
+    def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator["ImuLog"]:
+        """The rows of `between` in logs of some ten thousand rows, each of two or more; none where there is no row."""
+        a, b = (int(k) for k in np.searchsorted(self.time_s, [start_s, end_s], side="right"))
+        edges = [*range(a, max(b - 1, a + 1), PIECE_ROWS), b]
+        for first, last in pairwise(edges if b > a else ()):
+            yield self._part(slice(first, last))
+
     def between(self, start_s: float, end_s: float) -> "ImuLog":
         """The rows whose interval ends in (start_s, end_s]."""
-        a, b = np.searchsorted(self.time_s, [start_s, end_s], side="right")
+        return self._part(slice(*np.searchsorted(self.time_s, [start_s, end_s], side="right")))
+
+    def _part(self, rows: slice) -> "ImuLog":
         return ImuLog(
-            time_s=self.time_s[a:b], dt_s=self.dt_s[a:b], dtheta_rad=self.dtheta_rad[a:b], dv_m_s=self.dv_m_s[a:b],
+            time_s=self.time_s[rows], dt_s=self.dt_s[rows], dtheta_rad=self.dtheta_rad[rows], dv_m_s=self.dv_m_s[rows],
             source=self.source,
         )  # fmt: skip
+
+
+class ImuSource(Protocol):
+    """The increments of a run, in memory (`ImuLog`) or left in their file and read a piece at a time.
+
+    Whatever is done piece after piece needs the memory of a piece, however long the run is.
+    """
+
+    @property
+    def source(self) -> str:
+        """"increments" or "rates": what the file held."""
+
+    @property
+    def rows(self) -> int: ...
+
+    @property
+    def start_s(self) -> float:
+        """Time of the first row."""
+
+    @property
+    def end_s(self) -> float:
+        """Time of the last row."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Nominal sample rate: one over the median interval."""
+
+    def between(self, start_s: float, end_s: float) -> ImuLog:
+        """The rows whose interval ends in (start_s, end_s], in memory."""
+
+    def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
+        """The same rows in logs of some ten thousand rows, each of two or more; none where there is no row."""
+
+    def whole(self) -> ImuLog:
+        """All rows, in memory."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -217,7 +281,7 @@ class Run:
     """
 
     header: RunHeader
-    imu: ImuLog
+    imu: ImuSource
     temperature: TemperatureLog | None = None
     gnss: GnssLog | None = None
     odometer: OdometerLog | None = None

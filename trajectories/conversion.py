@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from ins.records import InputError, Run
+from trajectories.imu_scan import RateScan
 from trajectories.physics_gates import check_physics
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.run import run_sha256
-from trajectories.run_check import Finding, Findings, check_rate
+from trajectories.run_check import Finding, Findings
 from trajectories.run_schema import SCHEMA, header_from_json
 
 OPTIONS = {
@@ -40,7 +41,9 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     header, errors, unknown = header_from_json(_header(log, given, path), name="options and map [run]")
     if header is None or unknown:
         raise InputError((errors + unknown)[0])
-    findings.error(*check_rate(log.imu.time_s, lambda k: f"{label}: row {k + 1}", label))
+    rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
+    rate.feed(log.imu.time_s)
+    findings.error(*rate.lines)
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])

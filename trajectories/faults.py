@@ -24,26 +24,28 @@ def stuck_thermometer(run: Run, *, axis: str, start_s: float, end_s: float = np.
 
 def clipped_gyro(run: Run, *, axis: str, limit_rad_s: float, start_s: float = -np.inf, end_s: float = np.inf) -> Run:
     """The gyro of an axis saturates at +-limit."""
-    rows = _rows(run.imu.time_s, start_s, end_s)
-    dtheta = run.imu.dtheta_rad.copy()
-    limit = limit_rad_s * run.imu.dt_s[rows]
+    imu = run.imu.whole()
+    rows = _rows(imu.time_s, start_s, end_s)
+    dtheta = imu.dtheta_rad.copy()
+    limit = limit_rad_s * imu.dt_s[rows]
     column = dtheta[:, AXES.index(axis)]
     column[rows] = np.clip(column[rows], -limit, limit)
-    return replace(run, imu=replace(run.imu, dtheta_rad=dtheta))
+    return replace(run, imu=replace(imu, dtheta_rad=dtheta))
 
 
 def shock(run: Run, *, axis: str, at_s: float, dv_m_s: float) -> Run:
     """One sample of the accelerometer of an axis is off by dv."""
-    row = int(np.searchsorted(run.imu.time_s, at_s))
-    dv = run.imu.dv_m_s.copy()
+    imu = run.imu.whole()
+    row = int(np.searchsorted(imu.time_s, at_s))
+    dv = imu.dv_m_s.copy()
     dv[row, AXES.index(axis)] += dv_m_s
-    return replace(run, imu=replace(run.imu, dv_m_s=dv))
+    return replace(run, imu=replace(imu, dv_m_s=dv))
 
 
 def dropout(run: Run, *, start_s: float, end_s: float) -> Run:
     """The IMU rows of the span are missing; the intervals of the others stay as they were."""
-    keep = ~_rows(run.imu.time_s, start_s, end_s)
-    imu = run.imu
+    imu = run.imu.whole()
+    keep = ~_rows(imu.time_s, start_s, end_s)
     return replace(
         run, imu=ImuLog(time_s=imu.time_s[keep], dt_s=imu.dt_s[keep], dtheta_rad=imu.dtheta_rad[keep],
                         dv_m_s=imu.dv_m_s[keep], source=imu.source),
@@ -54,8 +56,9 @@ def time_jump(run: Run, *, at_s: float, by_s: float) -> Run:
     """The clock of the IMU jumps forward; temperature and the other streams keep theirs."""
     if not by_s > 0:
         raise InputError(f"time jump by {by_s} s, needed more than 0")
-    late = _rows(run.imu.time_s, at_s, np.inf)
-    return replace(run, imu=replace(run.imu, time_s=run.imu.time_s + by_s * late))
+    imu = run.imu.whole()
+    late = _rows(imu.time_s, at_s, np.inf)
+    return replace(run, imu=replace(imu, time_s=imu.time_s + by_s * late))
 
 
 def _rows(time_s: NDArray, start_s: float, end_s: float) -> NDArray:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.records import AXES, ImuLog, Site
+from ins.records import AXES, ImuSource, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.run_check import Findings
 
@@ -56,14 +56,15 @@ class QuietMeans:
     w_rad_s: NDArray
 
 
-def quiet_means(imu: ImuLog) -> QuietMeans | None:
+def quiet_means(source: ImuSource) -> QuietMeans | None:
     """Means over the first stretch near the start of the log in which one-second means of f hold still, else None."""
-    start = float(imu.time_s[0])
-    while start < min(imu.time_s[0] + QUIET_SEARCH_S, imu.time_s[-1]):
+    start, last = source.start_s, source.end_s
+    imu = source.between(-np.inf, start + QUIET_SEARCH_S + QUIET_S)
+    while start < min(source.start_s + QUIET_SEARCH_S, last):
         part = slice(*np.searchsorted(imu.time_s, [start, start + QUIET_S]))
         start += QUIET_S
         time_s, dt_s = imu.time_s[part], imu.dt_s[part]
-        if time_s.size < 2 or time_s[-1] - time_s[0] < min(QUIET_S / 2, (imu.time_s[-1] - imu.time_s[0]) / 2):
+        if time_s.size < 2 or time_s[-1] - time_s[0] < min(QUIET_S / 2, (last - source.start_s) / 2):
             continue
         second = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], 1.0))
         f = np.add.reduceat(imu.dv_m_s[part], second) / np.add.reduceat(dt_s, second)[:, None]
@@ -76,7 +77,7 @@ def quiet_means(imu: ImuLog) -> QuietMeans | None:
     return None
 
 
-def check_physics(imu: ImuLog, *, site: Site, technology: str, label: str, findings: Findings) -> QuietMeans | None:
+def check_physics(imu: ImuSource, *, site: Site, technology: str, label: str, findings: Findings) -> QuietMeans | None:
     """Adds what the quiet start says about units, signs and axes; returns the means it used."""
     means = quiet_means(imu)
     if means is None:
@@ -92,7 +93,7 @@ def check_physics(imu: ImuLog, *, site: Site, technology: str, label: str, findi
     return means
 
 
-def _force_size(means: QuietMeans, imu: ImuLog, technology: str) -> str:
+def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.f_m_s2)), G_TOLERANCE[technology]
     if abs(size / EXPECTED_F - 1) <= tolerance:
         return ""
@@ -127,7 +128,7 @@ def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
     return f"{seen}: accelerometer sign or axes? If z points up, {fix}"
 
 
-def _earth_rate(means: QuietMeans, site: Site, imu: ImuLog) -> tuple[str, str]:
+def _earth_rate(means: QuietMeans, site: Site, imu: ImuSource) -> tuple[str, str]:
     """Level and text of what the mean rate says; the down component is w resolved along -f."""
     size = float(np.linalg.norm(means.w_rad_s))
     down = float(-means.w_rad_s @ means.f_m_s2 / np.linalg.norm(means.f_m_s2))

@@ -105,10 +105,13 @@ def run_sha256(run: Run) -> str:
     under another name. Increments are hashed as read (rates once turned into increments), angles in radians.
     """
     digest = hashlib.sha256(json.dumps(["recal.run/1", run.header.imu_serial]).encode())
-    for name in ("imu", "temperature", "gnss", "odometer"):
+    for key, shape in (("dtheta_rad", (run.imu.rows, 3)), ("dv_m_s", (run.imu.rows, 3)), ("time_s", (run.imu.rows,))):
+        digest.update(f"imu.{key}{shape}".encode())
+        for piece in run.imu.pieces():
+            digest.update(np.ascontiguousarray(getattr(piece, key), dtype="<f8").data)
+    for name in ("temperature", "gnss", "odometer"):
         log = getattr(run, name)
-        for key in sorted(k for k in (vars(log) if log else ()) if k not in ("source", "dt_s")):
-            values = getattr(log, key)
+        for key, values in sorted(vars(log).items() if log else ()):
             if values is not None:
                 digest.update(f"{name}.{key}{values.shape}".encode())
                 digest.update(np.ascontiguousarray(values, dtype="<f8").data)

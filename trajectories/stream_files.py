@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ins.records import InputError
+from ins.records import PIECE_ROWS, InputError
 from trajectories.text_rows import BLOCK_BYTES, MAX_LINE_BYTES, MAX_ROWS, line_blocks, parse_block, read_text, text_parts
 
 ENDINGS = (".parquet", ".csv", ".csv.gz")
 PANDAS_INDEX = re.compile(r"__index_level_\d+__")  # what pandas adds to a filtered frame, no data of the run
-PIECE_ROWS = 1 << 16
+
 HELD_ROWS = 1_000_000  # 83 min at 200 Hz: 64 MB of increments
 READ_AHEAD_BYTES = 1 << 20
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ins.records import (
     GnssLog,
-    ImuLog,
+    ImuSource,
     InputError,
     OdometerLog,
     Phase,
@@ -26,7 +26,8 @@ from ins.records import (
 )
 from ins.thermometer_faults import HOLE_S
 from ins.units import DEG
-from trajectories.run_check import JITTER_WARNING, Findings, Row, check_increasing, jitter
+from trajectories.imu_stream import jitter
+from trajectories.run_check import JITTER_WARNING, Findings, Row, check_increasing
 from trajectories.run_schema import (
     ACCEL_DEGC,
     ATTITUDE,
@@ -114,7 +115,7 @@ LOADERS: dict[str, Callable[[StreamFile, Findings], Loaded]] = {
 
 def tables(run: Run, reference: ReferenceLog | None) -> dict[str, dict[str, Any]]:
     """The streams of a run as columns of its files; reading them back gives the same records bit for bit."""
-    imu = run.imu
+    imu = run.imu.whole()
     out: dict[str, dict[str, Any]] = {}
     out["imu"] = {"time_s": imu.time_s, **_spread(INCREMENTS, np.hstack([imu.dtheta_rad, imu.dv_m_s]))}
     if (t := run.temperature) is not None:
@@ -136,12 +137,12 @@ def tables(run: Run, reference: ReferenceLog | None) -> dict[str, dict[str, Any]
     return out
 
 
-def check_overlap(imu: ImuLog, optional: dict[str, Any], header: RunHeader, findings: Findings) -> None:
+def check_overlap(imu: ImuSource, optional: dict[str, Any], header: RunHeader, findings: Findings) -> None:
     """Streams that do not share the imu's time, a late start, a site far from the first fix."""
-    start, end = float(imu.time_s[0]), float(imu.time_s[-1])
+    start, end = imu.start_s, imu.end_s
     if not -1.0 <= start <= 60.0:
         findings.warn(f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)")
-    if (spread := jitter(imu.time_s)) > JITTER_WARNING:
+    if (spread := jitter(imu)) > JITTER_WARNING:
         findings.warn(f"imu: time stamps jitter by {spread:.0%} of the interval (99th percentile)")
     for name in ("temperature", "gnss", "odometer"):
         log = optional.get(name)

@@ -47,7 +47,7 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
 
     from alignment.document import alignment_document
     from alignment.gyrocompass import align as align_log
-    from infield.session import compensated_imu, table_along
+    from infield.session import compensated_imu
     from infield.thermometer import gyro_temperature
     from recal.output import output_directory, write_text
     from recal.unit_inputs import open_store, unit_inputs
@@ -55,14 +55,13 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
 
     run = read_run(run_path)
     unit = unit_inputs(run, open_store(store_url), twin)
-    sigma, table_deg_h = None, np.zeros((len(run.imu.time_s), 3))
+    sigma, temperature = None, None
     if unit.known and run.temperature is not None:
         temperature = gyro_temperature(run.temperature)
-        table_deg_h = table_along(unit.table, temperature, run.imu.time_s)
         T = temperature.temperature_degC[0]
         sigma = np.array([unit.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
         sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
-    imu = compensated_imu(run, table_deg_h, unit.twin)
+    imu = compensated_imu(run, unit.table, temperature, unit.twin)
     result = align_log(imu, run.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=run.phases)
     document = alignment_document(result, run)
     write_text(output_directory(output, "align") / "alignment.json", result_text(document))

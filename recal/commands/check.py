@@ -64,12 +64,14 @@ def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:
 
 
 def _holds(seen: "Inspection") -> dict[str, Any]:
-    from trajectories.run_check import jitter
+    from trajectories.imu_stream import jitter
 
     logs = {name: log for name, log in seen.logs.items() if name != "phases"}
-    out: dict[str, Any] = {name: None if log is None else _times(log) for name, log in logs.items()}
-    if (imu := seen.logs.get("imu")) is not None:
-        out["imu"].update(source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu.time_s))
+    imu = logs.pop("imu", None)
+    out: dict[str, Any] = {"imu": None if imu is None else _stretch(imu.rows, imu.start_s, imu.end_s)}
+    out |= {name: None if log is None else _times(log) for name, log in logs.items()}
+    if imu is not None:
+        out["imu"].update(source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu))
     if (temperature := seen.logs.get("temperature")) is not None:
         out["temperature"]["range_degC"] = _ranges(temperature)
     phases = seen.logs.get("phases") or ()
@@ -79,9 +81,11 @@ def _holds(seen: "Inspection") -> dict[str, Any]:
 
 
 def _times(log: Any) -> dict[str, Any]:
-    time_s = log.time_s
-    start, end = float(time_s[0]), float(time_s[-1])
-    return {"rows": time_s.size, "start_s": start, "end_s": end, "duration_s": end - start}
+    return _stretch(log.time_s.size, float(log.time_s[0]), float(log.time_s[-1]))
+
+
+def _stretch(rows: int, start_s: float, end_s: float) -> dict[str, Any]:
+    return {"rows": rows, "start_s": start_s, "end_s": end_s, "duration_s": end_s - start_s}
 
 
 def _ranges(temperature: "TemperatureLog") -> dict[str, list[float]]:

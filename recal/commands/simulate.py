@@ -54,7 +54,7 @@ def simulate(
     header, imu = simulated.run.header, simulated.run.imu
     return {
         "schema": "recal.simulate/1", "run": str(output), "run_id": header.run_id, "imu_serial": header.imu_serial,
-        "seed": plan.seed if seed is None else seed, "duration_s": float(imu.time_s[-1]), "rate_hz": imu.rate_hz,
+        "seed": plan.seed if seed is None else seed, "duration_s": imu.end_s, "rate_hz": imu.rate_hz,
         "twin": plan.twin.source, "table": None if table_path is None else str(table_path),
         "phases": [vars(phase) for phase in simulated.run.phases],
     }  # fmt: skip

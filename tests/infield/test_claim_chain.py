@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from infield.claim_chain import run_claim_chain
-from infield.session import compensated_imu, session_end, table_along
+from infield.session import compensated_imu, session_end
 from infield.thermometer import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -19,7 +19,7 @@ COUPLING = EARTH_RATE_RAD_S * np.cos(45 * DEG)
 def chain_of(seed=1, segments=TAXI):
     run, table = simulated(seed, segments).run, factory()
     temperature = gyro_temperature(run.temperature)
-    imu = compensated_imu(run, table_along(table, temperature, run.imu.time_s), TWIN)
+    imu = compensated_imu(run, table, temperature, TWIN)
     return run_claim_chain(
         imu, run.header.site, TWIN, estimate(seed, segments).alignment, temperature, phases=run.phases,
         until_s=session_end(run), prior_sigma_deg_h=0.012,

@@ -12,7 +12,6 @@ from infield.session import (
     make_bins,
     own_information_floor_deg_h,
     session_end,
-    table_along,
 )
 from infield.thermometer import gyro_temperature
 from ins.records import Phase, TemperatureLog
@@ -79,8 +78,7 @@ def test_an_unknown_stuck_axis_teaches_the_table_nothing():
 
 def test_compensated_imu_takes_off_the_table_at_the_logged_temperature():
     run = simulated().run
-    along = table_along(factory(), gyro_temperature(run.temperature), run.imu.time_s)
-    imu = compensated_imu(run, along, TWIN)
+    imu = compensated_imu(run, factory(), gyro_temperature(run.temperature), TWIN)
     row = 9000
     T = gyro_temperature(run.temperature).at(run.imu.time_s[[row]])[0]
     expected = [factory().bias_deg_h(k, T[k])[0] for k in range(3)]
