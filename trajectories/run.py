@@ -11,6 +11,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from trajectories.imu_stream import load_imu
 from trajectories.physics_gates import QuietMeans, check_physics
 from trajectories.run_check import Finding, Findings
 from trajectories.run_schema import STREAMS, check_columns, header_from_json, header_to_json
-from trajectories.stream_files import ENDINGS, StreamFile, write_columns
+from trajectories.stream_files import ENDINGS, HELD_ROWS, StreamFile, write_columns
 
 FORMATS = ("parquet", "csv", "csv.gz")
 
@@ -48,12 +49,13 @@ class Inspection:
         return [item.text for item in self.findings if item.level == "error"]
 
 
-def read_run(path: Path) -> Run:
+def read_run(path: Path, *, held_rows: int = HELD_ROWS) -> Run:
     """The run in a directory, without its reference. InputError names the file, the row or key, and the trouble.
 
-    What could be repaired or had to be dropped is in `Run.faults`.
+    What could be repaired or had to be dropped is in `Run.faults`. An imu stream of more than `held_rows` rows stays in
+    its file, which must then outlive the run.
     """
-    inspection = inspect_run(path)
+    inspection = inspect_run(path, held_rows=held_rows)
     if inspection.run is None:
         first, *rest = inspection.errors
         more = f" (and {len(rest)} more: recal check lists all)" if rest else ""
@@ -71,8 +73,8 @@ def read_reference(path: Path) -> ReferenceLog | None:
     return log
 
 
-def inspect_run(path: Path) -> Inspection:
-    """Reads a run directory and lists everything that is wrong; raises nothing for bad input."""
+def inspect_run(path: Path, *, held_rows: int = HELD_ROWS) -> Inspection:
+    """Reads a run directory and lists everything that is wrong; raises nothing for bad input. held_rows as `read_run`."""
     path, findings = Path(path), Findings()
     faults: list[Span] = []
     if not path.is_dir():
@@ -80,8 +82,8 @@ def inspect_run(path: Path) -> Inspection:
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
     logs: dict[str, Any] = {}
-    for name, load in (("imu", load_imu), *streams.LOADERS.items()):
-        logs[name], more = _load(path, name, load, findings) or (None, [])
+    for name, load in (("imu", partial(load_imu, held_rows=held_rows)), *streams.LOADERS.items()):
+        logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
         faults += more
     _warn_of_strangers(path, findings)
     faults.sort(key=lambda span: span.start_s)
@@ -164,9 +166,9 @@ def _read_header(path: Path, findings: Findings) -> RunHeader | None:
     return header
 
 
-def _load(path: Path, name: str, load: Callable, findings: Findings) -> Any:
+def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: int) -> Any:
     """What `load` makes of a stream; None where it is absent or cannot be used (then findings say why)."""
-    stream = _open_stream(path, name, findings)
+    stream = _open_stream(path, name, findings, held_rows)
     try:
         return load(stream, findings) if stream else None
     except InputError as error:
@@ -176,7 +178,7 @@ def _load(path: Path, name: str, load: Callable, findings: Findings) -> Any:
         findings.warn(*(stream.notes if stream else ()))
 
 
-def _open_stream(path: Path, name: str, findings: Findings) -> StreamFile | None:
+def _open_stream(path: Path, name: str, findings: Findings, held_rows: int = HELD_ROWS) -> StreamFile | None:
     found = [f"{name}{end}" for end in ENDINGS if (path / f"{name}{end}").exists()]
     if len(found) > 1:
         findings.error(f"{' and '.join(found)}: needed one of them")
@@ -185,7 +187,7 @@ def _open_stream(path: Path, name: str, findings: Findings) -> StreamFile | None
     if len(found) != 1:
         return None
     try:
-        stream = StreamFile(_confined(path, found[0]))
+        stream = StreamFile(_confined(path, found[0]), held_rows=held_rows)
     except InputError as error:
         findings.error(str(error).removeprefix(f"{path}{os.sep}"))
         return None

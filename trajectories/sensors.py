@@ -51,9 +51,10 @@ class IdealSensors:
         return 1.0 / self.rate_hz
 
 
-def ideal_sensors(truth: Truth, rate_hz: float) -> IdealSensors:
+def ideal_sensors(truth: Truth, rate_hz: float, *, samples: slice = slice(None)) -> IdealSensors:
     """Increments over each sample of the whole run and the truth at their ends; samples at rest are worked out once.
 
+    samples: of the whole run's, those wanted (step 1); the same bits as in the whole run.
     Raises InputError where the rate is outside 10 Hz to 2 kHz or the run shorter than two samples.
     """
     if not 10.0 <= rate_hz <= 2000.0:
@@ -62,8 +63,8 @@ def ideal_sensors(truth: Truth, rate_hz: float) -> IdealSensors:
     if n < 2:
         raise InputError(f"motion lasts {truth.motion.end_s:g} s, needed at least two samples at {rate_hz:g} Hz")
     dt = 1.0 / rate_hz
-    time_s = np.arange(1, n + 1) / rate_hz
-    starts = np.arange(n) / rate_hz
+    wanted = np.arange(n)[samples]
+    n, time_s, starts = wanted.size, (wanted + 1) / rate_hz, wanted / rate_hz
     out = {name: np.empty((n, *shape)) for name, shape in _SHAPES.items()}
     at_rest = np.zeros(n, dtype=bool)
     for start_s, end_s, stretch in zip(truth.breaks_s[:-1], truth.breaks_s[1:], truth.stretches):

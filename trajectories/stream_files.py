@@ -104,10 +104,13 @@ class StreamFile:
             return
         read = self._text_tables(from_row) if self.is_text else self._parquet_tables(names, from_row, rows)
         kept: list[Any] | None = [] if from_row == 0 and (self.is_text or set(names) == set(self.names)) else None
-        for start, table in read:
-            if kept is not None:
-                kept = None if start + table.num_rows > self._held_rows else [*kept, table]
-            yield start, table
+        try:
+            for start, table in read:
+                if kept is not None:
+                    kept = None if start + table.num_rows > self._held_rows else [*kept, table]
+                yield start, table
+        except OSError as error:
+            raise InputError(f"{self.path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
         self._held = kept
 
     def _text_tables(self, from_row: int) -> Iterator[tuple[int, Any]]:

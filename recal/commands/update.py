@@ -55,9 +55,10 @@ def update(
     from recal.output import output_directory, program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs
     from trajectories.run import read_run
+    from trajectories.stream_files import HELD_ROWS
 
     settings, ageing = read_config(config)
-    loaded = [read_run(path) for path in runs]
+    loaded = [read_run(path, held_rows=HELD_ROWS // len(runs)) for path in runs]
     database = open_store(store_url)
     unit = unit_inputs(loaded[0], database, twin)
     serial = unit.table.imu_serial
