@@ -86,9 +86,7 @@ def _fly_with(table: Flown, simulated: SimulatedRun, twin: TwinModel) -> Hour:
     run, reference = simulated.run, simulated.reference
     assert run.temperature is not None
     temperature = gyro_temperature(run.temperature)
-    slow = [table.bias_deg_h(axis, temperature.temperature_degC[:, axis]) for axis in range(3)]
-    bias = np.stack([np.interp(run.imu.time_s, temperature.time_s, b) for b in slow], axis=1)
-    imu = compensated_imu(run, bias, twin)
+    imu = compensated_imu(run, table, temperature, twin)
     bins = make_bins(table.believed, temperature, twin, SessionSettings(), start_s=0.0, end_s=ALIGNMENT_S)
     sigma = np.sqrt(np.diag(bins.prior)[:3])
     aligned = gyrocompass.align(imu.between(0.0, ALIGNMENT_S), run.header.site, twin, bias_sigma_deg_h=sigma)

@@ -121,15 +121,10 @@ def compensated_imu(
 
 
 def table_series(table: ThermalTable, temperature: GyroTemperature) -> Callable[[NDArray], NDArray]:
-    """Table bias (k, 3) [deg/h] at any times: the table at the nodes of the smoothed temperature, straight lines in between."""
-    time_s, bias = temperature.time_s, table_along(table, temperature, temperature.time_s)
-    return lambda at_s: np.stack([np.interp(at_s, time_s, b) for b in bias.T], axis=1)
-
-
-def table_along(table: ThermalTable, temperature: GyroTemperature, time_s: NDArray) -> NDArray:
-    """Table bias (k, 3) [deg/h] at the gyro temperatures of given times."""
-    T = temperature.at(time_s)
-    return np.stack([table.bias_deg_h(axis, T[:, axis]) for axis in range(3)], axis=1)
+    """Table bias (k, 3) [deg/h] at any times: the table at the smoothed temperature's nodes, straight lines in between."""
+    nodes_s, T = temperature.time_s, temperature.temperature_degC
+    bias = [table.bias_deg_h(axis, T[:, axis]) for axis in range(3)]
+    return lambda time_s: np.stack([np.interp(time_s, nodes_s, b) for b in bias], axis=1)
 
 
 def make_bins(

@@ -82,7 +82,8 @@ def inspect_run(path: Path, *, held_rows: int = HELD_ROWS) -> Inspection:
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
     logs: dict[str, Any] = {}
-    for name, load in (("imu", partial(load_imu, held_rows=held_rows)), *streams.LOADERS.items()):
+    loaders: dict[str, Callable] = {"imu": partial(load_imu, held_rows=held_rows), **streams.LOADERS}
+    for name, load in loaders.items():
         logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
         faults += more
     _warn_of_strangers(path, findings)

@@ -179,10 +179,10 @@ def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
 def applied_run(table):
     """The same flight with the gyro output already compensated by a table."""
     run = simulated(1).run
-    from infield.session import table_along
+    from infield.session import table_series
     from infield.thermometer import gyro_temperature
 
-    bias = table_along(table, gyro_temperature(run.temperature), run.imu.time_s)
+    bias = table_series(table, gyro_temperature(run.temperature))(run.imu.time_s)
     raw = replace(run, imu=compensate(run.imu, gyro_bias_rad_s=bias * DEG_PER_HOUR))
     return with_header(raw, applied_table_sha256="a" * 64)
 

@@ -35,6 +35,7 @@ def documents(folder) -> list[str]:
         check.check(path), align.align(path, store_url=store), replay.replay(path, store_url=store),
         update.update([path], store_url=store, commit=False),
     ]  # fmt: skip
+    assert made[3].pop("issued_utc")
     return [result_text(document) for document in made] + [(folder / "recal-replay/navigation.parquet").read_bytes()]
 
 
