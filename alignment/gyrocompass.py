@@ -75,7 +75,7 @@ def solve(
             epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
         )  # fmt: skip
         if number < MAX_PASSES - 1:
-            motion = stillness.classify(history, phases, log)
+            motion = stillness.classify(history, phases, imu)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)

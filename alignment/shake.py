@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import gravity_magnitude, omega_ie_n
-from ins.records import ImuLog, NavHistory
+from ins.records import ImuSource, NavHistory
 
 EXCESS_MOTION_M_S = 0.061  # 0.2 ft/s, the aviation gate for excess motion during alignment
 SMALLEST_GATE_M_S = 0.015  # above the random walk of a quiet solution about its own trend over a minute
@@ -32,7 +32,7 @@ class Shaking:
     gust: NDArray
 
 
-def find_shaking(imu: ImuLog, history: NavHistory, *, quiet: NDArray, parked: NDArray) -> Shaking:
+def find_shaking(imu: ImuSource, history: NavHistory, *, quiet: NDArray, parked: NDArray) -> Shaking:
     """Judge the epochs `parked` (k,) by their raw rows; `quiet` (k,) are those that the quiet level is learnt from.
 
     imu: the rows that `history` was made of (biases may differ: their constant part is taken out).
@@ -40,7 +40,7 @@ def find_shaking(imu: ImuLog, history: NavHistory, *, quiet: NDArray, parked: ND
     if not quiet[1:].any():
         nothing = np.zeros(len(quiet), bool)
         return Shaking(nothing, nothing, nothing)
-    largest, energy = _extremes(imu, history, quiet)
+    largest, energy = _extremes(imu, history, quiet, int(np.flatnonzero(parked)[-1]))
     level = _quiet_mean(energy[1:][quiet[1:]])
     level[:, :2] = level[:, :2].mean(axis=1, keepdims=True)  # the level pair is judged together
     sigma = np.sqrt(level)
@@ -56,9 +56,9 @@ def find_shaking(imu: ImuLog, history: NavHistory, *, quiet: NDArray, parked: ND
     )
 
 
-def _extremes(imu: ImuLog, history: NavHistory, quiet: NDArray) -> tuple[NDArray, NDArray]:
-    """Largest |sum| and mean square (k, lags, 6) of each epoch, as `alignment.shake_kernel` fills them."""
-    from alignment.shake_kernel import epoch_extremes
+def _extremes(imu: ImuSource, history: NavHistory, quiet: NDArray, last: int) -> tuple[NDArray, NDArray]:
+    """Largest |sum| and mean square (k, lags, 6) of each epoch up to `last`, as `alignment.shake_kernel` fills them."""
+    from alignment.shake_kernel import add_rows
 
     t = history.time_s
     lat, height = float(history.lat_rad[0]), float(history.height_m[0])
@@ -68,15 +68,17 @@ def _extremes(imu: ImuLog, history: NavHistory, quiet: NDArray) -> tuple[NDArray
     f_off = np.einsum("kij,kj->ki", C_bn, history.dv_f_n_m_s[1:] / dt - f_n)
     omega_off = history.dtheta_b_rad[1:] / dt - C_bn @ omega_n
     offset = np.median(np.concatenate([f_off, omega_off], axis=1)[quiet[1:]], axis=0)
-    first = int(np.searchsorted(imu.time_s, t[0], side="right"))
-    ends = np.searchsorted(imu.time_s[first:], t + 1e-9, side="right")
     lags = np.unique(np.maximum(np.round(np.array(LAGS_S) * imu.rate_hz).astype(int), 1))
     largest, energy = np.zeros((2, len(t), len(lags), 6))
-    epoch_extremes(
-        imu.dt_s[first:], imu.dtheta_rad[first:], imu.dv_m_s[first:], ends, history.C_nb, f_n, omega_n, offset, lags,
-        largest, energy,
-    )  # fmt: skip
-    return largest, energy
+    ring, rows, counts = np.zeros((lags.max() + 1, 6)), 0, np.zeros(len(t), dtype=np.int64)
+    for piece in imu.pieces(t[0], t[last] + 1e-9):
+        epoch = np.searchsorted(t + 1e-9, piece.time_s)
+        add_rows(
+            rows, piece.dt_s, piece.dtheta_rad, piece.dv_m_s, epoch, history.C_nb, f_n, omega_n, offset, lags, ring,
+            largest, energy,
+        )  # fmt: skip
+        rows, counts = rows + piece.rows, counts + np.bincount(epoch, minlength=len(t))
+    return largest, energy / np.maximum(counts, 1)[:, None, None]
 
 
 def _quiet_mean(energy: NDArray) -> NDArray:

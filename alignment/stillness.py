@@ -22,7 +22,7 @@ from alignment.excursions import (
     velocity_noise,
 )
 from alignment.shake import JOLT_RAD, find_shaking
-from ins.records import ImuLog, NavHistory, Phase, Span
+from ins.records import ImuSource, NavHistory, Phase, Span
 
 ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
 PUSH_TURN_RAD = 0.05
@@ -65,11 +65,11 @@ class Motion:
         return float(np.sum(np.diff(self.time_s)[self.kind[1:] == kind]))
 
 
-def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuLog | None = None) -> Motion:
+def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource | None = None) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
     `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that says parked
-    while the solution moves is not believed. `imu`: the rows behind the history; without them bumps that are gone
+    while the solution moves is not believed. `imu`: a log with the rows behind the history; without them bumps that are gone
     within an epoch, loading and gusts below the gate of the velocity are not seen.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]

@@ -72,9 +72,9 @@ def run_claim_chain(
     if aligned.C_nb is None:
         raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
-    log = imu.pieces(aligned.time_s, until_s)
-    history = navigate(log, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)
-    motion = classify(history, phases, log)
+    pieces = imu.pieces(aligned.time_s, until_s)
+    history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)
+    motion = classify(history, phases, imu)
     first_roll = np.flatnonzero(motion.kind >= ROLLING)
     parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
     arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
