@@ -11,7 +11,7 @@ from infield.session import SessionEstimate, SessionSettings, estimate_session, 
 from infield.table import ThermalTable
 from infield.table_file import table_from_dict
 from infield.thermometer import gyro_temperature
-from ins.records import AccelNoise, GyroNoise, Site, TwinModel, VehicleNoise
+from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG
 from trajectories.motions import reference_motion
 from trajectories.sensors import IdealSensors, ideal_sensors
@@ -74,19 +74,33 @@ def session(
     believed: TwinModel | None = None, settings: SessionSettings | None = None, base: IdealSensors | None = None,
     **simulate: object,
 ) -> Outcome:  # fmt: skip
-    """One seeded session; the unit's bias is drawn from the table's own prior (common 70 %, smooth 30 %)."""
+    """One seeded session, simulated and estimated."""
+    made = simulated_session(base or ideal(name), seed, twin=twin, sigma_deg_h=sigma_deg_h, start=start, **simulate)
+    return estimated(made, made.run, believed or twin, sigma_deg_h=sigma_deg_h, settings=settings)
+
+
+def simulated_session(
+    base: IdealSensors, seed: int, *, twin: TwinModel, sigma_deg_h: float = 0.01, start: str = "ambient", **simulate: object
+) -> SimulatedRun:
+    """One seeded run; the unit's bias is drawn from the table's own prior (common 70 %, smooth 30 %)."""
     rng = np.random.default_rng([seed, 20260301])
     unit = aged_unit(
         rng, ageing_offset_deg_h=sigma_deg_h * np.sqrt(0.7), ageing_shape_deg_h=sigma_deg_h * np.sqrt(0.3),
         table=table_to_zero(),
     )  # fmt: skip
-    simulated = simulate_run(base or ideal(name), thermal_history(start), unit, twin, rng=rng, **simulate)
-    run, table = simulated.run, prior_table(sigma_deg_h)
+    return simulate_run(base, thermal_history(start), unit, twin, rng=rng, **simulate)
+
+
+def estimated(
+    simulated: SimulatedRun, run: Run, believed: TwinModel, *, sigma_deg_h: float = 0.01,
+    settings: SessionSettings | None = None,
+) -> Outcome:  # fmt: skip
+    """The session of a run (as simulated, or with a stream taken away) against a table of zeros, scored."""
     settings = settings or SessionSettings()
-    rest = find_rest(run)
     estimate = estimate_session(
-        run, table, gyro_temperature(run.temperature), believed or twin, settings, rest=rest, end_s=session_end(run)
-    )
+        run, prior_table(sigma_deg_h), gyro_temperature(run.temperature), believed, settings, rest=find_rest(run),
+        end_s=session_end(run),
+    )  # fmt: skip
     return score(simulated, estimate, settings, run)
 
 
