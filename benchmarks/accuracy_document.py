@@ -38,6 +38,8 @@ of the bound would be a claim that nobody can keep. Bands are 95 %, two-sided ch
 NIS of all measurements; outside its band a figure is bold. Verdicts of the axes: o observed, w weak, n not observable; the
 share of the runs where they differ from what the bound itself calls for is given after them.
 
+What the differences come from: [accuracy_notes.md](accuracy_notes.md).
+
 ![sigma, RMS and bound at 45 deg](accuracy.svg)
 """
 
@@ -70,6 +72,7 @@ def _totals(t: dict[str, Any]) -> str:
         f"sigma over bound on all axes: {_range(sigma)}; {t['overconfident_axes']} below {BELOW}",
         f"NEES inside its band in {t['nees_inside']} cells of {t['cells']}",
         f"NIS inside its band in {t['nis_inside']} cells of {t['cells']}: {_range(nis)}",
+        "NIS by kind of measurement: " + ", ".join(f"{kind} {nis:.3f}" for kind, (nis, _) in t["nis_by_kind"].items()),
         f"verdicts agree with the bound's own in {100 * t['verdicts_agreed']:.2f} % of the runs and axes",
     ]
     return "".join(f"- {line}\n" for line in lines)
@@ -158,7 +161,7 @@ def draw(cells: Sequence[dict[str, Any]], path: Path) -> None:
             panel.plot([bound, bound], [y - 0.09, y + 0.09], color="black", linewidth=2.0)
         _dress(panel, k, rows)
     marks = [
-        Line2D([], [], color="black", linewidth=2.0, label="bound"),
+        Line2D([], [], color="black", marker="|", linestyle="", markersize=9.0, markeredgewidth=2.0, label="bound"),
         Line2D([], [], color="black", marker="o", linestyle="", markerfacecolor="none", markersize=6.5, label="sigma"),
         Line2D([], [], color="black", marker="o", markersize=3.0, linewidth=1.0, label="RMS error, 95 % interval"),
         *(Line2D([], [], color=COLOURS[w], linewidth=4.0, label=WAY_NAMES[w]) for w in ways),

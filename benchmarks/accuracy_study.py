@@ -9,9 +9,10 @@ time: what was interrupted goes on, more --runs add to it, and --draw draws what
 import argparse
 import json
 import os
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from datetime import UTC, datetime
+from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -27,20 +28,27 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if not options.draw:
         work(options.keep, kept, options)
         kept = read(options.keep)
-    study = accuracy_summary.summarise(kept)
+    study = accuracy_summary.summarise(kept, list(accuracy_cell.ROWS))
     options.output.mkdir(parents=True, exist_ok=True)
     accuracy_document.write(study, options.output)
 
 
 def work(path: Path, kept: list[dict[str, Any]], options: argparse.Namespace) -> None:
     """Does what is not kept yet, appending to `path`; stops handing out work at --until."""
+    if path.exists():
+        whole = path.read_bytes()
+        path.write_bytes(whole[: whole.rfind(b"\n") + 1])  # a line that was cut off would spoil the next
+    tasks, running = iter(_tasks(kept, options)), set[Future]()
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool, path.open("a") as out:
-        for batch in _batches(kept, options):
-            if options.until and datetime.now(UTC).strftime("%H:%M") >= options.until:
-                break
-            for done in as_completed([pool.submit(_one, *task) for task in batch]):
-                out.writelines(json.dumps(line) + "\n" for line in done.result())
-                out.flush()
+        while True:
+            late = options.until and datetime.now(UTC).strftime("%H:%M") >= options.until
+            running |= {pool.submit(_one, *task) for task in islice(tasks, 0 if late else options.jobs + 1 - len(running))}
+            if not running:
+                return
+            done, running = wait(running, return_when=FIRST_COMPLETED)
+            for one in done:
+                out.writelines(json.dumps(line) + "\n" for line in one.result())
+            out.flush()
 
 
 def read(path: Path) -> list[dict[str, Any]]:
@@ -52,8 +60,8 @@ def read(path: Path) -> list[dict[str, Any]]:
 Task = tuple[str, str, float, int, int]  # what, row, latitude, seeds from, to
 
 
-def _batches(kept: list[dict[str, Any]], options: argparse.Namespace) -> Iterator[list[Task]]:
-    """Bounds first, then a few seeds of every cell, then a few more; two cells for each job at a time."""
+def _tasks(kept: list[dict[str, Any]], options: argparse.Namespace) -> list[Task]:
+    """What is not kept yet: bounds first, then a few seeds of every cell, then a few more."""
     done = {(line["row"], line["lat_deg"], line.get("seed", -1)) for line in kept}
     cells = [
         (name, lat)
@@ -64,10 +72,8 @@ def _batches(kept: list[dict[str, Any]], options: argparse.Namespace) -> Iterato
     tasks: list[Task] = [("bounds", *cell, -1, 0) for cell in cells]
     for first in range(0, options.runs, CHUNK):
         tasks += [("sessions", *cell, first, min(first + CHUNK, options.runs)) for cell in cells]
-    open_tasks = [t for t in tasks if any((t[1], t[2], seed) not in done for seed in range(t[3], t[4]))]
-    size = 2 * options.jobs
-    for k in range(0, len(open_tasks), size):
-        yield open_tasks[k : k + size]
+    missing = [[seed for seed in range(t[3], t[4]) if (t[1], t[2], seed) not in done] for t in tasks]
+    return [(*t[:3], seeds[0], t[4]) for t, seeds in zip(tasks, missing) if seeds]
 
 
 def _one(what: str, name: str, lat_deg: float, first: int, stop: int) -> list[dict[str, Any]]:

@@ -16,9 +16,10 @@ BELOW = 0.98  # sigma over bound: less is a claim that no estimator can keep
 WORDS = ("observed", "weak", "not_observable")
 
 
-def summarise(kept: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Cells in the order they were kept; `totals` over all of them."""
-    bounds = {_key(line): line for line in kept if "bound_deg_h" in line}
+def summarise(kept: Sequence[dict[str, Any]], order: Sequence[str]) -> dict[str, Any]:
+    """Cells by latitude, rows in the given order; `totals` over all of them."""
+    found = {_key(line): line for line in kept if "bound_deg_h" in line}
+    bounds = {key: found[key] for key in sorted(found, key=lambda k: (k[1], order.index(k[0]), k[2], not k[3]))}
     runs: dict[tuple, dict[int, dict[str, Any]]] = {key: {} for key in bounds}
     for line in kept:
         if "seed" in line and _key(line) in runs:
@@ -64,12 +65,18 @@ def cell(bound: dict[str, Any], runs: Sequence[dict[str, Any]]) -> dict[str, Any
 
 
 def _by_kind(lines: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
-    """Mean NIS of each kind of measurement and its degrees of freedom."""
+    """Mean NIS of each kind of measurement and its degrees of freedom, from the sums of the runs."""
     summed: dict[str, NDArray] = {}
     for line in lines:
         for kind, pair in line["nis_by_kind"].items():
             summed[kind] = summed.get(kind, np.zeros(2)) + pair
     return {kind: [float(nis / dof), float(dof)] for kind, (nis, dof) in summed.items()}
+
+
+def _pooled(cells: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
+    """The same over cells, from their means."""
+    sums = [{"nis_by_kind": {kind: [nis * dof, dof] for kind, (nis, dof) in c["nis_by_kind"].items()}} for c in cells]
+    return _by_kind(sums)
 
 
 def expected_verdict(share: float) -> str | None:
@@ -95,7 +102,8 @@ def totals(cells: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "overconfident_axes": int(np.sum(sigma < BELOW)),
         "nees_inside": sum(c["nees_band"][0] < c["nees"] < c["nees_band"][1] for c in full),
         "nis_inside": sum(c["nis_band"][0] < c["nis"] < c["nis_band"][1] for c in full),
-        "nis": _spread(np.array([c["nis"] for c in full])), "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
+        "nis": _spread(np.array([c["nis"] for c in full])), "nis_by_kind": _pooled(full),
+        "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
     }  # fmt: skip
 
 
