@@ -4,6 +4,8 @@ A parked inertial solution drifts slowly (Schuler), so rest is judged against a 
 velocity while the vehicle stands.
 """
 
+from math import hypot
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,7 @@ ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
 PUSHED_M = 0.3  # net way after which the parked heading is a new one
 PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0  # a tug's push; what is farther, faster or longer is a taxi
 LONGEST_SHAKE_S = 60.0
-FRESH = 30  # epochs of rest before the line through them may have a slope
+FRESH, LONGEST_LINE = 30, 90  # epochs of rest before the line through them may have a slope, and of the line
 STOP_WINDOW_S = 8
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
 STOP_DRIFT_M_S2 = 5e-4
@@ -29,43 +31,53 @@ def velocity_noise(v: NDArray) -> float:
 
 
 class _Baseline:
-    """Straight line through the velocity of the last still epochs, refitted every fifth."""
+    """Straight line through the velocity of the last still epochs, refitted every fifth. In floats: numpy's calls on
+    two numbers would take most of the time."""
 
     def __init__(self, t: NDArray, v: NDArray) -> None:
         self._t, self._v = t, v
-        self._rows: list[int] = []
+        self._time, self._north, self._east = t.tolist(), v[:, 0].tolist(), v[:, 1].tolist()
+        self._first = self._end = 0  # the still epochs that count
         self._misses: list[float] = []
-        self._mean, self._slope, self._centre = np.zeros(2), np.zeros(2), 0.0
+        self._mean, self._slope, self._centre = (0.0, 0.0), (0.0, 0.0), 0.0
         self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
 
     @property
     def fresh(self) -> bool:
-        return len(self._rows) < FRESH
+        return self._end - self._first < FRESH
 
-    def add(self, k: int) -> None:
+    def miss(self, k: int) -> float:
+        """Distance of epoch k's velocity from the line [m/s]."""
+        s = self._time[k] - self._centre
+        (north, east), (slope_n, slope_e) = self._mean, self._slope
+        return hypot(self._north[k] - north - slope_n * s, self._east[k] - east - slope_e * s)
+
+    def add(self, k: int, miss: float) -> None:
+        """Count epoch k, the one after the last."""
         if not self.fresh:
-            self._misses.append(float(np.hypot(*(self._v[k] - self.at(self._t[k])))))
+            self._misses.append(miss)
             if len(self._misses) % 30 == 0 and len(self._misses) >= 60:
                 self.gate = 8.0 * float(np.median(self._misses[-300:]))
-        self._rows.append(k)
-        del self._rows[:-90]
-        if k % 5 == 0 or len(self._rows) < 10 or len(self._rows) == FRESH:
-            self._fit(self._v[self._rows])
+        self._end = k + 1
+        self._first = max(self._first, self._end - LONGEST_LINE)
+        count = self._end - self._first
+        if k % 5 == 0 or count < 10 or count == FRESH:
+            self._fit(self._v[self._first : self._end])
 
     def restart(self, k: int, v: NDArray) -> None:
         """Begin anew at epoch k with v (m, 2) as what rest looks like."""
-        self._rows = [k]
+        self._first, self._end = k, k + 1
         self._fit(v)
 
     def _fit(self, v: NDArray) -> None:
-        T = self._t[self._rows]
-        self._centre, self._mean, self._slope = float(T.mean()), v.mean(axis=0), np.zeros(2)
+        T = self._t[self._first : self._end]
+        self._centre, self._mean, self._slope = float(T.mean()), tuple(v.mean(axis=0).tolist()), (0.0, 0.0)
         if not self.fresh:
             s = T - self._centre
-            self._slope = s @ v / (s @ s)
+            self._slope = tuple((s @ v / (s @ s)).tolist())
 
-    def at(self, t: float | NDArray) -> NDArray:
-        return self._mean + self._slope * (np.asarray(t)[..., None] - self._centre)
+    def at(self, t: NDArray) -> NDArray:
+        return np.array(self._mean) + np.array(self._slope) * (t[:, None] - self._centre)
 
 
 def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDArray, list[int]]:
@@ -77,10 +89,11 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
     k, guard_until, name = 0, -np.inf, ""
     while k < len(t):
         limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
-        if np.hypot(*(v[k] - base.at(t[k]))) <= limit:
+        miss = base.miss(k)
+        if miss <= limit:
             if t[k] < guard_until:
                 kind[k], cause[k] = DISTURBED, name
-            base.add(k)
+            base.add(k, miss)
             k += 1
             continue
         end, way, rolled = _excursion(t, v, k, base, limit, sigma)
