@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse, stillness
+from alignment import coarse, imu_faults, stillness
 from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
@@ -57,12 +57,15 @@ def solve(
     until_s: float = np.inf,
     parked_only: bool = False,
     hold_heading: bool = True,
+    bridged: Sequence[Span] = (),
 ) -> Solution:
     """Navigate from the rest, estimate the errors, correct the start and the biases, and again until it stands.
 
     imu: compensated with everything known (table, scale factors); rest: (start, end) of the first rest [s];
-    parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
+    parked_only stops the filter where the vehicle first rolls; bridged: gaps that the reader filled with held rates.
+    Two or three passes as a rule.
     """
+    imu, faults = imu_faults.repair(imu, rest[0], min(until_s, imu.end_s), bridged)
     first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
     C_nb = coarse.gyrocompass_dcm(replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b))
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
@@ -75,7 +78,7 @@ def solve(
             epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
         )  # fmt: skip
         if number < MAX_PASSES - 1:
-            motion = stillness.classify(history, phases, imu)
+            motion = stillness.classify(history, phases, imu, faults)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)

@@ -32,13 +32,18 @@ DIFFUSE_TILT_RAD = 0.005
 
 @dataclass(frozen=True)
 class StepPlan:
-    """K filter steps: epochs (first, last] of the history, their kind, bias bin and sudden turn [rad], (K,) each."""
+    """K filter steps: epochs (first, last] of the history, their kind, bias bin and sudden turn [rad], (K,) each.
+
+    velocity_jump_m_s, turn_jump_rad: sigma of what a repaired fault of the log may have left within the step; None: none.
+    """
 
     first: NDArray
     last: NDArray
     kind: NDArray
     bin_index: NDArray
     jolt_rad: NDArray
+    velocity_jump_m_s: NDArray | None = None
+    turn_jump_rad: NDArray | None = None
 
 
 @dataclass(frozen=True)
@@ -47,13 +52,15 @@ class StepViews:
 
     Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth [rad]; at the
     step's end C_nb (K, 3, 3), v_n, lat, lon, height, heading; v_start_n at its start; C_mean (K, 3, 3) over it;
-    turn_rad: by the vertical gyro, Earth rate included; kind as in `stillness`; jolt_rad: sudden turn within the step;
+    turn_rad: by the vertical gyro, Earth rate included; kind as in `stillness`; jolt_rad and the jumps: as in the plan;
     jitter_m: sway of the vehicle's position.
     """
 
     kind: NDArray
     bin_index: NDArray
     jolt_rad: NDArray
+    velocity_jump_m_s: NDArray
+    turn_jump_rad: NDArray
     start_s: NDArray
     end_s: NDArray
     displacement_b_m: NDArray
@@ -110,8 +117,14 @@ def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> 
             edges.append(k)
             first = k
     a, b = np.array(edges[:-1], dtype=np.int64), np.array(edges[1:], dtype=np.int64)
-    jolt = np.sqrt(np.add.reduceat(motion.jolt_rad[1:count] ** 2, a)) if len(a) else np.zeros(0)
-    return StepPlan(a, b, kind[b], bins[b], jolt)
+
+    def root_sum(sigma: NDArray | None) -> NDArray:
+        if sigma is None or not len(a):
+            return np.zeros(len(a))
+        return np.asarray(np.sqrt(np.add.reduceat(sigma[1:count] ** 2, a)))
+
+    jumps = (root_sum(sigma) for sigma in (motion.jolt_rad, motion.velocity_jump_m_s, motion.turn_jump_rad))
+    return StepPlan(a, b, kind[b], bins[b], *jumps)
 
 
 def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> StepViews:
@@ -121,10 +134,12 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
     def summed(rows: NDArray) -> NDArray:
         return np.add.reduceat(rows[1 : b[-1] + 1], a) if len(b) else rows[:0]
 
-    heading = euler_from_dcm(history.C_nb)[2]
+    heading, none = euler_from_dcm(history.C_nb)[2], np.zeros(len(b))
     start_s, end_s = history.time_s[a], history.time_s[b]
     return StepViews(
-        kind=plan.kind, bin_index=plan.bin_index, jolt_rad=plan.jolt_rad, start_s=start_s, end_s=end_s,
+        kind=plan.kind, bin_index=plan.bin_index, jolt_rad=plan.jolt_rad,
+        velocity_jump_m_s=none if plan.velocity_jump_m_s is None else plan.velocity_jump_m_s,
+        turn_jump_rad=none if plan.turn_jump_rad is None else plan.turn_jump_rad, start_s=start_s, end_s=end_s,
         displacement_b_m=summed(history.displacement_b_m), displacement_n_m=summed(history.displacement_n_m),
         heading_change_rad=wrap_pi(heading[b] - heading[a]), heading_rad=heading[b], C_nb=history.C_nb[b],
         C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None], v_n=history.v_n_m_s[b],
@@ -141,13 +156,13 @@ def filter_steps(views: StepViews) -> Steps:
     v_n = np.where(still[:, None], 0.0, views.displacement_n_m / dt[:, None])
     meridian, transverse = radii_of_curvature(views.lat_rad)
     east, north = 1.0 / (transverse + views.height_m), 1.0 / (meridian + views.height_m)
-    none = np.zeros(len(dt))
     return Steps(
         end_s=views.end_s, dt_s=dt, C_nb=views.C_mean, v_n=v_n, omega_ie_n=omega_ie_n(views.lat_rad),
         transport=np.column_stack([east, north, east * np.tan(views.lat_rad)]),
         gravity=gravity_magnitude(views.lat_rad, views.height_m), radius_m=views.radius_m, turn_rad=views.turn_rad,
         bin_index=views.bin_index, rolling=views.kind == ROLLING, keep=still & np.append(False, still[:-1]),
-        moving=~still, jump_yaw=views.jolt_rad**2, jump_w=none, jump_theta=none,
+        moving=~still, jump_yaw=views.jolt_rad**2,
+        jump_w=views.velocity_jump_m_s**2, jump_theta=views.turn_jump_rad**2,
     )  # fmt: skip
 
 

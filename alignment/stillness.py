@@ -4,6 +4,7 @@ A parked inertial solution drifts slowly (Schuler), so rest is judged against a 
 velocity while the vehicle stands. Thresholds are in SI units and in sigmas of this unit's own noise, never in counts.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -21,6 +22,7 @@ from alignment.excursions import (
     find_excursions,
     velocity_noise,
 )
+from alignment.imu_faults import ImuFault
 from alignment.shake import JOLT_RAD, find_shaking
 from ins.records import ImuSource, NavHistory, Phase, Span
 
@@ -38,7 +40,8 @@ class Motion:
     """Per epoch (row k of the history, interval ending there): kind code and the jolt about down [rad].
 
     sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an epoch is
-    DISTURBED, in words; "" elsewhere.
+    DISTURBED, in words; "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what a repaired fault of the
+    log may have left in the solution; None: no faults.
     """
 
     time_s: NDArray
@@ -46,6 +49,8 @@ class Motion:
     jolt_rad: NDArray
     sigma_v_m_s: float
     cause: NDArray = field(default_factory=lambda: np.zeros(0, dtype=object))
+    velocity_jump_m_s: NDArray | None = None
+    turn_jump_rad: NDArray | None = None
 
     def excluded(self) -> tuple[Span, ...]:
         """What is left out of the parked time, guard included; each stretch with its causes."""
@@ -65,12 +70,15 @@ class Motion:
         return float(np.sum(np.diff(self.time_s)[self.kind[1:] == kind]))
 
 
-def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource | None = None) -> Motion:
+def classify(
+    history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource | None = None, faults: Sequence[ImuFault] = ()
+) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
     `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that says parked
-    while the solution moves is not believed. `imu`: a log with the rows behind the history; without them bumps that are gone
-    within an epoch, loading and gusts below the gate of the velocity are not seen.
+    while the solution moves is not believed. `imu`: a log with the rows behind the history; without them bumps that are
+    gone within an epoch, loading and gusts below the gate of the velocity are not seen. `faults`: what
+    `imu_faults.repair` found in it.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
     sigma = velocity_noise(v)
@@ -83,6 +91,16 @@ def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource
     for phase in phases:
         if phase.phase in ("takeoff", "flight", "landing"):
             kind[(t > phase.start_s) & (t <= phase.end_s)] = AIRBORNE
+    velocity_jump, turn_jump = np.zeros((2, len(t)))
+    for fault in faults:
+        at = slice(*np.searchsorted(t, [fault.start_s + 0.01, fault.end_s + 0.99]))
+        inside = np.zeros(len(t), bool)
+        inside[at] = kind[at] <= DISTURBED
+        if fault.reason:
+            exclude(t, kind, cause, inside, fault.reason)
+        last = min(at.stop, len(t)) - 1
+        velocity_jump[last] = np.hypot(velocity_jump[last], fault.velocity_sigma_m_s)
+        turn_jump[last] = np.hypot(turn_jump[last], fault.turn_sigma_rad)
     if imu is not None:
         shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
         apart = ~_near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
@@ -93,7 +111,8 @@ def classify(history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource
     cause[kind != DISTURBED] = ""
     jolt = _jolts(history, kind)
     jolt[pushed] = np.maximum(jolt[pushed], NEW_PLACE_RAD)
-    return Motion(time_s=t, kind=kind, jolt_rad=jolt, sigma_v_m_s=sigma, cause=cause)
+    jumps = (velocity_jump, turn_jump) if faults else (None, None)
+    return Motion(t, kind, np.hypot(jolt, turn_jump), sigma, cause, *jumps)
 
 
 def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:

@@ -25,12 +25,37 @@ def stuck_thermometer(run: Run, *, axis: str, start_s: float, end_s: float = np.
 def clipped_gyro(run: Run, *, axis: str, limit_rad_s: float, start_s: float = -np.inf, end_s: float = np.inf) -> Run:
     """The gyro of an axis saturates at +-limit."""
     imu = run.imu.whole()
-    rows = _rows(imu.time_s, start_s, end_s)
-    dtheta = imu.dtheta_rad.copy()
-    limit = limit_rad_s * imu.dt_s[rows]
-    column = dtheta[:, AXES.index(axis)]
-    column[rows] = np.clip(column[rows], -limit, limit)
-    return replace(run, imu=replace(imu, dtheta_rad=dtheta))
+    return _with(run, imu, "dtheta_rad", _clipped(imu, imu.dtheta_rad, axis, limit_rad_s, _rows(imu.time_s, start_s, end_s)))
+
+
+def clipped_accelerometer(
+    run: Run, *, axis: str, limit_m_s2: float, start_s: float = -np.inf, end_s: float = np.inf
+) -> Run:
+    """The accelerometer of an axis saturates at +-limit."""
+    imu = run.imu.whole()
+    return _with(run, imu, "dv_m_s", _clipped(imu, imu.dv_m_s, axis, limit_m_s2, _rows(imu.time_s, start_s, end_s)))
+
+
+def stuck_at_full_scale(run: Run, *, sensor: str, axis: str, at_s: float, rows: int, total: float) -> Run:
+    """For some rows a "gyro" or an "accelerometer" reads one extreme value, `total` [rad or m/s] over all of them."""
+    imu = run.imu.whole()
+    first = int(np.searchsorted(imu.time_s, at_s))
+    name = {"gyro": "dtheta_rad", "accelerometer": "dv_m_s"}[sensor]
+    increments = getattr(imu, name).copy()
+    increments[first : first + rows, AXES.index(axis)] = total / rows
+    return _with(run, imu, name, increments)
+
+
+def _clipped(imu: ImuLog, increments: NDArray, axis: str, limit: float, rows: NDArray) -> NDArray:
+    clipped = increments.copy()
+    column, most = clipped[:, AXES.index(axis)], limit * imu.dt_s[rows]
+    column[rows] = np.clip(column[rows], -most, most)
+    return clipped
+
+
+def _with(run: Run, imu: ImuLog, name: str, increments: NDArray) -> Run:
+    changed = replace(imu, dtheta_rad=increments) if name == "dtheta_rad" else replace(imu, dv_m_s=increments)
+    return replace(run, imu=changed)
 
 
 def shock(run: Run, *, axis: str, at_s: float, dv_m_s: float) -> Run:
