@@ -70,6 +70,11 @@ def update_document(
         "assumptions": _assumptions(result),
         "predicted_effect": _predicted_effect(result),
         "changes": _changes(result.before, result.after),
+        "hysteresis": [
+            {"axis": t.axis, "kind": t.kind, "value": t.value, "sigma": t.sigma, "z": t.z, "action": t.action,
+             "unit": "deg/h per degC/min" if t.kind == "rate" else "deg/h", "text": t.words()} for t in result.terms
+        ],
+        "disagreement": {"steps": [vars(s) for s in result.steps], "accepted": result.step_accepted},
         "sessions": [_session(s) for s in result.sessions],
     }
 

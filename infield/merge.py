@@ -145,15 +145,21 @@ def merge_posterior(
     gain = G @ U
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
-    change, P_plus = G @ delta, table.covariance - shrunk @ shrunk.T
-    if held_axes:
-        T = sum(_common_part(table, axis) for axis in held_axes)  # P - M G - G M' + M G M' with M = I - T, G = P - P+
-        change, held = change - T @ change, T @ shrunk
-        P_plus = P_plus + held @ held.T
+    change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
     return _judged(
         table, innovation, reduction, gain, change=change, P_plus=P_plus,
         nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()),
     )  # fmt: skip
+
+
+def hold_common(
+    table: ThermalTable, axes: Sequence[str], change: NDArray, P_plus: NDArray
+) -> tuple[NDArray, NDArray]:
+    """A change (n,) and its covariance (n, n) with the common part of some axes left exactly where it was."""
+    if not axes:
+        return change, P_plus
+    T = np.sum([_common_part(table, axis) for axis in axes], axis=0)  # P - M G - G M' + M G M' with M = I - T, G = P - P+
+    return change - T @ change, P_plus + T @ (table.covariance - P_plus) @ T.T
 
 
 def _common_part(table: ThermalTable, axis: str) -> NDArray:

@@ -1,11 +1,11 @@
 """The spine: runs of one unit and its stored table in, a judged update out.
 
     read temperature -> find the rest -> estimate the session -> judge it -> merge it -> judge the merge -> next run
+    then over all runs: heating against cooling (hysteresis), sessions that agree against the table (disagreement)
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 
 import numpy as np
 
@@ -13,6 +13,9 @@ from infield import acceptance
 from infield.acceptance import Verdict
 from infield.bias_points import AxisObservability, observability, session_points
 from infield.claim_chain import ClaimChain, run_claim_chain
+from infield.disagreement import SessionEvidence, Step, find_steps, session_evidence, utc, widened_for
+from infield.hysteresis import ThermalTerm
+from infield.joint_update import with_thermal_terms
 from infield.merge import MergeResult, SessionPoints, merge_posterior
 from infield.session import (
     SessionEstimate,
@@ -49,7 +52,11 @@ class SessionResult:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """outcome: "accepted", "refused" or "inconsistent"; `after` is `before` where nothing was merged."""
+    """outcome: "accepted", "refused" or "inconsistent"; `after` is `before` where nothing was merged.
+
+    terms: heating against cooling, per axis; steps: where several sessions agree against the table; step_accepted:
+    the table was widened for them; evidence: what is worth remembering of sessions that contradict the table.
+    """
 
     outcome: str
     reasons: tuple[str, ...]
@@ -60,6 +67,20 @@ class UpdateResult:
     settings: SessionSettings
     ageing: AgeingModel
     merged_runs: tuple[Run, ...] = field(default_factory=tuple)
+    terms: tuple[ThermalTerm, ...] = ()
+    steps: tuple[Step, ...] = ()
+    step_accepted: bool = False
+    evidence: tuple[SessionEvidence, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Taken:
+    """Runs taken one after the other: their results, the table after them, those merged."""
+
+    sessions: list[SessionResult]
+    table: ThermalTable
+    merged_runs: list[Run]
+    terms: tuple[ThermalTerm, ...]
 
 
 def update_calibration(
@@ -72,19 +93,54 @@ def update_calibration(
     ageing: AgeingModel | None = None,
     already_merged: Callable[[str], bool] = lambda sha256: False,
     applied_table: Callable[[str], ThermalTable] | None = None,
+    remembered: Sequence[SessionEvidence] = (),
+    accept_step: bool = False,
 ) -> UpdateResult:
     """Recalibrate one unit's table from its runs, taken in the order of their start.
 
     already_merged(run_sha256) tells whether the table holds a run; applied_table(sha256) gives the table that a unit
     had subtracted (InputError where unknown). A run that contradicts model or table makes the whole update
-    inconsistent; a refused run is left out with its reasons.
+    inconsistent; a refused run is left out with its reasons. remembered: earlier sessions that contradicted the table.
+    With accept_step, a step that at least two sessions agree on is followed: the table is widened for it and the runs
+    are taken again.
     """
     settings, ageing = settings or SessionSettings(), ageing or AgeingModel()
     _check_unit(runs, table, twin)
-    before, current = table, table
+
+    def take(steps: tuple[Step, ...]) -> _Taken:
+        return _take(runs, table, twin, settings, ageing, already_merged, applied_table, steps)
+
+    taken = take(())
+    evidence = _evidence(taken)
+    steps = find_steps(taken.table, [*remembered, *evidence])
+    accepted = accept_step and bool(steps)
+    if accepted:
+        taken = take(steps)
+    outcome, reasons = _overall(taken.sessions)
+    after, merged_runs = table, []
+    if outcome == "accepted":
+        after, merged_runs = _with_provenance(taken, table, parent_sha256, steps), taken.merged_runs
+    else:
+        reasons = (*reasons, *(step.words() for step in steps))
+    if accept_step and not steps:
+        reasons = (*reasons, "no step to accept: at least two sessions must agree with each other against the table")
+    return UpdateResult(
+        outcome, reasons, table, after, tuple(taken.sessions), twin, settings, ageing, tuple(merged_runs), taken.terms,
+        steps, accepted and outcome == "accepted", evidence,
+    )  # fmt: skip
+
+
+def _take(
+    runs: Sequence[Run], table: ThermalTable, twin: TwinModel, settings: SessionSettings, ageing: AgeingModel,
+    already_merged: Callable[[str], bool], applied_table: Callable[[str], ThermalTable] | None, steps: tuple[Step, ...],
+) -> _Taken:  # fmt: skip
+    """One run after the other; the table is widened before the first run at or after each step's date."""
+    current, waiting = table, list(steps)
     sessions: list[SessionResult] = []
     merged_runs: list[Run] = []
-    for run in sorted(runs, key=lambda r: _utc(r.header.start_utc)):
+    for run in sorted(runs, key=lambda r: utc(r.header.start_utc)):
+        due = [step for step in waiting if utc(step.since_utc) <= utc(run.header.start_utc)]
+        current, waiting = widened_for(current, due), [step for step in waiting if step not in due]
         repeated = already_merged(run.sha256) or any(run.sha256 == m.sha256 for m in merged_runs)
         raw = with_applied_table_undone(run, applied_table)
         result = _one_session(raw, current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),
@@ -92,15 +148,29 @@ def update_calibration(
         sessions.append(result)
         if result.verdict.accepted and result.merged is not None:
             merged_runs.append(run)
-            later = _days_between(current.created_utc, run.header.start_utc) > 0
-            made_utc = run.header.start_utc if later else current.created_utc
-            current = result.merged.table.replaced(created_utc=made_utc)
-    outcome, reasons = _overall(sessions)
-    if outcome == "accepted":
-        current = _with_provenance(current, before, parent_sha256, merged_runs)
-    else:
-        current, merged_runs = before, []
-    return UpdateResult(outcome, reasons, before, current, tuple(sessions), twin, settings, ageing, tuple(merged_runs))
+            current = result.merged.table.replaced(created_utc=_later(current.created_utc, run.header.start_utc))
+    oldest = min((_days_between(table.created_utc, s.run.header.start_utc) for s in sessions), default=0.0)
+    base = widened_for(table, steps).aged(oldest, ageing)
+    terms, judged, joint = with_thermal_terms(sessions, base, twin, settings)
+    if joint is not None:
+        merged_runs = [s.run for s in judged if s.verdict.accepted and s.merged is not None]
+        last = max((run.header.start_utc for run in merged_runs), key=utc)
+        current = joint.replaced(created_utc=_later(table.created_utc, last))
+    return _Taken(judged, current, merged_runs, terms)
+
+
+def _evidence(taken: _Taken) -> tuple[SessionEvidence, ...]:
+    """Of the sessions that contradict the table, what is remembered; a gyro far off it shows as a wrong latitude too."""
+    return tuple(
+        session_evidence(s.run, taken.table, s.estimate, s.points)
+        for s in taken.sessions
+        if s.verdict.outcome == "inconsistent" and s.estimate is not None and s.points is not None
+        and (s.merged is not None or s.estimate.alignment.verdict == "inconsistent")
+    )
+
+
+def _later(one_utc: str, other_utc: str) -> str:
+    return other_utc if utc(other_utc) > utc(one_utc) else one_utc
 
 
 def _one_session(
@@ -194,13 +264,7 @@ def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTa
 
 
 def _days_between(earlier_utc: str, later_utc: str) -> float:
-    return max((_utc(later_utc) - _utc(earlier_utc)).total_seconds() / 86400.0, 0.0)
-
-
-def _utc(text: str) -> datetime:
-    """A time stamp with its offset; without one it is UTC."""
-    t = datetime.fromisoformat(text.replace("Z", "+00:00"))
-    return t if t.tzinfo else t.replace(tzinfo=UTC)
+    return max((utc(later_utc) - utc(earlier_utc)).total_seconds() / 86400.0, 0.0)
 
 
 def _overall(sessions: Sequence[SessionResult]) -> tuple[str, tuple[str, ...]]:
@@ -212,8 +276,17 @@ def _overall(sessions: Sequence[SessionResult]) -> tuple[str, tuple[str, ...]]:
 
 
 def _with_provenance(
-    after: ThermalTable, before: ThermalTable, parent_sha256: str | None, merged: Sequence[Run]
+    taken: _Taken, before: ThermalTable, parent_sha256: str | None, steps: Sequence[Step]
 ) -> ThermalTable:
     old = [dict(r) if isinstance(r, dict) else r for r in before.provenance.get("runs", [])]
-    new = [{"run_id": run.header.run_id, "sha256": run.sha256} for run in merged]
-    return after.replaced(provenance={**before.provenance, "parent_sha256": parent_sha256, "runs": old + new})
+    new = [{"run_id": run.header.run_id, "sha256": run.sha256} for run in taken.merged_runs]
+    said = {**before.provenance, "parent_sha256": parent_sha256, "runs": old + new}
+    if steps:
+        said["accepted_steps"] = [*before.provenance.get("accepted_steps", []), *({
+            "axis": s.axis, "shift_deg_h": s.shift_deg_h, "sigma_deg_h": s.sigma_deg_h, "since_utc": s.since_utc,
+            "sessions": list(s.run_sha256),
+        } for s in steps)]  # fmt: skip
+    fitted = {t.axis: {"value": t.value, "sigma": t.sigma} for t in taken.terms if t.action == "rate term fitted"}
+    if fitted:
+        said["rate_terms_deg_h_per_degC_min"] = fitted
+    return taken.table.replaced(provenance=said)

@@ -228,10 +228,6 @@ def _temperature_words(temperature: dict[str, Any]) -> str:
     )
 
 
-def _hysteresis_words(sessions: list[dict[str, Any]]) -> str:
-    """Was a difference between heating and cooling looked for?"""
-    rows = [row for session in sessions for row in session.get("heating_cooling", [])]
-    tested = sorted({row["axis"] for row in rows if row["difference_deg_h"] is not None})
-    if not tested:
-        return "no run visited both ways, a difference between them was not tested."
-    return f"tested on gyro {', '.join(tested)}; the figures stand with each run."
+def _hysteresis_words(terms: list[dict[str, Any]]) -> str:
+    """Was a difference between heating and cooling looked for, and what was done about it?"""
+    return "; ".join(term["text"] for term in terms) + "." if terms else "not tested: no run was merged."

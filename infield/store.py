@@ -11,6 +11,8 @@ from typing import Any
 
 from sqlalchemy import Connection, select, update
 
+from infield.disagreement import SessionEvidence
+from infield.store_contradictions import append_contradictions, read_contradictions
 from infield.store_database import Database, StoreConflict, store_exists
 from infield.store_rows import (
     MergedRun,
@@ -208,6 +210,22 @@ class TableStore:
             return tagged(c, row, "active")
 
         return self._database.write(work)
+
+    def remember_contradictions(
+        self, serial: str, technology: str, mode: str, evidence: Sequence[SessionEvidence]
+    ) -> int:
+        """Keep what sessions said that contradicted the active table, which stays; the number of new rows."""
+
+        def work(c: Connection) -> int:
+            row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
+            return append_contradictions(c, row, tagged(c, row, "active").sha256, evidence)
+
+        return self._database.write(work)
+
+    def contradictions(self, serial: str, technology: str, mode: str) -> tuple[SessionEvidence, ...]:
+        """What is remembered of sessions that contradicted the table and that it does not hold by now."""
+        with self._database.reading() as c:
+            return read_contradictions(c, find_unit(c, serial, technology, mode))
 
     def rollback(
         self, serial: str | None = None, to: int | str = "factory", technology: str | None = None,

@@ -17,7 +17,7 @@ from urllib.parse import quote
 from sqlalchemy import Connection, Engine, create_engine, event, exc, inspect, text
 from sqlalchemy.engine import URL, make_url
 
-from infield.store_schema import SCHEMA_REVISION
+from infield.store_schema import READABLE, SCHEMA_REVISION
 from ins.records import InputError
 
 LOCK_WAIT_S = 5.0
@@ -127,7 +127,7 @@ def _require_schema(connection: Connection, name: str) -> None:
     found = _schema_of(connection)
     if found is None:
         raise InputError(f"no store at {name}: the database holds no recal tables")
-    if found != SCHEMA_REVISION:
+    if found not in READABLE:
         _refuse_newer(found, f"store {name}")
         raise InputError(f"store {name}: schema {found}, needed {SCHEMA_REVISION} (importing a table upgrades it)")
 

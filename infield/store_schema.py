@@ -17,7 +17,8 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-SCHEMA_REVISION = "0001"  # the newest migration
+SCHEMA_REVISION = "0002"  # the newest migration
+READABLE = ("0001", SCHEMA_REVISION)  # older stores that a reading command opens as they are
 metadata = MetaData()
 
 # One gyro triad: the key that a table belongs to, and the twin record that its noise model comes from.
@@ -71,4 +72,16 @@ merged_run = Table(
     metadata,
     Column("unit_id", Integer, ForeignKey("recal_unit.id"), primary_key=True),
     Column("run_sha256", String(64), primary_key=True),
+)
+
+# Append-only: sessions that contradicted the table and changed nothing, so that the next ones can be compared with them.
+contradiction = Table(
+    "recal_contradiction",
+    metadata,
+    Column("unit_id", Integer, ForeignKey("recal_unit.id"), primary_key=True),
+    Column("run_sha256", String(64), primary_key=True),
+    Column("recorded_utc", String(40), nullable=False),
+    Column("table_sha256", String(64), nullable=False),  # the active table that it contradicted
+    Column("evidence_json", Text, nullable=False),
+    Column("record_sha256", String(64), nullable=False),  # over the unit and the row
 )

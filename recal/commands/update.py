@@ -19,11 +19,16 @@ from recal.console import (
     say,
 )
 
+ACTED = ("rate term fitted", "sigma widened")  # what is said of heating and cooling without -v
+
 
 def command(
     runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
     store: StoreUrl = DEFAULT_STORE,
     commit: Annotated[bool, typer.Option("--commit", help="Store the new table; without it, only propose.")] = False,
+    accept_step: Annotated[
+        bool, typer.Option("--accept-step", help="Follow a step of the unit that several sessions agree on.")
+    ] = False,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
     config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")] = None,
     output: OutputPath = None,
@@ -36,7 +41,9 @@ def command(
 
     Example: recal update run-1 run-2 --store sqlite:///recal.db --commit
     """
-    document = update(runs, store_url=store, commit=commit, twin=twin, config=config, output=output, quiet=quiet)
+    document = update(
+        runs, store_url=store, commit=commit, accept_step=accept_step, twin=twin, config=config, output=output, quiet=quiet
+    )
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, verbose=verbose):
         say(line, quiet=quiet)
@@ -44,8 +51,8 @@ def command(
 
 
 def update(
-    runs: list[Path], *, store_url: str, commit: bool, twin: Path | None = None, config: Path | None = None,
-    output: Path | None = None, quiet: bool = True,
+    runs: list[Path], *, store_url: str, commit: bool, accept_step: bool = False, twin: Path | None = None,
+    config: Path | None = None, output: Path | None = None, quiet: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
     """Read, estimate, judge, merge, report, commit; returns the update document."""
     from infield.document import update_document
@@ -67,13 +74,35 @@ def update(
         loaded, unit.table, unit.twin, parent_sha256=table_sha256(unit.table_dict), settings=settings, ageing=ageing,
         already_merged=(lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
+        remembered=database.contradictions(*_key(unit)) if database and unit.revision else (), accept_step=accept_step,
     )  # fmt: skip
     facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict}
     if commit and result.outcome == "accepted":
         return _commit(result, unit, store_url, directory, facts)
     document = update_document(result, committed=False, store=database.name if database else None, **facts)
+    if commit and result.outcome == "inconsistent" and unit.revision and result.evidence:
+        document["remembered"] = _remember(result, unit, store_url)
     write_files(_files(directory, document))
     return document
+
+
+def _key(unit: Any) -> tuple[str, str, str]:
+    return unit.table.imu_serial, unit.table.gyro_technology, unit.table.gyro_mode
+
+
+def _remember(result: Any, unit: Any, store_url: str) -> str:
+    """Keep what the contradicting sessions said, the table untouched; where the store cannot be written, say so."""
+    from infield.store import StoreConflict
+    from ins.records import InputError
+    from recal.unit_inputs import open_store
+
+    try:
+        database = open_store(store_url, create=True)
+        assert database is not None
+        count = database.remember_contradictions(*_key(unit), result.evidence)
+    except (InputError, StoreConflict) as error:
+        return f"not remembered for the next update: {error}"
+    return f"{count} contradicting session{'s' if count != 1 else ''} remembered; the table is as it was"
 
 
 def _commit(result: Any, unit: Any, store_url: str, directory: Path, facts: dict[str, Any]) -> dict[str, Any]:
@@ -133,6 +162,8 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     lines = [f"{document['imu_serial']}: {document['verdict']}"]
     lines += [f"  because {reason}" for reason in document["reasons"]]
+    lines += [f"  {document['remembered']}"] if document.get("remembered") else []
+    lines += [f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in ACTED]
     for axis, seen in document["observability"].items():
         lines.append(
             f"  gyro {axis}: sigma {seen['sigma_before_deg_h']:.4f} -> {seen['sigma_after_deg_h']:.4f} deg/h, {seen['verdict']}"
