@@ -2,11 +2,11 @@
 
 Without numba, or with NUMBA_DISABLE_JIT=1, a kernel runs as plain Python, slowly.
 
-Compiled code is kept in a folder named by a hash of all sources of `ins`, because numba itself looks at one file only and
-would go on using a kernel whose constants or callees changed elsewhere. So kernels may call each other and take constants
-across the modules of `ins`, and of no other package. The folder lies in the first place that can be written:
-NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under the temporary one.
-With none of them a kernel is compiled anew in each process.
+Compiled code is kept in a folder named by a hash of all sources of `ins` and of the kernel's own package, because numba
+itself looks at one file only and would go on using a kernel whose constants or callees changed elsewhere. So a kernel may
+call others and take constants across the modules of these two, and of no third package. The folder lies in the first place
+that can be written: NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under the
+temporary one. With none of them a kernel is compiled anew in each process.
 """
 
 import contextlib
@@ -40,8 +40,8 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     if config is None or config.DISABLE_JIT:
         return function
     options = {**OPTIONS, **options}
-    on_disk = Path(function.__code__.co_filename).is_file()  # neither in a zip nor a .pyc alone
-    folder = cache_folder() if on_disk else None
+    source = Path(function.__code__.co_filename)
+    folder = cache_folder(source.parent) if source.is_file() else None  # None: in a zip, or a .pyc alone
     if folder is not None:
         given, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read once, by njit(cache=True)
         try:
@@ -56,9 +56,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
 
 @cache
-def cache_folder() -> Path | None:
-    """Where compiled code of these very sources is kept, made if need be; None where nothing can be written."""
-    name = f"kernels-{source_hash(Path(__file__).parent)}"
+def cache_folder(package: Path) -> Path | None:
+    """Where compiled code of a package's very sources is kept, made if need be; None where nothing can be written."""
+    name = f"kernels-{source_hash(Path(__file__).parent, package)}"
     for parent in _parents():
         folder = parent / name
         try:
@@ -76,10 +76,10 @@ def cache_folder() -> Path | None:
     return None
 
 
-def source_hash(package: Path) -> str:
-    """16 hexadecimal digits over the names and bytes of a folder's Python files."""
+def source_hash(*folders: Path) -> str:
+    """16 hexadecimal digits over the names and bytes of the Python files in these folders."""
     digest = hashlib.sha256()
-    for path in sorted(package.glob("*.py")):
+    for path in sorted({path for folder in folders for path in folder.glob("*.py")}):
         source = path.read_bytes()
         digest.update(f"{path.name} {len(source)}\n".encode() + source)
     return digest.hexdigest()[:16]

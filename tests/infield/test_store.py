@@ -227,7 +227,7 @@ def test_another_schema_version_is_refused(store, url, tmp_path):
         raw.execute("UPDATE alembic_version SET version_num = '9999'")
     raw.close()
     for create in (False, True):
-        with pytest.raises(InputError, match="schema 9999, needed .* a newer recal made it"):
+        with pytest.raises(InputError, match=r"schema 9999, needed .* a newer recal made it"):
             TableStore.open(url, create=create)
 
 

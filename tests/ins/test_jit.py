@@ -15,10 +15,11 @@ from ins import jit, strapdown_kernel
 
 PROBE = """
 import json
+from pathlib import Path
 from ins import jit, strapdown_kernel
 g = strapdown_kernel.gravity(0.0, 0.0)
 hits = sum(strapdown_kernel.gravity.stats.cache_hits.values())
-print(json.dumps({"g": g, "hits": hits, "folder": str(jit.cache_folder())}))
+print(json.dumps({"g": g, "hits": hits, "folder": str(jit.cache_folder(Path(jit.__file__).parent))}))
 """
 
 
@@ -72,6 +73,13 @@ def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
     assert (nowhere["folder"], nowhere["hits"], nowhere["g"]) == ("None", 0, first["g"])
 
 
+def test_a_kernels_own_package_is_in_the_name_of_its_folder(tmp_path):
+    (tmp_path / "constants.py").write_text("G = 9.8")
+    before = jit.source_hash(Path(jit.__file__).parent, tmp_path)
+    (tmp_path / "constants.py").write_text("G = 9.9")
+    assert jit.source_hash(Path(jit.__file__).parent, tmp_path) != before
+
+
 def test_options_reach_numba():
     @jit.jit(error_model="numpy")
     def to_infinity(a, b):
@@ -109,9 +117,9 @@ def test_folders_of_old_sources_are_forgotten(tmp_path):
 
 def test_without_its_folder_nothing_is_kept_elsewhere(monkeypatch, tmp_path):
     """numba would go on to __pycache__, where nothing says of which sources the code is."""
-    assert Path(strapdown_kernel.gravity.stats.cache_path).is_relative_to(jit.cache_folder())
+    assert Path(strapdown_kernel.gravity.stats.cache_path).is_relative_to(jit.cache_folder(Path(jit.__file__).parent))
     (tmp_path / "file").write_text("")
-    monkeypatch.setattr(jit, "cache_folder", lambda: tmp_path / "file" / "gone")
+    monkeypatch.setattr(jit, "cache_folder", lambda package: tmp_path / "file" / "gone")
     alone = jit.jit(strapdown_kernel.gravity.py_func)
     assert alone(0.5, 10.0) == strapdown_kernel.gravity(0.5, 10.0)
     assert alone.signatures and alone.stats.cache_path is None
