@@ -283,7 +283,8 @@ def run(x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, norma
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
         if kind == ADVANCE:
-            step[:] = steps[which]
+            for k in range(STEP_COLUMNS):  # step[:] = ... compiles text handling for an error message, 3 s
+                step[k] = steps[which, k]
             if flags[which, MOVING] != 0:  # errors are linearised about the velocity less its error
                 step[V_N] -= x[W]
                 step[V_N + 1] -= x[W + 1]
