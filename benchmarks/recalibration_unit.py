@@ -9,7 +9,7 @@ that come the exact merge's evidence and the baselines' points, in two kinds, so
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Protocol
 
@@ -83,7 +83,7 @@ class UnitResult:
     before, after (SESSIONS, 2): RMS error of gyros x and y [deg/h] at the temperatures of session k, with the table
     before and after it;
     normalised: mean squared error over sigma^2 at visited temperatures at the end; z: visited RMS of gyro z [deg/h];
-    outcomes: what `update_calibration` said of each session; hours: of the new power-on, by profile.
+    outcomes, reasons: what `update_calibration` said of each session, and why not; hours: of the new power-on, by profile.
     """
 
     seed: int
@@ -94,6 +94,7 @@ class UnitResult:
     normalised: dict[str, float]
     z: dict[str, float]
     outcomes: list[str]
+    reasons: list[str]
     hours: dict[str, dict[str, Hour]]
 
 
@@ -111,26 +112,26 @@ def study_unit(seed: int, *, twin_name: str, sessions: int = SESSIONS, profiles:
     curves: dict[str, Curve] = {OLD: factory, OURS: table, HERMITE: hermite, EXACT: aged, **rules}
     scores.take(curves)
     evidence: list[Evidence] = []
-    outcomes = []
+    outcomes: list[str] = []
+    reasons: list[str] = []
     for k, (visit, thermal) in enumerate(zip(visits, thermals)):
         result = _session(unit, twin, visit, thermal, table, f"{seed}-{k}", rng)
         table, (session,) = result.after, result.sessions
         outcomes.append(result.outcome)
+        reasons += result.reasons
         if session.estimate is not None:
             evidence.append(evidence_of(session, factory, twin))
             hermite = merge_evidence(hermite, evidence[-1])
             for kind, points in points_of(session, evidence[-1]).items():
-                for name in BASELINES:
-                    if name != OLD:
-                        rules[f"{name}, {kind}"].update(points)
+                for name in filter(OLD.__ne__, BASELINES):
+                    rules[f"{name}, {kind}"].update(points)
         curves = {OLD: factory, OURS: table, HERMITE: hermite, EXACT: exact_merge(aged, evidence), **rules}
         scores.take(curves)
-    hours = {}
-    for profile in profiles:
-        hours[profile] = _hour(unit, twin, curves, factory, np.random.default_rng([seed, 29, 60]), profile)
+    again = partial(np.random.default_rng, [seed, 29, 60])
+    hours = {profile: _hour(unit, twin, curves, factory, again(), profile) for profile in profiles}
     return UnitResult(
         seed=seed, visited=scores.visited, unvisited=scores.unvisited, before=scores.before, after=scores.after,
-        normalised=scores.normalised(curves), z=scores.z, outcomes=outcomes, hours=hours,
+        normalised=scores.normalised(curves), z=scores.z, outcomes=outcomes, reasons=reasons, hours=hours,
     )  # fmt: skip
 
 
