@@ -11,7 +11,6 @@ import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -47,16 +46,24 @@ class Use(NamedTuple):
     peak_mb: float
 
 
+# A process begins with the resident memory of the one that starts it, which counts in its ru_maxrss: start from a small one.
+LAUNCH = """
+import os, subprocess, sys, time
+start = time.perf_counter()
+child = subprocess.Popen(sys.argv[1:], stdout=sys.stderr)
+_, status, usage = os.wait4(child.pid, 0)
+print(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
+sys.exit(os.waitstatus_to_exitcode(status) != 0)
+"""
+
+
 def recal(*arguments: str, folder: Path) -> Use:
     """Run one command; SystemExit unless it ends well."""
-    start = time.perf_counter()
-    with tempfile.TemporaryFile() as said:
-        child = subprocess.Popen([sys.executable, "-m", "recal", *arguments], cwd=folder, stdout=said, stderr=said)
-        _, status, usage = os.wait4(child.pid, 0)
-        said.seek(0)
-        if os.waitstatus_to_exitcode(status) != 0:
-            raise SystemExit(f"recal {' '.join(arguments)} failed:\n{said.read().decode()}")
-    return Use(time.perf_counter() - start, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0)
+    command = [sys.executable, "-c", LAUNCH, sys.executable, "-m", "recal", *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    if done.returncode != 0:
+        raise SystemExit(f"recal {' '.join(arguments)} failed:\n{done.stderr}")
+    return Use(*map(float, done.stdout.split()))
 
 
 def flight(hours: float) -> Scenario:
