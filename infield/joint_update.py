@@ -11,6 +11,7 @@ from infield.acceptance import judge_merge
 from infield.bias_points import measurement_information
 from infield.hysteresis import (
     VAGUE,
+    MOVED_degC_min,
     SessionLikelihood,
     ThermalTerm,
     find_terms,
@@ -49,7 +50,7 @@ def with_thermal_terms(
 
     Where sessions contradict the table, a term may explain them only if it shows inside the sessions, each with a free
     level of its own, and if it brings every one into agreement: neither a wrong session nor a step of the unit is a
-    rate term. Else it is looked for in the sessions that agree.
+    rate term. Else it is looked for in the sessions that agree, and one that would explain the others is named.
     """
     merged = [s for s in sessions if s.merged is not None]
     agreeing = [s for s in merged if s.verdict.accepted]
@@ -67,7 +68,23 @@ def with_thermal_terms(
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
         terms = tuple(replace(term, action="does not explain the data") if term.found else term for term in terms)
+    if len(agreeing) < len(merged):
+        wide = _covering(table, merged)
+        terms = _or_a_wrong_session(terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged])
     return terms, list(sessions), None
+
+
+def _or_a_wrong_session(
+    terms: Sequence[ThermalTerm], table: ThermalTable, data: Sequence[SessionLikelihood]
+) -> tuple[ThermalTerm, ...]:
+    """Where sessions contradict: a split between those that warm and those that cool is named, but not acted upon."""
+    plain, named = find_terms(table, data), list(terms or ())
+    for k, term in enumerate(plain):
+        rates = np.concatenate([np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data])
+        both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
+        if both and term.found and named:
+            named[k] = replace(term, action="a split, or a wrong session")
+    return tuple(named)
 
 
 def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionLikelihood:

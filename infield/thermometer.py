@@ -140,7 +140,7 @@ def gyro_temperature(
     for k, axis in enumerate(AXES):
         name = f"gyro_{axis}_degC"
         rows = np.flatnonzero(checked.valid[name])
-        if rows.size < min(FEWEST_ROWS, log.time_s.size):
+        if rows.size < max(min(FEWEST_ROWS, log.time_s.size), 3):
             continue
         found = smooth_readings(nodes, log.time_s[rows], log.gyro_degC[rows, k], checked.resolution_degC[name])
         smooth[k], T[:, k], usable[:, k] = found, found.value_degC, _near_readings(nodes, log.time_s[rows])

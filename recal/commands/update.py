@@ -19,7 +19,7 @@ from recal.console import (
     say,
 )
 
-ACTED = ("rate term fitted", "sigma widened")  # what is said of heating and cooling without -v
+ACTED = ("rate term fitted", "sigma widened", "a split, or a wrong session")  # what is said of heating and cooling without -v
 
 
 def command(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from infield.thermometer import gyro_temperature
+from infield.thermometer import gyro_temperature, too_short
 from ins.records import TemperatureLog
 from trajectories.thermal import thermal_history
 
@@ -78,3 +78,30 @@ def test_ends_are_held_and_a_span_is_never_empty():
 def test_a_log_of_a_few_seconds_is_read():
     t = np.arange(3.0)
     assert gyro_temperature(log_of(np.full((3, 3), 20.0), t)).temperature_degC == pytest.approx(20.0)
+
+
+def test_a_span_without_readings_is_not_usable_and_takes_its_shape_from_the_others():
+    T = warm_up() + 0.01 * np.random.default_rng(2).standard_normal((4200, 3))
+    T[1000:2500, 1] = 0.0
+    found = gyro_temperature(log_of(T))
+    assert found.unusable == () and [f.kind for f in found.faults] == ["zero"]
+    assert found.covered(0.0, 900.0) == pytest.approx([1.0, 1.0, 1.0], abs=0.01)
+    assert found.covered(1200.0, 2300.0) == pytest.approx([1.0, 0.0, 1.0], abs=0.01)
+    inside = np.arange(1100.0, 2400.0)
+    assert np.abs(found.at(inside) - warm_up()[1100:2400])[:, 1].max() < 1.0
+
+
+@pytest.mark.parametrize(("scale", "word"), [(lambda T: 1.8 * T + 32, "Fahrenheit"), (lambda T: 0.1 * T, "ten times too small")])
+def test_a_wrong_scale_leaves_the_axis_out(scale, word):
+    T = warm_up()
+    T[:, 2] = scale(T[:, 2])
+    found = gyro_temperature(log_of(T))
+    assert found.unusable == ("z",)
+    assert any(word in s.reason and "the axis is left out" in s.reason for s in found.spans())
+    assert np.abs(found.at(HOUR) - warm_up())[:, 2].max() < 4.0  # the others' mean stands in
+
+
+def test_one_row_is_held():
+    found = gyro_temperature(log_of(np.array([[20.0, 21.0, 22.0]]), np.array([5.0])))
+    assert found.at(np.array([0.0, 100.0])) == pytest.approx(np.tile([20.0, 21.0, 22.0], (2, 1)))
+    assert "1 row over 0 s, needed at least 10 rows over 60 s" in too_short(log_of(np.ones((1, 3)), np.array([5.0])))

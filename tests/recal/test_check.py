@@ -164,3 +164,10 @@ def test_a_run_that_never_rests_is_said_so(path):
     raw[:, 4] += 0.01 * 2.0 * np.sin(2 * np.pi * 0.05 * raw[:, 0])
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
     assert any("at rest in the first 600 s: units and axes not tested" in text for text in warnings(path))
+
+
+def test_a_hole_in_the_temperatures_is_named_with_its_place(path):
+    temperatures(path, lambda t, T: T)
+    rows = lines(path / "temperature.csv")
+    put_lines(path / "temperature.csv", [rows[0], *(r for r in rows[1:] if not 1000.0 < float(r[0]) < 1300.0)])
+    assert warnings(path) == ["temperature.csv: no reading from 1000.0 to 1300.0 s (300 s)"]

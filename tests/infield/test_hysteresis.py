@@ -1,0 +1,99 @@
+"""Heating against cooling: what a term does to the table, and what is not taken for one."""
+
+import numpy as np
+import pytest
+
+from benchmarks.thermal_sessions import SETTINGS, TWIN, aged_table, bins_of, draw, drawn_session, take, templates
+from infield.hysteresis import ThermalTerm, heating_sense, joint_posterior, posterior_with, with_terms
+from infield.joint_update import with_thermal_terms
+from infield.merge import merge_posterior
+
+WARM, COOL = 0, 9  # templates: a cold start and a cooling one
+
+
+def pair(rate=0.0, *, seed=1, wrong=0.0):
+    """A warm-up and a cooling session of one unit whose x reads `rate` per degC/min more; the second `wrong` on x."""
+    rng = np.random.default_rng([seed, 170])
+    table = aged_table()
+    nodes, chosen = draw(table.covariance, rng), [templates()[WARM], templates()[COOL]]
+    truths = []
+    for template in chosen:
+        data = bins_of(template, table)
+        truths.append(data.bins.H @ nodes + rate * data.regressor("rate")[:, 0])
+    truths[1][0::3] += wrong
+    sessions, _ = take(table, chosen, truths, rng)
+    return table, nodes, sessions
+
+
+def test_sense_follows_the_change_over_three_degrees():
+    up, down = np.linspace(20.0, 40.0, 401), np.linspace(40.0, 37.0, 61)
+    sense = heating_sense(np.concatenate([up, down])[:, None])[:, 0]
+    assert sense[0] == 0.0
+    assert sense[60] == pytest.approx(1 - np.exp(-1.0), abs=1e-9)  # 3 degC after the start
+    assert sense[400] == pytest.approx(1.0, abs=2e-3)
+    assert sense[-1] == pytest.approx(2 * np.exp(-1.0) - 1, abs=2e-3)  # 3 degC after the turn
+
+
+def test_joint_posterior_without_a_term_is_the_merge_one_after_the_other():
+    table, _, sessions = pair()
+    data = [bins_of(s, table) for s in sessions]
+    joint = joint_posterior(table, data, "rate", (False, False, False))
+    current = table
+    for session in sessions:
+        d = bins_of(session, current)
+        added = np.zeros_like(d.vector), np.zeros_like(d.information)
+        current = merge_posterior(current, d.bins.H, *posterior_with(d, *added)).candidate
+    assert joint.change == pytest.approx(current.parameters, abs=2e-5)
+    assert joint.covariance == pytest.approx(current.covariance, abs=1e-7)
+
+
+def test_a_rate_term_is_fitted_and_the_table_stays_free_of_it():
+    table, nodes, sessions = pair(rate=0.05)
+    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    assert terms[0].action == "rate term fitted" and abs(terms[0].value - 0.05) < 3 * terms[0].sigma
+    assert not terms[1].found and not terms[2].found
+    assert all(s.verdict.accepted for s in judged) and after is not None
+    x = table.values_of("x")
+    z = (after.parameters - nodes)[x] / np.sqrt(np.diag(after.covariance)[x])
+    assert np.max(np.abs(z)) < 3.5
+    assert "rate term fitted: +0.0" in terms[0].words() and "steady temperature" in terms[0].words()
+
+
+def test_without_a_term_the_sessions_stay_as_they_are():
+    table, _, sessions = pair(seed=3)
+    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    assert [t.action for t in terms] == ["none found"] * 3
+    assert after is None and all(a is b for a, b in zip(judged, sessions))
+
+
+def test_a_wrong_session_is_not_explained_away():
+    """0.06 deg/h on x in the cooling session alone: contradictory it stays, and the split is named as a possibility."""
+    table, _, sessions = pair(seed=3, wrong=0.06)
+    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    assert [s.verdict.outcome for s in judged] == ["accepted", "inconsistent"]
+    assert after is None
+    assert terms[0].action == "a split, or a wrong session" and "more sessions would tell" in terms[0].words()
+
+
+def test_a_sense_widens_and_a_rate_shifts():
+    data = bins_of(templates()[WARM], aged_table())
+    rate = ThermalTerm(axis="x", kind="rate", value=0.02, sigma=0.004, action="rate term fitted")
+    sense = ThermalTerm(axis="y", kind="sense", value=0.01, sigma=0.003, action="sigma widened")
+    none = ThermalTerm(axis="z", kind="rate", value=0.5, sigma=0.3, action="none found")
+    mean, covariance = with_terms(data, (rate, sense, none))
+    assert mean[0::3] == pytest.approx(0.02 * data.bins.rate_degC_min[:, 0])
+    assert not mean[1::3].any() and not mean[2::3].any() and not covariance[2::3].any()
+    assert covariance[0, 0] == pytest.approx((0.004 * data.bins.rate_degC_min[0, 0]) ** 2)
+    assert covariance[-2, -2] == pytest.approx((0.01**2 + 0.003**2) * data.sense[-1, 1] ** 2)
+
+
+def test_a_drawn_session_is_honest():
+    """Mean squared normalised node error of 40 drawn sessions against their own truth."""
+    rng, table = np.random.default_rng(40), aged_table()
+    squares = []
+    for k in range(40):
+        nodes, template = draw(table.covariance, rng), templates()[k % 12]
+        found = drawn_session(template, table, bins_of(template, table).bins.H @ nodes, rng, day=1)
+        e = found.merged.candidate.parameters - nodes
+        squares.append(np.mean(e**2 / np.diag(found.merged.candidate.covariance)))
+    assert 0.7 < np.mean(squares) < 1.35
