@@ -17,7 +17,6 @@ LEAD_S, TAIL_S = 5.0, 5.0  # an event begins before it passes the limit, and fal
 ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
 PUSHED_M = 0.3  # net way after which the parked heading is a new one
 PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0  # a tug's push; what is farther, faster or longer is a taxi
-LONGEST_SHAKE_S = 60.0
 FRESH, LONGEST_LINE = 30, 90  # epochs of rest before the line through them may have a slope, and of the line
 STOP_WINDOW_S = 8
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
@@ -129,10 +128,11 @@ def _excursion(
             break
         slow = elapsed <= PUSH_S and fastest[j] <= PUSH_SPEED_M_S
         near = (gate if slow else STOP_SPEED_M_S) + STOP_DRIFT_M_S2 * elapsed
-        if way[j] <= ROLLED_M and elapsed <= LONGEST_SHAKE_S:
+        if way[j] <= ROLLED_M and elapsed <= PUSH_S:
             near = gate
         level = np.linalg.norm(window.mean(axis=0) - rest[j]) <= near
         if level and np.ptp(window, axis=0).max() <= max(8.0 * sigma, 0.03):
-            return k + j, float(way[j]), not (slow and way[j] <= PUSH_M)
-    short = t[-1] - t[k] <= LONGEST_SHAKE_S and way[last] <= ROLLED_M
+            shaken = way[j] <= ROLLED_M and elapsed <= PUSH_S
+            return k + j, float(way[j]), not (shaken or (slow and way[j] <= PUSH_M))
+    short = t[-1] - t[k] <= PUSH_S and way[last] <= ROLLED_M
     return len(t), float(way[last]), not short

@@ -57,15 +57,13 @@ def solve(
     until_s: float = np.inf,
     parked_only: bool = False,
     hold_heading: bool = True,
-    bridged: Sequence[Span] = (),
 ) -> Solution:
     """Navigate from the rest, estimate the errors, correct the start and the biases, and again until it stands.
 
     imu: compensated with everything known (table, scale factors); rest: (start, end) of the first rest [s];
-    parked_only stops the filter where the vehicle first rolls; bridged: gaps that the reader filled with held rates.
-    Two or three passes as a rule.
+    parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
     """
-    imu, faults = imu_faults.repair(imu, rest[0], min(until_s, imu.end_s), bridged)
+    imu, faults = imu_faults.repair(imu, rest[0], min(until_s, imu.end_s))
     first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
     C_nb = coarse.gyrocompass_dcm(replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b))
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)

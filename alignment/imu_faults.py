@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from alignment.imu_seconds import Seconds, in_seconds
 from ins.compensation import corrected
-from ins.records import ImuLog, ImuSource, Span
+from ins.records import ImuLog, ImuSource
 from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
@@ -28,7 +28,6 @@ SMALLEST_TILT_RAD = 2e-5
 EARTH_WINDOW = 300  # seconds on either side: did the vehicle turn against Earth rate?
 SMALLEST_TURN_RAD = 3e-4  # about down, within a shock; smaller is what loading does
 SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehicle
-GAP_TURN_RAD = 1e-4  # 20 arcsec: loading while nothing was logged
 
 
 @dataclass(frozen=True)
@@ -63,18 +62,17 @@ class _Edit:
 
 
 def repair(
-    imu: ImuSource, start_s: float, end_s: float, bridged: Sequence[Span] = ()
+    imu: ImuSource, start_s: float, end_s: float
 ) -> tuple[ImuSource, tuple[ImuFault, ...]]:
     """The log without what clipping and shocks left behind while the vehicle was parked, and the list of them.
 
-    Looked at from start_s, where the vehicle rests, to end_s; `bridged`: gaps that the reader filled with held rates.
-    The log itself where nothing is found.
+    Looked at from start_s, where the vehicle rests, to end_s. The log itself where nothing is found.
     """
     seconds = in_seconds(imu, start_s, end_s)
     quiet = _quiet_jumps(seconds) if seconds is not None else None
     if seconds is None or quiet is None:
         return imu, ()
-    faults = [_bridged(seconds, quiet, span) for span in bridged if start_s < span.start_s < end_s]
+    faults: list[ImuFault] = []
     edits: list[_Edit] = []
     groups = _groups(seconds.touched)
     jumps = [_jump(seconds, a, b) for a, b in groups]
@@ -84,12 +82,11 @@ def repair(
         end = _returns(seconds, groups, jumps, k, quiet)
         if jump is None or (end is None and b - a > LONGEST_S):
             break  # nothing to compare with, or the vehicle drives off
-        if end is None or end == k:
+        if end is None or end == k or seconds.lost[a:b].any():
             fault, edit = _judge(seconds, (a, b), jump, quiet, stays=end is None)
             faults.append(fault)
             edits += [edit] if np.isfinite(edit.rate).any() else []
         k = k + 1 if end is None else end + 1
-    faults.sort(key=lambda f: f.start_s)
     return (corrected(imu, partial(_edited, edits=tuple(edits))) if edits else imu), tuple(faults)
 
 
@@ -107,11 +104,12 @@ def _judge(
 ) -> tuple[ImuFault, _Edit]:
     """What one transient was, and the rates that take out what the bad axes left."""
     a, b = group
-    stuck, short = bool(seconds.stuck[a:b].any()), b - a <= LONGEST_S
+    stuck, lost, short = seconds.stuck[a:b].any(), seconds.lost[a:b].any(), b - a <= LONGEST_S
     bad = _contradiction(jump, quiet, b - a) if stays else np.zeros(6, bool)
     turned = _turned(seconds, a, b, jump) if short else None
     if stuck:
         bad |= np.abs(jump.value) > JUMP_SIGMAS * quiet.value
+    bad |= lost
     bad[5] |= turned is False
     total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
     length = float(seconds.end_s[b - 1] - seconds.start_s[a])
@@ -119,7 +117,7 @@ def _judge(
         float(seconds.start_s[a]), float(seconds.end_s[b - 1]),
         np.where(bad, seconds.level + (total - jump.value) / length, np.nan),
     )  # fmt: skip
-    reason = "clipping" if stuck else "shock" if bad.any() else ""
+    reason = "dropout" if lost else "clipping" if stuck else "shock" if bad.any() else ""
     fault = _fault(seconds, a, b, reason, jump, quiet)
     alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
     if turned is None and alone and not bad[5]:  # the vertical gyro turned, no other sensor felt it
@@ -135,10 +133,11 @@ def _groups(touched: NDArray) -> list[tuple[int, int]]:
 
 
 def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
-    """Value at `at` and slope of the line through the integrals of some seconds, both (6,)."""
-    s = rows - rows.mean()
+    """Value at a time and slope of the line through the integrals of some seconds, both (6,)."""
+    centre = float(seconds.end_s[rows].mean())
+    s = seconds.end_s[rows] - centre
     slope = s @ seconds.integral[rows] / (s @ s)
-    return seconds.integral[rows].mean(axis=0) + slope * (at - rows.mean()), slope
+    return seconds.integral[rows].mean(axis=0) + slope * (at - centre), slope
 
 
 def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
@@ -154,7 +153,7 @@ def _jump(seconds: Seconds, a: int, b: int) -> _Jump | None:
     beside = _beside(seconds, a, b, WINDOW)
     if beside is None:
         return None
-    middle = 0.5 * (a - 1 + b)
+    middle = 0.5 * float(seconds.start_s[a] + seconds.end_s[b - 1])
     (v0, s0), (v1, s1) = (_line(seconds, rows, middle) for rows in beside)
     return _Jump(v1 - v0, s1 - s0)
 
@@ -235,17 +234,4 @@ def _fault(seconds: Seconds, a: int, b: int, reason: str, jump: _Jump, quiet: _J
         start_s=float(seconds.start_s[a]), end_s=float(seconds.end_s[b - 1]), reason=reason,
         velocity_sigma_m_s=float(np.max(quiet.value[:2])) + unknown,
         turn_sigma_rad=float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD)) if reason else 0.0,
-    )  # fmt: skip
-
-
-def _bridged(seconds: Seconds, quiet: _Jump, span: Span) -> ImuFault:
-    """A gap with held rates: the vehicle may have been loaded in it, and its sway goes on unseen."""
-    a, b = np.searchsorted(seconds.start_s, [span.start_s, span.end_s])
-    jump = _jump(seconds, max(int(a) - 1, 0), int(b) + 1)
-    tilt = float(np.linalg.norm(_tilted(jump))) if jump is not None else GAP_TURN_RAD
-    left = float(np.max(np.abs(jump.value[:2]))) if jump is not None else 0.1
-    return ImuFault(
-        start_s=span.start_s, end_s=span.end_s, reason=span.reason,
-        velocity_sigma_m_s=float(max(2.0 * np.max(quiet.value[:2]), 2.0 * left)),
-        turn_sigma_rad=max(GAP_TURN_RAD, 2.0 * tilt),
     )  # fmt: skip

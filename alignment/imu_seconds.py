@@ -10,6 +10,7 @@ from ins.records import ImuLog, ImuSource
 
 PEAK_SPREADS = 4.0  # times the quiet second's largest deviation (1.5 to 3 sigmas of a row): about 10 sigmas
 SECOND_SIGMAS = 8.0
+LOST_S = 0.15  # the reader holds the next row's rate over so much; more of it is worse than a quiet jump
 SAME = 1e-7  # relative: compensation leaves the rows of a saturated sensor that much alike
 
 
@@ -18,7 +19,8 @@ class Seconds:
     """Seconds (m) of a log; columns are dv x, y, z [m/s], then dtheta x, y, z [rad].
 
     start_s, end_s (m,); integral (m, 6): running sums less the quiet `level` (6,) per second; channels (m, 6): where
-    rows or the sum lie beyond the quiet level; stuck (m,): three rows on end read the log's largest or smallest value.
+    rows or the sum lie beyond the quiet level; stuck (m,): three rows on end read the log's largest or smallest value;
+    lost (m,): a row that stands for more than LOST_S of lost ones.
     """
 
     start_s: NDArray
@@ -27,10 +29,11 @@ class Seconds:
     level: NDArray
     channels: NDArray
     stuck: NDArray
+    lost: NDArray
 
     @property
     def touched(self) -> NDArray:
-        return np.asarray(self.channels.any(axis=1))
+        return np.asarray(self.channels.any(axis=1) | self.lost)
 
 
 def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
@@ -38,7 +41,7 @@ def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
     parts = [_reduced(piece, start_s) for piece in _whole_seconds(imu, start_s, end_s)]
     if not parts:
         return None
-    begin, end, dt, sums, high, low, at_high, at_low = (np.concatenate(column) for column in zip(*parts))
+    begin, end, dt, longest, sums, high, low, at_high, at_low = (np.concatenate(column) for column in zip(*parts))
     if len(dt) < 60:
         return None
     mean = sums / dt[:, None]
@@ -51,7 +54,7 @@ def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
     stuck = at_high & (high >= most - SAME * np.abs(most)) | at_low & (low <= least + SAME * np.abs(least))
     return Seconds(
         start_s=begin, end_s=end, integral=np.cumsum(sums - level * dt[:, None], axis=0), level=level,
-        channels=channels, stuck=(stuck & channels).any(axis=1),
+        channels=channels, stuck=(stuck & channels).any(axis=1), lost=longest > LOST_S + 1.0 / imu.rate_hz,
     )  # fmt: skip
 
 
@@ -73,7 +76,7 @@ def _columns(piece: ImuLog) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def _reduced(rows: tuple[NDArray, NDArray, NDArray], start_s: float) -> tuple[NDArray, ...]:
-    """Start, end, length, sums, highest and lowest rate of each second, and whether three rows on end read it."""
+    """Start, end, length, longest row, sums, highest and lowest rate of each second, and whether three rows on end read it."""
     time_s, dt_s, increments = rows
     first = np.flatnonzero(np.diff(np.ceil(time_s - start_s - 1e-9), prepend=-1.0))
     rate = increments / dt_s[:, None]
@@ -88,8 +91,8 @@ def _reduced(rows: tuple[NDArray, NDArray, NDArray], start_s: float) -> tuple[ND
         runs.append(np.logical_or.reduceat(same, first))
     last = np.append(first[1:], len(time_s)) - 1
     return (
-        time_s[first] - dt_s[first], time_s[last], np.add.reduceat(dt_s, first), np.add.reduceat(increments, first), high,
-        low, *runs,
+        time_s[first] - dt_s[first], time_s[last], np.add.reduceat(dt_s, first), np.maximum.reduceat(dt_s, first),
+        np.add.reduceat(increments, first), high, low, *runs,
     )  # fmt: skip
 
 

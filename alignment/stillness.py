@@ -16,6 +16,7 @@ from alignment.excursions import (
     GUARD_S,
     LEAD_S,
     PUSHED,
+    PUSHED_M,
     ROLLING,
     STILL,
     TAIL_S,
@@ -28,6 +29,7 @@ from ins.records import ImuSource, NavHistory, Phase, Span
 
 ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
 PUSH_TURN_RAD = 0.05
+BESIDE = 15  # epochs of rest on either side of a disturbance, for the line between them
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
 NEW_PLACE_RAD = 2e-3  # jolt of a vehicle that was pushed: beyond what the parked heading survives
@@ -110,6 +112,7 @@ def classify(
             exclude(t, kind, cause, seen, name)
     cause[kind != DISTURBED] = ""
     jolt = _jolts(history, kind)
+    pushed += _displaced(t, v, kind)
     jolt[pushed] = np.maximum(jolt[pushed], NEW_PLACE_RAD)
     jumps = (velocity_jump, turn_jump) if faults else (None, None)
     return Motion(t, kind, np.hypot(jolt, turn_jump), sigma, cause, *jumps)
@@ -130,6 +133,20 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
         else:
             kind[a:b] = ROLLING
     return ends
+
+
+def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
+    """Fastest epoch of each disturbed stretch that leaves the vehicle elsewhere, by the way about the line between rests."""
+    found = []
+    for a, b in _runs(kind == DISTURBED):
+        before, after = slice(max(a - BESIDE, 0), a), slice(b, b + BESIDE)
+        if min(len(kind[before]), len(kind[after])) < BESIDE or (kind[before] != STILL).any() or (kind[after] != STILL).any():
+            continue
+        v0, v1, t0, t1 = v[before].mean(axis=0), v[after].mean(axis=0), t[before].mean(), t[after].mean()
+        deviation = v[a:b] - (v0 + (v1 - v0) * ((t[a:b] - t0) / (t1 - t0))[:, None])
+        if np.linalg.norm((deviation * np.gradient(t)[a:b, None]).sum(axis=0)) > PUSHED_M:
+            found.append(a + int(np.argmax(np.linalg.norm(deviation, axis=1))))
+    return found
 
 
 def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str) -> None:

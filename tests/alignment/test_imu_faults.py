@@ -9,6 +9,7 @@ from tests.infield.sessions import PARKED as HALF_HOUR
 from tests.infield.sessions import estimate_of, simulated
 from tests.scenarios.gate_study import swaying
 from trajectories.faults import clipped_accelerometer, stuck_at_full_scale
+from trajectories.imu_stream import imu_log
 from trajectories.segments import Park, Stop, Straight
 from trajectories.vehicle import Boarding, Bump, Gust, Push
 
@@ -83,6 +84,23 @@ def test_a_clipped_bump_leaves_no_velocity():
     fixed, faults = repair(clipped_accelerometer(run, axis="x", limit_m_s2=5.0).imu)
     assert [f.reason for f in faults] in (["clipping"], ["shock"])
     assert abs(left(run, fixed)[1][0]) < 4.0 * faults[0].velocity_sigma_m_s
+
+
+@pytest.mark.parametrize("sway_m_s", [0.001, 0.02])
+@pytest.mark.parametrize("source", ["rates", "increments"])
+def test_lost_rows_do_not_hold_one_row_of_sway(sway_m_s, source):
+    """0.7 s are lost; held over by the next row's rate alone, 20 mm/s of sway leave up to 0.1 m/s."""
+    run = parked(sway_m_s=sway_m_s)
+    keep = (run.imu.time_s < 300.25) | (run.imu.time_s > 300.95)
+    columns = [column[keep] / (run.imu.dt_s[keep, None] if source == "rates" else 1.0)
+               for column in (run.imu.dtheta_rad, run.imu.dv_m_s)]  # fmt: skip
+    held, _ = imu_log(run.imu.time_s[keep], *columns, source=source)
+    fixed, (fault,) = repair(held)
+    assert fault.reason == "dropout" and fault.start_s < 300.25 and 300.95 < fault.end_s
+    moved = fixed.dv_m_s.sum(axis=0) - run.imu.dv_m_s.sum(axis=0)
+    turned = fixed.dtheta_rad.sum(axis=0) - run.imu.dtheta_rad.sum(axis=0)
+    assert np.abs(moved[:2]).max() < 4.0 * fault.velocity_sigma_m_s
+    assert np.abs(turned).max() < 3.0 * fault.turn_sigma_rad
 
 
 def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading():

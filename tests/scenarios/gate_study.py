@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from alignment import stillness
+from alignment import coarse, gyrocompass, stillness
 from alignment.stillness import DISTURBED, STILL, Motion
-from ins.records import TwinModel
-from tests.alignment.parked import ideal_of, parked_history, simulate
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import NavHistory, NavState, Run, TwinModel
+from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.segments import Park
 from trajectories.vehicle import Boarding, Bump, Event, Gust, Push
@@ -89,8 +90,15 @@ def gate(kind: str | None, seed: int, sway_m_s: float = 0.001) -> Gated:
     drawn = draw(kind, rng, sway_m_s) if kind else None
     events = [drawn.event] if drawn else []
     run = simulate(ideal, seed, twin=swaying(sway_m_s), events=events).run
-    motion = stillness.classify(parked_history(run), imu=run.imu)
-    return judge(motion, drawn)
+    return judge(stillness.classify(_first_solution(run), imu=run.imu), drawn)
+
+
+def _first_solution(run: Run) -> NavHistory:
+    """The first pass of `gyrocompass.solve`: level from the first 30 s, north from the first five minutes."""
+    level = coarse.rest_means(run.imu.between(0.0, gyrocompass.LEVEL_S))
+    means = replace(coarse.rest_means(run.imu.between(0.0, 300.0)), f_ib_b=level.f_ib_b)
+    start = NavState(time_s=0.0, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=coarse.gyrocompass_dcm(means))
+    return navigate(run.imu, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
 
 
 def judge(motion: Motion, drawn: Drawn | None) -> Gated:
