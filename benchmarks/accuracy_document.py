@@ -56,7 +56,8 @@ def write(study: dict[str, Any], folder: Path) -> None:
 
 def page(study: dict[str, Any]) -> str:
     cells = study["cells"]
-    parts = [HEAD, "## In short\n", _totals(study["totals"]), "## Cells that miss\n", _misses(cells)]
+    totals = study["totals"]
+    parts = [HEAD, "## In short\n", _totals(totals), _pooled(totals["pooled"]), "## Cells that miss\n", _misses(cells)]
     for lat in sorted({c["lat_deg"] for c in cells}):
         parts += [f"## Latitude {lat:g} deg\n", _table([c for c in cells if c["lat_deg"] == lat])]
     return "\n".join(parts)
@@ -76,6 +77,16 @@ def _totals(t: dict[str, Any]) -> str:
         f"verdicts agree with the bound's own in {100 * t['verdicts_agreed']:.2f} % of the runs and axes",
     ]
     return "".join(f"- {line}\n" for line in lines)
+
+
+def _pooled(lines: Sequence[dict[str, Any]]) -> str:
+    """The observable axes of all rows and latitudes together."""
+    head = "Over all rows and latitudes, observable axes only:\n\n| seen | axis | cells | RMS / bound | sigma / bound |\n"
+    return head + "|---|---|---|---|---|\n" + "".join(
+        f"| {WAY_NAMES[p['gnss'], p['hold']]} | {AXES[p['axis']]} | {p['cells']} | {p['rms_over_bound']:.3f} | "
+        f"{p['sigma_over_bound']:.3f} |\n"
+        for p in lines
+    )
 
 
 def _range(spread: dict[str, float]) -> str:

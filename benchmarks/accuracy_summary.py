@@ -103,8 +103,22 @@ def totals(cells: Sequence[dict[str, Any]]) -> dict[str, Any]:
         "nees_inside": sum(c["nees_band"][0] < c["nees"] < c["nees_band"][1] for c in full),
         "nis_inside": sum(c["nis_band"][0] < c["nis"] < c["nis_band"][1] for c in full),
         "nis": _spread(np.array([c["nis"] for c in full])), "nis_by_kind": _pooled(full),
-        "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
+        "pooled": _pooled_axes(seen), "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
     }  # fmt: skip
+
+
+def _pooled_axes(seen: Sequence[tuple[dict[str, Any], int]]) -> list[dict[str, Any]]:
+    """Root mean square of error and of sigma over bound, for each way and axis, over all rows and latitudes."""
+    found: dict[tuple[bool, bool, int], list[tuple[float, float]]] = {}
+    for c, k in seen:
+        ratios = c["rms_deg_h"][k] / c["bound_deg_h"][k], c["sigma_deg_h"][k] / c["bound_deg_h"][k]
+        found.setdefault((c["gnss"], c["hold"], k), []).append(ratios)
+    pooled = []
+    for (gnss, hold, axis), pairs in sorted(found.items()):
+        rms, sigma = np.sqrt(np.mean(np.square(pairs), axis=0))
+        pooled.append({"gnss": gnss, "hold": hold, "axis": axis, "cells": len(pairs),
+                       "rms_over_bound": float(rms), "sigma_over_bound": float(sigma)})  # fmt: skip
+    return pooled
 
 
 def _spread(values: NDArray) -> dict[str, float]:
