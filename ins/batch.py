@@ -145,8 +145,7 @@ class _Job:
         self.time_s = np.concatenate([[start_s], log.time_s[self.ends - 1]])
         self.bins = self.errors.bins(log)
         self.own_height = vertical.mode == "hold" and vertical.height_m is None
-        middle_s = log.time_s - 0.5 * log.dt_s
-        self.height_ref = np.zeros(middle_s.size) if self.own_height else vertical.reference_height(middle_s, 0.0)
+        self.height_ref = vertical.reference_height(log.time_s, log.dt_s, 0.0)
         self.shared = log
         if len(self.logs) > 1:
             self.shared = replace(log, dtheta_rad=np.zeros_like(log.dtheta_rad), dv_m_s=np.zeros_like(log.dv_m_s))
@@ -169,7 +168,8 @@ class _Job:
             ends = self.ends[(self.ends > a) & (self.ends <= b)]
             kernel.integrate_tile(
                 self.shared.dt_s[a:b], self.shared.dtheta_rad[a:b], self.shared.dv_m_s[a:b], rows, self.bins[a:b], bias,
-                self.height_ref[a:b], self.vertical.gains(), ends - a, F, self.states, tile[0], len(tile), done,
+                self.height_ref[a:b], self.vertical.gains(), self.vertical.look_s, ends - a, F, self.states, tile[0],
+                len(tile), done,
             )  # fmt: skip
             done += ends.size
             a, b = b, min(b + CHUNK_ROWS, self.shared.time_s.size)
@@ -186,7 +186,7 @@ class _Job:
             start = self.starts[run % len(self.starts)]
             self.states[run, 0] = initial_row(start)[0, :STATES]
             F[: kernel.CORRECTION, lane] = earth_frame_state(start)
-            F[kernel.BEFORE : kernel.STATE_SIZE, lane] = self._interval_before(run, own[..., lane], begin)
+            F[kernel.BEFORE : kernel.U, lane] = self._interval_before(run, own[..., lane], begin)
             F[kernel.MATRIX : kernel.HEIGHT, lane] = self.errors.matrices(run).ravel()
             F[kernel.HEIGHT, lane] = start.site.height_m if self.own_height else 0.0
         return F.ravel(), np.ascontiguousarray(np.stack([self.errors.biases(run) for run in lanes], axis=-1))

@@ -8,22 +8,44 @@ element c of lane l at (c TILE + l). Elements: the state as in integrate; this s
 bin; (scale factor and misalignment) matrices, gyro then accelerometer; and what the lane adds to height_ref.
 """
 
+import numpy as np
+
 from ins.strapdown_kernel import (
+    A_LAST,
+    A_USED,
     BEFORE,
     CORRECTION,
+    COUNT,
+    DT_BEFORE,
+    ELAPSED,
+    F_LAST,
+    F_USED,
+    LIMIT,
+    LOOK_ROWS,
     OMEGA,
+    SEEN,
     STATE_SIZE,
+    R,
+    U,
+    V,
     add,
     compensate,
     dcm,
+    drift_of,
+    force_increment,
+    interval_weights,
     kernel,
+    look_ahead,
     part,
+    pull,
     record,
     rotate,
+    rotation_quaternion,
     row,
     square,
     translate,
     turn_attitude,
+    unit,
 )
 
 TILE = 16
@@ -32,8 +54,19 @@ FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the s
 
 
 @part
+def at(c, l):
+    """Where lane l of element c is. Unsigned, since numba would ask of any other index whether it is below zero."""
+    return np.uintp(c * TILE + l)
+
+
+@part
 def lane_vector(F, c, l):
-    return F[c * TILE + l], F[(c + 1) * TILE + l], F[(c + 2) * TILE + l]
+    return F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)]
+
+
+@part
+def lane_quaternion(F, l):
+    return F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)]
 
 
 @part
@@ -43,27 +76,49 @@ def lane_matrix(F, c, l):
 
 @part
 def set_lane_vector(F, c, l, a):
-    F[c * TILE + l], F[(c + 1) * TILE + l], F[(c + 2) * TILE + l] = a
+    F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)] = a
 
 
 @part
-def step_lane(F, l, T, T_before, height_ref, gains, small):
+def set_lane_quaternion(F, l, q):
+    F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)] = q
+
+
+@part
+def restart_look_ahead(F, l):
+    """From the solution as it is."""
+    set_lane_quaternion(F, l, unit(lane_quaternion(F, l)))
+    set_lane_vector(F, U, l, lane_vector(F, V, l))
+    set_lane_vector(F, SEEN, l, lane_vector(F, R, l))
+    set_lane_vector(F, A_USED, l, lane_vector(F, A_LAST, l))
+    set_lane_vector(F, F_USED, l, lane_vector(F, F_LAST, l))
+
+
+@part
+def step_lane(F, l, T, weights, height_ref, gains, small):
     """The state of lane l after one step; small: all lanes are known to turn less than 0.1 rad."""
-    q = (F[l], F[TILE + l], F[2 * TILE + l], F[3 * TILE + l])
     theta, dv = lane_vector(F, INCREMENTS, l), lane_vector(F, INCREMENTS + 3, l)
-    rotation, dv_start, scroll = compensate(
-        theta, dv, lane_vector(F, BEFORE, l), lane_vector(F, BEFORE + 3, l), T, T_before, small
+    v, q = lane_vector(F, V, l), lane_quaternion(F, l)
+    rotation, dv_start, scroll = compensate(theta, dv, lane_vector(F, BEFORE, l), lane_vector(F, BEFORE + 3, l), weights, small)
+    C = dcm(q)
+    dv_e = force_increment(C, dv_start, OMEGA * T)
+    u, s = lane_vector(F, U, l), lane_vector(F, SEEN, l)
+    up, error, pull_e = pull(add(s, u, 0.5 * T), height_ref + F[at(HEIGHT, l)], T, gains)
+    u, s = look_ahead(u, s, lane_vector(F, A_USED, l), lane_vector(F, F_USED, l), dv_e, T)
+    v_new, r, correction, _ = translate(
+        v, lane_vector(F, R, l), F[at(CORRECTION, l)], dv_e, rotate(C, scroll), up, error, pull_e, T, gains
     )
-    v, r, correction, _, _, _ = translate(
-        dcm(q), dv_start, scroll, lane_vector(F, 4, l), lane_vector(F, 7, l), F[CORRECTION * TILE + l], T,
-        height_ref + F[HEIGHT * TILE + l], gains,
-    )  # fmt: skip
-    F[l], F[TILE + l], F[2 * TILE + l], F[3 * TILE + l] = turn_attitude(q, rotation, OMEGA * T, small)
-    set_lane_vector(F, 4, l, v)
-    set_lane_vector(F, 7, l, r)
-    F[CORRECTION * TILE + l] = correction
+    a, f = drift_of(v, v_new, dv_e, up, error, T, gains)
+    set_lane_quaternion(F, l, turn_attitude(q, rotation_quaternion(rotation, small), OMEGA * T))
+    set_lane_vector(F, V, l, v_new)
+    set_lane_vector(F, R, l, r)
+    F[at(CORRECTION, l)] = correction
     set_lane_vector(F, BEFORE, l, theta)
     set_lane_vector(F, BEFORE + 3, l, dv)
+    set_lane_vector(F, U, l, u)
+    set_lane_vector(F, SEEN, l, s)
+    set_lane_vector(F, A_LAST, l, a)
+    set_lane_vector(F, F_LAST, l, f)
 
 
 @part
@@ -78,7 +133,7 @@ def form_increments(F, dtheta, dv, T, own, k):
     if own.size > 0:
         for c in range(6):
             for l in range(TILE):
-                F[(INCREMENTS + c) * TILE + l] += own[k, c, l]
+                F[at(INCREMENTS + c, l)] += own[k, c, l]
     for l in range(TILE):
         largest = max(largest, square(lane_vector(F, INCREMENTS, l)), square(lane_vector(F, BEFORE, l)))
     return largest
@@ -86,7 +141,7 @@ def form_increments(F, dtheta, dv, T, own, k):
 
 @kernel
 def integrate_tile(
-    dt, dtheta, dv, own, bin_of_row, bias, height_ref, gains, ends, F, out, run, runs, epoch
+    dt, dtheta, dv, own, bin_of_row, bias, height_ref, gains, look_s, ends, F, out, run, runs, epoch
 ):  # fmt: skip
     """All rows of TILE trajectories; the state after row ends[j] - 1 goes to out[run : run + runs, epoch + j].
 
@@ -94,7 +149,8 @@ def integrate_tile(
     m/s^2], bin_of_row (n,). F: the tile, TILE_SIZE elements a lane, carried from part to part. out (all runs, epochs,
     C_NB_DT columns of ins.strapdown_kernel).
     """
-    bin_now, first, T_before = -1, 0, F[(STATE_SIZE - 1) * TILE]
+    bin_now, first, T_before = -1, 0, F[at(DT_BEFORE, 0)]
+    count, elapsed, limit = F[at(COUNT, 0)], F[at(ELAPSED, 0)], F[at(LIMIT, 0)]
     for j in range(ends.size + 1):
         last = ends[j] if j < ends.size else dt.size
         for k in range(first, last):
@@ -102,18 +158,23 @@ def integrate_tile(
                 bin_now = bin_of_row[k]
                 for c in range(6):
                     for l in range(TILE):
-                        F[(BIAS + c) * TILE + l] = bias[bin_now, c, l]
-            T, height = dt[k], height_ref[k]
+                        F[at(BIAS + c, l)] = bias[bin_now, c, l]
+            T, height, weights = dt[k], height_ref[k], interval_weights(dt[k], T_before)
+            if count >= limit or elapsed + T > look_s:
+                limit, count, elapsed = LOOK_ROWS if limit > 0 else 1, 0, 0.0
+                for l in range(TILE):
+                    restart_look_ahead(F, l)
+            count, elapsed = count + 1, elapsed + T
             if form_increments(F, dtheta, dv, T, own, k) < FAST_ANGLE_2:
                 for l in range(TILE):
-                    step_lane(F, l, T, T_before, height, gains, True)
+                    step_lane(F, l, T, weights, height, gains, True)
             else:
                 for l in range(TILE):
-                    step_lane(F, l, T, T_before, height, gains, False)
+                    step_lane(F, l, T, weights, height, gains, False)
             T_before = T
         first = last
         if j < ends.size:
             for l in range(runs):
-                q = (F[l], F[TILE + l], F[2 * TILE + l], F[3 * TILE + l])
-                record(out[run + l], epoch + j, dcm(q), lane_vector(F, 4, l), lane_vector(F, 7, l))
-    F[(STATE_SIZE - 1) * TILE] = T_before
+                record(out[run + l], epoch + j, dcm(lane_quaternion(F, l)), lane_vector(F, V, l), lane_vector(F, R, l))
+    F[at(DT_BEFORE, 0)] = T_before
+    F[at(COUNT, 0)], F[at(ELAPSED, 0)], F[at(LIMIT, 0)] = count, elapsed, limit

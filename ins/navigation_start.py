@@ -22,19 +22,19 @@ class EpochEnds:
 
     def settle(self, time_s: NDArray) -> NDArray:
         """Rows of this part used up at each epoch end that it settles; 0: one that ended with the last part."""
-        edges = np.concatenate([[self.last_s], time_s])
-        ends = np.arange(1, edges.size) if self._epoch_s is None else self._nearest(edges, self._epoch_s)
-        self._before_last_s, self.last_s = float(edges[-2]), float(edges[-1])
+        ends = np.arange(1, time_s.size + 1) if self._epoch_s is None else self._nearest(time_s, self._epoch_s)
+        self._before_last_s, self.last_s = float(time_s[-2] if time_s.size > 1 else self.last_s), float(time_s[-1])
         self._ended = bool(ends.size and ends[-1] == time_s.size)
         return ends
 
-    def _nearest(self, edges: NDArray, epoch_s: float) -> NDArray:
-        last = int((edges[-1] - self._start_s) / epoch_s) + 1
+    def _nearest(self, time_s: NDArray, epoch_s: float) -> NDArray:
+        last = int((time_s[-1] - self._start_s) / epoch_s) + 1
         targets = self._start_s + epoch_s * np.arange(self._passed + 1, last + 1)
-        targets = targets[targets <= edges[-1]]
+        targets = targets[targets <= time_s[-1]]
         self._passed += targets.size
-        after = np.searchsorted(edges, targets)
-        ends = np.unique(after - (targets - edges[after - 1] < edges[after] - targets))
+        row = np.searchsorted(time_s, targets)  # the first not before the target
+        before_s = np.where(row > 0, time_s[row - 1], self.last_s)
+        ends = np.unique(row + 1 - (targets - before_s < time_s[row] - targets))
         return ends[1:] if self._ended and ends.size and ends[0] == 0 else ends
 
     def last_row_ends_one(self) -> bool:

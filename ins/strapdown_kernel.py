@@ -1,7 +1,7 @@
-"""The strapdown loop: one step after another in the Earth frame. Import lazily: this module loads numba.
+"""The formulas of a strapdown step in the Earth frame, for strapdown_loop and batch_kernel. Import lazily: loads numba.
 
 Without numba, or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples
-of nine in row order; SI and radians, silent. The loop takes no sine and no cosine of position, so no latitude is special.
+of nine in row order; SI and radians, silent. No sine and no cosine of position is taken, so no latitude is special.
 
 State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration correction.
 """
@@ -30,7 +30,12 @@ MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells n
 # columns of an output row: latitude, longitude, height; v_n; C_nb in row order; then the sums over the epoch: C_nb dt,
 # and displacement_n, displacement_b, dv_f_n, dtheta_b
 V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
-CORRECTION, BEFORE, STATE_SIZE = 10, 11, 18  # of the state that a stream carries over: see integrate
+
+# State that a stream carries over: q, v, r, vertical correction; dtheta, dv, dt of the interval before; then the
+# look-ahead: u, s, a, f, a and f of the last step, rows and time since the look-ahead began, rows it may have.
+V, R, CORRECTION, BEFORE, DT_BEFORE, U, SEEN, A_USED, F_USED, A_LAST, F_LAST = 4, 7, 10, 11, 17, 18, 21, 24, 27, 30, 33
+COUNT, ELAPSED, LIMIT, STATE_SIZE = 36, 37, 38, 39
+LOOK_ROWS, LOOK_S = 16, 0.16  # see strapdown_loop
 
 
 # no test of each division: none here can be by zero. A part is compiled into its callers: a loop over tiles becomes
@@ -114,9 +119,10 @@ def normal(r):
 @part
 def dcm_ne_at(r, up):
     """C_ne where the normal is known."""
-    p = sqrt(r[0] * r[0] + r[1] * r[1])
-    k = 1 / max(p, POLE_RADIUS_M)
-    sl, cl = (r[1] * k, r[0] * k) if p >= POLE_RADIUS_M else (0.0, 1.0)
+    p2 = r[0] * r[0] + r[1] * r[1]
+    beside = 1.0 if p2 >= POLE_RADIUS_M * POLE_RADIUS_M else 0.0  # a factor: vector instructions have no branch
+    k = beside / sqrt(p2 + (1.0 - beside))
+    sl, cl = r[1] * k, r[0] * k + (1.0 - beside)
     sL, cL = up[2], up[0] * cl + up[1] * sl
     return -sL * cl, -sL * sl, cL, -sl, cl, 0.0, -up[0], -up[1], -up[2]
 
@@ -140,22 +146,31 @@ def gravity(sin_lat, height):
 def angle(a2, small):
     """(1 - cos a)/a^2 and (a - sin a)/a^3."""
     if small or a2 < SERIES_ANGLE_2:
-        return 0.5 - a2 / 24 * (1 - a2 / 30), 1 / 6 - a2 / 120 * (1 - a2 / 42)
+        return 0.5 - a2 * (1 / 24) * (1 - a2 * (1 / 30)), 1 / 6 - a2 * (1 / 120) * (1 - a2 * (1 / 42))
     a = sqrt(a2)
     return 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
 
 
 @part
-def compensate(theta, dv, theta_before, dv_before, dt, dt_before, small):
+def interval_weights(dt, dt_before):
+    """What an interval and the one before make of the slope: dt/dt_before, and the weights of coning and of slope."""
+    ratio = dt / dt_before
+    if dt > MAX_INTERVAL_RATIO * dt_before:
+        return ratio, 0.0, 0.0
+    return ratio, dt * ratio / (6 * (dt + dt_before)), 2 * dt / (dt + dt_before)
+
+
+@part
+def compensate(theta, dv, theta_before, dv_before, weights, small):
     """Rotation vector, velocity increment in the body frame of the interval's start, and its scrolling part [m/s].
 
     The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the trapezoid of the
-    velocity misses: -(slope dt^2 + theta x dv) / 12. small: known to turn less than 0.1 rad.
+    velocity misses: -(slope dt^2 + theta x dv) / 12. weights: of the intervals.
+    small: known to turn less than 0.1 rad.
     """
+    ratio, weight, slope_weight = weights
     k1, k2 = angle(square(theta), small)
-    ratio = dt / dt_before
-    weight = dt * ratio / (6 * (dt + dt_before)) if dt <= MAX_INTERVAL_RATIO * dt_before else 0.0
-    slope = add((0.0, 0.0, 0.0), add(dv, dv_before, -ratio), 12 * weight / ratio)
+    slope = add((0.0, 0.0, 0.0), add(dv, dv_before, -ratio), slope_weight)
     rotation = add(theta, cross(theta_before, theta), weight)
     turn = cross(theta, dv)
     sculling = add(cross(theta_before, dv), cross(dv_before, theta), 1.0)
@@ -167,45 +182,63 @@ def compensate(theta, dv, theta_before, dv_before, dt, dt_before, small):
 def half_angle(h2, small):
     """cos h and sin(h)/h."""
     if small or h2 < SERIES_ANGLE_2 / 4:
-        return 1 - h2 / 2 * (1 - h2 / 12 * (1 - h2 / 30 * (1 - h2 / 56))), 1 - h2 / 6 * (1 - h2 / 20 * (1 - h2 / 42))
+        cosine = 1 - h2 * 0.5 * (1 - h2 * (1 / 12) * (1 - h2 * (1 / 30) * (1 - h2 * (1 / 56))))
+        return cosine, 1 - h2 * (1 / 6) * (1 - h2 * (1 / 20) * (1 - h2 * (1 / 42)))
     h = sqrt(h2)
     return cos(h), sin(h) / h
 
 
 @part
-def turn_attitude(q, rotation, earth_angle, small):
-    """q after the body turned by `rotation` (body axes) and the Earth by `earth_angle`; unit length kept.
-    """
+def rotation_quaternion(rotation, small):
+    """Quaternion of a rotation vector. small: known to be less than 0.1 rad."""
     w, k = half_angle(0.25 * square(rotation), small)
     k = 0.5 * k
-    x, y, z = k * rotation[0], k * rotation[1], k * rotation[2]
+    return w, k * rotation[0], k * rotation[1], k * rotation[2]
+
+
+@part
+def turn_attitude(q, turned, earth_angle):
+    """q after the body turned by the quaternion `turned` (body axes) and the Earth by `earth_angle`."""
     a, b, c, d = q
+    w, x, y, z = turned
     a, b, c, d = (
-        a * w - b * x - c * y - d * z,
-        a * x + b * w + c * z - d * y,
-        a * y - b * z + c * w + d * x,
-        a * z + b * y - c * x + d * w,
+        (a * w - b * x) - (c * y + d * z),
+        (a * x + b * w) + (c * z - d * y),
+        (a * y - b * z) + (c * w + d * x),
+        (a * z + b * y) - (c * x - d * w),
     )
     e = -0.5 * earth_angle
-    w, e = 1 - e * e / 2 * (1 - e * e / 12), e * (1 - e * e / 6 * (1 - e * e / 20))
-    a, b, c, d = w * a - e * d, w * b - e * c, w * c + e * b, w * d + e * a
-    k = 1.5 - 0.5 * (a * a + b * b + c * c + d * d)  # Newton step of 1/norm
+    w, e = 1 - e * e * 0.5 * (1 - e * e * (1 / 12)), e * (1 - e * e * (1 / 6) * (1 - e * e * (1 / 20)))
+    return w * a - e * d, w * b - e * c, w * c + e * b, w * d + e * a
+
+
+@part
+def unit(q):
+    """q brought back to unit length: a Newton step of 1/norm."""
+    a, b, c, d = q
+    k = 1.5 - 0.5 * (a * a + b * b + c * c + d * d)
     return a * k, b * k, c * k, d * k
 
 
 @part
+def force_increment(C, dv_start, earth_angle):
+    """Force increment in the mean ECEF axes of the step."""
+    dv_e = rotate(C, dv_start)
+    return dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2]
+
+
+@part
 def step_velocity(v, dv_e, g_dt_e, earth_angle):
-    """Force increment in the mean ECEF axes of the step, and v_eb_e after it: Coriolis at the step's middle.
+    """v_eb_e after the step: Coriolis at the step's middle.
 
     v' = f + g - 2 omega_ie x v.  Source: Groves (2013), section 5.3.
     """
-    dv_e = (dv_e[0] + 0.5 * earth_angle * dv_e[1], dv_e[1] - 0.5 * earth_angle * dv_e[0], dv_e[2])
     gained = add(dv_e, g_dt_e, 1.0)
     half = (
         v[0] + 0.5 * gained[0] + earth_angle * v[1],
         v[1] + 0.5 * gained[1] - earth_angle * v[0],
     )
-    return dv_e, (
+    return (
         v[0] + gained[0] + 2 * earth_angle * half[1],
         v[1] + gained[1] - 2 * earth_angle * half[0],
         v[2] + gained[2],
@@ -213,20 +246,34 @@ def step_velocity(v, dv_e, g_dt_e, earth_angle):
 
 
 @part
-def accumulate(out, j, dt, C_ne, C, C_new, v, v_new, dr, dv_e, theta):
-    """Add one step to the sums of row j."""
-    dr_n, dv_n = rotate(C_ne, dr), rotate(C_ne, dv_e)
-    for i in range(3):
-        v_b = C[i] * v[0] + C[3 + i] * v[1] + C[6 + i] * v[2]
-        v_b += C_new[i] * v_new[0] + C_new[3 + i] * v_new[1] + C_new[6 + i] * v_new[2]
-        column = rotate(C_ne, (C[i] + C_new[i], C[3 + i] + C_new[3 + i], C[6 + i] + C_new[6 + i]))
-        out[j, C_NB_DT + i] += 0.5 * dt * column[0]
-        out[j, C_NB_DT + 3 + i] += 0.5 * dt * column[1]
-        out[j, C_NB_DT + 6 + i] += 0.5 * dt * column[2]
-        out[j, SUMS + i] += dr_n[i]
-        out[j, SUMS + 3 + i] += 0.5 * dt * v_b
-        out[j, SUMS + 6 + i] += dv_n[i]
-        out[j, SUMS + 9 + i] += theta[i]
+def pull(middle, height_ref, T, gains):
+    """At a place: up, height less height_ref, and the velocity increment of gravity and of the damping to that height."""
+    up, height = normal(middle)
+    error = height - height_ref
+    return up, error, add((0.0, 0.0, 0.0), up, -T * (gravity(up[2], height) + gains[1] * error))
+
+
+@part
+def translate(v, r, correction, dv_e, scroll_e, up, error, pull_e, T, gains):
+    """One step of velocity and position: v, r, vertical correction, displacement."""
+    v_new = add(step_velocity(v, dv_e, pull_e, OMEGA * T), up, -T * correction)
+    dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), scroll_e, T)
+    return v_new, add(add(r, dr, 1.0), up, -T * gains[0] * error), correction + T * gains[2] * error, dr
+
+
+@part
+def look_ahead(u, s, a, f, dv_e, T):
+    """Velocity and place for the next look-up of gravity: a is what but the force acts, f what but velocity moves."""
+    u_new = add(add(u, dv_e, 1.0), a, T)
+    return u_new, add(add(add(s, u, 0.5 * T), u_new, 0.5 * T), f, T)
+
+
+@part
+def drift_of(v, v_new, dv_e, up, error, T, gains):
+    """a and f of look_ahead as they were in a step."""
+    k = 1 / T
+    a = (v_new[0] - v[0] - dv_e[0]) * k, (v_new[1] - v[1] - dv_e[1]) * k, (v_new[2] - v[2] - dv_e[2]) * k
+    return a, add((0.0, 0.0, 0.0), up, -gains[0] * error)
 
 
 @part
@@ -239,51 +286,3 @@ def record(out, j, C, v, r):
     for i in range(3):
         out[j, V_N + i] = v_n[i]
         out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
-
-
-@part
-def translate(C, dv_start, scroll, v, r, correction, T, height_ref, gains):
-    """One step of velocity and position: v, r, vertical correction, displacement, force increment, mid-step up."""
-    up, height = normal(add(r, v, 0.5 * T))
-    error = height - height_ref
-    dv_e, v_new = step_velocity(
-        v, rotate(C, dv_start), add((0.0, 0.0, 0.0), up, -T * gravity(up[2], height)), OMEGA * T
-    )
-    v_new = add(v_new, up, -T * (gains[1] * error + correction))
-    dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), rotate(C, scroll), T)
-    r_new = add(add(r, dr, 1.0), up, -T * gains[0] * error)
-    return v_new, r_new, correction + T * gains[2] * error, dr, dv_e, up
-
-
-@kernel
-def integrate(dt, dtheta, dv, height_ref, gains, ends, state, out):
-    """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to the row after it.
-
-    state (18,): q, v, r, the vertical correction, and dtheta, dv, dt of the interval before the first row; changed in
-    place, so that a stream cut anywhere gives the same bits. out (ends.size + 1, COLUMNS), its sums set by the caller:
-    zero, or in row 0 those of the part before. gains: k1, k2, k3 of the vertical loop, all zero when free;
-    height_ref: the height it is damped to, one a row.
-    """
-    q, v, r = (state[0], state[1], state[2], state[3]), (state[4], state[5], state[6]), (state[7], state[8], state[9])
-    correction, theta_before, dv_before = state[10], (state[11], state[12], state[13]), (state[14], state[15], state[16])
-    dt_before, C, first = state[17], dcm(q), 0
-    for j in range(ends.size + 1):
-        last = ends[j] if j < ends.size else dt.size
-        for k in range(first, last):
-            T, theta, dv_b = dt[k], row(dtheta, k), row(dv, k)
-            rotation, dv_start, scroll = compensate(theta, dv_b, theta_before, dv_before, T, dt_before, False)
-            middle = add(r, v, 0.5 * T)
-            v_new, r, correction, dr, dv_e, up = translate(
-                C, dv_start, scroll, v, r, correction, T, height_ref[k], gains
-            )
-            q = turn_attitude(q, rotation, OMEGA * T, False)
-            C_new = dcm(q)
-            accumulate(out, j, T, dcm_ne_at(middle, up), C, C_new, v, v_new, dr, dv_e, theta)
-            v, C, theta_before, dv_before, dt_before = v_new, C_new, theta, dv_b, T
-        first = last
-        if j < ends.size:
-            record(out, j, C, v, r)
-    state[0], state[1], state[2], state[3] = q
-    state[10], state[17] = correction, dt_before
-    for i in range(3):
-        state[4 + i], state[7 + i], state[11 + i], state[14 + i] = v[i], r[i], theta_before[i], dv_before[i]
