@@ -17,7 +17,7 @@ from infield.bias_points import UNSEEN_SIGMA, AxisObservability
 from infield.claim_chain import ClaimChain
 from infield.merge import AXIS_Z_LIMIT, random_walk_covariance
 from infield.pipeline import SessionResult, UpdateResult
-from infield.session import SessionEstimate
+from infield.session import SessionEstimate, misalignment_sigma_mrad
 from infield.table import ThermalTable
 from infield.table_file import table_sha256, table_to_dict
 from infield.taxi_heading import heading_source
@@ -182,6 +182,7 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
     omega = EARTH_RATE_RAD_S / DEG_PER_HOUR
     walk = twin.gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
     creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG / np.sqrt(seconds / HOUR)
+    misalignment = misalignment_sigma_mrad(twin, result.settings)
     rows = []
     for axis in AXES:
         level = axis != "z"
@@ -190,7 +191,7 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
             "accelerometer bias (tilt)": omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat)),
             "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
             "yaw creep of the airframe": 0.0 if level else creep,
-            "misalignment": omega * result.settings.sigma_misalignment_mrad * MILLIRADIAN,
+            "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
             "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
             "bias instability": 0.664 * twin.gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
@@ -201,12 +202,13 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
 
 def _assumptions(result: UpdateResult) -> list[str]:
     s, twin = result.settings, result.twin
+    misaligned = ", ".join(f"{sigma:.3g}" for sigma in misalignment_sigma_mrad(twin, s))
     hold = f"the parked airframe keeps its heading up to {twin.vehicle.yaw_creep_arcsec_sqrt_h:g} arcsec/sqrt(h)"
     return [
         hold if s.hold_heading else "no parked-attitude constraint: the vertical gyro rests on its prior",
         f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within {s.sigma_lever_arm_m:g} m (1 sigma), both estimated",
         f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over {LATERAL_TIME_S:g} s",
-        f"gyro misalignment within {s.sigma_misalignment_mrad:g} mrad (1 sigma)",
+        f"gyro misalignment within {misaligned} mrad for x, y, z (1 sigma)",
         f"noise of the unit from {twin.source}",
         f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
         f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",

@@ -171,20 +171,21 @@ def _common_part(table: ThermalTable, axis: str) -> NDArray:
 
 def session_covariance(
     *, axis_index: ArrayLike, time_s: ArrayLike, duration_s: ArrayLike, gyro: GyroNoise, run_length_s: float,
-    power_on_s: float = 0.0, sigma_misalignment_mrad: float = 0.0,
+    power_on_s: float = 0.0, sigma_misalignment_mrad: ArrayLike = 0.0,
 ) -> NDArray:  # fmt: skip
     """T: covariance of one session's departure from the table, averaged over each point, shape (m, m) [(deg/h)^2].
 
     Per axis, axes independent: turn-on (a constant), flicker of two-sided PSD B^2 / (2 pi f) down to
     1 / (4 run_length_s), rate random walk K^2 t since `power_on_s`, and (15 deg/h sigma_misalignment)^2 for Earth
-    rate leaking in on this session's heading.  Source: formats.md section 3, physics.md 6.8.
+    rate leaking in on this session's heading (one sigma, or one for each of x, y, z).
+    Source: formats.md section 3, physics.md 6.8.
     """
     axis = np.asarray(axis_index, dtype=np.int64)
     start, end = bin_edges(time_s, duration_s)
-    misalignment = EARTH_RATE_RAD_S / DEG_PER_HOUR * MILLIRADIAN * sigma_misalignment_mrad
+    misalignment = EARTH_RATE_RAD_S / DEG_PER_HOUR * MILLIRADIAN * np.broadcast_to(sigma_misalignment_mrad, 3)[axis]
     T = (
         gyro.turn_on_deg_h**2
-        + misalignment**2
+        + misalignment[:, None] ** 2
         + gyro.bias_instability_deg_h**2 * flicker_covariance(start, end, lowest_hz=0.25 / run_length_s)
         + gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(start - power_on_s, end - power_on_s)
     )

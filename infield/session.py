@@ -120,6 +120,12 @@ def compensated_imu(
     return corrected(run.imu, correct)
 
 
+def misalignment_sigma_mrad(twin: TwinModel, settings: SessionSettings) -> NDArray:
+    """What Earth rate couples into x, y, z beyond the twin's misalignment, 1 sigma (3,): as measured, else as assumed."""
+    measured = np.linalg.norm(np.reshape(twin.gyro.sigma_misalignment_mrad, (3, 2)), axis=1)
+    return np.where(measured > 0, measured, settings.sigma_misalignment_mrad)
+
+
 def table_series(table: ThermalTable, temperature: GyroTemperature) -> Callable[[NDArray], NDArray]:
     """Table bias (k, 3) [deg/h] at any times: the table at the smoothed temperature's nodes, straight lines in between."""
     nodes_s, T = temperature.time_s, temperature.temperature_degC
@@ -151,7 +157,7 @@ def make_bins(
         duration_s=np.repeat(np.diff(edges), 3),
         gyro=twin.gyro,
         run_length_s=end_s,
-        sigma_misalignment_mrad=settings.sigma_misalignment_mrad,
+        sigma_misalignment_mrad=misalignment_sigma_mrad(twin, settings),
     )
     own[np.diag_indices_from(own)] += BIN_FLOOR_DEG_H**2
     table_deg_h = H @ table.parameters

@@ -343,6 +343,7 @@ class GyroNoise:
     turn_on_deg_h: float = 0.003
     scale_factor_ppm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6
+    sigma_misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6  # 0: not measured
     quantization_rad: float = 0.0
 
 
