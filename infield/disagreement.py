@@ -65,7 +65,7 @@ class Step:
         return (
             f"table disagrees with unit since about {self.since_utc[:10]}: gyro {self.axis} by {self.shift_deg_h:+.4f} +- "
             f"{self.sigma_deg_h:.4f} deg/h; {len(self.run_ids)} sessions agree ({', '.join(self.run_ids)}); "
-            "if the unit was not exchanged or misread, recal update with these runs and --accept-step follows it"
+            "if the site is entered right and the unit is this one, recal update with these runs and --accept-step follows it"
         )
 
 

@@ -91,7 +91,9 @@ def test_a_span_without_readings_is_not_usable_and_takes_its_shape_from_the_othe
     assert np.abs(found.at(inside) - warm_up()[1100:2400])[:, 1].max() < 1.0
 
 
-@pytest.mark.parametrize(("scale", "word"), [(lambda T: 1.8 * T + 32, "Fahrenheit"), (lambda T: 0.1 * T, "ten times too small")])
+@pytest.mark.parametrize(
+    ("scale", "word"), [(lambda T: 1.8 * T + 32, "Fahrenheit"), (lambda T: 0.1 * T, "ten times too small")]
+)
 def test_a_wrong_scale_leaves_the_axis_out(scale, word):
     T = warm_up()
     T[:, 2] = scale(T[:, 2])
