@@ -122,15 +122,18 @@ def page(rates: list[Rate], seconds: float) -> str:
 
 NOTES = """## What limits them
 
-- A tenth of the true temperature on every thermometer of a unit, or Fahrenheit on a unit colder than 20 degC, is a
-  plausible temperature: nothing in the log contradicts it. With block or accelerometer thermometers beside it, it is found.
-- R15: with the common shift at zero, two nodes one length apart are still correlated by 0.61; five hours instead of half
-  an hour of data change the mean at the visited node itself by its own noise, and 0.61 of that is right to follow.
-- R16: against a fresh table (0.0072 deg/h, with turn-on 0.0078) a session wrong by 0.03 is 3.8 sigma; the gate stands at
-  3.6, as a third of such errors lie within what honest sessions do. From the first merged session on the gate holds.
-- R17: a term is acted upon above 2.8 sigma, so a split of 3 sigma of its own estimate is found about as often as not; at
-  the size of 3 five-minute points it is larger than that. A session that contradicts the table is not explained by a
-  split that shows only between sessions: then both readings are named and nothing is merged.
+- R4: a tenth of the true temperature, or Fahrenheit on a cold unit, is a plausible temperature. Where every logged
+  thermometer has it, nothing in the log contradicts it; one third of the runs here log the gyros alone. A column that is
+  wrong by less than 12 degC for most of the run (a tenth of -5 to 10 degC) is not told from a gradient.
+- R15: with the common shift at zero, two nodes one length apart are still correlated by 0.61. Five hours instead of half
+  an hour of data move the visited node itself by more than 0.1 sigma, and Bayes carries 0.61 of that along.
+- R16: against a fresh table (0.0072 deg/h; with the turn-on bias 0.0078) a session wrong by 0.03 deg/h stands at 3.8 sigma
+  on average and the gate at 3.6, so the smallest of these errors often pass; a narrower gate would turn away honest
+  sessions. A table that has merged sessions is narrower itself, and so is the gate.
+- R17: a term counts above 2.8 sigma, so one of exactly 3 sigma of its own estimate is found in little more than half of the
+  runs, whatever the method, if false alarms are to stay at a few per cent. A session that contradicts the table is not
+  explained by a split that shows only between sessions: both readings are named, nothing is merged.
+  "Named" counts these too.
 """
 
 
