@@ -137,7 +137,7 @@ def navigate(
     -----
     Left out: the northward component of normal gravity (0.8 micro-g per km of height at 45 deg), as in ins.earth.
     The accumulations take the trapezoid of C_nb and of C_bn v_n over each interval, and leave out the position
-    correction of the vertical loop. About 0.045 microseconds a row; the first call ever compiles for 10 s.
+    correction of the vertical loop. About 0.045 microseconds a row; the first call ever compiles for 6 s of CPU.
 
     Pinned by: tests/ins/test_mechanization.py (closed forms), tests/ins/test_mechanization_oracle.py (flights of
     known truth, profiles of other authors, pyins)

@@ -8,6 +8,8 @@ State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel'
 
 from math import atan2, cos, sin, sqrt
 
+import numpy as np
+
 from ins.earth import EARTH_RATE_RAD_S as OMEGA
 from ins.earth import (
     ECCENTRICITY_SQUARED,
@@ -33,7 +35,9 @@ V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
 
 # State that a stream carries over: q, v, r, vertical correction; dtheta, dv, dt of the interval before; then the
 # look-ahead: u, s, a, f, a and f of the last step, rows and time since the look-ahead began, rows it may have.
-V, R, CORRECTION, BEFORE, DT_BEFORE, U, SEEN, A_USED, F_USED, A_LAST, F_LAST = 4, 7, 10, 11, 17, 18, 21, 24, 27, 30, 33
+V, R, CORRECTION, BEFORE, DT_BEFORE, U, SEEN, A_USED, F_USED, A_LAST, F_LAST = np.array(
+    [4, 7, 10, 11, 17, 18, 21, 24, 27, 30, 33], dtype=np.int64  # np.int64: one compilation for all, see strapdown_loop
+)
 COUNT, ELAPSED, LIMIT, STATE_SIZE = 36, 37, 38, 39
 LOOK_ROWS, LOOK_S = 16, 0.16  # see strapdown_loop
 

@@ -53,9 +53,15 @@ from ins.strapdown_kernel import (
 ROWS = S = LOOK_ROWS
 # Columns of a block: the row as read and as the one before; state before and after it; what it does in the body frame,
 # in the Earth frame, where it looks gravity up; its shares of the sums.
-THETA, DV, THETA_BEFORE, DV_BEFORE, T_ROW, WEIGHTS, HEIGHT_REF = 0, 3, 6, 9, 12, 13, 16
-Q, Q_NEW, V_OLD, V_NEW, R_NEW, TURNED, DV_START, SCROLL = 17, 21, 25, 28, 31, 34, 38, 41
-DV_E, SCROLL_E, MIDDLE, UP, ERROR, PULL, DR, SHARE = 44, 47, 50, 53, 56, 57, 60, 63
+# Columns and ZERO are np.int64, since numba compiles a function anew for each Python integer that it is given by name.
+ZERO = np.int64(0)
+(
+    THETA, DV, THETA_BEFORE, DV_BEFORE, T_ROW, WEIGHTS, HEIGHT_REF,
+    Q, Q_NEW, V_OLD, V_NEW, R_NEW, TURNED, DV_START, SCROLL,
+    DV_E, SCROLL_E, MIDDLE, UP, ERROR, PULL, DR, SHARE,
+) = np.array(
+    [0, 3, 6, 9, 12, 13, 16, 17, 21, 25, 28, 31, 34, 38, 41, 44, 47, 50, 53, 56, 57, 60, 63], dtype=np.int64
+)  # fmt: skip
 SHARES = 21
 ONE, TWO, THREE = np.uintp(S), np.uintp(2 * S), np.uintp(3 * S)  # columns on
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
@@ -113,7 +119,7 @@ def body_frame(F, l, small):
     put(F, SCROLL, l, scroll)
 
 
-@part
+@kernel
 def load(F, dt, dtheta, dv, height_ref, first, count, before):
     """Put rows first to first + count in the block; the interval before the next, and the largest squared angle."""
     theta_before, dv_before, dt_before = before
@@ -159,7 +165,7 @@ def share_motion(F, l):
     put(F, SHARE + 18, l, vector(F, THETA, l))
 
 
-@part
+@kernel
 def close_rows(F, out, ends, j, k, count):
     """Add the shares of rows k to k + count to their epochs and record the epochs that end; the next epoch."""
     a = 0
@@ -175,6 +181,70 @@ def close_rows(F, out, ends, j, k, count):
             j += 1
         a = b
     return j
+
+
+@kernel
+def body_frames(F, rows, width, small):
+    """What the rows do in the body frame of their starts."""
+    if small:
+        for l in range(width):
+            body_frame(F, l, True)
+    else:
+        for l in range(rows):
+            body_frame(F, l, False)
+
+
+@kernel
+def turn(F, rows, q):
+    """Attitudes before and after each row; the last one."""
+    for l in range(rows):
+        put_quaternion(F, Q, l, q)
+        q = turn_attitude(q, quaternion(F, TURNED, l), OMEGA * F[at(T_ROW, l)])
+        put_quaternion(F, Q_NEW, l, q)
+    return q
+
+
+@kernel
+def resolve(F, width):
+    """Force increments and scrolling in the Earth frame."""
+    for l in range(width):
+        C = dcm(quaternion(F, Q, l))
+        put(F, DV_E, l, force_increment(C, vector(F, DV_START, l), OMEGA * F[at(T_ROW, l)]))
+        put(F, SCROLL_E, l, rotate(C, vector(F, SCROLL, l)))
+
+
+@kernel
+def attract(F, width, gains):
+    """Up, height error and gravity's pull where each row looks."""
+    for l in range(width):
+        up, error, pull_e = pull(vector(F, MIDDLE, l), F[at(HEIGHT_REF, l)], F[at(T_ROW, l)], gains)
+        put(F, UP, l, up)
+        F[at(ERROR, l)] = error
+        put(F, PULL, l, pull_e)
+
+
+@kernel
+def move(F, rows, v, r, correction, gains):
+    """Velocity and position through the rows."""
+    for l in range(rows):
+        put(F, V_OLD, l, v)
+        v, r, correction, dr = translate(
+            v, r, correction, vector(F, DV_E, l), vector(F, SCROLL_E, l), vector(F, UP, l), F[at(ERROR, l)],
+            vector(F, PULL, l), F[at(T_ROW, l)], gains,
+        )  # fmt: skip
+        put(F, V_NEW, l, v)
+        put(F, R_NEW, l, r)
+        put(F, DR, l, dr)
+    return v, r, correction
+
+
+@kernel
+def share(F, width):
+    """What each row adds to the sums."""
+    for l in range(width):
+        share_attitude(F, l)
+    for l in range(width):
+        share_motion(F, l)
 
 
 @kernel
@@ -194,59 +264,33 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
     before = triple(state, BEFORE), triple(state, BEFORE + 3), state[DT_BEFORE]
     for l in range(width):  # unused rows are worked out as well
         put(F, MIDDLE, l, r)
-    k, j = 0, 0
+    k, j = ZERO, ZERO
     if ends.size > 0 and ends[0] == 0:
-        record(out, 0, dcm(q), v, r)
-        j = 1
+        record(out, j, dcm(q), v, r)
+        j += 1
     while k < dt.size:
         if count >= limit or elapsed + dt[k] > look_s:
             q, u, s, a, f = unit(q), v, r, a_last, f_last
             limit, count, elapsed = ROWS if limit > 0 else 1, 0, 0.0
-        rows = 0
+        rows = ZERO
         while k + rows < dt.size and count < limit and (count == 0 or elapsed + dt[k + rows] <= look_s):
             elapsed += dt[k + rows]
             rows, count = rows + 1, count + 1
         before, largest = load(F, dt, dtheta, dv, height_ref, k, rows, before)
-        if largest < FAST_ANGLE_2:
-            for l in range(width):
-                body_frame(F, l, True)
-        else:
-            for l in range(rows):
-                body_frame(F, l, False)
-        for l in range(rows):
-            put_quaternion(F, Q, l, q)
-            q = turn_attitude(q, quaternion(F, TURNED, l), OMEGA * F[at(T_ROW, l)])
-            put_quaternion(F, Q_NEW, l, q)
-        for l in range(width):
-            C = dcm(quaternion(F, Q, l))
-            put(F, DV_E, l, force_increment(C, vector(F, DV_START, l), OMEGA * F[at(T_ROW, l)]))
-            put(F, SCROLL_E, l, rotate(C, vector(F, SCROLL, l)))
+        body_frames(F, rows, width, largest < FAST_ANGLE_2)
+        q = turn(F, rows, q)
+        resolve(F, width)
         for l in range(rows):
             T = F[at(T_ROW, l)]
             put(F, MIDDLE, l, add(s, u, 0.5 * T))
             u, s = look_ahead(u, s, a, f, vector(F, DV_E, l), T)
-        for l in range(width):
-            up, error, pull_e = pull(vector(F, MIDDLE, l), F[at(HEIGHT_REF, l)], F[at(T_ROW, l)], gains)
-            put(F, UP, l, up)
-            F[at(ERROR, l)] = error
-            put(F, PULL, l, pull_e)
-        for l in range(rows):
-            put(F, V_OLD, l, v)
-            v, r, correction, dr = translate(
-                v, r, correction, vector(F, DV_E, l), vector(F, SCROLL_E, l), vector(F, UP, l), F[at(ERROR, l)],
-                vector(F, PULL, l), F[at(T_ROW, l)], gains,
-            )  # fmt: skip
-            put(F, V_NEW, l, v)
-            put(F, R_NEW, l, r)
-            put(F, DR, l, dr)
+        attract(F, width, gains)
+        v, r, correction = move(F, rows, v, r, correction, gains)
         l = rows - 1
         a_last, f_last = drift_of(
             vector(F, V_OLD, l), v, vector(F, DV_E, l), vector(F, UP, l), F[at(ERROR, l)], F[at(T_ROW, l)], gains
         )
-        for l in range(width):
-            share_attitude(F, l)
-        for l in range(width):
-            share_motion(F, l)
+        share(F, width)
         j = close_rows(F, out, ends, j, k, rows)
         k += rows
     state[0], state[1], state[2], state[3] = q
