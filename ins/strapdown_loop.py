@@ -286,10 +286,11 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
             u, s = look_ahead(u, s, a, f, vector(F, DV_E, l), T)
         attract(F, width, gains)
         v, r, correction = move(F, rows, v, r, correction, gains)
-        l = rows - 1
+        last = rows - 1
         a_last, f_last = drift_of(
-            vector(F, V_OLD, l), v, vector(F, DV_E, l), vector(F, UP, l), F[at(ERROR, l)], F[at(T_ROW, l)], gains
-        )
+            vector(F, V_OLD, last), v, vector(F, DV_E, last), vector(F, UP, last), F[at(ERROR, last)], F[at(T_ROW, last)],
+            gains,
+        )  # fmt: skip
         share(F, width)
         j = close_rows(F, out, ends, j, k, rows)
         k += rows
