@@ -64,11 +64,15 @@ def _stops(study: AzimuthStudy) -> list[dict[str, Any]]:
     """One row a stop, the bias before and after compensation."""
     fit, rows = study.result.fit, []
     sigma = np.sqrt(np.diag(study.covariance)).reshape(-1, 3)
+    m = len(study.heading_rad)
+    apart = np.kron(np.eye(m) - 1.0 / max(m, 1), np.eye(3))  # of a stop against the mean of all: without what they share
+    scatter = np.sqrt(np.diag(apart @ study.covariance @ apart.T)).reshape(-1, 3) if m else sigma
     after = fit.compensated_deg_h() if fit else study.bias_deg_h
     for j, heading in enumerate(study.heading_rad):
         row: dict[str, Any] = {
             "heading_deg": float(heading / DEG), "north_to_west_deg": float(north_to_west_rad(heading) / DEG),
             "bias_deg_h": study.bias_deg_h[j].tolist(), "sigma_deg_h": sigma[j].tolist(),
+            "sigma_apart_deg_h": scatter[j].tolist(),
             "compensated_deg_h": after[j].tolist(),
         }  # fmt: skip
         if study.stops:

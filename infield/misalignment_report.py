@@ -53,13 +53,13 @@ def _harmonics(document: dict[str, Any]) -> Markup:
         ax.axhline(gyro["bias_deg_h"], color=GREY, linewidth=0.8, linestyle=":")
         axis_text(ax, title=f"gyro {axis}", x="heading, deg", y="bias, deg/h" if k == 0 else "")
         ax.set_xticks([0, 90, 180, 270, 360])
-    axes[0, 0].legend(loc="best")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return svg_text(figure, "Bias of each gyro against heading, before and after compensation")
 
 
 def _points(ax: "Axes", document: dict[str, Any], heading: list[float], k: int, key: str, colour: str, label: str) -> None:
     value = [s[key][k] for s in document["stops"]]
-    sigma = [s["sigma_deg_h"][k] for s in document["stops"]]
+    sigma = [s["sigma_apart_deg_h"][k] for s in document["stops"]]
     shape = "o" if key == "bias_deg_h" else "s"
     ax.errorbar(heading, value, yerr=sigma, fmt=shape, color=colour, markersize=4, linewidth=0.9, capsize=2, label=label)
 
