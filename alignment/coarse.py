@@ -78,7 +78,7 @@ def first_rest(imu: ImuSource) -> tuple[float, float] | None:
     Judged on 10 s block means against their median over the stretch; three bad blocks in a row end it, single
     ones (somebody boards) do not. None: the log never rests.
     """
-    begins, ends, seconds, dv, dtheta = _block_sums(imu)
+    begins, ends, seconds, dv, dtheta = block_sums(imu)
     f, omega = dv / seconds[:, None], dtheta / seconds[:, None]
     for i in range(len(begins) - REST_BLOCKS + 1):
         reference = slice(i, i + REST_BLOCKS)
@@ -94,7 +94,7 @@ def first_rest(imu: ImuSource) -> tuple[float, float] | None:
     return None
 
 
-def _block_sums(imu: ImuSource) -> list[NDArray]:
+def block_sums(imu: ImuSource) -> list[NDArray]:
     """Of each 10 s block since the first row: times of its first and last row, sums of dt, dv and dtheta.
 
     A block that a piece of the log ends in waits for the next piece, so that each is one sum, however the log is cut.

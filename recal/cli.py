@@ -18,3 +18,4 @@ COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update",
 for _name in COMMANDS:
     app.command(_name, cls=Command)(importlib.import_module(f"recal.commands.{_name}").command)
 app.add_typer(importlib.import_module("recal.commands.table").app, name="table")
+app.add_typer(importlib.import_module("recal.commands.thermal").app, name="thermal")

@@ -17,6 +17,7 @@ from ins.json_file import StrictModel, parse, refuse_non_finite, without_schema
 from ins.records import InputError, Site, Survey, TwinModel
 from ins.twin_file import default_twin, read_twin, twin_from_dict
 from ins.units import DEG
+from trajectories.chamber import ChamberProfile
 from trajectories.motions import lay
 from trajectories.segments import SEGMENTS, Segment
 from trajectories.sensors import IdealSensors, ideal_sensors
@@ -73,6 +74,9 @@ class UnitSection:
     thermal_rate_deg_h_per_degC_min: Triple = ZERO
     lag_s: Triple = ZERO
     hysteresis_deg_h: Triple = ZERO
+    shupe_deg_h_per_degC_min: Triple = ZERO
+    shupe_centre_degC: Triple = (5.0, 12.0, 18.0)
+    shupe_lag_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +116,7 @@ class Scenario:
     run: RunSection
     site: SiteSection
     segments: tuple[Segment, ...]
-    thermal: ThermalHistory
+    thermal: ThermalHistory | ChamberProfile
     twin: TwinModel
     table_path: Path | None = None
     attitude: AttitudeSection = field(default_factory=AttitudeSection)
@@ -213,7 +217,8 @@ def scenario_unit(scenario: Scenario, *, table: dict[str, Any] | None = None) ->
         gyro_technology=_agreed(scenario.name, "gyro_technology", technologies),
         ageing_offset_deg_h=section.ageing_offset_deg_h, ageing_shape_deg_h=section.ageing_shape_deg_h,
         thermal_rate_deg_h_per_degC_min=section.thermal_rate_deg_h_per_degC_min, lag_s=section.lag_s,
-        hysteresis_deg_h=section.hysteresis_deg_h,
+        hysteresis_deg_h=section.hysteresis_deg_h, shupe_deg_h_per_degC_min=section.shupe_deg_h_per_degC_min,
+        shupe_centre_degC=section.shupe_centre_degC, shupe_lag_s=section.shupe_lag_s,
     )  # fmt: skip
 
 
@@ -269,11 +274,13 @@ def _one_of(kinds: dict[str, type], key: str, item: dict[str, Any], name: str) -
     return fill(kinds[kind], {k: v for k, v in item.items() if k != key}, name=f"{name} {kind}")
 
 
-def _thermal(data: dict[str, Any], name: str) -> ThermalHistory:
-    """A named start, any of its fields replaced."""
+def _thermal(data: dict[str, Any], name: str) -> ThermalHistory | ChamberProfile:
+    """A named start, any of its fields replaced; `chamber` is a profile of soaks and ramps."""
     start = data.get("start")
+    if start == "chamber":
+        return fill(ChamberProfile, {k: v for k, v in data.items() if k != "start"}, name=name)
     if start not in STARTS:
-        raise InputError(f"{name}: start: got {str(start)[:60]!r}, needed one of {', '.join(STARTS)}")
+        raise InputError(f"{name}: start: got {str(start)[:60]!r}, needed one of {', '.join(STARTS)}, chamber")
     base = thermal_history(start)
     changes = {k: v for k, v in data.items() if k != "start"}
     known = {f.name: getattr(base, f.name) for f in fields(base)}

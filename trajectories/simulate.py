@@ -24,6 +24,7 @@ from ins.records import (
     TwinModel,
 )  # fmt: skip
 from trajectories import imperfections
+from trajectories.chamber import ChamberProfile
 from trajectories.run import run_sha256
 from trajectories.sensors import IdealSensors
 from trajectories.thermal import ThermalHistory
@@ -51,7 +52,8 @@ class SimulatedRun:
 
 
 def simulate_run(
-    ideal: IdealSensors, thermal: ThermalHistory, unit: UnitTruth, twin: TwinModel, *, rng: np.random.Generator,
+    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, unit: UnitTruth, twin: TwinModel, *,
+    rng: np.random.Generator,
     with_gnss: bool = False, with_odometer: bool = False, with_phases: bool = True, events: Sequence[Event] = (),
     gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0), run_id: str = "simulated", tail: str = "SIM",
     start_utc: str = "2026-03-01T05:00:00Z", survey: Survey | None = None,
@@ -87,7 +89,7 @@ def simulate_run(
 
 
 def _biases(
-    ideal: IdealSensors, thermal: ThermalHistory, unit: UnitTruth, twin: TwinModel, rng: np.random.Generator
+    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, unit: UnitTruth, twin: TwinModel, rng: np.random.Generator
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Times (m,), gyro bias [deg/h] and accelerometer bias [micro-g] (m, 3) from power-on to the end of the run."""
     rate_hz = imperfections.SLOW_RATE_HZ
@@ -114,7 +116,7 @@ def _imu(
 
 
 def _temperatures(
-    ideal: IdealSensors, thermal: ThermalHistory, twin: TwinModel, rng: np.random.Generator
+    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, twin: TwinModel, rng: np.random.Generator
 ) -> tuple[TemperatureLog, NDArray]:
     time_s = np.arange(np.floor(ideal.time_s[-1] * TEMPERATURE_HZ) + 1) / TEMPERATURE_HZ
     true = thermal.at(time_s)

@@ -19,6 +19,7 @@ GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # random curves are cubic splines over
 NODES_DEGC = np.arange(-10.0, 51.0, 10.0)
 CURVE_SIZE_DEG_H = {"rlg": 0.03, "fog": 0.1, "mems": 30.0}  # RMS of the factory curve's linear, square and wavy part
 SHAPE_LENGTH_DEGC = 30.0  # correlation length of the ageing shape, physics.md 6.8
+SHUPE_WIDTH_DEGC = 9.0  # over which the coil's rate coefficient bends
 HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over this
 
 
@@ -26,8 +27,9 @@ HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over 
 class UnitTruth:
     """One unit as it is today: bias curves over temperature [deg/h], one an axis, held constant beyond their ends.
 
-    The last three terms are off by default. thermal_rate: bias per degC/min; lag_s: the bias follows the temperature
-    this late; hysteresis: half of the split between heating and cooling.
+    The other terms are off by default. thermal_rate: bias per degC/min; lag_s: the bias follows the temperature this
+    late; hysteresis: half of the split between heating and cooling. shupe: bias per degC/min of a fibre coil at its
+    centre temperature, where it bends from half of that (cold) to one and a half (hot); it follows dT/dt by shupe_lag_s.
     """
 
     imu_serial: str
@@ -38,6 +40,9 @@ class UnitTruth:
     thermal_rate_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
     lag_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     hysteresis_deg_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shupe_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shupe_centre_degC: tuple[float, float, float] = (5.0, 12.0, 18.0)
+    shupe_lag_s: float = 0.0
 
     def bias_deg_h(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
         """The settled true bias of an axis, mean over power-ons, at temperatures of any shape."""
@@ -52,9 +57,18 @@ class UnitTruth:
             bias[:, k] = self.bias_deg_h(axis, felt)
             if self.thermal_rate_deg_h_per_degC_min[k]:
                 bias[:, k] += self.thermal_rate_deg_h_per_degC_min[k] * np.gradient(gyro_degC[:, k], dt_s) * 60.0
+            if self.shupe_deg_h_per_degC_min[k]:
+                rate = _lagged(np.gradient(gyro_degC[:, k], dt_s) * 60.0, dt_s, self.shupe_lag_s)
+                bias[:, k] += self.shupe_coefficient(axis, gyro_degC[:, k]) * rate
             if self.hysteresis_deg_h[k]:
                 bias[:, k] += self.hysteresis_deg_h[k] * _hysteresis(gyro_degC[:, k])
         return bias
+
+    def shupe_coefficient(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
+        """Bias per rate [deg/h per degC/min] of the fibre coil at temperatures of any shape."""
+        k = AXES.index(axis)
+        bend = np.tanh((np.asarray(temperature_degC, dtype=float) - self.shupe_centre_degC[k]) / SHUPE_WIDTH_DEGC)
+        return np.asarray(self.shupe_deg_h_per_degC_min[k] * (1.0 + 0.5 * bend))
 
     def factory_table(self, node_degC: ArrayLike = NODES_DEGC) -> dict[str, Any]:
         """The table the factory delivered (recal.table/1), its sigma that of the ageing since."""
@@ -80,7 +94,7 @@ Terms = tuple[float, float, float]
 def aged_unit(
     rng: np.random.Generator, *, imu_serial: str = "SN-0042", gyro_technology: str = "rlg",
     ageing_offset_deg_h: float = 0.006, ageing_shape_deg_h: float = 0.004, table: dict[str, Any] | None = None,
-    **terms: Terms,
+    shupe_lag_s: float = 0.0, **terms: Terms,
 ) -> UnitTruth:  # fmt: skip
     """A unit and its ageing: on each axis a common shift and a smooth shape (1 sigma each) above the factory curve.
 
@@ -98,7 +112,7 @@ def aged_unit(
     ax, ay, az = (CubicSpline(GRID_DEGC, a) for a in ageing)
     return UnitTruth(
         imu_serial=imu_serial, gyro_technology=gyro_technology, factory_deg_h=(x, y, z), ageing_deg_h=(ax, ay, az),
-        sigma_deg_h=float(np.hypot(ageing_offset_deg_h, ageing_shape_deg_h)), **terms,
+        sigma_deg_h=float(np.hypot(ageing_offset_deg_h, ageing_shape_deg_h)), shupe_lag_s=shupe_lag_s, **terms,
     )  # fmt: skip
 
 
