@@ -11,7 +11,9 @@ from infield.azimuth_runs import Stop, between_turns, find_stops
 from infield.misalignment import AzimuthSettings, corrected_twin, study_runs
 from infield.misalignment_document import misalignment_document
 from infield.misalignment_report import misalignment_html
+from infield.pipeline import update_calibration
 from infield.session import SessionSettings, estimate_session, find_rest, misalignment_sigma_mrad, session_end
+from infield.table_file import table_sha256, table_to_dict
 from infield.thermometer import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
@@ -89,6 +91,14 @@ def test_two_sessions_on_opposite_headings_disagree_before_and_agree_after():
     before, after = (_difference_sigmas(twin) for twin in (TWIN, corrected))
     assert np.abs(before).min() > 4.0, before
     assert np.abs(after).max() < 2.6, after
+
+
+def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
+    corrected = corrected_twin(study([one_power_on(0.0).run], known=known(*FOUR_DEG)))
+    runs = [parked_run(heading).run for heading in (45.0, 225.0)]
+    parent = table_sha256(table_to_dict(table()))
+    before, after = (update_calibration(runs, table(), twin, parent_sha256=parent) for twin in (TWIN, corrected))
+    assert before.outcome == "inconsistent" and after.outcome == "accepted", (before.reasons, after.reasons)
 
 
 def _difference_sigmas(twin):
