@@ -30,7 +30,7 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
-LATITUDE_SIGMAS = 3.3  # alarm level of the latitude test: 0.1 % false alarms
+LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # tried in turn where the residuals exceed the model
 LEVEL_S = 30.0  # of the rest, for the first level: people who board later tilt the vehicle
