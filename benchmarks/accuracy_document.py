@@ -162,7 +162,8 @@ def draw(cells: Sequence[dict[str, Any]], path: Path) -> None:
     for k, panel in enumerate(panels):
         for c in shown:
             way = c["gnss"], c["hold"]
-            y = rows.index(c["row"]) + 0.19 * (ways.index(way) - 1.5)
+            of_row = [w for w in ways if any((d["row"], d["gnss"], d["hold"]) == (c["row"], *w) for d in shown)]
+            y = rows.index(c["row"]) + 0.19 * (of_row.index(way) - 0.5 * (len(of_row) - 1))
             bound, sigma, rms, low, high = (
                 1e3 * c[key][k] for key in ("bound_deg_h", "sigma_deg_h", "rms_deg_h", "rms_low_deg_h", "rms_high_deg_h")
             )
