@@ -106,6 +106,7 @@ def _axis(
         "K_delta_deg_h_per_degC_min": c.K_delta.tolist(), "sigma_K_delta_deg_h_per_degC_min": _sigma(c),
         "residual_over_sigma": float(np.sqrt(a.scatter)),
         "up_down": _pair(a), "document": _document(a, study),
+        "closed_forms": {"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
         "inflections": {key: [_breakpoint(b) for b in found] for key, found in zip(("K_T", "K_delta"), pair.inflections)},
         "piecewise": {"K_T": _piecewise(model.K_T[a.axis]), "K_delta": _piecewise(model.K_delta[a.axis]),
                       "bic": pair.bic, "residual_over_sigma": float(np.sqrt(pair.scatter))},
@@ -145,6 +146,17 @@ def _document(a: AxisFit, study: RampStudy) -> dict[str, Any] | None:
         "expected_gain": 1.0 - slow / max(run.rate for run in study.fast),
         "largest_difference_K_delta": float(np.max(np.abs(d - e))) if seen.any() else None,
         "largest_difference_K_T_deg_h": float(np.max(np.abs((offset - np.mean(offset[seen]))[seen]))) if seen.any() else None,
+    }
+
+
+def _closed(a: AxisFit, curves: Curves | None) -> dict[str, Any] | None:
+    """A closed form on two ramps beside the fit: the rates are those of whole ramps there, so that their ends tell less."""
+    if curves is None:
+        return None
+    off = np.abs(curves.K_delta - a.curves.K_delta)
+    return {
+        "K_T_deg_h": (curves.K_T_deg_h - np.nanmean(curves.K_T_deg_h)).tolist(),
+        "K_delta_deg_h_per_degC_min": curves.K_delta.tolist(), "largest_difference_K_delta": float(np.nanmax(off)),
     }
 
 
@@ -191,10 +203,12 @@ def _piecewise(curve: Piecewise) -> dict[str, Any]:
 
 def _check(found: HeldOut) -> dict[str, Any]:
     ratio: NDArray = found.after_deg_h / found.before_deg_h
+    causal: NDArray = found.causal_deg_h / found.before_deg_h
     return {
         "run_id": found.run.run_id, "sha256": found.run.sha256,
         "axes": {
             axis: {"before_deg_h": found.before_deg_h[k], "after_deg_h": found.after_deg_h[k], "ratio": ratio[k],
+                   "causal_after_deg_h": found.causal_deg_h[k], "causal_ratio": causal[k],
                    "noise_deg_h": found.noise_deg_h[k], "blocks": int(found.rows[:, k].sum())}
             for k, axis in enumerate(AXES) if np.isfinite(ratio[k])
         },

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from infield.causal_rate import causal_rates
 from infield.piecewise import Breakpoint, Piecewise
-from infield.ramp_runs import RampRun
-from infield.thermometer import GyroTemperature
-from ins.records import AXES, ImuLog, InputError, TemperatureLog
+from infield.ramp_runs import RampRun, ramp_run
+from infield.thermometer import GyroTemperature, gyro_temperature
+from ins.records import AXES, ImuLog, InputError, Run, TemperatureLog, TwinModel
 from ins.units import DEG_PER_HOUR
 
 SCHEMA = "recal.thermal_fog/1"
@@ -101,24 +101,35 @@ def _subtract(imu: ImuLog, bias_deg_h: NDArray) -> ImuLog:
 class HeldOut:
     """Residual of a run that nothing was fitted to, its ramps' blocks, each gyro less its mean (a constant is Earth rate).
 
-    before, after, noise (3,) RMS [deg/h]; NaN for an axis without model or blocks inside its range.
+    before, after (smoothed temperatures), causal (real-time order), noise (3,) RMS [deg/h]; NaN for an axis without model or
+    blocks inside its range. left_deg_h (n, 3): block means after compensation.
     """
 
     run: RampRun
     before_deg_h: NDArray
     after_deg_h: NDArray
-    noise_deg_h: NDArray
+    causal_deg_h: NDArray
     rows: NDArray
-    model_deg_h: NDArray
+    left_deg_h: NDArray
+
+    @property
+    def noise_deg_h(self) -> NDArray:
+        """White noise of a block."""
+        return self.run.sigma_deg_h
 
 
-def held_out(run: RampRun, model: FogModel) -> HeldOut:
-    """What the model leaves of a ramp."""
-    bias = model.bias_deg_h(run.temperature_degC, run.rate_degC_min)
-    rows = run.steady[:, None] & model.inside(run.temperature_degC)
-    before, after = np.full(3, np.nan), np.full(3, np.nan)
+def held_out(run: Run, raw: RampRun, model: FogModel, twin: TwinModel) -> HeldOut:
+    """What the model leaves of a run's ramps: its increments are compensated both ways and averaged as `raw` was."""
+    assert run.temperature is not None  # ramp_run has refused a run without
+    imu = run.imu.whole()
+    batch, causal = (
+        ramp_run(replace(run, imu=compensated), twin).bias_deg_h for compensated in (
+            compensate_batch(imu, model, gyro_temperature(run.temperature)), compensate_causal(imu, model, run.temperature)
+        )
+    )  # fmt: skip
+    rows = raw.steady[:, None] & model.inside(raw.temperature_degC)
+    size = np.full((3, 3), np.nan)
     for k in range(3):
         if rows[:, k].any():
-            raw, left = run.bias_deg_h[rows[:, k], k], (run.bias_deg_h - bias)[rows[:, k], k]
-            before[k], after[k] = np.std(raw), np.std(left)
-    return HeldOut(run, before, after, run.sigma_deg_h, rows, bias)
+            size[:, k] = [np.std(bias[rows[:, k], k]) for bias in (raw.bias_deg_h, batch, causal)]
+    return HeldOut(raw, size[0], size[1], size[2], rows, batch)

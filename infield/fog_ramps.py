@@ -62,7 +62,10 @@ class Curves:
 
 @dataclass(frozen=True)
 class AxisFit:
-    """One gyro: the fit over all blocks, its curves, the quicker and the document's ones (None where the runs lack them).
+    """One gyro: the fit over all blocks and its curves; fast_pair: the same fit to the fast runs alone.
+
+    document, two_ramps, fast_ramps: closed forms on smooth curves of single ramps (subtraction, exact separation, up and
+    down), None where the runs lack the ramps.
 
     scatter: chi2 of the residual per degree of freedom, before the sigmas were widened by its root.
     level_deg_h, level_sigma_deg_h: mean of K_T over the grid, and how well it is known apart from Earth rate.
@@ -74,6 +77,8 @@ class AxisFit:
     curves: Curves
     fast_pair: Curves | None
     document: Curves | None
+    two_ramps: Curves | None
+    fast_ramps: Curves | None
     scatter: float
     level_deg_h: float
     level_sigma_deg_h: float
@@ -182,8 +187,10 @@ def _fit_axis(k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: Tw
     pair = None
     if slow and {leg.direction for run in fast for leg in run.legs} == {"up", "down"}:
         pair = _curves(_fitted(axis_blocks(fast, k, twin, free=free))[1], grid, _rate_share(fast, k))
+    document, two_ramps, fast_ramps = _closed_forms(fast, slow, k, twin, grid)
     return AxisFit(
-        axis=AXES[k], reduced=reduced, fit=fit, curves=curves, fast_pair=pair, document=_as_document(fast, slow, k, twin, grid),
+        axis=AXES[k], reduced=reduced, fit=fit, curves=curves, fast_pair=pair, document=document, two_ramps=two_ramps,
+        fast_ramps=fast_ramps,
         scatter=scatter, level_deg_h=float(curves.K_T_deg_h.mean()), level_sigma_deg_h=level_sigma,
         level_known=level_sigma < 0.25 * max(float(np.ptp(curves.K_T_deg_h)), 1e-9) or all(run.heading_known for run in runs),
     )  # fmt: skip
@@ -237,18 +244,23 @@ def _curves(fit: CurveFit, grid: NDArray, rate_share: float) -> Curves:
     return Curves(grid, K_T, K_d, P_T, P_d + rate_share**2 * np.outer(K_d, K_d))
 
 
-def _as_document(fast: Sequence[RampRun], slow: Sequence[RampRun], k: int, twin: TwinModel, grid: NDArray) -> Curves | None:
-    """The document's subtraction on smooth curves of single ramps, up with up, down with down, the two then averaged."""
-    found = []
-    for direction in ("up", "down"):
-        curves = [_ramp_curve(runs, direction, k, twin, grid) for runs in (fast, slow)]
-        if curves[0] is not None and curves[1] is not None:
-            (b_fast, rate_fast), (b_slow, rate_slow) = curves[0], curves[1]
-            found.append(document_subtraction(b_fast, b_slow, rate_fast, rate_slow))
-    if not found:
-        return None
-    K_T, K_d = (np.mean([pair[j] for pair in found], axis=0) for j in range(2))
-    return Curves(grid, K_T, K_d)
+def _closed_forms(
+    fast: Sequence[RampRun], slow: Sequence[RampRun], k: int, twin: TwinModel, grid: NDArray
+) -> tuple[Curves | None, Curves | None, Curves | None]:
+    """Subtraction and exact separation, up with up, down with down, the two then averaged; and the fast ramp up and down."""
+    ramps = {(role, way): _ramp_curve(runs, way, k, twin, grid) for role, runs in (("fast", fast), ("slow", slow))
+             for way in ("up", "down")}  # fmt: skip
+    found: list[Curves | None] = []
+    for separation in (document_subtraction, exact_separation):
+        pairs = []
+        for way in ("up", "down"):
+            quick, steady = ramps["fast", way], ramps["slow", way]
+            if quick is not None and steady is not None:
+                pairs.append(separation(quick[0], steady[0], quick[1], steady[1]))
+        found.append(Curves(grid, *np.mean(pairs, axis=0)) if pairs else None)
+    up, down = ramps["fast", "up"], ramps["fast", "down"]
+    both = None if up is None or down is None else up_down(up[0], down[0], 0.5 * (up[1] - down[1]))
+    return found[0], found[1], None if both is None else Curves(grid, *both)
 
 
 def _ramp_curve(

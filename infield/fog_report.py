@@ -51,7 +51,7 @@ def _check_drawing(found: HeldOut) -> Markup:
         ax, rows = axes[0, k], found.rows[:, k]
         if rows.any():
             raw = found.run.bias_deg_h[rows, k]
-            left = raw - found.model_deg_h[rows, k]
+            left = found.left_deg_h[rows, k]
             t = found.run.time_s[rows] / 60.0
             ax.plot(t, raw - raw.mean(), ".", color=GREY, markersize=2.5, label="uncompensated")
             ax.plot(t, left - left.mean(), ".", color=AXIS_COLOURS.get(axis, BLACK), markersize=2.5, label="compensated")

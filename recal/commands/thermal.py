@@ -82,6 +82,55 @@ def fog(
     finish(document)
 
 
+@app.command("apply", cls=Command)
+def apply(
+    model: Annotated[Path, typer.Argument(help="A thermal_fog.json that was fitted.")],
+    run: Annotated[Path, typer.Argument(help="Run directory, raw gyro output.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The compensated run to write.")],
+    batch: Annotated[bool, typer.Option("--batch", help="Smoothed temperatures instead of real-time order.")] = False,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Take a fitted fibre-optic model out of a run's gyro output, each row from temperatures up to its own time.
+
+    Example: recal thermal apply fog/thermal_fog.json run-1 -o run-1-compensated
+    """
+    result = apply_model(model, run, output, batch=batch)
+    answer(result, as_json=as_json, verbose=verbose)
+    say(f"{output}: {result['run_id']}, {result['share_inside']:.0%} of it inside the fitted temperatures", quiet=quiet)
+
+
+def apply_model(model_path: Path, run_path: Path, output: Path, *, batch: bool) -> dict[str, Any]:
+    """Writes the compensated run; returns `recal.thermal_apply/1`."""
+    from dataclasses import replace
+
+    from infield.fog_model import compensate_batch, compensate_causal, model_from_document
+    from infield.thermometer import gyro_temperature
+    from ins.json_file import read_json_object
+    from ins.records import InputError
+    from trajectories.run import read_run, write_run
+
+    document = read_json_object(model_path)
+    model = model_from_document(document, name=str(model_path))
+    run = read_run(run_path)
+    header, serial = run.header, document.get("imu_serial")
+    if header.imu_serial != serial:
+        raise InputError(f"{run_path}: run.json: imu_serial {header.imu_serial!r}, needed {serial!r} as in {model_path}")
+    if run.temperature is None:
+        raise InputError(f"{run_path}: no gyro temperature in the run, needed to compensate it")
+    imu, log = run.imu.whole(), run.temperature
+    left = compensate_batch(imu, model, gyro_temperature(log)) if batch else compensate_causal(imu, model, log)
+    name = f"{header.run_id}-compensated"
+    write_run(output, replace(run, imu=left, header=replace(header, run_id=name), sha256=""))
+    return {
+        "schema": "recal.thermal_apply/1", "run": str(output), "run_id": name, "model": str(model_path),
+        "order": "batch" if batch else "real time", "axes": list(model.K_T),
+        "share_inside": float(model.inside(run.temperature.gyro_degC).all(axis=1).mean()),
+    }  # fmt: skip
+
+
 def fog_ramps(
     fast: list[Path], slow: list[Path], check: list[Path], *, allowed_deg_h: float | None, word_bits: int, remounted: bool,
     one_sided: bool, store_url: str, twin_path: Path | None, output: Path | None,
@@ -94,13 +143,14 @@ def fog_ramps(
     from infield.fog_report import fog_html
     from ins.records import InputError
     from recal.output import output_directory, program_version, write_files
+    from trajectories.run import read_run
 
     if allowed_deg_h is not None and not 0 < allowed_deg_h < float("inf"):
         raise InputError(f"--allowed-deg-h: got {allowed_deg_h:g}, needed more than 0")
     groups, model_of_noise = _read(fast, slow, check, store_url, twin_path)
     study = separate(groups[0], groups[1], model_of_noise, remounted=remounted, one_sided=one_sided)
     pairs, model = fit_models(study)
-    checks = [] if study.refused else [held_out(run, model) for run in groups[2]]
+    checks = [] if study.refused else [held_out(read_run(p), run, model, model_of_noise) for p, run in zip(check, groups[2])]
     document = fog_document(
         study, pairs, model, checks=checks, allowed_deg_h=allowed_deg_h or model_of_noise.gyro.bias_instability_deg_h or 0.001,
         word_bits=word_bits, version=program_version(),
@@ -197,6 +247,6 @@ def summary(document: dict[str, Any]) -> list[str]:
         for axis, row in found["axes"].items():
             lines.append(
                 f"  {found['run_id']} gyro {axis}: {row['before_deg_h']:.4f} -> {row['after_deg_h']:.4f} deg/h RMS "
-                f"(noise {row['noise_deg_h']:.4f})"
+                f"(noise {row['noise_deg_h']:.4f}), {row['causal_after_deg_h']:.4f} in real-time order"
             )
     return lines

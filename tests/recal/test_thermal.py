@@ -86,7 +86,7 @@ def test_coefficients_of_simulated_chamber_runs(runs, fitted):
         assert 0.65 < a["document"]["gain"] < 0.88  # 0.8 on ramps without ends: its rates are not steady there
         assert 0.9 < a["residual_over_sigma"] < 1.15
     (check,) = document["check"]
-    assert all(row["ratio"] <= 1 / 3 for row in check["axes"].values())
+    assert all(row["ratio"] <= 1 / 3 and row["causal_ratio"] <= 1 / 3 for row in check["axes"].values())
     assert {leg["direction"] for leg in document["runs"][0]["ramps"]} == {"up", "down"}
 
 
@@ -154,6 +154,21 @@ def test_bad_input_is_one_line(runs, words, said):
     result = CliRunner().invoke(app, ["thermal", "fog", "--fast", *(str(made.get(w, w)) for w in words)])
     assert isinstance(result.exception, InputError) and said in str(result.exception)
     assert "\n" not in str(result.exception)
+
+
+def test_a_run_is_compensated_on_disk_and_raw_ones_of_other_units_are_not(runs, fitted):
+    folder, made = runs
+    words = ["thermal", "apply", str(folder / "out" / "thermal_fog.json")]
+    path = folder / "model.json"
+    path.write_text(json.dumps(fitted[1]))
+    words[2] = str(path)
+    result = CliRunner().invoke(app, [*words, str(made["check"]), "-o", str(folder / "left"), "--json"])
+    assert result.exit_code == 0 and json.loads(result.stdout)["share_inside"] > 0.8
+    raw, left = (ramp_run(read_run(p), default_twin("fog")) for p in (made["check"], folder / "left"))
+    assert np.all(np.std(left.bias_deg_h[raw.steady], axis=0) <= np.std(raw.bias_deg_h[raw.steady], axis=0) / 3)
+    path.write_text(json.dumps({**fitted[1], "imu_serial": "SN-8"}))
+    result = CliRunner().invoke(app, [*words, str(made["check"]), "-o", str(folder / "none")])
+    assert isinstance(result.exception, InputError) and "SN-8" in str(result.exception) and not (folder / "none").exists()
 
 
 def test_a_result_that_is_none_is_no_model(fitted):
