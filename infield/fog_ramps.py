@@ -250,17 +250,16 @@ def _closed_forms(
     """Subtraction and exact separation, up with up, down with down, the two then averaged; and the fast ramp up and down."""
     ramps = {(role, way): _ramp_curve(runs, way, k, twin, grid) for role, runs in (("fast", fast), ("slow", slow))
              for way in ("up", "down")}  # fmt: skip
-    found: list[Curves | None] = []
-    for separation in (document_subtraction, exact_separation):
-        pairs = []
-        for way in ("up", "down"):
-            quick, steady = ramps["fast", way], ramps["slow", way]
-            if quick is not None and steady is not None:
-                pairs.append(separation(quick[0], steady[0], quick[1], steady[1]))
-        found.append(Curves(grid, *np.mean(pairs, axis=0)) if pairs else None)
+    subtracted, exact = [], []
+    for way in ("up", "down"):
+        quick, steady = ramps["fast", way], ramps["slow", way]
+        if quick is not None and steady is not None:
+            subtracted.append(document_subtraction(quick[0], steady[0], quick[1], steady[1]))
+            exact.append(exact_separation(quick[0], steady[0], quick[1], steady[1]))
+    pairs = [Curves(grid, *np.mean(found, axis=0)) if found else None for found in (subtracted, exact)]
     up, down = ramps["fast", "up"], ramps["fast", "down"]
     both = None if up is None or down is None else up_down(up[0], down[0], 0.5 * (up[1] - down[1]))
-    return found[0], found[1], None if both is None else Curves(grid, *both)
+    return pairs[0], pairs[1], None if both is None else Curves(grid, *both)
 
 
 def _ramp_curve(
