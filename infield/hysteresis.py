@@ -135,11 +135,24 @@ def joint_posterior(
     return JointPosterior(root @ mean[:n], 0.5 * (covariance + covariance.T), terms, spread)
 
 
+def with_free_common(table: ThermalTable) -> ThermalTable:
+    """The table with nothing believed of the common shift of each axis; its shape over temperature stays."""
+    P, level = table.covariance.copy(), VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]
+    for axis in AXES:
+        P[table.values_of(axis), table.values_of(axis)] += level**2
+    return table.replaced(covariance=P)
+
+
 def find_terms(table: ThermalTable, sessions: Sequence[SessionLikelihood]) -> tuple[ThermalTerm, ...]:
-    """For each axis the description that explains more, and whether it is found."""
+    """For each axis the description that explains more, and whether it is found.
+
+    Nothing is believed here of the level of the table: a session that only warms or only cools cannot tell a term from
+    a table that is off, and a gyro that aged by more than its sigma says has no hysteresis for it.
+    """
     if not sessions:
         return ()
-    fits = {kind: joint_posterior(table, sessions, kind) for kind in KINDS}
+    free = with_free_common(table)
+    fits = {kind: joint_posterior(free, sessions, kind) for kind in KINDS}
     found = []
     for k, axis in enumerate(AXES):
         rates = np.concatenate([np.where(s.bins.tied[:, k], s.bins.rate_degC_min[:, k], 0.0) for s in sessions])
