@@ -43,7 +43,8 @@ def fog_document(
     first = runs[0][1]
     gyro = study.twin.gyro
     return {
-        "schema": SCHEMA, "verdict": "refused" if study.refused else "fitted", "reasons": list(study.refused),
+        "schema": SCHEMA, "verdict": "refused" if study.refused else "inconsistent" if study.inconsistent else "fitted",
+        "reasons": [*study.refused, *study.inconsistent],
         "notes": list(study.notes), "version": version,
         "imu_serial": first.imu_serial, "gyro_technology": first.gyro_technology,
         "runs": [_run(role, run) for role, run in runs], "remounted": study.remounted,

@@ -51,7 +51,7 @@ def model_from_document(document: dict[str, Any], *, name: str = "model") -> Fog
         raise InputError(f"{name}: verdict: got {str(document.get('verdict'))[:60]!r}, needed 'fitted'")
     try:
         curves = {
-            key: {axis: _curve(fitted["piecewise"][key]) for axis, fitted in document["axes"].items()}
+            key: {axis: curve_from(fitted["piecewise"][key]) for axis, fitted in document["axes"].items()}
             for key in ("K_T", "K_delta")
         }
     except (KeyError, TypeError, ValueError) as error:
@@ -59,7 +59,8 @@ def model_from_document(document: dict[str, Any], *, name: str = "model") -> Fog
     return FogModel(curves["K_T"], curves["K_delta"])
 
 
-def _curve(data: dict[str, Any]) -> Piecewise:
+def curve_from(data: dict[str, Any]) -> Piecewise:
+    """One curve of a document's `piecewise`."""
     marks = []
     for mark in data["breakpoints"]:
         low, high = mark["interval_95_degC"]

@@ -22,6 +22,8 @@ GRID_degC = 2.5
 MOST_BINS, SHORTEST_BIN_S = 60, 900.0  # of a run's slow drift
 EQUAL_RATES = 0.8  # a slow ramp faster than this share of the fast one is the same ramp again
 OVERLAP_degC = 10.0  # of temperatures that both members of a pair must have passed
+TURNED_RAD = 2e-3  # 0.03 deg/h of Earth rate on another axis: the unit did not rest
+CONTRADICTS = 25.0  # chi2 per degree of freedom beyond which this is not the model of these data
 SAME_LEVEL_RAD = 1e-3  # runs whose levels differ by more were mounted anew
 INFLATE_ABOVE = 1.0  # chi2 per degree of freedom above which sigmas are widened by its root
 KT, KD = 0, 1
@@ -95,6 +97,7 @@ class RampStudy:
     refused: tuple[str, ...]
     notes: tuple[str, ...]
     axes: tuple[AxisFit, ...] = ()
+    inconsistent: tuple[str, ...] = ()
     remounted: bool = False
 
 
@@ -107,8 +110,10 @@ def separate(
     one_sided: accept ramps of one direction, where the level of K_delta rests on the repeatability of the turn-on bias.
     """
     runs = (*fast, *slow)
-    moved = remounted or _levels_differ(runs)
-    notes = ["the unit stands on another level in some runs: taken as mounted anew"] if moved and not remounted else []
+    notes = ["the unit stands on another level in some runs: taken as mounted anew"] if _levels_differ(runs) else []
+    if len({run.heading_known for run in runs}) > 1:
+        notes.append("some runs have a surveyed heading, some not: each has its own share of Earth rate")
+    moved = remounted or bool(notes)
     study = RampStudy(tuple(fast), tuple(slow), twin, (), tuple(notes), remounted=moved)
     why = _cannot_separate(fast, slow, free=moved, one_sided=one_sided)
     if why:
@@ -120,7 +125,12 @@ def separate(
         f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.2f} times as much as white noise and the twin's drift say: "
         "sigmas are widened by that" for a in axes if a.scatter > 1.5
     ]  # fmt: skip
-    return replace(study, axes=axes, notes=tuple(notes))
+    against = tuple(
+        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.1f} times as much as white noise and the twin's drift say, "
+        f"needed at most {np.sqrt(CONTRADICTS):g}: something else than temperature and its rate moves this bias"
+        for a in axes if a.scatter > CONTRADICTS
+    )  # fmt: skip
+    return replace(study, axes=() if against else axes, notes=tuple(notes), inconsistent=against)
 
 
 def _levels_differ(runs: Sequence[RampRun]) -> bool:
@@ -132,6 +142,11 @@ def _cannot_separate(fast: Sequence[RampRun], slow: Sequence[RampRun], *, free: 
     """Reasons, each with what was measured, what was needed and what would help."""
     for role, runs in (("fast", fast), ("slow", slow)):
         for run in runs:
+            if run.turned_rad > TURNED_RAD:
+                return (
+                    f"moving base: {role} run {run.run_id} turns by {np.degrees(run.turned_rad):.2g} deg, needed rest within "
+                    f"{np.degrees(TURNED_RAD):.2g} deg: Earth rate would pass for a thermal bias",
+                )
             if not run.legs:
                 swing = float(np.ptp(run.temperature_degC.mean(axis=1))) if run.time_s.size else 0.0
                 return (
@@ -183,7 +198,8 @@ def _fit_axis(k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: Tw
     grid = np.arange(low, high + 0.5 * GRID_degC, GRID_degC)
     curves = _curves(fit, grid, _rate_share(runs, k))
     assert curves.K_T_covariance is not None
-    level_sigma = float(np.sqrt(curves.K_T_covariance.mean() + runs[0].level_sigma_deg_h[k] ** 2))
+    common = 0.0 if free else max(float(run.level_sigma_deg_h[k]) for run in runs)  # else it is in the covariance, run by run
+    level_sigma = float(np.hypot(np.sqrt(curves.K_T_covariance.mean()), common))
     pair = None
     if slow and {leg.direction for run in fast for leg in run.legs} == {"up", "down"}:
         pair = _curves(_fitted(axis_blocks(fast, k, twin, free=free))[1], grid, _rate_share(fast, k))

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.fog_model import HeldOut
+from infield.fog_model import HeldOut, curve_from
 from infield.report_figures import AXIS_COLOURS, BLACK, GREY, NEW, OLD, ORANGE, axis_text, in_style, new_figure, svg_text
 from infield.report_page import render_page
 from ins.records import AXES
@@ -35,6 +35,10 @@ def coefficient_drawing(axis: str, fitted: dict[str, Any]) -> Markup:
         ax.plot(T, value, color=NEW, label="exact separation")
         if fitted["document"] is not None:
             ax.plot(T, np.array(fitted["document"][key], dtype=float), color=OLD, linestyle="--", label="subtraction")
+        pieces = curve_from(fitted["piecewise"][name])(T)
+        if name == "K_T":
+            pieces = pieces - np.mean(pieces)
+        ax.plot(T, pieces, color=BLACK, linestyle=":", linewidth=1.3, label="piecewise")
         for mark in fitted["piecewise"][name]["breakpoints"]:
             ax.axvline(mark["temperature_degC"], color=GREY, linestyle=":", linewidth=1.2)
             ax.axvspan(*mark["interval_95_degC"], color=ORANGE, alpha=0.12, linewidth=0)

@@ -48,6 +48,7 @@ class RampRun:
 
     bias_deg_h: gyro output less what is known of Earth rate. sigma_deg_h (3,): white noise of one block. level_sigma_deg_h
     (3,): of the constant that Earth rate may have left. legs: the ramps; steady (n,): blocks within one.
+    turned_rad: largest net turn over a span that was left out; a unit that turned has another share of Earth rate since.
     """
 
     run_id: str
@@ -66,6 +67,7 @@ class RampRun:
     unusable: tuple[str, ...]
     roll_pitch_rad: tuple[float, float]
     heading_known: bool
+    turned_rad: float = 0.0
 
     @property
     def steady(self) -> NDArray:
@@ -107,7 +109,7 @@ def ramp_run(run: Run, twin: TwinModel) -> RampRun:
         time_s=t, temperature_degC=T, rate_degC_min=rate, bias_deg_h=bias, sigma_deg_h=blocks.sigma / DEG_PER_HOUR,
         rate_sigma_degC_min=_rate_sigma(temperature, t, window), level_sigma_deg_h=level_sigma, legs=legs,
         excluded=(*blocks.excluded, *temperature.spans()), unusable=temperature.unusable, roll_pitch_rad=level,
-        heading_known=run.header.survey.heading_rad is not None,
+        heading_known=run.header.survey.heading_rad is not None, turned_rad=blocks.turned_rad,
     )  # fmt: skip
 
 
@@ -125,6 +127,9 @@ class _Blocks:
         bumped = (np.abs(omega - calm) > BUMP_SIGMAS * np.maximum(noise, 1e-12)).any(axis=1) & ~moved
         good = ~(moved | bumped)
         self.excluded = (*_spans(begins, ends, moved, "moved or tilted"), *_spans(begins, ends, bumped, "bumped"))
+        turn = (dtheta - np.median(omega, axis=0) * seconds[:, None]) * ~good[:, None]
+        part = np.cumsum(np.diff(good.astype(int), prepend=1) == -1)
+        self.turned_rad = float(max(np.linalg.norm([np.bincount(part, column) for column in turn.T], axis=0)))
         minute = np.floor((begins - begins[0]) / BLOCK_S).astype(int)
         weight = np.where(good, seconds, 0.0)
         held = np.bincount(minute, weight)

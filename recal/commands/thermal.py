@@ -150,7 +150,7 @@ def fog_ramps(
     groups, model_of_noise = _read(fast, slow, check, store_url, twin_path)
     study = separate(groups[0], groups[1], model_of_noise, remounted=remounted, one_sided=one_sided)
     pairs, model = fit_models(study)
-    checks = [] if study.refused else [held_out(read_run(p), run, model, model_of_noise) for p, run in zip(check, groups[2])]
+    checks = [] if not study.axes else [held_out(read_run(p), run, model, model_of_noise) for p, run in zip(check, groups[2])]
     document = fog_document(
         study, pairs, model, checks=checks, allowed_deg_h=allowed_deg_h or model_of_noise.gyro.bias_instability_deg_h or 0.001,
         word_bits=word_bits, version=program_version(),
@@ -159,7 +159,7 @@ def fog_ramps(
     texts = {
         directory / "thermal_fog.json": result_text(document), directory / "thermal_fog.html": fog_html(document, checks)
     }  # fmt: skip
-    if not study.refused:
+    if study.axes:
         tables = fixed_tables(model, word_bits)
         worst = worst_rounding(model, tables, max(run.rate for run in study.fast))
         texts[directory / "thermal_fog.h"] = to_c_header(tables, worst, serial=document["imu_serial"])

@@ -196,3 +196,14 @@ def test_model_from_pair_alone_serves_a_held_out_ramp():
     pairs = {a.axis: piecewise_pair(a.reduced) for a in study.axes}
     model = FogModel({x: shifted(p.K_T, 0.0) for x, p in pairs.items()}, {x: p.K_delta for x, p in pairs.items()})
     assert np.all(left_of(ramp(rng, truth, rates=(0.9, -0.9)), model) < 1 / 3)
+
+
+def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
+    rng = np.random.default_rng(12)
+    truth = Truth(rng)
+    run = ramp(rng, truth)
+    wild = run.bias_deg_h + 0.5 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
+    study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
+    assert study.axes == () and len(study.inconsistent) == 3 and "something else" in study.inconsistent[0]
+    study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
+    assert study.axes == () and "moving base" in study.refused[0] and "0.57 deg" in study.refused[0]

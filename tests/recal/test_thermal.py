@@ -140,6 +140,9 @@ def test_several_runs_may_follow_one_option(runs):
     folder, made = runs
     result, document = run_fog(folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"])
     assert result.exit_code == 0 and [run["role"] for run in document["runs"]] == ["fast", "fast", "slow"]
+    assert "some runs have a surveyed heading" in document["notes"][0]
+    for a in document["axes"].values():  # and the surveyed one gives the level to all
+        assert a["level"]["known"] and a["level"]["sigma_deg_h"] < 0.01 and a["residual_over_sigma"] < 1.2
 
 
 @pytest.mark.parametrize(
