@@ -102,14 +102,14 @@ def judge(f):
 
 def test_figures_of_r20_over_30_units(record_property):
     found = figures(over_units(FEW))
-    record_property("figures", found)
+    record_property("figures", {key: float(value) for key, value in found.items()})
     judge(found)
 
 
 @pytest.mark.slow
 def test_figures_of_r20_over_200_units(record_property):
     found = figures(over_units(MANY))
-    record_property("figures", found)
+    record_property("figures", {key: float(value) for key, value in found.items()})
     judge(found)
 
 
