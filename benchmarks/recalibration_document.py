@@ -191,7 +191,8 @@ the true size of ageing. All but the cubic correct the factory table instead of 
 
 *Exact Bayesian merge* (`benchmarks/exact_merge.py`): the joint Gaussian posterior of all sessions so far in one
 batch, with the prior that the units were drawn from; it commits everything. No merge of these sessions can be
-expected to do better.
+expected to do better. Where recal differs from it, its gates did it: a sound session refused (the list `reasons` in the
+JSON), or a heating-cooling term seen where there is none (how often: `docs/rates_thermal.md`).
 
 *Cubic Hermite table*: the same sessions merged by the same code into a table of values and slopes; its factory slopes
 are those of the true factory curve, which saves the straight lines' error between nodes 10 degC apart.
