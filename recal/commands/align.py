@@ -64,13 +64,20 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
     imu = compensated_imu(run, unit.table, temperature, unit.twin)
     result = align_log(imu, run.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=run.phases)
     document = alignment_document(result, run)
+    if not unit.known:
+        sigma_deg_h = float(np.max(unit.table.sigma_deg_h(0, np.zeros(1))))
+        document["reasons"].append(
+            f"no table of {run.header.imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h, "
+            "what it is beyond that goes into the heading"
+        )
     write_text(output_directory(output, "align") / "alignment.json", result_text(document))
     return document
 
 
 def _summary(document: dict[str, Any]) -> list[str]:
     lines = [f"{document['run_id']}: {document['verdict']}"]
-    lines += [f"  because {reason}" for reason in document["reasons"]]
+    word = "note:" if document["verdict"] == "aligned" else "because"
+    lines += [f"  {word} {reason}" for reason in document["reasons"]]
     for name in ("roll", "pitch", "heading"):
         value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
         if value is not None and value == value:
