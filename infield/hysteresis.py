@@ -56,7 +56,8 @@ class ThermalTerm:
     """One axis: the better description, its coefficient and sigma (deg/h per degC/min, or deg/h half of the split).
 
     action: "rate term fitted", "sigma widened", "none found", "not tested", "does not explain the data" (of sessions that
-    contradict the table) or "a split, or a wrong session" (which too few sessions tell apart: nothing is done about it).
+    contradict the table), "a split, or a wrong session" (which too few sessions tell apart: nothing is done about it) or
+    "seen in one session" (of an update that has no other; nothing is done about it either).
     """
 
     axis: str
@@ -83,6 +84,8 @@ class ThermalTerm:
             size = f"{2 * self.value:+.4f} +- {2 * self.sigma:.4f} deg/h between heating and cooling"
         if self.action == "does not explain the data":
             return f"gyro {self.axis}: {size} looks like it, but does not bring the sessions into agreement: not used"
+        if self.action == "seen in one session":
+            return f"gyro {self.axis}: {size} ({abs(self.z):.1f} sigma) in one session: not used unless another one shows it"
         if self.action == "a split, or a wrong session":
             return f"gyro {self.axis}: heating and cooling differ, {size}, or a session is wrong: more sessions would tell"
         if not self.found:

@@ -112,3 +112,16 @@ def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(template):
         sessions, _ = take(table, [chosen], [truth], rng)
         z.append(with_thermal_terms(sessions, table, TWIN, SETTINGS)[0][0].z)
     assert abs(np.mean(z)) < 0.9
+
+
+def test_one_session_names_a_term_and_does_nothing_about_it():
+    """0.3 deg/h per degC/min, beyond doubt in one warm-up: said, and the session is merged as if it were not there."""
+    rng, table = np.random.default_rng([5, 172]), aged_table()
+    chosen = templates()[WARM]
+    data = bins_of(chosen, table)
+    truth = data.bins.table_deg_h + 0.3 * data.regressor("rate")[:, 0]
+    sessions, _ = take(table, [chosen], [truth], rng)
+    terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
+    assert terms[0].action == "seen in one session" and not terms[0].found
+    assert "not used unless another one shows it" in terms[0].words()
+    assert after is None and judged[0] is sessions[0]
