@@ -267,6 +267,26 @@ def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
     assert flt.tally.nis["row"] == pytest.approx(sum(nis), rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_each_step_from_the_same_state_is_filterpys_to_twelve_digits(seed):
+    """Propagation and scalar rows from a common state, in sigmas of before (an update that leaves a thousandth of a
+    sigma loses six digits of it in either)."""
+    rng = np.random.default_rng(100 + seed)
+    flt = new_filter(bins=3)
+    flt.x[:] = np.sqrt(np.diag(flt.P)) * rng.standard_normal(flt.x.size)
+    for step in random_program(rng, count=20):
+        before = np.diag(flt.P).copy()
+        x, P, _ = by_filterpy(flt, [step])
+        program = FilterProgram(steps_of(step[0], bin_index=step[1], rolling=step[2], keep=step[3]))
+        for row, z, variance in step[4]:
+            program.measure("row", np.array([0]), [z], [row], [variance])
+        flt.run(program)
+        sigma = np.sqrt(np.maximum(np.maximum(np.diag(P), before), 1e-20))
+        assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < 1e-12
+        assert np.abs((flt.x - x) / sigma).max() < 1e-12
+        flt.x, flt.P = x, P
+
+
 def test_a_whole_program_is_its_steps_one_by_one():
     """Operations come in the order of the steps, and within a step in the order they were written."""
     whole, single = new_filter(), new_filter()
