@@ -6,26 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.attitude import skew
-from ins.units import MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
+from ins.records import InputError
+from ins.units import HOUR, MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import ACCELS, AXIS, AddedNoise, Coefficient, Shape, ShapeParameter
+from simreal.effects.conditions import TEMPERATURE_CHANGE_degC, lacks_turns, swing
 from simreal.effects.formula import FormulaEffect, OutOfReach
-from simreal.effects.play import heating_sense
-from simreal.effects.recordings import (
-    WARMED_degC,
-    brakes,
-    flies,
-    has_accel_temperature,
-    lacking,
-    over,
-    span,
-    turns,
-)
+from simreal.effects.gyro_effect import one, several
+from simreal.effects.recordings import brakes, flies, has_accel_temperatures, lacking, over, span, turns
+from simreal.effects.thermal_memory import play
 from simreal.telemetry import Telemetry, Trace, on_axis
 
 REFERENCE_degC = 25.0
 CHANGING_m_s2 = 0.5  # a specific force that changes less shows no scale factor or cross axis
 CENTIMETRE = 0.01
-MINUTE = 60.0
+VERTICAL = 2  # the body axis of turns
 
 
 def on_accel(run: Telemetry, target: str, *series: NDArray) -> tuple[Trace, ...]:
@@ -33,28 +27,28 @@ def on_accel(run: Telemetry, target: str, *series: NDArray) -> tuple[Trace, ...]
     return tuple(Trace(accel_m_s2=on_axis(values, AXIS[target])) for values in series)
 
 
-def temperature_of(run: Telemetry, target: str) -> NDArray | None:
-    """Temperature of the target's accelerometer (n,) [degC]."""
-    return None if run.accel_degC is None else run.accel_degC[:, AXIS[target]]
+def accel_degC(run: Telemetry, target: str) -> NDArray:
+    """Temperature of the target's accelerometer (n,); InputError where none is logged."""
+    if run.accel_degC is None:
+        raise InputError(f"run {run.run_index}: no accelerometer temperature, needed by this effect")
+    return run.accel_degC[:, AXIS[target]]
 
 
 def thermal(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """k1 (T - 25 degC) and k2 (T - 25 degC)^2."""
-    temperature = temperature_of(run, target)
-    above = np.zeros(run.n) if temperature is None else temperature - REFERENCE_degC
+    above = accel_degC(run, target) - REFERENCE_degC
     return on_accel(run, target, MICRO_G * above, MICRO_G * above**2)
 
 
 def warm_up(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """A exp(-t/tau), t since power-on."""
-    return on_accel(run, target, MICRO_G * np.exp(-run.time_s / (shape["tau_min"] * MINUTE)))
+    return on_accel(run, target, MICRO_G * np.exp(-run.time_s / shape["tau_s"]))
 
 
 def hysteresis(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """h times the heating sense: half the split between the heating and the cooling branch."""
-    temperature = temperature_of(run, target)
-    sense = np.zeros(run.n) if temperature is None else heating_sense(temperature, shape["width_degC"])
-    return on_accel(run, target, MICRO_G * sense)
+    """h (P_w(T) - T) / w: -h on the heating branch, +h on the cooling one, 0 at the start; h is half of the split."""
+    T, w = accel_degC(run, target), shape["play_degC"]
+    return on_accel(run, target, MICRO_G * (play(run.time_s, T, w) - T) / w)
 
 
 def scale_factor(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -94,22 +88,21 @@ def flicker_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise
 
 
 def random_walk(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    return (AddedNoise(target, walk=MICRO_G**2 / 3600.0),)
+    return (AddedNoise(target, walk=MICRO_G**2 / HOUR),)
 
 
 def needs_warming(runs: Sequence[Telemetry], target: str) -> str:
-    if not has_accel_temperature(runs):
+    if not has_accel_temperatures(runs):
         return "an accelerometer temperature"
-    values = over([run for run in runs if run.accel_degC is not None], lambda run: run.accel_degC[:, AXIS[target]])  # type: ignore[index]
-    return lacking((span(values) > WARMED_degC, "a changing accelerometer temperature"))
+    changes = span(over(runs, lambda run: accel_degC(run, target)))
+    return lacking((changes > TEMPERATURE_CHANGE_degC, "an accelerometer temperature that changes"))
 
 
 def needs_turn_round(runs: Sequence[Telemetry], target: str) -> str:
-    known = [t for t in (temperature_of(run, target) for run in runs) if t is not None]
-    if not known:
+    if not has_accel_temperatures(runs):
         return "an accelerometer temperature"
-    sense = np.concatenate([heating_sense(t, WARMED_degC) for t in known])
-    return lacking((bool(sense.max() > 0.5), "heating"), (bool(sense.min() < -0.5), "cooling"))
+    swings = np.array([swing(accel_degC(run, target)) for run in runs]).max(axis=0)
+    return lacking((bool(swings.min() > TEMPERATURE_CHANGE_degC), "temperature rising and falling (a run that cools)"))
 
 
 def needs_own_force(runs: Sequence[Telemetry], target: str) -> str:
@@ -128,63 +121,63 @@ def needs_cross_force(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def needs_turns(runs: Sequence[Telemetry], target: str) -> str:
-    return lacking((turns(runs), "turns"))
+    return lacks_turns(runs, VERTICAL)
+
+
+def _misalignment(axis: str) -> FormulaEffect:
+    others = [f"to_{name}" for name in "xyz" if name != axis]
+    return FormulaEffect(
+        f"A06{axis}", "accel_misalignment", (f"accel_{axis}",), several(others, "mrad", 0.05, 0.25),
+        rivals=("imu_size_effect", "accel_scale_factor"), source="gap.md A06", formula=misalignment, need=needs_cross_force,
+    )  # fmt: skip
 
 
 ACCELEROMETER = (
     FormulaEffect(
-        "accel_thermal", "accel_thermal", ACCELS,
-        (Coefficient("linear", "ug/degC", 0.5, 5.0), Coefficient("quadratic", "ug/degC2", 0.005, 0.1)),
-        rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient"), source="A01",
+        "A01", "accel_thermal", ACCELS,
+        (Coefficient("linear", "ug per degC", 0.5, 5.0), Coefficient("quadratic", "ug per degC^2", 0.005, 0.1)),
+        rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient"), source="gap.md A01",
         formula=thermal, need=needs_warming,
     ),
     FormulaEffect(
-        "accel_warmup_transient", "accel_warmup_transient", ACCELS, (Coefficient("coefficient", "ug", 10.0, 100.0),),
-        shape=(ShapeParameter("tau_min", "min", 2.0, 60.0, 8),),
-        rivals=("accel_thermal", "platform_settling"), source="A02", formula=warm_up,
+        "A02", "accel_warmup_transient", ACCELS, one("ug", 10.0, 100.0),
+        shape=(ShapeParameter("tau_s", "s", 120.0, 3600.0, 8),),
+        rivals=("accel_thermal", "platform_settling"), source="gap.md A02", formula=warm_up,
     ),
     FormulaEffect(
-        "accel_thermal_hysteresis", "accel_thermal_hysteresis", ACCELS, (Coefficient("coefficient", "ug", 10.0, 30.0),),
-        shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
-        rivals=("accel_thermal",), source="A03", formula=hysteresis, need=needs_turn_round,
+        "A03", "accel_thermal_hysteresis", ACCELS, one("ug", 10.0, 30.0),
+        shape=(ShapeParameter("play_degC", "degC", 0.5, 10.0, 6),),
+        rivals=("accel_thermal",), source="gap.md A03", formula=hysteresis, need=needs_turn_round,
     ),
     FormulaEffect(
-        "accel_scale_factor", "accel_scale_factor", ACCELS, (Coefficient("coefficient", "ppm", 50.0, 200.0),),
-        rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity"), source="A04",
+        "A04", "accel_scale_factor", ACCELS, one("ppm", 50.0, 200.0),
+        rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity"), source="gap.md A04",
         formula=scale_factor, need=needs_own_force,
     ),
     FormulaEffect(
-        "accel_g2_sensitivity", "accel_g2_sensitivity", ACCELS, (Coefficient("coefficient", "ug/g2", 5.0, 20.0),),
-        rivals=("accel_scale_factor", "engine_start"), source="A05", formula=second_order, need=needs_changing_force,
+        "A05", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
+        rivals=("accel_scale_factor", "engine_start"), source="gap.md A05", formula=second_order, need=needs_changing_force,
     ),
+    *(_misalignment(axis) for axis in "xyz"),
     FormulaEffect(
-        "accel_misalignment", "accel_misalignment", ACCELS,
-        (Coefficient("first_axis", "mrad", 0.05, 0.25), Coefficient("second_axis", "mrad", 0.05, 0.25)),
-        rivals=("imu_size_effect", "accel_scale_factor"), source="A06; cross axes in the order x, y, z",
-        formula=misalignment, need=needs_cross_force,
-    ),
-    FormulaEffect(
-        "imu_size_effect", "imu_size_effect", ACCELS,
-        tuple(Coefficient(axis, "cm", 2.0, 6.0) for axis in "xyz"),
-        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew"), source="A07",
+        "A07", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
+        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew"), source="gap.md A07",
         formula=size_effect, need=needs_turns,
     ),
     FormulaEffect(
-        "accel_noise", "accel_noise", ACCELS, (Coefficient("coefficient", "ug/sqrt(Hz)", 5.0, 30.0, signed=False),),
-        repeats="S", rivals=("platform_sway",), source="A08, white", noise_formula=white_noise,
+        "A08", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
+        repeats="S", rivals=("platform_sway", "timestamp_jitter"), source="gap.md A08, white", noise_formula=white_noise,
     ),
     FormulaEffect(
-        "accel_bias_instability", "slow_variation", ACCELS,
-        (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),), repeats="S",
-        rivals=("accel_rate_random_walk",), source="A08, flicker", noise_formula=flicker_noise,
+        "A08b", "accel_bias_instability", ACCELS, one("ug", 1.0, 5.0, signed=False), repeats="S",
+        rivals=("accel_rate_random_walk", "accel_thermal"), source="gap.md A08, flicker", noise_formula=flicker_noise,
     ),
     FormulaEffect(
-        "accel_rate_random_walk", "slow_variation", ACCELS,
-        (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),), repeats="S",
-        rivals=("accel_bias_instability",), source="A08, random walk", noise_formula=random_walk,
+        "A08c", "accel_rate_random_walk", ACCELS, one("ug/sqrt(h)", 1.0, 10.0, signed=False), repeats="S",
+        rivals=("accel_bias_instability", "accel_thermal"), source="gap.md A08, random walk", noise_formula=random_walk,
     ),
     OutOfReach(
-        "sculling_residual", "sculling_residual", ACCELS, (Coefficient("coefficient", "ug", 1.0, 50.0),),
-        rivals=("accel_g2_sensitivity",), source="A09", need="an IMU log of 500 Hz or more under vibration",
+        "A09", "sculling_residual", ACCELS, one("ug", 1.0, 50.0),
+        rivals=("accel_g2_sensitivity",), source="gap.md A09", need="raw data at 500 Hz under vibration",
     ),
 )  # fmt: skip

@@ -3,9 +3,11 @@
 from collections.abc import Sequence
 
 from ins.units import PPM
-from simreal.effects.base import ACCELS, AXIS, GYROS, AddedNoise, Coefficient, Shape
+from simreal.effects.base import ACCELS, AXIS, GYROS, AddedNoise, Shape
+from simreal.effects.conditions import lacks_turns
 from simreal.effects.formula import FormulaEffect, OutOfReach
-from simreal.effects.recordings import brakes, flies, lacking, turns
+from simreal.effects.gyro_effect import one, several
+from simreal.effects.recordings import brakes, flies, lacking
 from simreal.effects.wheels import MILLISECOND
 from simreal.telemetry import Telemetry, Trace, on_axis
 
@@ -46,7 +48,7 @@ def other_axes(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def needs_turns(runs: Sequence[Telemetry], target: str) -> str:
-    return lacking((turns(runs), "turns"))
+    return lacks_turns(runs, 2)
 
 
 def needs_manoeuvres(runs: Sequence[Telemetry], target: str) -> str:
@@ -55,29 +57,29 @@ def needs_manoeuvres(runs: Sequence[Telemetry], target: str) -> str:
 
 DATA = (
     FormulaEffect(
-        "timestamp_jitter", "timestamp_jitter", ("vehicle",), (Coefficient("coefficient", "ms", 0.1, 10.0, signed=False),),
-        repeats="S", rivals=("accel_noise", "gyro_quantization", "gyro_angle_random_walk"), source="D01",
+        "D01", "timestamp_jitter", ("vehicle",), one("ms", 0.1, 10.0, signed=False),
+        repeats="S", rivals=("accel_noise", "gyro_quantization", "gyro_angle_random_walk"), source="gap.md D01",
         noise_formula=jitter,
     ),
     FormulaEffect(
-        "clock_rate", "clock_rate", ("vehicle",), (Coefficient("coefficient", "ppm", 1.0, 50.0),),
-        rivals=("gyro_scale_factor", "accel_scale_factor"), source="D02", formula=clock_rate, need=needs_turns,
+        "D02", "clock_rate", ("vehicle",), one("ppm", 1.0, 50.0),
+        rivals=("gyro_scale_factor", "accel_scale_factor"), source="gap.md D02", formula=clock_rate, need=needs_turns,
     ),
     FormulaEffect(
-        "gyro_accel_skew", "gyro_accel_skew", ("vehicle",), (Coefficient("coefficient", "ms", 1.0, 10.0),),
-        rivals=("imu_size_effect", "sculling_residual"), source="D03; delay of the accelerometers",
+        "D03", "gyro_accel_skew", ("vehicle",), one("ms", 1.0, 10.0),
+        rivals=("imu_size_effect", "sculling_residual"), source="gap.md D03; delay of the accelerometers",
         formula=skew_in_time, need=needs_manoeuvres,
     ),
     FormulaEffect(
-        "axis_or_unit_error", "axis_or_unit_error", GYROS + ACCELS,
-        tuple(Coefficient(axis, "1", 0.1, 2.0) for axis in "xyz"),
-        rivals=("gyro_misalignment", "gyro_scale_factor", "accel_misalignment", "accel_scale_factor"), source="D06",
+        "D06", "axis_or_unit_error", GYROS + ACCELS,
+        several("xyz", "1", 0.1, 2.0),
+        rivals=("gyro_misalignment", "gyro_scale_factor", "accel_misalignment", "accel_scale_factor"), source="gap.md D06",
         formula=other_axes,
     ),
     OutOfReach(
-        "saturation_or_rounding", "saturation_or_rounding", GYROS + ACCELS,
-        (Coefficient("coefficient", "LSB", 1.0, 10.0, signed=False),), repeats="S",
-        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="D07",
+        "D07", "saturation_or_rounding", GYROS + ACCELS,
+        one("LSB", 1.0, 10.0, signed=False), repeats="S",
+        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md D07",
         need="the raw rows: stairs and clipped values do not show in means over a second",
     ),
 )  # fmt: skip

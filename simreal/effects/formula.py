@@ -6,6 +6,7 @@ A declaration in the catalogue names the functions; the class only hands the cal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from ins.records import InputError
 from simreal.effects.base import AddedNoise, CatalogueEffect, Shape
 from simreal.telemetry import Telemetry, Trace
 
@@ -49,9 +50,12 @@ class FormulaEffect(CatalogueEffect):
 
 @dataclass(frozen=True)
 class OutOfReach(CatalogueEffect):
-    """A known effect on which a log of this format carries nothing: never found, always listed with what it needs."""
+    """A known effect that a log of this format does not show: never found, always listed with what it needs."""
 
     need: str = ""
 
     def needs(self, runs: Sequence[Telemetry], target: str) -> str:
         return self.need
+
+    def traces(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+        raise InputError(f"{self.name}: no trace in a log of this format, needed {self.need}")

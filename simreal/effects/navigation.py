@@ -7,6 +7,7 @@ import numpy as np
 from ins.earth import omega_ie_n
 from simreal.effects.base import GYROS, Coefficient, Shape
 from simreal.effects.formula import FormulaEffect, OutOfReach
+from simreal.effects.gyro_effect import one, several
 from simreal.effects.recordings import brakes, has_gnss, lacking, turns
 from simreal.effects.wheels import MILLISECOND
 from simreal.telemetry import Telemetry, Trace
@@ -34,29 +35,29 @@ def needs_gnss_turns(runs: Sequence[Telemetry], target: str) -> str:
 
 NAVIGATION = (
     FormulaEffect(
-        "gnss_lever_arm_or_latency", "gnss_lever_arm_or_latency", ("gnss",),
-        (*(Coefficient(axis, "m", 0.1, 3.0) for axis in "xyz"), Coefficient("latency", "ms", 10.0, 200.0)),
-        rivals=("lever_arm", "airframe_flexure"), source="F02; true less logged", formula=gnss_antenna,
+        "F02", "gnss_lever_arm_or_latency", ("gnss",),
+        (*several("xyz", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
+        rivals=("lever_arm", "airframe_flexure"), source="gap.md F02; true less logged", formula=gnss_antenna,
         need=needs_gnss_turns,
     ),
     OutOfReach(
-        "coning_residual", "coning_residual", GYROS, (Coefficient("coefficient", "deg/h", 0.0003, 0.003),),
-        rivals=("gyro_g2_sensitivity", "gyro_dither_coning"), source="F01",
+        "F01", "coning_residual", GYROS, one("deg/h", 0.0003, 0.003),
+        rivals=("gyro_g2_sensitivity", "gyro_dither_coning"), source="gap.md F01",
         need="an IMU log of 500 Hz or more under vibration",
     ),
     OutOfReach(
-        "airframe_flexure", "airframe_flexure", ("vehicle",), (Coefficient("coefficient", "mrad/g", 1.0, 5.0),),
-        rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"), source="F03",
+        "F03", "airframe_flexure", ("vehicle",), one("mrad/g", 1.0, 5.0),
+        rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"), source="gap.md F03",
         need="flight with an attitude reference at the antenna",
     ),
     OutOfReach(
-        "schuler_start_error", "schuler_start_error", ("vehicle",),
-        (Coefficient("tilt_north", "arcsec", 5.0, 50.0), Coefficient("tilt_east", "arcsec", 5.0, 50.0)),
-        rivals=("vertical_deflection", "accel_thermal"), source="F04",
+        "F04", "schuler_start_error", ("vehicle",),
+        several(("tilt_north", "tilt_east"), "arcsec", 5.0, 50.0),
+        rivals=("vertical_deflection", "accel_thermal"), source="gap.md F04",
         need="the unit's own navigation output over 42 minutes or more",
     ),
     OutOfReach(
-        "baro_lag", "baro_lag", ("vehicle",), (Coefficient("coefficient", "% of climb", 1.0, 3.0),),
-        rivals=("accel_scale_factor",), source="F05", need="a barometer in a climb",
+        "F05", "baro_lag", ("vehicle",), one("% of climb", 1.0, 3.0),
+        rivals=("accel_scale_factor",), source="gap.md F05", need="a barometer in a climb",
     ),
 )  # fmt: skip

@@ -9,20 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
+from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
+from simreal.effects.conditions import TEMPERATURE_CHANGE_degC
 from simreal.effects.formula import FormulaEffect
-from simreal.effects.recordings import WARMED_degC, lacking, over, span
+from simreal.effects.gyro_effect import one, several
+from simreal.effects.gyro_events import ONSET
+from simreal.effects.recordings import lacking, over, span
 from simreal.telemetry import Telemetry, Trace, on_axis
 
 ARCMIN = 60.0 * ARCSEC
 MILLIGAL = 1e-5  # [m/s^2]
-MINUTE = 60.0
 REFERENCE_degC = 25.0
 STEP_TAKES_s = 1.0  # a boarding or fuel step is no jump
 ROTATIONAL_SWAY_s = 1.0  # correlation time of the angle in gusts
+VEHICLE, SITE = ("vehicle",), ("site",)
 LATITUDE_STEP_rad = 1e-4  # of the derivative of gravity
-ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)
 
 
 def turned(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray, axis: int) -> Trace:
@@ -66,7 +69,7 @@ def sway_rotation(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise
 
 def settling(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Roll and pitch A (1 - exp(-t/tau)), t since power-on."""
-    tau_s = shape["tau_min"] * MINUTE
+    tau_s = shape["tau_s"]
     return tuple(turned_in_time(run, lambda t: -ARCSEC * np.expm1(-t / tau_s), axis) for axis in (0, 1))
 
 
@@ -95,7 +98,9 @@ def mount_temperature(run: Telemetry) -> NDArray | None:
 def mount_sag(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Roll and pitch of the unit on its mount, in proportion to (T - 25 degC)."""
     temperature = mount_temperature(run)
-    angle = ARCSEC * (np.zeros(run.n) if temperature is None else temperature - REFERENCE_degC)
+    if temperature is None:
+        raise InputError(f"run {run.run_index}: no gyro or block temperature, needed by platform_mount_sag")
+    angle = ARCSEC * (temperature - REFERENCE_degC)
     return tuple(turned(run, angle, run.rate_of(angle), axis) for axis in (0, 1))
 
 
@@ -134,9 +139,9 @@ def deflection(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 def needs_mount_temperature(runs: Sequence[Telemetry], target: str) -> str:
     known = [t for t in map(mount_temperature, runs) if t is not None]
-    if not known:
+    if not known or len(known) < len(runs):
         return "a gyro or block temperature"
-    return lacking((span(np.concatenate(known)) > WARMED_degC, "a changing temperature"))
+    return lacking((span(np.concatenate(known)) > TEMPERATURE_CHANGE_degC, "a temperature that changes"))
 
 
 def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
@@ -145,54 +150,48 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
 
 PLATFORM = (
     FormulaEffect(
-        "platform_sway", "platform_sway", ("vehicle",), (Coefficient("coefficient", "m/s", 0.001, 0.02, signed=False),),
-        repeats="S", rivals=("accel_noise",), source="P01 (a)", noise_formula=sway,
+        "P01a", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
+        rivals=("accel_noise",), source="gap.md P01 (a)", noise_formula=sway,
     ),
     FormulaEffect(
-        "platform_sway_rotation", "platform_sway", ("vehicle",),
-        (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
-        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="P01 (b)", noise_formula=sway_rotation,
+        "P01b", "platform_sway", VEHICLE, (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
+        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md P01 (b)",
+        noise_formula=sway_rotation,
     ),
     FormulaEffect(
-        "platform_settling", "platform_settling", ("vehicle",),
-        (Coefficient("roll", "arcsec", 20.0, 200.0), Coefficient("pitch", "arcsec", 20.0, 200.0)),
-        shape=(ShapeParameter("tau_min", "min", 3.0, 60.0, 10),), repeats="E",
-        rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient"), source="P02",
+        "P02", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+        shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
+        rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient"), source="gap.md P02",
         formula=settling, need=needs_standstill,
     ),
     FormulaEffect(
-        "platform_step", "platform_step", ("vehicle",),
-        tuple(Coefficient(name, "arcsec", 10.0, 300.0) for name in ("roll", "pitch", "heading")),
-        shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="P03", formula=step,
+        "P03", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
+        shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
     ),
     FormulaEffect(
-        "platform_yaw_creep", "platform_yaw_creep", ("vehicle",), (Coefficient("coefficient", "arcsec/h", 5.0, 100.0),),
-        repeats="E", rivals=("gyro_turn_on_bias", "gyro_rate_ramp"), source="P04", formula=yaw_creep, need=needs_standstill,
+        "P04", "platform_yaw_creep", VEHICLE, one("arcsec/h", 5.0, 100.0), repeats="E",
+        rivals=("gyro_turn_on_bias", "gyro_rate_ramp"), source="gap.md P04", formula=yaw_creep, need=needs_standstill,
     ),
     FormulaEffect(
-        "platform_mount_sag", "platform_mount_sag", ("vehicle",),
-        (Coefficient("roll", "arcsec/degC", 0.2, 3.0), Coefficient("pitch", "arcsec/degC", 0.2, 3.0)),
-        rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="P05",
+        "P05", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
+        rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="gap.md P05",
         formula=mount_sag, need=needs_mount_temperature,
     ),
     FormulaEffect(
-        "engine_start", "engine_start", ("vehicle",), tuple(Coefficient(axis, "ug", 10.0, 200.0) for axis in "xyz"),
-        shape=(ONSET,), repeats="E", rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step"), source="P06, bias",
-        formula=engine_step,
+        "P06a", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
+        rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step"), source="gap.md P06, bias", formula=engine_step,
     ),
     FormulaEffect(
-        "engine_start_noise", "engine_start", ("vehicle",),
-        (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),), shape=(ONSET,), repeats="E",
-        rivals=("accel_noise",), source="P06, noise", noise_formula=engine_noise,
+        "P06b", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
+        shape=(ONSET,), repeats="E", rivals=("accel_noise",), source="gap.md P06, noise", noise_formula=engine_noise,
     ),
     FormulaEffect(
-        "site_latitude_error", "site_latitude_error", ("site",), (Coefficient("coefficient", "arcmin", 0.2, 5.0),),
-        rivals=("gyro_turn_on_bias", "gyro_misalignment"), source="P07; entered less true", formula=latitude_error,
+        "P07", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
+        rivals=("gyro_turn_on_bias", "gyro_misalignment"), source="gap.md P07; entered less true", formula=latitude_error,
     ),
     FormulaEffect(
-        "vertical_deflection", "vertical_deflection", ("site",),
-        (Coefficient("north", "arcsec", 5.0, 20.0), Coefficient("east", "arcsec", 5.0, 20.0),
-         Coefficient("anomaly", "mGal", 10.0, 50.0)),
-        rivals=("accel_scale_factor", "accel_thermal"), source="P08", formula=deflection,
+        "P08", "vertical_deflection", SITE,
+        (*several(("north", "east"), "arcsec", 5.0, 20.0), Coefficient("anomaly", "mGal", 10.0, 50.0)),
+        rivals=("accel_scale_factor", "accel_thermal"), source="gap.md P08", formula=deflection,
     ),
 )  # fmt: skip

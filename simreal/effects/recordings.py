@@ -5,11 +5,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from simreal.effects.conditions import lacks_turns
 from simreal.telemetry import AIRBORNE, Telemetry
 
 TURN_rad_s = 0.02  # a taxi turn of 90 deg takes less than 80 s
+MOVES_m_s = 1.0
 BRAKING_m_s2 = 0.3
-WARMED_degC = 1.0
 TURN_SPEED_RATIO = 1.2  # turns at two speeds: the 90 % point of the speeds over the 10 % point
 Runs = Sequence[Telemetry]
 
@@ -30,30 +31,26 @@ def span(values: NDArray) -> float:
     return float(np.ptp(values)) if values.size else 0.0
 
 
+def moving(run: Telemetry) -> NDArray:
+    """On the way, with a speed that navigation knows (n,)."""
+    return ~run.parked & (np.abs(run.speed_m_s) > MOVES_m_s)
+
+
 def rolls(runs: Runs) -> bool:
-    return any(bool(np.any(run.rolling)) for run in runs)
+    return any(bool(np.any(run.rolling & moving(run))) for run in runs)
 
 
 def flies(runs: Runs) -> bool:
     return any(bool(np.any(run.kind == AIRBORNE)) for run in runs)
 
 
-def moving_turns(runs: Runs) -> NDArray:
-    """Turn rates while the vehicle moves [rad/s]."""
-    return over(runs, lambda run: run.turn_rad_s[~run.parked])
-
-
 def turns(runs: Runs) -> bool:
-    return bool(np.any(np.abs(moving_turns(runs)) > TURN_rad_s))
-
-
-def turns_both_ways(runs: Runs) -> bool:
-    rates = moving_turns(runs)
-    return bool(np.any(rates > TURN_rad_s) and np.any(rates < -TURN_rad_s))
+    """About the vertical body axis."""
+    return not lacks_turns(runs, 2)
 
 
 def turns_at_two_speeds(runs: Runs) -> bool:
-    speeds = over(runs, lambda run: np.abs(run.speed_m_s[(~run.parked) & (np.abs(run.turn_rad_s) > TURN_rad_s)]))
+    speeds = over(runs, lambda run: np.abs(run.speed_m_s[moving(run) & (np.abs(run.turn_rad_s) > TURN_rad_s)]))
     if speeds.size < 2:
         return False
     slow, fast = np.quantile(speeds, [0.1, 0.9])
@@ -62,7 +59,7 @@ def turns_at_two_speeds(runs: Runs) -> bool:
 
 def brakes(runs: Runs) -> bool:
     """Both gains and loses speed."""
-    change = over(runs, lambda run: run.acceleration_m_s2[~run.parked])
+    change = over(runs, lambda run: run.acceleration_m_s2[moving(run)])
     return bool(np.any(change > BRAKING_m_s2) and np.any(change < -BRAKING_m_s2))
 
 
@@ -74,12 +71,17 @@ def has_odometer(runs: Runs) -> bool:
     return any(run.has_odometer for run in runs)
 
 
-def has_accel_temperature(runs: Runs) -> bool:
-    return any(run.accel_degC is not None for run in runs)
+def has_accel_temperatures(runs: Runs) -> bool:
+    return bool(runs) and all(run.accel_degC is not None for run in runs)
+
+
+def knows_way(runs: Runs) -> bool:
+    """A unit that does not find north is not navigated: its taxi has no known speed."""
+    return any(run.heading_known for run in runs)
 
 
 def taxi(runs: Runs, target: str) -> str:
-    return lacking((rolls(runs), "taxi"))
+    return lacking((knows_way(runs), "a known heading"), (rolls(runs), "taxi"))
 
 
 def odometer_taxi(runs: Runs, target: str) -> str:

@@ -9,27 +9,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import MILLIRADIAN, PPM
-from simreal.effects.base import AddedNoise, Coefficient, Shape
+from simreal.effects.base import AddedNoise, Shape
+from simreal.effects.conditions import lacks_left_and_right_turns
 from simreal.effects.formula import FormulaEffect
+from simreal.effects.gyro_effect import one, several
 from simreal.effects.recordings import (
+    MOVES_m_s,
     has_gnss,
     lacking,
     odometer_braking,
     odometer_taxi,
     taxi,
     turns_at_two_speeds,
-    turns_both_ways,
 )
-from simreal.telemetry import Telemetry, Trace
+from simreal.telemetry import AIRBORNE, Telemetry, Trace
 
 MILLISECOND = 1e-3
 CENTIMETRE_PER_S = 0.01
 PERCENT = 0.01
 
 
+def on_wheels(run: Telemetry) -> NDArray:
+    """Where wheels can turn (n,)."""
+    return run.kind != AIRBORNE
+
+
 def odometer_scale(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """read = (1 + s) v: a wheel smaller than believed reads too much."""
-    return (Trace(odometer_m_s=PPM * run.speed_m_s),)
+    return (Trace(odometer_m_s=PPM * run.speed_m_s * on_wheels(run)),)
 
 
 def boresight(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -42,7 +49,7 @@ def lever_arm(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
     The logged point then has the side velocity -w_z d_x, and the odometer, which reads at the true one, -w_z d_y more.
     """
-    turn = run.turn_rad_s * ~run.parked
+    turn = run.turn_rad_s * run.rolling
     return Trace(lateral_m_s=-turn), Trace(odometer_m_s=-turn)
 
 
@@ -53,23 +60,23 @@ def side_slip(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 def wheel_slip(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """v k a_x: a wheel under power turns faster, a braked one slower than it rolls."""
-    return (Trace(odometer_m_s=PERCENT * run.speed_m_s * run.acceleration_m_s2),)
+    return (Trace(odometer_m_s=PERCENT * run.speed_m_s * run.acceleration_m_s2 * on_wheels(run)),)
 
 
 def time_offset(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """The odometer shows the speed of dt ago: -dt v'."""
-    return (Trace(odometer_m_s=-MILLISECOND * run.acceleration_m_s2),)
+    return (Trace(odometer_m_s=-MILLISECOND * run.acceleration_m_s2 * on_wheels(run)),)
 
 
 def quantization(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
     """Rounding of the speed to steps q while the wheels turn: variance q^2 / 12."""
-    rolling = (~run.parked).astype(float)
+    rolling = run.rolling.astype(float)
     return (AddedNoise("odometer", sample=CENTIMETRE_PER_S**2 / 12.0, profile=rolling),)
 
 
 def stops(run: Telemetry) -> NDArray:
-    """Parked after having rolled (n,)."""
-    return run.parked & np.maximum.accumulate(~run.parked)
+    """Parked after a drive (n,)."""
+    return np.asarray(run.parked & np.maximum.accumulate(np.abs(run.speed_m_s) > MOVES_m_s))
 
 
 def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -80,7 +87,7 @@ def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def needs_turns_both_ways(runs: Sequence[Telemetry], target: str) -> str:
-    return lacking((turns_both_ways(runs), "left and right turns"))
+    return lacks_left_and_right_turns(runs, 2)
 
 
 def needs_turns_at_two_speeds(runs: Sequence[Telemetry], target: str) -> str:
@@ -94,37 +101,38 @@ def needs_stop_with_gnss(runs: Sequence[Telemetry], target: str) -> str:
 
 WHEELS = (
     FormulaEffect(
-        "odometer_scale", "odometer_scale", ("odometer",), (Coefficient("coefficient", "ppm", 1000.0, 10000.0),),
-        rivals=("wheel_slip", "clock_rate"), source="O01", formula=odometer_scale, need=odometer_taxi,
+        "O01", "odometer_scale", ("odometer",), one("ppm", 1000.0, 10000.0),
+        rivals=("wheel_slip", "clock_rate"), source="gap.md O01", formula=odometer_scale, need=odometer_taxi,
     ),
     FormulaEffect(
-        "odometer_boresight", "odometer_boresight", ("vehicle",), (Coefficient("coefficient", "mrad", 1.7, 17.0),),
-        rivals=("side_slip",), source="O02; direction of rolling less heading", formula=boresight, need=taxi,
+        "O02", "odometer_boresight", ("vehicle",), one("mrad", 1.7, 17.0),
+        rivals=("side_slip",), source="gap.md O02; direction of rolling less heading", formula=boresight, need=taxi,
     ),
     FormulaEffect(
-        "lever_arm", "lever_arm", ("vehicle",), (Coefficient("x", "m", 0.1, 3.0), Coefficient("y", "m", 0.1, 3.0)),
-        rivals=("side_slip", "imu_size_effect", "gnss_lever_arm_or_latency"), source="O03; true less logged",
+        "O03", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
+        rivals=("side_slip", "imu_size_effect", "gnss_lever_arm_or_latency"), source="gap.md O03; true less logged",
         formula=lever_arm, need=needs_turns_both_ways,
     ),
     FormulaEffect(
-        "side_slip", "side_slip", ("vehicle",), (Coefficient("coefficient", "mrad per m/s2", 1.7, 17.0),),
-        rivals=("lever_arm", "odometer_boresight"), source="O04", formula=side_slip, need=needs_turns_at_two_speeds,
+        "O04", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
+        rivals=("lever_arm", "odometer_boresight"), source="gap.md O04", formula=side_slip, need=needs_turns_at_two_speeds,
     ),
     FormulaEffect(
-        "wheel_slip", "wheel_slip", ("odometer",), (Coefficient("coefficient", "% per m/s2", 0.1, 3.0),),
-        rivals=("odometer_time_offset", "odometer_scale"), source="O05", formula=wheel_slip, need=odometer_braking,
+        "O05", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),
+        rivals=("odometer_time_offset", "odometer_scale"), source="gap.md O05", formula=wheel_slip, need=odometer_braking,
     ),
     FormulaEffect(
-        "odometer_time_offset", "odometer_time_offset", ("odometer",), (Coefficient("coefficient", "ms", 10.0, 200.0),),
-        rivals=("wheel_slip", "lever_arm"), source="O06; the odometer's delay", formula=time_offset, need=odometer_braking,
+        "O06", "odometer_time_offset", ("odometer",), one("ms", 10.0, 200.0),
+        rivals=("wheel_slip", "lever_arm"), source="gap.md O06; the odometer's delay", formula=time_offset,
+        need=odometer_braking,
     ),
     FormulaEffect(
-        "odometer_quantization", "odometer_quantization", ("odometer",),
-        (Coefficient("coefficient", "cm/s", 1.0, 5.0, signed=False),), repeats="S", rivals=("wheel_slip",),
-        source="O07; one pulse counted over a second", noise_formula=quantization, need=odometer_taxi,
+        "O07", "odometer_quantization", ("odometer",),
+        one("cm/s", 1.0, 5.0, signed=False), repeats="S", rivals=("wheel_slip",),
+        source="gap.md O07; one pulse counted over a second", noise_formula=quantization, need=odometer_taxi,
     ),
     FormulaEffect(
-        "false_standstill", "false_standstill", ("vehicle",), (Coefficient("coefficient", "cm/s", 1.0, 5.0),),
-        repeats="E", rivals=("gnss_lever_arm_or_latency",), source="O08", formula=creep, need=needs_stop_with_gnss,
+        "O08", "false_standstill", ("vehicle",), one("cm/s", 1.0, 5.0),
+        repeats="E", rivals=("gnss_lever_arm_or_latency",), source="gap.md O08", formula=creep, need=needs_stop_with_gnss,
     ),
 )  # fmt: skip
