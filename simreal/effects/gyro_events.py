@@ -6,13 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR, HOUR
-from simreal.effects.base import GYROS, Effect, Shape, ShapeParameter
+from simreal.effects.base import GYROS, Effect, Shape
 from simreal.effects.formula import OutOfReach
 from simreal.effects.gyro_effect import gyro_effect, on_gyro, one
+from simreal.effects.platform import ONSET
 from simreal.telemetry import Telemetry, Trace
-
-LONGEST_RUN_S = 86400.0  # bound of an onset; cut to the run
-ONSET = ShapeParameter("onset_s", "s", 0.0, LONGEST_RUN_S, 24, "linear", of_time=True)
 
 
 def constant(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -49,22 +47,23 @@ GYRO_EVENTS: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_turn_on_bias", repeats="P", coefficients=one("deg/h", 3e-3, 0.01),
         formula=constant, need=lacks_second_power_on,
-        rivals=("site_latitude_error", "gyro_g_sensitivity", "gyro_thermal_hysteresis", "gyro_misalignment"),
+        rivals=("site_latitude_error", "gyro_g_sensitivity", "gyro_thermal_hysteresis", "gyro_misalignment",
+            "gyro_magnetic_sensitivity", "gyro_dither_coning", "platform_yaw_creep"),
         source="gap.md G01; repeats P: a coefficient of its own at each power-on",
     ),
     gyro_effect(
         "gyro_rate_ramp", coefficients=one("deg/h/h", 1e-3, 5e-3), formula=ramp,
-        rivals=("gyro_warmup_transient", "gyro_rate_random_walk"),
+        rivals=("gyro_warmup_transient", "gyro_rate_random_walk", "platform_yaw_creep"),
         source="IEEE Std 952-1997, annex C: rate ramp",
     ),
     gyro_effect(
         "gyro_bias_step", repeats="E", coefficients=one("deg/h", 2e-3, 0.02), shape=(ONSET,),
-        formula=step, rivals=("platform_step", "engine_start", "gyro_common_mode"),
+        formula=step, rivals=("platform_step", "engine_start", "gyro_common_mode", "gyro_g2_sensitivity"),
         source="gap.md G10: mode reset",
     ),
     OutOfReach(
         "gyro_supply_voltage", "gyro_supply_voltage", GYROS, one("deg/h per V", 1e-3, 0.01), need="housekeeping voltages",
-        rivals=("gyro_common_mode", "unknown_function_of_run"), source="gap.md G27",
+        rivals=("gyro_common_mode",), source="gap.md G27",
     ),
     gyro_effect(  # its target stands for the triad: three equal hypotheses would share one probability
         "gyro_common_mode", targets=("gyro_x",), repeats="E", coefficients=one("deg/h", 2e-3, 0.02),

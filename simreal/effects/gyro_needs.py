@@ -47,11 +47,8 @@ def lacks_temperature(runs: Sequence[Telemetry], target: str) -> str:
     """For effects of the gyro's temperature itself: a temperature in all runs, not one and the same throughout."""
     if any(run.temperature_degC is None for run in runs):
         return "a gyro temperature"
-    return (
-        ""
-        if span(over(runs, lambda run: gyro_degC(run, target))) > TEMPERATURE_CHANGE_degC
-        else "a gyro temperature that changes"
-    )
+    changes = span(over(runs, lambda run: gyro_degC(run, target)))
+    return "" if changes > TEMPERATURE_CHANGE_degC else "a gyro temperature that changes"
 
 
 def lacks_temperature_rate(runs: Sequence[Telemetry], target: str) -> str:

@@ -4,7 +4,6 @@ Slow processes are `slow_variation` in reports (formats.md, section 5); their id
 """
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
 
@@ -50,8 +49,17 @@ def thermal_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise
     return (AddedNoise(target, white=DEG_PER_SQRT_HOUR**2, profile=(1.0 - share) * warm + share * ramp),)
 
 
-def lacks_minutes(runs: Sequence[Telemetry], target: str, *, minutes: float) -> str:
-    """Slow noise needs one run at least so long."""
+def lacks_ten_minutes(runs: Sequence[Telemetry], target: str) -> str:
+    """For noise that varies over minutes."""
+    return _lacks_minutes(runs, 10.0)
+
+
+def lacks_half_an_hour(runs: Sequence[Telemetry], target: str) -> str:
+    """For noise that grows without end."""
+    return _lacks_minutes(runs, 30.0)
+
+
+def _lacks_minutes(runs: Sequence[Telemetry], minutes: float) -> str:
     longest = max((run.n * run.dt_s for run in runs), default=0.0)
     return "" if longest >= 60.0 * minutes else f"a run of {minutes:g} minutes"
 
@@ -64,29 +72,31 @@ def lacks_seconds(runs: Sequence[Telemetry], target: str) -> str:
 GYRO_NOISE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_quantization", repeats="S", coefficients=one("arcsec", 0.3, 1.0, signed=False),
-        noise_formula=quantization, need=lacks_seconds, rivals=("gyro_angle_random_walk",),
+        noise_formula=quantization, need=lacks_seconds,
+        rivals=("gyro_angle_random_walk", "timestamp_jitter", "saturation_or_rounding"),
         source="IEEE Std 952-1997, annex C, and formats.md section 3",
     ),
     gyro_effect(
         "gyro_angle_random_walk", repeats="S", coefficients=one("deg/sqrt(h)", 1e-3, 5e-3, signed=False),
-        noise_formula=angle_random_walk, rivals=("gyro_quantization", "gyro_noise_thermal", "platform_sway"),
+        noise_formula=angle_random_walk,
+        rivals=("gyro_quantization", "gyro_noise_thermal", "platform_sway", "timestamp_jitter", "saturation_or_rounding"),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
         "slow_variation", id="gyro_bias_instability", repeats="S", coefficients=one("deg/h", 1e-3, 5e-3, signed=False),
-        noise_formula=bias_instability, need=partial(lacks_minutes, minutes=30.0),
+        noise_formula=bias_instability, need=lacks_half_an_hour,
         rivals=("gyro_gauss_markov", "gyro_rate_random_walk"), source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
         "slow_variation", id="gyro_rate_random_walk", repeats="S", coefficients=one("deg/h/sqrt(h)", 5e-4, 5e-3, signed=False),
-        noise_formula=rate_random_walk, need=partial(lacks_minutes, minutes=30.0),
+        noise_formula=rate_random_walk, need=lacks_half_an_hour,
         rivals=("gyro_rate_ramp", "gyro_bias_instability", "gyro_gauss_markov", "gyro_mode_hop"),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
         "slow_variation", id="gyro_gauss_markov", repeats="S", coefficients=one("deg/h", 1e-3, 0.01, signed=False),
         shape=(ShapeParameter("tau_s", "s", 50.0, 1000.0, 3),), noise_formula=gauss_markov,
-        need=partial(lacks_minutes, minutes=10.0), rivals=("gyro_bias_instability", "gyro_rate_random_walk", "gyro_mode_hop"),
+        need=lacks_ten_minutes, rivals=("gyro_bias_instability", "gyro_rate_random_walk", "gyro_mode_hop"),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(

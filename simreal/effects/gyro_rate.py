@@ -88,7 +88,7 @@ def _misalignment(axis: str) -> FormulaEffect:
         "gyro_misalignment", id=f"gyro_misalignment_{axis}", targets=(f"gyro_{axis}",),
         coefficients=several([f"to_{name}" for name in others], "mrad", 0.01, 0.1),
         formula=misalignment, need=lacks_cross_turns,
-        rivals=("gyro_magnetic_sensitivity", "gyro_turn_on_bias", "site_latitude_error"),
+        rivals=("gyro_magnetic_sensitivity", "gyro_turn_on_bias", "site_latitude_error", "airframe_flexure"),
         source="IEEE Std 647-2006: input-axis misalignment",
     )  # fmt: skip
 
@@ -96,7 +96,8 @@ def _misalignment(axis: str) -> FormulaEffect:
 GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_scale_factor", coefficients=one("ppm", 1.0, 50.0), formula=scale_factor, need=lacks_turns,
-        rivals=("clock_rate", "gyro_scale_asymmetry", "gyro_scale_thermal"), source="IEEE Std 647-2006: scale factor error",
+        rivals=("clock_rate", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in"),
+        source="IEEE Std 647-2006: scale factor error",
     ),
     gyro_effect(
         "gyro_scale_asymmetry", coefficients=one("ppm", 1.0, 10.0), formula=scale_asymmetry,
@@ -116,7 +117,7 @@ GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_g2_sensitivity", coefficients=one("deg/h per g^2", 3e-4, 3e-3),
         formula=g2_sensitivity, need=lacks_force_changes,
-        rivals=("gyro_bias_step", "gyro_dither_coning", "engine_start", "gyro_g_sensitivity"),
+        rivals=("gyro_bias_step", "gyro_dither_coning", "engine_start", "gyro_g_sensitivity", "coning_residual"),
         source="gap.md G17: vibration rectification, of the load factor only",
     ),
     gyro_effect(
@@ -133,7 +134,7 @@ GYRO_RATE: tuple[Effect, ...] = (
     ),
     gyro_effect(
         "gyro_dither_coning", coefficients=one("deg/h", 1e-3, 0.01), formula=constant,
-        need=lacks_high_rate_log, rivals=("gyro_turn_on_bias", "gyro_g2_sensitivity"),
+        need=lacks_high_rate_log, rivals=("gyro_turn_on_bias", "gyro_g2_sensitivity", "gyro_lock_in", "coning_residual"),
         source="gap.md G20: the constant that dither coning leaves, th_x th_y w sin(phase) / 2",
     ),
 )  # fmt: skip

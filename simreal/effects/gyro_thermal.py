@@ -88,7 +88,7 @@ GYRO_THERMAL: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_thermal_linear", coefficients=one("deg/h per degC", 5e-4, 3e-3),
         formula=linear, need=lacks_temperature,
-        rivals=("gyro_warmup_transient", "gyro_thermal_rate", "gyro_thermal_quadratic"),
+        rivals=("gyro_warmup_transient", "gyro_thermal_rate", "gyro_thermal_quadratic", "compensation_misapplied"),
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
     gyro_effect(
@@ -100,7 +100,8 @@ GYRO_THERMAL: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_thermal_rate", coefficients=one("deg/h per degC/min", 0.01, 0.5),
         formula=rate, need=lacks_temperature_rate,
-        rivals=("gyro_thermal_gradient", "gyro_thermal_lag", "gyro_thermal_linear", "temperature_sensor_error"),
+        rivals=("gyro_thermal_gradient", "gyro_thermal_lag", "gyro_thermal_linear", "temperature_sensor_error",
+            "platform_mount_sag"),
         source="Shupe (1980), Applied Optics 19, 654",
     ),
     gyro_effect(
