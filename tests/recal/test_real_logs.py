@@ -9,6 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from benchmarks import real_logs
 from ins.earth import gravity_magnitude
 from ins.units import DEG, DEG_PER_HOUR
 from recal.commands.align import align
@@ -111,3 +112,18 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     assert document["verdict"] in ("refused", "level_only")
     assert document["reasons"]
     assert json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"] == "recal.alignment/1"
+
+
+def test_runs_for_the_gap_diagnosis(tmp_path):
+    """The benchmark's runs can be read again; rests and halves are where the notes beside the data say."""
+    runs = real_logs.convert_all(DATA, tmp_path)
+    assert set(runs) == {p.name for p in tmp_path.iterdir()}
+    for name, run in runs.items():
+        assert read_run(tmp_path / name).sha256 == run.sha256
+    first, second = runs["apm-first"].imu, runs["apm-second"].imu
+    assert (round(first.end_s), round(second.start_s), round(second.end_s)) == (87, 87, 175)
+    parked, landed = real_logs.at_rest(runs["apm"])
+    assert parked == pytest.approx((14, 184), abs=2.0) and landed == pytest.approx((571, 604), abs=2.0)
+    assert real_logs.at_rest(runs["ln100"]) == [pytest.approx((0, 300), abs=0.1)]
+    assert real_logs.at_rest(runs["copter-imu3"]) == [pytest.approx((17, 61), abs=1.0)]
+    assert len(list(real_logs.table_lines(runs))) == 2 + 8
