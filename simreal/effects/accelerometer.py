@@ -9,17 +9,16 @@ from ins.attitude import skew
 from ins.records import InputError
 from ins.units import HOUR, MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import ACCELS, AXIS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.conditions import TEMPERATURE_CHANGE_degC, lacks_turns, swing
 from simreal.effects.formula import FormulaEffect, OutOfReach
 from simreal.effects.gyro_effect import one, several
-from simreal.effects.recordings import brakes, flies, has_accel_temperatures, lacking, over, span, turns
-from simreal.effects.thermal_memory import play
+from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC, swing
+from simreal.effects.play import heating_sense
+from simreal.effects.recordings import brakes, flies, has_accel_temperatures, lacking, needs_turns, over, span, turns
 from simreal.telemetry import Telemetry, Trace, on_axis
 
 REFERENCE_degC = 25.0
 CHANGING_m_s2 = 0.5  # a specific force that changes less shows no scale factor or cross axis
 CENTIMETRE = 0.01
-VERTICAL = 2  # the body axis of turns
 
 
 def on_accel(run: Telemetry, target: str, *series: NDArray) -> tuple[Trace, ...]:
@@ -46,9 +45,8 @@ def warm_up(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def hysteresis(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """h (P_w(T) - T) / w: -h on the heating branch, +h on the cooling one, 0 at the start; h is half of the split."""
-    T, w = accel_degC(run, target), shape["play_degC"]
-    return on_accel(run, target, MICRO_G * (play(run.time_s, T, w) - T) / w)
+    """h times the heating sense: +h on the heating branch, -h on the cooling one; h is half of the split."""
+    return on_accel(run, target, MICRO_G * heating_sense(accel_degC(run, target), shape["width_degC"]))
 
 
 def scale_factor(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -120,64 +118,62 @@ def needs_cross_force(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((changes > CHANGING_m_s2 and (brakes(runs) or flies(runs) or turns(runs)), "accelerations of the vehicle"))
 
 
-def needs_turns(runs: Sequence[Telemetry], target: str) -> str:
-    return lacks_turns(runs, VERTICAL)
-
-
 def _misalignment(axis: str) -> FormulaEffect:
     others = [f"to_{name}" for name in "xyz" if name != axis]
     return FormulaEffect(
-        f"A06{axis}", "accel_misalignment", (f"accel_{axis}",), several(others, "mrad", 0.05, 0.25),
+        f"accel_misalignment_{axis}", "accel_misalignment", (f"accel_{axis}",), several(others, "mrad", 0.05, 0.25),
         rivals=("imu_size_effect", "accel_scale_factor"), source="gap.md A06", formula=misalignment, need=needs_cross_force,
     )  # fmt: skip
 
 
 ACCELEROMETER = (
     FormulaEffect(
-        "A01", "accel_thermal", ACCELS,
+        "accel_thermal", "accel_thermal", ACCELS,
         (Coefficient("linear", "ug per degC", 0.5, 5.0), Coefficient("quadratic", "ug per degC^2", 0.005, 0.1)),
         rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient"), source="gap.md A01",
         formula=thermal, need=needs_warming,
     ),
     FormulaEffect(
-        "A02", "accel_warmup_transient", ACCELS, one("ug", 10.0, 100.0),
+        "accel_warmup_transient", "accel_warmup_transient", ACCELS, one("ug", 10.0, 100.0),
         shape=(ShapeParameter("tau_s", "s", 120.0, 3600.0, 8),),
         rivals=("accel_thermal", "platform_settling"), source="gap.md A02", formula=warm_up,
     ),
     FormulaEffect(
-        "A03", "accel_thermal_hysteresis", ACCELS, one("ug", 10.0, 30.0),
-        shape=(ShapeParameter("play_degC", "degC", 0.5, 10.0, 6),),
+        "accel_thermal_hysteresis", "accel_thermal_hysteresis", ACCELS, one("ug", 10.0, 30.0),
+        shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
         rivals=("accel_thermal",), source="gap.md A03", formula=hysteresis, need=needs_turn_round,
     ),
     FormulaEffect(
-        "A04", "accel_scale_factor", ACCELS, one("ppm", 50.0, 200.0),
+        "accel_scale_factor", "accel_scale_factor", ACCELS, one("ppm", 50.0, 200.0),
         rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity"), source="gap.md A04",
         formula=scale_factor, need=needs_own_force,
     ),
     FormulaEffect(
-        "A05", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
+        "accel_g2_sensitivity", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
         rivals=("accel_scale_factor", "engine_start"), source="gap.md A05", formula=second_order, need=needs_changing_force,
     ),
     *(_misalignment(axis) for axis in "xyz"),
     FormulaEffect(
-        "A07", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
+        "imu_size_effect", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
         rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew"), source="gap.md A07",
         formula=size_effect, need=needs_turns,
     ),
     FormulaEffect(
-        "A08", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
+        "accel_noise", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
         repeats="S", rivals=("platform_sway", "timestamp_jitter"), source="gap.md A08, white", noise_formula=white_noise,
     ),
     FormulaEffect(
-        "A08b", "accel_bias_instability", ACCELS, one("ug", 1.0, 5.0, signed=False), repeats="S",
+        "accel_bias_instability", "slow_variation", ACCELS,
+        (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),), repeats="S",
         rivals=("accel_rate_random_walk", "accel_thermal"), source="gap.md A08, flicker", noise_formula=flicker_noise,
     ),
     FormulaEffect(
-        "A08c", "accel_rate_random_walk", ACCELS, one("ug/sqrt(h)", 1.0, 10.0, signed=False), repeats="S",
+        "accel_rate_random_walk", "slow_variation", ACCELS,
+        (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),), repeats="S",
         rivals=("accel_bias_instability", "accel_thermal"), source="gap.md A08, random walk", noise_formula=random_walk,
     ),
     OutOfReach(
-        "A09", "sculling_residual", ACCELS, one("ug", 1.0, 50.0),
+        "sculling_residual", "sculling_residual", ACCELS, one("ug", 1.0, 50.0),
         rivals=("accel_g2_sensitivity",), source="gap.md A09", need="raw data at 500 Hz under vibration",
     ),
 )  # fmt: skip

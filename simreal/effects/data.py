@@ -4,10 +4,9 @@ from collections.abc import Sequence
 
 from ins.units import PPM
 from simreal.effects.base import ACCELS, AXIS, GYROS, AddedNoise, Shape
-from simreal.effects.conditions import lacks_turns
 from simreal.effects.formula import FormulaEffect, OutOfReach
 from simreal.effects.gyro_effect import one, several
-from simreal.effects.recordings import brakes, flies, lacking
+from simreal.effects.recordings import brakes, flies, lacking, needs_turns
 from simreal.effects.wheels import MILLISECOND
 from simreal.telemetry import Telemetry, Trace, on_axis
 
@@ -47,37 +46,33 @@ def other_axes(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     return tuple(Trace(accel_m_s2=on_axis(run.force_m_s2[:, j], axis)) for j in range(3))
 
 
-def needs_turns(runs: Sequence[Telemetry], target: str) -> str:
-    return lacks_turns(runs, 2)
-
-
 def needs_manoeuvres(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((brakes(runs) or flies(runs), "braking and acceleration, or flight"))
 
 
 DATA = (
     FormulaEffect(
-        "D01", "timestamp_jitter", ("vehicle",), one("ms", 0.1, 10.0, signed=False),
+        "timestamp_jitter", "timestamp_jitter", ("vehicle",), one("ms", 0.1, 10.0, signed=False),
         repeats="S", rivals=("accel_noise", "gyro_quantization", "gyro_angle_random_walk"), source="gap.md D01",
         noise_formula=jitter,
     ),
     FormulaEffect(
-        "D02", "clock_rate", ("vehicle",), one("ppm", 1.0, 50.0),
+        "clock_rate", "clock_rate", ("vehicle",), one("ppm", 1.0, 50.0),
         rivals=("gyro_scale_factor", "accel_scale_factor"), source="gap.md D02", formula=clock_rate, need=needs_turns,
     ),
     FormulaEffect(
-        "D03", "gyro_accel_skew", ("vehicle",), one("ms", 1.0, 10.0),
+        "gyro_accel_skew", "gyro_accel_skew", ("vehicle",), one("ms", 1.0, 10.0),
         rivals=("imu_size_effect", "sculling_residual"), source="gap.md D03; delay of the accelerometers",
         formula=skew_in_time, need=needs_manoeuvres,
     ),
     FormulaEffect(
-        "D06", "axis_or_unit_error", GYROS + ACCELS,
+        "axis_or_unit_error", "axis_or_unit_error", GYROS + ACCELS,
         several("xyz", "1", 0.1, 2.0),
         rivals=("gyro_misalignment", "gyro_scale_factor", "accel_misalignment", "accel_scale_factor"), source="gap.md D06",
         formula=other_axes,
     ),
     OutOfReach(
-        "D07", "saturation_or_rounding", GYROS + ACCELS,
+        "saturation_or_rounding", "saturation_or_rounding", GYROS + ACCELS,
         one("LSB", 1.0, 10.0, signed=False), repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md D07",
         need="the raw rows: stairs and clipped values do not show in means over a second",

@@ -35,29 +35,29 @@ def needs_gnss_turns(runs: Sequence[Telemetry], target: str) -> str:
 
 NAVIGATION = (
     FormulaEffect(
-        "F02", "gnss_lever_arm_or_latency", ("gnss",),
+        "gnss_lever_arm_or_latency", "gnss_lever_arm_or_latency", ("gnss",),
         (*several("xyz", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
         rivals=("lever_arm", "airframe_flexure"), source="gap.md F02; true less logged", formula=gnss_antenna,
         need=needs_gnss_turns,
     ),
     OutOfReach(
-        "F01", "coning_residual", GYROS, one("deg/h", 0.0003, 0.003),
+        "coning_residual", "coning_residual", GYROS, one("deg/h", 0.0003, 0.003),
         rivals=("gyro_g2_sensitivity", "gyro_dither_coning"), source="gap.md F01",
         need="an IMU log of 500 Hz or more under vibration",
     ),
     OutOfReach(
-        "F03", "airframe_flexure", ("vehicle",), one("mrad/g", 1.0, 5.0),
+        "airframe_flexure", "airframe_flexure", ("vehicle",), one("mrad/g", 1.0, 5.0),
         rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"), source="gap.md F03",
         need="flight with an attitude reference at the antenna",
     ),
     OutOfReach(
-        "F04", "schuler_start_error", ("vehicle",),
+        "schuler_start_error", "schuler_start_error", ("vehicle",),
         several(("tilt_north", "tilt_east"), "arcsec", 5.0, 50.0),
         rivals=("vertical_deflection", "accel_thermal"), source="gap.md F04",
         need="the unit's own navigation output over 42 minutes or more",
     ),
     OutOfReach(
-        "F05", "baro_lag", ("vehicle",), one("% of climb", 1.0, 3.0),
+        "baro_lag", "baro_lag", ("vehicle",), one("% of climb", 1.0, 3.0),
         rivals=("accel_scale_factor",), source="gap.md F05", need="a barometer in a climb",
     ),
 )  # fmt: skip

@@ -12,10 +12,10 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.conditions import TEMPERATURE_CHANGE_degC
 from simreal.effects.formula import FormulaEffect
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.gyro_events import ONSET
+from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
 from simreal.effects.recordings import lacking, over, span
 from simreal.telemetry import Telemetry, Trace, on_axis
 
@@ -150,47 +150,48 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
 
 PLATFORM = (
     FormulaEffect(
-        "P01a", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
+        "platform_sway", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
         rivals=("accel_noise",), source="gap.md P01 (a)", noise_formula=sway,
     ),
     FormulaEffect(
-        "P01b", "platform_sway", VEHICLE, (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
+        "platform_sway_rotation", "platform_sway", VEHICLE,
+        (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md P01 (b)",
         noise_formula=sway_rotation,
     ),
     FormulaEffect(
-        "P02", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+        "platform_settling", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
         shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
         rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient"), source="gap.md P02",
         formula=settling, need=needs_standstill,
     ),
     FormulaEffect(
-        "P03", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
+        "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
         shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
     ),
     FormulaEffect(
-        "P04", "platform_yaw_creep", VEHICLE, one("arcsec/h", 5.0, 100.0), repeats="E",
+        "platform_yaw_creep", "platform_yaw_creep", VEHICLE, one("arcsec/h", 5.0, 100.0), repeats="E",
         rivals=("gyro_turn_on_bias", "gyro_rate_ramp"), source="gap.md P04", formula=yaw_creep, need=needs_standstill,
     ),
     FormulaEffect(
-        "P05", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
+        "platform_mount_sag", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
         rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="gap.md P05",
         formula=mount_sag, need=needs_mount_temperature,
     ),
     FormulaEffect(
-        "P06a", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
+        "engine_start", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
         rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step"), source="gap.md P06, bias", formula=engine_step,
     ),
     FormulaEffect(
-        "P06b", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
+        "engine_start_noise", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
         shape=(ONSET,), repeats="E", rivals=("accel_noise",), source="gap.md P06, noise", noise_formula=engine_noise,
     ),
     FormulaEffect(
-        "P07", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
+        "site_latitude_error", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
         rivals=("gyro_turn_on_bias", "gyro_misalignment"), source="gap.md P07; entered less true", formula=latitude_error,
     ),
     FormulaEffect(
-        "P08", "vertical_deflection", SITE,
+        "vertical_deflection", "vertical_deflection", SITE,
         (*several(("north", "east"), "arcsec", 5.0, 20.0), Coefficient("anomaly", "mGal", 10.0, 50.0)),
         rivals=("accel_scale_factor", "accel_thermal"), source="gap.md P08", formula=deflection,
     ),

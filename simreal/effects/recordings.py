@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from simreal.effects.conditions import lacks_turns
 from simreal.telemetry import AIRBORNE, Telemetry
 
 TURN_rad_s = 0.02  # a taxi turn of 90 deg takes less than 80 s
@@ -44,9 +43,18 @@ def flies(runs: Runs) -> bool:
     return any(bool(np.any(run.kind == AIRBORNE)) for run in runs)
 
 
+def turn_rates(runs: Runs) -> NDArray:
+    """Turn rates on the way [rad/s]."""
+    return over(runs, lambda run: run.turn_rad_s[moving(run)])
+
+
 def turns(runs: Runs) -> bool:
-    """About the vertical body axis."""
-    return not lacks_turns(runs, 2)
+    return bool(np.any(np.abs(turn_rates(runs)) > TURN_rad_s))
+
+
+def turns_both_ways(runs: Runs) -> bool:
+    rates = turn_rates(runs)
+    return bool(np.any(rates > TURN_rad_s) and np.any(rates < -TURN_rad_s))
 
 
 def turns_at_two_speeds(runs: Runs) -> bool:
@@ -78,6 +86,10 @@ def has_accel_temperatures(runs: Runs) -> bool:
 def knows_way(runs: Runs) -> bool:
     """A unit that does not find north is not navigated: its taxi has no known speed."""
     return any(run.heading_known for run in runs)
+
+
+def needs_turns(runs: Runs, target: str) -> str:
+    return lacking((turns(runs), "turns"))
 
 
 def taxi(runs: Runs, target: str) -> str:

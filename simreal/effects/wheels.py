@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ins.units import MILLIRADIAN, PPM
 from simreal.effects.base import AddedNoise, Shape
-from simreal.effects.conditions import lacks_left_and_right_turns
 from simreal.effects.formula import FormulaEffect
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.recordings import (
@@ -21,6 +20,7 @@ from simreal.effects.recordings import (
     odometer_taxi,
     taxi,
     turns_at_two_speeds,
+    turns_both_ways,
 )
 from simreal.telemetry import AIRBORNE, Telemetry, Trace
 
@@ -87,7 +87,7 @@ def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def needs_turns_both_ways(runs: Sequence[Telemetry], target: str) -> str:
-    return lacks_left_and_right_turns(runs, 2)
+    return lacking((turns_both_ways(runs), "left and right turns"))
 
 
 def needs_turns_at_two_speeds(runs: Sequence[Telemetry], target: str) -> str:
@@ -101,38 +101,38 @@ def needs_stop_with_gnss(runs: Sequence[Telemetry], target: str) -> str:
 
 WHEELS = (
     FormulaEffect(
-        "O01", "odometer_scale", ("odometer",), one("ppm", 1000.0, 10000.0),
+        "odometer_scale", "odometer_scale", ("odometer",), one("ppm", 1000.0, 10000.0),
         rivals=("wheel_slip", "clock_rate"), source="gap.md O01", formula=odometer_scale, need=odometer_taxi,
     ),
     FormulaEffect(
-        "O02", "odometer_boresight", ("vehicle",), one("mrad", 1.7, 17.0),
+        "odometer_boresight", "odometer_boresight", ("vehicle",), one("mrad", 1.7, 17.0),
         rivals=("side_slip",), source="gap.md O02; direction of rolling less heading", formula=boresight, need=taxi,
     ),
     FormulaEffect(
-        "O03", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
+        "lever_arm", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
         rivals=("side_slip", "imu_size_effect", "gnss_lever_arm_or_latency"), source="gap.md O03; true less logged",
         formula=lever_arm, need=needs_turns_both_ways,
     ),
     FormulaEffect(
-        "O04", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
+        "side_slip", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
         rivals=("lever_arm", "odometer_boresight"), source="gap.md O04", formula=side_slip, need=needs_turns_at_two_speeds,
     ),
     FormulaEffect(
-        "O05", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),
+        "wheel_slip", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),
         rivals=("odometer_time_offset", "odometer_scale"), source="gap.md O05", formula=wheel_slip, need=odometer_braking,
     ),
     FormulaEffect(
-        "O06", "odometer_time_offset", ("odometer",), one("ms", 10.0, 200.0),
+        "odometer_time_offset", "odometer_time_offset", ("odometer",), one("ms", 10.0, 200.0),
         rivals=("wheel_slip", "lever_arm"), source="gap.md O06; the odometer's delay", formula=time_offset,
         need=odometer_braking,
     ),
     FormulaEffect(
-        "O07", "odometer_quantization", ("odometer",),
+        "odometer_quantization", "odometer_quantization", ("odometer",),
         one("cm/s", 1.0, 5.0, signed=False), repeats="S", rivals=("wheel_slip",),
         source="gap.md O07; one pulse counted over a second", noise_formula=quantization, need=odometer_taxi,
     ),
     FormulaEffect(
-        "O08", "false_standstill", ("vehicle",), one("cm/s", 1.0, 5.0),
+        "false_standstill", "false_standstill", ("vehicle",), one("cm/s", 1.0, 5.0),
         repeats="E", rivals=("gnss_lever_arm_or_latency",), source="gap.md O08", formula=creep, need=needs_stop_with_gnss,
     ),
 )  # fmt: skip

@@ -27,6 +27,7 @@ CASES = [pytest.param(e, t, id=f"{e.id}-{t}") for e in SHOWN for t in e.targets]
 g = float(gravity_n(LATITUDE_rad, 0.0)[2])
 ARCMIN = 60.0 * ARCSEC
 SMEARED = 0.15  # derivatives over two seconds, where rates begin to change with a kink
+TINY = 1e-9  # m/s^2 and the like: Earth rate on a lever arm of a centimetre
 EXACT = dict(rtol=1e-9, atol=1e-18)
 
 
@@ -51,7 +52,7 @@ def arrays(trace: Trace) -> dict[str, np.ndarray]:
 
 def test_declarations_are_whole():
     gyro = (*gyro_events.GYRO_EVENTS, *gyro_noise.GYRO_NOISE, *gyro_rate.GYRO_RATE, *gyro_thermal.GYRO_THERMAL)
-    names = {effect.name for effect in (*ALL, *gyro)}
+    names = {name for effect in (*ALL, *gyro) for name in (effect.name, effect.id)}
     assert len(BY_ID) == len(ALL)
     for effect in ALL:
         assert isinstance(effect, Effect) and effect.coefficients and effect.repeats in "RES"
@@ -89,7 +90,7 @@ def test_rows_of_a_log_add_up_to_the_seconds_of_a_diagnosis(effect, target):
         for name, value in arrays(coarse).items():
             from_rows = arrays(fine)[name].reshape(87, 100, *value.shape[1:]).mean(axis=1)  # ten-second means
             of_seconds = value.reshape(87, 10, *value.shape[1:]).mean(axis=1)
-            assert np.linalg.norm(from_rows - of_seconds) <= SMEARED * np.linalg.norm(of_seconds), name
+            assert np.linalg.norm(from_rows - of_seconds) <= SMEARED * np.linalg.norm(of_seconds) + TINY, name
 
 
 @pytest.mark.parametrize("effect", [e for e in ALL if isinstance(e, OutOfReach)], ids=lambda e: e.id)
@@ -105,53 +106,56 @@ def test_what_no_log_shows_says_so_and_cannot_be_injected(effect):
 
 def test_accel_thermal_is_counted_from_25_degC():
     run = still(n=3, accel_degC=np.array([[25.0] * 3, [35.0] * 3, [15.0] * 3]))
-    linear, quadratic = traces("A01", run, "accel_y")
+    linear, quadratic = traces("accel_thermal", run, "accel_y")
     np.testing.assert_allclose(linear.accel_m_s2[:, 1], [0, 10 * MICRO_G, -10 * MICRO_G], **EXACT)
     np.testing.assert_allclose(quadratic.accel_m_s2[:, 1], [0, 100 * MICRO_G, 100 * MICRO_G], **EXACT)
     assert not linear.accel_m_s2[:, [0, 2]].any()
 
 
 def test_accel_warmup_falls_to_1_over_e_after_tau():
-    (trace,) = traces("A02", still(), "accel_x", tau_s=300.5)
+    (trace,) = traces("accel_warmup_transient", still(), "accel_x", tau_s=300.5)
     assert trace.accel_m_s2[300, 0] == pytest.approx(MICRO_G / np.e, rel=1e-12)
 
 
 def test_accel_hysteresis_splits_heating_from_cooling_by_twice_its_size():
     T = np.concatenate([np.linspace(20, 40, 300), np.linspace(40, 20, 300)])
-    (trace,) = traces("A03", still(accel_degC=np.repeat(T[:, None], 3, axis=1)), "accel_z", play_degC=2.0)
+    (trace,) = traces("accel_thermal_hysteresis", still(accel_degC=np.repeat(T[:, None], 3, axis=1)), "accel_z", width_degC=4.0)
     heating, cooling = trace.accel_m_s2[150, 2], trace.accel_m_s2[450, 2]
     assert trace.accel_m_s2[0, 2] == 0.0
-    assert (heating, cooling) == (pytest.approx(-MICRO_G), pytest.approx(MICRO_G))
+    assert (heating, cooling) == (pytest.approx(MICRO_G), pytest.approx(-MICRO_G))
 
 
 def test_accel_scale_factor_and_square_of_1_g():
-    (scale,), (square,) = traces("A04", still(), "accel_z"), traces("A05", still(), "accel_z")
+    (scale,), (square,) = traces("accel_scale_factor", still(), "accel_z"), traces("accel_g2_sensitivity", still(), "accel_z")
     np.testing.assert_allclose(scale.accel_m_s2[:, 2], -1e-6 * g)
     np.testing.assert_allclose(square.accel_m_s2[:, 2], MICRO_G * (g / 9.80665) ** 2)
 
 
 def test_accel_misalignment_shows_the_other_two_axes_in_order():
     run = replace(still(n=2), force_m_s2=np.tile([1.0, 2.0, 3.0], (2, 1)))
-    seen = {axis: [t.accel_m_s2[0, k] for t in traces(f"A06{axis}", run)] for k, axis in enumerate("xyz")}
+    seen = {axis: [t.accel_m_s2[0, k] for t in traces(f"accel_misalignment_{axis}", run)] for k, axis in enumerate("xyz")}
     assert seen == {"x": [2e-3, 3e-3], "y": [1e-3, 3e-3], "z": [1e-3, 2e-3]}
-    assert [c.name for c in BY_ID["A06y"].coefficients] == ["to_x", "to_z"]
+    assert [c.name for c in BY_ID["accel_misalignment_y"].coefficients] == ["to_x", "to_z"]
 
 
 def test_size_effect_is_50_ug_at_5_cm_and_a_tenth_of_a_radian_per_second():
     t = np.arange(10) + 0.5
     run = replace(still(n=10), rate_rad_s=np.stack([0 * t, 0 * t, 0.1 + 0 * t], axis=1))
-    x, y, z = traces("A07", run, "accel_x")
+    x, y, z = traces("imu_size_effect", run, "accel_x")
     np.testing.assert_allclose(5 * x.accel_m_s2[:, 0] / MICRO_G, -51.0, atol=0.1)  # towards the axis of turning
     assert not y.accel_m_s2.any() and not z.accel_m_s2.any()
     spun_up = replace(run, rate_rad_s=np.stack([0 * t, 0 * t, 0.2 * t], axis=1))
-    np.testing.assert_allclose(traces("A07", spun_up, "accel_y")[0].accel_m_s2[:, 1], 0.2 * 0.01)  # w' x r
+    np.testing.assert_allclose(traces("imu_size_effect", spun_up, "accel_y")[0].accel_m_s2[:, 1], 0.2 * 0.01)  # w' x r
 
 
 def test_noise_of_the_accelerometers_is_in_the_units_of_the_twin():
-    kinds = {key: BY_ID[key].noise(still(), "accel_y", {})[0] for key in ("A08", "A08b", "A08c")}
+    kinds = {
+        key: BY_ID[key].noise(still(), "accel_y", {})[0]
+        for key in ("accel_noise", "accel_bias_instability", "accel_rate_random_walk")
+    }
     assert all(noise.channel == "accel_y" for noise in kinds.values())
-    assert (kinds["A08"].white, kinds["A08b"].flicker) == (MICRO_G**2, MICRO_G**2)
-    assert kinds["A08c"].walk * 3600 == pytest.approx(MICRO_G**2)  # 1 ug after an hour
+    assert (kinds["accel_noise"].white, kinds["accel_bias_instability"].flicker) == (MICRO_G**2, MICRO_G**2)
+    assert kinds["accel_rate_random_walk"].walk * 3600 == pytest.approx(MICRO_G**2)  # 1 ug after an hour
 
 
 # ---- rotations of the vehicle
@@ -160,7 +164,7 @@ def test_noise_of_the_accelerometers_is_in_the_units_of_the_twin():
 def test_a_rotation_is_that_of_the_nonlinear_attitude():
     """Gyro and accelerometer of a body that turns by exp(q), worked with rotation matrices on every second of the drive."""
     run, size = drive(), 50.0
-    trace = traces("P02", run, tau_s=400.0)[0].scaled(size)
+    trace = traces("platform_settling", run, tau_s=400.0)[0].scaled(size)
     for k in (10, 100, 650, 725):
         ends = run.time_s[k] + np.array([-0.5, 0.0, 0.5])
         turned = [dcm_from_rotation_vector([size * ARCSEC * -np.expm1(-t / 400.0), 0, 0]) for t in ends]
@@ -173,7 +177,7 @@ def test_a_rotation_is_that_of_the_nonlinear_attitude():
 
 def test_settling_of_100_arcsec_reads_as_rate_and_4_85_ug_per_arcsec():
     run = still(n=7200)
-    roll, pitch = (t.scaled(100.0) for t in traces("P02", run, tau_s=600.0))
+    roll, pitch = (t.scaled(100.0) for t in traces("platform_settling", run, tau_s=600.0))
     assert pitch.gyro_rad_s[:, 1].sum() / ARCSEC == pytest.approx(100.0 * -np.expm1(-12.0), rel=1e-6)
     ug = 100 * 4.8481 * g / 9.80665
     assert pitch.accel_m_s2[-1, 0] / MICRO_G == pytest.approx(ug, rel=1e-4)  # nose up: forward accelerometer reads +
@@ -184,7 +188,7 @@ def test_settling_of_100_arcsec_reads_as_rate_and_4_85_ug_per_arcsec():
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_step_is_an_impulse_of_the_gyro_of_its_own_size(dt_s, axis):
     run = still(n=int(600 / dt_s), dt_s=dt_s)
-    trace = traces("P03", run, onset_s=301.3)[axis]
+    trace = traces("platform_step", run, onset_s=301.3)[axis]
     assert trace.gyro_rad_s[:, axis].sum() * dt_s == pytest.approx(ARCSEC, rel=1e-3)
     before, later = run.time_s < 300.8 - dt_s, run.time_s > 301.8 + dt_s
     assert not trace.gyro_rad_s[before].any() and not trace.accel_m_s2[before].any()
@@ -194,7 +198,7 @@ def test_step_is_an_impulse_of_the_gyro_of_its_own_size(dt_s, axis):
 
 def test_yaw_creep_is_on_gz_while_parked_only():
     run = drive()
-    (trace,) = traces("P04", run)
+    (trace,) = traces("platform_yaw_creep", run)
     np.testing.assert_allclose(trace.gyro_rad_s[run.parked, 2], DEG_PER_HOUR / 3600, rtol=1e-6)
     assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
     assert np.abs(trace.accel_m_s2[:600]).max() < 1e-12
@@ -202,26 +206,29 @@ def test_yaw_creep_is_on_gz_while_parked_only():
 
 def test_mount_sag_follows_the_temperature_of_the_block():
     run = still(block_degC=25.0 + np.arange(600) / 60.0)
-    roll, pitch = traces("P05", run)
+    roll, pitch = traces("platform_mount_sag", run)
     np.testing.assert_allclose(roll.gyro_rad_s[:, 0], ARCSEC / 60, rtol=1e-6)
     assert pitch.accel_m_s2[-1, 0] == pytest.approx(g * ARCSEC * 599 / 60)
     gyros = still(temperature_degC=np.repeat(25.0 + np.arange(600)[:, None] / 60.0, 3, axis=1))
-    np.testing.assert_allclose(traces("P05", gyros)[1].accel_m_s2, pitch.accel_m_s2)
+    np.testing.assert_allclose(traces("platform_mount_sag", gyros)[1].accel_m_s2, pitch.accel_m_s2)
 
 
 def test_engine_start_shifts_and_shakes_from_its_onset_on():
     run = still()
-    y = traces("P06a", run, onset_s=200.25)[1].accel_m_s2
+    y = traces("engine_start", run, onset_s=200.25)[1].accel_m_s2
     np.testing.assert_allclose(y[[199, 200, 201], 1], [0.0, 0.75 * MICRO_G, MICRO_G], **EXACT)
     assert not y[:, [0, 2]].any()
-    noises = BY_ID["P06b"].noise(run, "vehicle", {"onset_s": 200.25})
+    noises = BY_ID["engine_start_noise"].noise(run, "vehicle", {"onset_s": 200.25})
     assert [n.channel for n in noises] == ["accel_x", "accel_y", "accel_z"]
     assert noises[0].white == MICRO_G**2 and noises[0].profile.sum() == pytest.approx(399.75)
 
 
 def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():
-    assert [(n.channel, n.sway) for n in BY_ID["P01a"].noise(still(), "vehicle", {})] == [("accel_x", 1.0), ("accel_y", 1.0)]
-    rocking = {n.channel: n for n in BY_ID["P01b"].noise(still(), "vehicle", {})}
+    assert [(n.channel, n.sway) for n in BY_ID["platform_sway"].noise(still(), "vehicle", {})] == [
+        ("accel_x", 1.0),
+        ("accel_y", 1.0),
+    ]
+    rocking = {n.channel: n for n in BY_ID["platform_sway_rotation"].noise(still(), "vehicle", {})}
     assert rocking["gyro_y"].bounded == ARCSEC**2
     assert np.sqrt(rocking["accel_x"].white) == pytest.approx(g * ARCSEC)  # a second's mean
 
@@ -232,7 +239,7 @@ def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():
 @pytest.mark.parametrize("heading_deg", [0.0, 90.0, 200.0])
 def test_latitude_error_is_the_true_place_less_the_entered_one(heading_deg):
     run, true = still(heading_deg), LATITUDE_rad - ARCMIN
-    (trace,) = traces("P07", run)
+    (trace,) = traces("site_latitude_error", run)
     C_bn = dcm_from_euler(0.0, 0.0, np.deg2rad(heading_deg)).T
     rate, force = (f(true) - f(LATITUDE_rad) for f in (omega_ie_n, lambda L: -gravity_n(L, 0.0)))
     np.testing.assert_allclose(trace.gyro_rad_s[0], C_bn @ rate, rtol=3e-4, atol=1e-14)
@@ -242,7 +249,7 @@ def test_latitude_error_is_the_true_place_less_the_entered_one(heading_deg):
 
 
 def test_deflection_pulls_the_proof_masses_the_other_way():
-    north, east, anomaly = traces("P08", still(heading_deg=90.0))
+    north, east, anomaly = traces("vertical_deflection", still(heading_deg=90.0))
     np.testing.assert_allclose(north.accel_m_s2[0], [0, g * ARCSEC, 0], atol=1e-15)  # body y is south
     np.testing.assert_allclose(east.accel_m_s2[0], [-g * ARCSEC, 0, 0], atol=1e-15)
     np.testing.assert_allclose(anomaly.accel_m_s2[0], [0, 0, -1e-5], atol=1e-15)
@@ -253,8 +260,8 @@ def test_deflection_pulls_the_proof_masses_the_other_way():
 
 def test_odometer_scale_slip_and_delay():
     run = drive()
-    np.testing.assert_allclose(traces("O01", run)[0].odometer_m_s, 1e-6 * run.speed_m_s)
-    slip, late = traces("O05", run)[0].odometer_m_s, traces("O06", run)[0].odometer_m_s
+    np.testing.assert_allclose(traces("odometer_scale", run)[0].odometer_m_s, 1e-6 * run.speed_m_s)
+    slip, late = traces("wheel_slip", run)[0].odometer_m_s, traces("odometer_time_offset", run)[0].odometer_m_s
     assert slip[605] == pytest.approx(0.01 * 5.5)  # one per cent for each m/s^2
     assert slip[765] == pytest.approx(-0.01 * 2.25 * 0.5)  # braked: reads low
     assert (late[605], late[765]) == (pytest.approx(-1e-3), pytest.approx(0.5e-3))
@@ -262,13 +269,13 @@ def test_odometer_scale_slip_and_delay():
 
 def test_no_odometer_error_in_the_air():
     run = replace(drive(), kind=np.full(870, AIRBORNE))
-    for key in ("O01", "O02", "O03", "O04", "O05", "O06"):
+    for key in ("odometer_scale", "odometer_boresight", "lever_arm", "side_slip", "wheel_slip", "odometer_time_offset"):
         assert not any(v.any() for t in traces(key, run) for v in arrays(t).values()), key
 
 
 def test_lever_arm_is_rigid_body_motion_about_the_point_that_does_not_slip():
     run, d = drive(), np.array([-2.0, 0.7, 0.0])  # true less logged
-    x, y = traces("O03", run)
+    x, y = traces("lever_arm", run)
     found = total([x.scaled(d[0]), y.scaled(d[1])])
     for k in (655, 725):
         w = np.array([0, 0, run.turn_rad_s[k]])
@@ -280,14 +287,14 @@ def test_lever_arm_is_rigid_body_motion_about_the_point_that_does_not_slip():
 
 def test_boresight_and_side_slip_by_hand():
     run = drive()
-    assert traces("O02", run)[0].lateral_m_s[680] == pytest.approx(0.01)  # 1 mrad at 10 m/s, to the right
-    slip = traces("O04", run)[0].lateral_m_s
+    assert traces("odometer_boresight", run)[0].lateral_m_s[680] == pytest.approx(0.01)  # 1 mrad at 10 m/s, to the right
+    slip = traces("side_slip", run)[0].lateral_m_s
     assert slip[655] == pytest.approx(1e-3 * 10.0 * 0.5)  # 1 mrad for 1 m/s^2, here 10 m/s x 0.05 rad/s
     assert slip[725] == pytest.approx(-1e-3 * 5.0 * 0.4)
 
 
 def test_quantization_of_the_odometer_is_uniform_and_only_while_rolling():
-    (noise,) = BY_ID["O07"].noise(drive(), "odometer", {})
+    (noise,) = BY_ID["odometer_quantization"].noise(drive(), "odometer", {})
     steps = np.random.default_rng(1).uniform(0.0, 5.0, 100_000)
     error = np.round(steps / 0.01) * 0.01 - steps
     assert noise.channel == "odometer" and noise.sample == pytest.approx(error.var(), rel=0.02)
@@ -296,7 +303,7 @@ def test_quantization_of_the_odometer_is_uniform_and_only_while_rolling():
 
 def test_false_standstill_creeps_at_stops_after_a_drive():
     run = drive()
-    (trace,) = traces("O08", run)
+    (trace,) = traces("false_standstill", run)
     assert not trace.gnss_velocity_m_s[:770].any() and not trace.gnss_position_m[:770].any()
     np.testing.assert_allclose(trace.gnss_velocity_m_s[770:], 0.01 * run.C_nb[770:, :, 0])
     assert np.linalg.norm(trace.gnss_position_m[-1]) == pytest.approx(0.995)
@@ -308,7 +315,7 @@ def test_false_standstill_creeps_at_stops_after_a_drive():
 @pytest.mark.parametrize("axis", [0, 1])
 def test_gnss_velocity_is_the_rate_of_its_position(axis):
     run = drive(0.05)
-    arm = traces("F02", run)[axis]
+    arm = traces("gnss_lever_arm_or_latency", run)[axis]
     moved = np.gradient(arm.gnss_position_m, run.time_s, axis=0)
     np.testing.assert_allclose(arm.gnss_velocity_m_s, moved, atol=2e-4)
     assert np.abs(moved).max() == pytest.approx(0.08, rel=0.01)
@@ -316,7 +323,7 @@ def test_gnss_velocity_is_the_rate_of_its_position(axis):
 
 def test_gnss_latency_shows_where_the_vehicle_was():
     run = drive()
-    late = traces("F02", run)[3]
+    late = traces("gnss_lever_arm_or_latency", run)[3]
     k = 680  # 10 m/s, straight
     np.testing.assert_allclose(late.gnss_position_m[k], -0.001 * run.v_n_m_s[k])
     np.testing.assert_allclose(np.linalg.norm(late.gnss_velocity_m_s[605]), 1e-3)
@@ -326,7 +333,7 @@ def test_gnss_latency_shows_where_the_vehicle_was():
 
 
 def test_jitter_is_a_bounded_velocity_of_gravity_times_the_jitter():
-    noises = {n.channel: n for n in BY_ID["D01"].noise(still(), "vehicle", {})}
+    noises = {n.channel: n for n in BY_ID["timestamp_jitter"].noise(still(), "vehicle", {})}
     rng, dt, sigma = np.random.default_rng(2), 0.01, 1e-4
     stamps = dt * np.arange(50_001) + sigma * rng.standard_normal(50_001)
     read = g * dt / np.diff(stamps)  # increments are right, the times are not
@@ -340,7 +347,7 @@ def test_jitter_is_a_bounded_velocity_of_gravity_times_the_jitter():
 
 def test_clock_rate_reads_high_on_everything():
     run = drive()
-    (trace,) = traces("D02", run)
+    (trace,) = traces("clock_rate", run)
     np.testing.assert_allclose(trace.gyro_rad_s, 1e-6 * run.rate_rad_s)
     np.testing.assert_allclose(trace.accel_m_s2, 1e-6 * run.force_m_s2)
 
@@ -348,7 +355,7 @@ def test_clock_rate_reads_high_on_everything():
 def test_skew_shows_the_force_of_a_moment_ago():
     run = still(n=6000, dt_s=0.1)
     wave = np.stack([np.sin(0.5 * run.time_s), np.cos(0.3 * run.time_s), 0 * run.time_s], axis=1)
-    (trace,) = traces("D03", replace(run, force_m_s2=wave))
+    (trace,) = traces("gyro_accel_skew", replace(run, force_m_s2=wave))
     earlier = run.time_s - 1e-3
     delayed = np.stack([np.sin(0.5 * earlier), np.cos(0.3 * earlier), 0 * earlier], axis=1)
     np.testing.assert_allclose(trace.accel_m_s2[1:-1], (delayed - wave)[1:-1], atol=1e-6)
@@ -358,7 +365,7 @@ def test_a_sign_error_is_minus_two_of_the_own_axis():
     run = drive()
     for target, truth in (("gyro_z", run.rate_rad_s), ("accel_y", run.force_m_s2)):
         k = "xyz".index(target[-1])
-        own = traces("D06", run, target)[k].scaled(-2.0)
+        own = traces("axis_or_unit_error", run, target)[k].scaled(-2.0)
         wrong = truth + (own.gyro_rad_s if target == "gyro_z" else own.accel_m_s2)
         np.testing.assert_allclose(wrong[:, k], -truth[:, k])
         np.testing.assert_array_equal(np.delete(wrong, k, 1), np.delete(truth, k, 1))
@@ -367,14 +374,27 @@ def test_a_sign_error_is_minus_two_of_the_own_axis():
 # ---- what recordings lack
 
 
+ACCELERATIONS, ODOMETER = "braking and acceleration", "an odometer and "
 PARKED_NEEDS = {
-    "A01": "an accelerometer temperature", "A03": "an accelerometer temperature", "A04": "braking and acceleration, or flight",
-    "A05": "flight, or an engine's vibration", **{f"A06{axis}": "accelerations of the vehicle" for axis in "xyz"},
-    "A07": "turns", "P05": "a gyro or block temperature", "O01": "an odometer and taxi", "O02": "taxi",
-    "O03": "left and right turns", "O04": "turns at two speeds", "O05": "an odometer and braking and acceleration",
-    "O06": "an odometer and braking and acceleration", "O07": "an odometer and taxi", "O08": "GNSS and a stop after taxi",
-    "F02": "GNSS and turns", "D02": "turns", "D03": "braking and acceleration, or flight",
-}  # fmt: skip
+    "accel_thermal": "an accelerometer temperature",
+    "accel_thermal_hysteresis": "an accelerometer temperature",
+    "accel_scale_factor": ACCELERATIONS + ", or flight",
+    "accel_g2_sensitivity": "flight, or an engine's vibration",
+    **{f"accel_misalignment_{axis}": "accelerations of the vehicle" for axis in "xyz"},
+    "imu_size_effect": "turns",
+    "platform_mount_sag": "a gyro or block temperature",
+    "odometer_scale": ODOMETER + "taxi",
+    "odometer_boresight": "taxi",
+    "lever_arm": "left and right turns",
+    "side_slip": "turns at two speeds",
+    "wheel_slip": ODOMETER + ACCELERATIONS,
+    "odometer_time_offset": ODOMETER + ACCELERATIONS,
+    "odometer_quantization": ODOMETER + "taxi",
+    "false_standstill": "GNSS and a stop after taxi",
+    "gnss_lever_arm_or_latency": "GNSS and turns",
+    "clock_rate": "turns",
+    "gyro_accel_skew": ACCELERATIONS + ", or flight",
+}
 
 
 @pytest.mark.parametrize("effect", SHOWN, ids=lambda e: e.id)
@@ -384,17 +404,21 @@ def test_what_a_parked_run_lacks(effect):
 
 def test_needs_in_other_cases():
     run = rich_drive()
-    one_way = replace(run, turn_rad_s=np.abs(run.turn_rad_s), rate_rad_s=np.abs(run.rate_rad_s))
-    assert BY_ID["O03"].needs([one_way], "vehicle") == "left and right turns"
-    assert BY_ID["O03"].needs([one_way, run], "vehicle") == ""
+    one_way = replace(run, turn_rad_s=np.abs(run.turn_rad_s))
+    assert BY_ID["lever_arm"].needs([one_way], "vehicle") == "left and right turns"
+    assert BY_ID["lever_arm"].needs([one_way, run], "vehicle") == ""
     one_speed = replace(run, speed_m_s=np.where(run.speed_m_s > 0, 8.0, 0.0))
-    assert BY_ID["O04"].needs([one_speed], "vehicle") == "turns at two speeds"
+    assert BY_ID["side_slip"].needs([one_speed], "vehicle") == "turns at two speeds"
     lost = replace(run, heading_known=False, speed_m_s=0 * run.speed_m_s)
-    assert BY_ID["O02"].needs([lost], "vehicle") == "a known heading and taxi"
-    assert BY_ID["A04"].needs([still()], "accel_z") == ""  # always carries 1 g
+    assert BY_ID["odometer_boresight"].needs([lost], "vehicle") == "a known heading and taxi"
+    assert BY_ID["accel_scale_factor"].needs([still()], "accel_z") == ""  # always carries 1 g
     T = warm(still())
-    assert BY_ID["A03"].needs([still(accel_degC=np.sort(T, axis=0))], "accel_x").startswith("temperature rising and falling")
-    assert BY_ID["A01"].needs([still(accel_degC=0 * T)], "accel_x") == "an accelerometer temperature that changes"
-    assert BY_ID["A01"].needs([still(accel_degC=T), still()], "accel_x") == "an accelerometer temperature"
+    assert (
+        BY_ID["accel_thermal_hysteresis"]
+        .needs([still(accel_degC=np.sort(T, axis=0))], "accel_x")
+        .startswith("temperature rising and falling")
+    )
+    assert BY_ID["accel_thermal"].needs([still(accel_degC=0 * T)], "accel_x") == "an accelerometer temperature that changes"
+    assert BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x") == "an accelerometer temperature"
     with pytest.raises(InputError, match="run 0: no accelerometer temperature"):
-        traces("A01", still())
+        traces("accel_thermal", still())
