@@ -14,7 +14,6 @@ from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
 from simreal.effects.formula import FormulaEffect
 from simreal.effects.gyro_effect import one, several
-from simreal.effects.gyro_events import ONSET
 from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
 from simreal.effects.recordings import lacking, over, span
 from simreal.telemetry import Telemetry, Trace, on_axis
@@ -26,6 +25,7 @@ STEP_TAKES_s = 1.0  # a boarding or fuel step is no jump
 ROTATIONAL_SWAY_s = 1.0  # correlation time of the angle in gusts
 VEHICLE, SITE = ("vehicle",), ("site",)
 LATITUDE_STEP_rad = 1e-4  # of the derivative of gravity
+ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)  # cut to the run
 
 
 def turned(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray, axis: int) -> Trace:
