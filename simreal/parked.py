@@ -44,12 +44,12 @@ class Handoff:
 class ParkedBlock:
     """Whitening of one run's parked stretch; channels in the order of `Seconds`, bins of ten seconds."""
 
-    def __init__(self, view: RunView, twin: TwinModel) -> None:
+    def __init__(self, view: RunView, twin: TwinModel, noise: tuple[ChannelNoise, ...] | None = None) -> None:
         first = int(np.searchsorted(view.seconds.end_s, view.start_s + 1e-6))
         self.bins = int((view.end_s - view.start_s + 1e-6) // BIN_S)
         self.seconds = slice(first, first + self.bins * int(BIN_S))
         self.start_s = round(view.start_s - view.run.imu.start_s)
-        self.noise = channel_noises(twin, view.run_s)
+        self.noise = channel_noises(twin, view.run_s) if noise is None else noise
         self.live = ~view.seconds.dead
         site = view.run.header.site
         omega_n, gravity = omega_ie_n(site.lat_rad), float(gravity_magnitude(site.lat_rad, site.height_m))

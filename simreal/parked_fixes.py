@@ -21,7 +21,9 @@ class ParkedFixes:
 
     def __init__(self, view: RunView, twin: TwinModel) -> None:
         gnss, site = view.run.gnss, view.run.header.site
-        self.time_s, self._count, self._mean = np.zeros(0), np.zeros(0), np.zeros((4, 0))
+        self.time_s: NDArray
+        self._count: NDArray
+        self.time_s, self._count, self._mean = np.zeros(0), np.zeros(0), np.zeros((COMPONENTS, 0))
         self._sigma = np.array([twin.gnss.sigma_horizontal_m] * 2 + [twin.gnss.sigma_velocity_m_s] * 2)
         self._start_s, self._end = view.start_s, view.seconds.end_s
         if gnss is None:

@@ -115,7 +115,7 @@ class RollingBlock:
         return self._replay(-self._x0[:, None], None, None, lambda r, _: c.z[r])[:, 0]
 
     def whiten(self, traces: list[Trace], start: Handoff, site_m: NDArray) -> NDArray:
-        """What effects add to the whitened innovations (rows, m); start, site_m (2, m): what the parked stretch made of them."""
+        """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked stretch made of them."""
         m = len(traces)
         imu = np.zeros((len(self.seconds), 6, m))
         own = np.zeros((len(self.seconds), 6, m))  # lateral, odometer, GNSS north, east, velocity north, east
