@@ -74,9 +74,12 @@ def _session_bias(
 
 
 def gyro_output(
-    rng: np.random.Generator, dtheta_rad: NDArray, bias_deg_h: NDArray, noise: GyroNoise, *, dt_s: float
+    rng: np.random.Generator, dtheta_rad: NDArray, bias_deg_h: NDArray, noise: GyroNoise, *, dt_s: float | NDArray
 ) -> NDArray:
-    """Measured increments (n, 3): scale factor and misalignment, bias, angle random walk, then quantised angle."""
+    """Measured increments (n, 3): scale factor and misalignment, bias, angle random walk, then quantised angle.
+
+    dt_s: of all rows, or of each (n, 1).
+    """
     white = noise.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(dt_s) * rng.standard_normal(dtheta_rad.shape)
     measured = dtheta_rad @ sensitivity(noise.scale_factor_ppm, noise.misalignment_mrad).T
     measured += bias_deg_h * (DEG_PER_HOUR * dt_s) + white
@@ -84,9 +87,9 @@ def gyro_output(
 
 
 def accel_output(
-    rng: np.random.Generator, dv_m_s: NDArray, bias_ug: NDArray, noise: AccelNoise, *, dt_s: float
+    rng: np.random.Generator, dv_m_s: NDArray, bias_ug: NDArray, noise: AccelNoise, *, dt_s: float | NDArray
 ) -> NDArray:
-    """Measured velocity increments (n, 3): bias and velocity random walk."""
+    """Measured velocity increments (n, 3): bias and velocity random walk. dt_s: of all rows, or of each (n, 1)."""
     white = noise.vrw_ug_sqrt_hz * MICRO_G * np.sqrt(dt_s) * rng.standard_normal(dv_m_s.shape)
     return dv_m_s + bias_ug * (MICRO_G * dt_s) + white
 

@@ -36,7 +36,7 @@ class Kinematics:
 
 
 @dataclass(frozen=True)
-class _Stretch:
+class Stretch:
     """One span at rest (spline None) or moving; `r_e` and `euler_rad` are those at its start."""
 
     start_s: float
@@ -61,7 +61,7 @@ class Truth:
     site: Site
     motion: Motion
     wheel_reference_m: tuple[float, float, float]
-    stretches: tuple[_Stretch, ...]
+    stretches: tuple[Stretch, ...]
 
     @property
     def breaks_s(self) -> NDArray:
@@ -96,11 +96,11 @@ def build_truth(
     start = np.array([roll_rad, pitch_rad, heading_rad])
     lever_p_b = np.asarray(wheel_reference_m, dtype=float)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
-    stretches: list[_Stretch] = []
+    stretches: list[Stretch] = []
     for start_s, end_s, at_rest in _spans(motion):
         if at_rest:
             euler = start + [0.0, 0.0, float(motion.course_rad(start_s))]
-            stretches.append(_Stretch(start_s, r_e, euler))
+            stretches.append(Stretch(start_s, r_e, euler))
             continue
         stretch = _moving(motion, r_e, start, lever_p_b, start_s, end_s)
         stretches.append(stretch)
@@ -125,9 +125,7 @@ def _spans(motion: Motion) -> list[tuple[float, float, bool]]:
     return spans
 
 
-def _moving(
-    motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, start_s: float, end_s: float
-) -> _Stretch:
+def _moving(motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, start_s: float, end_s: float) -> Stretch:
     at_rest_after = any(a <= end_s < b for a, b in motion.rest)
     n = max(12, int(np.ceil((end_s - start_s) / KNOT_S)))
     step_s = (end_s - start_s) / n
@@ -137,12 +135,12 @@ def _moving(
     ends = (zero, zero if at_rest_after else [(3, np.zeros(3)), (4, np.zeros(3))])
     gravity = float(gravity_magnitude(geodetic_from_ecef(r_e)[0], 0.0))
     euler = make_interp_spline(t, _attitude(motion, t, start, gravity), k=5, bc_type=ends)
-    v_n = _imu_velocity_n(motion, euler, t, lever_p_b)
-    v_e = np.einsum("nij,nj->ni", _frames_along(r_e, v_n, t), v_n)
+    v_n = imu_velocity_n(motion, euler, t, lever_p_b)
+    v_e = np.einsum("nij,nj->ni", frames_along(r_e, v_n, t), v_n)
     zero6 = [(d, np.zeros(6)) for d, _ in zero]
     ends6 = (zero6, zero6 if at_rest_after else [(3, np.zeros(6)), (4, np.zeros(6))])
     spline = make_interp_spline(t, np.hstack([v_e, euler(t)]), k=5, bc_type=ends6)
-    return _Stretch(start_s, r_e, euler(start_s), spline, spline.antiderivative())
+    return Stretch(start_s, r_e, euler(start_s), spline, spline.antiderivative())
 
 
 def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -> NDArray:
@@ -154,7 +152,7 @@ def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -
     return start + np.stack([bank, pitch, motion.course_rad(t)], axis=-1)
 
 
-def _imu_velocity_n(motion: Motion, euler: BSpline, t: NDArray, lever_p_b: NDArray) -> NDArray:
+def imu_velocity_n(motion: Motion, euler: BSpline, t: NDArray, lever_p_b: NDArray) -> NDArray:
     """Velocity of the IMU: P follows the course, the IMU is at -lever from it: v_imu = v_P - omega x lever.
 
     omega is that of body to navigation axes; the turning of those axes (below 1e-5 rad/s on wheels) is left out of
@@ -179,7 +177,7 @@ def rate_from_euler(euler_rad: NDArray, euler_rate_rad_s: NDArray) -> NDArray:
     ], axis=-1)  # fmt: skip
 
 
-def _frames_along(r_e: NDArray, v_n: NDArray, t: NDArray) -> NDArray:
+def frames_along(r_e: NDArray, v_n: NDArray, t: NDArray) -> NDArray:
     """C_en (n, 3, 3) along a path, by Picard iteration on latitude and height; only draws the path (see the module)."""
     lat0, lon0, height0 = (float(a) for a in geodetic_from_ecef(r_e))
     height = height0 - _integral(v_n[:, 2], t)
