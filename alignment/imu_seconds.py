@@ -38,7 +38,7 @@ class Seconds:
 
 def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
     """Read the rows of (start_s, end_s] once, piece by piece; None where there is less than a minute."""
-    parts = [_reduced(piece, start_s) for piece in _whole_seconds(imu, start_s, end_s)]
+    parts = [_reduced(piece, start_s) for piece in whole_seconds(imu, start_s, end_s)]
     if not parts:
         return None
     begin, end, dt, longest, sums, high, low, at_high, at_low = (np.concatenate(column) for column in zip(*parts))
@@ -58,7 +58,7 @@ def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
     )  # fmt: skip
 
 
-def _whole_seconds(imu: ImuSource, start_s: float, end_s: float) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
+def whole_seconds(imu: ImuSource, start_s: float, end_s: float) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
     """Times, intervals and increments (n, 6) of rows, cut at full seconds whatever the pieces of the log are."""
     kept: list[NDArray] = [np.zeros(0), np.zeros(0), np.zeros((0, 6))]
     for piece in imu.pieces(start_s, end_s):

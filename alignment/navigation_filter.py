@@ -238,16 +238,16 @@ def sweep(
     """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches `clone_at_s`."""
     views = views_of(history, plan, parked.displacement_sigma_m)
     program = FilterProgram(filter_steps(views))
-    _hold_position(program, views, parked)
+    hold_position(program, views, parked)
     if parked.hold_heading:
-        _hold_heading(program, views, parked)
+        hold_heading(program, views, parked)
     for aid in aids:
         aid.measure(program, views)
     program.clone(np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE)
     flt.run(program)
 
 
-def _hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
+def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for the jitter of the
     standing vehicle about its place. (A zero mean velocity over each step says the same but counts the jitter twice.)
     """
@@ -273,7 +273,7 @@ def heading_error_row(views: StepViews, at: NDArray | int, scale: NDArray | floa
     return {em.THETA.stop - 1: scale * np.ones_like(tan_over_R), em.POS.start + 1: scale * tan_over_R}
 
 
-def _hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
+def hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus creep."""
     still = np.flatnonzero(views.kind == STILL)
     stay = np.cumsum((views.kind == ROLLING) | (views.jolt_rad > NEW_HEADING_RAD))[still]

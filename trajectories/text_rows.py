@@ -160,12 +160,12 @@ def _wrong_fields(fields: Sequence[str], names: Sequence[str]) -> str:
     if len(fields) != len(names):
         return f"{len(fields)} values, needed {len(names)}"
     for name, field in zip(names, fields):
-        if field.strip() not in MISSING and not _is_number(field):
+        if field.strip() not in MISSING and not is_number(field):
             return f"column {name}: got {field[:40]!r}, needed a number"
     return ""
 
 
-def _is_number(text: str) -> bool:
+def is_number(text: str) -> bool:
     try:
         float(text)
     except ValueError:

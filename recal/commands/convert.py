@@ -23,6 +23,7 @@ def command(
     tail: Annotated[str | None, typer.Option("--tail", help="Tail number.")] = None,
     start_utc: Annotated[str | None, typer.Option("--start-utc", help="Such as 2026-03-01T05:00:00Z.")] = None,
     run_id: Annotated[str | None, typer.Option("--run-id", help="Default: the name of the log.")] = None,
+    imu: Annotated[int | None, typer.Option("--imu", min=1, help="Which IMU of a log that has several.")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -30,7 +31,7 @@ def command(
 ) -> None:
     """Convert a flight log of a known format, or by a column map, to a run; list all that was dropped or repaired.
 
-    Example: recal convert x_LN100_up.ins -o runs/ln100 --map examples/maps/x_LN100_up.toml
+    Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
     """
     from ins.json_file import read_toml
     from trajectories.conversion import convert_log
@@ -40,7 +41,8 @@ def command(
         "imu_serial": serial, "gyro_technology": technology, "lat_deg": lat_deg, "lon_deg": lon_deg,
         "height_m": height_m, "tail": tail, "start_utc": start_utc, "run_id": run_id,
     }  # fmt: skip
-    conversion = convert_log(log, read_toml(map_file) if map_file else {}, given)
+    options = (read_toml(map_file) if map_file else {}) | ({"imu": imu} if imu is not None else {})
+    conversion = convert_log(log, options, given)
     write_run(output, conversion.run, conversion=conversion.record)
     result = summary(conversion, output)
     if answer(result, as_json=as_json, verbose=verbose):
@@ -70,7 +72,7 @@ def summary(conversion: "Conversion", output: Path) -> dict[str, Any]:
 
 def report_lines(result: dict[str, Any]) -> list[str]:
     """The same for people."""
-    lines = [f"dropped: {note}" for note in result["notes"]]
+    lines = [f"note: {note}" for note in result["notes"]]
     lines += [f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}" for s in result["repaired"]]
     lines += [f"{p['level']}: {p['text']}" for p in result["problems"]]
     lines.append(

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from ins.records import InputError, TemperatureLog
 from trajectories.imu_stream import imu_log
@@ -95,12 +96,15 @@ def _whole_rows(time_s: NDArray, w: NDArray, f: NDArray, label: str) -> tuple[ND
     with np.errstate(invalid="ignore"):
         sane = (np.abs(w) < PLAUSIBLE_RAD_S).all(axis=1) & (np.abs(f) < PLAUSIBLE_M_S2).all(axis=1)
     whole = np.flatnonzero(finite & sane)
+    ahead = _ahead(time_s[whole])
+    jumps, whole = whole[ahead], whole[~ahead]
     before = np.concatenate([[-np.inf], np.maximum.accumulate(time_s[whole])[:-1]])
     late = time_s[whole] > before
     kept = whole[late]
     faults = {
         "missing or not finite": np.flatnonzero(~finite),
         f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(finite & ~sane),
+        "time jumps ahead and comes back": jumps,
         "time repeats or goes back": whole[~late],
     }
     dropped = len(time_s) - len(kept)
@@ -112,6 +116,16 @@ def _whole_rows(time_s: NDArray, w: NDArray, f: NDArray, label: str) -> tuple[ND
         )
     notes = [f"{label}: {row_ranges(rows)} dropped: {why}" for why, rows in faults.items() if rows.size]
     return kept, notes
+
+
+def _ahead(time_s: NDArray) -> NDArray:
+    """Which times are later than the median of the five around them by more than a gap: garbled, one at a time.
+
+    Left in, such a time would make all that follow it go back.
+    """
+    if time_s.size < 5:
+        return np.zeros(time_s.size, dtype=bool)
+    return time_s - median_filter(time_s, size=5, mode="mirror") > MAX_GAP_S
 
 
 def row_ranges(rows: NDArray) -> str:

@@ -1,0 +1,25 @@
+"""All effects that a trial can plant, by their name in gap.md, section 2."""
+
+from collections.abc import Sequence
+
+from benchmarks.gap_trials import accel_errors, gyro_drifts, gyro_inputs, platform, taxi_errors
+from benchmarks.gap_trials.effect import Effect
+from ins.records import InputError
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect
+    for module in (gyro_drifts, gyro_inputs, accel_errors, platform, taxi_errors)
+    for effect in module.EFFECTS
+}
+
+
+def effect_named(name: str) -> Effect:
+    if name not in EFFECTS:
+        raise InputError(f"planted effect {name!r}, needed one of {', '.join(sorted(EFFECTS))}")
+    return EFFECTS[name]
+
+
+def possible(have: frozenset[str], names: Sequence[str] | None = None) -> tuple[Effect, ...]:
+    """The effects (of these names) whose needs are met by a plan that has "taxi", "gnss", "odometer", "runs" or not."""
+    chosen = [effect_named(name) for name in names] if names else list(EFFECTS.values())
+    return tuple(effect for effect in chosen if effect.needs <= have)

@@ -1,0 +1,346 @@
+"""Which effects explain the gap: forward selection of single effects, refined, swept, and reported as credible sets.
+
+Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see `scoring`). The
+threshold comes from replicates of the twin's own noise on the very same runs.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ins.records import TwinModel
+from simreal.bank import Bank, Group, Hypothesis, limits
+from simreal.effects.base import Effect
+from simreal.evidence import Evidence, ExtraNoise
+from simreal.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses
+from simreal.run_view import RunView
+from simreal.scoring import Scorer, fit
+
+MOST_EFFECTS = 6
+REPLICATES = 300
+TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn
+CREDIBLE = 0.95
+SWEEPS = 3
+REFINEMENTS = 3
+FINE = 9  # points of one refinement
+PAIR_CANDIDATES = 40
+NO_COLUMNS = np.zeros(0, dtype=int)
+
+AnyHypothesis = Hypothesis | NoiseHypothesis
+
+
+@dataclass
+class Slot:
+    """One found effect: the chosen hypothesis with its group (refined) or its noise, its log posterior odds, and
+
+    `posterior`: probability of every hypothesis of the scan, in the order of `Attribution.hypotheses`.
+    """
+
+    hypothesis: AnyHypothesis
+    group: Group | None = None
+    extra: ExtraNoise | None = None
+    log_odds: float = 0.0
+    posterior: NDArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def columns(self) -> NDArray:
+        return NO_COLUMNS if self.group is None else self.group.columns
+
+
+@dataclass
+class Attribution:
+    """The slots, the state they were judged in, and the null threshold."""
+
+    slots: list[Slot]
+    evidence: Evidence
+    bank: Bank
+    squares: Squares
+    hypotheses: list[AnyHypothesis]
+    threshold: float
+    log_odds_before: NDArray
+    replicate_max: NDArray
+
+    @property
+    def columns(self) -> NDArray:
+        return np.concatenate([s.columns for s in self.slots]) if self.slots else NO_COLUMNS
+
+    def residual(self) -> NDArray:
+        """Whitened rows less what the slots explain."""
+        columns = self.columns
+        if not columns.size:
+            return self.evidence.z
+        coefficients, _ = fit(self.bank, columns)
+        return self.evidence.z - self.bank.signature(columns, coefficients)
+
+
+class Attributor:
+    """The search over one set of runs under one twin."""
+
+    def __init__(
+        self, views: Sequence[RunView], twin: TwinModel, effects: Sequence[Effect], *, alpha: float,
+        rng: np.random.Generator, replicates: int = REPLICATES,
+    ) -> None:  # fmt: skip
+        self.views, self.twin, self.effects = views, twin, effects
+        self._set(Evidence(views, twin))
+        self._replicates(rng, replicates)
+        self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
+        self.slots: list[Slot] = []
+
+    def _set(self, evidence: Evidence) -> None:
+        """A new noise model: everything is whitened again, found columns included."""
+        self.evidence, self.bank = evidence, Bank(evidence, self.effects)
+        self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
+        self.noises = noise_hypotheses(evidence, self.squares, self.effects)
+        self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
+
+    def _replicates(self, rng: np.random.Generator, count: int) -> None:
+        self.replicate_z = rng.standard_normal((self.evidence.size, count))
+        lp, _ = self.scorer.log_posterior(NO_COLUMNS, self.bank.replicate_scores(self.replicate_z))
+        self.replicate_ratio = self.squares.ratio(self.replicate_z, rng)
+        noise = [self._noise_odds(h, self.replicate_ratio) for h in self.noises]
+        self.replicate_max = np.max(np.vstack([lp, *noise]), axis=0)
+
+    def _noise_odds(self, hypothesis: NoiseHypothesis, ratio: NDArray) -> NDArray:
+        scores, _ = log_bf(hypothesis, self.squares, ratio)
+        return np.asarray(logsumexp(scores, axis=0) - np.log(len(scores)) + hypothesis.log_prior)
+
+    def explain(self) -> Attribution:
+        """Forward selection, sweeps, pruning."""
+        first = self._odds([])[0]
+        while len(self.slots) < MOST_EFFECTS:
+            found = self._best(self.slots)
+            if found is None:
+                break
+            self._enter(len(self.slots), found)
+            for _ in range(SWEEPS):
+                if not self._sweep():
+                    break
+        self._finish()
+        return Attribution(
+            self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max
+        )
+
+    def _odds(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
+        """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of all groups."""
+        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        lp, groups = self.scorer.log_posterior(columns, self.bank.score[:, None])
+        z = self.evidence.z
+        if columns.size:
+            z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
+        ratio = self.squares.ratio(z[:, None])
+        noise = [float(self._noise_odds(h, ratio)[0]) for h in self.noises]
+        taken = {s.hypothesis.key for s in others if s.extra is not None}
+        noise = [-np.inf if h.key in taken else v for h, v in zip(self.noises, noise)]
+        self._ratio = ratio
+        return np.concatenate([lp[:, 0], noise]), groups[:, 0]
+
+    def _best(self, others: Sequence[Slot]) -> Slot | None:
+        """The best new effect given others, refined; None where nothing reaches the threshold."""
+        odds, groups = self._odds(others)
+        best = int(np.argmax(odds))
+        if odds[best] < self.threshold:
+            return None
+        slot = self._slot(best, odds, groups, others)
+        hypothesis = slot.hypothesis
+        if (not hypothesis.named or hypothesis.name == "slow_variation") and len(others) + 2 <= MOST_EFFECTS:
+            pair = self._pair(slot, others, odds)
+            if pair is not None:
+                return pair
+        return slot
+
+    def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
+        if number >= len(self.bank.hypotheses):
+            return self._noise_slot(self.noises[number - len(self.bank.hypotheses)], float(odds[number]))
+        hypothesis = self.bank.hypotheses[number]
+        mine = self.scorer.groups_of(number)
+        group = hypothesis.groups[int(np.argmax(groups[mine]))]
+        return Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
+
+    def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
+        scores, best = log_bf(hypothesis, self.squares, self._ratio)
+        at = int(np.argmax(scores[:, 0]))
+        square = _refined_level(hypothesis, at, float(best[at, 0]), self.squares, self._ratio)
+        return Slot(hypothesis, None, ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square), odds)
+
+    def _refined(self, hypothesis: Hypothesis, group: Group, others: Sequence[Slot]) -> Group:
+        """Continuous shape parameters: finer and finer grids about the best, one parameter at a time."""
+        effect = hypothesis.effect
+        if effect is None or not effect.shape:
+            return group
+        run = None if hypothesis.run is None else self.bank.telemetry[hypothesis.run]
+        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        shape, best = dict(group.shape), group
+        for parameter in effect.shape:
+            low, high = limits(parameter, run)
+            if parameter.steps < 2 or high <= low:
+                continue
+            log = parameter.spread == "log"
+            width = (np.log(high / low) if log else high - low) / (parameter.steps - 1)
+            for _ in range(REFINEMENTS):
+                offsets = width * np.linspace(-1.0, 1.0, FINE)
+                centre = shape[parameter.name]
+                tried = centre * np.exp(offsets) if log else centre + offsets
+                tried = np.unique(np.clip(tried, low, high))
+                shapes = [{**shape, parameter.name: float(v)} for v in tried]
+                groups = self.bank.append(effect, hypothesis.target, shapes, hypothesis.run)
+                scorer = Scorer(self.bank, [replace(hypothesis, groups=groups)])
+                fits = scorer.groups_log_bf(columns, self.bank.score[:, None])[:, 0]
+                best = groups[int(np.argmax(fits))]
+                shape, width = dict(best.shape), width / 4.0
+        return best
+
+    def _pair(self, single: Slot, others: Sequence[Slot], odds: NDArray) -> Slot | None:
+        """Two named effects on the channel of a generic answer, where together they explain it better.
+
+        The better of them is returned; the other is found in the next round.
+        """
+        target = single.hypothesis.target
+        on_channel = [k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target]
+        if not on_channel:
+            return None
+        base = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        mine = Scorer(self.bank, [self.bank.hypotheses[k] for k in on_channel])
+        _, groups = mine.log_posterior(base, self.bank.score[:, None])
+        order = np.argsort(-groups[:, 0])[:PAIR_CANDIDATES]
+        best, chosen = single.log_odds, None
+        for k in order:
+            group = mine.groups[k]
+            hypothesis = mine.hypotheses[mine.owner[k]]
+            count = len(hypothesis.groups)
+            rest, _ = mine.log_posterior(np.concatenate([base, group.columns]), self.bank.score[:, None])
+            rest[mine.owner[k]] = -np.inf
+            total = groups[k, 0] - np.log(count) + hypothesis.log_prior + float(rest[:, 0].max())
+            if float(rest[:, 0].max()) > self.threshold and total > best:
+                best, chosen = total, (hypothesis, group)
+        if chosen is None:
+            return None
+        return Slot(chosen[0], self._refined(*chosen, others), None, best)
+
+    def _enter(self, place: int, slot: Slot) -> None:
+        """Put a slot in its place; noise changes the whitening, and all columns are made anew."""
+        before = [s.extra for s in self.slots if s.extra is not None]
+        if place < len(self.slots):
+            self.slots[place] = slot
+        else:
+            self.slots.append(slot)
+        after = [s.extra for s in self.slots if s.extra is not None]
+        if [id(e) for e in before] != [id(e) for e in after]:
+            self._set(Evidence(self.views, self.twin, after))
+            for s in self.slots:
+                if s.group is not None:
+                    self._restore(s)
+
+    def _restore(self, slot: Slot) -> None:
+        """The slot's hypothesis and columns in a new bank."""
+        old = slot.hypothesis
+        found = next(h for h in self.bank.hypotheses if h.key == old.key)
+        slot.hypothesis = found
+        assert slot.group is not None
+        if found.effect is not None:
+            slot.group = self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0]
+        else:
+            slot.group = next(g for g in found.groups if g.shape == slot.group.shape)
+
+    def _sweep(self) -> bool:
+        """Judge each slot again given the others; True where one changed."""
+        changed = False
+        for place in range(len(self.slots)):
+            slot = self.slots[place]
+            if slot.extra is not None or len(self.slots) < 2:
+                continue
+            others = [s for k, s in enumerate(self.slots) if k != place]
+            odds, groups = self._odds(others)
+            best = int(np.argmax(odds[: len(self.bank.hypotheses)]))
+            hypothesis = self.bank.hypotheses[best]
+            if hypothesis.key == slot.hypothesis.key:
+                slot.group = self._refined(hypothesis, self._start(best, groups), others)
+                continue
+            self.slots[place] = self._slot(best, odds, groups, others)
+            changed = True
+        return changed
+
+    def _start(self, number: int, groups: NDArray) -> Group:
+        mine = self.scorer.groups_of(number)
+        return self.bank.hypotheses[number].groups[int(np.argmax(groups[mine]))]
+
+    def _finish(self) -> None:
+        """Drop slots that no longer earn their place; the posterior of each given the others."""
+        place = 0
+        while place < len(self.slots):
+            slot = self.slots[place]
+            others = [s for k, s in enumerate(self.slots) if k != place]
+            if slot.extra is not None:
+                odds = self._odds_without_noise(slot)
+            else:
+                odds, _ = self._odds(others)
+                own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
+                slot.log_odds = max(float(odds[own]), self._refined_odds(slot, others))
+                odds[own] = slot.log_odds
+                if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
+                    del self.slots[place]
+                    continue
+            slot.posterior = np.exp(odds - logsumexp(odds))
+            place += 1
+
+    def _refined_odds(self, slot: Slot, others: Sequence[Slot]) -> float:
+        """Log odds at the refined shape, less what the search among shapes costs."""
+        assert isinstance(slot.hypothesis, Hypothesis) and slot.group is not None
+        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        scorer = Scorer(self.bank, [replace(slot.hypothesis, groups=[slot.group])])
+        fits = scorer.groups_log_bf(columns, self.bank.score[:, None])
+        return float(fits[0, 0] - np.log(2.0 * len(slot.hypothesis.groups)) + slot.hypothesis.log_prior)
+
+    def _odds_without_noise(self, slot: Slot) -> NDArray:
+        """Odds of all hypotheses where one noise slot is taken out again."""
+        rest = [s.extra for s in self.slots if s.extra is not None and s is not slot]
+        held = self.evidence, self.bank, self.scorer, self.squares, self.noises, self.hypotheses, list(self.slots)
+        self._set(Evidence(self.views, self.twin, rest))
+        others = []
+        for s in held[6]:
+            if s is not slot:
+                copy = replace(s)
+                if copy.group is not None:
+                    self._restore(copy)
+                others.append(copy)
+        odds, _ = self._odds(others)
+        self.evidence, self.bank, self.scorer, self.squares, self.noises, self.hypotheses = held[:6]
+        return odds
+
+
+def _refined_level(hypothesis: NoiseHypothesis, at: int, square: float, squares: Squares, ratio: NDArray) -> float:
+    """The coefficient squared of most likelihood, between its neighbours of the scan."""
+    from scipy.optimize import minimize_scalar
+
+    term = hypothesis.terms[at]
+    n, y = squares.dof[term.index], ratio[term.index, 0]
+
+    def loss(q: float) -> float:
+        s = np.maximum(1.0 + q * term.factor, 1e-3)
+        return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
+
+    low, high = (square / 4.0, square * 4.0) if square > 0 else (square * 3.0, square / 3.0)
+    if square < 0:
+        low = max(low, -0.99 / float(term.factor.max()))
+    found = minimize_scalar(loss, bounds=(low, high), method="bounded")
+    return float(found.x)
+
+
+def tail_quantile(values: NDArray, level: float) -> float:
+    """The value that maxima exceed with probability `level`: exponential tail through the upper TAIL of replicates."""
+    start = float(np.quantile(values, 1.0 - TAIL))
+    beyond = values[values > start] - start
+    if level >= TAIL or not beyond.size:
+        return float(np.quantile(values, 1.0 - level))
+    return start + float(beyond.mean()) * float(np.log(TAIL / level))
+
+
+def tail_probability(values: NDArray, seen: float) -> float:
+    """Probability that a replicate reaches what was seen, by the same tail."""
+    start = float(np.quantile(values, 1.0 - TAIL))
+    beyond = values[values > start] - start
+    if seen <= start or not beyond.size:
+        return float((1 + np.sum(values >= seen)) / (1 + values.size))
+    return TAIL * float(np.exp(-(seen - start) / beyond.mean()))

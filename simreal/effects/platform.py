@@ -1,0 +1,198 @@
+"""Motions of the vehicle that the twin does not make, and errors of its site (gap.md 2b, P01 to P08).
+
+A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the accelerometers -q x f.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
+from ins.records import InputError
+from ins.units import ARCSEC, HOUR, MICRO_G
+from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
+from simreal.effects.formula import FormulaEffect
+from simreal.effects.gyro_effect import one, several
+from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
+from simreal.effects.recordings import lacking, over, span
+from simreal.telemetry import Telemetry, Trace, on_axis
+
+ARCMIN = 60.0 * ARCSEC
+MILLIGAL = 1e-5  # [m/s^2]
+REFERENCE_degC = 25.0
+STEP_TAKES_s = 1.0  # a boarding or fuel step is no jump
+ROTATIONAL_SWAY_s = 1.0  # correlation time of the angle in gusts
+VEHICLE, SITE = ("vehicle",), ("site",)
+LATITUDE_STEP_rad = 1e-4  # of the derivative of gravity
+ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)  # cut to the run
+
+
+def turned(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray, axis: int) -> Trace:
+    """The trace of a rotation about one body axis, (n,) angle over the intervals and (n,) rate."""
+    q = on_axis(angle_rad, axis)
+    gyro = on_axis(angle_rate_rad_s, axis) - np.cross(q, run.rate_rad_s)
+    return Trace(gyro_rad_s=gyro, accel_m_s2=-np.cross(q, run.force_m_s2))
+
+
+def turned_in_time(run: Telemetry, angle: Callable[[NDArray], NDArray], axis: int) -> Trace:
+    """The same for an angle [rad] given as a function of time [s]: the gyro's increments add up to it exactly."""
+    begin, end = angle(run.time_s - 0.5 * run.dt_s), angle(run.time_s + 0.5 * run.dt_s)
+    return turned(run, 0.5 * (begin + end), (end - begin) / run.dt_s, axis)
+
+
+def after(run: Telemetry, onset_s: float) -> NDArray:
+    """Fraction of each interval that lies after an instant (n,)."""
+    return np.clip((run.time_s - onset_s) / run.dt_s + 0.5, 0.0, 1.0)
+
+
+def in_body(run: Telemetry, vector_n: NDArray) -> NDArray:
+    """A constant NED vector in body axes (n, 3)."""
+    return np.asarray(np.einsum("nij,i->nj", run.C_nb, vector_n))
+
+
+def sway(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """The twin's own oscillator, stronger: variance of the velocity for 1 m/s."""
+    return tuple(AddedNoise(channel, sway=1.0) for channel in ("accel_x", "accel_y"))
+
+
+def sway_rotation(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """Gusts that rock the vehicle: the gyros read the change of a bounded angle, the accelerometers g times the angle.
+
+    Neglected: that the two agree (their coherence), and the shape of the spectrum within a second.
+    """
+    g = float(gravity_magnitude(run.lat_rad, run.height_m))
+    gyros = tuple(AddedNoise(channel, bounded=ARCSEC**2) for channel in ("gyro_x", "gyro_y"))
+    accels = tuple(AddedNoise(channel, white=(g * ARCSEC) ** 2 * ROTATIONAL_SWAY_s) for channel in ("accel_x", "accel_y"))
+    return gyros + accels
+
+
+def settling(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Roll and pitch A (1 - exp(-t/tau)), t since power-on."""
+    tau_s = shape["tau_s"]
+    return tuple(turned_in_time(run, lambda t: -ARCSEC * np.expm1(-t / tau_s), axis) for axis in (0, 1))
+
+
+def step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Roll, pitch and heading that change once, within a second about the onset."""
+
+    def angle(t: NDArray) -> NDArray:
+        return ARCSEC * np.clip((t - shape["onset_s"]) / STEP_TAKES_s + 0.5, 0.0, 1.0)
+
+    return tuple(turned_in_time(run, angle, axis) for axis in range(3))
+
+
+def yaw_creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Heading that drifts steadily while the vehicle is parked; it stays where it got to in between."""
+    rate = np.where(run.parked, ARCSEC / HOUR, 0.0)
+    return (turned(run, np.cumsum(rate * run.dt_s) - 0.5 * rate * run.dt_s, rate, 2),)
+
+
+def mount_temperature(run: Telemetry) -> NDArray | None:
+    """Temperature of the block, or the mean of the gyros' (n,) [degC]."""
+    if run.block_degC is not None:
+        return run.block_degC
+    return None if run.temperature_degC is None else run.temperature_degC.mean(axis=1)
+
+
+def mount_sag(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Roll and pitch of the unit on its mount, in proportion to (T - 25 degC)."""
+    temperature = mount_temperature(run)
+    if temperature is None:
+        raise InputError(f"run {run.run_index}: no gyro or block temperature, needed by platform_mount_sag")
+    angle = ARCSEC * (temperature - REFERENCE_degC)
+    return tuple(turned(run, angle, run.rate_of(angle), axis) for axis in (0, 1))
+
+
+def engine_step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Vibration rectification: a step of each accelerometer's bias from the onset on."""
+    on = MICRO_G * after(run, shape["onset_s"])
+    return tuple(Trace(accel_m_s2=on_axis(on, axis)) for axis in range(3))
+
+
+def engine_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
+    """White noise of all accelerometers from the onset on."""
+    on = after(run, shape["onset_s"])
+    return tuple(AddedNoise(channel, white=MICRO_G**2, profile=on) for channel in ACCELS)
+
+
+def latitude_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Entered less true latitude: Earth rate and gravity of the true place less those of the entered one, and GNSS.
+
+    With the entered latitude north of the true one GNSS reads south of where the twin puts the vehicle.
+    """
+    L = run.lat_rad
+    rate_n = ARCMIN * EARTH_RATE_RAD_S * np.array([np.sin(L), 0.0, np.cos(L)])  # -d omega_ie / dL
+    slope = gravity_magnitude(L + LATITUDE_STEP_rad, run.height_m) - gravity_magnitude(L - LATITUDE_STEP_rad, run.height_m)
+    force_n = ARCMIN * np.array([0.0, 0.0, float(slope) / (2 * LATITUDE_STEP_rad)])  # f = -g, less: +dg/dL
+    north_m = -ARCMIN * (float(radii_of_curvature(L)[0]) + run.height_m)
+    position = on_axis(np.full(run.n, north_m), 0)
+    return (Trace(gyro_rad_s=in_body(run, rate_n), accel_m_s2=in_body(run, force_n), gnss_position_m=position),)
+
+
+def deflection(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Gravity that pulls to the north and to the east of plumb, and stronger gravity: the specific force is the opposite."""
+    g = float(gravity_magnitude(run.lat_rad, run.height_m))
+    sizes = (g * ARCSEC, g * ARCSEC, MILLIGAL)
+    return tuple(Trace(accel_m_s2=in_body(run, -size * np.eye(3)[axis])) for axis, size in enumerate(sizes))
+
+
+def needs_mount_temperature(runs: Sequence[Telemetry], target: str) -> str:
+    known = [t for t in map(mount_temperature, runs) if t is not None]
+    if not known or len(known) < len(runs):
+        return "a gyro or block temperature"
+    return lacking((span(np.concatenate(known)) > TEMPERATURE_CHANGE_degC, "a temperature that changes"))
+
+
+def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
+    return lacking((bool(np.any(over(runs, lambda run: run.parked))), "parked time"))
+
+
+PLATFORM = (
+    FormulaEffect(
+        "platform_sway", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
+        rivals=("accel_noise",), source="gap.md P01 (a)", noise_formula=sway,
+    ),
+    FormulaEffect(
+        "platform_sway_rotation", "platform_sway", VEHICLE,
+        (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
+        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md P01 (b)",
+        noise_formula=sway_rotation,
+    ),
+    FormulaEffect(
+        "platform_settling", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+        shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
+        rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient"), source="gap.md P02",
+        formula=settling, need=needs_standstill,
+    ),
+    FormulaEffect(
+        "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
+        shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
+    ),
+    FormulaEffect(
+        "platform_yaw_creep", "platform_yaw_creep", VEHICLE, one("arcsec/h", 5.0, 100.0), repeats="E",
+        rivals=("gyro_turn_on_bias", "gyro_rate_ramp"), source="gap.md P04", formula=yaw_creep, need=needs_standstill,
+    ),
+    FormulaEffect(
+        "platform_mount_sag", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
+        rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="gap.md P05",
+        formula=mount_sag, need=needs_mount_temperature,
+    ),
+    FormulaEffect(
+        "engine_start", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
+        rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step"), source="gap.md P06, bias", formula=engine_step,
+    ),
+    FormulaEffect(
+        "engine_start_noise", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
+        shape=(ONSET,), repeats="E", rivals=("accel_noise",), source="gap.md P06, noise", noise_formula=engine_noise,
+    ),
+    FormulaEffect(
+        "site_latitude_error", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
+        rivals=("gyro_turn_on_bias", "gyro_misalignment"), source="gap.md P07; entered less true", formula=latitude_error,
+    ),
+    FormulaEffect(
+        "vertical_deflection", "vertical_deflection", SITE,
+        (*several(("north", "east"), "arcsec", 5.0, 20.0), Coefficient("anomaly", "mGal", 10.0, 50.0)),
+        rivals=("accel_scale_factor", "accel_thermal"), source="gap.md P08", formula=deflection,
+    ),
+)  # fmt: skip

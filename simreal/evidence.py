@@ -1,0 +1,229 @@
+"""All runs as one set of whitened rows, and the same operator for signatures.
+
+Under the twin every row is N(0, 1) and independent, whatever the channel: ten-second means of the parked sensors,
+parked fixes, innovations of what follows. What happens within ten seconds enters as sums of squares over their expected
+value (`Scatter`), chi-square distributed.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from ins.records import TwinModel
+from simreal.effects.base import Effect
+from simreal.noise_model import ChannelNoise, channel_noises
+from simreal.parked import BIN_S, ParkedBlock
+from simreal.parked_fixes import ParkedFixes
+from simreal.rolling import RollingBlock
+from simreal.run_view import RunView
+from simreal.telemetry import PARKED, Telemetry, Trace
+
+CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z", "temperature", "odometer", "gnss", "vehicle")
+SENSORS = 6
+BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
+BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
+PER_BLOCK = int(BIN_S)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Labels of whitened rows (k): run and channel numbers, time [s], kind of motion, temperature (NaN: none) [degC].
+
+    steady: the row takes part in tests of variance (its sigma is that of the twin, not a nuisance's).
+    """
+
+    run: NDArray
+    channel: NDArray
+    time_s: NDArray
+    kind: NDArray
+    temperature_degC: NDArray
+    steady: NDArray
+    variance: NDArray
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Sums of squares within blocks of ten seconds over their expectation, one run: ratio (7, bands, blocks), dof the same.
+
+    Channels as the first seven of CHANNELS; dof 0 where there is nothing to compare.
+    """
+
+    ratio: NDArray
+    dof: NDArray
+    time_s: NDArray
+
+
+@dataclass(frozen=True)
+class ExtraNoise:
+    """A noise effect with its coefficient squared (negative: less than the twin declares)."""
+
+    effect: Effect
+    target: str
+    shape: Mapping[str, float]
+    square: float
+
+
+def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]) -> tuple[ChannelNoise, ...]:
+    """The six channels with extra noise; noise that is not steady enters by its mean over the run."""
+    noises = list(channel_noises(twin, view.run_s))
+    for item in extra:
+        for added in item.effect.noise(view.telemetry, item.target, item.shape):
+            c = CHANNELS.index(added.channel)
+            if c < SENSORS:
+                mean = 1.0 if added.profile is None else float(added.profile[view.telemetry.parked].mean())
+                noises[c] = noises[c].with_added(added, mean * item.square)
+    return tuple(noises)
+
+
+def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> TwinModel:
+    """The twin with the sample noise of thermometer, odometer and GNSS that effects add."""
+    for item in extra:
+        for added in item.effect.noise(run, item.target, item.shape):
+            more = added.sample * item.square
+            if added.channel == "odometer" and more:
+                total = max(twin.odometer.noise_m_s**2 + more, 1e-12)
+                twin = replace(twin, odometer=replace(twin.odometer, noise_m_s=float(np.sqrt(total))))
+            elif added.channel == "temperature" and more:
+                total = max(twin.temperature.noise_degC**2 + more, 1e-12)
+                twin = replace(twin, temperature=replace(twin.temperature, noise_degC=float(np.sqrt(total))))
+    return twin
+
+
+class RunEvidence:
+    """One run whitened with the twin's noise and what `extra` adds to its channels."""
+
+    def __init__(self, view: RunView, twin: TwinModel, extra: Sequence[ExtraNoise] = ()) -> None:
+        self.view, self.twin = view, with_extra(twin, view.telemetry, extra)
+        twin = self.twin
+        self.parked = ParkedBlock(view, twin, channel_noises_with(twin, view, extra))
+        self.fixes = ParkedFixes(view, twin)
+        data = self.parked.residual(view)[:, :, None]
+        z_parked, handoff = self.parked.whiten(data)
+        self.handoff = handoff
+        self.rolling = None if view.history is None else RollingBlock(view, twin, handoff, self.fixes)
+        parts = [z_parked[:, 0], self.fixes.whiten_data()[0]]
+        if self.rolling is not None:
+            parts.append(self.rolling.whiten_data())
+        self.z = np.concatenate(parts)
+        self.scatter = _scatter(view, self.parked, twin)
+
+    def whiten(self, traces: Sequence[Trace]) -> NDArray:
+        """Whitened signatures (rows, m) of traces on the run's seconds."""
+        if not traces:
+            return np.zeros((self.z.size, 0))
+        listed = list(traces)
+        white, handoff = self.parked.whiten(self.parked.of_traces(listed))
+        fixes, site_m = self.fixes.whiten(listed)
+        parts = [white, fixes]
+        if self.rolling is not None:
+            parts.append(self.rolling.whiten(listed, handoff, site_m))
+        return np.vstack(parts)
+
+    def rows(self, number: int) -> Rows:
+        """Labels of the rows, in the order of `z`."""
+        p, f = self.parked, self.fixes
+        bin_s = self.view.start_s + BIN_S * (np.arange(p.bins) + 0.5)
+        time_s = np.concatenate([np.tile(bin_s, SENSORS), np.tile(f.time_s - 0.5 * BIN_S, 4 if f.rows else 0)])
+        channel = np.concatenate([np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))])
+        kind = np.full(time_s.size, PARKED)
+        steady = np.concatenate([np.repeat(p.live, p.bins), np.ones(f.rows, bool)])
+        variance = np.ones(time_s.size)
+        if self.rolling is not None:
+            r = self.rolling.labels
+            codes = np.array([CHANNELS.index(c) for c in r.channel], dtype=int)
+            rolling_ok = (codes != CHANNELS.index("gyro_z")) & ~((codes == CHANNELS.index("vehicle")) & (r.kind == PARKED))
+            time_s, channel, kind = (np.concatenate(pair) for pair in ((time_s, r.time_s), (channel, codes), (kind, r.kind)))
+            steady, variance = np.concatenate([steady, rolling_ok]), np.concatenate([variance, r.variance])
+        T = np.full(time_s.size, np.nan)
+        gyro_T = self.view.telemetry.temperature_degC
+        if gyro_T is not None:
+            axis = np.where(channel < SENSORS, channel % 3, 0)
+            for k in range(3):
+                T[axis == k] = np.interp(time_s[axis == k], self.view.telemetry.time_s, gyro_T[:, k])
+        return Rows(np.full(time_s.size, number), channel.astype(int), time_s, kind, T, steady, variance)
+
+
+class Evidence:
+    """All runs under one twin."""
+
+    def __init__(self, views: Sequence[RunView], twin: TwinModel, extra: Sequence[ExtraNoise] = ()) -> None:
+        self.views, self.twin, self.extra = tuple(views), twin, tuple(extra)
+        self.runs = [RunEvidence(view, twin, extra) for view in views]
+        self.offsets = np.concatenate([[0], np.cumsum([r.z.size for r in self.runs])])
+        labels = [r.rows(k) for k, r in enumerate(self.runs)]
+        self.rows = Rows(*(np.concatenate([getattr(rows, name) for rows in labels]) for name in Rows.__dataclass_fields__))
+        self.z = np.concatenate([r.z for r in self.runs])
+
+    @property
+    def size(self) -> int:
+        return int(self.z.size)
+
+    def rows_of(self, run: int) -> slice:
+        return slice(int(self.offsets[run]), int(self.offsets[run + 1]))
+
+    def whiten(self, traces: Sequence[Sequence[Trace]]) -> NDArray:
+        """Whitened columns (rows, m): traces[run][m]."""
+        return np.vstack([run.whiten(list(own)) for run, own in zip(self.runs, traces)])
+
+
+def block_spectrum(noise: ChannelNoise) -> NDArray:
+    """Expected squares (10,) of the DCT of ten one-second means."""
+    D = dct(np.eye(PER_BLOCK), axis=0, norm="ortho")
+    return np.asarray(np.einsum("ki,ij,kj->k", D, noise.covariance(PER_BLOCK, 1.0), D))
+
+
+def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
+    blocks, shape = parked.bins, (7, len(BANDS) + 1, parked.bins)
+    ratio, dof = np.ones(shape), np.zeros(shape)
+    seconds = view.seconds
+    mean = seconds.mean[parked.seconds].reshape(blocks, PER_BLOCK, SENSORS)
+    spectrum = dct(mean, axis=1, norm="ortho") ** 2
+    rows = seconds.rows[parked.seconds]
+    per_second = int(np.median(rows)) if rows.size else 0
+    raw = seconds.scatter[parked.seconds].reshape(blocks, PER_BLOCK, SENSORS).sum(axis=1)
+    whole = (rows.reshape(blocks, PER_BLOCK) == per_second).all(axis=1)
+    for c, noise in enumerate(parked.noise):
+        if not parked.live[c]:
+            continue
+        expected = block_spectrum(noise)
+        for b, (low, high) in enumerate(BANDS):
+            ratio[c, b] = (spectrum[:, low:high, c] / expected[low:high]).mean(axis=1)
+            dof[c, b] = high - low
+        scatter, freedom = noise.scatter(per_second, seconds.row_dt_s)
+        if freedom > 0:
+            ratio[c, -1] = np.where(whole, raw[:, c] / (PER_BLOCK * scatter), 1.0)
+            dof[c, -1] = np.where(whole, PER_BLOCK * freedom, 0.0)
+    _thermometer(view, twin, parked, ratio, dof)
+    return Scatter(ratio, dof, view.start_s + BIN_S * (np.arange(blocks) + 0.5))
+
+
+def _thermometer(view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDArray, dof: NDArray) -> None:
+    """Scatter of the gyro thermometers about straight lines through blocks of a minute, in the first band of theirs.
+
+    Only where the declared noise is not small beside the rounding (else the rounding error is not white).
+    """
+    log, noise = view.run.temperature, twin.temperature
+    expected = noise.noise_degC**2 + noise.resolution_degC**2 / 12.0
+    if log is None or expected <= 0 or noise.noise_degC < 0.5 * noise.resolution_degC:
+        return
+    step = float(np.median(np.diff(log.time_s)))
+    n = round(60.0 / step)
+    inside = np.flatnonzero((log.time_s > view.start_s) & (log.time_s <= view.end_s))
+    if n < 5 or inside.size < n:
+        return
+    groups = inside[: inside.size // n * n].reshape(-1, n)
+    x = np.stack([np.ones(n), np.linspace(-1, 1, n), np.linspace(-1, 1, n) ** 2], axis=1)
+    Q, _ = np.linalg.qr(x)
+    at = np.minimum(((log.time_s[groups[:, -1]] - view.start_s - 1e-6) // BIN_S).astype(int), parked.bins - 1)
+    total, count = np.zeros(parked.bins), np.zeros(parked.bins)
+    for axis in range(3):
+        values = log.gyro_degC[groups, axis]
+        good = np.isfinite(values).all(axis=1)
+        off = values[good] - values[good] @ Q @ Q.T
+        np.add.at(total, at[good], np.sum(off**2, axis=1) / expected)
+        np.add.at(count, at[good], n - 3.0)
+    seen = count > 0
+    ratio[6, 0, seen], dof[6, 0, seen] = total[seen] / count[seen], count[seen]

@@ -1,0 +1,91 @@
+"""Answers without a name: free functions of temperature, its rate, time or run on one channel, as competitors.
+
+Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with its few parameters
+beats them where it fits, and loses where nothing named does.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simreal.effects.base import ACCELS, AXIS, GYROS
+from simreal.telemetry import Telemetry, Trace, on_axis
+
+OF_TEMPERATURE = "unknown_function_of_temperature"
+OF_RATE = "unknown_function_of_temperature_rate"
+OF_TIME = "unknown_function_of_time"
+OF_RUN = "unknown_function_of_run"
+Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
+
+
+@dataclass(frozen=True)
+class Generic:
+    """One free function on one channel: `traces(run)` gives its p columns."""
+
+    name: str
+    target: str
+    resolution: int
+    hats: Hats
+
+    def traces(self, run: Telemetry) -> tuple[Trace, ...]:
+        columns = self.hats(run).T
+        axis = AXIS[self.target]
+        gyro = self.target in GYROS
+        return tuple(Trace(gyro_rad_s=on_axis(c, axis)) if gyro else Trace(accel_m_s2=on_axis(c, axis)) for c in columns)
+
+
+def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
+    """All free functions that the runs' telemetry allows, for each gyro and accelerometer."""
+    out: list[Generic] = []
+    for target in (*GYROS, *ACCELS):
+        for name, quantity in ((OF_TEMPERATURE, _temperature), (OF_RATE, _rate)):
+            values = [quantity(run, target) for run in runs]
+            if any(v is None for v in values):
+                continue
+            for nodes in (4, 8, 16) if name == OF_TEMPERATURE else (4, 8):
+                out.append(Generic(name, target, nodes, _over(quantity, target, _nodes(values, nodes))))
+        for nodes in (4, 8, 16):
+            out.append(Generic(OF_TIME, target, nodes, _over(_time, target, _nodes([_time(r, target) for r in runs], nodes))))
+        if len(runs) > 1:
+            out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
+    return tuple(out)
+
+
+def _temperature(run: Telemetry, target: str) -> NDArray | None:
+    T = run.temperature_degC if target in GYROS else run.accel_degC
+    return None if T is None else T[:, AXIS[target]]
+
+
+def _rate(run: Telemetry, target: str) -> NDArray | None:
+    rate = run.temperature_rate_degC_min
+    return None if rate is None else rate[:, AXIS[target]]
+
+
+def _time(run: Telemetry, target: str) -> NDArray:
+    return run.time_s
+
+
+def _nodes(values: Sequence[NDArray | None], count: int) -> NDArray:
+    low = min(float(np.min(v)) for v in values if v is not None)
+    high = max(float(np.max(v)) for v in values if v is not None)
+    return np.linspace(low, max(high, low + 1e-6), count)
+
+
+def _over(quantity: Callable[[Telemetry, str], NDArray | None], target: str, nodes: NDArray) -> Hats:
+    def hats(run: Telemetry) -> NDArray:
+        values = quantity(run, target)
+        assert values is not None
+        return np.stack([np.interp(values, nodes, row) for row in np.eye(nodes.size)], axis=1)
+
+    return hats
+
+
+def _of_run(count: int) -> Hats:
+    def hats(run: Telemetry) -> NDArray:
+        out = np.zeros((run.n, count))
+        out[:, run.run_index] = 1.0
+        return out
+
+    return hats

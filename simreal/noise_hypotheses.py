@@ -1,0 +1,223 @@
+"""Noise beyond (or below) what the twin declares, as hypotheses on sums of squares.
+
+Each kind of noise multiplies the expected squares of the whitened data by 1 + q a: a from the twin's own covariance,
+q the square of the coefficient, unknown, log-uniform over the usual range and beyond, or negative where the twin declares
+more than there is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+
+from simreal.bank import shapes_of, unit_scale
+from simreal.effects.base import AddedNoise, Effect
+from simreal.evidence import BANDS, CHANNELS, SENSORS, Evidence, RunEvidence, block_spectrum
+from simreal.noise_model import ChannelNoise
+from simreal.parked import BIN_S, cholesky_of
+
+LEVELS = 24
+BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
+SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
+COARSE = 12  # blocks of ten seconds that are summed for noise that is not steady
+
+
+@dataclass(frozen=True)
+class Term:
+    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of each."""
+
+    index: NDArray
+    factor: NDArray
+
+
+@dataclass
+class NoiseHypothesis:
+    """A noise effect on a target; one term set for each grid point of its shape."""
+
+    name: str
+    target: str
+    effect: Effect
+    log_prior: float
+    shapes: list[dict[str, float]]
+    terms: list[Term]
+    levels: NDArray  # q tried
+    run: int | None = None
+    named: bool = True
+
+    @property
+    def key(self) -> tuple[str, str, int | None]:
+        return self.name, self.target, self.run
+
+
+class Squares:
+    """All sums of squares of an evidence: `ratio` (k,) over expectation with `dof` (k,).
+
+    First the cosine transform of each sensor's whitened parked rows, run after run, then scatter within ten seconds summed
+    over COARSE blocks, then single rows of odometer, GNSS and vehicle.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+        self.slow: dict[tuple[int, int], NDArray] = {}
+        self.quick: dict[tuple[int, int, int], NDArray] = {}
+        self.single: dict[tuple[int, int], tuple[NDArray, NDArray]] = {}
+        dof, at = [], 0
+        for r, run in enumerate(evidence.runs):
+            bins = run.parked.bins
+            for c in range(SENSORS):
+                if run.parked.live[c]:
+                    self.slow[r, c] = at + np.arange(bins)
+                    dof.append(np.ones(bins))
+                    at += bins
+            for c in range(SENSORS + 1):
+                for b in range(len(BANDS) + 1):
+                    freedom = _coarse(run.scatter.dof[c, b])
+                    if freedom.sum() > 0:
+                        self.quick[r, c, b] = at + np.arange(freedom.size)
+                        dof.append(freedom)
+                        at += freedom.size
+            own = np.arange(run.z.size) + int(evidence.offsets[r])
+            rest = own[SENSORS * bins :]
+            for c in range(SENSORS + 1, len(CHANNELS)):
+                rows = rest[(evidence.rows.channel[rest] == c) & evidence.rows.steady[rest]]
+                if rows.size:
+                    self.single[r, c] = (at + np.arange(rows.size), rows)
+                    dof.append(np.ones(rows.size))
+                    at += rows.size
+        self.dof = np.concatenate(dof) if dof else np.zeros(0)
+
+    def ratio(self, z: NDArray, rng: np.random.Generator | None = None) -> NDArray:
+        """Ratios (k, reps) of rows (rows, reps); the scatter is the data's, or drawn where an rng is given."""
+        out = np.ones((self.dof.size, z.shape[1]))
+        for (r, c), index in self.slow.items():
+            first = int(self.evidence.offsets[r]) + c * index.size
+            out[index] = dct(z[first : first + index.size], axis=0, norm="ortho") ** 2
+        for (r, c, b), index in self.quick.items():
+            if rng is None:
+                scatter = self.evidence.runs[r].scatter
+                total = _coarse(scatter.ratio[c, b] * scatter.dof[c, b])
+                out[index] = (total / np.maximum(self.dof[index], 1e-9))[:, None]
+            else:
+                freedom = self.dof[index][:, None]
+                out[index] = rng.chisquare(np.maximum(freedom, 1e-9), (index.size, z.shape[1])) / np.maximum(freedom, 1e-9)
+        for index, rows in self.single.values():
+            out[index] = z[rows] ** 2
+        return out
+
+
+def _coarse(values: NDArray) -> NDArray:
+    starts = np.arange(0, values.size, COARSE)
+    return np.asarray(np.add.reduceat(values, starts)) if values.size else values
+
+
+@lru_cache(maxsize=512)
+def slow_factor(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second means."""
+    L = cholesky_of(noise, bins, start_s)
+    half = solve_triangular(L, noise.only(added).covariance(bins, BIN_S, start_s), lower=True)
+    C = solve_triangular(L, half.T, lower=True)
+    return np.asarray(np.diag(dct(dct(C, axis=0, norm="ortho"), axis=1, norm="ortho")))
+
+
+@lru_cache(maxsize=512)
+def quick_factor(noise: ChannelNoise, added: AddedNoise, rows: int, row_dt_s: float) -> NDArray:
+    """a (bands,) of the scatter within ten seconds."""
+    more, base = block_spectrum(noise.only(added)), block_spectrum(noise)
+    bands = [float((more[a:b] / base[a:b]).mean()) for a, b in BANDS]
+    scatter, _ = noise.scatter(rows, row_dt_s)
+    return np.array([*bands, noise.only(added).scatter(rows, row_dt_s)[0] / scatter if scatter > 0 else 0.0])
+
+
+def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Effect]) -> list[NoiseHypothesis]:
+    """All stochastic effects that these runs can show."""
+    out = []
+    telemetry = [view.telemetry for view in evidence.views]
+    for effect in effects:
+        for target in effect.targets:
+            if effect.needs(telemetry, target):
+                continue
+            shapes = shapes_of(effect, telemetry[0])
+            if not effect.noise(telemetry[0], target, shapes[0]) or effect.repeats == "E":
+                continue
+            terms = [term_of(evidence, squares, effect, target, shape) for shape in shapes]
+            coefficient = effect.coefficients[-1]
+            scale = unit_scale(effect, target, evidence)
+            levels = np.geomspace(0.1 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
+            prior = SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0
+            out.append(NoiseHypothesis(effect.name, target, effect, prior, shapes, terms, levels))
+    return out
+
+
+def term_of(evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float]) -> Term:
+    """Where a noise effect shows and how much, per unit of its coefficient squared."""
+    index, factor = [], []
+    for r, run in enumerate(evidence.runs):
+        for added in effect.noise(run.view.telemetry, target, shape):
+            for where, a in _factors(squares, r, run, added):
+                index.append(where)
+                factor.append(a)
+    if not index:
+        return Term(np.zeros(0, int), np.zeros(0))
+    return Term(np.concatenate(index), np.concatenate(factor))
+
+
+def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> list[tuple[NDArray, NDArray]]:
+    c = CHANNELS.index(added.channel)
+    out = []
+    if c >= SENSORS:
+        if (r, c) in squares.single:
+            index, rows = squares.single[r, c]
+            variance = run.rows(r).variance[rows - int(squares.evidence.offsets[r])]
+            out.append((index, added.sample / variance))
+        if (r, c, 0) in squares.quick:  # the thermometer
+            read = run.twin.temperature
+            a = added.sample / (read.noise_degC**2 + read.resolution_degC**2 / 12.0)
+            index = squares.quick[r, c, 0]
+            out.append((index, np.full(index.size, a)))
+        return out
+    noise, steady = run.parked.noise[c], AddedNoise(**{**added.__dict__, "profile": None})
+    start_s = run.parked.start_s
+    mean_profile, coarse = 1.0, None
+    if added.profile is not None:
+        blocks = added.profile[run.parked.seconds].reshape(run.parked.bins, -1).mean(axis=1)
+        mean_profile = float(blocks.mean())
+        coarse = _coarse(blocks) / np.maximum(_coarse(np.ones(blocks.size)), 1)
+    if (r, c) in squares.slow:
+        index = squares.slow[r, c]
+        out.append((index, mean_profile * slow_factor(noise, steady, index.size, start_s)))
+    bands = quick_factor(noise, steady, int(np.median(run.view.seconds.rows)), run.view.seconds.row_dt_s)
+    for b, a in enumerate(bands):
+        if (r, c, b) in squares.quick:
+            index = squares.quick[r, c, b]
+            out.append((index, a * (np.ones(index.size) if coarse is None else coarse)))
+    return out
+
+
+def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray) -> tuple[NDArray, NDArray]:
+    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise hypothesis; ratio (k, reps)."""
+    scores, best = [], []
+    for term in hypothesis.terms:
+        n, y = squares.dof[term.index][:, None], ratio[term.index]
+        top = float(term.factor.max()) if term.factor.size else 0.0
+        tried = np.concatenate([hypothesis.levels, -np.array(BELOW) / top]) if top > 0 else np.zeros(0)
+        if not tried.size or hypothesis.levels[-1] * top < 1e-3:
+            scores.append(np.zeros(ratio.shape[1]))
+            best.append(np.zeros(ratio.shape[1]))
+            continue
+        fits = np.stack([_fit(n, y, 1.0 + q * term.factor[:, None]) for q in tried])
+        up, down = len(hypothesis.levels), len(BELOW)
+        weights = np.concatenate([np.full(up, np.log(0.8 / up)), np.full(down, np.log(0.2 / down))])
+        scores.append(logsumexp(fits + weights[:, None], axis=0))
+        best.append(tried[np.argmax(fits, axis=0)])
+    return np.array(scores), np.array(best)
+
+
+def _fit(n: NDArray, y: NDArray, s: NDArray) -> NDArray:
+    """Log likelihood ratio of scaling the expected squares by s: n/2 (y (1 - 1/s) - ln s), summed."""
+    s = np.maximum(s, 1e-3)
+    return np.asarray(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s)), axis=0))

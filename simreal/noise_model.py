@@ -1,0 +1,137 @@
+"""What the twin says the noise of one channel is, as covariances of means and as expected scatter.
+
+A channel is a mean rate or specific force: white noise (PSD N^2), flicker (PSD B^2 / 2 pi f from 1/(4 x run length)),
+rate random walk (variance K^2 t), a turn-on constant, a Markov process, and the difference of a bounded process:
+the quantised angle of a gyro (white), the sway velocity of a standing vehicle (damped oscillator). formats.md, section 3.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import toeplitz
+
+from ins.records import TwinModel
+from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
+from simreal.effects.base import AddedNoise
+
+FLICKER_GRID_S = 1.0
+TWO = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelNoise:
+    """Variances and densities in SI: white [unit^2/Hz], flicker B^2, walk K^2 [unit^2/s], turn_on, markov variance;
+
+    bounded: variance of a white bounded integral (angle, velocity); sway: velocity variance of an oscillator with
+    circular frequency sway_w and damping sway_zeta. run_s: length of the run (lowest frequency of the flicker).
+    """
+
+    white: float = 0.0
+    flicker: float = 0.0
+    walk: float = 0.0
+    turn_on: float = 0.0
+    markov: float = 0.0
+    markov_tau_s: float = 1.0
+    bounded: float = 0.0
+    sway: float = 0.0
+    sway_w: float = 1.0
+    sway_zeta: float = 0.2
+    run_s: float = 3600.0
+
+    def with_added(self, added: AddedNoise, scale: float) -> "ChannelNoise":
+        """Together with an effect's noise, `scale` in units of its coefficient squared."""
+        return replace(
+            self, white=self.white + scale * added.white, flicker=self.flicker + scale * added.flicker,
+            walk=self.walk + scale * added.walk, bounded=self.bounded + scale * added.bounded,
+            sway=self.sway + scale * added.sway, markov=self.markov + scale * added.markov,
+            markov_tau_s=added.markov_tau_s or self.markov_tau_s,
+        )  # fmt: skip
+
+    def only(self, added: AddedNoise) -> "ChannelNoise":
+        """An effect's noise alone, per unit of its coefficient squared, on this channel's run and oscillator."""
+        return replace(
+            self, white=added.white, flicker=added.flicker, walk=added.walk, turn_on=0.0, markov=added.markov,
+            markov_tau_s=added.markov_tau_s or 1.0, bounded=added.bounded, sway=added.sway,
+        )  # fmt: skip
+
+    def covariance(self, n: int, dt_s: float, start_s: float = 0.0) -> NDArray:
+        """Covariance (n, n) of means over n intervals of dt_s on end from start_s after power-on."""
+        end = start_s + dt_s * (np.arange(n) + 1.0)
+        C = toeplitz(self._stationary(n, dt_s)) + self.turn_on
+        if self.walk:
+            middle = end - 0.5 * dt_s
+            C += self.walk * np.minimum.outer(middle, middle)
+            C[np.diag_indices(n)] -= self.walk * dt_s / 6.0
+        return C
+
+    def scatter(self, rows: int, dt_s: float) -> tuple[float, float]:
+        """Expected sum of squared deviations of `rows` row means from their mean, and its degrees of freedom."""
+        if rows < 2:
+            return 0.0, 0.0
+        C = toeplitz(self._stationary(rows, dt_s, slow=False))
+        C = C - C.mean(axis=0) - C.mean(axis=1)[:, None] + C.mean()
+        trace, square = float(np.trace(C)), float(np.sum(C * C))
+        return trace, (trace**2 / square if square > 0 else 0.0)
+
+    def _stationary(self, n: int, dt_s: float, *, slow: bool = True) -> NDArray:
+        """Autocovariance (n,) of means over dt_s at lags k dt_s, turn-on and random walk apart."""
+        r = np.zeros(n)
+        r[0] = self.white / dt_s
+        lag = np.abs(dt_s * np.arange(-1, n + 1))
+        u = self.bounded * (lag < 1e-9) + self.sway * oscillator(lag, self.sway_w, self.sway_zeta)
+        r += (TWO * u[1:-1] - u[:-2] - u[2:]) / dt_s**2
+        if self.markov:
+            r += self.markov * _markov_means(dt_s * np.arange(n), dt_s, self.markov_tau_s)
+        if slow and self.flicker:
+            r += self.flicker * _flicker_means(n, dt_s, self.run_s)
+        return r
+
+
+def oscillator(lag_s: NDArray, w: float, zeta: float) -> NDArray:
+    """Autocorrelation of the velocity of x'' + 2 zeta w x' + w^2 x = white in its steady state."""
+    if zeta >= 1.0:
+        return np.exp(-w * lag_s)
+    wd = w * np.sqrt(1.0 - zeta**2)
+    return np.exp(-zeta * w * lag_s) * (np.cos(wd * lag_s) - zeta * w / wd * np.sin(wd * lag_s))
+
+
+def _markov_means(lag_s: NDArray, dt_s: float, tau_s: float) -> NDArray:
+    """Autocorrelation of means over dt_s of exp(-|t|/tau)."""
+    a = dt_s / tau_s
+    out = np.exp(-lag_s / tau_s) * (np.cosh(a) - 1.0) * 2.0 / a**2
+    out[lag_s == 0] = 2.0 * (a - 1.0 + np.exp(-a)) / a**2
+    return out
+
+
+def _flicker_means(n: int, dt_s: float, run_s: float) -> NDArray:
+    """Autocovariance (n,) of means over dt_s of unit flicker, PSD 1/(2 pi |f|) from 1/(4 run_s): a sum over its lines."""
+    step = min(FLICKER_GRID_S, dt_s)
+    per = round(dt_s / step)
+    m = int(2 ** np.ceil(np.log2(max(4.0 * run_s, 2.0 * n * dt_s) / step)))
+    f = np.fft.rfftfreq(m, step)
+    lowest = 1.0 / (4.0 * run_s)
+    psd = np.where(f >= 0.999 * lowest, 1.0 / (2.0 * np.pi * np.maximum(f, lowest)), 0.0) * np.sinc(f * dt_s) ** 2
+    return np.fft.irfft(psd, m)[: n * per : per] / step
+
+
+def channel_noises(twin: TwinModel, run_s: float) -> tuple[ChannelNoise, ...]:
+    """The six channels of a parked unit: gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2].
+
+    The parked heading creeps (white rate on z); the level accelerometers feel the sway, exactly so while the unit is
+    level. Quantisation is that of the accumulated angle: uniform, q^2/12.
+    """
+    g, a, v = twin.gyro, twin.accel, twin.vehicle
+    gyro = ChannelNoise(
+        white=(g.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2, flicker=(g.bias_instability_deg_h * DEG_PER_HOUR) ** 2,
+        walk=(g.rate_random_walk_deg_h_sqrt_h * DEG_PER_HOUR / 60.0) ** 2, turn_on=(g.turn_on_deg_h * DEG_PER_HOUR) ** 2,
+        bounded=g.quantization_rad**2 / 12.0, run_s=run_s,
+    )  # fmt: skip
+    creep = (v.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0) ** 2
+    accel = ChannelNoise(
+        white=(a.vrw_ug_sqrt_hz * MICRO_G) ** 2, flicker=(a.bias_instability_ug * MICRO_G) ** 2,
+        walk=(a.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2, turn_on=(a.turn_on_ug * MICRO_G) ** 2,
+        sway_w=2.0 * np.pi * v.sway_hz, sway_zeta=v.sway_damping, run_s=run_s,
+    )  # fmt: skip
+    level = replace(accel, sway=v.sway_m_s**2)
+    return gyro, gyro, replace(gyro, white=gyro.white + creep), level, level, accel

@@ -1,0 +1,228 @@
+"""One run as the diagnosis sees it: what the twin expects at each second, where it is parked, where it moves.
+
+Attitude, motion and heading come from the run itself: gravity and Earth rate over the parked stretch, then free-inertial
+navigation. The `reference` stream is never read. Time is the run's clock (seconds since power-on).
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import coarse, stillness
+from alignment.gyrocompass import LEVEL_S
+from infield.pipeline import with_applied_table_undone
+from infield.session import compensated_imu, find_rest, table_series
+from infield.table import ThermalTable
+from infield.thermometer import GyroTemperature, gyro_temperature, plausible_range, too_short
+from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import ImuSource, NavHistory, NavState, Run, TwinModel
+from ins.units import DEG_PER_HOUR
+from simreal.seconds import Seconds, seconds_of
+from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
+
+EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
+SHORTEST_PARK_S = 60.0
+UNKNOWN_HEADING_RAD = 0.1  # turn-on bias over the level Earth rate beyond this: no heading, no navigation
+
+
+@dataclass(frozen=True)
+class RunView:
+    """A run cut in two: the parked stretch (start_s, end_s], judged on the sensors themselves, and what follows,
+
+    judged through navigation (`history`, from end_s on, None where nothing follows or no heading is known).
+    seconds : of the log less what the twin expects of the unit (table, scale factors, misalignment, biases).
+    C_nb (3, 3) : nominal parked attitude. sigma_heading_rad : what is known of its heading (survey), else wide.
+    notes : what had to be left out, in words.
+    """
+
+    run: Run
+    telemetry: Telemetry
+    seconds: Seconds
+    start_s: float
+    end_s: float
+    C_nb: NDArray
+    sigma_heading_rad: float
+    history: NavHistory | None
+    temperature: GyroTemperature | None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def name(self) -> str:
+        return self.run.header.run_id
+
+    @property
+    def run_s(self) -> float:
+        """Length of the log [s]."""
+        return float(self.run.imu.end_s - self.run.imu.start_s)
+
+
+def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, *, table_sha256: str = "") -> RunView | str:
+    """The run as the diagnosis sees it; words where it cannot be used at all.
+
+    table None: the twin has none, or the run no gyro temperature to enter it with. A log from which the twin's own table
+    was subtracted already (`applied_table_sha256`) has it added back first; InputError for another one.
+    """
+    notes: list[str] = []
+    temperature = _temperature(run, table, notes)
+    applied = run.header.applied_table_sha256
+    if applied is not None:
+        found = (lambda _: table) if table is not None and applied == table_sha256 else None
+        run = with_applied_table_undone(run, found)
+    imu = compensated_imu(run, table, temperature, twin)
+    rest = find_rest(run)
+    if rest is None:
+        return "the log never rests for a minute; a parked stretch of 5 min or more is needed"
+    seconds = seconds_of(imu)
+    start_s = float(np.ceil(rest[0] - 1e-6))
+    knows_north = twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * EARTH_RATE_RAD_S * np.cos(
+        run.header.site.lat_rad
+    )
+    C_nb = _attitude(imu, rest)
+    kind = _kinds(run, imu, start_s, C_nb, seconds, navigable=knows_north)
+    moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
+    end_s = float(seconds.end_s[moves[0]] - 1.0 - EDGE_S) if moves.size else float(seconds.end_s[-1])
+    if end_s - start_s < SHORTEST_PARK_S:
+        return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {SHORTEST_PARK_S:.0f} s or more are needed"
+    C_nb, sigma_heading = _best_attitude(imu, run, (start_s, end_s))
+    history = None
+    if moves.size and knows_north:
+        history = _navigation(imu, run, end_s, C_nb)
+    elif moves.size:
+        notes.append("the unit does not find north: what follows the parked stretch is not looked at")
+    telemetry = _telemetry(run, index, table, temperature, seconds, kind, C_nb, history, bool(knows_north))
+    return RunView(run, telemetry, seconds, start_s, end_s, C_nb, sigma_heading, history, temperature, tuple(notes))
+
+
+def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> GyroTemperature | None:
+    if why := too_short(run.temperature):
+        notes.append(why if run.temperature is not None else "no gyro temperature logged: the twin's table is not applied")
+        return None
+    assert run.temperature is not None
+    found = gyro_temperature(run.temperature) if table is None else gyro_temperature(
+        run.temperature, plausible_degC=plausible_range(table)
+    )  # fmt: skip
+    if len(found.unusable) == 3:
+        notes.append("no gyro thermometer can be used: the twin's table is not applied")
+        return None
+    return found
+
+
+def _attitude(imu: ImuSource, rest: tuple[float, float]) -> NDArray:
+    first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
+    whole = coarse.rest_means(imu.between(*rest))
+    return coarse.gyrocompass_dcm(coarse.RestMeans(first.f_ib_b, whole.omega_ib_b, whole.sigma_omega_rad_s, whole.seconds))
+
+
+def _best_attitude(imu: ImuSource, run: Run, span: tuple[float, float]) -> tuple[NDArray, float]:
+    """Nominal attitude over the whole parked stretch; a surveyed heading, where there is one, with its sigma."""
+    C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*span)))
+    survey = run.header.survey
+    if survey.heading_rad is None or not survey.sigma_heading_rad:
+        return C_nb, np.inf
+    roll, pitch, _ = euler_from_dcm(C_nb)
+    return dcm_from_euler(roll, pitch, survey.heading_rad), survey.sigma_heading_rad
+
+
+def _kinds(run: Run, imu: ImuSource, start_s: float, C_nb: NDArray, seconds: Seconds, *, navigable: bool) -> NDArray:
+    """PARKED, ROLLING or AIRBORNE for each second; before the first rest ROLLING."""
+    kind = np.full(seconds.end_s.size, PARKED)
+    kind[seconds.end_s <= start_s] = ROLLING
+    if navigable:
+        start = NavState(time_s=start_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
+        history = navigate(imu.pieces(start_s, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run))
+        motion = stillness.classify(history, run.phases)
+        codes = np.select([motion.kind == stillness.AIRBORNE, motion.kind == stillness.ROLLING], [AIRBORNE, ROLLING], PARKED)
+        at = np.searchsorted(seconds.end_s, motion.time_s - 1e-6)
+        inside = at < kind.size
+        kind[at[inside]] = codes[inside]
+        kind[0] = kind[1]
+    else:
+        _by_sensors(run, seconds, kind, start_s)
+    return kind
+
+
+def _by_sensors(run: Run, seconds: Seconds, kind: NDArray, start_s: float) -> None:
+    """Without navigation: phases where logged, and seconds whose rows scatter or whose force changes are movement."""
+    scatter = np.sqrt(seconds.scatter / np.maximum(seconds.rows, 1)[:, None])
+    quiet = np.median(scatter[seconds.end_s > start_s][:60], axis=0)
+    shaken = (scatter > 5.0 * quiet + 1e-9).any(axis=1)
+    smooth = np.convolve(shaken, np.ones(5), mode="same") >= 3.0
+    kind[smooth & (seconds.end_s > start_s)] = ROLLING
+    for phase in run.phases:
+        inside = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s)
+        if phase.phase in ("takeoff", "flight", "landing"):
+            kind[inside] = AIRBORNE
+        elif phase.phase == "taxi":
+            kind[inside] = ROLLING
+
+
+def _navigation(imu: ImuSource, run: Run, start_s: float, C_nb: NDArray) -> NavHistory:
+    start = NavState(time_s=start_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
+    return navigate(imu.pieces(start_s - 2.0, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run))
+
+
+def _vertical(run: Run) -> VerticalChannel:
+    if run.gnss is None or run.gnss.time_s.size < 2 or not np.isfinite(run.gnss.height_m).all():
+        return VerticalChannel(mode="hold")
+    offset = run.header.site.height_m - float(run.gnss.height_m[0])
+    return VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m + offset)
+
+
+def _telemetry(
+    run: Run, index: int, table: ThermalTable | None, temperature: GyroTemperature | None, seconds: Seconds,
+    kind: NDArray, C_nb: NDArray, history: NavHistory | None, knows_north: bool,
+) -> Telemetry:  # fmt: skip
+    site, n, t = run.header.site, seconds.end_s.size, seconds.middle_s
+    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
+    C = np.broadcast_to(C_nb, (n, 3, 3)).copy()
+    v = np.zeros((n, 3))
+    rate = np.broadcast_to(C_nb.T @ omega_ie_n(site.lat_rad), (n, 3)).copy()
+    force = np.broadcast_to(C_nb.T @ [0.0, 0.0, -gravity], (n, 3)).copy()
+    turn = np.zeros(n)
+    if history is not None:
+        at = np.searchsorted(seconds.end_s, history.time_s[1:] - 1e-6)
+        keep = at < n
+        at, rows = at[keep], 1 + np.flatnonzero(keep)
+        C[at] = history.C_nb[rows]
+        moving = kind[at] != PARKED
+        v[at] = np.where(moving[:, None], history.displacement_n_m[rows], 0.0)  # epochs of a second: way is mean velocity
+        heading = euler_from_dcm(history.C_nb)[2]
+        turn[at] = np.where(moving, wrap_pi(heading[rows] - heading[rows - 1]), 0.0)
+        rate[at], force[at] = seconds.mean[at, :3], seconds.mean[at, 3:]
+    said = {} if temperature is None else _thermal(run, table, temperature, t)
+    speed = np.einsum("nj,nj->n", C[:, :, 0], v)
+    return Telemetry(
+        run_index=index, time_s=t, dt_s=1.0, rate_rad_s=rate, force_m_s2=force, C_nb=C, v_n_m_s=v, speed_m_s=speed,
+        turn_rad_s=turn, kind=kind, lat_rad=site.lat_rad, height_m=site.height_m, heading_known=knows_north,
+        has_gnss=run.gnss is not None, has_odometer=run.odometer is not None, **said,
+    )  # fmt: skip
+
+
+def _thermal(run: Run, table: ThermalTable | None, temperature: GyroTemperature, t: NDArray) -> dict[str, NDArray]:
+    """Temperatures at the seconds; those beside the gyros' as read, straight between readings."""
+    assert run.temperature is not None
+    log, T = run.temperature, temperature.at(t)
+    rate = np.stack([np.interp(t, temperature.time_s, temperature.rate_degC_min[:, k]) for k in range(3)], axis=1)
+    out = {"temperature_degC": T, "temperature_rate_degC_min": rate, "accel_degC": T}
+    for name in ("accel_degC", "gradient_degC", "block_degC", "ambient_degC"):
+        values = getattr(log, name)
+        if values is not None and np.isfinite(values).sum() > 1:
+            columns = [_smooth(t, log.time_s, column) for column in np.atleast_2d(values.T)]
+            out[name] = columns[0] if values.ndim == 1 else np.stack(columns, axis=1)
+    if table is not None:
+        out["table_deg_h"] = table_series(table, temperature)(t)
+    return out
+
+
+def _smooth(t: NDArray, time_s: NDArray, values: NDArray) -> NDArray:
+    """Readings at other times, means over a minute (thermal masses are slower; thermometers are coarse)."""
+    good = np.isfinite(values)
+    if good.sum() < 2:
+        return np.zeros_like(t)
+    raw = np.interp(t, time_s[good], values[good])
+    half = 30
+    padded = np.concatenate([2 * raw[0] - raw[1 : half + 1][::-1], raw, 2 * raw[-1] - raw[-half - 1 : -1][::-1]])
+    return np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")

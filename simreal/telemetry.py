@@ -1,0 +1,126 @@
+"""What is known of a run second by second: the quantities that effects depend on, and what an effect adds to a log.
+
+Both the diagnosis (on a grid of seconds, from the estimated motion) and the injection into a simulation (at the rows of
+the log) hand this record to the same effect, so that an effect is written once.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+PARKED, ROLLING, AIRBORNE = 0, 1, 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Telemetry:
+    """A run at n instants `time_s` (since power-on), each the middle of an interval `dt_s` long.
+
+    run_index : which of the runs under study; effects that repeat do not look at it.
+    rate_rad_s, force_m_s2 (n, 3) : true body rate (Earth rate included) and specific force, as estimated.
+    C_nb (n, 3, 3), v_n_m_s (n, 3) : attitude and velocity. speed_m_s (n,) : along body x. turn_rad_s (n,) : rate of the
+        heading. kind (n,) : PARKED, ROLLING or AIRBORNE. lat_rad, height_m : of the site.
+    temperature_degC, temperature_rate_degC_min (n, 3) : of the gyros, smoothed; None where not logged.
+    accel_degC (n, 3) : of the accelerometers (the gyros' where not logged). gradient_degC (n, 3), block_degC,
+        ambient_degC (n,) : None where not logged.
+    table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing shows north.
+    """
+
+    run_index: int
+    time_s: NDArray
+    dt_s: float
+    rate_rad_s: NDArray
+    force_m_s2: NDArray
+    C_nb: NDArray
+    v_n_m_s: NDArray
+    speed_m_s: NDArray
+    turn_rad_s: NDArray
+    kind: NDArray
+    lat_rad: float
+    height_m: float
+    temperature_degC: NDArray | None = None
+    temperature_rate_degC_min: NDArray | None = None
+    accel_degC: NDArray | None = None
+    gradient_degC: NDArray | None = None
+    block_degC: NDArray | None = None
+    ambient_degC: NDArray | None = None
+    table_deg_h: NDArray | None = None
+    heading_known: bool = True
+    has_gnss: bool = False
+    has_odometer: bool = False
+
+    @property
+    def n(self) -> int:
+        return int(self.time_s.size)
+
+    @property
+    def heading_rad(self) -> NDArray:
+        """Heading of body x (n,)."""
+        return np.arctan2(self.C_nb[:, 1, 0], self.C_nb[:, 0, 0])
+
+    @property
+    def parked(self) -> NDArray:
+        return self.kind == PARKED
+
+    @property
+    def rolling(self) -> NDArray:
+        return self.kind == ROLLING
+
+    @property
+    def acceleration_m_s2(self) -> NDArray:
+        """Rate of change of the speed along body x (n,)."""
+        return self.rate_of(self.speed_m_s)
+
+    def rate_of(self, values: NDArray) -> NDArray:
+        """Derivative with time of a series (n, ...)."""
+        if self.n < 2:
+            return np.zeros_like(values)
+        return np.asarray(np.gradient(values, self.time_s, axis=0))
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What an effect adds to a run's channels, (n, ...) at the instants of a `Telemetry`; None: nothing.
+
+    gyro_rad_s, accel_m_s2 (n, 3) : measured less true, body axes.
+    lateral_m_s (n,) : side velocity of the no-slip point that the twin does not expect (body y).
+    odometer_m_s (n,) : read less true. gnss_position_m, gnss_velocity_m_s (n, 3) : read less true, NED.
+    temperature_degC (n, 3) : read less true.
+    """
+
+    gyro_rad_s: NDArray | None = None
+    accel_m_s2: NDArray | None = None
+    lateral_m_s: NDArray | None = None
+    odometer_m_s: NDArray | None = None
+    gnss_position_m: NDArray | None = None
+    gnss_velocity_m_s: NDArray | None = None
+    temperature_degC: NDArray | None = None
+
+    def scaled(self, factor: float) -> "Trace":
+        """The trace times a number."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Trace(**{k: None if v is None else factor * v for k, v in values.items()})
+
+    def rows(self, keep: NDArray | slice) -> "Trace":
+        """The trace at some of the instants."""
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return Trace(**{k: None if v is None else v[keep] for k, v in values.items()})
+
+
+def total(traces: Iterable[Trace]) -> Trace:
+    """The sum of traces on the same instants."""
+    out = Trace()
+    for trace in traces:
+        for f in fields(trace):
+            value, held = getattr(trace, f.name), getattr(out, f.name)
+            if value is not None:
+                out = replace(out, **{f.name: value if held is None else held + value})
+    return out
+
+
+def on_axis(values: NDArray, axis: int) -> NDArray:
+    """A series (n,) as column `axis` of (n, 3), the others zero."""
+    out = np.zeros((values.size, 3))
+    out[:, axis] = values
+    return out

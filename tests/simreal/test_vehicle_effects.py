@@ -1,0 +1,424 @@
+"""Effects of accelerometers, vehicle, wheels, GNSS and data: values worked by hand, signs, needs, and rows against seconds."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, rotation_vector_from_dcm, skew
+from ins.earth import gravity_n, omega_ie_n
+from ins.records import InputError
+from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G
+from simreal.effects import gyro_events, gyro_noise, gyro_rate, gyro_thermal
+from simreal.effects.accelerometer import ACCELEROMETER
+from simreal.effects.base import Effect
+from simreal.effects.data import DATA
+from simreal.effects.formula import OutOfReach
+from simreal.effects.navigation import NAVIGATION
+from simreal.effects.platform import PLATFORM
+from simreal.effects.wheels import WHEELS
+from simreal.telemetry import AIRBORNE, Telemetry, Trace, total
+from tests.simreal.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still, warm
+
+ALL = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION + DATA
+BY_ID = {effect.id: effect for effect in ALL}
+SHOWN = [effect for effect in ALL if not isinstance(effect, OutOfReach)]
+CASES = [pytest.param(e, t, id=f"{e.id}-{t}") for e in SHOWN for t in e.targets]
+g = float(gravity_n(LATITUDE_rad, 0.0)[2])
+ARCMIN = 60.0 * ARCSEC
+SMEARED = 0.15  # derivatives over two seconds, where rates begin to change with a kink
+TINY = 1e-9  # m/s^2 and the like: Earth rate on a lever arm of a centimetre
+EXACT = dict(rtol=1e-9, atol=1e-18)
+
+
+def middle(effect: Effect, run: Telemetry) -> dict[str, float]:
+    """A shape in the middle of its bounds, inside the run."""
+    shape = {}
+    for p in effect.shape:
+        grid = p.grid(p.low, min(p.high, run.time_s[-1])) if p.of_time else p.grid()
+        shape[p.name] = float(grid[len(grid) // 2])
+    return shape
+
+
+def traces(key: str, run: Telemetry, target: str = "", **shape: float) -> tuple[Trace, ...]:
+    effect = BY_ID[key]
+    return effect.traces(run, target or effect.targets[0], shape or middle(effect, run))
+
+
+def arrays(trace: Trace) -> dict[str, np.ndarray]:
+    values = {f.name: getattr(trace, f.name) for f in fields(trace)}
+    return {name: v for name, v in values.items() if v is not None}
+
+
+def test_declarations_are_whole():
+    gyro = (*gyro_events.GYRO_EVENTS, *gyro_noise.GYRO_NOISE, *gyro_rate.GYRO_RATE, *gyro_thermal.GYRO_THERMAL)
+    names = {name for effect in (*ALL, *gyro) for name in (effect.name, effect.id)}
+    assert len(BY_ID) == len(ALL)
+    for effect in ALL:
+        assert isinstance(effect, Effect) and effect.coefficients and effect.repeats in "RES"
+        assert set(effect.rivals) <= names - {effect.name}, effect.id
+        assert np.prod([p.steps for p in effect.shape], initial=1) <= 24
+        assert all(0 < c.low < c.high and c.unit for c in effect.coefficients)
+
+
+def test_effects_of_one_name_differ_in_their_parameters():
+    keys = [(e.name, t, c.name) for e in ALL for t in e.targets for c in e.coefficients]
+    assert len(keys) == len(set(keys))
+
+
+@pytest.mark.parametrize("effect,target", CASES)
+def test_each_effect_adds_either_finite_traces_or_noise(effect, target):
+    run = rich_drive()
+    shape = middle(effect, run)
+    found, noise = effect.traces(run, target, shape), effect.noise(run, target, shape)
+    assert bool(found) != bool(noise)
+    assert len(found) in (0, len(effect.coefficients)) and (not noise or len(effect.coefficients) == 1)
+    for trace in found:
+        values = arrays(trace)
+        assert values and all(len(v) == run.n and np.isfinite(v).all() for v in values.values())
+        assert any(np.any(v != 0.0) for v in values.values())
+    assert all(n.profile is None or n.profile.shape == (run.n,) for n in noise)
+    aloft = replace(run, force_m_s2=1.3 * run.force_m_s2, kind=np.full(run.n, AIRBORNE))
+    assert effect.needs([run, aloft], target) == ""
+
+
+@pytest.mark.parametrize("effect,target", CASES)
+def test_rows_of_a_log_add_up_to_the_seconds_of_a_diagnosis(effect, target):
+    rows, seconds = rich_drive(0.1), rich_drive(1.0)
+    shape = middle(effect, seconds)
+    for fine, coarse in zip(effect.traces(rows, target, shape), effect.traces(seconds, target, shape)):
+        for name, value in arrays(coarse).items():
+            from_rows = arrays(fine)[name].reshape(87, 100, *value.shape[1:]).mean(axis=1)  # ten-second means
+            of_seconds = value.reshape(87, 10, *value.shape[1:]).mean(axis=1)
+            assert np.linalg.norm(from_rows - of_seconds) <= SMEARED * np.linalg.norm(of_seconds) + TINY, name
+
+
+@pytest.mark.parametrize("effect", [e for e in ALL if isinstance(e, OutOfReach)], ids=lambda e: e.id)
+def test_what_no_log_shows_says_so_and_cannot_be_injected(effect):
+    run = rich_drive()
+    assert effect.needs([run], effect.targets[0]) != ""
+    with pytest.raises(InputError, match=effect.name):
+        effect.traces(run, effect.targets[0], {})
+
+
+# ---- accelerometers
+
+
+def test_accel_thermal_is_counted_from_25_degC():
+    run = still(n=3, accel_degC=np.array([[25.0] * 3, [35.0] * 3, [15.0] * 3]))
+    linear, quadratic = traces("accel_thermal", run, "accel_y")
+    np.testing.assert_allclose(linear.accel_m_s2[:, 1], [0, 10 * MICRO_G, -10 * MICRO_G], **EXACT)
+    np.testing.assert_allclose(quadratic.accel_m_s2[:, 1], [0, 100 * MICRO_G, 100 * MICRO_G], **EXACT)
+    assert not linear.accel_m_s2[:, [0, 2]].any()
+
+
+def test_accel_warmup_falls_to_1_over_e_after_tau():
+    (trace,) = traces("accel_warmup_transient", still(), "accel_x", tau_s=300.5)
+    assert trace.accel_m_s2[300, 0] == pytest.approx(MICRO_G / np.e, rel=1e-12)
+
+
+def test_accel_hysteresis_splits_heating_from_cooling_by_twice_its_size():
+    T = np.concatenate([np.linspace(20, 40, 300), np.linspace(40, 20, 300)])
+    (trace,) = traces("accel_thermal_hysteresis", still(accel_degC=np.repeat(T[:, None], 3, axis=1)), "accel_z", width_degC=4.0)
+    heating, cooling = trace.accel_m_s2[150, 2], trace.accel_m_s2[450, 2]
+    assert trace.accel_m_s2[0, 2] == 0.0
+    assert (heating, cooling) == (pytest.approx(MICRO_G), pytest.approx(-MICRO_G))
+
+
+def test_accel_scale_factor_and_square_of_1_g():
+    (scale,), (square,) = traces("accel_scale_factor", still(), "accel_z"), traces("accel_g2_sensitivity", still(), "accel_z")
+    np.testing.assert_allclose(scale.accel_m_s2[:, 2], -1e-6 * g)
+    np.testing.assert_allclose(square.accel_m_s2[:, 2], MICRO_G * (g / 9.80665) ** 2)
+
+
+def test_accel_misalignment_shows_the_other_two_axes_in_order():
+    run = replace(still(n=2), force_m_s2=np.tile([1.0, 2.0, 3.0], (2, 1)))
+    seen = {axis: [t.accel_m_s2[0, k] for t in traces(f"accel_misalignment_{axis}", run)] for k, axis in enumerate("xyz")}
+    assert seen == {"x": [2e-3, 3e-3], "y": [1e-3, 3e-3], "z": [1e-3, 2e-3]}
+    assert [c.name for c in BY_ID["accel_misalignment_y"].coefficients] == ["to_x", "to_z"]
+
+
+def test_size_effect_is_50_ug_at_5_cm_and_a_tenth_of_a_radian_per_second():
+    t = np.arange(10) + 0.5
+    run = replace(still(n=10), rate_rad_s=np.stack([0 * t, 0 * t, 0.1 + 0 * t], axis=1))
+    x, y, z = traces("imu_size_effect", run, "accel_x")
+    np.testing.assert_allclose(5 * x.accel_m_s2[:, 0] / MICRO_G, -51.0, atol=0.1)  # towards the axis of turning
+    assert not y.accel_m_s2.any() and not z.accel_m_s2.any()
+    spun_up = replace(run, rate_rad_s=np.stack([0 * t, 0 * t, 0.2 * t], axis=1))
+    np.testing.assert_allclose(traces("imu_size_effect", spun_up, "accel_y")[0].accel_m_s2[:, 1], 0.2 * 0.01)  # w' x r
+
+
+def test_noise_of_the_accelerometers_is_in_the_units_of_the_twin():
+    kinds = {
+        key: BY_ID[key].noise(still(), "accel_y", {})[0]
+        for key in ("accel_noise", "accel_bias_instability", "accel_rate_random_walk")
+    }
+    assert all(noise.channel == "accel_y" for noise in kinds.values())
+    assert (kinds["accel_noise"].white, kinds["accel_bias_instability"].flicker) == (MICRO_G**2, MICRO_G**2)
+    assert kinds["accel_rate_random_walk"].walk * 3600 == pytest.approx(MICRO_G**2)  # 1 ug after an hour
+
+
+# ---- rotations of the vehicle
+
+
+def test_a_rotation_is_that_of_the_nonlinear_attitude():
+    """Gyro and accelerometer of a body that turns by exp(q), worked with rotation matrices on every second of the drive."""
+    run, size = drive(), 50.0
+    trace = traces("platform_settling", run, tau_s=400.0)[0].scaled(size)
+    for k in (10, 100, 650, 725):
+        ends = run.time_s[k] + np.array([-0.5, 0.0, 0.5])
+        turned = [dcm_from_rotation_vector([size * ARCSEC * -np.expm1(-t / 400.0), 0, 0]) for t in ends]
+        force = turned[1].T @ run.force_m_s2[k] - run.force_m_s2[k]
+        step = dcm_from_rotation_vector(run.rate_rad_s[k])
+        rate = rotation_vector_from_dcm(turned[0].T @ step @ turned[2]) - run.rate_rad_s[k]
+        np.testing.assert_allclose(trace.accel_m_s2[k], force, atol=1e-6 * g)
+        np.testing.assert_allclose(trace.gyro_rad_s[k], rate, rtol=1e-3, atol=0.08 * (size * ARCSEC) ** 2)
+
+
+def test_settling_of_100_arcsec_reads_as_rate_and_4_85_ug_per_arcsec():
+    run = still(n=7200)
+    roll, pitch = (t.scaled(100.0) for t in traces("platform_settling", run, tau_s=600.0))
+    assert pitch.gyro_rad_s[:, 1].sum() / ARCSEC == pytest.approx(100.0 * -np.expm1(-12.0), rel=1e-6)
+    ug = 100 * 4.8481 * g / 9.80665
+    assert pitch.accel_m_s2[-1, 0] / MICRO_G == pytest.approx(ug, rel=1e-4)  # nose up: forward accelerometer reads +
+    assert roll.accel_m_s2[-1, 1] / MICRO_G == pytest.approx(-ug, rel=1e-4)  # right side down
+
+
+@pytest.mark.parametrize("dt_s", [0.01, 1.0, 10.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_step_is_an_impulse_of_the_gyro_of_its_own_size(dt_s, axis):
+    run = still(n=int(600 / dt_s), dt_s=dt_s)
+    trace = traces("platform_step", run, onset_s=301.3)[axis]
+    assert trace.gyro_rad_s[:, axis].sum() * dt_s == pytest.approx(ARCSEC, rel=1e-3)
+    before, later = run.time_s < 300.8 - dt_s, run.time_s > 301.8 + dt_s
+    assert not trace.gyro_rad_s[before].any() and not trace.accel_m_s2[before].any()
+    assert np.abs(trace.gyro_rad_s[later, axis]).max() < 1e-9 * ARCSEC
+    assert np.abs(trace.accel_m_s2[later]).max() == pytest.approx(0.0 if axis == 2 else g * ARCSEC)
+
+
+def test_yaw_creep_is_on_gz_while_parked_only():
+    run = drive()
+    (trace,) = traces("platform_yaw_creep", run)
+    np.testing.assert_allclose(trace.gyro_rad_s[run.parked, 2], DEG_PER_HOUR / 3600, rtol=1e-6)
+    assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
+    assert np.abs(trace.accel_m_s2[:600]).max() < 1e-12
+
+
+def test_mount_sag_follows_the_temperature_of_the_block():
+    run = still(block_degC=25.0 + np.arange(600) / 60.0)
+    roll, pitch = traces("platform_mount_sag", run)
+    np.testing.assert_allclose(roll.gyro_rad_s[:, 0], ARCSEC / 60, rtol=1e-6)
+    assert pitch.accel_m_s2[-1, 0] == pytest.approx(g * ARCSEC * 599 / 60)
+    gyros = still(temperature_degC=np.repeat(25.0 + np.arange(600)[:, None] / 60.0, 3, axis=1))
+    np.testing.assert_allclose(traces("platform_mount_sag", gyros)[1].accel_m_s2, pitch.accel_m_s2)
+
+
+def test_engine_start_shifts_and_shakes_from_its_onset_on():
+    run = still()
+    y = traces("engine_start", run, onset_s=200.25)[1].accel_m_s2
+    np.testing.assert_allclose(y[[199, 200, 201], 1], [0.0, 0.75 * MICRO_G, MICRO_G], **EXACT)
+    assert not y[:, [0, 2]].any()
+    noises = BY_ID["engine_start_noise"].noise(run, "vehicle", {"onset_s": 200.25})
+    assert [n.channel for n in noises] == ["accel_x", "accel_y", "accel_z"]
+    assert noises[0].white == MICRO_G**2 and noises[0].profile.sum() == pytest.approx(399.75)
+
+
+def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():
+    assert [(n.channel, n.sway) for n in BY_ID["platform_sway"].noise(still(), "vehicle", {})] == [
+        ("accel_x", 1.0),
+        ("accel_y", 1.0),
+    ]
+    rocking = {n.channel: n for n in BY_ID["platform_sway_rotation"].noise(still(), "vehicle", {})}
+    assert rocking["gyro_y"].bounded == ARCSEC**2
+    assert np.sqrt(rocking["accel_x"].white) == pytest.approx(g * ARCSEC)  # a second's mean
+
+
+# ---- site
+
+
+@pytest.mark.parametrize("heading_deg", [0.0, 90.0, 200.0])
+def test_latitude_error_is_the_true_place_less_the_entered_one(heading_deg):
+    run, true = still(heading_deg), LATITUDE_rad - ARCMIN
+    (trace,) = traces("site_latitude_error", run)
+    C_bn = dcm_from_euler(0.0, 0.0, np.deg2rad(heading_deg)).T
+    rate, force = (f(true) - f(LATITUDE_rad) for f in (omega_ie_n, lambda L: -gravity_n(L, 0.0)))
+    np.testing.assert_allclose(trace.gyro_rad_s[0], C_bn @ rate, rtol=3e-4, atol=1e-14)
+    np.testing.assert_allclose(trace.accel_m_s2[0], C_bn @ force, rtol=1e-3, atol=1e-15)
+    assert np.hypot(*trace.gyro_rad_s[0, :2]) / DEG_PER_HOUR == pytest.approx(0.003, rel=0.05)
+    np.testing.assert_allclose(trace.gnss_position_m[0], [-1852.2, 0, 0], atol=0.1)  # a sea mile, reads south
+
+
+def test_deflection_pulls_the_proof_masses_the_other_way():
+    north, east, anomaly = traces("vertical_deflection", still(heading_deg=90.0))
+    np.testing.assert_allclose(north.accel_m_s2[0], [0, g * ARCSEC, 0], atol=1e-15)  # body y is south
+    np.testing.assert_allclose(east.accel_m_s2[0], [-g * ARCSEC, 0, 0], atol=1e-15)
+    np.testing.assert_allclose(anomaly.accel_m_s2[0], [0, 0, -1e-5], atol=1e-15)
+
+
+# ---- wheels
+
+
+def test_odometer_scale_slip_and_delay():
+    run = drive()
+    np.testing.assert_allclose(traces("odometer_scale", run)[0].odometer_m_s, 1e-6 * run.speed_m_s)
+    slip, late = traces("wheel_slip", run)[0].odometer_m_s, traces("odometer_time_offset", run)[0].odometer_m_s
+    assert slip[605] == pytest.approx(0.01 * 5.5)  # one per cent for each m/s^2
+    assert slip[765] == pytest.approx(-0.01 * 2.25 * 0.5)  # braked: reads low
+    assert (late[605], late[765]) == (pytest.approx(-1e-3), pytest.approx(0.5e-3))
+
+
+def test_no_odometer_error_in_the_air():
+    run = replace(drive(), kind=np.full(870, AIRBORNE))
+    for key in ("odometer_scale", "odometer_boresight", "lever_arm", "side_slip", "wheel_slip", "odometer_time_offset"):
+        assert not any(v.any() for t in traces(key, run) for v in arrays(t).values()), key
+
+
+def test_lever_arm_is_rigid_body_motion_about_the_point_that_does_not_slip():
+    run, d = drive(), np.array([-2.0, 0.7, 0.0])  # true less logged
+    x, y = traces("lever_arm", run)
+    found = total([x.scaled(d[0]), y.scaled(d[1])])
+    for k in (655, 725):
+        w = np.array([0, 0, run.turn_rad_s[k]])
+        at_logged = -skew(w) @ d  # velocity of the logged point beside that of the true one, which has none to the side
+        assert found.lateral_m_s[k] == pytest.approx(at_logged[1])
+        assert found.odometer_m_s[k] == pytest.approx(-at_logged[0])  # read at the true point, less at the logged one
+    assert found.lateral_m_s[655] > 0  # right turn, logged ahead of the axle that does not slip: it moves to the right
+
+
+def test_boresight_and_side_slip_by_hand():
+    run = drive()
+    assert traces("odometer_boresight", run)[0].lateral_m_s[680] == pytest.approx(0.01)  # 1 mrad at 10 m/s, to the right
+    slip = traces("side_slip", run)[0].lateral_m_s
+    assert slip[655] == pytest.approx(1e-3 * 10.0 * 0.5)  # 1 mrad for 1 m/s^2, here 10 m/s x 0.05 rad/s
+    assert slip[725] == pytest.approx(-1e-3 * 5.0 * 0.4)
+
+
+def test_quantization_of_the_odometer_is_uniform_and_only_while_rolling():
+    (noise,) = BY_ID["odometer_quantization"].noise(drive(), "odometer", {})
+    steps = np.random.default_rng(1).uniform(0.0, 5.0, 100_000)
+    error = np.round(steps / 0.01) * 0.01 - steps
+    assert noise.channel == "odometer" and noise.sample == pytest.approx(error.var(), rel=0.02)
+    np.testing.assert_array_equal(noise.profile == 1.0, drive().rolling)
+
+
+def test_false_standstill_creeps_at_stops_after_a_drive():
+    run = drive()
+    (trace,) = traces("false_standstill", run)
+    assert not trace.gnss_velocity_m_s[:770].any() and not trace.gnss_position_m[:770].any()
+    np.testing.assert_allclose(trace.gnss_velocity_m_s[770:], 0.01 * run.C_nb[770:, :, 0])
+    assert np.linalg.norm(trace.gnss_position_m[-1]) == pytest.approx(0.995)
+
+
+# ---- GNSS
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_gnss_velocity_is_the_rate_of_its_position(axis):
+    run = drive(0.05)
+    arm = traces("gnss_lever_arm_or_latency", run)[axis]
+    moved = np.gradient(arm.gnss_position_m, run.time_s, axis=0)
+    np.testing.assert_allclose(arm.gnss_velocity_m_s, moved, atol=2e-4)
+    assert np.abs(moved).max() == pytest.approx(0.08, rel=0.01)
+
+
+def test_gnss_latency_shows_where_the_vehicle_was():
+    run = drive()
+    late = traces("gnss_lever_arm_or_latency", run)[3]
+    k = 680  # 10 m/s, straight
+    np.testing.assert_allclose(late.gnss_position_m[k], -0.001 * run.v_n_m_s[k])
+    np.testing.assert_allclose(np.linalg.norm(late.gnss_velocity_m_s[605]), 1e-3)
+
+
+# ---- data
+
+
+def test_jitter_is_a_bounded_velocity_of_gravity_times_the_jitter():
+    noises = {n.channel: n for n in BY_ID["timestamp_jitter"].noise(still(), "vehicle", {})}
+    rng, dt, sigma = np.random.default_rng(2), 0.01, 1e-4
+    stamps = dt * np.arange(50_001) + sigma * rng.standard_normal(50_001)
+    read = g * dt / np.diff(stamps)  # increments are right, the times are not
+    velocity = np.cumsum((read - g) * dt)
+    change = velocity[100:] - velocity[:-100]  # over a second: twice the variance of the bounded part
+    spurious = (g * dt) * 2 * (sigma / dt) ** 2  # mean of 1 / (1 + x) is not 1
+    expected = 2 * noises["accel_z"].bounded * (sigma / 1e-3) ** 2
+    assert np.var(change - 100 * spurious) == pytest.approx(expected, rel=0.1)
+    assert "accel_x" not in noises and noises["gyro_z"].bounded < 1e-14
+
+
+def test_clock_rate_reads_high_on_everything():
+    run = drive()
+    (trace,) = traces("clock_rate", run)
+    np.testing.assert_allclose(trace.gyro_rad_s, 1e-6 * run.rate_rad_s)
+    np.testing.assert_allclose(trace.accel_m_s2, 1e-6 * run.force_m_s2)
+
+
+def test_skew_shows_the_force_of_a_moment_ago():
+    run = still(n=6000, dt_s=0.1)
+    wave = np.stack([np.sin(0.5 * run.time_s), np.cos(0.3 * run.time_s), 0 * run.time_s], axis=1)
+    (trace,) = traces("gyro_accel_skew", replace(run, force_m_s2=wave))
+    earlier = run.time_s - 1e-3
+    delayed = np.stack([np.sin(0.5 * earlier), np.cos(0.3 * earlier), 0 * earlier], axis=1)
+    np.testing.assert_allclose(trace.accel_m_s2[1:-1], (delayed - wave)[1:-1], atol=1e-6)
+
+
+def test_a_sign_error_is_minus_two_of_the_own_axis():
+    run = drive()
+    for target, truth in (("gyro_z", run.rate_rad_s), ("accel_y", run.force_m_s2)):
+        k = "xyz".index(target[-1])
+        own = traces("axis_or_unit_error", run, target)[k].scaled(-2.0)
+        wrong = truth + (own.gyro_rad_s if target == "gyro_z" else own.accel_m_s2)
+        np.testing.assert_allclose(wrong[:, k], -truth[:, k])
+        np.testing.assert_array_equal(np.delete(wrong, k, 1), np.delete(truth, k, 1))
+
+
+# ---- what recordings lack
+
+
+ACCELERATIONS, ODOMETER = "braking and acceleration", "an odometer and "
+PARKED_NEEDS = {
+    "accel_thermal": "an accelerometer temperature",
+    "accel_thermal_hysteresis": "an accelerometer temperature",
+    "accel_scale_factor": ACCELERATIONS + ", or flight",
+    "accel_g2_sensitivity": "flight, or an engine's vibration",
+    **{f"accel_misalignment_{axis}": "accelerations of the vehicle" for axis in "xyz"},
+    "imu_size_effect": "turns",
+    "platform_mount_sag": "a gyro or block temperature",
+    "odometer_scale": ODOMETER + "taxi",
+    "odometer_boresight": "taxi",
+    "lever_arm": "left and right turns",
+    "side_slip": "turns at two speeds",
+    "wheel_slip": ODOMETER + ACCELERATIONS,
+    "odometer_time_offset": ODOMETER + ACCELERATIONS,
+    "odometer_quantization": ODOMETER + "taxi",
+    "false_standstill": "GNSS and a stop after taxi",
+    "gnss_lever_arm_or_latency": "GNSS and turns",
+    "clock_rate": "turns",
+    "gyro_accel_skew": ACCELERATIONS + ", or flight",
+}
+
+
+@pytest.mark.parametrize("effect", SHOWN, ids=lambda e: e.id)
+def test_what_a_parked_run_lacks(effect):
+    assert effect.needs([still()], effect.targets[0]) == PARKED_NEEDS.get(effect.id, "")
+
+
+def test_needs_in_other_cases():
+    run = rich_drive()
+    one_way = replace(run, turn_rad_s=np.abs(run.turn_rad_s))
+    assert BY_ID["lever_arm"].needs([one_way], "vehicle") == "left and right turns"
+    assert BY_ID["lever_arm"].needs([one_way, run], "vehicle") == ""
+    one_speed = replace(run, speed_m_s=np.where(run.speed_m_s > 0, 8.0, 0.0))
+    assert BY_ID["side_slip"].needs([one_speed], "vehicle") == "turns at two speeds"
+    lost = replace(run, heading_known=False, speed_m_s=0 * run.speed_m_s)
+    assert BY_ID["odometer_boresight"].needs([lost], "vehicle") == "a known heading and taxi"
+    assert BY_ID["accel_scale_factor"].needs([still()], "accel_z") == ""  # always carries 1 g
+    T = warm(still())
+    assert (
+        BY_ID["accel_thermal_hysteresis"]
+        .needs([still(accel_degC=np.sort(T, axis=0))], "accel_x")
+        .startswith("temperature rising and falling")
+    )
+    assert BY_ID["accel_thermal"].needs([still(accel_degC=0 * T)], "accel_x") == "an accelerometer temperature that changes"
+    assert BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x") == "an accelerometer temperature"
+    with pytest.raises(InputError, match="run 0: no accelerometer temperature"):
+        traces("accel_thermal", still())

@@ -1,0 +1,327 @@
+"""ArduPilot logs of every form, written by hand in ardupilot_logs.py: one parked unit, whole, cut off and garbled."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ins.records import InputError
+from ins.units import DEG
+from tests.trajectories.readers import ardupilot_logs as logs
+from tests.trajectories.run_cases import F_B
+from trajectories.conversion import convert_log
+from trajectories.readers.dataflash import read_tables
+from trajectories.readers.registry import read_log
+
+DT_S = 0.02
+
+
+@pytest.fixture
+def old(tmp_path):
+    return logs.write(tmp_path / "flight.bin", logs.old_messages())
+
+
+def rates(log, rows: int = logs.ROWS):
+    np.testing.assert_allclose(log.imu.dt_s, DT_S, rtol=1e-6)
+    assert log.imu.time_s.size == rows
+    return log.imu.dtheta_rad / DT_S, log.imu.dv_m_s / DT_S
+
+
+def check_parked(run, *, w=logs.W, decimals: float = 1e-6):
+    """Rates, forces, place and velocities of the parked unit."""
+    np.testing.assert_allclose(run.imu.dtheta_rad / DT_S, np.tile(w, (logs.ROWS, 1)), rtol=1e-6)
+    np.testing.assert_allclose(run.imu.dv_m_s / DT_S, np.tile(F_B, (logs.ROWS, 1)), rtol=1e-6, atol=decimals)
+    assert run.header.gyro_technology == "mems"
+    assert run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
+    assert run.header.site.lon_rad == pytest.approx(logs.LON_DEG * DEG, abs=1e-9)
+    assert run.header.site.height_m == pytest.approx(logs.HEIGHT_M, abs=1e-6)
+    np.testing.assert_allclose(run.gnss.v_n_m_s, np.tile([0.0, 2.0, -0.5], (run.gnss.time_s.size, 1)), atol=1e-12)
+    assert run.gnss.time_s[1] - run.gnss.time_s[0] == pytest.approx(0.2, abs=1e-6)
+
+
+def test_dataflash_of_old_firmware(old):
+    """UTC by hand: week 1871 began on 2015-11-15 00:00:00 GPS; the first row is at 603 920.00 s, its interval before."""
+    made = convert_log(old, {}, {})
+    check_parked(made.run)
+    assert made.record["format"] == "dataflash"
+    assert made.run.header.run_id == "flight-imu1"
+    assert made.run.header.imu_serial == "PX4v2-0033003E3431471231373638-imu1"
+    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
+    assert made.record["time_shift_s"] == pytest.approx(19.98)
+    assert made.run.gnss.time_s[0] == pytest.approx(5 * DT_S + DT_S, abs=1e-9)
+    assert made.run.faults == ()
+
+
+def test_the_second_imu_and_its_temperature(old):
+    made = convert_log(old, {"imu": 2}, {})
+    check_parked(made.run, w=2 * logs.W)
+    assert (made.run.header.run_id, made.run.header.imu_serial[-5:]) == ("flight-imu2", "-imu2")
+    T = made.run.temperature
+    np.testing.assert_allclose(T.gyro_degC[:, 0], 40.0 + (T.time_s - DT_S) / DT_S / 500, atol=1e-4)
+    np.testing.assert_array_equal(T.gyro_degC[:, 0], T.gyro_degC[:, 2])
+    assert any("less the autopilot's gyro offsets INS_GYR2OFFS_X Y Z = +0.001000" in n for n in made.record["notes"])
+
+
+def test_gyro_offsets_added_back(old):
+    made = convert_log(old, {"imu": 2, "gyro_offsets": "add_back"}, {})
+    check_parked(made.run, w=2 * logs.W + [0.001, 0.002, 0.003])
+    with pytest.raises(InputError, match=r"flight\.bin: IMU: gyro_offsets: the log has no parameters INS_GYROFFS_X Y Z"):
+        convert_log(old, {"gyro_offsets": "add_back"}, {})
+
+
+def test_dataflash_of_new_firmware(tmp_path):
+    """Microseconds, instances, no fix at first, accuracy from GPA (its columns are in hundredths)."""
+    made = convert_log(logs.write(tmp_path / "new.bin", logs.new_messages()), {"imu": 2}, {})
+    check_parked(made.run, w=2 * logs.W)
+    assert made.run.header.imu_serial == "new-imu2"
+    assert made.run.gnss.time_s.size == 40
+    assert any("GPS rows 1-10 left out: no 3D fix" in n for n in made.record["notes"])
+    assert made.run.gnss.sigma_horizontal_m[0] == pytest.approx(1.5)
+    assert made.run.gnss.sigma_vertical_m[0] == pytest.approx(2.5)
+    assert made.run.gnss.sigma_velocity_m_s[0] == pytest.approx(0.3)
+    np.testing.assert_allclose(made.run.temperature.gyro_degC, 30.5)
+    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
+
+
+def test_text_form(tmp_path):
+    made = convert_log(logs.write_text(tmp_path / "flight.log"), {}, {})
+    check_parked(made.run, decimals=1e-6)
+    assert made.record["format"] == "dataflash_text"
+    np.testing.assert_allclose(made.run.temperature.gyro_degC[0], 30.0 + 24.5 / 500, atol=1e-3)
+
+
+@pytest.mark.parametrize("suffix", ["", "_0"])
+@pytest.mark.parametrize("compress", [True, False])
+def test_matlab_form(tmp_path, suffix, compress):
+    path = tmp_path / "flight.mat"
+    logs.savemat(path, logs.mat_variables(suffix=suffix), do_compression=compress)
+    made = convert_log(path, {}, {})
+    check_parked(made.run)
+    assert made.record["format"] == "ardupilot_mat"
+    assert made.run.temperature is None  # it has no such column
+    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
+
+
+def test_start_later_in_the_log(old):
+    made = convert_log(old, {"from_s": 25.0}, {})
+    assert made.run.imu.rows == logs.ROWS - 250
+    assert made.record["time_shift_s"] == pytest.approx(24.98)
+    assert made.run.header.start_utc == "2015-11-21T23:45:07.980Z"
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [({"imu": 3}, r"flight\.bin: no IMU 3, has 1, 2 \(--imu\)"),
+     ({"imu": 0}, r"map: imu: got 0, needed at least 1"),
+     ({"column": 1}, r"map: unknown key column"),
+     ({"gyro_offsets": "raw"}, r"map: gyro_offsets: got \"raw\"")],
+)  # fmt: skip
+def test_wrong_options_are_named(old, options, line):
+    with pytest.raises(InputError, match=line):
+        convert_log(old, options, {})
+
+
+def test_a_log_without_gps_needs_the_site(tmp_path):
+    messages = [m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0]]
+    path = logs.write(tmp_path / "log.bin", messages)
+    with pytest.raises(InputError, match=r"log\.bin: needed from the options or \[run\] .*start_utc .*lat_deg \(--lat-deg\)"):
+        convert_log(path, {}, {})
+    site = {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"}
+    assert convert_log(path, {}, site).run.gnss is None
+
+
+def test_accelerations_in_g_are_refused(tmp_path):
+    """Firmware or an export that changed units: the physics gate names them."""
+    messages = logs.head_of(logs.OLD)
+    messages += [logs.message(logs.OLD["IMU"], 20 * k, *logs.W, *(F_B / 9.80665), 0, 0, 30.0) for k in range(2000)]
+    site = {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"}
+    with pytest.raises(InputError, match=r"mean \|f\| at rest is 0.9986 m/s2, needed 9.8: g\? multiply by 9.80665"):
+        convert_log(logs.write(tmp_path / "log.bin", messages), {}, site)
+
+
+# Damage
+
+
+@pytest.mark.parametrize("lost", [1, 20, 42])
+def test_cut_off_within_a_message(tmp_path, lost):
+    """The last message ends early: dropped, the place named, all before it kept."""
+    whole = b"".join(m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0])
+    path = tmp_path / "cut.bin"
+    path.write_bytes(whole[:-lost])
+    tables, notes = read_tables(path, {"IMU", "IMU2"})
+    assert tables["IMU"]["TimeMS"].size == logs.ROWS and tables["IMU2"]["TimeMS"].size == logs.ROWS - 1
+    length = len(logs.old_messages()[-1])
+    start = len(whole) - length
+    assert notes == [f"cut.bin: ends within a message, the last {length - lost} bytes (from byte {start}) dropped"]
+
+
+@pytest.mark.parametrize("damage", ["bytes lost", "bytes added", "head garbled", "block of zeros"])
+def test_damage_within_is_read_around(tmp_path, damage):
+    """At most three messages of the place are lost, no garbled row passes, and the place is named."""
+    messages = [m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0]]
+    k = len(messages) - 401
+    at = sum(map(len, messages[:k]))
+    data = b"".join(messages)
+    data = {
+        "bytes lost": data[: at + 10] + data[at + 17 :], "bytes added": data[: at + 10] + b"\x07" * 9 + data[at + 10 :],
+        "head garbled": data[:at] + b"\x00" + data[at + 1 :], "block of zeros": data[: at + 5] + bytes(60) + data[at + 65 :],
+    }[damage]  # fmt: skip
+    path = tmp_path / "hit.bin"
+    path.write_bytes(data)
+    tables, notes = read_tables(path, {"IMU", "IMU2"})
+    for number, name in ((1, "IMU"), (2, "IMU2")):
+        assert logs.ROWS - 2 <= tables[name]["TimeMS"].size <= logs.ROWS
+        np.testing.assert_allclose(tables[name]["GyrZ"], number * logs.W[2], rtol=1e-6)
+        assert np.all(np.diff(tables[name]["TimeMS"]) > 0)
+    assert len(notes) == 1 and "damaged, skipped: bytes " in notes[0]
+    first = int(notes[0].split("skipped: bytes ")[1].split("-")[0])
+    assert at - 50 <= first <= at
+
+
+def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
+    """Flipped bits leave the frame whole: a time far ahead, an impossible rate, a temperature no sensor has."""
+    messages = logs.old_messages()
+    form = logs.OLD["IMU"]
+    rows = [k for k, m in enumerate(messages) if m[2] == form[0]]
+    good = (*logs.W, *F_B, 0, 0)
+    messages[rows[100]] = logs.message(form, 4_000_000_000, *good, 30.2)
+    messages[rows[200]] = logs.message(form, FIRST + 200 * 20, 1e30, *good[1:], 30.4)
+    messages[rows[300]] = logs.message(form, FIRST + 300 * 20, *good, 1e8)
+    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
+    assert made.run.imu.rows == logs.ROWS - 2
+    told = " ".join(made.record["notes"])
+    assert "IMU: row 101 dropped: time jumps ahead and comes back" in told
+    assert "IMU: row 201 dropped: beyond 100 rad/s" in told
+    assert np.all(np.abs(made.run.temperature.gyro_degC - 30.5) < 1.0)
+    assert [s.reason for s in made.run.faults] == ["dropout: 1 imu rows lost"] * 2
+
+
+FIRST = logs.FIRST_MS
+
+
+def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
+    messages = logs.old_messages()
+    form = logs.OLD["GPS"]
+    first = next(k for k, m in enumerate(messages) if m[2] == form[0])
+    messages[first] = logs.message(form, 3, 0, 5, 9, 150, 500_000_000, 70_000_000, 12, 100, 200, 9000, -0.5, FIRST)
+    made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
+    assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
+    assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
+    assert any("GPS row 1 left out: time or position jumps" in n for n in made.record["notes"])
+
+
+def test_a_garbled_format_costs_its_messages_only(tmp_path):
+    messages = logs.old_messages()
+    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9] == b"IMU2")
+    messages[k] = messages[k][:4] + b"\xff" + messages[k][5:]
+    path = logs.write(tmp_path / "log.bin", messages)
+    tables, notes = read_tables(path, {"IMU", "IMU2"})
+    assert tables["IMU"]["TimeMS"].size > logs.ROWS // 2 - 2 and "IMU2" not in tables
+    assert "format of message type 132 garbled, its messages are not read" in notes[0]
+
+
+def test_another_format_of_the_same_type_is_not_taken(tmp_path):
+    messages = logs.old_messages()
+    messages.insert(20, logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"))
+    tables, notes = read_tables(logs.write(tmp_path / "log.bin", messages), {"IMU"})
+    assert tables["IMU"]["GyrX"][100] == pytest.approx(logs.W[0])
+    assert "another format for message type 131 (IMU), the first one kept" in notes[0]
+
+
+def test_text_damage(tmp_path):
+    path = logs.write_text(tmp_path / "flight.log")
+    lines = path.read_bytes().split(b"\r\n")
+    lines[100] = b"IMU, 1, garbled"
+    lines[200] = lines[200].replace(b"0", b"\xff", 1)
+    path.write_bytes(b"\r\n".join(lines)[:-20])
+    _, log = read_log(path, {})
+    assert log.imu.rows >= logs.ROWS - 3
+    assert "last line has no line end (file cut off?), dropped; damaged, skipped: lines 101, 201" in log.notes[0]
+
+
+def test_matlab_damage(tmp_path):
+    """A file cut off within IMU has none; one cut off later, or with another variable garbled, is read without it."""
+    path = logs.write_mat(tmp_path / "flight.mat", compress=False)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:5000])
+    with pytest.raises(InputError, match=r"holds none of .* \(flight\.mat: cut off at byte 128: the last 4872 bytes dropped"):
+        convert_log(path, {"format": "ardupilot_mat"}, {})
+    gps = whole.index(b"GPS_label")
+    path.write_bytes(whole[:gps] + b"\xff" * 60 + whole[gps + 60 :])
+    made = convert_log(path, {}, {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"})
+    assert made.run.imu.rows == logs.ROWS and made.run.gnss is None
+    assert "flight.mat: GPS has shape (50, 14) and 0 labels, not read" in made.record["notes"]
+    path.write_bytes(whole[:-40])
+    made = convert_log(path, {}, {})
+    check_parked(made.run)
+    assert any("cut off at byte" in n for n in made.record["notes"])
+
+
+def test_a_packed_matlab_variable_that_is_garbled(tmp_path):
+    """The packed GPS array does not unpack: named by its place, the IMU read without it."""
+    path = logs.write_mat(tmp_path / "flight.mat")
+    data = bytearray(path.read_bytes())
+    at = 128
+    for _ in range(2):  # past IMU and IMU_label
+        at += 8 + int.from_bytes(data[at + 4 : at + 8], "little")
+    data[at + 200 : at + 260] = bytes(60)
+    path.write_bytes(data)
+    _, log = read_log(path, {})
+    assert log.imu.rows == logs.ROWS and log.gnss is None
+    assert any(re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n) for n in log.notes)
+
+
+def test_other_matlab_files_are_named(tmp_path):
+    path = logs.write_mat(tmp_path / "a.mat", IMU=np.ones((50, 3)))
+    with pytest.raises(InputError, match=r"a\.mat: no IMU 1, has none"):
+        convert_log(path, {}, {})
+    logs.savemat(tmp_path / "b.mat", {"x": np.ones(3)})
+    with pytest.raises(InputError, match="format not recognised"):
+        convert_log(tmp_path / "b.mat", {}, {})
+    with pytest.raises(InputError, match=r"b\.mat: holds none of the messages"):
+        convert_log(tmp_path / "b.mat", {"format": "ardupilot_mat"}, {})
+    (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
+    with pytest.raises(InputError, match=r"c\.mat: not a MATLAB file of version 5 to 7\.2"):
+        convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
+
+
+SHORT = b"".join(logs.old_messages(rows=40))
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=12), st.integers(0, 40)), max_size=6))
+def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
+    """Bytes replaced, added and taken out anywhere: a log, or one InputError; nothing else."""
+    data = SHORT
+    for at, new, lost in cuts:
+        data = data[:at] + new + data[at + lost :]
+    path = tmp_path_factory.getbasetemp() / "fuzz.bin"
+    path.write_bytes(data)
+    read_or_refuse(path, "dataflash")
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["ardupilot_mat", "dataflash_text"]))
+def test_any_damage_of_the_other_forms(tmp_path_factory, seed, name):
+    rng = np.random.default_rng(seed)
+    base = tmp_path_factory.getbasetemp()
+    make = {"ardupilot_mat": lambda p: logs.write_mat(p, compress=bool(seed % 2)), "dataflash_text": logs.write_text}[name]
+    path = make(base / "fuzz_other.mat")
+    data = bytearray(path.read_bytes())
+    for at in rng.integers(0, min(len(data), 3000 if seed % 3 else len(data)), size=rng.integers(1, 8)):
+        data[at] = rng.integers(0, 256)
+    path.write_bytes(data[: rng.integers(1, len(data))] if seed % 5 == 0 else data)
+    read_or_refuse(path, name)
+
+
+def read_or_refuse(path: Path, name: str) -> None:
+    try:
+        _, log = read_log(path, {"format": name})
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    assert np.isfinite(log.imu.dtheta_rad).all() and np.isfinite(log.imu.dv_m_s).all()
+    assert np.all(np.diff(log.imu.time_s) > 0)

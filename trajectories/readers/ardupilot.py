@@ -1,0 +1,156 @@
+"""ArduPilot logs as tables of messages to a log: one of the IMUs, its temperature, the GPS, and what run.json needs.
+
+Axes are forward, right, down already; rates in rad/s, specific force in m/s2, both filtered samples of an instant. The
+autopilot has subtracted its start-up gyro offsets (INS_GYROFFS...), a constant of the session, from the rates.
+"""
+
+import re
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.records import AXES, GnssLog, InputError
+from trajectories.readers import ardupilot_mat, dataflash, dataflash_text
+from trajectories.readers.ardupilot_gnss import Fixes, fixes, log_clock
+from trajectories.readers.column_map import column_map
+from trajectories.readers.columns import converted
+from trajectories.readers.dataflash import Tables
+from trajectories.readers.gps_time import utc_text
+from trajectories.readers.registry import ConvertedLog, Reader
+
+TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
+
+GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" for a in AXES)
+TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
+PLAUSIBLE_DEGC = (-60.0, 125.0)
+MAX_IMUS = 9
+WANTED = frozenset(("GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", *(f"IMU{k}" for k in range(2, MAX_IMUS + 1))))
+BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")  # in a MSG: board and serial of its processor
+
+
+class ArduPilotKeys(StrictModel):
+    """Map keys of an ArduPilot log. `from_s`: log time to start from; `gyro_offsets`: add them back or not."""
+
+    format: str | None = None
+    imu: Annotated[int, Field(ge=1, le=MAX_IMUS)] = 1
+    from_s: float = -np.inf
+    gyro_offsets: Literal["as_logged", "add_back"] = "as_logged"
+    run: dict[str, Any] = Field(default_factory=dict)
+
+
+def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, notes: list[str]) -> ConvertedLog:
+    """The log of one IMU. InputError where the log has no such IMU or lacks its columns."""
+    refuse_non_finite(dict(options), name="map")
+    keys = parse(ArduPilotKeys, dict(options), name="map")
+    name, table = _imu_table(tables, keys.imu, path.name)
+    label = f"{path.name}: {name}"
+    clock = log_clock(table, ("TimeUS", "TimeMS"))
+    missing = [k for k in (*GYRO, *ACCEL) if k not in table]
+    if clock is None or missing:
+        raise InputError(f"{label}: no column {missing[0] if missing else 'TimeUS or TimeMS'}, has {' '.join(table)}"[:300])
+    rows = ~(clock < keys.from_s)  # a time that is no number is dropped, and noted, with the damaged rows
+    columns = {"time": clock[rows], **{k: table[k][rows] for k in (*GYRO, *ACCEL)}}
+    offsets, offset_notes = _gyro_offsets(tables, keys, label)
+    columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
+    columns |= _temperature(table, rows)
+    log = converted(columns, column_map(_map("temperature" in columns)), label=label, notes=[])
+    found, gps_notes = fixes(tables, label=path.name)
+    header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
+    return replace(
+        log, gnss=None if found is None else _run_gnss(found, log), notes=(*notes, *log.notes, *offset_notes, *gps_notes),
+        header={**header, **_place_and_time(found, log), **keys.run},
+    )  # fmt: skip
+
+
+def _imu_table(tables: Tables, number: int, label: str) -> tuple[str, dict[str, NDArray]]:
+    """Messages of the IMU of a number from 1: IMU, IMU2, IMU3 of old firmware, else IMU with its instance in I."""
+    held = [k for k in range(1, MAX_IMUS + 1) if f"IMU{k if k > 1 else ''}" in tables]
+    table = tables.get("IMU", {})
+    if "I" in table:
+        held = sorted({int(i) + 1 for i in table["I"][np.isfinite(table["I"])] if 0 <= i < MAX_IMUS})
+    if number not in held:
+        raise InputError(f"{label}: no IMU {number}, has {', '.join(map(str, held)) or 'none'} (--imu)")
+    if "I" in table:
+        rows = table["I"] == number - 1
+        return f"IMU {number}", {k: v[rows] for k, v in table.items()}
+    name = f"IMU{number if number > 1 else ''}"
+    return name, tables[name]
+
+
+def _map(with_temperature: bool) -> dict[str, Any]:
+    keys: dict[str, Any] = {"time": {"column": "time"}}
+    keys["gyro"] = {"columns": list(GYRO), "unit": "rad/s"}
+    keys["accel"] = {"columns": list(ACCEL), "unit": "m/s2"}
+    return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
+
+
+def _temperature(table: Mapping[str, NDArray], rows: NDArray) -> dict[str, NDArray]:
+    """The IMU's temperature, NaN where no sensor shows such a value; empty where it is not logged (absent or all 0)."""
+    for name in TEMPERATURE:
+        if name in table:
+            values = table[name][rows]
+            with np.errstate(invalid="ignore"):
+                sane = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
+            return {"temperature": np.where(sane, values, np.nan)} if np.any(values[sane]) else {}
+    return {}
+
+
+def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, list[str]]:
+    """What to add to the rates [rad/s], shape (3,), and a note that says what the autopilot had subtracted."""
+    parameters = tables.get("PARM", {"Name": np.array([]), "Value": np.array([])})
+    values = dict(zip(parameters.get("Name", ()), parameters.get("Value", ())))
+    stem = f"INS_GYR{keys.imu if keys.imu > 1 else ''}OFFS_"
+    offsets = np.array([values.get(stem + axis.upper(), np.nan) for axis in AXES], dtype=float)
+    shown = f"{stem}X Y Z = {' '.join(f'{v:+.6f}' for v in offsets)} rad/s"
+    if keys.gyro_offsets == "add_back":
+        if not np.isfinite(offsets).all():
+            raise InputError(f"{label}: gyro_offsets: the log has no parameters {stem}X Y Z to add back")
+        return offsets, [f"{label}: added back the autopilot's gyro offsets {shown}"]
+    known = np.isfinite(offsets).all()
+    return np.zeros(3), [f"{label}: rates are less the autopilot's gyro offsets {shown} (as logged)"] if known else []
+
+
+def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:
+    """imu_serial: board, its processor's serial, and the IMU's number; the file's name where the log has none."""
+    for text in tables.get("MSG", {}).get("Message", ()):
+        if found := BOARD.match(str(text)):
+            return {"imu_serial": f"{found[1]}-{found[2].replace(' ', '')}-imu{number}"}
+    return {"imu_serial": f"{path.stem}-imu{number}"}
+
+
+def _run_gnss(found: Fixes, log: ConvertedLog) -> GnssLog | None:
+    """The fixes on run time, those outside the imu rows left out; None where none is left."""
+    time_s = found.gnss.time_s - log.time_shift_s
+    rows = (time_s >= 0) & (time_s <= log.imu.end_s)
+    columns: dict[str, Any] = {k: None if v is None else v[rows] for k, v in vars(found.gnss).items()}
+    return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
+
+
+def _place_and_time(found: Fixes | None, log: ConvertedLog) -> dict[str, Any]:
+    header: dict[str, Any] = {}
+    if found is not None:
+        header["site"] = found.site_at(log.time_shift_s)
+        if found.gps_less_log_s is not None:
+            header["start_utc"] = utc_text(found.gps_less_log_s + log.time_shift_s)
+    return header
+
+
+def _reader(name: str, about: str, detect: Callable[[Path], bool], tables: TablesOf) -> Reader:
+    def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+        found, notes = tables(path, WANTED)
+        return log_from_tables(found, options, path, notes)
+
+    return Reader(name=name, about=about, detect=detect, read=read)
+
+
+READERS = (
+    _reader("dataflash", "ArduPilot .bin", dataflash.is_dataflash, dataflash.read_tables),
+    _reader("dataflash_text", "ArduPilot .log", dataflash_text.is_dataflash_text, dataflash_text.read_tables),
+    _reader("ardupilot_mat", "ArduPilot .mat of Mission Planner", ardupilot_mat.is_ardupilot_mat, ardupilot_mat.read_tables),
+)
