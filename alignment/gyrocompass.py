@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse, imu_faults, stillness
+from alignment import coarse, imu_faults, levelling, stillness
 from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
@@ -142,6 +142,15 @@ def align(
     prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
+    no_heading = (
+        f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
+        "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit"
+    )
+    if twin.gyro_technology == "mems" and levelling.too_uncertain(level_sigma, rest):
+        return levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
+    if (rate := float(np.linalg.norm(means.omega_ib_b))) > stillness.PIVOT_RAD_S:
+        told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+        return _refused(f"the gyros read {told}: the vehicle turns, or the unit of the gyros is wrong")
     for scale in NOISE_SCALES:
         solution = solve(
             imu, site, scaled_noise(twin, scale), prior,
@@ -162,15 +171,7 @@ def align(
             reasons=(f"the unit is noisier than its noise model ({twin.source}): taken {scale:g} times as large",),
         )
     if level_sigma > 0.3 * earth_level:
-        return replace(
-            result,
-            verdict="level_only",
-            reasons=(
-                *result.reasons,
-                f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
-                "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit",
-            ),
-        )
+        return replace(result, verdict="level_only", reasons=(*result.reasons, no_heading))
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 
 

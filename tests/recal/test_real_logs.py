@@ -9,8 +9,10 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from alignment import gyrocompass
 from benchmarks import real_logs
 from ins.earth import gravity_magnitude
+from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from recal.commands.align import align
 from recal.commands.check import check
@@ -109,9 +111,19 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     assert check(tmp_path / "run")["verdict"] == "warnings"
     assert read_run(tmp_path / "run").sha256 == convert_log(log, {"imu": int(args[1]) if args else 1}, {}).run.sha256
     document = align(tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align")
-    assert document["verdict"] in ("refused", "level_only")
-    assert document["reasons"]
+    assert document["verdict"] == ("refused" if log == COPTER else "level_only")
+    assert ("never rests for a minute" if log == COPTER else "heading cannot be found at rest") in document["reasons"][0]
     assert json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"] == "recal.alignment/1"
+
+
+def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):
+    """The log's own ATT at log time 173.2 s (run time 160 s): roll 0.71, pitch 4.51 deg."""
+    result = gyrocompass.align(plane.imu, plane.header.site, default_twin("mems"))
+    assert result.time_s == pytest.approx(160.0, abs=0.1)
+    assert result.roll_rad / DEG == pytest.approx(0.71, abs=2 * result.sigma_roll_rad / DEG)
+    assert result.pitch_rad / DEG == pytest.approx(4.51, abs=2 * result.sigma_pitch_rad / DEG)
+    assert result.sigma_roll_rad < 0.5 * DEG
+    assert [p.phase for p in result.phases] == ["alignment"]
 
 
 def test_runs_for_the_gap_diagnosis(tmp_path):

@@ -1,0 +1,40 @@
+"""Level of a resting unit from its accelerometers alone, for gyros too uncertain to navigate through the rest."""
+
+import numpy as np
+
+from alignment.result import Alignment
+from ins.earth import gravity_magnitude
+from ins.records import ImuSource, Phase, Site, TwinModel
+from ins.units import DEG, MICRO_G
+
+LINEAR_RAD = 0.1  # of attitude error over the rest; beyond it the navigation's errors are no longer linear
+LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
+
+
+def too_uncertain(gyro_sigma_rad_s: float, rest: tuple[float, float]) -> bool:
+    """Whether gyros of such a bias sigma may turn a solution by more than LINEAR_RAD over the rest (start, end) [s]."""
+    return gyro_sigma_rad_s * (rest[1] - rest[0]) > LINEAR_RAD
+
+
+def level(
+    imu: ImuSource, site: Site, twin: TwinModel, *, rest: tuple[float, float], gyro_sigma_rad_s: float, reason: str
+) -> Alignment:
+    """Roll and pitch at the end of the rest, verdict "level_only" for the `reason` that heading was not found.
+
+    Sigma: accelerometer turn-on bias and noise of the twin, widened by |f| less gravity, which is an error of theirs
+    that anyone can see. Source: Groves (2013), section 5.6.1.
+    """
+    part = imu.between(max(rest[1] - LEVEL_S, rest[0]), rest[1])
+    f_b = part.dv_m_s.sum(axis=0) / part.dt_s.sum()
+    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
+    excess = abs(float(np.linalg.norm(f_b)) - gravity)
+    noise = twin.accel.vrw_ug_sqrt_hz * MICRO_G / np.sqrt(part.dt_s.sum())
+    sigma = float(np.linalg.norm([twin.accel.turn_on_ug * MICRO_G, excess, noise])) / gravity
+    turn_deg = gyro_sigma_rad_s * (rest[1] - rest[0]) / DEG
+    told = f"level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the {rest[1] - rest[0]:.0f} s"
+    return Alignment(
+        verdict="level_only", reasons=(reason, told), time_s=rest[1],
+        roll_rad=float(np.arctan2(-f_b[1], -f_b[2])), pitch_rad=float(np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2]))),
+        sigma_roll_rad=sigma, sigma_pitch_rad=sigma, duration_s=rest[1] - rest[0],
+        phases=(Phase(phase="alignment", start_s=rest[0], end_s=rest[1]),),
+    )  # fmt: skip

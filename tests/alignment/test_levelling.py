@@ -1,0 +1,63 @@
+"""Levelling without gyros: tilts by hand, an honest sigma, and units that the navigation filter cannot take."""
+
+import numpy as np
+import pytest
+
+from alignment.gyrocompass import align
+from ins.earth import gravity_magnitude, omega_ie_n
+from ins.records import ImuLog, Site
+from ins.twin_file import default_twin
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+
+SITE = Site(lat_rad=-37.96 * DEG, lon_rad=144.76 * DEG, height_m=16.0)
+GRAVITY = float(gravity_magnitude(SITE.lat_rad, SITE.height_m))
+DT_S, BIAS_DEG_H = 0.02, np.array([600.0, 900.0, 500.0])
+MEMS = default_twin("mems")
+
+
+def parked(*, roll_deg=0.0, pitch_deg=0.0, seconds=90.0, bias_deg_h=BIAS_DEG_H, scale=1.0, turn_rad_s=0.0) -> ImuLog:
+    """Gravity and Earth rate of a unit whose gyros warm up by half their bias; no noise."""
+    n = round(seconds / DT_S)
+    r, p = roll_deg * DEG, pitch_deg * DEG
+    f_b = -GRAVITY * scale * np.array([-np.sin(p), np.cos(p) * np.sin(r), np.cos(p) * np.cos(r)])
+    warm = np.linspace(0.5, 1.0, n)[:, None] * bias_deg_h * DEG_PER_HOUR
+    w = warm + omega_ie_n(SITE.lat_rad) + [0.0, 0.0, turn_rad_s]
+    return ImuLog(
+        time_s=DT_S * np.arange(1, n + 1), dt_s=np.full(n, DT_S), dtheta_rad=w * DT_S, dv_m_s=np.tile(f_b * DT_S, (n, 1))
+    )
+
+
+@pytest.mark.parametrize(("roll_deg", "pitch_deg"), [(0.0, 0.0), (0.7, 4.5), (-20.0, 10.0), (3.0, -30.0)])
+def test_level_of_a_mems_unit_whose_gyros_drift_by_hundreds_of_deg_h(roll_deg, pitch_deg):
+    result = align(parked(roll_deg=roll_deg, pitch_deg=pitch_deg), SITE, MEMS)
+    assert result.verdict == "level_only"
+    assert "heading cannot be found at rest" in result.reasons[0]
+    assert "level from the accelerometers alone" in result.reasons[1]
+    assert result.roll_rad / DEG == pytest.approx(roll_deg, abs=1e-9)
+    assert result.pitch_rad / DEG == pytest.approx(pitch_deg, abs=1e-9)
+    assert np.isnan(result.heading_rad) and np.isnan(result.sigma_heading_rad)
+    assert [(p.phase, round(p.start_s), round(p.end_s)) for p in result.phases] == [("alignment", 0, 90)]
+    assert result.duration_s == pytest.approx(90.0, abs=0.1)
+
+
+def test_sigma_is_that_of_the_accelerometers_widened_by_what_gravity_shows():
+    """By hand: turn-on bias over g and the noise of 30 s; a scale error of 3 % is 30 mrad more."""
+    noise = MEMS.accel.vrw_ug_sqrt_hz * MICRO_G / np.sqrt(30.0)
+    base = np.hypot(MEMS.accel.turn_on_ug * MICRO_G, noise) / GRAVITY
+    assert align(parked(), SITE, MEMS).sigma_roll_rad == pytest.approx(base, rel=1e-3)
+    assert align(parked(scale=0.97), SITE, MEMS).sigma_pitch_rad == pytest.approx(np.hypot(base, 0.03), rel=1e-3)
+
+
+def test_a_good_mems_unit_keeps_the_filter():
+    """30 deg/h over 90 s is 0.7 deg: linear."""
+    result = align(parked(bias_deg_h=np.array([5.0, -5.0, 5.0])), SITE, MEMS)
+    assert result.verdict == "level_only" and len(result.reasons) == 1
+
+
+@pytest.mark.parametrize("technology", ["rlg", "fog"])
+@pytest.mark.parametrize("turn_rad_s", [0.003, 0.05])
+def test_a_turntable_is_refused(technology, turn_rad_s):
+    log = parked(bias_deg_h=np.zeros(3), turn_rad_s=turn_rad_s)
+    result = align(log, SITE, default_twin(technology))
+    assert result.verdict == "refused"
+    assert "deg/h at rest, Earth rate is 15.04: the vehicle turns, or the unit of the gyros is wrong" in result.reasons[0]
