@@ -58,6 +58,7 @@ EFFECTS = (
     Effect(name="accel_thermal_hysteresis", targets=ACCELS, lay=hysteresis, needs=frozenset({"runs"}),
            draw=lambda rng, _: {"half_split_ug": signed(rng, 20.0), "width_degC": log_uniform(rng, 1.0, 5.0)}),
     Effect(name="accel_scale_factor", targets=("accel_z",), lay=scale_factor,
+           confounded=("vertical_deflection", "clock_rate"),
            draw=lambda rng, _: {"scale_ppm": signed(rng, 100.0)}),
     Effect(name="accel_noise", targets=ACCELS, lay=noise, draw=lambda rng, _: {"ug_sqrt_hz": 15.0, "seed": seed(rng)}),
     Effect(name="imu_size_effect", targets=("accel_x", "accel_y"), lay=size_effect, needs=frozenset({"taxi"}), draw=_arm,

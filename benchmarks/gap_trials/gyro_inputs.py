@@ -123,16 +123,20 @@ SLOW = ("slow_variation",)
 TAXI = frozenset({"taxi"})
 EFFECTS = (
     Effect(name="gyro_scale_factor", targets=GYROS, lay=scale_factor, needs=TAXI,
+           confounded=("gyro_magnetic_sensitivity", "gyro_misalignment", "clock_rate"),
            draw=lambda rng, _: {"scale_ppm": signed(rng, 5.0)}),
     Effect(name="gyro_scale_asymmetry", targets=("gyro_z",), lay=scale_asymmetry, needs=TAXI,
            draw=lambda rng, _: {"asymmetry_ppm": signed(rng, 5.0)}),
     Effect(name="gyro_scale_thermal", targets=("gyro_z",), lay=scale_thermal, needs=TAXI,
            draw=lambda rng, _: {"scale_ppm_degC": signed(rng, 2.0)}),
     Effect(name="gyro_misalignment", targets=GYROS, lay=misalignment, needs=TAXI,
+           confounded=("gyro_magnetic_sensitivity",),
            draw=lambda rng, _: {"arcsec_xyz": _crossed(rng, 14.0)}),
     Effect(name="gyro_g_sensitivity", targets=GYROS, lay=g_sensitivity, needs=TAXI,
+           confounded=("gyro_turn_on_bias",),
            draw=lambda rng, _: {"deg_h_g": signed(rng, 0.001), "direction": _crossed(rng, 1.0)}),
     Effect(name="gyro_magnetic_sensitivity", targets=GYROS, lay=magnetic, needs=frozenset({"runs"}),
+           confounded=("gyro_misalignment", "gyro_scale_factor"),
            draw=lambda rng, _: {"deg_h_gauss": 0.005, "direction": _leak(rng)}),
     Effect(name="gyro_angle_random_walk", targets=GYROS, lay=angle_random_walk, draw=_noise("deg_sqrt_h", 0.002)),
     Effect(name="gyro_bias_instability", targets=GYROS, lay=bias_instability, answers=SLOW, draw=_noise("deg_h", 0.003)),
@@ -145,5 +149,6 @@ EFFECTS = (
     Effect(name="gyro_noise_thermal", targets=GYROS, lay=noise_thermal, linear=False,
            draw=lambda rng, _: {"growth": 0.3, "with": str(rng.choice(["rate", "level"])), "seed": seed(rng)}),
     Effect(name="clock_rate", targets=("gyro_z",), lay=clock_rate, needs=TAXI, accepted=(*GYROS, "accel_z", "vehicle"),
+           confounded=("accel_scale_factor", "gyro_scale_factor"),
            draw=lambda rng, _: {"ppm": signed(rng, 20.0)}),
 )  # fmt: skip

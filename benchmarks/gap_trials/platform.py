@@ -125,6 +125,7 @@ EFFECTS = (
     Effect(name="platform_settling", targets=VEHICLE, lay=settling,
            draw=lambda rng, seen: {"run": _one_run(rng, seen), "tau_s": log_uniform(rng, 300, 2400), **_tilt(rng, 60.0)}),
     Effect(name="platform_yaw_creep", targets=VEHICLE, lay=yaw_creep, accepted=("gyro_z",),
+           confounded=("gyro_warmup_transient", "slow_variation"),
            draw=lambda rng, seen: {"run": _one_run(rng, seen), "tau_s": log_uniform(rng, 300, 2400),
                                    "arcsec_xyz": _about_vertical(rng, 30.0).tolist()}),
     Effect(name="platform_step", targets=VEHICLE, lay=step,
@@ -134,5 +135,6 @@ EFFECTS = (
     Effect(name="engine_start", targets=VEHICLE, lay=engine_start, draw=_engine),
     Effect(name="site_latitude_error", targets=SITE, lay=latitude_error, needs=frozenset({"runs"}),
            draw=lambda rng, _: {"arcmin": signed(rng, 1.0)}),
-    Effect(name="vertical_deflection", targets=SITE, lay=deflection, needs=frozenset({"runs"}), draw=_deflection),
+    Effect(name="vertical_deflection", targets=SITE, lay=deflection, needs=frozenset({"runs"}), draw=_deflection,
+           confounded=("accel_scale_factor",)),
 )  # fmt: skip

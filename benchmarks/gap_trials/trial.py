@@ -29,7 +29,8 @@ WRONG_NOISE = {  # which of the declared white noises is off, and what may name 
 class Planted:
     """One effect in a trial, in every run that it touches. size 1 is the middle of its usual range.
 
-    answers: the names that are right for it; targets: its target first, then others that name the same thing.
+    answers: the names that are right for it; targets: its target first, then others that name the same thing; confounded:
+    names that these recordings can hardly tell from it (see Effect).
     """
 
     effect: str
@@ -38,6 +39,7 @@ class Planted:
     size: float
     answers: tuple[str, ...]
     targets: tuple[str, ...]
+    confounded: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +68,7 @@ class Trial:
 
     def truth_dict(self) -> dict[str, Any]:
         """What was planted, for a file beside the trial."""
-        planted = [{**asdict(p), "answers": list(p.answers), "targets": list(p.targets)} for p in self.truth]
+        planted = [asdict(p) for p in self.truth]
         return {"seed": self.seed, "plan": self.plan, "source": self.source, "planted": planted}
 
 
@@ -171,6 +173,6 @@ def _draw_effects(
         effect, target = matching[int(rng.integers(len(matching)))]
         planted.append(Planted(
             effect=name, target=target, parameters=effect.draw(rng, seen), size=float(size), answers=effect.right_answers,
-            targets=(target, *(t for t in effect.accepted if t != target)),
+            targets=(target, *(t for t in effect.accepted if t != target)), confounded=effect.confounded,
         ))  # fmt: skip
     return tuple(planted)
