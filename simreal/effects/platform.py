@@ -1,6 +1,7 @@
 """Motions of the vehicle that the twin does not make, and errors of its site (gap.md 2b, P01 to P08).
 
-A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the accelerometers -q x f.
+A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the accelerometers -q x f. A vehicle
+that has yawed rolls along its own x axis afterwards: its way turns with it, what the sensors feel of the way does not.
 """
 
 from collections.abc import Callable, Sequence
@@ -8,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, omega_ie_n, radii_of_curvature
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
@@ -30,15 +31,42 @@ ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_tim
 
 def turned(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray, axis: int) -> Trace:
     """The trace of a rotation about one body axis, (n,) angle over the intervals and (n,) rate."""
-    q = on_axis(angle_rad, axis)
-    gyro = on_axis(angle_rate_rad_s, axis) - np.cross(q, run.rate_rad_s)
-    return Trace(gyro_rad_s=gyro, accel_m_s2=-np.cross(q, run.force_m_s2))
+    gyro, accel = (_less_turn(angle_rad, vector, axis) for vector in (run.rate_rad_s, run.force_m_s2))
+    gyro[:, axis] += angle_rate_rad_s
+    return Trace(gyro_rad_s=gyro, accel_m_s2=accel)
+
+
+def _less_turn(angle_rad: NDArray, vector: NDArray, axis: int) -> NDArray:
+    """-q x v for q about one axis (n, 3)."""
+    out = np.zeros_like(vector)
+    j, k = (axis + 1) % 3, (axis + 2) % 3
+    out[:, j], out[:, k] = angle_rad * vector[:, k], -angle_rad * vector[:, j]
+    return out
+
+
+def yawed(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray) -> Trace:
+    """The trace of a heading that changes: of Earth rate and gravity alone, and of the way that GNSS sees."""
+    gravity_b = in_body(run, -gravity_n(run.lat_rad, run.height_m))
+    gyro = _less_turn(angle_rad, in_body(run, omega_ie_n(run.lat_rad)), 2) + on_axis(angle_rate_rad_s, 2)
+    v_n = angle_rad[:, None] * np.stack([-run.v_n_m_s[:, 1], run.v_n_m_s[:, 0], np.zeros(run.n)], axis=1)
+    return Trace(
+        gyro_rad_s=gyro,
+        accel_m_s2=_less_turn(angle_rad, gravity_b, 2),
+        gnss_velocity_m_s=v_n,
+        gnss_position_m=integral(run, v_n),
+    )
+
+
+def integral(run: Telemetry, rate: NDArray) -> NDArray:
+    """Integral of a rate (n, ...) up to the middle of each interval."""
+    return np.asarray((np.cumsum(rate, axis=0) - 0.5 * rate) * run.dt_s)
 
 
 def turned_in_time(run: Telemetry, angle: Callable[[NDArray], NDArray], axis: int) -> Trace:
     """The same for an angle [rad] given as a function of time [s]: the gyro's increments add up to it exactly."""
     begin, end = angle(run.time_s - 0.5 * run.dt_s), angle(run.time_s + 0.5 * run.dt_s)
-    return turned(run, 0.5 * (begin + end), (end - begin) / run.dt_s, axis)
+    mean, rate = 0.5 * (begin + end), (end - begin) / run.dt_s
+    return yawed(run, mean, rate) if axis == 2 else turned(run, mean, rate, axis)
 
 
 def after(run: Telemetry, onset_s: float) -> NDArray:
@@ -85,7 +113,7 @@ def step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 def yaw_creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Heading that drifts steadily while the vehicle is parked; it stays where it got to in between."""
     rate = np.where(run.parked, ARCSEC / HOUR, 0.0)
-    return (turned(run, np.cumsum(rate * run.dt_s) - 0.5 * rate * run.dt_s, rate, 2),)
+    return (yawed(run, integral(run, rate), rate),)
 
 
 def mount_temperature(run: Telemetry) -> NDArray | None:

@@ -12,6 +12,7 @@ from ins.units import MILLIRADIAN, PPM
 from simreal.effects.base import AddedNoise, Shape
 from simreal.effects.formula import FormulaEffect
 from simreal.effects.gyro_effect import one, several
+from simreal.effects.platform import integral
 from simreal.effects.recordings import (
     MOVES_m_s,
     has_gnss,
@@ -82,8 +83,7 @@ def stops(run: Telemetry) -> NDArray:
 def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """The vehicle creeps along body x at the stops, which the twin takes for rest; GNSS sees it."""
     velocity = CENTIMETRE_PER_S * run.C_nb[:, :, 0] * stops(run)[:, None]
-    moved = np.cumsum(velocity * run.dt_s, axis=0) - 0.5 * velocity * run.dt_s
-    return (Trace(gnss_velocity_m_s=velocity, gnss_position_m=moved),)
+    return (Trace(gnss_velocity_m_s=velocity, gnss_position_m=integral(run, velocity)),)
 
 
 def needs_turns_both_ways(runs: Sequence[Telemetry], target: str) -> str:
