@@ -97,7 +97,7 @@ def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:
     """For effects of the rate about the other two axes: turns, or Earth rate at several headings."""
     others = [gyro for gyro in GYROS if gyro != target]
     lack = _lacks_turns_about(runs, others, "turns about another axis")
-    several = any(run.heading_known for run in runs) and headings(runs) > 1
+    several = headings([run for run in runs if run.heading_known]) > 1
     return "" if several or not lack else f"{lack} or several headings"
 
 

@@ -300,7 +300,9 @@ def test_noise_of_one_unit(key, name, value):
     effect = EFFECTS[key]
     (noise,) = effect.noise(parked_run(10), "gyro_z", shape_of(effect))
     kinds = ("white", "flicker", "walk", "markov", "bounded", "sway", "sample")
-    assert {k: getattr(noise, k) for k in kinds} == pytest.approx({k: value * (k == name) for k in kinds}, rel=ONE_PART)
+    assert {k: getattr(noise, k) for k in kinds} == pytest.approx(
+        {k: value * (k == name) for k in kinds}, rel=ONE_PART, abs=0.0
+    )
     assert not effect.coefficients[0].signed
 
 
@@ -430,6 +432,49 @@ def test_needs_of_force_length_and_table():
     for key, target in (("compensation_misapplied", "gyro_x"), ("temperature_sensor_error", "temperature")):
         assert EFFECTS[key].needs([flat], target) == "a gyro temperature that moves the table"
         assert EFFECTS[key].needs([bare(flat)], target) == "a thermal table and a gyro temperature"
+
+
+@pytest.mark.parametrize(
+    ("key", "target", "bare_needs"),
+    [
+        ("gyro_thermal_linear", "gyro_x", "a gyro temperature"),
+        ("gyro_thermal_rate", "gyro_x", "a gyro temperature"),
+        ("gyro_thermal_gradient", "gyro_x", "a temperature difference reading (gradient_x_degC)"),
+        ("gyro_scale_thermal", "gyro_z", "a gyro temperature"),
+        ("compensation_misapplied", "gyro_x", "a thermal table and a gyro temperature"),
+        ("temperature_sensor_error", "temperature", "a thermal table and a gyro temperature"),
+    ],
+)
+def test_every_run_must_hold_the_stream(key, target, bare_needs):
+    """What repeats is fitted to all runs, so one without the stream is enough to lack it."""
+    runs = [taxi_run(), replace(taxi_run(right_deg=60.0), temperature_degC=taxi_run().temperature_degC + 10.0)]
+    assert EFFECTS[key].needs(runs, target) == ""
+    assert EFFECTS[key].needs([*runs, bare(taxi_run())], target) == bare_needs
+
+
+def test_needs_do_not_count_samples_for_seconds():
+    """At 10 Hz: a turn of 9 deg is none, 20 minutes are not 30, and one run at 1 Hz shows quantisation."""
+    fast = replace(taxi_run(right_deg=90.0), dt_s=0.1, time_s=0.1 * taxi_run().time_s)
+    assert EFFECTS["gyro_scale_factor"].needs([fast], "gyro_z") == "turns"
+    assert EFFECTS["gyro_bias_instability"].needs([parked_run(12_000, dt_s=0.1)], "gyro_x") == "a run of 30 minutes"
+    assert EFFECTS["gyro_gauss_markov"].needs([parked_run(540)], "gyro_x") == "a run of 10 minutes"
+    assert EFFECTS["gyro_gauss_markov"].needs([parked_run(540), parked_run(660)], "gyro_x") == ""
+    assert EFFECTS["gyro_quantization"].needs([parked_run(60, dt_s=10.0), parked_run(60)], "gyro_x") == ""
+    assert EFFECTS["gyro_dither_coning"].needs([parked_run(9, dt_s=0.002), parked_run(9)], "gyro_x") == "raw data at 500 Hz"
+
+
+def test_turns_count_while_the_vehicle_moves():
+    """A parked unit whose log turns was handled or shaken: that is no measurement of a scale factor."""
+    parked = replace(taxi_run(), kind=parked_run(600).kind)
+    assert EFFECTS["gyro_scale_factor"].needs([parked], "gyro_z") == "turns"
+
+
+def test_steady_gradient_and_unknown_headings():
+    steady = replace(parked_run(), gradient_degC=np.full((3600, 3), 2.0))
+    assert EFFECTS["gyro_thermal_gradient"].needs([steady], "gyro_x") == "a temperature difference that changes"
+    north, east = parked_run(heading_deg=0.0), replace(parked_run(heading_deg=90.0), heading_known=False)
+    assert EFFECTS["gyro_magnetic_sensitivity"].needs([north, east], "gyro_x") == "a known heading"
+    assert EFFECTS["gyro_misalignment_x"].needs([north, east], "gyro_x") == "turns or several headings"
 
 
 @pytest.mark.parametrize("key", ["gyro_thermal_linear", "gyro_thermal_gradient", "compensation_misapplied"])
