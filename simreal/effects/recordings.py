@@ -10,7 +10,6 @@ from simreal.telemetry import AIRBORNE, Telemetry
 TURN_rad_s = 0.02  # a taxi turn of 90 deg takes less than 80 s
 MOVES_m_s = 1.0
 BRAKING_m_s2 = 0.3
-TURN_SPEED_RATIO = 1.2  # turns at two speeds: the 90 % point of the speeds over the 10 % point
 Runs = Sequence[Telemetry]
 
 
@@ -43,26 +42,8 @@ def flies(runs: Runs) -> bool:
     return any(bool(np.any(run.kind == AIRBORNE)) for run in runs)
 
 
-def turn_rates(runs: Runs) -> NDArray:
-    """Turn rates on the way [rad/s]."""
-    return over(runs, lambda run: run.turn_rad_s[moving(run)])
-
-
 def turns(runs: Runs) -> bool:
-    return bool(np.any(np.abs(turn_rates(runs)) > TURN_rad_s))
-
-
-def turns_both_ways(runs: Runs) -> bool:
-    rates = turn_rates(runs)
-    return bool(np.any(rates > TURN_rad_s) and np.any(rates < -TURN_rad_s))
-
-
-def turns_at_two_speeds(runs: Runs) -> bool:
-    speeds = over(runs, lambda run: np.abs(run.speed_m_s[moving(run) & (np.abs(run.turn_rad_s) > TURN_rad_s)]))
-    if speeds.size < 2:
-        return False
-    slow, fast = np.quantile(speeds, [0.1, 0.9])
-    return bool(fast > TURN_SPEED_RATIO * slow)
+    return bool(np.any(np.abs(over(runs, lambda run: run.turn_rad_s[moving(run)])) > TURN_rad_s))
 
 
 def brakes(runs: Runs) -> bool:

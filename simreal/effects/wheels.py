@@ -17,11 +17,10 @@ from simreal.effects.recordings import (
     MOVES_m_s,
     has_gnss,
     lacking,
+    needs_turns,
     odometer_braking,
     odometer_taxi,
     taxi,
-    turns_at_two_speeds,
-    turns_both_ways,
 )
 from simreal.telemetry import AIRBORNE, Telemetry, Trace
 
@@ -55,7 +54,10 @@ def lever_arm(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def side_slip(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """v c a_lat, with a_lat = v w_z: tyres that run at an angle in proportion to the side force."""
+    """v c a_lat, with a_lat = v w_z: tyres that run at an angle in proportion to the side force.
+
+    Turns at one speed show it just as a lever arm in x: only turns at two speeds tell the two apart.
+    """
     return (Trace(lateral_m_s=MILLIRADIAN * run.speed_m_s**2 * run.turn_rad_s * run.rolling),)
 
 
@@ -86,14 +88,6 @@ def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     return (Trace(gnss_velocity_m_s=velocity, gnss_position_m=integral(run, velocity)),)
 
 
-def needs_turns_both_ways(runs: Sequence[Telemetry], target: str) -> str:
-    return lacking((turns_both_ways(runs), "left and right turns"))
-
-
-def needs_turns_at_two_speeds(runs: Sequence[Telemetry], target: str) -> str:
-    return lacking((turns_at_two_speeds(runs), "turns at two speeds"))
-
-
 def needs_stop_with_gnss(runs: Sequence[Telemetry], target: str) -> str:
     seen = [run for run in runs if run.has_gnss]
     return lacking((has_gnss(runs), "GNSS"), (any(bool(np.any(stops(run))) for run in seen or runs), "a stop after taxi"))
@@ -111,11 +105,11 @@ WHEELS = (
     FormulaEffect(
         "lever_arm", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
         rivals=("side_slip", "imu_size_effect", "gnss_lever_arm_or_latency"), source="gap.md O03; true less logged",
-        formula=lever_arm, need=needs_turns_both_ways,
+        formula=lever_arm, need=needs_turns,
     ),
     FormulaEffect(
         "side_slip", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
-        rivals=("lever_arm", "odometer_boresight"), source="gap.md O04", formula=side_slip, need=needs_turns_at_two_speeds,
+        rivals=("lever_arm", "odometer_boresight"), source="gap.md O04", formula=side_slip, need=needs_turns,
     ),
     FormulaEffect(
         "wheel_slip", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),

@@ -293,6 +293,16 @@ def test_boresight_and_side_slip_by_hand():
     assert slip[725] == pytest.approx(-1e-3 * 5.0 * 0.4)
 
 
+def test_turns_at_two_speeds_tell_side_slip_from_a_lever_arm():
+    def alike(run):
+        lever, slip = traces("lever_arm", run)[0].lateral_m_s, traces("side_slip", run)[0].lateral_m_s
+        return abs(lever @ slip) / np.linalg.norm(lever) / np.linalg.norm(slip)
+
+    run = drive()
+    assert alike(replace(run, speed_m_s=np.where(run.rolling, 8.0, 0.0))) == pytest.approx(1.0)
+    assert alike(run) < 0.95
+
+
 def test_quantization_of_the_odometer_is_uniform_and_only_while_rolling():
     (noise,) = BY_ID["odometer_quantization"].noise(drive(), "odometer", {})
     steps = np.random.default_rng(1).uniform(0.0, 5.0, 100_000)
@@ -323,7 +333,7 @@ def test_gnss_velocity_is_the_rate_of_its_position(axis):
 
 def test_gnss_latency_shows_where_the_vehicle_was():
     run = drive()
-    late = traces("gnss_lever_arm_or_latency", run)[3]
+    late = traces("gnss_lever_arm_or_latency", run)[2]
     k = 680  # 10 m/s, straight
     np.testing.assert_allclose(late.gnss_position_m[k], -0.001 * run.v_n_m_s[k])
     np.testing.assert_allclose(np.linalg.norm(late.gnss_velocity_m_s[605]), 1e-3)
@@ -385,8 +395,8 @@ PARKED_NEEDS = {
     "platform_mount_sag": "a gyro or block temperature",
     "odometer_scale": ODOMETER + "taxi",
     "odometer_boresight": "taxi",
-    "lever_arm": "left and right turns",
-    "side_slip": "turns at two speeds",
+    "lever_arm": "turns",
+    "side_slip": "turns",
     "wheel_slip": ODOMETER + ACCELERATIONS,
     "odometer_time_offset": ODOMETER + ACCELERATIONS,
     "odometer_quantization": ODOMETER + "taxi",
@@ -404,11 +414,11 @@ def test_what_a_parked_run_lacks(effect):
 
 def test_needs_in_other_cases():
     run = rich_drive()
-    one_way = replace(run, turn_rad_s=np.abs(run.turn_rad_s))
-    assert BY_ID["lever_arm"].needs([one_way], "vehicle") == "left and right turns"
-    assert BY_ID["lever_arm"].needs([one_way, run], "vehicle") == ""
-    one_speed = replace(run, speed_m_s=np.where(run.speed_m_s > 0, 8.0, 0.0))
-    assert BY_ID["side_slip"].needs([one_speed], "vehicle") == "turns at two speeds"
+    straight = replace(run, turn_rad_s=0 * run.turn_rad_s)
+    assert BY_ID["lever_arm"].needs([straight], "vehicle") == "turns"
+    assert BY_ID["lever_arm"].needs([straight, run], "vehicle") == ""
+    creeping = replace(run, speed_m_s=0.05 * run.speed_m_s)  # half a metre a second: a push, no taxi
+    assert BY_ID["wheel_slip"].needs([creeping], "odometer") == "braking and acceleration"
     lost = replace(run, heading_known=False, speed_m_s=0 * run.speed_m_s)
     assert BY_ID["odometer_boresight"].needs([lost], "vehicle") == "a known heading and taxi"
     assert BY_ID["accel_scale_factor"].needs([still()], "accel_z") == ""  # always carries 1 g

@@ -114,8 +114,8 @@ def test_latitude_error_is_the_difference_of_two_places():
 
 
 def test_antenna_and_latency_are_where_the_simulated_vehicle_was(taxi):
-    run, arm, late_s = telemetry(taxi), np.array([2.0, -1.0, 0.5]), 0.1
-    trace = combined("gnss_lever_arm_or_latency", run, [*arm, 1e3 * late_s])
+    run, arm, late_s = telemetry(taxi), np.array([2.0, -1.0, 0.0]), 0.1
+    trace = combined("gnss_lever_arm_or_latency", run, [*arm[:2], 1e3 * late_s])
     rows = round(late_s * taxi.rate_hz)
     at = np.einsum("nij,j->ni", run.C_nb, arm) + np.cumsum(run.v_n_m_s, axis=0) * run.dt_s
     way = np.roll(at, rows, axis=0) - np.cumsum(run.v_n_m_s, axis=0) * run.dt_s
