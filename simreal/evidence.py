@@ -68,7 +68,7 @@ class ExtraNoise:
 
 def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]) -> tuple[ChannelNoise, ...]:
     """The six channels with extra noise; noise that is not steady enters by its mean over the run."""
-    noises = list(channel_noises(twin, view.run_s))
+    noises = list(channel_noises(twin, view.run_s, view.C_nb))
     for item in extra:
         for added in item.effect.noise(view.telemetry, item.target, item.shape):
             c = CHANNELS.index(added.channel)

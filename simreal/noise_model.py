@@ -115,11 +115,11 @@ def _flicker_means(n: int, dt_s: float, run_s: float) -> NDArray:
     return np.fft.irfft(psd, m)[: n * per : per] / step
 
 
-def channel_noises(twin: TwinModel, run_s: float) -> tuple[ChannelNoise, ...]:
+def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[ChannelNoise, ...]:
     """The six channels of a parked unit: gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2].
 
-    The parked heading creeps (white rate on z); the level accelerometers feel the sway, exactly so while the unit is
-    level. Quantisation is that of the accumulated angle: uniform, q^2/12.
+    C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its share of the level
+    sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is that of the accumulated angle: uniform, q^2/12.
     """
     g, a, v = twin.gyro, twin.accel, twin.vehicle
     gyro = ChannelNoise(
@@ -133,5 +133,6 @@ def channel_noises(twin: TwinModel, run_s: float) -> tuple[ChannelNoise, ...]:
         walk=(a.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2, turn_on=(a.turn_on_ug * MICRO_G) ** 2,
         sway_w=2.0 * np.pi * v.sway_hz, sway_zeta=v.sway_damping, run_s=run_s,
     )  # fmt: skip
-    level = replace(accel, sway=v.sway_m_s**2)
-    return gyro, gyro, replace(gyro, white=gyro.white + creep), level, level, accel
+    share = C_nb[0] ** 2 + C_nb[1] ** 2
+    x, y, z = (replace(accel, sway=float(s) * v.sway_m_s**2) for s in share)
+    return gyro, gyro, replace(gyro, white=gyro.white + creep), x, y, z

@@ -49,7 +49,7 @@ class ParkedBlock:
         self.bins = int((view.end_s - view.start_s + 1e-6) // BIN_S)
         self.seconds = slice(first, first + self.bins * int(BIN_S))
         self.start_s = round(view.start_s - view.run.imu.start_s)
-        self.noise = channel_noises(twin, view.run_s) if noise is None else noise
+        self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
         self.live = ~view.seconds.dead
         site = view.run.header.site
         omega_n, gravity = omega_ie_n(site.lat_rad), float(gravity_magnitude(site.lat_rad, site.height_m))

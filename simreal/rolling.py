@@ -68,7 +68,7 @@ class RollingBlock:
         self.compiled = self.program.compiled()
         self.seconds = _step_seconds(view, self.views)
         self._noise = process_noise(twin)
-        self._x0, self._P0 = _start(twin, start, fixes)
+        self._x0, self._P0 = _start(twin, start, fixes, view.C_nb)
         self._walk = _bias_walk(twin)
         self._work_out()
 
@@ -280,7 +280,7 @@ def _row(index: NDArray, value: NDArray) -> NDArray:
     return h
 
 
-def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes) -> tuple[NDArray, NDArray]:
+def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -> tuple[NDArray, NDArray]:
     """State and covariance at the end of the parked stretch (column 0 of the handoff is the data)."""
     x, P = np.zeros((STATES, 1)), np.zeros((STATES, STATES))
     _set_start(x, start.mean[:, :1])
@@ -291,6 +291,8 @@ def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes) -> tuple[NDArray
     P[em.W, em.W] = np.eye(2) * max(twin.vehicle.sway_m_s, 1e-4) ** 2
     x[em.POS, 0] = fixes.whiten_data()[1]
     P[em.POS, em.POS] = np.eye(2) * fixes.site_variance_m2
+    tilt = np.arccos(min(abs(float(C_nb[2, 2])), 1.0))  # of the unit on its wheels: body axes are not quite the wheels'
+    P[em.ODOMETER, em.ODOMETER] = P[em.KAPPA, em.KAPPA] = (0.5 * tilt**2) ** 2
     P[em.LATERAL, em.LATERAL] = max(twin.vehicle.lateral_noise_m_s, 1e-3) ** 2
     return x[:, 0], P
 

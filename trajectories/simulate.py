@@ -151,9 +151,9 @@ def _gnss(
 
 
 def _odometer(ideal: IdealSensors, twin: TwinModel, rng: np.random.Generator) -> OdometerLog:
-    """Speed of the wheel reference point; in the air the wheels stand."""
+    """Speed of the wheel reference point along body x, which is pitched on its wheels; in the air the wheels stand."""
     rows = _every(ideal, ODOMETER_HZ)
-    true = OdometerLog(time_s=ideal.time_s[rows], speed_m_s=(ideal.speed_m_s * ideal.on_wheels)[rows])
+    true = OdometerLog(time_s=ideal.time_s[rows], speed_m_s=(ideal.speed_m_s * np.cos(ideal.euler_rad[:, 1]) * ideal.on_wheels)[rows])
     return imperfections.odometer_output(rng, true, twin.odometer)
 
 
