@@ -25,19 +25,24 @@ MOST_KNOTS = 60
 PASSES = 3
 LEAST_TILT_RAD, LEAST_GYRO_DEG_H, LEAST_ACCEL_UG = 2e-5, 5e-3, 20.0
 SIGMA_CRAB_RAD, SIGMA_ODOMETER = 0.01, 0.01
+HEIGHT_S = 30.0  # of the loop that holds the height to GNSS
 FIRST_PART_S, PART_GROWTH = 60.0, 1.6
 HUBER_SIGMAS, HUBER_ROUNDS = 3.0, 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class MoveStart:
-    """At the end of a stand: time, place, C_nb (3, 3), sigma of its heading, what its gyros read beyond Earth rate (3,)."""
+    """At the end of a stand: time, place, C_nb (3, 3), sigma of its heading.
+
+    gyro_bias_rad_s, accel_bias_m_s2 (3,): what the sensors read there beyond Earth rate and gravity.
+    """
 
     time_s: float
     site: Site
     C_nb: NDArray
     sigma_heading_rad: float
     gyro_bias_rad_s: NDArray
+    accel_bias_m_s2: NDArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,12 +90,12 @@ def fit_move(
     """
     vertical = VerticalChannel(mode="hold")
     if gnss is not None:
-        vertical = VerticalChannel(mode="aided", time_s=gnss.time_s, height_m=gnss.height_m)
+        vertical = VerticalChannel(mode="aided", time_s=gnss.time_s, height_m=gnss.height_m, time_constant_s=HEIGHT_S)
     now = _Correction(start, end_s, twin)
     sigma = start.sigma_heading_rad
     for until_s in _horizons(start.time_s, end_s, early=gnss is not None and twin.gyro_technology == "mems"):
         history = _navigated(imu, start, now, until_s, vertical)
-        in_air = airborne(run, history.time_s, history.v_n_m_s, history.height_m, start.site.height_m)
+        in_air = airborne(run, history.time_s, history.v_n_m_s, start.site.height_m)
         s = sensitivity(history, now.knots_s)
         rows = wheel_rows(s, run, twin, ~in_air)
         if C_nb_stop is not None and until_s == end_s:
@@ -100,7 +105,7 @@ def fit_move(
         step, sigma = _least_squares(rows, now)
         now.add(step, until_s)
     history = _navigated(imu, start, now, end_s, vertical)
-    in_air = airborne(run, history.time_s, history.v_n_m_s, history.height_m, start.site.height_m)
+    in_air = airborne(run, history.time_s, history.v_n_m_s, start.site.height_m)
     return MoveFit(history=history, C_nb=now.C_nb, in_air=in_air, sigma_heading_rad=sigma)
 
 
@@ -118,7 +123,7 @@ def _navigated(imu: ImuSource, start: MoveStart, now: _Correction, end_s: float,
 
     def corrected(piece):
         gyro, accel = now.bias(piece.time_s)
-        return compensate(piece, gyro_bias_rad_s=start.gyro_bias_rad_s + gyro, accel_bias_m_s2=accel)
+        return compensate(piece, gyro_bias_rad_s=start.gyro_bias_rad_s + gyro, accel_bias_m_s2=start.accel_bias_m_s2 + accel)
 
     first = NavState(time_s=start.time_s, site=start.site, v_n_m_s=np.zeros(3), C_nb=now.C_nb)
     pieces = map(corrected, imu.pieces(start.time_s - lead_s, end_s + 1e-6))

@@ -20,13 +20,14 @@ from infield.session import compensated_imu, find_rest
 from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, too_short
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
-from ins.earth import omega_ie_n
+from ins.earth import gravity_magnitude, omega_ie_n
 from ins.records import GnssLog, ImuSource, InputError, NavHistory, Run, Site, TwinModel
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from simreal.first_heading import FirstHeading, first_heading, relative_to_site
 from simreal.move_fit import MoveFit, MoveStart, fit_move
 from simreal.move_rows import wheel_velocity
-from simreal.stands import Stood, find_stands, level_and_rate, means_by_second
+from simreal.seconds import seconds_of
+from simreal.stands import Stood, find_stands, level_and_rate
 from simreal.timeline import even_rate
 from trajectories.sampled_truth import Sampled, SampledMove, SampledStand, truth_from_samples
 from trajectories.truth import Truth
@@ -67,7 +68,7 @@ def estimate_motion(run: Run, table: ThermalTable | None, twin: TwinModel) -> Ru
     if rest is None:
         raise InputError(f"run {run.header.run_id}: never rests for a minute; its motion cannot be told from its own sensors")
     means = rest_means(imu.between(*rest))
-    seconds = means_by_second(imu)
+    seconds = seconds_of(imu)
     local = _at_site(run, gyrocompass_dcm(means), rest)
     first = first_heading(local, imu, twin, rest)
     stands = find_stands(local, seconds, means, rest, first.motion)
@@ -128,6 +129,7 @@ class Walk:
             start = MoveStart(
                 time_s=start_s, site=site, C_nb=C_nb, sigma_heading_rad=sigma,
                 gyro_bias_rad_s=_beyond_earth_rate(stood, C_nb, site, self.twin, start_s),
+                accel_bias_m_s2=_beyond_gravity(stood, site),
             )  # fmt: skip
             stop = None if last else _C_nb(self.stood[k + 1], 0.0)
             fit = fit_move(self.run, self.imu, self.twin, start, end_s=end_s, C_nb_stop=stop, gnss=gnss)
@@ -173,6 +175,12 @@ def _beyond_earth_rate(stood: Stood, C_nb: NDArray, site: Site, twin: TwinModel,
     return np.asarray(found * prior**2 / (prior**2 + noise**2))
 
 
+def _beyond_gravity(stood: Stood, site: Site) -> NDArray:
+    """Bias (3,) [m/s^2] along the vertical: all that a levelled stand shows of the accelerometers."""
+    force = float(np.linalg.norm(stood.force_m_s2))
+    return np.asarray(stood.force_m_s2 * (1.0 - float(gravity_magnitude(site.lat_rad, site.height_m)) / force))
+
+
 def _stretches(walk: Walk, heading: list[float], fits: list[MoveFit], origin_s: float) -> list[Sampled]:
     """Stands and moving stretches in turn, in truth time."""
     euler = [np.array([s.roll_rad, s.pitch_rad, h]) for s, h in zip(walk.stood, heading)]
@@ -201,9 +209,9 @@ def _move(
     smooth = _smooth(history.time_s, np.hstack([angles, speed, v_n]), t)
     into = np.linspace(0.0, 1.0, t.size)[:, None]
     wanted = smooth[[0, -1]].copy()
-    wanted[0] = [*ends[0], 0.0, 0.0, 0.0, 0.0]
+    wanted[0, :4] = [*ends[0], 0.0]
     if ends[1] is not None:
-        wanted[1] = [*ends[1], 0.0, 0.0, 0.0, 0.0]
+        wanted[1, :4] = [*ends[1], 0.0]
     smooth += (1.0 - into) * (wanted[0] - smooth[0]) + into * (wanted[1] - smooth[-1])
     in_air = uniform_filter1d(np.interp(t, history.time_s, fit.in_air), max(round(LIFT_OFF_S / KNOT_S), 1))
     return SampledMove(

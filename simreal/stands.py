@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from alignment.coarse import RestMeans
 from alignment.excursions import PUSHED
 from alignment.stillness import AIRBORNE, DISTURBED, STILL, TAKE_OFF_M_S, Motion
-from ins.records import ImuSource, Run
+from ins.records import Run
+from simreal.seconds import Seconds
 
 QUIET_RATE_RAD_S, QUIET_FORCE_M_S2 = 5e-3, 0.15  # of a second against the first rest: thermal drift and slope of the apron
 QUIET_SIGMAS = 8.0
@@ -27,35 +28,15 @@ OUTLIER = 6.0
 CLIMBED_M = 8.0  # GNSS height above the last stand of a vehicle that has left the ground
 
 
-@dataclass(frozen=True)
-class Seconds:
-    """Means over the seconds (m) of a log: end_s (m,), specific force [m/s^2] and rate [rad/s] (m, 3)."""
-
-    end_s: NDArray
-    force: NDArray
-    rate: NDArray
-
-
 @dataclass(frozen=True, kw_only=True)
 class Stood:
-    """A stand: its roll and pitch, and the mean rate (3,) over so many of its last seconds."""
+    """A stand: its roll and pitch, mean specific force (3,), and mean rate (3,) over so many of its last seconds."""
 
     roll_rad: float
     pitch_rad: float
+    force_m_s2: NDArray
     rate_rad_s: NDArray
     seconds: float
-
-
-def means_by_second(imu: ImuSource) -> Seconds:
-    """Read the log once; less than half a second at its end is left out."""
-    count = int(np.ceil(imu.end_s - imu.start_s)) + 2
-    sums = np.zeros((count, 7))
-    for piece in imu.pieces():
-        second = np.clip(np.ceil(piece.time_s - imu.start_s - 1e-6).astype(int), 0, count - 1)
-        for column, values in enumerate(np.column_stack([piece.dt_s, piece.dv_m_s, piece.dtheta_rad]).T):
-            sums[:, column] += np.bincount(second, values, count)
-    rows = np.flatnonzero(sums[:, 0] > 0.5)
-    return Seconds(imu.start_s + rows, sums[rows, 1:4] / sums[rows, :1], sums[rows, 4:] / sums[rows, :1])
 
 
 def find_stands(
@@ -76,11 +57,11 @@ def find_stands(
     return _shortened(found, run.imu.end_s)
 
 
-def airborne(run: Run, time_s: NDArray, v_n_m_s: NDArray, height_m: NDArray, ground_m: float) -> NDArray:
+def airborne(run: Run, time_s: NDArray, v_n_m_s: NDArray, ground_m: float) -> NDArray:
     """Which epochs (n,) of a moving stretch are in the air: by phase, by speed, or by GNSS height above the last stand."""
     up = np.linalg.norm(v_n_m_s[:, :2], axis=1) > TAKE_OFF_M_S
     if run.gnss is not None:
-        up |= height_m > ground_m + CLIMBED_M
+        up |= np.interp(time_s, run.gnss.time_s, run.gnss.height_m) > ground_m + CLIMBED_M
     for phase in run.phases:
         if phase.phase == "flight":
             up |= (time_s > phase.start_s) & (time_s <= phase.end_s)
@@ -102,7 +83,7 @@ def _by_rows(
     at_rest = (seconds.end_s > rest[0]) & (seconds.end_s <= rest[1])
     quiet = np.ones(len(seconds.end_s), dtype=bool)
     for values, centre, limit in (
-        (seconds.rate, means.omega_ib_b, QUIET_RATE_RAD_S), (seconds.force, means.f_ib_b, QUIET_FORCE_M_S2),
+        (seconds.mean[:, :3], means.omega_ib_b, QUIET_RATE_RAD_S), (seconds.mean[:, 3:], means.f_ib_b, QUIET_FORCE_M_S2),
     ):  # fmt: skip
         off = np.abs(values - centre)
         sigma = 1.4826 * np.median(off[at_rest], axis=0)
@@ -130,7 +111,7 @@ def _stands(run: Run, seconds: Seconds, means: RestMeans, span: tuple[float, flo
     if any(p.phase == "parked" and p.start_s < 0.5 * (span[0] + span[1]) <= p.end_s for p in run.phases):
         return True
     rows = (seconds.end_s > since_s) & (seconds.end_s <= span[0])
-    summed = float(np.sum(seconds.force[rows, 0] - means.f_ib_b[0]))
+    summed = float(np.sum(seconds.mean[rows, 3] - means.f_ib_b[0]))
     return abs(summed) < SUMMED_M_S + SUMMED_M_S2 * max(span[0] - since_s, 0.0)
 
 
@@ -167,10 +148,10 @@ def level_and_rate(seconds: Seconds, start_s: float, end_s: float) -> Stood:
     """Attitude and rates of a stand; seconds beyond OUTLIER robust sigmas of the median (bumps) do not count."""
     rows = slice(*np.searchsorted(seconds.end_s, [start_s + 1.0, end_s + 1e-6]))
     last = slice(max(rows.start, rows.stop - round(BIAS_S)), rows.stop)
-    x, y, z = _clipped_mean(seconds.force[rows])
+    x, y, z = force = _clipped_mean(seconds.mean[rows, 3:])
     return Stood(
-        roll_rad=float(np.arctan2(-y, -z)), pitch_rad=float(np.arctan2(x, np.hypot(y, z))),
-        rate_rad_s=_clipped_mean(seconds.rate[last]), seconds=float(last.stop - last.start),
+        roll_rad=float(np.arctan2(-y, -z)), pitch_rad=float(np.arctan2(x, np.hypot(y, z))), force_m_s2=force,
+        rate_rad_s=_clipped_mean(seconds.mean[last, :3]), seconds=float(last.stop - last.start),
     )  # fmt: skip
 
 
