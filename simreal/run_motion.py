@@ -18,10 +18,11 @@ from alignment.coarse import gyrocompass_dcm, rest_means
 from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
 from infield.session import compensated_imu, find_rest
 from infield.table import ThermalTable
-from infield.thermometer import GyroTemperature, gyro_temperature, too_short
+from infield.thermometer import GyroTemperature, gyro_temperature, plausible_range, too_short
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import gravity_magnitude, omega_ie_n
 from ins.records import GnssLog, ImuSource, InputError, NavHistory, Run, Site, TwinModel
+from ins.thermometer_faults import PLAUSIBLE_degC
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from simreal.first_heading import FirstHeading, first_heading, relative_to_site
 from simreal.move_fit import MoveFit, MoveStart, fit_move
@@ -33,7 +34,7 @@ from trajectories.sampled_truth import Sampled, SampledMove, SampledStand, truth
 from trajectories.truth import Truth
 
 KNOT_S = 0.5
-COURSE_M = 20.0  # GNSS way that shows a heading
+COURSE_M, MOVING_M_S = 40.0, 1.0  # GNSS way that shows a heading
 COURSE_SIGMA_RAD = 0.1
 HELD_RAD = 1e-6  # sigma of a heading that nothing shows: it stays as it was taken
 KNOWN_RAD = 0.1  # sigma of a heading that counts as known
@@ -62,7 +63,7 @@ def estimate_motion(run: Run, table: ThermalTable | None, twin: TwinModel) -> Ru
 
     table, twin: what is believed of the unit. Raises InputError where the run never rests.
     """
-    temperature = smoothed_temperature(run)
+    temperature = smoothed_temperature(run, table)
     imu = compensated_imu(run, table, temperature, twin)
     rest = find_rest(run)
     if rest is None:
@@ -91,9 +92,13 @@ def estimate_motion(run: Run, table: ThermalTable | None, twin: TwinModel) -> Ru
     )  # fmt: skip
 
 
-def smoothed_temperature(run: Run) -> GyroTemperature | None:
+def smoothed_temperature(run: Run, table: ThermalTable | None) -> GyroTemperature | None:
     """The run's gyro temperatures without noise; None where it has none to speak of."""
-    return None if run.temperature is None or too_short(run.temperature) else gyro_temperature(run.temperature)
+    if run.temperature is None or too_short(run.temperature):
+        return None
+    plausible = PLAUSIBLE_degC if table is None else plausible_range(table)
+    found = gyro_temperature(run.temperature, plausible_degC=plausible)
+    return None if len(found.unusable) == 3 else found
 
 
 def _at_site(run: Run, C_nb: NDArray, rest: tuple[float, float]) -> Run:
@@ -114,15 +119,17 @@ class Walk:
     stands: list[tuple[float, float]]
     stood: list[Stood]
 
-    def along(self, first: FirstHeading, *, use_gnss: bool = True) -> tuple[list[float], list[MoveFit]]:
-        """Heading of each stand, not wrapped, and the fit of each moving stretch, one fewer or as many."""
-        heading = [first.heading_rad]
-        sigma = first.sigma_rad if np.isfinite(first.sigma_rad) else HELD_RAD
-        site, fits = self.run.header.site, []
-        gnss = self.run.gnss if use_gnss else None
+    def along(self, first: FirstHeading, *, course_until_s: float | None = None) -> tuple[list[float], list[MoveFit]]:
+        """Heading of each stand, not wrapped, and the fit of each moving stretch, one fewer or as many.
+
+        course_until_s: go only so far, and without GNSS.
+        """
+        heading, sigma = [first.heading_rad], first.sigma_rad if np.isfinite(first.sigma_rad) else HELD_RAD
+        site, fits, gnss = self.run.header.site, [], self.run.gnss if course_until_s is None else None
+        log_end_s = self.imu.end_s if course_until_s is None else course_until_s
         for k, (stood, (_, start_s)) in enumerate(zip(self.stood, self.stands)):
-            last = k + 1 == len(self.stands)
-            end_s = self.imu.end_s if last else self.stands[k + 1][0]
+            last = k + 1 == len(self.stands) or self.stands[k + 1][0] > log_end_s
+            end_s = log_end_s if last else self.stands[k + 1][0]
             if end_s <= start_s:
                 break
             C_nb = _C_nb(stood, heading[k])
@@ -137,27 +144,33 @@ class Walk:
             turned = np.unwrap(np.append(heading[k], euler_from_dcm(fit.history.C_nb)[2]))
             heading.append(float(turned[-1]))
             fits.append(fit)
-            sigma, site = fit.sigma_heading_rad, _last_place(fit.history, site, self.run.gnss is not None)
+            if last:
+                break
+            sigma, site = fit.sigma_heading_rad, _last_place(fit.history, site, gnss is not None)
         return heading, fits
 
     def course(self, first: FirstHeading) -> FirstHeading:
-        """The first heading from the direction that GNSS says the first long enough way had."""
+        """The first heading from the direction that GNSS says the first long enough way had; as given where there is none."""
         log = self.run.gnss
-        if log is None:
+        reached_s = None if log is None else self._course_reached_s(log)
+        if log is None or reached_s is None:
             return first
-        for fit in self.along(first, use_gnss=False)[1]:
-            t = fit.history.time_s
-            rows = (log.time_s > t[0]) & (log.time_s < t[-1])
-            computed = [np.interp(log.time_s[rows], t, v) for v in fit.history.v_n_m_s.T[:2]]
-            product = (log.v_n_m_s[rows, 0] + 1j * log.v_n_m_s[rows, 1]) * (computed[0] - 1j * computed[1])
-            if np.sum(np.sqrt(np.abs(product))) * _spacing_s(log) > COURSE_M:
-                turn = float(np.angle(np.sum(product)))
-                return FirstHeading(first.heading_rad + turn, COURSE_SIGMA_RAD, "gnss", first.motion)
-        return first
+        history = self.along(first, course_until_s=reached_s)[1][-1].history
+        rows = (log.time_s > history.time_s[0]) & (log.time_s < history.time_s[-1])
+        north, east = (np.interp(log.time_s[rows], history.time_s, v) for v in history.v_n_m_s.T[:2])
+        turn = np.sum((log.v_n_m_s[rows, 0] + 1j * log.v_n_m_s[rows, 1]) * (north - 1j * east))
+        return FirstHeading(first.heading_rad + float(np.angle(turn)), COURSE_SIGMA_RAD, "gnss", first.motion)
 
-
-def _spacing_s(log: GnssLog) -> float:
-    return float(np.median(np.diff(log.time_s))) if log.time_s.size > 1 else 0.0
+    def _course_reached_s(self, log: GnssLog) -> float | None:
+        """When the first moving stretch with a way of COURSE_M has gone so far."""
+        for k, (_, start_s) in enumerate(self.stands):
+            end_s = self.stands[k + 1][0] if k + 1 < len(self.stands) else self.imu.end_s
+            rows = np.flatnonzero((log.time_s > start_s) & (log.time_s < end_s))
+            speed = np.linalg.norm(log.v_n_m_s[rows[1:], :2], axis=1)
+            way = np.cumsum(np.where(speed > MOVING_M_S, speed, 0.0) * np.diff(log.time_s[rows]))
+            if way.size and way[-1] > COURSE_M:
+                return float(log.time_s[rows[1:]][way > COURSE_M][0])
+        return None
 
 
 def _last_place(history: NavHistory, start: Site, has_height: bool) -> Site:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.pipeline import with_applied_table_undone
 from infield.session import table_series
 from infield.table import ThermalTable
 from infield.temperature_smoother import nodes_of, smooth_readings
@@ -27,14 +28,15 @@ from trajectories.vehicle import Disturbed, disturb
 
 Inject = Callable[[Run, tuple[dict[str, Any], ...], np.random.Generator], Run]
 """Adds a twin's `effects` to a simulated run."""
+AppliedTable = Callable[[str], ThermalTable]
 
 
 @dataclass(frozen=True, kw_only=True)
 class TwinBasis:
     """All of a run's twin that is not random, made once for many replicates.
 
-    time_s, dt_s (n,): the run's rows; even: they are those of the ideal sensors, row by row. slow_s (m,) with the table's
-    bias there, (m, 3) [deg/h]. temperature: without noise, None where the run logs none.
+    time_s, dt_s (n,): the run's rows; even: they are those of the ideal sensors, row by row. bias_deg_h (m, 3): thermal bias
+    at slow_s (m,). temperature: without noise, None where the run logs none.
     """
 
     run: Run
@@ -45,48 +47,53 @@ class TwinBasis:
     dt_s: NDArray
     even: bool
     slow_s: NDArray
-    table_deg_h: NDArray
+    bias_deg_h: NDArray
     temperature: TemperatureLog | None
 
 
-def twin_basis(run: Run, table: ThermalTable | None, twin: TwinModel, *, motion: RunMotion | None = None) -> TwinBasis:
-    """Prepare the twin of a run with raw gyro output. motion: of this run, estimated here where not given.
+def twin_basis(
+    run: Run, table: ThermalTable | None, twin: TwinModel, *, motion: RunMotion | None = None,
+    applied_table: AppliedTable | None = None,
+) -> TwinBasis:  # fmt: skip
+    """Prepare the twin of a run. motion: of this run, estimated here where not given.
 
-    Raises InputError where the run never rests.
+    applied_table(sha256) gives the table that the unit had subtracted, where the header names one: the twin's unit does
+    the same. Raises InputError where it is unknown, and where the run never rests.
     """
-    motion = motion or estimate_motion(run, table, twin)
+    motion = motion or estimate_motion(with_applied_table_undone(run, applied_table), table, twin)
     rate_hz, even = even_rate(run.imu)
     times = [(piece.time_s, piece.dt_s) for piece in run.imu.pieces()]
     time_s, dt_s = (np.concatenate(column) for column in zip(*times))
-    slow_s = motion.origin_s + np.arange(np.ceil((time_s[-1] - motion.origin_s) * imperfections.SLOW_RATE_HZ) + 1) / (
-        imperfections.SLOW_RATE_HZ
-    )
-    table_deg_h = np.zeros((slow_s.size, 3))
-    if table is not None and motion.temperature is not None:
-        table_deg_h = table_series(table, motion.temperature)(slow_s)
+    count = np.ceil((time_s[-1] - motion.origin_s) * imperfections.SLOW_RATE_HZ) + 1
+    slow_s = motion.origin_s + np.arange(count) / imperfections.SLOW_RATE_HZ
+    bias_deg_h = np.zeros((slow_s.size, 3))
+    if motion.temperature is not None and table is not None:
+        bias_deg_h += table_series(table, motion.temperature)(slow_s)
+    if motion.temperature is not None and run.header.applied_table_sha256 is not None and applied_table is not None:
+        bias_deg_h -= table_series(applied_table(run.header.applied_table_sha256), motion.temperature)(slow_s)
     return TwinBasis(
         run=run, motion=motion, twin=twin, ideal=ideal_sensors(motion.truth, rate_hz), time_s=time_s, dt_s=dt_s, even=even,
-        slow_s=slow_s, table_deg_h=table_deg_h, temperature=_smoothed(run, motion),
+        slow_s=slow_s, bias_deg_h=bias_deg_h, temperature=_smoothed(run, motion),
     )  # fmt: skip
 
 
 def simulate_twin(
     motion: RunMotion, run: Run, table: ThermalTable | None, twin: TwinModel, rng: np.random.Generator, *,
-    inject: Inject | None = None,
+    inject: Inject | None = None, applied_table: AppliedTable | None = None,
 ) -> Run:  # fmt: skip
     """One replicate: the run's header, times, rates, phases and streams with the twin's own errors; sha256 is empty.
 
     Raises InputError where the twin lists effects and nothing is given to inject them.
     """
-    return replicate(twin_basis(run, table, twin, motion=motion), rng, inject=inject)
+    return replicate(twin_basis(run, table, twin, motion=motion, applied_table=applied_table), rng, inject=inject)
 
 
 def replicates(
     run: Run, table: ThermalTable | None, twin: TwinModel, n: int, rng: np.random.Generator, *,
-    inject: Inject | None = None, motion: RunMotion | None = None,
+    inject: Inject | None = None, motion: RunMotion | None = None, applied_table: AppliedTable | None = None,
 ) -> Iterator[Run]:  # fmt: skip
     """n twins of one run, one after the other; replicate k is the same however many are asked for."""
-    basis = twin_basis(run, table, twin, motion=motion)
+    basis = twin_basis(run, table, twin, motion=motion, applied_table=applied_table)
     for child in rng.spawn(n):
         yield replicate(basis, child, inject=inject)
 
@@ -106,7 +113,7 @@ def replicate(basis: TwinBasis, rng: np.random.Generator, *, inject: Inject | No
 
 def _imu(basis: TwinBasis, moved: Disturbed, rng: np.random.Generator) -> ImuLog:
     twin, m, rate_hz = basis.twin, basis.slow_s.size, imperfections.SLOW_RATE_HZ
-    gyro = basis.table_deg_h + imperfections.gyro_session_bias(rng, twin.gyro, m, rate_hz=rate_hz)
+    gyro = basis.bias_deg_h + imperfections.gyro_session_bias(rng, twin.gyro, m, rate_hz=rate_hz)
     accel = imperfections.accel_session_bias(rng, twin.accel, m, rate_hz=rate_hz)
     middle_s = basis.time_s - 0.5 * basis.dt_s
     dtheta, dv, dt = moved.dtheta_rad, moved.dv_m_s, basis.dt_s[:, None]

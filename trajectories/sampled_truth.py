@@ -8,10 +8,11 @@ speed, heading and lever arm (no side slip); in the air it is taken from the sam
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
+from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly, make_interp_spline
 
 from ins.earth import ecef_from_geodetic
 from ins.records import InputError, Phase, Site
@@ -124,29 +125,32 @@ def _ends(columns: int, stops: bool) -> tuple[list, list]:
 
 def _motion(stretches: Sequence[Sampled], phases: tuple[Phase, ...]) -> Motion:
     """The profiles that sensors beside the inertial ones read, relative to the first heading."""
-    heading = _profile(stretches, lambda move: move.euler_rad[:, 2], lambda stand: float(stand.euler_rad[2]))
-    heading.c[-1] -= heading(0.0)
-    speed = _profile(stretches, lambda move: move.speed_m_s)
-    climb = _profile(stretches, lambda move: -move.airborne * move.v_n_m_s[:, 2])
+    first = float(stretches[0].euler_rad[2])  # a standing one
+    heading = _profile(stretches, lambda s: s.euler_rad[..., 2] - first, _clamped)
+    speed = _profile(stretches, lambda s: s.speed_m_s if isinstance(s, SampledMove) else 0.0, _clamped)
+    climb = _profile(stretches, lambda s: -s.airborne * s.v_n_m_s[:, 2] if isinstance(s, SampledMove) else 0.0, _clamped)
+    airborne = _profile(stretches, lambda s: s.airborne if isinstance(s, SampledMove) else 0.0, PchipInterpolator)
     rest = tuple((s.start_s, s.end_s) for s in stretches if isinstance(s, SampledStand))
     return Motion(
         end_s=stretches[-1].end_s, speed_m_s=speed, course_rate_rad_s=heading.derivative(), course_rad=heading,
-        climb_rate_m_s=climb, airborne=_profile(stretches, lambda move: move.airborne), rest=rest,
-        phases=phases,
+        climb_rate_m_s=climb, airborne=airborne, rest=rest, phases=phases,
     )  # fmt: skip
 
 
+def _clamped(t: NDArray, values: NDArray) -> PPoly:
+    return CubicSpline(t, values, bc_type="clamped")
+
+
 def _profile(
-    stretches: Sequence[Sampled], of_move: Callable[[SampledMove], NDArray],
-    of_stand: Callable[[SampledStand], float] = lambda stand: 0.0,
+    stretches: Sequence[Sampled], value: Callable[[Sampled], Any], curve: Callable[[NDArray, NDArray], PPoly]
 ) -> PPoly:  # fmt: skip
-    """Constant while standing, a cubic spline with level ends while moving."""
+    """Constant while standing; while moving, the curve of piecewise cubics through the samples."""
     breaks, pieces = [stretches[0].start_s], []
     for stretch in stretches:
         if isinstance(stretch, SampledStand):
-            pieces.append(np.array([[0.0], [0.0], [0.0], [of_stand(stretch)]]))
+            pieces.append(np.array([[0.0], [0.0], [0.0], [float(value(stretch))]]))
             breaks.append(stretch.end_s)
         else:
-            pieces.append(CubicSpline(stretch.time_s, of_move(stretch), bc_type="clamped").c)
+            pieces.append(curve(stretch.time_s, value(stretch)).c)
             breaks.extend(stretch.time_s[1:])
     return PPoly(np.hstack(pieces), np.array(breaks))

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
 
+from infield.session import SessionSettings, estimate_session, find_rest, session_end
+from infield.thermometer import gyro_temperature
 from ins.records import ImuLog, InputError
 from simreal.run_motion import estimate_motion
 from simreal.twin import replicate, replicates, simulate_twin, twin_basis
@@ -104,6 +106,42 @@ def test_the_table_gives_the_thermal_bias():
     same = twin_basis(sim.run, table(), twin, motion=basis.motion)
     one, two = (replicate(b, np.random.default_rng(5)).imu.dtheta_rad for b in (basis, same))
     assert (one - two) / 0.1 / DEG_H == pytest.approx(0.05, abs=1e-6)
+
+
+def test_a_unit_that_had_subtracted_a_table():
+    """The twin's unit subtracts it as well; a table that nobody knows is refused."""
+    raw, sha256 = simulated(4).run, "ab" * 32
+    applied = table().replaced(parameters=np.full_like(table().parameters, 0.07))
+    imu = replace(raw.imu, dtheta_rad=raw.imu.dtheta_rad - 0.07 * DEG_H * raw.imu.dt_s[:, None])
+    run = replace(raw, imu=imu, header=replace(raw.header, applied_table_sha256=sha256))
+    with pytest.raises(InputError, match="unknown"):
+        twin_basis(run, table(), twin_of())
+    one = next(replicates(run, table(), twin_of(), 1, np.random.default_rng(5), applied_table={sha256: applied}.__getitem__))
+    two = next(replicates(raw, table(), twin_of(), 1, np.random.default_rng(5)))
+    assert one.header == run.header
+    parked = raw.imu.time_s < PARKED_S - 15
+    off = (two.imu.dtheta_rad - one.imu.dtheta_rad)[parked] / 0.1 / DEG_H
+    assert off.mean(axis=0) == pytest.approx(0.07, abs=1e-3)
+
+
+def test_the_navigation_filter_sees_the_same_innovations():
+    """Parked, side slip, stops and odometer: NIS of the run over that of its replicates, kind by kind (F test, 0.01 %)."""
+    run, twin = simulated(5, TAXI, 200.0, aids=True).run, twin_of()
+    real = tally(run, twin)
+    made = [tally(r, twin) for r in replicates(run, table(), twin, 4, np.random.default_rng(11))]
+    assert {"still", "lateral", "odometer", "gnss", "heading held"} <= set(real.dof)
+    for kind, dof in real.dof.items():
+        all_dof = sum(m.dof[kind] for m in made)
+        ratio = (real.nis[kind] / dof) / (sum(m.nis[kind] for m in made) / all_dof)
+        low, high = f_distribution.ppf([1e-4, 1 - 1e-4], 0.5 * dof, 0.5 * all_dof)  # innovations are not quite independent
+        assert low < ratio < high, (kind, ratio)
+
+
+def tally(run, twin):
+    found = estimate_session(
+        run, table(), gyro_temperature(run.temperature), twin, SessionSettings(), rest=find_rest(run), end_s=session_end(run)
+    )
+    return found.solution.filter.tally
 
 
 def test_a_log_with_lost_and_shifted_rows():
