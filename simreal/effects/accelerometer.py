@@ -18,6 +18,7 @@ from simreal.telemetry import Telemetry, Trace, on_axis
 
 REFERENCE_degC = 25.0
 CHANGING_m_s2 = 0.5  # a specific force that changes less shows no scale factor or cross axis
+CHANGING_g2 = 0.1  # of f^2; a taxi at 1 m/s^2 has 0.01
 CENTIMETRE = 0.01
 
 
@@ -108,14 +109,22 @@ def needs_own_force(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((bool(largest > CHANGING_m_s2), "braking and acceleration, or flight"))
 
 
-def needs_changing_force(runs: Sequence[Telemetry], target: str) -> str:
-    changes = span(over(runs, lambda run: run.force_m_s2[:, AXIS[target]]))
-    return lacking((changes > 2 * CHANGING_m_s2, "flight, or an engine's vibration"))
+def needs_squares(runs: Sequence[Telemetry], target: str) -> str:
+    squares = over(runs, lambda run: (run.force_m_s2[:, AXIS[target]] / STANDARD_GRAVITY) ** 2)
+    return lacking((span(squares) > CHANGING_g2, "flight"))
 
 
 def needs_cross_force(runs: Sequence[Telemetry], target: str) -> str:
+    """A vertical accelerometer is seen while parked only, where cross forces are a constant."""
+    if target == "accel_z":
+        return lacking((flies(runs), "flight"))
     changes = max(span(over(runs, lambda run, j=axis: run.force_m_s2[:, j])) for axis in cross_axes(target))  # type: ignore[misc]
     return lacking((changes > CHANGING_m_s2 and (brakes(runs) or flies(runs) or turns(runs)), "accelerations of the vehicle"))
+
+
+def needs_rotation(runs: Sequence[Telemetry], target: str) -> str:
+    """Turns act on the level accelerometers; the vertical one needs roll or pitch rates."""
+    return lacking((flies(runs), "flight")) if target == "accel_z" else needs_turns(runs, target)
 
 
 def _misalignment(axis: str) -> FormulaEffect:
@@ -150,13 +159,13 @@ ACCELEROMETER = (
     ),
     FormulaEffect(
         "accel_g2_sensitivity", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
-        rivals=("accel_scale_factor", "engine_start"), source="gap.md A05", formula=second_order, need=needs_changing_force,
+        rivals=("accel_scale_factor", "engine_start"), source="gap.md A05", formula=second_order, need=needs_squares,
     ),
     *(_misalignment(axis) for axis in "xyz"),
     FormulaEffect(
         "imu_size_effect", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
         rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew"), source="gap.md A07",
-        formula=size_effect, need=needs_turns,
+        formula=size_effect, need=needs_rotation,
     ),
     FormulaEffect(
         "accel_noise", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),

@@ -78,7 +78,7 @@ def test_each_effect_adds_either_finite_traces_or_noise(effect, target):
         assert values and all(len(v) == run.n and np.isfinite(v).all() for v in values.values())
         assert any(np.any(v != 0.0) for v in values.values())
     assert all(n.profile is None or n.profile.shape == (run.n,) for n in noise)
-    aloft = replace(run, force_m_s2=1.3 * run.force_m_s2, kind=np.full(run.n, AIRBORNE))
+    aloft = replace(run, force_m_s2=9.0 * run.force_m_s2, kind=np.full(run.n, AIRBORNE))
     assert effect.needs([run, aloft], target) == ""
 
 
@@ -389,8 +389,10 @@ PARKED_NEEDS = {
     "accel_thermal": "an accelerometer temperature",
     "accel_thermal_hysteresis": "an accelerometer temperature",
     "accel_scale_factor": ACCELERATIONS + ", or flight",
-    "accel_g2_sensitivity": "flight, or an engine's vibration",
-    **{f"accel_misalignment_{axis}": "accelerations of the vehicle" for axis in "xyz"},
+    "accel_g2_sensitivity": "flight",
+    "accel_misalignment_x": "accelerations of the vehicle",
+    "accel_misalignment_y": "accelerations of the vehicle",
+    "accel_misalignment_z": "flight",
     "imu_size_effect": "turns",
     "platform_mount_sag": "a gyro or block temperature",
     "odometer_scale": ODOMETER + "taxi",
@@ -419,6 +421,8 @@ def test_needs_in_other_cases():
     assert BY_ID["lever_arm"].needs([straight, run], "vehicle") == ""
     creeping = replace(run, speed_m_s=0.05 * run.speed_m_s)  # half a metre a second: a push, no taxi
     assert BY_ID["wheel_slip"].needs([creeping], "odometer") == "braking and acceleration"
+    for key in ("imu_size_effect", "accel_g2_sensitivity"):
+        assert BY_ID[key].needs([run], "accel_z") == "flight"
     lost = replace(run, heading_known=False, speed_m_s=0 * run.speed_m_s)
     assert BY_ID["odometer_boresight"].needs([lost], "vehicle") == "a known heading and taxi"
     assert BY_ID["accel_scale_factor"].needs([still()], "accel_z") == ""  # always carries 1 g
