@@ -1,37 +1,61 @@
-"""The fitted fibre-optic model in use: bias at a temperature and its rate, applied to a run in batch or in real-time order."""
+"""The fitted fibre-optic model: read from its document, evaluated at a temperature and its rate, tried on a held-out run."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.causal_rate import causal_rates
 from infield.piecewise import Breakpoint, Piecewise
 from infield.ramp_runs import RampRun, ramp_run
-from infield.thermometer import GyroTemperature, gyro_temperature
-from ins.records import AXES, ImuLog, InputError, Run, TemperatureLog, TwinModel
-from ins.units import DEG_PER_HOUR
+from infield.thermal_compensation import compensate_batch, compensate_causal
+from infield.thermometer import gyro_temperature
+from ins.records import AXES, InputError, Run, TwinModel
 
 SCHEMA = "recal.thermal_fog/1"
 
 
 @dataclass(frozen=True)
 class FogModel:
-    """Piecewise K_T [deg/h] and K_delta [deg/h per degC/min] of each fitted gyro; an axis without one is left as it is."""
+    """Piecewise K_T [deg/h] and K_delta [deg/h per degC/min] of each fitted gyro; an axis without one is left as it is.
+
+    sigma_K_delta: temperatures and the sigma there, where the document has it.
+    """
 
     K_T: Mapping[str, Piecewise]
     K_delta: Mapping[str, Piecewise]
+    sigma_K_delta: Mapping[str, tuple[NDArray, NDArray]] = field(default_factory=dict)
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return tuple(self.K_T)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        return ()
 
     def bias_deg_h(self, temperature_degC: NDArray, rate_degC_min: NDArray) -> NDArray:
         """K_T(T) + K_delta(T) dT/dt, shapes (n, 3); beyond the fitted temperatures the end values are held."""
-        bias = np.zeros(np.shape(temperature_degC))
-        for k, axis in enumerate(AXES):
-            if axis in self.K_T:
-                T = temperature_degC[:, k]
-                bias[:, k] = self.K_T[axis](T) + self.K_delta[axis](T) * rate_degC_min[:, k]
-        return bias
+        return self.settled_deg_h(temperature_degC) + self.rates_deg_h(temperature_degC, rate_degC_min)
+
+    def settled_deg_h(self, temperature_degC: NDArray) -> NDArray:
+        """K_T(T)."""
+        return _by_axis(temperature_degC, self.axes, lambda axis, T, k: self.K_T[axis](T))
+
+    def rates_deg_h(self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray | None = None) -> NDArray:
+        """K_delta(T) dT/dt; a fibre-optic model has no gradient lines."""
+        return _by_axis(temperature_degC, self.axes, lambda axis, T, k: self.K_delta[axis](T) * rate_degC_min[:, k])
+
+    def rates_sigma_deg_h(
+        self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray | None = None
+    ) -> NDArray:
+        """Sigma of K_delta times the rate."""
+
+        def sigma(axis: str, T: NDArray, k: int) -> NDArray:
+            return np.asarray(np.interp(T, *self.sigma_K_delta[axis]) * np.abs(rate_degC_min[:, k]))
+
+        return _by_axis(temperature_degC, tuple(self.sigma_K_delta), sigma)
 
     def inside(self, temperature_degC: NDArray) -> NDArray:
         """Where (n, 3) the temperatures are within the fitted range of an axis."""
@@ -41,6 +65,15 @@ class FogModel:
                 edges, T = self.K_T[axis].edges_degC, temperature_degC[:, k]
                 ok[:, k] = (edges[0] <= T) & (edges[-1] >= T)
         return ok
+
+
+def _by_axis(temperature_degC: NDArray, axes: Sequence[str], value: Callable[[str, NDArray, int], NDArray]) -> NDArray:
+    """value(axis, temperatures, column) in the columns of some axes, 0 in the others."""
+    out = np.zeros(np.shape(temperature_degC))
+    for k, axis in enumerate(AXES):
+        if axis in axes:
+            out[:, k] = value(axis, temperature_degC[:, k], k)
+    return out
 
 
 def model_from_document(document: dict[str, Any], *, name: str = "model") -> FogModel:
@@ -54,9 +87,14 @@ def model_from_document(document: dict[str, Any], *, name: str = "model") -> Fog
             key: {axis: curve_from(fitted["piecewise"][key]) for axis, fitted in document["axes"].items()}
             for key in ("K_T", "K_delta")
         }
+        sigma = {
+            axis: (np.array(fitted["temperature_degC"], dtype=float),
+                   np.array(fitted["sigma_K_delta_deg_h_per_degC_min"], dtype=float))
+            for axis, fitted in document["axes"].items()
+        }  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{name}: axes: piecewise tables cannot be read ({type(error).__name__} {error})") from None
-    return FogModel(curves["K_T"], curves["K_delta"])
+    return FogModel(curves["K_T"], curves["K_delta"], sigma)
 
 
 def curve_from(data: dict[str, Any]) -> Piecewise:
@@ -76,26 +114,6 @@ def shifted(curve: Piecewise, offset: float) -> Piecewise:
     rows = curve.coefficients.copy()
     rows[:, 0] -= offset
     return replace(curve, coefficients=rows)
-
-
-def compensate_batch(imu: ImuLog, model: FogModel, temperature: GyroTemperature) -> ImuLog:
-    """The increments less the model's bias, with the smoothed temperatures of the whole run."""
-    middle = imu.time_s - 0.5 * imu.dt_s
-    rate = np.stack([np.interp(middle, temperature.time_s, column) for column in temperature.rate_degC_min.T], axis=1)
-    return _subtract(imu, model.bias_deg_h(temperature.at(middle), rate))
-
-
-def compensate_causal(imu: ImuLog, model: FogModel, log: TemperatureLog) -> ImuLog:
-    """The same in real-time order: each row sees only temperature readings up to its own time."""
-    T, rate = causal_rates(log.time_s, log.gyro_degC)
-    row = np.searchsorted(log.time_s, imu.time_s, side="right") - 1
-    bias = model.bias_deg_h(T, rate)
-    return _subtract(imu, np.where((row >= 0)[:, None], bias[np.maximum(row, 0)], 0.0))
-
-
-def _subtract(imu: ImuLog, bias_deg_h: NDArray) -> ImuLog:
-    bias = np.where(np.isfinite(bias_deg_h), bias_deg_h, 0.0)
-    return replace(imu, dtheta_rad=imu.dtheta_rad - bias * DEG_PER_HOUR * imu.dt_s[:, None])
 
 
 @dataclass(frozen=True)
@@ -122,10 +140,10 @@ class HeldOut:
 def held_out(run: Run, raw: RampRun, model: FogModel, twin: TwinModel) -> HeldOut:
     """What the model leaves of a run's ramps: its increments are compensated both ways and averaged as `raw` was."""
     assert run.temperature is not None  # ramp_run has refused a run without
-    imu = run.imu.whole()
+    imu, log = run.imu.whole(), run.temperature
     batch, causal = (
         ramp_run(replace(run, imu=compensated), twin).bias_deg_h for compensated in (
-            compensate_batch(imu, model, gyro_temperature(run.temperature)), compensate_causal(imu, model, run.temperature)
+            compensate_batch(imu, model, log, gyro_temperature(log)), compensate_causal(imu, model, log)
         )
     )  # fmt: skip
     rows = raw.steady[:, None] & model.inside(raw.temperature_degC)

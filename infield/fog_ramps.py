@@ -110,7 +110,7 @@ def separate(
     one_sided: accept ramps of one direction, where the level of K_delta rests on the repeatability of the turn-on bias.
     """
     runs = (*fast, *slow)
-    notes = ["the unit stands on another level in some runs: taken as mounted anew"] if _levels_differ(runs) else []
+    notes = ["the unit stands on another level in some runs: taken as mounted anew"] if levels_differ(runs) else []
     if len({run.heading_known for run in runs}) > 1:
         notes.append("some runs have a surveyed heading, some not: each has its own share of Earth rate")
     moved = remounted or bool(notes)
@@ -133,7 +133,7 @@ def separate(
     return replace(study, axes=() if against else axes, notes=tuple(notes), inconsistent=against)
 
 
-def _levels_differ(runs: Sequence[RampRun]) -> bool:
+def levels_differ(runs: Sequence[RampRun]) -> bool:
     levels = np.array([run.roll_pitch_rad for run in runs])
     return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
 
@@ -213,14 +213,17 @@ def _fit_axis(k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: Tw
 
 
 def axis_blocks(
-    runs: Sequence[RampRun], k: int, twin: TwinModel, *, free: bool = False, legs: Sequence[Leg] | None = None
+    runs: Sequence[RampRun], k: int, twin: TwinModel, *, free: bool = False, rows: Sequence[NDArray] | None = None
 ) -> AxisBlocks:
-    """The steady blocks of one gyro over several runs with the drift of each; legs (one a run): only these ramps."""
+    """Blocks of one gyro over several runs with the drift of each; rows: of each run, None: its steady ones.
+
+    free: each run has its own share of Earth rate.
+    """
     columns: list[tuple[NDArray, ...]] = []
     drifts: list[NDArray] = []
     for j, run in enumerate(runs):
-        rows = np.flatnonzero(run.steady) if legs is None else np.arange(legs[j].start, legs[j].end)
-        t = run.time_s[rows]
+        chosen = np.flatnonzero(run.steady) if rows is None else rows[j]
+        t = run.time_s[chosen]
         bin_s = max(SHORTEST_BIN_S, float(np.ptp(t)) / MOST_BINS)
         bins = np.floor((t - t[0]) / bin_s).astype(int)
         count, before = int(bins[-1]) + 1, sum(d.shape[0] for d in drifts)
@@ -230,8 +233,8 @@ def axis_blocks(
         )  # fmt: skip
         drifts.append(drift + (run.level_sigma_deg_h[k] ** 2 if free else 0.0))
         columns.append((
-            run.temperature_degC[rows, k], run.rate_degC_min[rows, k], run.bias_deg_h[rows, k],
-            np.full(rows.size, run.sigma_deg_h[k]), before + bins,
+            run.temperature_degC[chosen, k], run.rate_degC_min[chosen, k], run.bias_deg_h[chosen, k],
+            np.full(chosen.size, run.sigma_deg_h[k]), before + bins,
         ))  # fmt: skip
     size = sum(d.shape[0] for d in drifts)
     joint, at = np.zeros((size, size)), 0
@@ -285,7 +288,7 @@ def _ramp_curve(
     for run in runs:
         for leg in run.legs:
             if leg.direction == direction:
-                blocks = axis_blocks([run], k, twin, legs=[leg])
+                blocks = axis_blocks([run], k, twin, rows=[np.arange(leg.start, leg.end)])
                 value = _fitted(blocks, 1)[1].at(KT, grid)[0]
                 T = blocks.temperature_degC
                 return np.where((grid >= T.min()) & (grid <= T.max()), value, np.nan), leg.rate_degC_min

@@ -82,8 +82,13 @@ class RampRun:
         return max((abs(leg.rate_degC_min) for leg in self.legs), default=0.0)
 
 
-def ramp_run(run: Run, twin: TwinModel) -> RampRun:
-    """Block means and ramps of a run. InputError where the log cannot be used as it is (an applied table, no thermometer)."""
+def ramp_run(
+    run: Run, twin: TwinModel, *, temperature: GyroTemperature | None = None, window_s: float | None = None
+) -> RampRun:
+    """Block means and ramps of a run. InputError where the log cannot be used as it is (an applied table, no thermometer).
+
+    temperature: the run's, where it is made already; window_s: over which a rate is read, None: by the ramps themselves.
+    """
     header = run.header
     if header.applied_table_sha256 is not None:
         raise InputError(
@@ -93,16 +98,17 @@ def ramp_run(run: Run, twin: TwinModel) -> RampRun:
     why = too_short(run.temperature)
     if why or run.temperature is None:
         raise InputError(f"{header.run_id}: {why}")
-    temperature = gyro_temperature(run.temperature)
+    temperature = temperature or gyro_temperature(run.temperature)
     if len(temperature.unusable) == 3:
         raise InputError(f"{header.run_id}: {no_thermometer(temperature)[0]}")
     blocks = _Blocks(run)
     known, level_sigma, level = _earth_rate(run, blocks.f_b, twin)
     t, bias = blocks.time_s, blocks.omega / DEG_PER_HOUR - known
     T = temperature.at(t)
-    window, rate = _rates(temperature, t)
+    window = window_s or _rate_window(temperature, t)
+    rate = _rates(temperature, t, window)
     seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]
-    covered = _covered(temperature, t, seen)
+    covered = covered_blocks(temperature, t, seen)
     legs = _legs(t, T[:, seen].mean(axis=1), rate[:, seen].mean(axis=1), covered)
     return RampRun(
         run_id=header.run_id, sha256=run.sha256, imu_serial=header.imu_serial, gyro_technology=header.gyro_technology,
@@ -175,18 +181,18 @@ def _earth_rate(run: Run, f_b: NDArray, twin: TwinModel) -> tuple[NDArray, NDArr
     return known, np.hypot(sigma, tilt), (roll, pitch)
 
 
-def _rates(temperature: GyroTemperature, time_s: NDArray) -> tuple[float, NDArray]:
-    """Window [s] and rate (n, 3) [degC/min] as the change over it: long enough to see a ramp over the thermometer's noise."""
+def _rates(temperature: GyroTemperature, time_s: NDArray, window: float) -> NDArray:
+    """Rate (n, 3) [degC/min] as the change over a window [s]."""
+    first, last = temperature.time_s[0], temperature.time_s[-1]
+    a, b = np.clip(time_s - 0.5 * window, first, last), np.clip(time_s + 0.5 * window, first, last)
+    return 60.0 * (temperature.at(b) - temperature.at(a)) / np.maximum(b - a, 1.0)[:, None]
 
-    def over(window: float) -> NDArray:
-        first, last = temperature.time_s[0], temperature.time_s[-1]
-        a, b = np.clip(time_s - 0.5 * window, first, last), np.clip(time_s + 0.5 * window, first, last)
-        return 60.0 * (temperature.at(b) - temperature.at(a)) / np.maximum(b - a, 1.0)[:, None]
 
-    quick = over(600.0)
+def _rate_window(temperature: GyroTemperature, time_s: NDArray) -> float:
+    """Window [s] long enough to see a ramp over the thermometer's noise."""
+    quick = _rates(temperature, time_s, 600.0)
     typical = float(np.percentile(np.abs(quick), 75)) / 60.0 if quick.size else 0.0
-    window = float(np.clip(WINDOW_degC / max(typical, 1e-9), SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
-    return window, over(window)
+    return float(np.clip(WINDOW_degC / max(typical, 1e-9), SHORTEST_WINDOW_S, LONGEST_WINDOW_S))
 
 
 def _rate_sigma(temperature: GyroTemperature, time_s: NDArray, window: float) -> NDArray:
@@ -201,7 +207,7 @@ def _rate_sigma(temperature: GyroTemperature, time_s: NDArray, window: float) ->
     return out
 
 
-def _covered(temperature: GyroTemperature, time_s: NDArray, seen: list[int]) -> NDArray:
+def covered_blocks(temperature: GyroTemperature, time_s: NDArray, seen: list[int]) -> NDArray:
     """Blocks (n,) in which the axes with a thermometer have readings."""
     place = np.clip(np.searchsorted(temperature.time_s, time_s), 0, temperature.time_s.size - 1)
     return np.asarray(temperature.usable[place][:, seen].all(axis=1))

@@ -252,8 +252,17 @@ class Survey:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RemovedModel:
+    """A thermal model that was taken out of a run's gyro output: its hash, the part ("all", "rates"), the raw run's hash."""
+
+    sha256: str
+    part: str
+    run_sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class RunHeader:
-    """What run.json says (formats.md, section 1)."""
+    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds its thermal bias."""
 
     run_id: str
     tail: str
@@ -266,6 +275,7 @@ class RunHeader:
     applied_table_sha256: str | None = None
     gyro_mode: str = ""
     survey: Survey = field(default_factory=Survey)
+    removed_model: RemovedModel | None = None
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import InputError
-from trajectories.thermal import Temperatures
+from trajectories.thermal import Temperatures, first_order_rise
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,6 +15,9 @@ class ChamberProfile:
 
     The unit follows the chamber with one time constant (unit_tau_s), each gyro follows the unit with its own; on a steady
     ramp every gyro therefore trails by unit_tau_s + gyro_tau_s and Tdiff is a fraction of what it trails the unit.
+
+    A heater on one side, on for the first half of every side_period_s, holds side_degC across the unit with the time constant
+    side_tau_s: side_gradient of it shows at each gyro's Tdiff, side_warming of it in the gyro's temperature.
     """
 
     start_degC: float = -20.0
@@ -27,9 +30,15 @@ class ChamberProfile:
     gyro_tau_s: tuple[float, float, float] = (120.0, 150.0, 100.0)
     gyro_rise_degC: tuple[float, float, float] = (1.5, 2.5, 0.8)
     gradient_fraction: tuple[float, float, float] = (0.3, -0.2, 0.25)
+    side_degC: float = 0.0
+    side_period_s: float = 5400.0
+    side_tau_s: float = 900.0
+    side_gradient: tuple[float, float, float] = (0.6, -0.35, 0.5)
+    side_warming: tuple[float, float, float] = (0.15, 0.1, 0.12)
 
     def __post_init__(self) -> None:
-        if not min(self.unit_tau_s, *self.gyro_tau_s) > 0 or self.unit_tau_s in self.gyro_tau_s:
+        taus = (self.unit_tau_s, self.side_tau_s, self.side_period_s, *self.gyro_tau_s)
+        if not min(taus) > 0 or self.unit_tau_s in self.gyro_tau_s:
             raise InputError("thermal: time constants must be above 0, gyro_tau_s other than unit_tau_s")
         if not self.rate_degC_min > 0 or self.soak_s < 0 or self.cycles < 1 or self.start_degC == self.end_degC:
             raise InputError(
@@ -56,10 +65,20 @@ class ChamberProfile:
                 a, b = self.unit_tau_s, tau
                 gyro[:, k] += bend * (a * _trail(since, a) - b * _trail(since, b)) / (a - b)
         gradient = np.asarray(self.gradient_fraction) * (unit[:, None] + np.asarray(self.gyro_rise_degC) - gyro)
+        side = self._side(t)[:, None]
+        gradient, gyro = gradient + side * np.asarray(self.side_gradient), gyro + side * np.asarray(self.side_warming)
         return Temperatures(
             gyro_degC=gyro, accel_degC=np.repeat(gyro.mean(axis=1)[:, None], 3, axis=1), gradient_degC=gradient,
             block_degC=unit, ambient_degC=chamber,
         )  # fmt: skip
+
+    def _side(self, t: NDArray) -> NDArray:
+        """Temperature difference that the heater makes across the unit (n,)."""
+        out = np.zeros(t.shape)
+        if self.side_degC:
+            for k in range(int(2 * t.max() / self.side_period_s) + 1):
+                out += (-1.0) ** k * self.side_degC * first_order_rise(t - 0.5 * k * self.side_period_s, self.side_tau_s)
+        return out
 
     def _corners(self) -> tuple[NDArray, NDArray]:
         """Times [s] and chamber temperatures at which a soak or a ramp begins or ends."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from ins.json_file import complaints, without_schema
-from ins.records import AXES, InputError, RunHeader, Site, Survey
+from ins.records import AXES, InputError, RemovedModel, RunHeader, Site, Survey
 from ins.units import DEG
 
 SCHEMA = "recal.run/1"
@@ -136,6 +136,12 @@ class _SurveyKeys(_Open):
         return self
 
 
+class _ModelKeys(_Open):
+    sha256: Annotated[str, AfterValidator(_hexadecimal)]
+    part: Literal["all", "rates"]
+    run_sha256: Annotated[str, AfterValidator(_hexadecimal)]
+
+
 class _RunKeys(_Open):
     run_id: _Name
     tail: _Text = ""
@@ -147,6 +153,7 @@ class _RunKeys(_Open):
     applied_table_sha256: Annotated[str, AfterValidator(_hexadecimal)] | None = None
     gyro_mode: _Text = ""
     survey: _SurveyKeys | None = None
+    removed_thermal_model: _ModelKeys | None = None
     conversion: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("start_utc")
@@ -174,13 +181,14 @@ def header_from_json(data: dict[str, Any], *, name: str) -> tuple[RunHeader | No
         return None, complaints(error, _RunKeys, name=name), []
     warnings = [f"{name}: unknown key {key}, not used" for key in _unused(keys)]
     warnings += [f"{name}: key {k} is missing, taken as {_default(k)}" for k in EXPECTED if k not in data]
-    survey = keys.survey or _SurveyKeys()
+    survey, removed = keys.survey or _SurveyKeys(), keys.removed_thermal_model
     header = RunHeader(
         run_id=keys.run_id, tail=keys.tail, imu_serial=keys.imu_serial, gyro_technology=keys.gyro_technology,
         start_utc=keys.start_utc, site=site_from_degrees(**{k: getattr(keys.site, k) for k in POSITION}),
         wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference), gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
         applied_table_sha256=keys.applied_table_sha256, gyro_mode=keys.gyro_mode,
         survey=Survey(**{k.replace("_deg", "_rad"): _rad(getattr(survey, k)) for k in type(survey).model_fields}),
+        removed_model=None if removed is None else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields}),
     )  # fmt: skip
     return header, [], warnings
 
@@ -196,6 +204,7 @@ def header_to_json(header: RunHeader, *, conversion: dict[str, Any] | None = Non
                          "gnss": list(map(float, header.gnss_lever_arm_m))},
         "applied_table_sha256": header.applied_table_sha256, "gyro_mode": header.gyro_mode,
         "survey": {k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields},
+        **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
         **({"conversion": conversion} if conversion else {}),
     }  # fmt: skip
 

@@ -77,6 +77,9 @@ class UnitSection:
     shupe_deg_h_per_degC_min: Triple = ZERO
     shupe_centre_degC: Triple = (5.0, 12.0, 18.0)
     shupe_lag_s: float = 0.0
+    thermal_rate_slope_deg_h_per_degC2_min: Triple = ZERO
+    gradient_deg_h_per_degC: Triple = ZERO
+    gradient_cross_deg_h_per_degC: Triple = ZERO
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -219,6 +222,9 @@ def scenario_unit(scenario: Scenario, *, table: dict[str, Any] | None = None) ->
         thermal_rate_deg_h_per_degC_min=section.thermal_rate_deg_h_per_degC_min, lag_s=section.lag_s,
         hysteresis_deg_h=section.hysteresis_deg_h, shupe_deg_h_per_degC_min=section.shupe_deg_h_per_degC_min,
         shupe_centre_degC=section.shupe_centre_degC, shupe_lag_s=section.shupe_lag_s,
+        thermal_rate_slope_deg_h_per_degC2_min=section.thermal_rate_slope_deg_h_per_degC2_min,
+        gradient_deg_h_per_degC=section.gradient_deg_h_per_degC,
+        gradient_cross_deg_h_per_degC=section.gradient_cross_deg_h_per_degC,
     )  # fmt: skip
 
 

@@ -95,7 +95,8 @@ def _biases(
     rate_hz = imperfections.SLOW_RATE_HZ
     m = int(np.ceil(ideal.time_s[-1] * rate_hz - 1e-6)) + 1
     slow_s = np.arange(m) / rate_hz
-    gyro = unit.bias_history_deg_h(thermal.at(slow_s).gyro_degC, 1 / rate_hz)
+    felt = thermal.at(slow_s)
+    gyro = unit.bias_history_deg_h(felt.gyro_degC, 1 / rate_hz, felt.gradient_degC)
     gyro += imperfections.gyro_session_bias(rng, twin.gyro, m, rate_hz=rate_hz)
     return slow_s, gyro, imperfections.accel_session_bias(rng, twin.accel, m, rate_hz=rate_hz)
 

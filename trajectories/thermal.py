@@ -50,10 +50,10 @@ class ThermalHistory:
     def at(self, time_s: ArrayLike) -> Temperatures:
         """Temperatures at times (n,) since power-on."""
         t = np.asarray(time_s, dtype=float)
-        sun = self.sun_degC * _rise(t - self.sun_start_s, self.sun_tau_s)
+        sun = self.sun_degC * first_order_rise(t - self.sun_start_s, self.sun_tau_s)
         step = self.settled_degC - self.start_degC
-        block = self.start_degC + step * _rise(t, self.block_tau_s) + sun
-        own = np.stack([r * _rise(t, tau) for r, tau in zip(self.gyro_rise_degC, self.gyro_tau_s)], axis=-1)
+        block = self.start_degC + step * first_order_rise(t, self.block_tau_s) + sun
+        own = np.stack([r * first_order_rise(t, tau) for r, tau in zip(self.gyro_rise_degC, self.gyro_tau_s)], axis=-1)
         lagged = self.start_degC + np.stack([
             step * _second_order(t, self.block_tau_s, tau)
             + self.sun_degC * _second_order(t - self.sun_start_s, self.sun_tau_s, 0.999 * tau)
@@ -67,14 +67,14 @@ class ThermalHistory:
         )  # fmt: skip
 
 
-def _rise(t: NDArray, tau_s: float) -> NDArray:
+def first_order_rise(t: NDArray, tau_s: float) -> NDArray:
     """First-order step response, 0 before its start."""
     return -np.expm1(-np.maximum(t, 0.0) / tau_s)
 
 
 def _second_order(t: NDArray, tau1_s: float, tau2_s: float) -> NDArray:
     """Step response of two lags in series (distinct time constants), 0 before its start."""
-    return (tau1_s * _rise(t, tau1_s) - tau2_s * _rise(t, tau2_s)) / (tau1_s - tau2_s)
+    return (tau1_s * first_order_rise(t, tau1_s) - tau2_s * first_order_rise(t, tau2_s)) / (tau1_s - tau2_s)
 
 
 STARTS = {

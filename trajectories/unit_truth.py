@@ -20,6 +20,7 @@ NODES_DEGC = np.arange(-10.0, 51.0, 10.0)
 CURVE_SIZE_DEG_H = {"rlg": 0.03, "fog": 0.1, "mems": 30.0}  # RMS of the factory curve's linear, square and wavy part
 SHAPE_LENGTH_DEGC = 30.0  # correlation length of the ageing shape, physics.md 6.8
 SHUPE_WIDTH_DEGC = 9.0  # over which the coil's rate coefficient bends
+RATE_CENTRE_DEGC = 20.0  # where thermal_rate holds
 HYSTERESIS_WIDTH_DEGC = 3.0  # a turned-round temperature forgets its past over this
 
 
@@ -30,6 +31,8 @@ class UnitTruth:
     The other terms are off by default. thermal_rate: bias per degC/min; lag_s: the bias follows the temperature this
     late; hysteresis: half of the split between heating and cooling. shupe: bias per degC/min of a fibre coil at its
     centre temperature, where it bends from half of that (cold) to one and a half (hot); it follows dT/dt by shupe_lag_s.
+    thermal_rate_slope: what thermal_rate grows by per degC above RATE_CENTRE_DEGC. gradient: bias per degC of the gyro's own
+    temperature difference; gradient_cross: of the next gyro's (x of y's, y of z's, z of x's).
     """
 
     imu_serial: str
@@ -43,14 +46,17 @@ class UnitTruth:
     shupe_deg_h_per_degC_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shupe_centre_degC: tuple[float, float, float] = (5.0, 12.0, 18.0)
     shupe_lag_s: float = 0.0
+    thermal_rate_slope_deg_h_per_degC2_min: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gradient_deg_h_per_degC: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gradient_cross_deg_h_per_degC: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def bias_deg_h(self, axis: str, temperature_degC: ArrayLike) -> NDArray:
         """The settled true bias of an axis, mean over power-ons, at temperatures of any shape."""
         row = AXES.index(axis)
         return _value(self.factory_deg_h[row], temperature_degC) + _value(self.ageing_deg_h[row], temperature_degC)
 
-    def bias_history_deg_h(self, gyro_degC: NDArray, dt_s: float) -> NDArray:
-        """True thermal bias (n, 3) along gyro temperatures (n, 3) at even steps, with all the unit's terms."""
+    def bias_history_deg_h(self, gyro_degC: NDArray, dt_s: float, gradient_degC: NDArray | None = None) -> NDArray:
+        """True thermal bias (n, 3) along gyro temperatures and differences (n, 3) at even steps, with all the unit's terms."""
         bias = np.empty_like(gyro_degC)
         for k, axis in enumerate(AXES):
             felt = _lagged(gyro_degC[:, k], dt_s, self.lag_s[k])
@@ -62,6 +68,11 @@ class UnitTruth:
                 bias[:, k] += self.shupe_coefficient(axis, gyro_degC[:, k]) * rate
             if self.hysteresis_deg_h[k]:
                 bias[:, k] += self.hysteresis_deg_h[k] * _hysteresis(gyro_degC[:, k])
+            if slope := self.thermal_rate_slope_deg_h_per_degC2_min[k]:
+                bias[:, k] += slope * (gyro_degC[:, k] - RATE_CENTRE_DEGC) * np.gradient(gyro_degC[:, k], dt_s) * 60.0
+            if gradient_degC is not None:
+                bias[:, k] += self.gradient_deg_h_per_degC[k] * gradient_degC[:, k]
+                bias[:, k] += self.gradient_cross_deg_h_per_degC[k] * gradient_degC[:, (k + 1) % 3]
         return bias
 
     def shupe_coefficient(self, axis: str, temperature_degC: ArrayLike) -> NDArray:

@@ -7,8 +7,9 @@ import pytest
 from typer.testing import CliRunner
 
 from infield.causal_rate import CausalRate, causal_rates
-from infield.fog_model import compensate_batch, compensate_causal, model_from_document
+from infield.fog_model import model_from_document
 from infield.ramp_runs import ramp_run
+from infield.thermal_compensation import compensate_batch, compensate_causal
 from infield.thermometer import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
@@ -103,7 +104,8 @@ def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, f
     twin = default_twin("fog")
     raw = ramp_run(run, twin)
     for compensated in (
-        compensate_batch(imu, model, gyro_temperature(run.temperature)), compensate_causal(imu, model, run.temperature)
+        compensate_batch(imu, model, run.temperature, gyro_temperature(run.temperature)),
+        compensate_causal(imu, model, run.temperature),
     ):  # fmt: skip
         left = ramp_run(type(run)(**{**run.__dict__, "imu": compensated}), twin)
         for k in range(3):

@@ -37,7 +37,7 @@ def small(**changes):
 @pytest.mark.parametrize("name", packaged_scenarios())
 def test_packaged_scenarios_are_read(name):
     scenario = read_scenario(name)
-    chamber = name.startswith("fog_ramp")  # many hours
+    chamber = name.startswith(("fog_ramp", "rlg_gradient"))  # many hours
     assert scenario.alignment_s == 600 and scenario.imu.rate_hz == (10 if chamber else 100)
     ideal = scenario_ideal(scenario_from_dict({**packaged(name), "imu": {"rate_hz": 10}}, name=name))
     assert ideal.truth.motion.phases[0].phase == "alignment"
