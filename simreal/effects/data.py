@@ -10,6 +10,8 @@ from simreal.effects.recordings import brakes, flies, lacking, needs_turns
 from simreal.effects.wheels import MILLISECOND
 from simreal.telemetry import Telemetry, Trace, on_axis
 
+GROSS_LOG_PRIOR = -8.0  # a swapped axis is thousands of nats, or is none: it must not rival a scale factor of 10 ppm
+
 
 def jitter(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
     """Stamps off by white delta: an interval gains delta_k - delta_(k-1), its mean rate changes by rate/dt times that.
@@ -69,7 +71,7 @@ DATA = (
         "axis_or_unit_error", "axis_or_unit_error", GYROS + ACCELS,
         several("xyz", "1", 0.1, 2.0),
         rivals=("gyro_misalignment", "gyro_scale_factor", "accel_misalignment", "accel_scale_factor"), source="gap.md D06",
-        formula=other_axes,
+        formula=other_axes, log_prior=GROSS_LOG_PRIOR,
     ),
     OutOfReach(
         "saturation_or_rounding", "saturation_or_rounding", GYROS + ACCELS,

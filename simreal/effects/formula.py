@@ -32,11 +32,15 @@ def nothing(runs: Sequence[Telemetry], target: str) -> str:
 
 @dataclass(frozen=True)
 class FormulaEffect(CatalogueEffect):
-    """An effect whose methods are functions of (run, target, shape) and of (runs, target)."""
+    """An effect whose methods are functions of (run, target, shape) and of (runs, target).
+
+    log_prior : added to its log Bayes factor in nats; below 0 for what is gross or not there at all.
+    """
 
     formula: Formula = no_trace
     noise_formula: NoiseFormula = no_noise
     need: Need = nothing
+    log_prior: float = 0.0
 
     def needs(self, runs: Sequence[Telemetry], target: str) -> str:
         return self.need(runs, target)

@@ -80,8 +80,10 @@ def in_body(run: Telemetry, vector_n: NDArray) -> NDArray:
 
 
 def sway(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    """The twin's own oscillator, stronger: variance of the velocity for 1 m/s."""
-    return tuple(AddedNoise(channel, sway=1.0) for channel in ("accel_x", "accel_y"))
+    """The twin's own oscillator, stronger: each accelerometer's share of the level velocity, for 1 m/s north and east."""
+    C_nb = run.C_nb[int(np.argmax(run.parked))]
+    share = C_nb[0] ** 2 + C_nb[1] ** 2
+    return tuple(AddedNoise(channel, sway=float(part)) for channel, part in zip(ACCELS, share))
 
 
 def sway_rotation(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:

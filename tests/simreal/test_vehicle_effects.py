@@ -50,6 +50,12 @@ def arrays(trace: Trace) -> dict[str, np.ndarray]:
     return {name: v for name, v in values.items() if v is not None}
 
 
+def test_only_a_gross_axis_error_has_a_prior_against_it():
+    """A sign error of a gyro is 1000 sigmas and more; a scale factor of 10 ppm must not be called one."""
+    assert {e.id for e in SHOWN if e.log_prior != 0.0} == {"axis_or_unit_error"}
+    assert BY_ID["axis_or_unit_error"].log_prior < -5.0
+
+
 def test_declarations_are_whole():
     gyro = (*gyro_events.GYRO_EVENTS, *gyro_noise.GYRO_NOISE, *gyro_rate.GYRO_RATE, *gyro_thermal.GYRO_THERMAL)
     names = {name for effect in (*ALL, *gyro) for name in (effect.name, effect.id)}
@@ -224,10 +230,12 @@ def test_engine_start_shifts_and_shakes_from_its_onset_on():
 
 
 def test_sway_is_the_twins_own_and_rocking_is_seen_by_both_sensors():
-    assert [(n.channel, n.sway) for n in BY_ID["platform_sway"].noise(still(), "vehicle", {})] == [
-        ("accel_x", 1.0),
-        ("accel_y", 1.0),
-    ]
+    swaying = BY_ID["platform_sway"].noise(still(heading_deg=50.0), "vehicle", {})
+    assert [n.channel for n in swaying] == ["accel_x", "accel_y", "accel_z"]
+    np.testing.assert_allclose([n.sway for n in swaying], [1.0, 1.0, 0.0], atol=1e-12)
+    pitched = replace(still(), C_nb=np.tile(dcm_from_euler(0.0, 0.02, 0.3), (600, 1, 1)))
+    felt = [n.sway for n in BY_ID["platform_sway"].noise(pitched, "vehicle", {})]
+    np.testing.assert_allclose(felt, [1 - 4e-4, 1.0, 4e-4], rtol=1e-3)
     rocking = {n.channel: n for n in BY_ID["platform_sway_rotation"].noise(still(), "vehicle", {})}
     assert rocking["gyro_y"].bounded == ARCSEC**2
     assert np.sqrt(rocking["accel_x"].white) == pytest.approx(g * ARCSEC)  # a second's mean
