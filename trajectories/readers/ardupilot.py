@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ins.json_file import StrictModel, parse, refuse_non_finite
-from ins.records import AXES, GnssLog, InputError
+from ins.records import AXES, InputError
 from trajectories.readers import ardupilot_mat, dataflash, dataflash_text
-from trajectories.readers.ardupilot_gnss import Fixes, fixes, log_clock
+from trajectories.readers.ardupilot_gnss import fixes, log_clock
 from trajectories.readers.column_map import column_map
 from trajectories.readers.columns import converted
 from trajectories.readers.dataflash import Tables
-from trajectories.readers.gps_time import utc_text
 from trajectories.readers.registry import ConvertedLog, Reader
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
@@ -30,6 +29,7 @@ GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" fo
 TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
 PLAUSIBLE_DEGC = (-60.0, 125.0)
 MAX_IMUS = 9
+TEXTS = ("PARM", "MSG")  # messages with a column of text
 WANTED = frozenset(("GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", *(f"IMU{k}" for k in range(2, MAX_IMUS + 1))))
 BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")  # in a MSG: board and serial of its processor
 
@@ -48,6 +48,7 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     """The log of one IMU. InputError where the log has no such IMU or lacks its columns."""
     refuse_non_finite(dict(options), name="map")
     keys = parse(ArduPilotKeys, dict(options), name="map")
+    tables = {name: table if name in TEXTS else _numbers(table) for name, table in tables.items()}
     name, table = _imu_table(tables, keys.imu, path.name)
     label = f"{path.name}: {name}"
     clock = log_clock(table, ("TimeUS", "TimeMS"))
@@ -63,9 +64,14 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     found, gps_notes = fixes(tables, label=path.name)
     header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
     return replace(
-        log, gnss=None if found is None else _run_gnss(found, log), notes=(*notes, *log.notes, *offset_notes, *gps_notes),
-        header={**header, **_place_and_time(found, log), **keys.run},
+        log, gnss=None if found is None else found.on_run_time(log), notes=(*notes, *log.notes, *offset_notes, *gps_notes),
+        header={**header, **({} if found is None else found.header(log)), **keys.run},
     )  # fmt: skip
+
+
+def _numbers(table: dict[str, NDArray]) -> dict[str, NDArray]:
+    """The columns of numbers: a garbled format may make a text of one."""
+    return {k: v for k, v in table.items() if v.dtype.kind == "f"}
 
 
 def _imu_table(tables: Tables, number: int, label: str) -> tuple[str, dict[str, NDArray]]:
@@ -103,8 +109,8 @@ def _temperature(table: Mapping[str, NDArray], rows: NDArray) -> dict[str, NDArr
 
 def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, list[str]]:
     """What to add to the rates [rad/s], shape (3,), and a note that says what the autopilot had subtracted."""
-    parameters = tables.get("PARM", {"Name": np.array([]), "Value": np.array([])})
-    values = dict(zip(parameters.get("Name", ()), parameters.get("Value", ())))
+    parameters = tables.get("PARM", {})
+    values = dict(zip(parameters.get("Name", ()), _numbers(parameters).get("Value", ())))
     stem = f"INS_GYR{keys.imu if keys.imu > 1 else ''}OFFS_"
     offsets = np.array([values.get(stem + axis.upper(), np.nan) for axis in AXES], dtype=float)
     shown = f"{stem}X Y Z = {' '.join(f'{v:+.6f}' for v in offsets)} rad/s"
@@ -122,23 +128,6 @@ def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:
         if found := BOARD.match(str(text)):
             return {"imu_serial": f"{found[1]}-{found[2].replace(' ', '')}-imu{number}"}
     return {"imu_serial": f"{path.stem}-imu{number}"}
-
-
-def _run_gnss(found: Fixes, log: ConvertedLog) -> GnssLog | None:
-    """The fixes on run time, those outside the imu rows left out; None where none is left."""
-    time_s = found.gnss.time_s - log.time_shift_s
-    rows = (time_s >= 0) & (time_s <= log.imu.end_s)
-    columns: dict[str, Any] = {k: None if v is None else v[rows] for k, v in vars(found.gnss).items()}
-    return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
-
-
-def _place_and_time(found: Fixes | None, log: ConvertedLog) -> dict[str, Any]:
-    header: dict[str, Any] = {}
-    if found is not None:
-        header["site"] = found.site_at(log.time_shift_s)
-        if found.gps_less_log_s is not None:
-            header["start_utc"] = utc_text(found.gps_less_log_s + log.time_shift_s)
-    return header
 
 
 def _reader(name: str, about: str, detect: Callable[[Path], bool], tables: TablesOf) -> Reader:

@@ -157,12 +157,20 @@ def _temperature(
     names = keys.temperature.columns * (3 if len(keys.temperature.columns) == 1 else 1)
     raw = np.stack([columns[name][kept] for name in names], axis=1) * keys.temperature.scale * factor + offset
     body = raw[:, np.argmax(np.abs(M), axis=1)]  # a thermometer follows its gyro; it has no sign
-    rows = np.flatnonzero(np.isfinite(body).all(axis=1))
-    if not rows.size:
+    found = second_means(time_s, body)
+    if found is None:
         raise InputError(f"map: temperature columns {' '.join(names)} hold no complete row")
+    return found
+
+
+def second_means(time_s: NDArray, gyro_degC: NDArray) -> TemperatureLog | None:
+    """Means over whole seconds of run time, gyro_degC (n, 3); rows with a NaN left out, None where no row is left."""
+    rows = np.flatnonzero(np.isfinite(gyro_degC).all(axis=1))
+    if not rows.size:
+        return None
     starts = np.flatnonzero(np.diff(np.floor(time_s[rows]), prepend=-np.inf))
     count = np.diff(np.append(starts, rows.size))
     return TemperatureLog(
         time_s=np.add.reduceat(time_s[rows], starts) / count,
-        gyro_degC=np.add.reduceat(body[rows], starts) / count[:, None],
+        gyro_degC=np.add.reduceat(gyro_degC[rows], starts) / count[:, None],
     )

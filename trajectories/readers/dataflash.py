@@ -6,7 +6,7 @@ with bytes lost or added never passes. Everything skipped is noted by its bytes.
 """
 
 import struct
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -75,7 +75,7 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
         tables[walk.formats[kind].name] = _columns(data, walk.formats[kind], offsets)
     if not tables:
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
-    notes = [f"{path.name}: {line}" for line in walk.notes + _skipped_lines(walk, len(data))]
+    notes = [f"{path.name}: {line}" for line in walk.notes + skipped_lines(walk.skipped, len(data))]
     return tables, notes
 
 
@@ -149,10 +149,10 @@ def _columns(data: bytes, form: MessageFormat, offsets: list[int]) -> dict[str, 
     return columns
 
 
-def _skipped_lines(walk: _Walk, size: int) -> list[str]:
-    """One line for all damaged stretches, one for a file that ends within a message."""
+def skipped_lines(skipped: Sequence[tuple[int, int]], size: int) -> list[str]:
+    """One line for all damaged stretches (first byte, byte after), one for a file that ends within a message."""
     lines = []
-    damaged = list(walk.skipped)
+    damaged = list(skipped)
     if damaged and damaged[-1][1] == size:
         start, _ = damaged.pop()
         lines.append(f"ends within a message, the last {size - start} bytes (from byte {start}) dropped")

@@ -5,7 +5,7 @@ import datetime
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-GPS_EPOCH = datetime.datetime(1980, 1, 6, tzinfo=datetime.UTC)
+GPS_EPOCH_UNIX_S = 315_964_800.0  # 1980-01-06
 WEEK_S = 604_800.0
 # GPS time less UTC [s] from a UTC date on (IERS Bulletin C 37, 39, 43, 49, 52); none announced since.
 LEAP_SECONDS = ((1999, 1, 13), (2006, 1, 14), (2009, 1, 15), (2012, 7, 16), (2015, 7, 17), (2017, 1, 18))
@@ -16,12 +16,17 @@ def gps_seconds(week: ArrayLike, time_of_week_s: ArrayLike) -> NDArray:
     return np.asarray(week, dtype=float) * WEEK_S + np.asarray(time_of_week_s, dtype=float)
 
 
-def utc_text(gps_s: float) -> str:
-    """UTC to the millisecond, such as 2013-12-02T22:00:16.000Z, of seconds since 1980-01-06 GPS time (1999 or later)."""
-    leap_s = LEAP_SECONDS[0][2]
+def unix_seconds(gps_s: ArrayLike) -> NDArray:
+    """UTC as seconds since 1970, shape (...), of seconds since 1980-01-06 GPS time (1999 or later)."""
+    gps_s = np.asarray(gps_s, dtype=float)
+    leap_s = np.full(gps_s.shape, float(LEAP_SECONDS[0][2]))
     for year, month, seconds in LEAP_SECONDS:
-        since = datetime.datetime(year, month, 1, tzinfo=datetime.UTC)
-        if gps_s - seconds >= (since - GPS_EPOCH).total_seconds():
-            leap_s = seconds
-    utc = GPS_EPOCH + datetime.timedelta(milliseconds=round((gps_s - leap_s) * 1e3))
+        since = datetime.datetime(year, month, 1, tzinfo=datetime.UTC).timestamp() - GPS_EPOCH_UNIX_S
+        leap_s[gps_s - seconds >= since] = seconds
+    return gps_s + GPS_EPOCH_UNIX_S - leap_s
+
+
+def utc_text(unix_s: float) -> str:
+    """UTC to the millisecond, such as 2013-11-29T22:00:00.678Z, of seconds since 1970."""
+    utc = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC) + datetime.timedelta(milliseconds=round(unix_s * 1e3))
     return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")

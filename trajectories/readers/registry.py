@@ -8,7 +8,7 @@ from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, Span, TemperatureLog
 
-MODULES = ("delimited", "ardupilot", "binary")  # each has READERS; a new format is one more module here
+MODULES = ("delimited", "ardupilot", "px4", "binary")  # each has READERS; a new format is one more module here
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -223,6 +223,24 @@ def test_a_garbled_format_costs_its_messages_only(tmp_path):
     assert "format of message type 132 garbled, its messages are not read" in notes[0]
 
 
+GARBLED = [(b"GPS", b"BIHBcLL", b"BIHBcnL"), (b"PARM", b"Nf", b"Nn"), (b"IMU", b"Iff", b"Inf")]
+
+
+@pytest.mark.parametrize(("name", "letters", "garbled"), GARBLED)
+def test_a_number_that_a_garbled_format_makes_a_text(tmp_path, name, letters, garbled):
+    """The length still fits, so the messages are read; the column is as if it were not there."""
+    messages = logs.old_messages()
+    k = next(i for i, m in enumerate(messages) if m[2] == 128 and m[5:9].rstrip(b"\0") == name)
+    messages[k] = messages[k].replace(letters, garbled, 1)
+    path = logs.write(tmp_path / "log.bin", messages)
+    if name == b"IMU":
+        with pytest.raises(InputError, match=r"log\.bin: IMU: no column GyrX, has TimeMS GyrY"):
+            read_log(path, {})
+        return
+    _, log = read_log(path, {"imu": 2})
+    assert log.imu.rows == logs.ROWS and (log.gnss is None) == (name == b"GPS")
+
+
 def test_another_format_of_the_same_type_is_not_taken(tmp_path):
     messages = logs.old_messages()
     messages.insert(20, logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from trajectories.readers.gps_time import gps_seconds, utc_text
+from trajectories.readers.gps_time import gps_seconds, unix_seconds, utc_text
 
 
 @pytest.mark.parametrize(
@@ -14,4 +14,4 @@ from trajectories.readers.gps_time import gps_seconds, utc_text
      (1851, 259217.5, "2015-07-01T00:00:00.500Z"), (1851, 259215.5, "2015-06-30T23:59:59.500Z")],  # Bulletin C 49
 )  # fmt: skip
 def test_published_epochs(week, tow_s, utc):
-    assert utc_text(float(gps_seconds(week, tow_s))) == utc
+    assert utc_text(float(unix_seconds(gps_seconds(week, tow_s)))) == utc
