@@ -16,6 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from alignment.coarse import gyrocompass_dcm, rest_means
 from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
+from alignment.stillness import NEW_PLACE_RAD
 from infield.session import compensated_imu, find_rest
 from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, plausible_range, too_short
@@ -27,7 +28,7 @@ from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR
 from simreal.first_heading import FirstHeading, first_heading, relative_to_site
 from simreal.move_fit import MoveFit, MoveStart, fit_move
 from simreal.move_rows import wheel_velocity
-from simreal.seconds import seconds_of
+from simreal.seconds import Seconds, seconds_of
 from simreal.stands import Stood, find_stands, level_and_rate
 from simreal.timeline import even_rate
 from trajectories.sampled_truth import Sampled, SampledMove, SampledStand, truth_from_samples
@@ -36,6 +37,7 @@ from trajectories.truth import Truth
 KNOT_S = 0.5
 COURSE_M, MOVING_M_S = 40.0, 1.0  # GNSS way that shows a heading
 COURSE_SIGMA_RAD = 0.1
+NOWHERE_M, NOWHERE_S, NOWHERE_M_S = 0.3, 150.0, 0.5  # of a stretch that was no move: way, its growth with time, speed
 HELD_RAD = 1e-6  # sigma of a heading that nothing shows: it stays as it was taken
 KNOWN_RAD = 0.1  # sigma of a heading that counts as known
 LIFT_OFF_S = 4.0
@@ -73,21 +75,23 @@ def estimate_motion(run: Run, table: ThermalTable | None, twin: TwinModel) -> Ru
     local = _at_site(run, gyrocompass_dcm(means), rest)
     first = first_heading(local, imu, twin, rest)
     stands = find_stands(local, seconds, means, rest, first.motion)
-    stood = [level_and_rate(seconds, *span) for span in stands]
     origin_s = run.imu.start_s - 1.0 / even_rate(run.imu)[0]
     stands[0] = (origin_s, stands[0][1])
-    walk = Walk(_at_site(run, _C_nb(stood[0], first.heading_rad), rest), imu, twin, stands, stood)
+    walk = _walk(run, imu, twin, seconds, stands, rest, first)
     if not first.sigma_rad < KNOWN_RAD and run.gnss is not None:
         first = walk.course(first)
-        walk = replace(walk, run=_at_site(run, _C_nb(stood[0], first.heading_rad), rest))
+        walk = _walk(run, imu, twin, seconds, stands, rest, first)
     heading, fits = walk.along(first)
+    if len(calmer := _without_shakes(stands, fits)) < len(stands):
+        walk = _walk(run, imu, twin, seconds, calmer, rest, first)
+        heading, fits = walk.along(first)
     sigma = fits[0].sigma_heading_rad if fits and np.isfinite(first.sigma_rad) else first.sigma_rad
     truth = truth_from_samples(
         run.header.site, _stretches(walk, heading, fits, origin_s), phases=run.phases,
         wheel_reference_m=run.header.wheel_reference_m,
     )  # fmt: skip
     return RunMotion(
-        truth=truth, origin_s=origin_s, stands=tuple(stands), heading_known=first.source != "assumed",
+        truth=truth, origin_s=origin_s, stands=tuple(walk.stands), heading_known=first.source != "assumed",
         heading_source=first.source, sigma_heading_rad=sigma, temperature=temperature,
     )  # fmt: skip
 
@@ -99,6 +103,30 @@ def smoothed_temperature(run: Run, table: ThermalTable | None) -> GyroTemperatur
     plausible = PLAUSIBLE_degC if table is None else plausible_range(table)
     found = gyro_temperature(run.temperature, plausible_degC=plausible)
     return None if len(found.unusable) == 3 else found
+
+
+def _walk(
+    run: Run, imu: ImuSource, twin: TwinModel, seconds: Seconds, stands: list[tuple[float, float]],
+    rest: tuple[float, float], first: FirstHeading,
+) -> "Walk":  # fmt: skip
+    stood = [level_and_rate(seconds, *span) for span in stands]
+    return Walk(_at_site(run, _C_nb(stood[0], first.heading_rad), rest), imu, twin, stands, stood)
+
+
+def _without_shakes(stands: list[tuple[float, float]], fits: list[MoveFit]) -> list[tuple[float, float]]:
+    """The stands with those joined between which the vehicle went nowhere: a gust, not a move."""
+    out = [stands[0]]
+    for fit, (start_s, end_s) in zip(fits, stands[1:]):
+        history = fit.history
+        lasted = history.time_s[-1] - history.time_s[0]
+        way = np.cumsum(history.displacement_n_m[:, :2], axis=0)
+        turned = abs(float(wrap_pi(np.diff(euler_from_dcm(history.C_nb[[0, -1]])[2])[0])))
+        near = np.linalg.norm(way, axis=1).max() < NOWHERE_M + (lasted / NOWHERE_S) ** 2
+        slow = np.linalg.norm(history.v_n_m_s[:, :2], axis=1).max() < NOWHERE_M_S
+        if near and slow and turned < NEW_PLACE_RAD:
+            start_s = out.pop()[0]
+        out.append((start_s, end_s))
+    return out
 
 
 def _at_site(run: Run, C_nb: NDArray, rest: tuple[float, float]) -> Run:

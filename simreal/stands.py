@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from alignment.coarse import RestMeans
 from alignment.excursions import PUSHED
-from alignment.stillness import AIRBORNE, DISTURBED, STILL, TAKE_OFF_M_S, Motion
+from alignment.stillness import AIRBORNE, DISTURBED, TAKE_OFF_M_S, Motion
 from ins.records import Run
 from simreal.seconds import Seconds
 
@@ -23,6 +23,7 @@ MARGIN_S = 5.0  # a stand is taken this much shorter at either end: motion begin
 SHORTEST_STAND_S, SHORTEST_MOVE_S = 6.0, 8.0
 GNSS_STILL_M_S, ODOMETER_STILL_M_S = 0.5, 0.15
 SUMMED_M_S, SUMMED_M_S2 = 1.0, 0.02  # summed speed of a stand: at once, and for each second since the last one
+LONGEST_PUSH_S = 150.0  # a tug's push with its guard; what shakes for longer is wind
 BIAS_S = 300.0
 OUTLIER = 6.0
 CLIMBED_M = 8.0  # GNSS height above the last stand of a vehicle that has left the ground
@@ -72,7 +73,9 @@ def _by_navigation(motion: Motion) -> tuple[list[tuple[float, float]], float]:
     """Stands up to the first epoch in the air, and the time of that (end of the solution where it never flies)."""
     up = np.flatnonzero(motion.kind == AIRBORNE)
     count = int(up[0]) if up.size else len(motion.kind)
-    still = (motion.kind == STILL) | ((motion.kind == DISTURBED) & (motion.cause != PUSHED))
+    still = motion.kind <= DISTURBED
+    for a, b in _runs((motion.kind == DISTURBED) & (motion.cause == PUSHED)):
+        still[a:b] = motion.time_s[b - 1] - motion.time_s[a] > LONGEST_PUSH_S
     spans = [(float(motion.time_s[max(a - 1, 0)]), float(motion.time_s[b - 1])) for a, b in _runs(still[:count])]
     return spans, float(motion.time_s[min(count, len(motion.kind) - 1)])
 

@@ -10,7 +10,7 @@ from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import DEG
 from trajectories.motions import lay
-from trajectories.segments import Park, Stop, Straight, Turn
+from trajectories.segments import Climb, Cruise, Descend, Landing, Park, Stop, Straight, TakeOff, Turn, TurnFlight
 from trajectories.sensors import ideal_sensors
 from trajectories.simulate import simulate_run
 from trajectories.thermal import thermal_history
@@ -23,6 +23,11 @@ TAXI = (
     Straight(duration_s=40.0), Stop(duration_s=60.0),
 )  # fmt: skip
 PARKED = TAXI[:1]
+FLIGHT = (
+    Park(duration_s=600.0), Turn(angle_deg=90.0), Stop(duration_s=20.0), TakeOff(), Climb(height_m=900.0, speed_m_s=90.0),
+    TurnFlight(angle_deg=180.0), Cruise(duration_s=200.0), Descend(height_m=500.0), Landing(), Stop(duration_s=5.0),
+    Park(duration_s=120.0),
+)  # fmt: skip
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 WHEELS, ANTENNA = (-6.0, 0.3, 2.0), (1.5, -0.4, -1.8)
 
@@ -50,8 +55,8 @@ def table(technology="rlg"):
 
 
 @lru_cache(maxsize=32)
-def simulated(seed=1, segments=TAXI, heading_deg=37.0, technology="rlg", aids=False):
+def simulated(seed=1, segments=TAXI, heading_deg=37.0, technology="rlg", aids=False, events=()):
     return simulate_run(
         _ideal(segments, heading_deg), thermal_history("ambient"), unit(technology), twin_of(technology),
-        rng=np.random.default_rng([seed, 31]), with_gnss=aids, with_odometer=aids, gnss_lever_arm_m=ANTENNA,
+        rng=np.random.default_rng([seed, 31]), with_gnss=aids, with_odometer=aids, events=events, gnss_lever_arm_m=ANTENNA,
     )  # fmt: skip

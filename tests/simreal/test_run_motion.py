@@ -1,6 +1,7 @@
 """The motion estimated from a run's own sensors against the simulator's truth, which it never sees."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,7 +10,11 @@ from ins.attitude import wrap_pi
 from ins.earth import dcm_en, displacement_ned, geodetic_from_ecef
 from ins.records import ImuLog, InputError
 from simreal.run_motion import estimate_motion
-from tests.simreal.runs import PARKED, PARKED_S, TAXI, simulated, table, twin_of
+from tests.simreal.runs import FLIGHT, PARKED, PARKED_S, TAXI, simulated, table, twin_of
+from trajectories.conversion import convert_log
+from trajectories.vehicle import Boarding, Bump, Gust, Push
+
+DATA, PLANE = Path(__file__).parents[3] / "shared" / "data", "apm_fixedwing_TestLog2.mat"
 
 HEADING_BOUND_RAD = 3e-3
 TILT_BOUND_RAD = 2e-4  # 30 micro-g of turn-on is 3e-5 rad
@@ -88,6 +93,50 @@ def test_gnss_gives_place_and_a_wrong_site_does_not():
         start = geodetic_from_ecef(motion.truth.kinematics(np.array([1.0])).r_e)
         assert start[0][0] == pytest.approx(run.header.site.lat_rad, abs=1e-12)
         assert np.abs(errors(sim, motion)["heading"]).max() < HEADING_BOUND_RAD
+
+
+@pytest.mark.parametrize(("event", "stands"), [
+    (Gust(time_s=300.0, duration_s=300.0, sway_m_s=0.02), 3), (Bump(time_s=700.0, velocity_m_s=0.1), 3),
+    (Boarding(time_s=500.0, roll_arcsec=80.0), 3), (Push(time_s=600.0, distance_m=5.0, turn_deg=0.5), 4),
+])  # fmt: skip
+def test_only_a_push_is_a_move(event, stands):
+    """What shakes the parked vehicle stays for the diagnosis to see; a tug that pushes it takes it elsewhere."""
+    sim = simulated(2, events=(event,))
+    motion = estimated(sim)
+    found = errors(sim, motion)
+    assert len(motion.stands) == stands
+    assert np.abs(found["heading"]).max() < HEADING_BOUND_RAD and np.abs(found["place"]).max() < 4.0
+
+
+@pytest.mark.parametrize("technology", ["rlg", "mems"])
+def test_flight_with_gnss(technology):
+    sim = simulated(1, FLIGHT, 37.0, technology, aids=True)
+    motion = estimated(sim, technology=technology)
+    found = errors(sim, motion)
+    mems = technology == "mems"
+    assert len(motion.stands) == 3
+    assert np.abs(found["place"]).max() < (15.0 if mems else 3.0)
+    assert np.abs(found["velocity"]).max() < (0.3 if mems else LATERAL_BOUND_M_S)
+    assert np.abs(found["heading"]).max() < (0.05 if mems else HEADING_BOUND_RAD)
+    height = geodetic_from_ecef(motion.truth.kinematics(sim.reference.time_s).r_e)[2]
+    assert np.abs(height - sim.reference.height_m).max() < (30.0 if mems else 5.0)
+    assert motion.truth.motion.airborne(np.array([300.0, motion.truth.motion.end_s - 60.0])) == pytest.approx(0.0, abs=1e-9)
+    assert motion.truth.motion.airborne(1000.0) == pytest.approx(1.0)
+
+
+@pytest.mark.skipif(not (DATA / PLANE).exists(), reason=f"no {PLANE} in {DATA}")
+def test_a_real_flight_of_a_mems_unit():
+    """The ArduPilot plane, hands and catapult included: its twin's GNSS is where the log's is."""
+    run = convert_log(DATA / PLANE, {}, {}).run
+    motion = estimate_motion(run, None, twin_of("mems"))
+    fixes = run.gnss.time_s < run.imu.end_s
+    point = motion.truth.kinematics(run.gnss.time_s[fixes] - motion.origin_s)
+    lat, lon, _ = geodetic_from_ecef(point.r_e)
+    v_n = np.einsum("nji,nj->ni", dcm_en(lat, lon), point.v_e)[:, :2]
+    off = displacement_ned(lat, lon, lat0_rad=run.gnss.lat_rad[fixes], lon0_rad=run.gnss.lon_rad[fixes], height0_m=15.0)[:, :2]
+    assert motion.heading_source == "gnss"
+    assert np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2)) < 10.0
+    assert np.sqrt(np.mean((v_n - run.gnss.v_n_m_s[fixes, :2]) ** 2)) < 2.5  # m/s, of 10 to 30
 
 
 def test_a_mems_unit_keeps_an_assumed_heading():
