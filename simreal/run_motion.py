@@ -87,9 +87,8 @@ def estimate_motion(run: Run, table: ThermalTable | None, twin: TwinModel) -> Ru
         heading, fits = walk.along(first)
     sigma = fits[0].sigma_heading_rad if fits and np.isfinite(first.sigma_rad) else first.sigma_rad
     truth = truth_from_samples(
-        run.header.site, _stretches(walk, heading, fits, origin_s), phases=run.phases,
-        wheel_reference_m=run.header.wheel_reference_m,
-    )  # fmt: skip
+        run.header.site, _stretches(walk, heading, fits, origin_s), wheel_reference_m=run.header.wheel_reference_m
+    )
     return RunMotion(
         truth=truth, origin_s=origin_s, stands=tuple(walk.stands), heading_known=first.source != "assumed",
         heading_source=first.source, sigma_heading_rad=sigma, temperature=temperature,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PchipInterpolator, PPoly, make_interp_spline
 
 from ins.earth import ecef_from_geodetic
-from ins.records import InputError, Phase, Site
+from ins.records import InputError, Site
 from trajectories.motions import Motion
 from trajectories.truth import Stretch, Truth, frames_along, imu_velocity_n
 
@@ -58,9 +58,8 @@ Sampled = SampledStand | SampledMove
 
 
 def truth_from_samples(
-    site: Site, stretches: Sequence[Sampled], *, phases: tuple[Phase, ...] = (),
-    wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Truth:  # fmt: skip
+    site: Site, stretches: Sequence[Sampled], *, wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Truth:
     """The truth that starts at a site at time 0, at rest, and goes through the stretches in order.
 
     Where a moving stretch meets a standing one, its speed, rates and accelerations are zero and its attitude is that of
@@ -69,7 +68,7 @@ def truth_from_samples(
     """
     _check(stretches)
     joined = [_joined(stretches, k) for k in range(len(stretches))]
-    motion = _motion(joined, phases)
+    motion = _motion(joined)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
     found: list[Stretch] = []
     for k, stretch in enumerate(joined):
@@ -123,8 +122,8 @@ def _ends(columns: int, stops: bool) -> tuple[list, list]:
     return rest, rest if stops else [(3, np.zeros(columns)), (4, np.zeros(columns))]
 
 
-def _motion(stretches: Sequence[Sampled], phases: tuple[Phase, ...]) -> Motion:
-    """The profiles that sensors beside the inertial ones read, relative to the first heading."""
+def _motion(stretches: Sequence[Sampled]) -> Motion:
+    """The profiles that sensors beside the inertial ones read, relative to the first heading; phases are not named."""
     first = float(stretches[0].euler_rad[2])  # a standing one
     heading = _profile(stretches, lambda s: s.euler_rad[..., 2] - first, _clamped)
     speed = _profile(stretches, lambda s: s.speed_m_s if isinstance(s, SampledMove) else 0.0, _clamped)
@@ -133,7 +132,7 @@ def _motion(stretches: Sequence[Sampled], phases: tuple[Phase, ...]) -> Motion:
     rest = tuple((s.start_s, s.end_s) for s in stretches if isinstance(s, SampledStand))
     return Motion(
         end_s=stretches[-1].end_s, speed_m_s=speed, course_rate_rad_s=heading.derivative(), course_rad=heading,
-        climb_rate_m_s=climb, airborne=airborne, rest=rest, phases=phases,
+        climb_rate_m_s=climb, airborne=airborne, rest=rest, phases=(),
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from simreal.run_motion import estimate_motion
 from simreal.twin import replicate, replicates, simulate_twin, twin_basis
 from tests.simreal.runs import PARKED_S, TAXI, simulated, table, twin_of
 from trajectories.run import read_run, write_run
+from trajectories.run_cut import cut_run
 
 DEG_H, MICRO_G = np.pi / 180 / 3600, 9.80665e-6
 PARKED_SPAN = (5.0, PARKED_S - 15.0)
@@ -162,6 +163,20 @@ def test_a_log_with_lost_and_shifted_rows():
     rate = made.imu.dtheta_rad[quiet].sum(axis=0) / uneven.dt_s[quiet].sum()
     real = uneven.dtheta_rad[quiet].sum(axis=0) / uneven.dt_s[quiet].sum()
     assert np.abs(rate - real).max() < 0.03 * DEG_H
+
+
+def test_a_log_that_starts_late():
+    """Cut at 300 s, on the same clock: the same stands, and a twin at the same times with the same turns."""
+    sim = simulated(4)
+    run = cut_run(sim.run, 300.0, sim.run.imu.end_s)
+    motion = estimate_motion(run, table(), twin_of())
+    assert motion.origin_s == pytest.approx(300.0, abs=0.2)
+    whole = estimate_motion(sim.run, table(), twin_of())
+    assert np.array(motion.stands)[1:] == pytest.approx(np.array(whole.stands)[1:], abs=1.5)
+    made = simulate_twin(motion, run, table(), twin_of(), np.random.default_rng(12))
+    assert np.array_equal(made.imu.time_s, run.imu.time_s)
+    turn, real = (np.cumsum(r.imu.dtheta_rad[:, 2]) for r in (made, run))
+    assert np.abs(turn - real).max() < 1e-3  # a slip of one sample in a turn of 0.16 rad/s would be 0.016
 
 
 def test_a_replicate_does_not_depend_on_how_many_are_made():
