@@ -243,7 +243,7 @@ def _move(
     lever = np.asarray(run.header.wheel_reference_m, dtype=float)
     angles = np.unwrap(np.column_stack(euler_from_dcm(history.C_nb)), axis=0)
     angles[:, 2] += ends[0][2] - angles[0, 2] - wrap_pi(ends[0][2] - angles[0, 2])
-    speed = wheel_velocity(history, lever)[:, :1]
+    speed = wheel_velocity(history, lever)[:, :1] / np.cos(angles[:, 1:2])  # along the ground, of that along body x
     v_n = np.column_stack([history.v_n_m_s[:, :2], -np.gradient(history.height_m, history.time_s)])  # as the height is aided
     t = span[0] + (span[1] - span[0]) * np.linspace(0.0, 1.0, max(round((span[1] - span[0]) / KNOT_S), 8) + 1)
     smooth = _smooth(history.time_s, np.hstack([angles, speed, v_n]), t)

@@ -201,11 +201,12 @@ def _gnss(basis: TwinBasis, moved: Disturbed, rng: np.random.Generator) -> GnssL
 
 
 def _odometer(basis: TwinBasis, rng: np.random.Generator) -> OdometerLog | None:
-    """Speed of the wheel reference point at the run's own times; in the air the wheels stand."""
+    """Speed of the wheel reference point along body x at the run's own times; in the air the wheels stand."""
     log = basis.run.odometer
     if log is None:
         return None
     motion = basis.motion.truth.motion
     t = np.clip(log.time_s - basis.motion.origin_s, 0.0, motion.end_s)
-    speed = motion.speed_m_s(t) * (1.0 - motion.airborne(t))
+    pitch = basis.motion.truth.kinematics(t).euler_rad[:, 1]
+    speed = motion.speed_m_s(t) * np.cos(pitch) * (1.0 - motion.airborne(t))
     return imperfections.odometer_output(rng, OdometerLog(time_s=log.time_s, speed_m_s=speed), basis.twin.odometer)

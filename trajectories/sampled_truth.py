@@ -35,7 +35,7 @@ class SampledStand:
 class SampledMove:
     """A moving stretch at m even steps, its ends included.
 
-    euler_rad (m, 3): roll, pitch, heading, not wrapped; speed_m_s (m,): of the wheel reference point along body x;
+    euler_rad (m, 3): roll, pitch, heading, not wrapped; speed_m_s (m,): of the wheel reference point, level, along the heading;
     v_n_m_s (m, 3): velocity of the IMU, used as far as it is airborne (m,): 0 on wheels to 1 in the air.
     """
 
