@@ -23,6 +23,7 @@ def command(
     tail: Annotated[str | None, typer.Option("--tail", help="Tail number.")] = None,
     start_utc: Annotated[str | None, typer.Option("--start-utc", help="Such as 2026-03-01T05:00:00Z.")] = None,
     run_id: Annotated[str | None, typer.Option("--run-id", help="Default: the name of the log.")] = None,
+    log_format: Annotated[str | None, typer.Option("--format", help="Default: by the content of the log.")] = None,
     imu: Annotated[int | None, typer.Option("--imu", min=1, help="Which IMU of a log that has several.")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -41,7 +42,8 @@ def command(
         "imu_serial": serial, "gyro_technology": technology, "lat_deg": lat_deg, "lon_deg": lon_deg,
         "height_m": height_m, "tail": tail, "start_utc": start_utc, "run_id": run_id,
     }  # fmt: skip
-    options = (read_toml(map_file) if map_file else {}) | ({"imu": imu} if imu is not None else {})
+    chosen = {"imu": imu, "format": log_format}
+    options = (read_toml(map_file) if map_file else {}) | {k: v for k, v in chosen.items() if v is not None}
     conversion = convert_log(log, options, given)
     write_run(output, conversion.run, conversion=conversion.record)
     result = summary(conversion, output)

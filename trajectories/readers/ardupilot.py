@@ -29,8 +29,9 @@ GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" fo
 TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
 PLAUSIBLE_DEGC = (-60.0, 125.0)
 MAX_IMUS = 9
-TEXTS = ("PARM", "MSG")  # messages with a column of text
-WANTED = frozenset(("GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", *(f"IMU{k}" for k in range(2, MAX_IMUS + 1))))
+TEXTS = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
+UNITS = {"GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"}, "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"}}  # as declared
+WANTED = frozenset(("FMTU", "UNIT", "GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", *(f"IMU{k}" for k in range(2, MAX_IMUS + 1))))
 BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")  # in a MSG: board and serial of its processor
 
 
@@ -60,7 +61,8 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     offsets, offset_notes = _gyro_offsets(tables, keys, label)
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
     columns |= _temperature(table, rows)
-    log = converted(columns, column_map(_map("temperature" in columns)), label=label, notes=[])
+    keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
+    log = converted(columns, column_map(keys_of_columns), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
     header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
     return replace(
@@ -89,10 +91,28 @@ def _imu_table(tables: Tables, number: int, label: str) -> tuple[str, dict[str, 
     return name, tables[name]
 
 
-def _map(with_temperature: bool) -> dict[str, Any]:
+def _units(tables: Tables, message: str, table: Mapping[str, NDArray], label: str) -> dict[str, str]:
+    """Unit of GyrX and AccX as the log declares it (FMTU and UNIT, since 2018), else rad/s and m/s2 as ever."""
+    formats, declared = tables.get("FMT", {}), tables.get("FMTU", {})
+    kinds = [t for t, name in zip(formats.get("Type", ()), formats.get("Name", ())) if name == message]
+    letters = {t: str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ()))}
+    units = tables.get("UNIT", {})
+    ids = _numbers(units).get("Id", np.empty(0))
+    labels = {chr(int(k) % 256): str(v) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)}
+    found = {"GyrX": "rad/s", "AccX": "m/s2"}
+    for name, known in UNITS.items():
+        text, place = letters.get(kinds[0], "") if kinds else "", list(table).index(name)
+        declared_label = labels.get(text[place]) if place < len(text) else None
+        if declared_label is not None and declared_label not in known:
+            raise InputError(f"{label}: {name} is in {declared_label!r:.40}, needed {' or '.join(known)}")
+        found[name] = known.get(declared_label or "", found[name])
+    return found
+
+
+def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
     keys: dict[str, Any] = {"time": {"column": "time"}}
-    keys["gyro"] = {"columns": list(GYRO), "unit": "rad/s"}
-    keys["accel"] = {"columns": list(ACCEL), "unit": "m/s2"}
+    keys["gyro"] = {"columns": list(GYRO), "unit": units["GyrX"]}
+    keys["accel"] = {"columns": list(ACCEL), "unit": units["AccX"]}
     return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
 
 

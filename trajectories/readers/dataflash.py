@@ -65,7 +65,7 @@ def is_dataflash(path: Path) -> bool:
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:
-    """The wanted messages of a log, and notes on what was skipped. InputError where none of them can be read."""
+    """The wanted messages of a log with FMT (Type, Name), and notes on what was skipped. InputError where none is read."""
     if path.stat().st_size > MAX_FILE_BYTES:
         raise InputError(f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}")
     data = path.read_bytes()
@@ -75,6 +75,8 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
         tables[walk.formats[kind].name] = _columns(data, walk.formats[kind], offsets)
     if not tables:
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
+    names = {kind: form.name for kind, form in walk.formats.items()}
+    tables["FMT"] = {"Type": np.array(list(names), dtype=np.float64), "Name": np.array(list(names.values()))}
     notes = [f"{path.name}: {line}" for line in walk.notes + skipped_lines(walk.skipped, len(data))]
     return tables, notes
 

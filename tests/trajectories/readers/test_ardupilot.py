@@ -343,3 +343,31 @@ def read_or_refuse(path: Path, name: str) -> None:
         return
     assert np.isfinite(log.imu.dtheta_rad).all() and np.isfinite(log.imu.dv_m_s).all()
     assert np.all(np.diff(log.imu.time_s) > 0)
+
+
+# Units
+
+
+def log_that_declares(tmp_path, *, gyro: str, accel: str):
+    """The new log with FMTU and UNIT as 4.x firmware writes them; its values are as ever."""
+    forms = {"FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"), "UNIT": (137, "QbZ", "TimeUS,Id,Label")}
+    extra = [logs.fmt(kind, name, letters, columns) for name, (kind, letters, columns) in forms.items()]
+    extra += [logs.message(forms["UNIT"], 0, ord(k), text) for k, text in (("E", gyro), ("o", accel), ("O", "degC"))]
+    extra.append(logs.message(forms["FMTU"], 0, logs.NEW["IMU"][0], "s#EEEooo--O--ZZ", "F-000000-------"))
+    return logs.write(tmp_path / "new.bin", logs.new_messages()[:6] + extra + logs.new_messages()[6:])
+
+
+def test_declared_units_are_used(tmp_path):
+    check_parked(convert_log(log_that_declares(tmp_path, gyro="rad/s", accel="m/s/s"), {}, {}).run)
+    turned = convert_log(log_that_declares(tmp_path, gyro="deg/s", accel="m/s/s"), {}, {}).run
+    np.testing.assert_allclose(turned.imu.dtheta_rad / DT_S, np.tile(logs.W * np.pi / 180, (logs.ROWS, 1)), rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("gyro", "accel", "line"),
+    [("rev/s", "m/s/s", r"new\.bin: IMU 1: GyrX is in 'rev/s', needed rad/s or deg/s"),
+     ("rad/s", "ft/s/s", r"new\.bin: IMU 1: AccX is in 'ft/s/s', needed m/s/s or m/s2 or g")],
+)  # fmt: skip
+def test_unknown_declared_units_are_refused(tmp_path, gyro, accel, line):
+    with pytest.raises(InputError, match=line):
+        convert_log(log_that_declares(tmp_path, gyro=gyro, accel=accel), {}, {})
