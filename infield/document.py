@@ -31,9 +31,12 @@ METHOD = "in-field recalibration after US 5,527,003: navigation-mode error filte
 
 def update_document(
     result: UpdateResult, *, committed: bool, store: str | None, version: str, table_before: dict[str, Any],
-    revision: int | None = None, rollback_command: str | None = None,
+    revision: int | None = None, rollback_command: str | None = None, thermal_model: dict[str, Any] | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """update.json. table_before: the dict as stored, so that its hash is the stored one."""
+    """update.json. table_before: the dict as stored, so that its hash is the stored one.
+
+    thermal_model: what `thermal_use.use_document` says of the model that left the log before the table.
+    """
     verdict = {"accepted": "committed" if committed else "proposed"}.get(result.outcome, result.outcome)
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
@@ -71,6 +74,7 @@ def update_document(
         ],
         "disagreement": {"steps": [vars(s) for s in result.steps], "accepted": result.step_accepted},
         "sessions": [session_document(s) for s in result.sessions],
+        **({} if thermal_model is None else {"thermal_model": thermal_model}),
     }
 
 

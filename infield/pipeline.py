@@ -23,6 +23,7 @@ from infield.session import (
     compensated_imu,
     estimate_session,
     find_rest,
+    refuse_without_settled_part,
     session_end,
     table_series,
 )
@@ -35,6 +36,7 @@ from ins.units import DEG_PER_HOUR
 
 NEVER_RESTS = "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
+
 
 @dataclass(frozen=True)
 class SessionResult:
@@ -247,6 +249,7 @@ def _unit(key: tuple[str, str, str]) -> str:
 
 def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
     """The run with raw gyro output: a table that the unit had subtracted is added back; InputError where it cannot be."""
+    refuse_without_settled_part(run)
     sha256 = run.header.applied_table_sha256
     if sha256 is None:
         return run

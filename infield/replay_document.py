@@ -51,9 +51,10 @@ DEFINITIONS = {
 
 
 def replay_document(
-    result: ReplayResult, twin: TwinModel, *, store: str | None, version: str, notes: tuple[str, ...] = ()
-) -> dict[str, Any]:
-    """The document; `notes` are what the caller knows of the tables, and come first."""
+    result: ReplayResult, twin: TwinModel, *, store: str | None, version: str, notes: tuple[str, ...] = (),
+    thermal_model: dict[str, Any] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """The document; `notes` are what the caller knows of the tables, and come first; thermal_model: as in update.json."""
     header, tables = result.run.header, [_table(t, result) for t in result.tables]
     return {
         "schema": "recal.replay/1",
@@ -74,6 +75,7 @@ def replay_document(
         "tables": tables,
         "difference": _difference(result),
         "definitions": dict(DEFINITIONS),
+        **({} if thermal_model is None else {"thermal_model": thermal_model}),
     }
 
 

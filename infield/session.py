@@ -25,7 +25,7 @@ from ins import error_model as em
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.compensation import compensate, corrected
 from ins.mechanization import VerticalChannel
-from ins.records import ImuLog, ImuSource, Run, TwinModel
+from ins.records import ImuLog, ImuSource, InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 BIN_S = 300.0
@@ -106,7 +106,10 @@ def compensated_imu(
 
     No table, or no temperature: only the twin's. A log that is in its file stays there.
     """
-    bias_at = None if table is None or temperature is None else table_series(table, temperature)
+    bias_at = None
+    if table is not None and temperature is not None:
+        refuse_without_settled_part(run)
+        bias_at = table_series(table, temperature)
 
     def correct(piece: ImuLog) -> ImuLog:
         return compensate(
@@ -118,6 +121,15 @@ def compensated_imu(
         )
 
     return corrected(run.imu, correct)
+
+
+def refuse_without_settled_part(run: Run) -> None:
+    """InputError for a run that a whole thermal model was taken out of: a table would be subtracted on top of it."""
+    gone = run.header.removed_model
+    if gone is not None and gone.part == "all":
+        raise InputError(
+            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out whole, needed the raw run or --part rates"
+        )
 
 
 def misalignment_sigma_mrad(twin: TwinModel, settings: SessionSettings) -> NDArray:

@@ -10,7 +10,7 @@ a table means the same with a model and without one, and a store needs no second
 
 import hashlib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -75,6 +75,11 @@ def check_usable(run: Run, stored: StoredModel) -> None:
         raise InputError(
             f"run {header.run_id}: imu_serial {header.imu_serial!r}, needed {stored.imu_serial!r} as in {stored.name}"
         )
+    if header.gyro_technology != stored.gyro_technology:
+        raise InputError(
+            f"run {header.run_id}: gyro_technology {header.gyro_technology!r}, needed {stored.gyro_technology!r} as in "
+            f"{stored.name}"
+        )
     if run.temperature is None:
         raise InputError(f"run {header.run_id}: no gyro temperature, needed to use {stored.name}")
     if header.removed_model is not None:
@@ -93,6 +98,8 @@ def removed_from(run: Run, stored: StoredModel, *, part: str, batch: bool) -> Ru
     """The run less a part of the model, said in its header."""
     log = run.temperature
     assert log is not None  # check_usable
+    if part == "all" and run.header.applied_table_sha256 is not None:
+        raise InputError(f"run {run.header.run_id}: applied_table_sha256 is set, needed raw gyro output, or the part rates")
     series = batch_series(stored.model, log, gyro_temperature(log), part=part) if batch else causal_series(
         stored.model, log, part=part
     )  # fmt: skip
@@ -150,7 +157,13 @@ def removal(run: Run, stored: StoredModel) -> Removed:
     return Removed(run.header.run_id, rms[0], rms[1], share, already=False)
 
 
-def with_model_sigma(twin: TwinModel, removed: list[Removed]) -> TwinModel:
+def prepared(runs: Sequence[Run], stored: StoredModel | None) -> tuple[list[Run], list[Removed]]:
+    """All runs of an update or a replay as `without_rates` gives them, and what left them."""
+    found = [without_rates(run, stored) for run in runs]
+    return [run for run, _ in found], [gone for _, gone in found if gone is not None]
+
+
+def with_model_sigma(twin: TwinModel, removed: Sequence[Removed]) -> TwinModel:
     """The twin with what is not known of the removed terms in its turn-on: one constant more of each session."""
     if not removed:
         return twin
@@ -159,7 +172,17 @@ def with_model_sigma(twin: TwinModel, removed: list[Removed]) -> TwinModel:
     return replace(twin, gyro=gyro)
 
 
-def use_document(stored: StoredModel, removed: list[Removed], table: ThermalTable) -> dict[str, Any]:
+def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
+    """The table of a unit without one: the model's settled part at its nodes instead of 0, its sigma as it was."""
+    parameters = table.parameters.copy()
+    for k in range(len(AXES)):
+        T = table.temperature_degC[k]
+        parameters[table.values_of(k)] += stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
+    said = {**table.provenance, "thermal_model_sha256": stored.sha256}
+    return table.replaced(parameters=parameters, provenance=said)
+
+
+def use_document(stored: StoredModel, removed: Sequence[Removed], table: ThermalTable) -> dict[str, Any]:
     """What update.json and replay.json say of a model in use; residual_table: the table less the model's settled part."""
     residual = {}
     for k, axis in enumerate(AXES):
@@ -172,5 +195,19 @@ def use_document(stored: StoredModel, removed: list[Removed], table: ThermalTabl
         "runs": [{"run_id": r.run_id, "rms_deg_h": dict(zip(AXES, r.rms_deg_h.tolist())),
                   "sigma_deg_h": dict(zip(AXES, r.sigma_deg_h.tolist())), "share_inside": r.share_inside,
                   "taken_out_before": r.already} for r in removed],
-        "residual_table": residual,
+        "residual_table": residual, "text": use_words(stored, removed),
     }  # fmt: skip
+
+
+def use_words(stored: StoredModel, removed: Sequence[Removed]) -> list[str]:
+    """The same for people, one line a run."""
+    lines = []
+    for found in removed:
+        size = ", ".join(f"{axis} {found.rms_deg_h[AXES.index(axis)]:.4f}" for axis in stored.model.axes)
+        worst = max(found.sigma_deg_h[AXES.index(axis)] for axis in stored.model.axes)
+        when = "had left the log" if found.already else "left the log"
+        lines.append(
+            f"{found.run_id}: rate and gradient terms of {stored.name} {when} before the table: "
+            f"{size} deg/h RMS, known to {worst:.4f}; {found.share_inside:.0%} inside the fitted temperatures"
+        )
+    return lines

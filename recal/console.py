@@ -25,6 +25,10 @@ NoSeed = Annotated[
     int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
 ]
 StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
+ThermalModelPath = Annotated[
+    Path | None,
+    typer.Option("--thermal-model", help="thermal_rlg.json or thermal_fog.json: its rates and gradients leave the log first."),
+]
 OutputPath = Annotated[Path | None, typer.Option("-o", "--output", help="Where to write (created).")]
 
 

@@ -1,6 +1,7 @@
 """Table and noise model of a unit: from the command line, from the store, or from the technology's defaults."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from infield.session import find_rest
 from infield.store import TableStore, UnknownUnit, store_exists
 from infield.table import ThermalTable, default_table
 from infield.table_file import table_to_dict
+from infield.thermal_use import prepared, read_thermal_model, seeded_table, use_document, with_model_sigma
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin, read_twin
 
@@ -54,6 +56,21 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
         imu_serial=header.imu_serial, gyro_technology=header.gyro_technology, gyro_mode=header.gyro_mode,
         created_utc=header.start_utc, sigma_deg_h=sigma,
     )  # fmt: skip
+
+
+def with_thermal_model(
+    unit: UnitInputs, runs: list[Run], path: Path | None
+) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], dict[str, Any] | None]]:
+    """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of it beside a table."""
+    stored = None if path is None else read_thermal_model(path)
+    runs, removed = prepared(runs, stored)
+    if stored is None:
+        return unit, runs, lambda table: None
+    unit = replace(unit, twin=with_model_sigma(unit.twin, removed))
+    if not unit.known:
+        table = seeded_table(unit.table, stored)
+        unit = replace(unit, table=table, table_dict=table_to_dict(table))
+    return unit, runs, lambda table: use_document(stored, removed, table)
 
 
 def open_store(url: str, *, create: bool = False) -> TableStore | None:

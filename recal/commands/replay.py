@@ -12,6 +12,7 @@ from recal.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    ThermalModelPath,
     Verbose,
     answer,
     finish,
@@ -32,6 +33,7 @@ def command(
     run: Annotated[Path, typer.Argument(help="Run directory.")],
     store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    thermal_model: ThermalModelPath = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -42,7 +44,7 @@ def command(
 
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
-    document = replay(run, store_url=store, twin=twin, output=output)
+    document = replay(run, store_url=store, twin=twin, thermal_model=thermal_model, output=output)
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
         say(line, quiet=quiet)
@@ -50,26 +52,31 @@ def command(
 
 
 def replay(
-    run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None
-) -> dict[str, Any]:
+    run_path: Path, *, store_url: str, twin: Path | None = None, thermal_model: Path | None = None,
+    output: Path | None = None,
+) -> dict[str, Any]:  # fmt: skip
     """Replay one run; writes replay.json, replay.html and, unless refused, navigation.parquet; returns the document."""
     from infield.replay import replay as replay_run
     from infield.replay_document import replay_document
     from infield.replay_report import replay_html
     from recal.output import output_directory, program_version, write_files
-    from recal.unit_inputs import open_store, unit_inputs
+    from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
     from trajectories.run import read_reference, read_run
 
     run, reference = read_run(run_path), read_reference(run_path)
     database = open_store(store_url)
-    unit = unit_inputs(run, database, twin)
+    unit, (run,), use = with_thermal_model(unit_inputs(run, database, twin), [run], thermal_model)
     tables, notes = _choices(run, unit, database)
     result = replay_run(
         run, tables, unit.twin, reference=reference,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
     )  # fmt: skip
     name = database.name if database else None
-    document = replay_document(result, unit.twin, store=name, version=program_version(), notes=notes)
+    said = use(tables[0].table) if tables[0].table is not None else None
+    document = replay_document(
+        result, unit.twin, store=name, version=program_version(), notes=(*notes, *(said["text"] if said else ())),
+        thermal_model=said,
+    )  # fmt: skip
     directory = output_directory(output, "replay")
     write_files({
         directory / "replay.json": result_text(document), directory / "replay.html": replay_html(document, result)
@@ -87,7 +94,8 @@ def _choices(
     header = run.header
     if database is None or not unit.known:
         why = "no store there" if database is None else f"the store does not know unit {header.imu_serial}"
-        origin = f"default of a {header.gyro_technology} unit (bias 0)"
+        seeded = "thermal_model_sha256" in unit.table.provenance
+        origin = "settled part of the thermal model" if seeded else f"default of a {header.gyro_technology} unit (bias 0)"
         return [TableChoice(role="active", table=unit.table, origin=origin)], (f"{why}: its table is the {origin}",)
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
     found = [("active", database.active(*key)), ("previous", database.previous(*key))]

@@ -12,6 +12,7 @@ from recal.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    ThermalModelPath,
     Verbose,
     answer,
     finish,
@@ -31,6 +32,7 @@ def command(
     ] = False,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
     config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")] = None,
+    thermal_model: ThermalModelPath = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -42,8 +44,9 @@ def command(
     Example: recal update run-1 run-2 --store sqlite:///recal.db --commit
     """
     document = update(
-        runs, store_url=store, commit=commit, accept_step=accept_step, twin=twin, config=config, output=output, quiet=quiet
-    )
+        runs, store_url=store, commit=commit, accept_step=accept_step, twin=twin, config=config, thermal_model=thermal_model,
+        output=output, quiet=quiet,
+    )  # fmt: skip
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, verbose=verbose):
         say(line, quiet=quiet)
@@ -52,7 +55,7 @@ def command(
 
 def update(
     runs: list[Path], *, store_url: str, commit: bool, accept_step: bool = False, twin: Path | None = None,
-    config: Path | None = None, output: Path | None = None, quiet: bool = True,
+    config: Path | None = None, thermal_model: Path | None = None, output: Path | None = None, quiet: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
     """Read, estimate, judge, merge, report, commit; returns the update document."""
     from infield.document import update_document
@@ -60,14 +63,14 @@ def update(
     from infield.table_file import table_sha256
     from recal.config import read_config
     from recal.output import output_directory, program_version, write_files
-    from recal.unit_inputs import open_store, unit_inputs
+    from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
     from trajectories.run import read_run
     from trajectories.stream_files import HELD_ROWS
 
     settings, ageing = read_config(config)
     loaded = [read_run(path, held_rows=HELD_ROWS // len(runs)) for path in runs]
     database = open_store(store_url)
-    unit = unit_inputs(loaded[0], database, twin)
+    unit, loaded, use = with_thermal_model(unit_inputs(loaded[0], database, twin), loaded, thermal_model)
     serial = unit.table.imu_serial
     directory = output_directory(output, "update")
     result = update_calibration(
@@ -76,7 +79,7 @@ def update(
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
         remembered=database.contradictions(*_key(unit)) if database and unit.revision else (), accept_step=accept_step,
     )  # fmt: skip
-    facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict}
+    facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict, "thermal_model": use(result.after)}
     if commit and result.outcome == "accepted":
         return _commit(result, unit, store_url, directory, facts)
     document = update_document(result, committed=False, store=database.name if database else None, **facts)
@@ -164,6 +167,7 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     lines += [f"  because {reason}" for reason in document["reasons"]]
     lines += [f"  {document['remembered']}"] if document.get("remembered") else []
     lines += [f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in ACTED]
+    lines += [f"  {line}" for line in document.get("thermal_model", {}).get("text", [])]
     for axis, seen in document["observability"].items():
         lines.append(
             f"  gyro {axis}: sigma {seen['sigma_before_deg_h']:.4f} -> {seen['sigma_after_deg_h']:.4f} deg/h, {seen['verdict']}"
