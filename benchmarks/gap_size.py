@@ -4,7 +4,7 @@ For noise: the size of equal information, sqrt(2 KL), KL = n/2 (rho - 1 - ln rho
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from scipy.fft import dct
@@ -50,7 +50,7 @@ def _slow_information(d: np.ndarray, bins: int) -> float:
     for c in range(SENSORS):
         y = dct(d[c * bins : (c + 1) * bins], norm="ortho")
         edges = [0, 1, 2, 4, 8, 16, 32, 64, 128, 256, bins]
-        for low, high in zip(edges, edges[1:]):
+        for low, high in pairwise(edges):
             if high > low and low < bins:
                 out += _information(1.0 + float(np.mean(y[low:high] ** 2)), min(high, bins) - low)
     return out
@@ -85,5 +85,3 @@ def scaled(trial: Trial, wanted: float, *, tries: int = 4) -> tuple[Trial, float
         size *= (wanted / reached) ** power
     return trial, reached
 
-
-__all__ = ["delta_of", "replace", "scaled", "views_of"]

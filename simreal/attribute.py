@@ -317,15 +317,13 @@ def _refined_level(hypothesis: NoiseHypothesis, at: int, square: float, squares:
     term = hypothesis.terms[at]
     n, y = squares.dof[term.index], ratio[term.index, 0]
 
-    def loss(q: float) -> float:
-        s = np.maximum(1.0 + q * term.factor, 1e-3)
+    def loss(factor: float) -> float:
+        s = np.maximum(1.0 + factor * square * term.factor, 1e-3)
         return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
 
-    low, high = (square / 4.0, square * 4.0) if square > 0 else (square * 3.0, square / 3.0)
-    if square < 0:
-        low = max(low, -0.99 / float(term.factor.max()))
-    found = minimize_scalar(loss, bounds=(low, high), method="bounded")
-    return float(found.x)
+    high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(term.factor.max())))
+    found = minimize_scalar(loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3})
+    return float(found.x) * square
 
 
 def tail_quantile(values: NDArray, level: float) -> float:

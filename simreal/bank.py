@@ -161,7 +161,7 @@ class Bank:
             self.blocks.append((present, run.whiten(traces)))
         self.gram, self.score = np.zeros((m, m)), np.zeros(m)
         for k, (present, A) in enumerate(self.blocks):
-            self.gram[np.ix_(present, present)] += A.T @ A
+            self.gram[np.ix_(present, present)] += _gram(A, self.evidence.runs[k].blocks)
             self.score[present] += A.T @ self.evidence.z[self.evidence.rows_of(k)]
 
     def append(self, effect: Effect, target: str, shapes: Sequence[Mapping[str, float]], run: int | None) -> list[Group]:
@@ -206,6 +206,18 @@ class Bank:
     def traces_of(self, column: int, run: int) -> Trace | None:
         """A column before whitening."""
         return self._specs[column][run]
+
+
+def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
+    """A' A, block of rows by block: most effects leave most channels alone."""
+    out = np.zeros((A.shape[1], A.shape[1]))
+    for rows in blocks:
+        part = A[rows]
+        used = np.flatnonzero(part.any(axis=0))
+        if used.size:
+            B = np.ascontiguousarray(part[:, used], dtype=np.float32)
+            out[np.ix_(used, used)] += B.T @ B
+    return out
 
 
 def size_weights(group_norm: float, low: float, high: float) -> NDArray:

@@ -16,7 +16,8 @@ from ins.records import TwinModel
 from simreal.effects.base import Effect
 from simreal.noise_model import ChannelNoise, channel_noises
 from simreal.parked import BIN_S, ParkedBlock
-from simreal.parked_fixes import ParkedFixes
+from simreal.parked_fixes import BIN_S as FIX_BIN_S
+from simreal.parked_fixes import COMPONENTS, ParkedFixes
 from simreal.rolling import RollingBlock
 from simreal.run_view import RunView
 from simreal.telemetry import PARKED, Telemetry, Trace
@@ -122,11 +123,17 @@ class RunEvidence:
             parts.append(self.rolling.whiten(listed, handoff, site_m))
         return np.vstack(parts)
 
+    @property
+    def blocks(self) -> tuple[slice, ...]:
+        """Rows that belong together: parked sensors, parked fixes, what follows."""
+        parked, fixes = self.parked.rows, self.parked.rows + self.fixes.rows
+        return slice(0, parked), slice(parked, fixes), slice(fixes, self.z.size)
+
     def rows(self, number: int) -> Rows:
         """Labels of the rows, in the order of `z`."""
         p, f = self.parked, self.fixes
         bin_s = self.view.start_s + BIN_S * (np.arange(p.bins) + 0.5)
-        time_s = np.concatenate([np.tile(bin_s, SENSORS), np.tile(f.time_s - 0.5 * BIN_S, 4 if f.rows else 0)])
+        time_s = np.concatenate([np.tile(bin_s, SENSORS), np.tile(f.time_s - 0.5 * FIX_BIN_S, COMPONENTS if f.rows else 0)])
         channel = np.concatenate([np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))])
         kind = np.full(time_s.size, PARKED)
         steady = np.concatenate([np.repeat(p.live, p.bins), np.ones(f.rows, bool)])

@@ -209,7 +209,7 @@ def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray) -> tup
             scores.append(np.zeros(ratio.shape[1]))
             best.append(np.zeros(ratio.shape[1]))
             continue
-        fits = np.stack([_fit(n, y, 1.0 + q * term.factor[:, None]) for q in tried])
+        fits = _fits(n[:, 0], y, 1.0 + np.outer(tried, term.factor))
         up, down = len(hypothesis.levels), len(BELOW)
         weights = np.concatenate([np.full(up, np.log(0.8 / up)), np.full(down, np.log(0.2 / down))])
         scores.append(logsumexp(fits + weights[:, None], axis=0))
@@ -217,7 +217,7 @@ def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray) -> tup
     return np.array(scores), np.array(best)
 
 
-def _fit(n: NDArray, y: NDArray, s: NDArray) -> NDArray:
-    """Log likelihood ratio of scaling the expected squares by s: n/2 (y (1 - 1/s) - ln s), summed."""
+def _fits(n: NDArray, y: NDArray, s: NDArray) -> NDArray:
+    """Log likelihood ratios (levels, reps) of scaling the expected squares by s (levels, k): n/2 (y (1 - 1/s) - ln s)."""
     s = np.maximum(s, 1e-3)
-    return np.asarray(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s)), axis=0))
+    return np.asarray((0.5 * n * (1.0 - 1.0 / s)) @ y - 0.5 * (np.log(s) @ n)[:, None])

@@ -1,4 +1,4 @@
-"""Satellite fixes while parked against the entered site: ten-second means, whitened, and what they say of the site."""
+"""Satellite fixes while parked against the entered site: one-minute means, whitened, and what they say of the site."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from ins.records import TwinModel
 from simreal.run_view import RunView
 from simreal.telemetry import Trace
 
-BIN_S = 10.0
+BIN_S = 60.0
 SITE_SIGMA_M = 30.0  # how well a crew knows where it is parked
 COMPONENTS = 4  # north, east [m], velocity north, east [m/s]
 

@@ -120,12 +120,14 @@ class RollingBlock:
         imu = np.zeros((len(self.seconds), 6, m))
         own = np.zeros((len(self.seconds), 6, m))  # lateral, odometer, GNSS north, east, velocity north, east
         for k, trace in enumerate(traces):
-            imu[:, :3, k] = self._means(trace.gyro_rad_s, 3)
-            imu[:, 3:, k] = self._means(trace.accel_m_s2, 3)
-            own[:, 0, k] = self._means(trace.lateral_m_s, 1)[:, 0]
-            own[:, 1, k] = self._means(trace.odometer_m_s, 1)[:, 0]
-            own[:, 2:4, k] = self._means(trace.gnss_position_m, 3)[:, :2]
-            own[:, 4:6, k] = self._means(trace.gnss_velocity_m_s, 3)[:, :2]
+            for array, at, values in (
+                (imu, slice(0, 3), trace.gyro_rad_s), (imu, slice(3, 6), trace.accel_m_s2), (own, slice(0, 1), trace.lateral_m_s),
+                (own, slice(1, 2), trace.odometer_m_s), (own, slice(2, 4), trace.gnss_position_m),
+                (own, slice(4, 6), trace.gnss_velocity_m_s),
+            ):  # fmt: skip
+                if values is not None:
+                    width = at.stop - at.start
+                    array[:, at, k] = self._means(values, width)
         e = np.zeros((STATES, m))
         _set_start(e, -start.mean)
         e[em.POS] = -site_m
@@ -177,13 +179,12 @@ class RollingBlock:
                 e[which] = _row(c.index[first], c.value[first]) @ e
         return out
 
-    def _means(self, values: NDArray | None, width: int) -> NDArray:
-        """Means of a trace over the steps (K, width)."""
-        if values is None:
-            return np.zeros((len(self.seconds), width))
-        sums = np.vstack([np.zeros((1, width)), np.cumsum(np.reshape(values, (len(values), width)), axis=0)])
-        first, last = self.seconds.T
-        return (sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None]
+    def _means(self, values: NDArray, width: int) -> NDArray:
+        """Means of the first columns of a trace over the steps (K, width)."""
+        columns = np.reshape(values, (len(values), -1))[self.seconds[0, 0] :, :width]
+        sums = np.vstack([np.zeros((1, width)), np.cumsum(columns, axis=0)])
+        first, last = self.seconds.T - self.seconds[0, 0]
+        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
 
 
 KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}

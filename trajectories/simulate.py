@@ -154,7 +154,8 @@ def _gnss(
 def _odometer(ideal: IdealSensors, twin: TwinModel, rng: np.random.Generator) -> OdometerLog:
     """Speed of the wheel reference point along body x, which is pitched on its wheels; in the air the wheels stand."""
     rows = _every(ideal, ODOMETER_HZ)
-    true = OdometerLog(time_s=ideal.time_s[rows], speed_m_s=(ideal.speed_m_s * np.cos(ideal.euler_rad[:, 1]) * ideal.on_wheels)[rows])
+    along_x = ideal.speed_m_s * np.cos(ideal.euler_rad[:, 1]) * ideal.on_wheels
+    true = OdometerLog(time_s=ideal.time_s[rows], speed_m_s=along_x[rows])
     return imperfections.odometer_output(rng, true, twin.odometer)
 
 
