@@ -163,7 +163,8 @@ class Attributor:
         scores, best = log_bf(hypothesis, self.squares, self._ratio)
         at = int(np.argmax(scores[:, 0]))
         square = _refined_level(hypothesis, at, float(best[at, 0]), self.squares, self._ratio)
-        return Slot(hypothesis, None, ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square), odds)
+        extra = ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run)
+        return Slot(hypothesis, None, extra, odds)
 
     def _refined(self, hypothesis: Hypothesis, group: Group, others: Sequence[Slot]) -> Group:
         """Continuous shape parameters: finer and finer grids about the best, one parameter at a time."""

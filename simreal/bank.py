@@ -50,7 +50,7 @@ class Hypothesis:
 
     @property
     def key(self) -> tuple[str, str, int | None]:
-        return self.name, self.target, self.run
+        return (self.name if self.effect is None else self.effect.id), self.target, self.run
 
 
 def unit_scale(effect: Effect, target: str, evidence: Evidence) -> float:
@@ -108,7 +108,7 @@ class Bank:
             return
         runs = range(len(self.telemetry)) if effect.repeats == "E" else (None,)
         for run in runs:
-            prior = -np.log(len(self.telemetry)) if run is not None else 0.0
+            prior = getattr(effect, "log_prior", 0.0) - (np.log(len(self.telemetry)) if run is not None else 0.0)
             hypothesis = Hypothesis(effect.name, target, effect, run=run, log_prior=float(prior))
             for shape in shapes_of(effect, None if run is None else self.telemetry[run]):
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
@@ -222,9 +222,9 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
 
 def size_weights(group_norm: float, low: float, high: float) -> NDArray:
     """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as the root beyond
-    it, thin beyond REACH times its end. Sum 1."""
+    it, thin beyond REACH times its end; at most 1 together."""
     coefficient = np.sqrt(SIZES) / max(group_norm, 1e-300)
     beyond = np.maximum(coefficient / high, 1.0)
     weight = -0.5 * np.log(beyond) - 6.0 * (beyond > REACH)
     weight = weight - 1.0 * (coefficient < low / 30.0)
-    return np.asarray(weight - np.logaddexp.reduce(weight))
+    return np.asarray(weight - np.log(SIZES.size))

@@ -65,13 +65,14 @@ class ExtraNoise:
     target: str
     shape: Mapping[str, float]
     square: float
+    run: int | None = None
 
 
 def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]) -> tuple[ChannelNoise, ...]:
     """The six channels with extra noise; noise that is not steady enters by its mean over the run."""
     noises = list(channel_noises(twin, view.run_s, view.C_nb))
     for item in extra:
-        for added in item.effect.noise(view.telemetry, item.target, item.shape):
+        for added in () if item.run not in (None, view.telemetry.run_index) else item.effect.noise(view.telemetry, item.target, item.shape):
             c = CHANNELS.index(added.channel)
             if c < SENSORS:
                 mean = 1.0 if added.profile is None else float(added.profile[view.telemetry.parked].mean())
@@ -82,7 +83,7 @@ def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoi
 def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> TwinModel:
     """The twin with the sample noise of thermometer, odometer and GNSS that effects add."""
     for item in extra:
-        for added in item.effect.noise(run, item.target, item.shape):
+        for added in () if item.run not in (None, run.run_index) else item.effect.noise(run, item.target, item.shape):
             more = added.sample * item.square
             if added.channel == "odometer" and more:
                 total = max(twin.odometer.noise_m_s**2 + more, 1e-12)

@@ -51,7 +51,7 @@ class NoiseHypothesis:
 
     @property
     def key(self) -> tuple[str, str, int | None]:
-        return self.name, self.target, self.run
+        return self.effect.id, self.target, self.run
 
 
 class Squares:
@@ -141,23 +141,27 @@ def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Eff
         for target in effect.targets:
             if effect.needs(telemetry, target):
                 continue
-            shapes = shapes_of(effect, telemetry[0])
-            if not effect.noise(telemetry[0], target, shapes[0]) or effect.repeats == "E":
+            if not effect.noise(telemetry[0], target, shapes_of(effect, telemetry[0])[0]):
                 continue
-            terms = [term_of(evidence, squares, effect, target, shape) for shape in shapes]
             coefficient = effect.coefficients[-1]
             scale = unit_scale(effect, target, evidence)
             levels = np.geomspace(0.1 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
-            prior = SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0
-            out.append(NoiseHypothesis(effect.name, target, effect, prior, shapes, terms, levels))
+            event = effect.repeats == "E"
+            prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(len(telemetry))
+            for run in range(len(telemetry)) if event else (None,):
+                shapes = shapes_of(effect, telemetry[run or 0])
+                terms = [term_of(evidence, squares, effect, target, shape, run) for shape in shapes]
+                out.append(NoiseHypothesis(effect.name, target, effect, float(prior), shapes, terms, levels, run))
     return out
 
 
-def term_of(evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float]) -> Term:
-    """Where a noise effect shows and how much, per unit of its coefficient squared."""
+def term_of(
+    evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float], only: int | None = None
+) -> Term:
+    """Where a noise effect shows and how much, per unit of its coefficient squared; only: the run of an event."""
     index, factor = [], []
     for r, run in enumerate(evidence.runs):
-        for added in effect.noise(run.view.telemetry, target, shape):
+        for added in () if only not in (None, r) else effect.noise(run.view.telemetry, target, shape):
             for where, a in _factors(squares, r, run, added):
                 index.append(where)
                 factor.append(a)

@@ -121,7 +121,8 @@ class RollingBlock:
         own = np.zeros((len(self.seconds), 6, m))  # lateral, odometer, GNSS north, east, velocity north, east
         for k, trace in enumerate(traces):
             for array, at, values in (
-                (imu, slice(0, 3), trace.gyro_rad_s), (imu, slice(3, 6), trace.accel_m_s2), (own, slice(0, 1), trace.lateral_m_s),
+                (imu, slice(0, 3), trace.gyro_rad_s), (imu, slice(3, 6), trace.accel_m_s2),
+                (own, slice(0, 1), trace.lateral_m_s),
                 (own, slice(1, 2), trace.odometer_m_s), (own, slice(2, 4), trace.gnss_position_m),
                 (own, slice(4, 6), trace.gnss_velocity_m_s),
             ):  # fmt: skip
