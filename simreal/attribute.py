@@ -62,6 +62,12 @@ class Attribution:
     threshold: float
     log_odds_before: NDArray
     replicate_max: NDArray
+    plain_evidence: Evidence
+    plain_squares: Squares
+    plain_residual: NDArray
+    replicate_z: NDArray
+    replicate_ratio: NDArray
+    not_testable: list[tuple[str, str, str]]
 
     @property
     def columns(self) -> NDArray:
@@ -85,6 +91,7 @@ class Attributor:
     ) -> None:  # fmt: skip
         self.views, self.twin, self.effects = views, twin, effects
         self._set(Evidence(views, twin))
+        self.plain, self.plain_squares, self.not_testable = self.evidence, self.squares, list(self.bank.not_testable)
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
         self.slots: list[Slot] = []
@@ -120,8 +127,23 @@ class Attributor:
                     break
         self._finish()
         return Attribution(
-            self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max
-        )
+            self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max,
+            self.plain, self.plain_squares, self._plain_residual(), self.replicate_z, self.replicate_ratio,
+            self.not_testable,
+        )  # fmt: skip
+
+    def _plain_residual(self) -> NDArray:
+        """Rows under the twin's own noise less the named effects, for judging noise."""
+        out = self.plain.z.copy()
+        for slot in self.slots:
+            for k, c in enumerate(slot.columns):
+                beta = fit(self.bank, np.concatenate([s.columns for s in self.slots]))[0]
+                at = int(sum(s.columns.size for s in self.slots[: self.slots.index(slot)])) + k
+                for r, run in enumerate(self.plain.runs):
+                    trace = self.bank.traces_of(int(c), r)
+                    if trace is not None:
+                        out[self.plain.rows_of(r)] -= beta[at] * run.whiten([trace])[:, 0]
+        return out
 
     def _odds(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
         """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of all groups."""

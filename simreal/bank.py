@@ -95,9 +95,9 @@ class Bank:
         for effect in effects:
             for target in effect.targets:
                 self._add_effect(effect, target)
-        if with_generic:
-            for generic in generic_functions(self.telemetry):
-                self._add_generic(generic)
+        self.generics = generic_functions(self.telemetry) if with_generic else ()
+        for generic in self.generics:
+            self._add_generic(generic)
         self._fill()
 
     def _add_effect(self, effect: Effect, target: str) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.fft import dct
 
 from ins.records import TwinModel
-from simreal.effects.base import Effect
+from simreal.effects.base import AddedNoise, Effect
 from simreal.noise_model import ChannelNoise, channel_noises
 from simreal.parked import BIN_S, ParkedBlock
 from simreal.parked_fixes import BIN_S as FIX_BIN_S
@@ -67,12 +67,16 @@ class ExtraNoise:
     square: float
     run: int | None = None
 
+    def in_run(self, run: Telemetry) -> tuple[AddedNoise, ...]:
+        """What it adds to a run per unit of `square`; nothing where it is an event of another."""
+        return self.effect.noise(run, self.target, self.shape) if self.run in (None, run.run_index) else ()
+
 
 def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]) -> tuple[ChannelNoise, ...]:
     """The six channels with extra noise; noise that is not steady enters by its mean over the run."""
     noises = list(channel_noises(twin, view.run_s, view.C_nb))
     for item in extra:
-        for added in () if item.run not in (None, view.telemetry.run_index) else item.effect.noise(view.telemetry, item.target, item.shape):
+        for added in item.in_run(view.telemetry):
             c = CHANNELS.index(added.channel)
             if c < SENSORS:
                 mean = 1.0 if added.profile is None else float(added.profile[view.telemetry.parked].mean())
@@ -83,7 +87,7 @@ def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoi
 def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> TwinModel:
     """The twin with the sample noise of thermometer, odometer and GNSS that effects add."""
     for item in extra:
-        for added in () if item.run not in (None, run.run_index) else item.effect.noise(run, item.target, item.shape):
+        for added in item.in_run(run):
             more = added.sample * item.square
             if added.channel == "odometer" and more:
                 total = max(twin.odometer.noise_m_s**2 + more, 1e-12)

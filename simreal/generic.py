@@ -18,6 +18,7 @@ OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
 Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
+Quantity = Callable[[Telemetry, str], NDArray | None]
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,11 @@ class Generic:
     target: str
     resolution: int
     hats: Hats
+    nodes: tuple[float, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        return self.name, self.target, self.resolution
 
     def traces(self, run: Telemetry) -> tuple[Trace, ...]:
         columns = self.hats(run).T
@@ -45,12 +51,16 @@ def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
             if any(v is None for v in values):
                 continue
             for nodes in (4, 8, 16) if name == OF_TEMPERATURE else (4, 8):
-                out.append(Generic(name, target, nodes, _over(quantity, target, _nodes(values, nodes))))
+                out.append(_hats(name, target, quantity, _nodes(values, nodes)))
         for nodes in (4, 8, 16):
-            out.append(Generic(OF_TIME, target, nodes, _over(_time, target, _nodes([_time(r, target) for r in runs], nodes))))
+            out.append(_hats(OF_TIME, target, _time, _nodes([_time(r, target) for r in runs], nodes)))
         if len(runs) > 1:
             out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
     return tuple(out)
+
+
+def _hats(name: str, target: str, quantity: Quantity, nodes: NDArray) -> Generic:
+    return Generic(name, target, nodes.size, _over(quantity, target, nodes), tuple(float(n) for n in nodes))
 
 
 def _temperature(run: Telemetry, target: str) -> NDArray | None:
@@ -73,7 +83,7 @@ def _nodes(values: Sequence[NDArray | None], count: int) -> NDArray:
     return np.linspace(low, max(high, low + 1e-6), count)
 
 
-def _over(quantity: Callable[[Telemetry, str], NDArray | None], target: str, nodes: NDArray) -> Hats:
+def _over(quantity: Quantity, target: str, nodes: NDArray) -> Hats:
     def hats(run: Telemetry) -> NDArray:
         values = quantity(run, target)
         assert values is not None

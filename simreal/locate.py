@@ -106,8 +106,8 @@ class Leftover:
         for c in range(SENSORS):
             at = np.flatnonzero((rows.channel == c) & (rows.kind == PARKED) & np.isfinite(rows.temperature_degC))
             if at.size:
-                edges = np.linspace(*np.ptp(rows.temperature_degC[at]) * np.array([0.0, 1.0]) + rows.temperature_degC[at].min(), 13)
-                band = np.clip(np.searchsorted(edges, rows.temperature_degC[at]) - 1, 0, 11)
+                T = rows.temperature_degC[at]
+                band = np.minimum((12 * (T - T.min()) / max(float(np.ptp(T)), 1e-9)).astype(int), 11)
                 self._bands += [at[band == b] for b in range(12) if np.sum(band == b) >= 10]
         self._steady = [np.flatnonzero((rows.channel == c) & rows.steady) for c in range(len(CHANNELS))]
 

@@ -1,0 +1,175 @@
+"""Put a found effect back into the twin: how much of the gap is gone on data that the effect was not fitted to.
+
+    S = N / D,  N = 2 d'z - |d|^2,  D = |z|^2 - m
+
+z: whitened held-out rows in the channels the effect touches (slow part), less what the other found effects make there;
+d: the effect as fitted elsewhere. S = 1 - |s - d|^2 / |s|^2 for the true effect s, so never above 1. The interval is
+Fieller's, from var(N - S D) = 4 |d - S s|^2 + 2 S^2 m, since D may be near zero.
+
+What repeats is held out run by run; an event, or all there is of one run, by alternate minutes; noise by runs.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+
+from simreal.attribute import Attribution, Slot
+from simreal.bank import Bank
+from simreal.evidence import Evidence
+from simreal.noise_hypotheses import NoiseHypothesis, term_of
+
+LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
+TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
+MINUTE = 6  # rows of ten seconds
+SURE = 1.96
+FEW_SIGMA = 8.0
+
+
+@dataclass(frozen=True)
+class Shrink:
+    """Share of the excess gone on held-out data, with its 95 % interval; size: of the held-out gap, in sigmas."""
+
+    fraction: float
+    interval_95: tuple[float, float]
+    held_out: bool
+    size: float
+    how: str
+
+    @property
+    def too_small(self) -> bool:
+        """The held-out gap is too small to quantify a shrink."""
+        return self.size < FEW_SIGMA
+
+
+def shrink_of(attribution: Attribution, number: int) -> Shrink:
+    """The shrink by one slot, the others in."""
+    slot = attribution.slots[number]
+    if slot.extra is not None:
+        return _of_noise(attribution, slot)
+    evidence, runs = attribution.evidence, len(attribution.evidence.runs)
+    repeats = slot.hypothesis.effect.repeats if slot.hypothesis.effect is not None else "R"
+    own_run = repeats in ("E", "P") or slot.hypothesis.name == "unknown_function_of_run"
+    touched = _touched(attribution, slot)
+    if runs > 1 and not own_run:
+        parts = [_fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True) for k in range(runs)]
+        how = "leave one run out"
+    else:
+        parts = [_fold(attribution, slot, _minute_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
+        how = "alternate minutes"
+    N, D, dd, dz, m = (float(sum(p[k] for p in parts)) for k in range(5))
+    return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
+
+
+def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = "") -> Shrink:
+    """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %."""
+    S = np.linspace(-1.0, 1.0, 2001)
+    s2 = max(D, 0.0)
+    variance = 4.0 * np.maximum(dd - 2.0 * S * dz + S**2 * s2, 0.0) + 2.0 * S**2 * m + 1e-12
+    inside = (N - S * D) ** 2 <= SURE**2 * variance
+    value = float(np.clip(N / D, -1.0, 1.0)) if D > 0 else 0.0
+    interval = (float(S[inside].min()), float(S[inside].max())) if inside.any() else (value, value)
+    interval = (min(interval[0], value), max(interval[1], value))
+    return Shrink(value, interval, True, float(np.sqrt(s2)), how)
+
+
+def _touched(attribution: Attribution, slot: Slot) -> NDArray:
+    """Rows (k,) of the channels that hold the effect's energy."""
+    channel = attribution.evidence.rows.channel
+    energy = np.zeros(channel.size)
+    for column in slot.columns:
+        u = attribution.bank.signature(np.array([column]), np.ones(1))
+        energy += u**2 / max(float(u @ u), 1e-300)
+    total = np.bincount(channel, energy, minlength=10)
+    return np.asarray((total / max(total.sum(), 1e-300) > TOUCHED)[channel])
+
+
+def _run_mask(evidence: Evidence, run: int) -> NDArray:
+    return evidence.rows.run == run
+
+
+def _minute_mask(evidence: Evidence, odd: bool) -> NDArray:
+    return np.asarray((np.floor(evidence.rows.time_s / (10.0 * MINUTE)).astype(int) % 2 == 1) == odd)
+
+
+def _fold(
+    attribution: Attribution, slot: Slot, held: NDArray, touched: NDArray, *, by_run: bool
+) -> tuple[float, float, float, float, float]:
+    """N, D, |d|^2, d'z and m of one fold: fitted on the rows not held, judged on those held."""
+    bank, evidence = attribution.bank, attribution.evidence
+    columns = attribution.columns
+    A = _dense(bank, columns, evidence.size)
+    train = ~held
+    gram = A[train].T @ A[train]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    seen = np.diag(gram) > 1e-9 * np.maximum(np.sum(A**2, axis=0), 1e-300)
+    inverse = np.linalg.pinv(gram * np.outer(scale, scale) * np.outer(seen, seen), rcond=1e-8, hermitian=True)
+    beta = scale * (inverse @ (scale * seen * (A[train].T @ evidence.z[train])))
+    mine = np.isin(columns, slot.columns)
+    others = evidence.z - A[:, ~mine] @ beta[~mine]
+    d, z = A[:, mine] @ beta[mine], others
+    where = held & touched
+    B = _low_band(evidence, where) if by_run else None
+    if B is None:
+        d, z, m = d[where], z[where], int(where.sum())
+    else:
+        d, z, m = B(d), B(z), B(z).size
+    dd, dz = float(d @ d), float(d @ z)
+    return 2.0 * dz - dd, float(z @ z) - m, dd, dz, float(m)
+
+
+def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray]:
+    """The fixed subspace: the first transform indices of each channel's rows in time order, run by run."""
+    rows = evidence.rows
+    groups = []
+    for run in np.unique(rows.run[where]):
+        for channel in np.unique(rows.channel[where & (rows.run == run)]):
+            at = np.flatnonzero(where & (rows.run == run) & (rows.channel == channel))
+            groups.append(at)
+
+    def project(values: NDArray) -> NDArray:
+        return np.concatenate([dct(values[at], norm="ortho")[:LOW_BAND] for at in groups])
+
+    return project
+
+
+def _dense(bank: Bank, columns: NDArray, size: int) -> NDArray:
+    return (
+        np.stack([bank.signature(np.array([c]), np.ones(1)) for c in columns], axis=1) if columns.size else np.zeros((size, 0))
+    )
+
+
+def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:
+    """Excess of the squares that is gone when each run is judged with the coefficient found in the others."""
+    hypothesis, evidence, squares = slot.hypothesis, attribution.plain_evidence, attribution.plain_squares
+    assert isinstance(hypothesis, NoiseHypothesis) and slot.extra is not None
+    ratio = squares.ratio(attribution.plain_residual[:, None])[:, 0]
+    runs = range(len(evidence.runs)) if hypothesis.run is None else (hypothesis.run,)
+    shape = dict(slot.extra.shape)
+    terms = [term_of(evidence, squares, hypothesis.effect, hypothesis.target, shape, k) for k in runs]
+    excess = np.array([float(np.sum(squares.dof[t.index] * t.factor * (ratio[t.index] - 1.0))) for t in terms])
+    unit = np.array([float(np.sum(squares.dof[t.index] * t.factor**2)) for t in terms])
+    q = slot.extra.square
+    spread = np.array([
+        float(np.sqrt(np.sum(2.0 * squares.dof[t.index] * t.factor**2 * (1.0 + q * t.factor) ** 2))) for t in terms
+    ])  # fmt: skip
+    total, seen = float(unit.sum()), float(excess.sum())
+    found = seen / max(total, 1e-300)  # the coefficient squared, all runs together
+    sigma = float(np.sqrt(np.sum(spread**2))) / max(total, 1e-300)
+    held = len(terms) > 1
+    without = (seen - excess) / np.maximum(total - unit, 1e-300) if held else np.array([found])
+    rng = np.random.default_rng(0)
+    truths = found + sigma * np.concatenate([[0.0], rng.standard_normal(4000)])
+    left = np.abs(truths[:, None] - without) @ unit / np.maximum(np.abs(truths) * total, 1e-300)
+    fractions = np.clip(1.0 - left, -1.0, 1.0)
+    low, high = np.quantile(fractions, [0.025, 0.975])
+    how = "leave one run out" if held else "the same run"
+    interval = float(min(low, fractions[0])), float(max(high, fractions[0]))
+    return Shrink(float(fractions[0]), interval, held, abs(found) / max(sigma, 1e-300), how)
+
+
+def shrinks(attribution: Attribution, slots: Sequence[int] | None = None) -> list[Shrink]:
+    """The shrink by each slot."""
+    return [shrink_of(attribution, k) for k in (range(len(attribution.slots)) if slots is None else slots)]
