@@ -234,9 +234,7 @@ def _places(attribution: Attribution, cells: CellTable) -> tuple[tuple[Place, ..
         mine = np.array([c.channel == channel for c in cells.cells]) & marked
         share = float(excess[mine].sum() / total) if total > 0 else 0.0
         if share >= LEAST_SHARE:
-            places.append(
-                _place(attribution, evidence, channel, [cells.cells[k] for k in np.flatnonzero(mine)], explained, share)
-            )
+            places.append(_place(evidence, channel, [cells.cells[k] for k in np.flatnonzero(mine)], explained, share))
     places.sort(key=lambda p: -p.share)
     return tuple(places[:MOST_PLACES]), marked
 
