@@ -8,7 +8,11 @@ import typer
 from recal.console import JsonFlag, Quiet, Seed, Verbose, answer, say
 
 if TYPE_CHECKING:
+    from trajectories.scenario import Scenario
     from trajectories.simulate import SimulatedRun
+    from trajectories.unit_truth import UnitTruth
+
+EFFECTS_STREAM = 1  # of the seed: what effects draw
 
 
 def command(
@@ -40,12 +44,12 @@ def simulate(
     from infield.table_file import json_text, read_table_dict
     from recal.output import write_text
     from trajectories.run import write_run
-    from trajectories.scenario import read_scenario, simulate_scenario
+    from trajectories.scenario import read_scenario
 
     plan = read_scenario(scenario, twin_path=twin)
     table_path = table or plan.table_path
     factory = None if table_path is None else read_table_dict(table_path)
-    simulated, unit = simulate_scenario(plan, seed=seed, table=factory)
+    simulated, unit = _session(plan, seed, factory)
     write_run(output, simulated.run, reference=simulated.reference)
     if table_out is not None:
         write_text(table_out, json_text(factory or unit.factory_table()))
@@ -58,6 +62,34 @@ def simulate(
         "twin": plan.twin.source, "table": None if table_path is None else str(table_path),
         "phases": [vars(phase) for phase in simulated.run.phases],
     }  # fmt: skip
+
+
+def _session(plan: "Scenario", seed: int | None, factory: dict[str, Any] | None) -> "tuple[SimulatedRun, UnitTruth]":
+    """The session of a scenario, with the effects that its twin lists.
+
+    They are drawn from a stream of their own: the rest of the run is the same with and without them.
+    """
+    from trajectories.scenario import simulate_scenario
+
+    if not plan.twin.effects:
+        return simulate_scenario(plan, seed=seed, table=factory)
+    from dataclasses import replace
+
+    import numpy as np
+
+    from infield.table_file import table_from_dict
+    from simreal.declared_noise import without_excess
+    from simreal.inject_truth import inject_simulated, telemetry_of_simulated
+    from simreal.twin_effects import parse_effects
+
+    seed = plan.seed if seed is None else seed
+    run_id = plan.run.run_id or f"{plan.name}-{seed}"
+    twin, effects = without_excess(plan.twin, parse_effects(plan.twin), run_id)
+    simulated, unit = simulate_scenario(replace(plan, twin=twin), seed=seed, table=factory)
+    table = table_from_dict(factory or unit.factory_table(), name="table")
+    telemetry = telemetry_of_simulated(simulated, plan.thermal, table)
+    rng = np.random.default_rng([seed, EFFECTS_STREAM])
+    return inject_simulated(simulated, telemetry, effects, rng, vehicle=twin.vehicle), unit
 
 
 def truth_csv(simulated: "SimulatedRun") -> str:

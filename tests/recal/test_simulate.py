@@ -30,9 +30,7 @@ def scenario(tmp_path):
 
 
 def test_run_table_and_truth_are_written_and_fit(scenario, tmp_path):
-    result = simulate(
-        str(scenario), tmp_path / "run", table_out=tmp_path / "table.json", truth=tmp_path / "truth.csv", seed=8
-    )
+    result = simulate(str(scenario), tmp_path / "run", table_out=tmp_path / "table.json", truth=tmp_path / "truth.csv", seed=8)
     assert result["seed"] == 8 and result["rate_hz"] == pytest.approx(50.0)
     run, reference = read_run(tmp_path / "run"), read_reference(tmp_path / "run")
     assert run.header.run_id == "short-8" and reference is not None and not run.faults
@@ -66,3 +64,36 @@ def test_a_table_that_is_given_is_the_units_and_must_be_of_its_serial(scenario, 
 def test_trouble_with_the_outputs_is_named(scenario, tmp_path):
     with pytest.raises(InputError, match=r"truth.csv: cannot be written"):
         simulate(str(scenario), tmp_path / "run", truth=tmp_path / "nowhere" / "truth.csv")
+
+
+def test_the_twins_effects_are_in_the_run_its_reference_and_its_truth(scenario, tmp_path):
+    effects = [
+        {"effect": "gyro_thermal_linear", "target": "gyro_y", "parameters": {"coefficient": 0.5}},
+        {"effect": "platform_settling", "target": "vehicle", "parameters": {"roll": 200.0, "pitch": 0.0, "tau_s": 20.0}},
+    ]
+    for name, listed in (("clean", []), ("spoilt", effects)):
+        twin = {"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": listed}
+        (tmp_path / f"{name}.json").write_text(json.dumps(twin))
+        simulate(str(scenario), tmp_path / name, twin=tmp_path / f"{name}.json", truth=tmp_path / f"{name}.csv")
+    clean, spoilt = (read_run(tmp_path / name).imu.whole() for name in ("clean", "spoilt"))
+    T = np.interp(clean.time_s, *zip(*((float(r["time_s"]), float(r["gyro_y_degC"])) for r in _rows(tmp_path / "clean.csv"))))
+    parked = clean.time_s < 59.0
+    added_deg_h = np.degrees(np.mean((spoilt.dtheta_rad - clean.dtheta_rad)[parked, 1])) * 3600 * 50
+    assert added_deg_h == pytest.approx(0.5 * (T[parked].mean() - 25.0), abs=0.05)
+    before, after = (read_reference(tmp_path / name) for name in ("clean", "spoilt"))
+    turned = np.degrees(after.roll_rad - before.roll_rad)[590] * 3600
+    assert turned == pytest.approx(200.0 * (1 - np.exp(-59.1 / 20.0)), abs=0.5)
+    biases = [float(_rows(tmp_path / f"{name}.csv")[30]["gyro_y_bias_deg_h"]) for name in ("clean", "spoilt")]
+    assert biases[1] - biases[0] == pytest.approx(0.5 * (np.interp(30.0, clean.time_s, T) - 25.0), abs=0.01)
+
+
+def test_a_wrong_effect_is_named_and_nothing_is_written(scenario, tmp_path):
+    wrong = {"effect": "gyro_thermal_linear", "target": "gyro_y", "parameters": {"coefficient": "hot"}}
+    (tmp_path / "twin.json").write_text(json.dumps({"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": [wrong]}))
+    with pytest.raises(InputError, match=r"twin.json: effects\[0\]: parameters.coefficient: got 'hot', needed a number"):
+        simulate(str(scenario), tmp_path / "run", twin=tmp_path / "twin.json")
+    assert not (tmp_path / "run").exists()
+
+
+def _rows(path):
+    return list(csv.DictReader(path.read_text().splitlines()))
