@@ -195,10 +195,12 @@ def _commands(document: dict[str, Any]) -> dict[str, str]:
     store = f" --store {shlex.quote(document['store'])}" if document.get("store") else ""
     serial = f" --serial {shlex.quote(document['imu_serial'])}"
     commit = " --commit" if document["verdict"] == "committed" else ""
+    used = document.get("thermal_model")
+    model = f" --thermal-model {shlex.quote(used['file'])}" if used else ""
     return {
         "rollback": document.get("rollback_command") or f"recal table rollback{store}{serial} --to previous",
         "history": f"recal table list{store}{serial}",
-        "reproduce": f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{commit}",
+        "reproduce": f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{model}{commit}",
         "export": f"recal table export{store}{serial} -o table.json",
     }
 

@@ -20,7 +20,7 @@ from ins.records import AXES, TwinModel
 SHORTEST_MIN = 20  # usable minutes of a run
 FEWEST_MIN = 60  # of all runs together
 SPAN_degC = 10.0  # of temperatures in all
-ONE_SIDED = 0.1  # share of the rate's variance that must be left beyond a curve of temperature
+ONE_SIDED = 0.25  # of the rate's RMS, what must be left beyond a curve of temperature
 CURVE_ORDER = 3  # of that curve
 MOVING_degC_min = 0.05  # a rate faster than this has a sign
 BOTH_WAYS_degC = 5.0  # of temperatures passed warming and cooling
@@ -107,7 +107,7 @@ def _one_sided(T: NDArray, rate: NDArray) -> tuple[str, ...]:
         return ()
     t = (T - T.mean()) / max(np.std(T), 1e-9)
     left = rate - np.polynomial.polynomial.polyval(t, np.polynomial.polynomial.polyfit(t, rate, CURVE_ORDER))
-    share = float(np.var(left) / max(np.var(rate), 1e-12)) if np.var(rate) > 1e-8 else 0.0
+    share = float(np.sqrt(np.mean(left**2) / max(np.mean(rate**2), 1e-12)))
     if share >= ONE_SIDED:
         return ()
     way = "warms" if rate.mean() > 0 else "cools"

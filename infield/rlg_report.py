@@ -61,7 +61,7 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
 @in_style
 def order_drawing(a: AxisModel) -> Markup:
     """Held-out chi2 a row over the number of terms; the chosen order marked."""
-    from matplotlib.ticker import FuncFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     figure, axes = new_figure(1, 1, height=2.3)
     ax = axes[0, 0]
@@ -70,8 +70,9 @@ def order_drawing(a: AxisModel) -> Markup:
     ax.plot(len(a.used), a.choice.chi2, "o", color=NEW, markersize=8, label="chosen: " + " ".join(a.used))
     ax.set_xticks(sizes)
     ax.set_yscale("log")
-    for place in (ax.yaxis.set_major_formatter, ax.yaxis.set_minor_formatter):
-        place(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
     axis_text(ax, title=f"gyro {a.axis}: order", x="terms", y="held-out chi2 a row")
     ax.legend(loc="best")
     return svg_text(figure, f"Held-out misfit of gyro {a.axis} over the number of terms")

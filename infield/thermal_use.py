@@ -169,7 +169,7 @@ def with_model_sigma(twin: TwinModel, removed: Sequence[Removed]) -> TwinModel:
         return twin
     extra = max(float(found.sigma_deg_h.max()) for found in removed)
     gyro = replace(twin.gyro, turn_on_deg_h=float(np.hypot(twin.gyro.turn_on_deg_h, extra)))
-    return replace(twin, gyro=gyro)
+    return replace(twin, gyro=gyro, source=f"{twin.source}, turn-on widened by {extra:.4f} deg/h for the thermal model")
 
 
 def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
@@ -178,8 +178,7 @@ def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
     for k in range(len(AXES)):
         T = table.temperature_degC[k]
         parameters[table.values_of(k)] += stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
-    said = {**table.provenance, "thermal_model_sha256": stored.sha256}
-    return table.replaced(parameters=parameters, provenance=said)
+    return table.replaced(parameters=parameters)
 
 
 def use_document(stored: StoredModel, removed: Sequence[Removed], table: ThermalTable) -> dict[str, Any]:

@@ -66,7 +66,8 @@ def with_thermal_model(
     runs, removed = prepared(runs, stored)
     if stored is None:
         return unit, runs, lambda table: None
-    unit = replace(unit, twin=with_model_sigma(unit.twin, removed))
+    learnt_with = {**unit.table.provenance, "thermal_model_sha256": stored.sha256}  # goes into the table that is merged
+    unit = replace(unit, twin=with_model_sigma(unit.twin, removed), table=unit.table.replaced(provenance=learnt_with))
     if not unit.known:
         table = seeded_table(unit.table, stored)
         unit = replace(unit, table=table, table_dict=table_to_dict(table))

@@ -94,7 +94,7 @@ def _choices(
     header = run.header
     if database is None or not unit.known:
         why = "no store there" if database is None else f"the store does not know unit {header.imu_serial}"
-        seeded = "thermal_model_sha256" in unit.table.provenance
+        seeded = "thermal_model_sha256" in unit.table.provenance  # unit_inputs.with_thermal_model
         origin = "settled part of the thermal model" if seeded else f"default of a {header.gyro_technology} unit (bias 0)"
         return [TableChoice(role="active", table=unit.table, origin=origin)], (f"{why}: its table is the {origin}",)
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)

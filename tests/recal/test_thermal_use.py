@@ -7,17 +7,22 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from infield.fog_document import fit_models, fog_document
+from infield.fog_ramps import separate
 from infield.rlg_document import rlg_document
 from infield.rlg_gradient import fit_gradients
 from infield.store import TableStore
 from infield.table import default_table
 from infield.thermal_use import prepared, read_thermal_model, removal, seeded_table, with_model_sigma, without_rates
-from ins.records import InputError
+from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
 from ins.twin_file import default_twin
+from ins.units import DEG_PER_HOUR
 from recal.cli import app
 from recal.commands.simulate import simulate
 from recal.console import result_text
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
+from tests.infield.ramp_cases import TWIN as FOG_TWIN
+from tests.infield.ramp_cases import Truth, ramp
 from trajectories.run import read_run
 from trajectories.scenario import read_scenario, scenario_unit
 
@@ -111,7 +116,10 @@ def test_update_with_the_model_finds_the_settled_bias(folder, updated):
         model = read_thermal_model(folder / "model.json").model
         settled = model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, "xyz".index(axis)]
         np.testing.assert_allclose(np.array(residual["bias_deg_h"]) + settled, after["bias_deg_h"], atol=1e-12)
+    assert document["table_after"]["provenance"]["thermal_model_sha256"] == used["sha256"]
+    assert "thermal_model_sha256" not in document["table_before"]["provenance"]
     page = (folder / "update" / "update.html").read_text()
+    assert "--thermal-model" in page and used["sha256"] in page
     assert "Thermal model before the table" in page and "left the log before the table" in page
 
 
@@ -162,7 +170,6 @@ def test_a_unit_without_a_table_starts_from_the_settled_part(folder):
     seeded = seeded_table(plain, stored)
     T = plain.temperature_degC[2]
     np.testing.assert_allclose(seeded.bias_deg_h(2, T), stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, 2])
-    assert seeded.provenance["thermal_model_sha256"] == stored.sha256
     np.testing.assert_array_equal(seeded.covariance, plain.covariance)
 
 
@@ -186,3 +193,27 @@ def test_a_model_of_another_unit_or_of_lines_that_are_not_logged_is_bad_input(fo
         (folder / "bad.json").write_text(json.dumps({**model, **change}))
         with pytest.raises(InputError, match=said):
             without_rates(run, read_thermal_model(folder / "bad.json"))
+
+
+def test_a_fibre_optic_model_serves_as_well(tmp_path):
+    """What leaves a fog session is K_delta dT/dt of its truth, known to what the document says."""
+    rng = np.random.default_rng(5)
+    truth = Truth(rng)
+    study = separate([ramp(rng, truth)], [], FOG_TWIN)
+    document = fog_document(study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version="")
+    (tmp_path / "fog.json").write_text(result_text(document))
+    stored = read_thermal_model(tmp_path / "fog.json")
+    t = np.arange(0.0, 1800.0)
+    T = 20.0 + 0.5 * t / 60.0
+    log = TemperatureLog(time_s=t, gyro_degC=np.repeat(T[:, None], 3, axis=1))
+    still = ImuLog(time_s=t + 1.0, dt_s=np.ones(t.size), dtheta_rad=np.zeros((t.size, 3)), dv_m_s=np.zeros((t.size, 3)))
+    header = RunHeader(
+        run_id="r", tail="", imu_serial="SN-1", gyro_technology="fog", start_utc="2026-03-01T05:00:00Z",
+        site=Site(lat_rad=0.8, lon_rad=0.1, height_m=100.0),
+    )  # fmt: skip
+    left, gone = without_rates(Run(header=header, imu=still, temperature=log, sha256="0" * 64), stored)
+    for k in range(3):
+        true = truth.K_delta(k, T) * 0.5
+        found = -left.imu.dtheta_rad[:, k] / DEG_PER_HOUR
+        assert np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[k] and gone.sigma_deg_h[k] < 0.01
+    assert left.header.removed_model.part == "rates" and left.sha256 == "0" * 64

@@ -1,5 +1,7 @@
 """The chamber profile against step-by-step integration, and the coil's rate term."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -59,3 +61,20 @@ def test_the_packaged_ramps_last_as_long_as_their_profiles():
     for name in names:
         plan = read_scenario(name)
         assert 0 <= sum(segment.duration_s for segment in plan.segments) - plan.thermal.duration_s < 60.0
+
+
+def test_a_heater_on_one_side_by_hand():
+    """On for the first half of each period: after five time constants all of side_degC, then back; shares by gyro."""
+    heated = replace(PROFILE, side_degC=4.0, side_period_s=9000.0, side_tau_s=900.0)
+    t = np.array([0.0, 900.0, 4500.0, 9000.0])
+    with_heater, without = heated.at(t), PROFILE.at(t)
+    hot = np.array([0.0, 4.0 * (1 - np.exp(-1)), 4.0 * (1 - np.exp(-5)), 4.0 * (1 - np.exp(-5)) * np.exp(-5)])
+    np.testing.assert_allclose(
+        with_heater.gradient_degC - without.gradient_degC, hot[:, None] * np.array(heated.side_gradient), rtol=1e-3, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        with_heater.gyro_degC - without.gyro_degC, hot[:, None] * np.array(heated.side_warming), rtol=1e-3, atol=1e-12
+    )
+    np.testing.assert_array_equal(with_heater.block_degC, without.block_degC)
+    with pytest.raises(InputError, match="time constants"):
+        replace(PROFILE, side_tau_s=0.0)

@@ -99,3 +99,17 @@ def test_curves_hold_beyond_their_grid_and_technology_is_checked():
     assert unit.bias_deg_h("x", 500.0) == unit.bias_deg_h("x", GRID_DEGC[-1])
     with pytest.raises(InputError, match="gyro_technology 'dtg'"):
         aged_unit(np.random.default_rng(5), gyro_technology="dtg")
+
+
+def test_gradients_and_the_slope_of_the_rate_term_by_hand():
+    """Warming by 0.5 degC/min at 30 degC with differences (2, -1, 4): x has its own line and y's, z that of x as its next."""
+    T = 30.0 + 0.5 * (np.arange(61.0) - 30.0)[:, None] / 60.0 * np.ones(3)
+    lines = np.tile([2.0, -1.0, 4.0], (61, 1))
+    terms = dict(
+        gradient_deg_h_per_degC=(0.03, 0.0, -0.02), gradient_cross_deg_h_per_degC=(0.01, 0.0, 0.005),
+        thermal_rate_slope_deg_h_per_degC2_min=(0.0, 0.001, 0.0),
+    )  # fmt: skip
+    unit, plain = (aged_unit(np.random.default_rng(4), **t) for t in (terms, {}))
+    more = unit.bias_history_deg_h(T, 1.0, lines) - plain.bias_history_deg_h(T, 1.0, lines)
+    np.testing.assert_allclose(more[30], [0.03 * 2 - 0.01, 0.001 * 10 * 0.5, -0.02 * 4 + 0.005 * 2], atol=1e-12)
+    np.testing.assert_allclose((unit.bias_history_deg_h(T, 1.0) - plain.bias_history_deg_h(T, 1.0))[:, [0, 2]], 0.0, atol=1e-15)
