@@ -6,18 +6,21 @@ Source: Visintin, Differential Models of Hysteresis (1994), ch. III: p_k = min(T
 import numpy as np
 from numpy.typing import NDArray
 
-MOST_STEPS = 20_000  # a longer series is followed at every m-th value: temperatures are slow
-
 
 def play(values: NDArray, half_width: float) -> NDArray:
-    """What follows `values` (n,) with a slack of +-half_width; starts at the first value, so with no past."""
-    stride = max(1, values.size // MOST_STEPS)
-    rows = np.arange(0, values.size, stride)
-    out, held = np.empty(rows.size), float(values[0])
-    for k, value in enumerate(values[rows].tolist()):
-        held = min(max(held, value - half_width), value + half_width)
-        out[k] = held
-    return out if stride == 1 else np.interp(np.arange(values.size), rows, out)
+    """What follows `values` (n,) with a slack of +-half_width; starts at the first value, so with no past.
+
+    Each step clips to [T_k - r, T_k + r]; clips one after the other are again a clip, whose limits are the earlier limits
+    clipped by the later step. So the limits of 1, 2, 4 ... steps up to each instant are made in log2(n) passes, exactly.
+    """
+    low, high = values - half_width, values + half_width
+    steps = 1
+    while steps < values.size:
+        low[steps:], high[steps:] = (
+            np.minimum(np.maximum(limit[:-steps], low[steps:]), high[steps:]) for limit in (low, high)
+        )
+        steps *= 2
+    return np.asarray(np.minimum(np.maximum(values[:1], low), high))
 
 
 def heating_sense(temperature_degC: NDArray, width_degC: float) -> NDArray:
