@@ -9,7 +9,7 @@ from ins.attitude import skew
 from ins.records import InputError
 from ins.units import HOUR, MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import ACCELS, AXIS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect, OutOfReach
+from simreal.effects.formula import FormulaEffect, OutOfReach, with_parts
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC, swing
 from simreal.effects.play import heating_sense
@@ -127,20 +127,26 @@ def needs_rotation(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((flies(runs), "flight")) if target == "accel_z" else needs_turns(runs, target)
 
 
-def _misalignment(axis: str) -> FormulaEffect:
+def _misalignment(axis: str) -> tuple[FormulaEffect, ...]:
     others = [f"to_{name}" for name in "xyz" if name != axis]
-    return FormulaEffect(
+    return with_parts(FormulaEffect(
         f"accel_misalignment_{axis}", "accel_misalignment", (f"accel_{axis}",), several(others, "mrad", 0.05, 0.25),
-        rivals=("imu_size_effect", "accel_scale_factor"), source="gap.md A06", formula=misalignment, need=needs_cross_force,
-    )  # fmt: skip
+        rivals=("imu_size_effect", "accel_scale_factor", "axis_or_unit_error"),
+        source="gap.md A06", formula=misalignment, need=needs_cross_force,
+    ))  # fmt: skip
 
 
 ACCELEROMETER = (
-    FormulaEffect(
-        "accel_thermal", "accel_thermal", ACCELS,
-        (Coefficient("linear", "ug per degC", 0.5, 5.0), Coefficient("quadratic", "ug per degC^2", 0.005, 0.1)),
-        rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient"), source="gap.md A01",
-        formula=thermal, need=needs_warming,
+    *with_parts(
+        FormulaEffect(
+            "accel_thermal", "accel_thermal", ACCELS,
+            (Coefficient("linear", "ug per degC", 0.5, 5.0), Coefficient("quadratic", "ug per degC^2", 0.005, 0.1)),
+            rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient", "accel_thermal_hysteresis",
+                "accel_bias_instability", "accel_rate_random_walk", "vertical_deflection", "schuler_start_error"),
+            source="gap.md A01",
+            formula=thermal, need=needs_warming,
+        ),
+        "linear",
     ),
     FormulaEffect(
         "accel_warmup_transient", "accel_warmup_transient", ACCELS, one("ug", 10.0, 100.0),
@@ -154,22 +160,27 @@ ACCELEROMETER = (
     ),
     FormulaEffect(
         "accel_scale_factor", "accel_scale_factor", ACCELS, one("ppm", 50.0, 200.0),
-        rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity"), source="gap.md A04",
+        rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity", "accel_misalignment", "axis_or_unit_error",
+            "baro_lag"),
+        source="gap.md A04",
         formula=scale_factor, need=needs_own_force,
     ),
     FormulaEffect(
         "accel_g2_sensitivity", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
-        rivals=("accel_scale_factor", "engine_start"), source="gap.md A05", formula=second_order, need=needs_squares,
+        rivals=("accel_scale_factor", "engine_start", "sculling_residual"),
+        source="gap.md A05", formula=second_order, need=needs_squares,
     ),
-    *(_misalignment(axis) for axis in "xyz"),
+    *(effect for axis in "xyz" for effect in _misalignment(axis)),
     FormulaEffect(
         "imu_size_effect", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
-        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew"), source="gap.md A07",
+        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"), source="gap.md A07",
         formula=size_effect, need=needs_rotation,
     ),
     FormulaEffect(
         "accel_noise", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
-        repeats="S", rivals=("platform_sway", "timestamp_jitter"), source="gap.md A08, white", noise_formula=white_noise,
+        repeats="S",
+        rivals=("platform_sway", "timestamp_jitter", "engine_start", "saturation_or_rounding"),
+        source="gap.md A08, white", noise_formula=white_noise,
     ),
     FormulaEffect(
         "accel_bias_instability", "slow_variation", ACCELS,
@@ -183,6 +194,6 @@ ACCELEROMETER = (
     ),
     OutOfReach(
         "sculling_residual", "sculling_residual", ACCELS, one("ug", 1.0, 50.0),
-        rivals=("accel_g2_sensitivity",), source="gap.md A09", need="raw data at 500 Hz under vibration",
+        rivals=("accel_g2_sensitivity", "gyro_accel_skew"), source="gap.md A09", need="raw data at 500 Hz under vibration",
     ),
 )  # fmt: skip

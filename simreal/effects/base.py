@@ -119,7 +119,11 @@ class Effect(Protocol):
 
 @dataclass(frozen=True)
 class CatalogueEffect:
-    """Base of the catalogue's effects: the fields of the protocol, and nothing added. Subclasses override."""
+    """Base of the catalogue's effects: the fields of the protocol, and nothing added. Subclasses override.
+
+    log_prior : added to its log Bayes factor in nats; below 0 for what is gross or not there at all, and for effects of
+        one name on one target, which share the prior of one.
+    """
 
     id: str
     name: str
@@ -129,6 +133,7 @@ class CatalogueEffect:
     repeats: str = "R"
     rivals: tuple[str, ...] = ()
     source: str = ""
+    log_prior: float = 0.0
 
     def needs(self, runs: Sequence[Telemetry], target: str) -> str:
         return ""

@@ -60,7 +60,8 @@ DATA = (
     ),
     FormulaEffect(
         "clock_rate", "clock_rate", ("vehicle",), one("ppm", 1.0, 50.0),
-        rivals=("gyro_scale_factor", "accel_scale_factor"), source="gap.md D02", formula=clock_rate, need=needs_turns,
+        rivals=("gyro_scale_factor", "accel_scale_factor", "gyro_common_mode", "odometer_scale"), source="gap.md D02",
+        formula=clock_rate, need=needs_turns,
     ),
     FormulaEffect(
         "gyro_accel_skew", "gyro_accel_skew", ("vehicle",), one("ms", 1.0, 10.0),

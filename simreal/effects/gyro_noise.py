@@ -73,7 +73,7 @@ GYRO_NOISE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_quantization", repeats="S", coefficients=one("arcsec", 0.3, 1.0, signed=False),
         noise_formula=quantization, need=lacks_seconds,
-        rivals=("gyro_angle_random_walk", "timestamp_jitter", "saturation_or_rounding"),
+        rivals=("gyro_angle_random_walk", "timestamp_jitter", "saturation_or_rounding", "platform_sway"),
         source="IEEE Std 952-1997, annex C, and formats.md section 3",
     ),
     gyro_effect(

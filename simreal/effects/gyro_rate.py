@@ -6,7 +6,7 @@ import numpy as np
 
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import AXIS, Coefficient, Effect, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect
+from simreal.effects.formula import FormulaEffect, with_parts
 from simreal.effects.gyro_effect import gyro_effect, on_gyro, one, several
 from simreal.effects.gyro_events import constant
 from simreal.effects.gyro_needs import (
@@ -82,21 +82,22 @@ def lacks_slow_rotation(runs: Sequence[Telemetry], target: str) -> str:
     return "slow rotation through zero" if lacks_left_and_right_turns(runs, target) else ""
 
 
-def _misalignment(axis: str) -> FormulaEffect:
+def _misalignment(axis: str) -> tuple[FormulaEffect, ...]:
     others = [name for name in "xyz" if name != axis]
-    return gyro_effect(
+    return with_parts(gyro_effect(
         "gyro_misalignment", id=f"gyro_misalignment_{axis}", targets=(f"gyro_{axis}",),
         coefficients=several([f"to_{name}" for name in others], "mrad", 0.01, 0.1),
         formula=misalignment, need=lacks_cross_turns,
-        rivals=("gyro_magnetic_sensitivity", "gyro_turn_on_bias", "site_latitude_error", "airframe_flexure"),
+        rivals=("gyro_magnetic_sensitivity", "gyro_turn_on_bias", "site_latitude_error", "airframe_flexure",
+            "axis_or_unit_error"),
         source="IEEE Std 647-2006: input-axis misalignment",
-    )  # fmt: skip
+    ))  # fmt: skip
 
 
 GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_scale_factor", coefficients=one("ppm", 1.0, 50.0), formula=scale_factor, need=lacks_turns,
-        rivals=("clock_rate", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in"),
+        rivals=("clock_rate", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in", "axis_or_unit_error"),
         source="IEEE Std 647-2006: scale factor error",
     ),
     gyro_effect(
@@ -108,11 +109,13 @@ GYRO_RATE: tuple[Effect, ...] = (
         need=lacks_turns_at_two_temperatures, rivals=("gyro_scale_factor",),
         source="IEEE Std 647-2006: scale factor temperature sensitivity",
     ),
-    *(_misalignment(axis) for axis in "xyz"),
-    gyro_effect(
-        "gyro_g_sensitivity", coefficients=several(("f_x", "f_y", "f_z"), "deg/h per g", 3e-4, 3e-3),
-        formula=g_sensitivity, need=lacks_force_changes, rivals=("gyro_turn_on_bias", "gyro_g2_sensitivity"),
-        source="IEEE Std 952-1997: acceleration sensitivity",
+    *(effect for axis in "xyz" for effect in _misalignment(axis)),
+    *with_parts(
+        gyro_effect(
+            "gyro_g_sensitivity", coefficients=several(("f_x", "f_y", "f_z"), "deg/h per g", 3e-4, 3e-3),
+            formula=g_sensitivity, need=lacks_force_changes, rivals=("gyro_turn_on_bias", "gyro_g2_sensitivity"),
+            source="IEEE Std 952-1997: acceleration sensitivity",
+        )
     ),
     gyro_effect(
         "gyro_g2_sensitivity", coefficients=one("deg/h per g^2", 3e-4, 3e-3),

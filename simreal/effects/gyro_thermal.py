@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR
-from simreal.effects.base import Effect, Shape, ShapeParameter
+from simreal.effects.base import Coefficient, Effect, Shape, ShapeParameter
 from simreal.effects.gyro_effect import gyro_effect, on_gyro, one, several
 from simreal.effects.gyro_needs import (
     gradient_degC,
@@ -48,8 +48,12 @@ def linear(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def quadratic(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """1 deg/h per degC^2 of (T - T0)^2."""
-    return on_gyro(target, DEG_PER_HOUR * above_reference(run, target) ** 2)
+    """A parabola about a centre that is not known: 1 deg/h per degC^2 of (T - T0)^2, and 1 deg/h per degC of T - T0.
+
+    A centre at Tc makes the second coefficient 2 (T0 - Tc) times the first.
+    """
+    above = above_reference(run, target)
+    return on_gyro(target, DEG_PER_HOUR * above**2, DEG_PER_HOUR * above)
 
 
 def rate(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -92,9 +96,10 @@ GYRO_THERMAL: tuple[Effect, ...] = (
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
     gyro_effect(
-        "gyro_thermal_quadratic", coefficients=one("deg/h per degC^2", 1e-5, 1e-4),
+        "gyro_thermal_quadratic",
+        coefficients=(*one("deg/h per degC^2", 1e-5, 1e-4), Coefficient("linear", "deg/h per degC", 5e-4, 3e-3)),
         formula=quadratic, need=lacks_temperature,
-        rivals=("gyro_thermal_linear", "gyro_warmup_transient", "compensation_misapplied"),
+        rivals=("gyro_thermal_linear", "gyro_warmup_transient", "compensation_misapplied", "temperature_sensor_error"),
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
     gyro_effect(
@@ -126,7 +131,7 @@ GYRO_THERMAL: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_warmup_transient", coefficients=one("deg/h", 5e-3, 0.05),
         shape=(ShapeParameter("tau_s", "s", 180.0, 1800.0, 8),), formula=warmup,
-        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic", "gyro_rate_ramp", "platform_settling"),
+        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic", "gyro_rate_ramp", "platform_settling", "platform_yaw_creep"),
         source="Wu and Gu (2002): turn-on section of a ring laser gyro's warm-up",
     ),
     gyro_effect(

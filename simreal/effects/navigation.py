@@ -6,7 +6,7 @@ import numpy as np
 
 from ins.earth import omega_ie_n
 from simreal.effects.base import GYROS, Coefficient, Shape
-from simreal.effects.formula import FormulaEffect, OutOfReach
+from simreal.effects.formula import FormulaEffect, OutOfReach, with_parts
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.recordings import brakes, has_gnss, lacking, turns
 from simreal.effects.wheels import MILLISECOND
@@ -37,11 +37,14 @@ def needs_gnss_turns(runs: Sequence[Telemetry], target: str) -> str:
 
 
 NAVIGATION = (
-    FormulaEffect(
-        "gnss_lever_arm_or_latency", "gnss_lever_arm_or_latency", ("gnss",),
-        (*several("xy", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
-        rivals=("lever_arm", "airframe_flexure"), source="gap.md F02; true less logged", formula=gnss_antenna,
-        need=needs_gnss_turns,
+    *with_parts(
+        FormulaEffect(
+            "gnss_lever_arm_or_latency", "gnss_lever_arm_or_latency", ("gnss",),
+            (*several("xy", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
+            rivals=("lever_arm", "airframe_flexure", "imu_size_effect", "false_standstill"),
+            source="gap.md F02; true less logged", formula=gnss_antenna,
+            need=needs_gnss_turns,
+        )
     ),
     OutOfReach(
         "coning_residual", "coning_residual", GYROS, one("deg/h", 0.0003, 0.003),

@@ -13,7 +13,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, omega_ie_n
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect
+from simreal.effects.formula import FormulaEffect, sharing_prior, with_parts
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
 from simreal.effects.recordings import lacking, over, span
@@ -113,9 +113,25 @@ def step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def yaw_creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Heading that drifts steadily while the vehicle is parked; it stays where it got to in between."""
-    rate = np.where(run.parked, ARCSEC / HOUR, 0.0)
-    return (yawed(run, integral(run, rate), rate),)
+    """Heading A (1 - exp(-t/tau)) of tyres or a tow bar that unwind, t since the first parked second.
+
+    It creeps while the vehicle is parked only, and stays where it got to in between.
+    """
+    begin_s = run.time_s - 0.5 * run.dt_s
+    t, tau_s = begin_s - begin_s[int(np.argmax(run.parked))], shape["tau_s"]
+    moved = -np.exp(-t / tau_s) * np.expm1(-run.dt_s / tau_s)
+    return (_creeping(run, moved / run.dt_s),)
+
+
+def yaw_drift(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Heading that creeps at a steady rate while the vehicle is parked."""
+    return (_creeping(run, np.full(run.n, 1.0 / HOUR)),)
+
+
+def _creeping(run: Telemetry, rate_arcsec_s: NDArray) -> Trace:
+    """The trace of a heading that moves at this rate (n,) where the vehicle is parked."""
+    rate = np.where(run.parked, ARCSEC * rate_arcsec_s, 0.0)
+    return yawed(run, integral(run, rate), rate)
 
 
 def mount_temperature(run: Telemetry) -> NDArray | None:
@@ -178,6 +194,18 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((bool(np.any(over(runs, lambda run: run.parked))), "parked time"))
 
 
+YAW_RIVALS = ("gyro_turn_on_bias", "gyro_rate_ramp", "gyro_warmup_transient")
+YAW_CREEP = (
+    FormulaEffect(
+        "platform_yaw_creep", "platform_yaw_creep", VEHICLE, one("arcsec", 5.0, 100.0),
+        shape=(ShapeParameter("tau_s", "s", 300.0, 7200.0, 5),), repeats="E", rivals=YAW_RIVALS,
+        source="gap.md P04, relaxing", formula=yaw_creep, need=needs_standstill,
+    ),
+    FormulaEffect(
+        "platform_yaw_drift", "platform_yaw_creep", VEHICLE, (Coefficient("drift", "arcsec/h", 5.0, 100.0),), repeats="E",
+        rivals=YAW_RIVALS, source="gap.md P04, steady", formula=yaw_drift, need=needs_standstill,
+    ),
+)  # fmt: skip
 PLATFORM = (
     FormulaEffect(
         "platform_sway", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
@@ -189,20 +217,22 @@ PLATFORM = (
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md P01 (b)",
         noise_formula=sway_rotation,
     ),
-    FormulaEffect(
-        "platform_settling", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
-        shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
-        rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient"), source="gap.md P02",
-        formula=settling, need=needs_standstill,
+    *with_parts(
+        FormulaEffect(
+            "platform_settling", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+            shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
+            rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient", "accel_thermal"),
+            source="gap.md P02",
+            formula=settling, need=needs_standstill,
+        )
     ),
-    FormulaEffect(
-        "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
-        shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
+    *with_parts(
+        FormulaEffect(
+            "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
+            shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
+        )
     ),
-    FormulaEffect(
-        "platform_yaw_creep", "platform_yaw_creep", VEHICLE, one("arcsec/h", 5.0, 100.0), repeats="E",
-        rivals=("gyro_turn_on_bias", "gyro_rate_ramp"), source="gap.md P04", formula=yaw_creep, need=needs_standstill,
-    ),
+    *sharing_prior(*YAW_CREEP),
     FormulaEffect(
         "platform_mount_sag", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
         rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="gap.md P05",
@@ -210,7 +240,8 @@ PLATFORM = (
     ),
     FormulaEffect(
         "engine_start", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
-        rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step"), source="gap.md P06, bias", formula=engine_step,
+        rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step", "gyro_g2_sensitivity"),
+        source="gap.md P06, bias", formula=engine_step,
     ),
     FormulaEffect(
         "engine_start_noise", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
@@ -218,11 +249,12 @@ PLATFORM = (
     ),
     FormulaEffect(
         "site_latitude_error", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
-        rivals=("gyro_turn_on_bias", "gyro_misalignment"), source="gap.md P07; entered less true", formula=latitude_error,
+        rivals=("gyro_turn_on_bias", "gyro_misalignment", "gyro_magnetic_sensitivity"), source="gap.md P07; entered less true",
+        formula=latitude_error,
     ),
     FormulaEffect(
         "vertical_deflection", "vertical_deflection", SITE,
         (*several(("north", "east"), "arcsec", 5.0, 20.0), Coefficient("anomaly", "mGal", 10.0, 50.0)),
-        rivals=("accel_scale_factor", "accel_thermal"), source="gap.md P08", formula=deflection,
+        rivals=("accel_scale_factor", "accel_thermal", "schuler_start_error"), source="gap.md P08", formula=deflection,
     ),
 )  # fmt: skip

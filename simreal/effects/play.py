@@ -16,9 +16,7 @@ def play(values: NDArray, half_width: float) -> NDArray:
     low, high = values - half_width, values + half_width
     steps = 1
     while steps < values.size:
-        low[steps:], high[steps:] = (
-            np.minimum(np.maximum(limit[:-steps], low[steps:]), high[steps:]) for limit in (low, high)
-        )
+        low[steps:], high[steps:] = (np.minimum(np.maximum(limit[:-steps], low[steps:]), high[steps:]) for limit in (low, high))
         steps *= 2
     return np.asarray(np.minimum(np.maximum(values[:1], low), high))
 

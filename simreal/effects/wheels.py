@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ins.units import MILLIRADIAN, PPM
 from simreal.effects.base import AddedNoise, Shape
-from simreal.effects.formula import FormulaEffect
+from simreal.effects.formula import FormulaEffect, with_parts
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.platform import integral
 from simreal.effects.recordings import (
@@ -102,10 +102,13 @@ WHEELS = (
         "odometer_boresight", "odometer_boresight", ("vehicle",), one("mrad", 1.7, 17.0),
         rivals=("side_slip",), source="gap.md O02; direction of rolling less heading", formula=boresight, need=taxi,
     ),
-    FormulaEffect(
-        "lever_arm", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
-        rivals=("side_slip", "imu_size_effect", "gnss_lever_arm_or_latency"), source="gap.md O03; true less logged",
-        formula=lever_arm, need=needs_turns,
+    *with_parts(
+        FormulaEffect(
+            "lever_arm", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
+            rivals=("side_slip", "odometer_time_offset", "imu_size_effect", "gnss_lever_arm_or_latency"),
+            source="gap.md O03; true less logged", formula=lever_arm, need=needs_turns,
+        ),
+        "x",
     ),
     FormulaEffect(
         "side_slip", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
@@ -113,7 +116,8 @@ WHEELS = (
     ),
     FormulaEffect(
         "wheel_slip", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),
-        rivals=("odometer_time_offset", "odometer_scale"), source="gap.md O05", formula=wheel_slip, need=odometer_braking,
+        rivals=("odometer_time_offset", "odometer_scale", "odometer_quantization"),
+        source="gap.md O05", formula=wheel_slip, need=odometer_braking,
     ),
     FormulaEffect(
         "odometer_time_offset", "odometer_time_offset", ("odometer",), one("ms", 10.0, 200.0),

@@ -11,16 +11,18 @@ from ins.records import InputError
 from ins.units import ARCSEC, DEG_PER_HOUR, MICRO_G
 from simreal.effects import gyro_events, gyro_noise, gyro_rate, gyro_thermal
 from simreal.effects.accelerometer import ACCELEROMETER
-from simreal.effects.base import Effect
+from simreal.effects.base import ACCELS, GYROS, Effect
+from simreal.effects.catalogue import catalogue
 from simreal.effects.data import DATA
-from simreal.effects.formula import OutOfReach
+from simreal.effects.formula import OutOfReach, PartEffect, no_trace
 from simreal.effects.navigation import NAVIGATION
 from simreal.effects.platform import PLATFORM
 from simreal.effects.wheels import WHEELS
-from simreal.telemetry import AIRBORNE, Telemetry, Trace, total
+from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from tests.simreal.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still, warm
 
 ALL = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION + DATA
+PARTS = [effect for effect in catalogue() if isinstance(effect, PartEffect)]
 BY_ID = {effect.id: effect for effect in ALL}
 SHOWN = [effect for effect in ALL if not isinstance(effect, OutOfReach)]
 CASES = [pytest.param(e, t, id=f"{e.id}-{t}") for e in SHOWN for t in e.targets]
@@ -52,7 +54,7 @@ def arrays(trace: Trace) -> dict[str, np.ndarray]:
 
 def test_only_a_gross_axis_error_has_a_prior_against_it():
     """A sign error of a gyro is 1000 sigmas and more; a scale factor of 10 ppm must not be called one."""
-    assert {e.id for e in SHOWN if e.log_prior != 0.0} == {"axis_or_unit_error"}
+    assert {e.id for e in SHOWN if e.log_prior < -2.0} == {"axis_or_unit_error"}
     assert BY_ID["axis_or_unit_error"].log_prior < -5.0
 
 
@@ -68,8 +70,44 @@ def test_declarations_are_whole():
 
 
 def test_effects_of_one_name_differ_in_their_parameters():
-    keys = [(e.name, t, c.name) for e in ALL for t in e.targets for c in e.coefficients]
-    assert len(keys) == len(set(keys))
+    """A twin names coefficients, and they say which one is meant."""
+    keys = [(e.name, t, frozenset(c.name for c in e.coefficients)) for e in catalogue() for t in e.targets]
+    assert len({k for k in keys if k[0] != "slow_variation"}) == sum(k[0] != "slow_variation" for k in keys)
+
+
+@pytest.mark.parametrize("part", PARTS, ids=lambda e: e.id)
+def test_a_part_is_its_coefficient_of_the_whole(part):
+    (whole,) = (e for e in catalogue() if e.id == part.whole)
+    run = rich_drive()
+    run = replace(run, table_deg_h=1e-4 * run.temperature_degC**2)
+    shape, target = middle(part, run), part.targets[0]
+    (found,), every = part.traces(run, target, shape), whole.traces(run, target, shape)
+    (place,) = part.kept
+    assert part.coefficients == (whole.coefficients[place],) and part.name == whole.name
+    for name, value in arrays(found).items():
+        np.testing.assert_array_equal(value, arrays(every[place])[name])
+    assert part.needs([still()], target) == whole.needs([still()], target)
+
+
+def test_effects_of_one_name_share_the_prior_of_one():
+    """Those with traces: noise is judged on other data."""
+    total = {}
+    for e in catalogue():
+        for target in e.targets if getattr(e, "formula", no_trace) is not no_trace else ():
+            total[e.name, target] = total.get((e.name, target), 0.0) + np.exp(e.log_prior)
+    assert {k: v for k, v in total.items() if abs(v - 1.0) > 1e-9}.keys() == {
+        ("axis_or_unit_error", t) for t in (*GYROS, *ACCELS)
+    }
+
+
+def test_rivals_are_mutual():
+    """In the whole catalogue; slow processes go by their ids."""
+    rivals = {}
+    for e in catalogue():
+        rivals.setdefault(e.id if e.name == "slow_variation" else e.name, set()).update(e.rivals)
+    one_sided = [(a, b) for a in rivals for b in rivals[a] if a not in rivals[b]]
+    assert not one_sided and not any(name in rivals[name] for name in rivals)
+    assert "gyro_common_mode" in rivals["clock_rate"] and "gyro_g2_sensitivity" in rivals["engine_start"]
 
 
 @pytest.mark.parametrize("effect,target", CASES)
@@ -204,10 +242,32 @@ def test_step_is_an_impulse_of_the_gyro_of_its_own_size(dt_s, axis):
 
 def test_yaw_creep_is_on_gz_while_parked_only():
     run = drive()
-    (trace,) = traces("platform_yaw_creep", run)
+    (trace,) = traces("platform_yaw_drift", run)
     np.testing.assert_allclose(trace.gyro_rad_s[run.parked, 2], DEG_PER_HOUR / 3600, rtol=1e-6)
     assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
     assert np.abs(trace.accel_m_s2[:600]).max() < 1e-12
+
+
+@pytest.mark.parametrize("dt_s", [0.1, 1.0])
+@pytest.mark.parametrize("tau_s", [300.0, 2000.0])
+def test_yaw_creep_relaxes_while_parked_only(dt_s, tau_s):
+    """Heading A (1 - exp(-t/tau)) after the first parked stretch of 600 s, then kept, then on with the clock."""
+    run = drive(dt_s)
+    (trace,) = traces("platform_yaw_creep", run, tau_s=tau_s)
+    creep = np.cumsum(np.where(run.parked, trace.gyro_rad_s[:, 2], 0.0)) * dt_s / ARCSEC
+    at = [round(t / dt_s) - 1 for t in (150.0, 600.0, 770.0, 870.0)]
+    own = [1 - np.exp(-150.0 / tau_s), 1 - np.exp(-600.0 / tau_s)]
+    after = np.exp(-770.0 / tau_s) - np.exp(-870.0 / tau_s)
+    np.testing.assert_allclose(creep[at], [*own, own[1], own[1] + after], rtol=2e-3 * dt_s)
+    assert np.abs(trace.gyro_rad_s[run.rolling, 2]).max() < 1e-12
+
+
+def test_yaw_creep_counts_from_the_start_of_the_parked_stretch():
+    run = still(n=1200)
+    arrived = replace(run, kind=np.where(run.time_s < 400.0, ROLLING, PARKED))
+    late, whole = (traces("platform_yaw_creep", r, tau_s=500.0)[0].gyro_rad_s[:, 2] for r in (arrived, run))
+    np.testing.assert_allclose(late[400:], whole[:-400], rtol=1e-9)
+    assert not late[:399].any()
 
 
 def test_mount_sag_follows_the_temperature_of_the_block():
@@ -419,7 +479,8 @@ PARKED_NEEDS = {
 
 @pytest.mark.parametrize("effect", SHOWN, ids=lambda e: e.id)
 def test_what_a_parked_run_lacks(effect):
-    assert effect.needs([still()], effect.targets[0]) == PARKED_NEEDS.get(effect.id, "")
+    whole = effect.whole if isinstance(effect, PartEffect) else effect.id
+    assert effect.needs([still()], effect.targets[0]) == PARKED_NEEDS.get(whole, "")
 
 
 def test_needs_in_other_cases():
