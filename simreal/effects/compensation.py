@@ -1,4 +1,4 @@
-"""The thermal compensation itself at fault: the table misapplied (gap.md D05), or fed by a slow thermometer (D04).
+"""The thermal compensation itself at fault: the table misapplied (gap.md D05), or fed by a slow or offset thermometer (D04).
 
 Temperatures are the readings, and what an effect adds is measured less what the twin's table predicts at them; so the
 same series serves as the signature and, the readings untouched, as the injection.
@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
-from simreal.effects.base import AXIS, GYROS, Effect, Shape
+from simreal.effects.base import AXIS, GYROS, Coefficient, Effect, Shape
+from simreal.effects.formula import with_parts
 from simreal.effects.gyro_effect import gyro_effect, on_gyro, one
-from simreal.effects.gyro_needs import lacks_temperature_rate
+from simreal.effects.gyro_needs import gyro_degC, gyro_degC_min, lacks_temperature_rate
 from simreal.telemetry import Telemetry, Trace
 
 LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR  # a table that moves by less over the runs has no temperature in it
+LEAST_SPAN_degC = 0.2  # readings that move by less tell no slope
+SLOPE_STEP_degC = 0.5
 
 
 def table_rad_s(run: Telemetry) -> NDArray:
@@ -39,20 +42,41 @@ def lacks_table(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def lacks_moving_table(runs: Sequence[Telemetry], target: str) -> str:
-    """A thermometer's lag shows where the table moves within a run, on any gyro."""
+    """An error of the thermometers shows where the table moves within a run, on any gyro."""
     if any(run.table_deg_h is None for run in runs):
         return "a thermal table and a gyro temperature"
     moves = any(_moves([table_rad_s(run)[:, k]]) for run in runs for k in range(3))
     return lacks_temperature_rate(runs, GYROS[0]) or ("" if moves else "a gyro temperature that moves the table")
 
 
-def sensor_lag(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Thermometers that are slow by 1 s, all three alike.
+def table_slope(run: Telemetry) -> NDArray:
+    """Slope of the twin's table at the readings (n, 3) [rad/s per degC]; 0 for a gyro whose readings do not move.
 
-    True T = T_read + tau dT_read/dt (first order in tau), so the gyros follow the table at a temperature that the log does
-    not show yet: measured - predicted = tau d/dt table(T_read). Positive: the reading comes late.
+    From the run's own readings: the table at even steps of temperature, so that noise of the readings does not enter.
     """
-    return (Trace(gyro_rad_s=run.rate_of(table_rad_s(run))),)
+    table = table_rad_s(run)
+    return np.stack([_slope(gyro_degC(run, gyro), table[:, AXIS[gyro]]) for gyro in GYROS], axis=1)
+
+
+def _slope(T: NDArray, table: NDArray) -> NDArray:
+    low, high = float(T.min()), float(T.max())
+    if high - low < LEAST_SPAN_degC:
+        return np.zeros(T.size)
+    grid = np.linspace(low, high, max(round((high - low) / SLOPE_STEP_degC), 2) + 1)
+    order = np.argsort(T)
+    return np.interp(T, grid, np.gradient(np.interp(grid, T[order], table[order]), grid, edge_order=2))
+
+
+def sensor_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """Thermometers that are slow by 1 s, and that read high by 1 degC, all three alike.
+
+    The gyros follow the table at the true temperature, T_read + tau dT_read/dt (a first-order lag, exactly) or
+    T_read - offset: measured - predicted = slope (tau dT_read/dt - offset). Left out: the curvature of the table, a part
+    shift / 2 x (slope of the slope) / slope of it.
+    """
+    slope = table_slope(run)
+    rate = np.stack([gyro_degC_min(run, gyro) for gyro in GYROS], axis=1) / 60.0
+    return Trace(gyro_rad_s=slope * rate), Trace(gyro_rad_s=-slope)
 
 
 def _moves(tables: Sequence[NDArray]) -> bool:
@@ -60,10 +84,15 @@ def _moves(tables: Sequence[NDArray]) -> bool:
 
 
 COMPENSATION: tuple[Effect, ...] = (
-    gyro_effect(
-        "temperature_sensor_error", targets=("temperature",), coefficients=one("s", 10.0, 300.0),
-        formula=sensor_lag, need=lacks_moving_table,
-        rivals=("gyro_thermal_rate", "gyro_thermal_lag"), source="gap.md D04: k1 tau dT/dt",
+    *with_parts(
+        gyro_effect(
+            "temperature_sensor_error", targets=("temperature",),
+            coefficients=(*one("s", 10.0, 300.0), Coefficient("offset", "degC", 0.2, 5.0)),
+            formula=sensor_error, need=lacks_moving_table,
+            rivals=("gyro_thermal_rate", "gyro_thermal_lag", "gyro_thermal_quadratic"),
+            source="gap.md D04: k1 tau dT/dt; k1 offset",
+        ),
+        lag="coefficient", offset="offset",
     ),
     gyro_effect(
         "compensation_misapplied", coefficients=one("times the table", 0.5, 2.0),

@@ -6,11 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from infield.thermometer import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import InputError
+from ins.records import InputError, TemperatureLog
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, STANDARD_GRAVITY
 from simreal.effects.base import AXIS, GYROS, Effect
-from simreal.effects.compensation import COMPENSATION
+from simreal.effects.compensation import COMPENSATION, table_slope
 from simreal.effects.gyro_events import GYRO_EVENTS
 from simreal.effects.gyro_noise import GYRO_NOISE
 from simreal.effects.gyro_rate import GYRO_RATE
@@ -343,10 +344,62 @@ def test_slow_thermometers_shift_the_table():
     true = run.temperature_degC + tau_s / 60.0 * run.temperature_rate_degC_min  # T = T_read + tau dT_read/dt
     np.testing.assert_allclose(lagged(run.time_s, true[:, 0], tau_s)[600:], run.temperature_degC[600:, 0], atol=1e-3)
     expected = 2e-5 * true**2 * np.array([1.0, 2.0, 3.0]) - run.table_deg_h
-    (trace,) = EFFECTS["temperature_sensor_error"].traces(run, "temperature", {})
+    (trace,) = EFFECTS["temperature_sensor_error_lag"].traces(run, "temperature", {})
     found = tau_s * trace.gyro_rad_s / DEG_PER_HOUR
     np.testing.assert_allclose(found[1:-1], expected[1:-1], rtol=0.15)  # second order: (tau dT/dt) / (2 T)
     np.testing.assert_allclose(found[2400:-1], expected[2400:-1], rtol=0.005)
+
+
+@pytest.mark.parametrize("run", [parked_run(), cooling_run()], ids=["warming", "cooling"])
+def test_thermometers_that_read_high_shift_the_table(run):
+    """The gyros are 0.5 degC colder than they read: the table there less the table at the readings."""
+    true = run.temperature_degC - 0.5
+    expected = 2e-5 * true**2 * np.array([1.0, 2.0, 3.0]) - run.table_deg_h
+    (trace,) = EFFECTS["temperature_sensor_error_offset"].traces(run, "temperature", {})
+    np.testing.assert_allclose(0.5 * trace.gyro_rad_s / DEG_PER_HOUR, expected, rtol=0.06)  # 0.25 degC of 5 in the slope
+    flat = replace(run, temperature_degC=np.full((run.n, 3), 20.0))
+    assert not any(t.gyro_rad_s.any() for t in EFFECTS["temperature_sensor_error"].traces(flat, "temperature", {}))
+
+
+def test_slope_of_a_table_does_not_take_up_noise():
+    """Readings that stand still for half of the hour: noise of 0.01 degC moves neither slope nor offset."""
+    run = parked_run()
+    T = np.where(run.time_s[:, None] < 1800.0, run.temperature_degC, run.temperature_degC[1800])
+    T = T + 0.01 * np.random.default_rng(2).standard_normal(T.shape)
+    slope = table_slope(replace(run, temperature_degC=T, table_deg_h=2e-5 * T**2)) / DEG_PER_HOUR
+    np.testing.assert_allclose(slope, 4e-5 * T, atol=2e-5)
+
+
+@pytest.mark.parametrize(("tau_s", "curve", "exact"), [(100.0, 0.0, 0.01), (300.0, 0.0, 0.01), (300.0, 2e-5, 0.1)])
+def test_lag_of_a_simulated_thermometer_comes_back(tau_s, curve, exact):
+    """True ramp and exponential, read by slow, noisy, rounded thermometers and smoothed as in a diagnosis."""
+    t = np.arange(3600) + 0.5
+    true = 5.0 + 8.0 * t / HOUR - 20.0 * np.expm1(-t / 900.0)
+    noise = 0.01 * np.random.default_rng(1).standard_normal((t.size, 3))
+    log = TemperatureLog(time_s=t, gyro_degC=np.round(lagged(t, true, tau_s)[:, None] + noise, 2))
+    smooth = gyro_temperature(log)
+    rate = np.stack([np.interp(t, smooth.time_s, smooth.rate_degC_min[:, k]) for k in range(3)], axis=1)
+
+    def table(T):
+        return 2e-3 * T + curve * (T - 15.0) ** 2
+
+    T = smooth.at(t)
+    run = replace(parked_run(), temperature_degC=T, temperature_rate_degC_min=rate, table_deg_h=table(T))
+    added = table(true)[:, None] - table(T)
+    (trace,) = EFFECTS["temperature_sensor_error_lag"].traces(run, "temperature", {})
+    found = trace.gyro_rad_s / DEG_PER_HOUR
+    size = np.sum(found * added) / np.sum(found**2)
+    assert size == pytest.approx(tau_s, rel=exact)
+    assert np.sqrt(np.mean((added - size * found) ** 2)) < exact * np.abs(added).max()
+
+
+def test_a_parabola_about_any_centre():
+    """k (T - 10)^2 is k (T - 25)^2 + 30 k (T - 25), and a constant."""
+    run = parked_run()
+    square, line = (series("gyro_thermal_quadratic", run, index=k) for k in range(2))
+    T = run.temperature_degC[:, 1]
+    np.testing.assert_allclose(square + 30.0 * line + 225.0, (T - 10.0) ** 2, rtol=1e-9)
+    assert [c.name for c in EFFECTS["gyro_thermal_quadratic"].coefficients] == ["coefficient", "linear"]
 
 
 # needs
@@ -481,10 +534,3 @@ def test_steady_gradient_and_unknown_headings():
 def test_injection_without_its_stream_is_refused(key):
     with pytest.raises(InputError, match="run 0: no "):
         EFFECTS[key].traces(bare(parked_run(5)), "gyro_y", {})
-
-
-def test_rivals_are_mutual():
-    """Of the gyro half; slow processes go by their ids."""
-    rivals = {e.id if e.name == "slow_variation" else e.name: set(e.rivals) for e in EFFECTS.values()}
-    one_sided = [(a, b) for a in rivals for b in rivals[a] if b in rivals and a not in rivals[b]]
-    assert not one_sided and all(rivals.values()) and not any(name in rivals[name] for name in rivals)
