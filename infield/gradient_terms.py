@@ -65,13 +65,12 @@ class Collinear:
     noise_share: float
 
     def words(self) -> str:
-        along = " and ".join(self.others) or "the rest"
         if self.condition > COLLINEAR:
-            return f"{self.term} goes with {along} (condition number {self.condition:.0f}, limit {COLLINEAR:.0f}): dropped"
-        return (
-            f"{self.term} goes with {along}: {100 * self.noise_share:.0f} % of what it has of its own is noise of the "
-            f"thermometers, limit {100 * NOISY:.0f} %: dropped"
-        )
+            why = f"condition number {self.condition:.0f}, limit {COLLINEAR:.0f}"
+        else:
+            why = f"{self.noise_share:.0%} of what it has of its own is noise of the thermometers, limit {NOISY:.0%}"
+        along = " and ".join(self.others) or "the rest"
+        return f"{self.term} goes with {along} ({why}): dropped, and right only while heat flows as in these runs"
 
 
 def columns(T: NDArray, rate: NDArray, gradient: NDArray, reference_degC: float, nodes_degC: NDArray | None = None) -> NDArray:
