@@ -1,0 +1,87 @@
+"""`recal plan` as a user runs it: documents, pages, runs at hand, exit codes."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+from ins.records import InputError, Site
+from ins.twin_file import default_twin, twin_to_dict
+from ins.units import DEG
+from recal.cli import app
+from simreal.plan_recordings import Recording, RecordingMaker
+from trajectories.run import write_run
+
+TWO = ("--separate", "gyro_thermal_linear,gyro_warmup_transient", "--without", "taxi")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A few recordings to choose from: the whole list takes ten seconds."""
+    few = [Recording(start=start) for start in ("cold", "ambient", "cooling", "hot_restart")]
+    monkeypatch.setattr("simreal.plan.candidates", lambda without: tuple(few))
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, ["plan", *map(str, arguments)])
+
+
+def result_of(*arguments):
+    outcome = run(*arguments, "--json", "-q")
+    assert outcome.exit_code == 0, (outcome.output, outcome.exception)
+    return json.loads(outcome.stdout)
+
+
+def test_a_plan_from_nothing(folder):
+    (folder / "unit.json").write_text(json.dumps(twin_to_dict(default_twin("fog"))))
+    document = result_of("--twin", "unit.json", *TWO, "--separate", "gyro_g_sensitivity,gyro_turn_on_bias")
+    assert document["schema"] == "recal.plan/1" and document["gyro_technology"] == "fog"
+    first, second = document["recommended"]["pairs"]
+    assert first["verdict"].startswith("separated") and first["cos"] < 0.9
+    for member in (first["a"], first["b"]):
+        (size,) = member["coefficients"]
+        assert 0 < size["seen_from"] <= size["told_from"]
+    assert second["verdict"] == "not_testable" and "flight" in second["lacks"]
+    assert [n["label"] for n in document["never"]] == [second["label"]]
+    assert "heading error" in [n["b"] for n in document["inseparable"]]
+    cold = next(p for p in document["compared"] if p["name"] == "1 cold")
+    assert cold["pairs"][0]["cos"] > 0.95 > document["recommended"]["pairs"][0]["cos"]
+    assert json.loads((folder / "recal-plan/plan.json").read_text()) == document
+    page = (folder / "recal-plan/plan.html").read_text()
+    assert "<svg" in page and "http" not in page.split("</style>")[1].split("<svg")[0]
+    assert "heading error" in page and "flight" in page
+
+
+def test_runs_at_hand_and_the_one_more_that_helps(folder):
+    maker = RecordingMaker(default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0))
+    write_run(folder / "cold", maker.view(Recording()).run)
+    document = result_of("cold", *TWO, "-o", "out")
+    assert document["lat_deg"] == pytest.approx(50.0) and document["given"]["run_ids"] == [Recording().name]
+    assert document["given"]["pairs"][0]["cos"] > 0.95 and document["compared"] == []
+    assert document["steps"][0]["start"] != "cold" and document["next"][0]["recording"] == document["steps"][0]["recording"]
+    assert "helps most" in (folder / "out/plan.html").read_text()
+
+
+@pytest.mark.parametrize(("arguments", "said"), [
+    (("--separate", "gyro_thermal_linaer,clock_rate"), "nearest: gyro_thermal_linear"), (("--separate", "a"), "two effects"),
+    (("--twin", "none.json"), "none.json"), (("no-run",), "no-run"),
+])  # fmt: skip
+def test_bad_input_is_one_line(folder, arguments, said):
+    outcome = run(*arguments)
+    assert isinstance(outcome.exception, InputError) and said in str(outcome.exception)
+    assert "\n" not in str(outcome.exception) and not (folder / "recal-plan").exists()
+
+
+def test_a_twin_of_another_unit_is_bad_input(folder):
+    maker = RecordingMaker(default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0))
+    write_run(folder / "cold", maker.view(Recording()).run)
+    (folder / "twin.json").write_text(json.dumps(twin_to_dict(default_twin("fog"))))
+    outcome = run("cold", "--twin", "twin.json")
+    assert isinstance(outcome.exception, InputError) and "gyro_technology" in str(outcome.exception)
+
+
+@pytest.mark.parametrize("arguments", [("--without", "wings"), ("--most", "0"), ("--technology", "laser"), ("--lat-deg", "99")])
+def test_wrong_usage_is_exit_code_2(folder, arguments):
+    assert run(*arguments).exit_code == 2
