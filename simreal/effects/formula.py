@@ -16,6 +16,17 @@ NoiseFormula = Callable[[Telemetry, str, Shape], tuple[AddedNoise, ...]]
 Need = Callable[[Sequence[Telemetry], str], str]
 
 
+@dataclass(frozen=True)
+class EachAlone:
+    """A formula of `count` traces, each made without the others: alone(run, target, shape, k) is that of coefficient k."""
+
+    alone: Callable[[Telemetry, str, Shape, int], Trace]
+    count: int
+
+    def __call__(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+        return tuple(self.alone(run, target, shape, k) for k in range(self.count))
+
+
 def no_trace(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Of a purely stochastic effect."""
     return ()
@@ -60,6 +71,8 @@ class PartEffect(FormulaEffect):
     kept: tuple[int, ...] = ()
 
     def traces(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+        if isinstance(self.formula, EachAlone):
+            return tuple(self.formula.alone(run, target, shape, k) for k in self.kept)
         every = self.formula(run, target, shape)
         return tuple(every[k] for k in self.kept)
 

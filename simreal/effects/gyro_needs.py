@@ -97,7 +97,7 @@ def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:
     """For effects of the rate about the other two axes: turns, or Earth rate at several headings."""
     others = [gyro for gyro in GYROS if gyro != target]
     lack = _lacks_turns_about(runs, others, "turns about another axis")
-    several = headings([run for run in runs if run.heading_known]) > 1
+    several = several_headings([run for run in runs if run.heading_known])
     return "" if several or not lack else f"{lack} or several headings"
 
 
@@ -116,20 +116,20 @@ def lacks_turns_at_two_temperatures(runs: Sequence[Telemetry], target: str) -> s
     return "" if several else "turns at two temperatures"
 
 
-def headings(runs: Sequence[Telemetry]) -> int:
-    """How many headings at least HEADING_APART_RAD from each other the runs hold."""
-    found: list[float] = []
-    for heading in (h for run in runs for h in np.unique(np.round(run.heading_rad, 1))):
-        if all(abs(np.angle(np.exp(1j * (heading - other)))) > HEADING_APART_RAD for other in found):
-            found.append(float(heading))
-    return len(found)
+def several_headings(runs: Sequence[Telemetry]) -> bool:
+    """Two headings at least HEADING_APART_RAD from each other."""
+    if not runs:
+        return False
+    first = runs[0].heading_rad[0]
+    off = np.concatenate([np.unique(np.round(np.angle(np.exp(1j * (run.heading_rad - first))), 1)) for run in runs])
+    return bool(np.abs(np.angle(np.exp(1j * np.subtract.outer(off, off)))).max() > HEADING_APART_RAD)
 
 
 def lacks_headings(runs: Sequence[Telemetry], target: str) -> str:
     """For effects of the direction in the Earth's field."""
     if not all(run.heading_known for run in runs):
         return "a known heading"
-    return "" if headings(runs) > 1 else "several headings"
+    return "" if several_headings(runs) else "several headings"
 
 
 def lacks_force_changes(runs: Sequence[Telemetry], target: str) -> str:

@@ -13,7 +13,7 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, omega_ie_n
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect, sharing_prior, with_parts
+from simreal.effects.formula import EachAlone, FormulaEffect, sharing_prior, with_parts
 from simreal.effects.gyro_effect import one, several
 from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
 from simreal.effects.recordings import lacking, over, span
@@ -97,19 +97,19 @@ def sway_rotation(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise
     return gyros + accels
 
 
-def settling(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Roll and pitch A (1 - exp(-t/tau)), t since power-on."""
+def settling(run: Telemetry, target: str, shape: Shape, axis: int) -> Trace:
+    """Roll or pitch A (1 - exp(-t/tau)), t since power-on."""
     tau_s = shape["tau_s"]
-    return tuple(turned_in_time(run, lambda t: -ARCSEC * np.expm1(-t / tau_s), axis) for axis in (0, 1))
+    return turned_in_time(run, lambda t: -ARCSEC * np.expm1(-t / tau_s), axis)
 
 
-def step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Roll, pitch and heading that change once, within a second about the onset."""
+def step(run: Telemetry, target: str, shape: Shape, axis: int) -> Trace:
+    """Roll, pitch or heading that changes once, within a second about the onset."""
 
     def angle(t: NDArray) -> NDArray:
         return ARCSEC * np.clip((t - shape["onset_s"]) / STEP_TAKES_s + 0.5, 0.0, 1.0)
 
-    return tuple(turned_in_time(run, angle, axis) for axis in range(3))
+    return turned_in_time(run, angle, axis)
 
 
 def yaw_creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -223,13 +223,14 @@ PLATFORM = (
             shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
             rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient", "accel_thermal"),
             source="gap.md P02",
-            formula=settling, need=needs_standstill,
+            formula=EachAlone(settling, 2), need=needs_standstill,
         )
     ),
     *with_parts(
         FormulaEffect(
             "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
-            shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03", formula=step,
+            shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03",
+            formula=EachAlone(step, 3),
         )
     ),
     *sharing_prior(*YAW_CREEP),

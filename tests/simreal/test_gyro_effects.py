@@ -470,6 +470,14 @@ def test_a_heading_across_south_is_one_heading():
     assert EFFECTS["gyro_magnetic_sensitivity"].needs(runs, "gyro_x") == "several headings"
 
 
+def test_two_headings_half_a_radian_apart_are_several():
+    """Whichever run comes first: one that lies in between does not hide them."""
+    runs = [parked_run(60, heading_deg=h) for h in (180.0, 197.0, 163.0)]
+    magnetic = EFFECTS["gyro_magnetic_sensitivity"]
+    assert [magnetic.needs(r, "gyro_x") for r in (runs, runs[1:], runs[:2])] == ["", "", "several headings"]
+    assert magnetic.needs([taxi_run(left_deg=0.0)], "gyro_x") == ""
+
+
 def test_what_no_log_of_this_format_holds():
     assert EFFECTS["gyro_supply_voltage"].needs([flight_run()], "gyro_x") == "housekeeping voltages"
     assert EFFECTS["gyro_dither_coning"].needs([flight_run()], "gyro_x") == "raw data at 500 Hz"
