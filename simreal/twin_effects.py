@@ -24,6 +24,7 @@ from simreal.telemetry import Telemetry, Trace, total
 
 SLOW = "slow_variation"
 PROCESS, RUN_ID = "process", "run_id"
+EACH = "coefficient["  # then a run id and "]": a coefficient of its own in each run (turn-on biases)
 
 
 @dataclass(frozen=True)
@@ -94,9 +95,14 @@ class _Item:
             self._fail(f"parameters.{RUN_ID}", run_id, "the id of a run")
         if name in FUNCTIONS:
             return self._function(name, target, given, run_id)
+        by_run = {key[len(EACH) : -1]: value for key, value in given.items() if key.startswith(EACH) and key.endswith("]")}
+        if by_run and not run_id:
+            rest = {key: value for key, value in given.items() if not key.startswith(EACH)}
+            each = [{**rest, EACH[:-1]: value, RUN_ID: run} for run, value in by_run.items()]
+            return tuple(e for one in each for e in _Item(self.where, {**self.data, "parameters": one}).parsed())
         effect = self._chosen(name, target, given)
         given.pop(PROCESS, None)
-        known = [c.name for c in effect.coefficients] + [p.name for p in effect.shape]
+        known = _names(effect)
         for key in given:
             if key not in known:
                 self._fail(f"parameters.{key}", key, _nearest(key, known))
@@ -119,11 +125,10 @@ class _Item:
             fits = [e for e in fits if e.id == process]
         elif PROCESS in given and any(given[PROCESS] != e.id for e in fits):
             self._fail(f"parameters.{PROCESS}", given[PROCESS], f"no process, or {fits[0].id}")
-        if len(fits) > 1:  # kinds of one effect that differ by the names of their coefficients
-            fits = [e for e in fits if {c.name for c in e.coefficients} & set(given)] or fits
-            if len(fits) > 1:
-                kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)
-                self._fail("parameters", ", ".join(given) or None, f"coefficients of one kind: {kinds}")
+        fits.sort(key=lambda e: _misfit(e, given))
+        if len(fits) > 1 and _misfit(fits[0], given) == _misfit(fits[1], given):
+            kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)
+            self._fail("parameters", ", ".join(given) or None, f"coefficients of one kind: {kinds}")
         if isinstance(fits[0], OutOfReach):
             self._fail("effect", name, f"an effect that a log of this format shows (this one: {fits[0].need})")
         return fits[0]
@@ -183,6 +188,16 @@ class _Item:
 
 def _function(name: str, target: str, nodes: tuple[float, ...], values: tuple[float, ...]) -> NodeFunction:
     return NodeFunction(id=name, name=name, targets=(target,), coefficients=(), nodes=nodes, values=values)
+
+
+def _misfit(effect: Effect, given: Mapping[str, Any]) -> tuple[int, int]:
+    """Parameters given that the effect has not, and those of its own that are not given: kinds of one name differ so."""
+    own, said = set(_names(effect)), set(given) - {PROCESS}
+    return len(said - own), len(own - said)
+
+
+def _names(effect: Effect) -> list[str]:
+    return [c.name for c in effect.coefficients] + [p.name for p in effect.shape]
 
 
 def _is_number(value: Any) -> TypeGuard[int | float]:

@@ -12,9 +12,11 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from simreal import run_view
 from simreal.bank import shapes_of
 from simreal.effects.catalogue import catalogue
+from simreal.effects.formula import PartEffect
 from simreal.evidence import Evidence
 from simreal.inject import inject, injector, lowered
 from simreal.inject_truth import inject_simulated, telemetry_of_simulated
+from simreal.noise_hypotheses import Squares, term_of
 from simreal.twin import replicate, twin_basis
 from simreal.twin_effects import TwinEffect
 from tests.simreal import runs
@@ -188,18 +190,17 @@ def test_the_twin_of_a_run_takes_its_effects():
 # What the diagnosis rests on: evidence of the injected less evidence of the clean run = signature times coefficient.
 DELTA = 5.0  # norm of the whitened signature
 FEW_PERCENT = 0.06
-LEFT_OUT = {  # error over DELTA, and why (see the report of the module's making)
-    "gnss_lever_arm_or_latency": 0.10,  # a fix is at the end of a step, the signature its mean
-    "false_standstill": 0.08,  # the same
-    "lever_arm": 0.18, "side_slip": 0.18,  # attitude of the view at the end of a second: GNSS in turns
-    "gyro_misalignment_x": 0.25, "gyro_misalignment_y": 0.40,  # weights of the stops follow the nominal solution
-    "axis_or_unit_error": 0.25,
+LEFT_OUT = {  # error over DELTA, and why; what would mend it brings each below FEW_PERCENT
+    "gnss_lever_arm_or_latency": 0.10, "false_standstill": 0.08,  # a fix is at the end of a step, the signature its mean
+    "lever_arm": 0.18, "side_slip": 0.18,  # attitude of the view is that at the end of a second: GNSS in turns
+    # weights of the side motion near stops follow the nominal speed, which a wrong level or heading changes
+    "gyro_misalignment_x": 0.25, "gyro_misalignment_y": 0.40, "axis_or_unit_error": 0.25,
+    "accel_misalignment_x": 0.45, "accel_misalignment_y": 0.60,
 }  # fmt: skip
 QUICK = ("gyro_thermal_rate", "gyro_bias_step", "accel_thermal", "platform_settling", "platform_step", "odometer_scale",
          "odometer_boresight", "gnss_lever_arm_or_latency", "site_latitude_error")  # fmt: skip
-NO_VERTICAL = (  # a constant z accelerometer error: the aided vertical channel is not in the linear operator
-    "accel_misalignment_z", "vertical_deflection", "clock_rate", "accel_misalignment_x", "accel_misalignment_y",
-)  # fmt: skip
+# A constant error of the vertical force: the loop of the vertical channel, which it sets off, is not in the linear operator.
+NO_VERTICAL = ("accel_misalignment_z", "vertical_deflection", "clock_rate")
 
 
 @lru_cache(maxsize=1)
@@ -210,7 +211,7 @@ def seen():
 
 def _cases():
     for found in catalogue():
-        if found.coefficients and found.id not in NO_VERTICAL:
+        if found.coefficients and found.id not in NO_VERTICAL and not isinstance(found, PartEffect):
             marks = () if found.id in QUICK else pytest.mark.slow
             yield pytest.param(found.id, marks=marks, id=found.id)
 
@@ -238,3 +239,24 @@ def test_evidence_moves_by_the_signature(key, monkeypatch):
         moved = Evidence([run_view.view_run(run, 0, runs.table(), TWIN)], TWIN)
         error = np.linalg.norm(moved.z - clean.z - size * signature)
         assert error < LEFT_OUT.get(key, FEW_PERCENT) * DELTA, f"{found.coefficients[c].name}: {error / DELTA:.3f}"
+
+
+@pytest.mark.parametrize("key", ["gyro_angle_random_walk", "gyro_noise_thermal", "platform_sway", "timestamp_jitter"])
+def test_squares_grow_by_what_the_diagnosis_makes_of_a_noise(key, monkeypatch):
+    """Sums of squares of the injected run against 1 + q a: q by weighted squares, within 5 sigma of chi-square."""
+    view, clean = seen()
+    found = BY_ID[key]
+    shape = shapes_of(found, view.telemetry)[0]
+    squares = Squares(clean)
+    term = term_of(clean, squares, found, found.targets[0], shape)
+    n, a = squares.dof[term.index], term.factor
+    q = 3.0 / a.max()
+    kind = view.telemetry.kind.copy()
+    monkeypatch.setattr(run_view, "_kinds", lambda *_, **__: kind)
+    item = TwinEffect(found, found.targets[0], (float(np.sqrt(q)),), shape)
+    run = inject(session()[0].run, view.telemetry, [item], np.random.default_rng(1), vehicle=TWIN.vehicle)
+    moved = Evidence([run_view.view_run(run, 0, runs.table(), TWIN)], TWIN)
+    grown = Squares(moved).ratio(moved.z[:, None])[:, 0] - squares.ratio(clean.z[:, None])[:, 0]
+    weight = n * a / (1 + q * a) ** 2
+    sigma = np.sqrt(2.0 / np.sum(n * (q * a / (1 + q * a)) ** 2))
+    assert np.sum(weight * grown[term.index]) / np.sum(weight * a) / q == pytest.approx(1.0, abs=5.0 * sigma)

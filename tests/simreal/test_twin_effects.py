@@ -51,6 +51,15 @@ def test_a_free_function_is_straight_between_its_nodes():
     np.testing.assert_allclose(trace.gyro_rad_s[:, 0], -0.02 * DEG_PER_HOUR)
 
 
+def test_turn_on_biases_are_written_by_run():
+    each = item("gyro_turn_on_bias", "gyro_x", **{"coefficient[a]": {"value": 0.01, "unit": "deg/h"}, "coefficient[b]": -0.02})
+    effects = parse_effects(twin_with(each))
+    for run_id, size in (("a", 0.01), ("b", -0.02)):
+        trace = twin_traces(effects, parked_run(), run_id)
+        np.testing.assert_allclose(trace.gyro_rad_s[:, 0], size * DEG_PER_HOUR)
+    assert twin_traces(effects, parked_run(), "c").gyro_rad_s is None
+
+
 def test_noise_has_a_signed_square_and_slow_kinds_go_by_their_process():
     walk = item("slow_variation", "gyro_x", process="gyro_rate_random_walk", coefficient=0.01)
     by_id = item("gyro_rate_random_walk", "gyro_x", coefficient=0.01)
@@ -63,6 +72,10 @@ def test_noise_has_a_signed_square_and_slow_kinds_go_by_their_process():
 
 
 def test_kinds_of_one_name_are_told_apart_by_their_coefficients():
+    part = item("platform_settling", "vehicle", roll=20.0, tau_s=300.0)
+    whole = item("platform_settling", "vehicle", roll=20.0, pitch=0.0, tau_s=300.0)
+    one, both = (twin_traces(parse_effects(twin_with(raw)), parked_run(), "any") for raw in (part, whole))
+    np.testing.assert_array_equal(one.gyro_rad_s, both.gyro_rad_s)
     names = [item("platform_sway", "vehicle", rotation=50.0), item("platform_sway", "vehicle", coefficient=0.002),
              item("engine_start", "vehicle", noise=30.0, onset_s=60.0)]  # fmt: skip
     ids = [e.effect.id for e in parse_effects(twin_with(*names))]
