@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR
 from simreal.effects.base import Coefficient, Effect, Shape, ShapeParameter
+from simreal.effects.formula import sharing_prior
 from simreal.effects.gyro_effect import gyro_effect, on_gyro, one, several
 from simreal.effects.gyro_needs import (
     gradient_degC,
@@ -48,6 +49,11 @@ def linear(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def quadratic(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
+    """1 deg/h per degC^2 of (T - T0)^2."""
+    return on_gyro(target, DEG_PER_HOUR * above_reference(run, target) ** 2)
+
+
+def parabola(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """A parabola about a centre that is not known: 1 deg/h per degC^2 of (T - T0)^2, and 1 deg/h per degC of T - T0.
 
     A centre at Tc makes the second coefficient 2 (T0 - Tc) times the first.
@@ -88,6 +94,20 @@ def mode_hop(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     return on_gyro(target, DEG_PER_HOUR * np.sin(angle), DEG_PER_HOUR * np.cos(angle))
 
 
+SQUARE = one("deg/h per degC^2", 1e-5, 1e-4)
+QUADRATIC_RIVALS = ("gyro_thermal_linear", "gyro_warmup_transient", "compensation_misapplied", "temperature_sensor_error")
+QUADRATIC = (
+    gyro_effect(
+        "gyro_thermal_quadratic", coefficients=SQUARE, formula=quadratic, need=lacks_temperature, rivals=QUADRATIC_RIVALS,
+        source="IEEE Std 647-2006, drift rate terms of temperature",
+    ),
+    gyro_effect(
+        "gyro_thermal_quadratic", id="gyro_thermal_parabola",
+        coefficients=(*SQUARE, Coefficient("linear", "deg/h per degC", 5e-4, 3e-3)),
+        formula=parabola, need=lacks_temperature, rivals=QUADRATIC_RIVALS,
+        source="IEEE Std 647-2006, drift rate terms of temperature; gap.md G03: k3 beside k2",
+    ),
+)  # fmt: skip
 GYRO_THERMAL: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_thermal_linear", coefficients=one("deg/h per degC", 5e-4, 3e-3),
@@ -95,13 +115,7 @@ GYRO_THERMAL: tuple[Effect, ...] = (
         rivals=("gyro_warmup_transient", "gyro_thermal_rate", "gyro_thermal_quadratic", "compensation_misapplied"),
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
-    gyro_effect(
-        "gyro_thermal_quadratic",
-        coefficients=(*one("deg/h per degC^2", 1e-5, 1e-4), Coefficient("linear", "deg/h per degC", 5e-4, 3e-3)),
-        formula=quadratic, need=lacks_temperature,
-        rivals=("gyro_thermal_linear", "gyro_warmup_transient", "compensation_misapplied", "temperature_sensor_error"),
-        source="IEEE Std 647-2006, drift rate terms of temperature",
-    ),
+    *sharing_prior(*QUADRATIC),
     gyro_effect(
         "gyro_thermal_rate", coefficients=one("deg/h per degC/min", 0.01, 0.5),
         formula=rate, need=lacks_temperature_rate,

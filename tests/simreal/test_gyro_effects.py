@@ -396,10 +396,10 @@ def test_lag_of_a_simulated_thermometer_comes_back(tau_s, curve, exact):
 def test_a_parabola_about_any_centre():
     """k (T - 10)^2 is k (T - 25)^2 + 30 k (T - 25), and a constant."""
     run = parked_run()
-    square, line = (series("gyro_thermal_quadratic", run, index=k) for k in range(2))
+    square, line = (series("gyro_thermal_parabola", run, index=k) for k in range(2))
     T = run.temperature_degC[:, 1]
     np.testing.assert_allclose(square + 30.0 * line + 225.0, (T - 10.0) ** 2, rtol=1e-9)
-    assert [c.name for c in EFFECTS["gyro_thermal_quadratic"].coefficients] == ["coefficient", "linear"]
+    assert [c.name for c in EFFECTS["gyro_thermal_parabola"].coefficients] == ["coefficient", "linear"]
 
 
 # needs
