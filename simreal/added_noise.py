@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.earth import gravity_magnitude
 from ins.records import VehicleNoise
 from ins.units import ARCSEC
 from simreal.effects.base import AXIS, GYROS, AddedNoise
@@ -85,6 +84,15 @@ def draw(
     return out
 
 
+def swayed(draws: Draws, time_s: NDArray) -> tuple[NDArray, NDArray]:
+    """Way [m] and velocity [m/s] of the sway at any times (n, 3), NED."""
+    before = np.concatenate([draws.sway_m_s[:1], draws.sway_m_s[:-1]])
+    way = np.cumsum(0.5 * (draws.sway_m_s + before) * draws.dt_s[:, None], axis=0)
+    flat = np.zeros((time_s.size, 1))
+    way, velocity = (np.hstack([at(time_s, draws.time_s, level), flat]) for level in (way, draws.sway_m_s))
+    return way, velocity
+
+
 def at(time_s: NDArray, sample_s: NDArray, values: NDArray) -> NDArray:
     """Columns (n, c) at other times, straight in between."""
     return np.stack([np.interp(time_s, sample_s, column) for column in values.T], axis=-1)
@@ -99,16 +107,20 @@ def _round(out: Draws, item: TwinEffect) -> None:
 
 
 def _rock(out: Draws, item: TwinEffect, run: Telemetry, rng: np.random.Generator) -> None:
-    """Roll and pitch of this RMS while on wheels; its spectrum at low frequency is that of the effect."""
+    """Roll and pitch of this RMS while on wheels; their spectrum at low frequency is that of the effect.
+
+    A real rotation q: gyros feel q' - q x w, accelerometers -q x f.
+    """
     tau_s = 0.5 * ROTATIONAL_SWAY_s  # two-sided PSD 2 tau at frequency 0
-    rate_hz = float(1.0 / np.median(out.dt_s))
-    g = float(gravity_magnitude(run.lat_rad, run.height_m))
-    grounded = _grounded(out, run)
+    rate_hz, rms = float(1.0 / np.median(out.dt_s)), ARCSEC * item.coefficients[0]
+    q = np.zeros((out.time_s.size, 3))
     for axis in range(2):
-        angle = grounded * gauss_markov(rng, out.time_s.size, rms=ARCSEC * item.coefficients[0], tau_s=tau_s, rate_hz=rate_hz)
-        out.tilt_rad[:, axis] += angle
-        out.dtheta_rad[:, axis] += np.diff(angle, prepend=angle[:1])
-        out.dv_m_s[:, 1 - axis] += (g if axis == 1 else -g) * angle * out.dt_s
+        q[:, axis] = _grounded(out, run) * gauss_markov(rng, out.time_s.size, rms=rms, tau_s=tau_s, rate_hz=rate_hz)
+    before = np.concatenate([q[:1], q[:-1]])
+    middle_s, mean = out.time_s - 0.5 * out.dt_s, 0.5 * (q + before) * out.dt_s[:, None]
+    out.tilt_rad += q[:, :2]
+    out.dtheta_rad += q - before - np.cross(mean, at(middle_s, run.time_s, run.rate_rad_s))
+    out.dv_m_s -= np.cross(mean, at(middle_s, run.time_s, run.force_m_s2))
 
 
 def _grounded(out: Draws, run: Telemetry) -> NDArray:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
 from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, TwinModel, VehicleNoise
-from simreal.added_noise import Draws, at, draw
+from simreal.added_noise import Draws, at, draw, swayed
 from simreal.declared_noise import without_excess
 from simreal.telemetry import Telemetry, Trace
 from simreal.twin_effects import TwinEffect, parse_effects, twin_traces
@@ -26,7 +26,7 @@ BEYOND_S = 60.0  # the first and the last value hold this far outside the teleme
 
 @dataclass(frozen=True)
 class SideMotion:
-    """A velocity that effects lay over the motion: v_n_m_s, way_n_m (n, 3) at the telemetry's instants, NED."""
+    """The side velocity laid over the motion, sway apart: v_n_m_s, way_n_m (n, 3) at the telemetry's instants, NED."""
 
     v_n_m_s: NDArray
     way_n_m: NDArray
@@ -81,7 +81,7 @@ def injected(
     imu = run.imu.whole()
     trace = twin_traces(own, telemetry, run.header.run_id)
     draws = draw(own, telemetry, imu.time_s, imu.dt_s, vehicle or VehicleNoise(), rng)
-    side = _side_motion(telemetry, trace, draws)
+    side = _side_motion(telemetry, trace)
     changed = replace(
         run, imu=_imu(imu, telemetry, trace, draws, side),
         temperature=_temperature(run.temperature, telemetry, trace, draws, rng),
@@ -100,12 +100,10 @@ def increments(telemetry: Telemetry, rate: NDArray, time_s: NDArray, dt_s: NDArr
     return at(time_s, edge, total) - at(time_s - dt_s, edge, total)
 
 
-def _side_motion(telemetry: Telemetry, trace: Trace, draws: Draws) -> SideMotion:
+def _side_motion(telemetry: Telemetry, trace: Trace) -> SideMotion:
     v_n = np.zeros((telemetry.n, 3))
     if trace.lateral_m_s is not None:
         v_n += trace.lateral_m_s[:, None] * telemetry.C_nb[:, :, 1]
-    if draws.sway_m_s.any():
-        v_n[:, :2] += at(telemetry.time_s, draws.time_s, draws.sway_m_s)
     step = np.diff(telemetry.time_s, prepend=telemetry.time_s[0])[:, None]
     before = np.concatenate([v_n[:1], v_n[:-1]])
     return SideMotion(v_n, np.cumsum(0.5 * (v_n + before) * step, axis=0))
@@ -118,11 +116,12 @@ def _imu(imu: ImuLog, telemetry: Telemetry, trace: Trace, draws: Draws, side: Si
         dtheta += increments(telemetry, trace.gyro_rad_s, t, dt)
     if trace.accel_m_s2 is not None:
         dv += increments(telemetry, trace.accel_m_s2, t, dt)
-    if side.v_n_m_s.any():
-        level_n = omega_en_n(telemetry.lat_rad, telemetry.height_m, side.v_n_m_s)
+    if side.v_n_m_s.any() or draws.sway_m_s.any():
+        velocity = side.v_n_m_s + swayed(draws, telemetry.time_s)[1]
+        level_n = omega_en_n(telemetry.lat_rad, telemetry.height_m, velocity)
         dtheta += increments(telemetry, _in_body(telemetry.C_nb, level_n), t, dt)
         C_nb = _between(t - 0.5 * dt, telemetry)
-        dv += _felt(imu, telemetry, trace, C_nb) + _swayed(draws, telemetry, C_nb)
+        dv += _felt(imu, telemetry, trace, C_nb) + _felt_sway(draws, telemetry, C_nb)
     return replace(imu, dtheta_rad=_rounded(dtheta, draws.quantum_rad), dv_m_s=dv)
 
 
@@ -138,7 +137,7 @@ def _felt(imu: ImuLog, telemetry: Telemetry, trace: Trace, C_nb: NDArray) -> NDA
     return np.stack([-turn[:, 2] * way, end - start, turn[:, 0] * way], axis=1)
 
 
-def _swayed(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
+def _felt_sway(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
     """Velocity increments (m, 3) of level sway."""
     velocity = np.column_stack([draws.sway_m_s, np.zeros(draws.time_s.size)])
     before = np.concatenate([np.zeros((1, 3)), velocity[:-1]])
@@ -192,7 +191,9 @@ def _gnss(
 ) -> GnssLog | None:
     if log is None:
         return None
-    way, velocity = at(log.time_s, telemetry.time_s, side.way_n_m), at(log.time_s, telemetry.time_s, side.v_n_m_s)
+    way, velocity = swayed(draws, log.time_s)
+    way += at(log.time_s, telemetry.time_s, side.way_n_m)
+    velocity += at(log.time_s, telemetry.time_s, side.v_n_m_s)
     if trace.gnss_position_m is not None:
         way += at(log.time_s, telemetry.time_s, trace.gnss_position_m)
     if trace.gnss_velocity_m_s is not None:

@@ -12,7 +12,7 @@ from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dc
 from ins.earth import gravity_magnitude, gravity_n, omega_en_n, omega_ie_n
 from ins.records import Phase, ReferenceLog, VehicleNoise
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.added_noise import at
+from simreal.added_noise import at, swayed
 from simreal.effects.base import ACCELS, GYROS
 from simreal.inject import Injected, injected, moved_by
 from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
@@ -81,8 +81,10 @@ def inject_simulated(
     )  # fmt: skip
 
 
-def rotation(telemetry: Telemetry, effects: Sequence[TwinEffect]) -> NDArray:
+def rotation(telemetry: Telemetry, effects: Sequence[TwinEffect], C_nb: NDArray) -> NDArray:
     """Small rotation (n, 3) of the body, body axes, by `platform_*` effects, at the intervals' ends [rad].
+
+    C_nb (n, 3, 3): attitude there, without the effects.
 
     A rotation about body z that takes the way along with it (it has a GNSS part) is the sum of its own gyro's trace; others
     are solved for together.
@@ -90,14 +92,14 @@ def rotation(telemetry: Telemetry, effects: Sequence[TwinEffect]) -> NDArray:
     moves = [e for e in effects if e.effect.name.startswith("platform_") and not e.is_noise]
     units = [unit.scaled(c) for e in moves for unit, c in zip(e.effect.traces(telemetry, e.target, e.shape), e.coefficients)]
     about_z = total(unit for unit in units if unit.gnss_velocity_m_s is not None)
-    turned = _tilted(telemetry, total(unit for unit in units if unit.gnss_velocity_m_s is None))
+    turned = _in_body(C_nb, _tilted_n(telemetry, total(unit for unit in units if unit.gnss_velocity_m_s is None)))
     if about_z.gyro_rad_s is not None:
         turned[:, 2] += np.cumsum(about_z.gyro_rad_s[:, 2]) * telemetry.dt_s
     return turned
 
 
-def _tilted(telemetry: Telemetry, trace: Trace) -> NDArray:
-    """Rotation (n, 3) that a trace stands for.
+def _tilted_n(telemetry: Telemetry, trace: Trace) -> NDArray:
+    """Rotation (n, 3), NED, that a trace stands for.
 
     Gyros feel q' - q x w: in navigation axes q_n' = C_nb gyro - w_ie x q_n, solved by repeated integration. Where it begins
     other than at 0 (a sag that depends on temperature) the level accelerometers show it, at first -q x f.
@@ -116,16 +118,16 @@ def _tilted(telemetry: Telemetry, trace: Trace) -> NDArray:
     for _ in range(PICARD):
         mean = 0.5 * (q_n + np.concatenate([start_n[None], q_n[:-1]]))
         q_n = start_n + np.cumsum(felt - np.cross(earth, mean), axis=0)
-    return _in_body(telemetry.C_nb, q_n)
+    return q_n
 
 
 def _reference(truth: ReferenceLog, telemetry: Telemetry, effects: Sequence[TwinEffect], result: Injected) -> ReferenceLog:
     run_id = result.run.header.run_id
-    turned = rotation(telemetry, [e for e in effects if e.in_run(run_id)])
+    C_nb = dcm_from_euler(truth.roll_rad, truth.pitch_rad, truth.heading_rad)
+    turned = rotation(telemetry, [e for e in effects if e.in_run(run_id)], C_nb)
     if result.draws.tilt_rad.any():
         turned[:, :2] += at(truth.time_s, result.draws.time_s, result.draws.tilt_rad)
-    C_nb = dcm_from_euler(truth.roll_rad, truth.pitch_rad, truth.heading_rad) @ dcm_from_rotation_vector(turned)
-    roll, pitch, heading = euler_from_dcm(C_nb)
+    roll, pitch, heading = euler_from_dcm(C_nb @ dcm_from_rotation_vector(turned))
     real = twin_traces([e for e in effects if e.target != "gnss"], telemetry, run_id)
     way, velocity = result.side.way_n_m.copy(), result.side.v_n_m_s.copy()
     if real.gnss_position_m is not None:
@@ -133,6 +135,8 @@ def _reference(truth: ReferenceLog, telemetry: Telemetry, effects: Sequence[Twin
     if real.gnss_velocity_m_s is not None:
         velocity += real.gnss_velocity_m_s
     way, velocity = at(truth.time_s, telemetry.time_s, way), at(truth.time_s, telemetry.time_s, velocity)
+    sway_way, sway = swayed(result.draws, truth.time_s)
+    way, velocity = way + sway_way, velocity + sway
     lat, lon, height = moved_by(truth.lat_rad, truth.lon_rad, truth.height_m, way)
     return ReferenceLog(
         time_s=truth.time_s, lat_rad=lat, lon_rad=lon, height_m=height, v_n_m_s=truth.v_n_m_s + velocity, roll_rad=roll,

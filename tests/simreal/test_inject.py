@@ -6,7 +6,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import displacement_ned
+from ins.mechanization import VerticalChannel, navigate
+from ins.records import ImuLog, NavState, Site, VehicleNoise
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from simreal import run_view
@@ -21,9 +24,9 @@ from simreal.twin import replicate, twin_basis
 from simreal.twin_effects import TwinEffect
 from tests.simreal import runs
 from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.simulate import simulate_run
+from trajectories.simulate import reference_of, simulate_run
 from trajectories.thermal import thermal_history
-from trajectories.vehicle import Boarding
+from trajectories.vehicle import Boarding, disturb
 
 TWIN = default_twin("rlg")
 DRIVE = (
@@ -136,6 +139,45 @@ def test_side_slip_moves_the_vehicle_and_the_sensors_feel_it():
     ]
     np.testing.assert_allclose(place[0][:, :2], place[1][:, :2], atol=0.1)
     np.testing.assert_allclose(ours.run.gnss.v_n_m_s, crab.run.gnss.v_n_m_s, atol=0.02)
+
+
+MOTIONS = {
+    "side_slip": lambda: effect("side_slip", 100.0), "boresight": lambda: effect("odometer_boresight", 20.0),
+    "settling": lambda: effect("platform_settling", 100.0, -50.0, tau_s=300.0),
+    "step": lambda: effect("platform_step", 60.0, -80.0, 0.0, onset_s=400.5),
+    "sag": lambda: effect("platform_mount_sag", 3.0, 2.0), "sway": lambda: effect("platform_sway", 0.01),
+    "rocking": lambda: effect("platform_sway_rotation", 20.0),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_navigation_of_a_moved_run_ends_on_its_reference(name):
+    """Perfect sensors, a real motion of the vehicle: increments and truth agree through the whole mechanization."""
+    ideal, quiet = runs._ideal(DRIVE, 37.0), VehicleNoise(
+        crab_mrad=0.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0
+    )  # fmt: skip
+    n = ideal.time_s.size
+    imu = ImuLog(time_s=ideal.time_s, dt_s=np.full(n, 0.1), dtheta_rad=ideal.dtheta_rad, dv_m_s=ideal.dv_m_s)
+    still = session()[0]
+    still = replace(
+        still,
+        run=replace(still.run, imu=imu),
+        reference=reference_of(ideal, disturb(ideal, quiet, (), np.random.default_rng(0))),
+    )
+    telemetry = telemetry_of_simulated(still, WARM_UP, None)
+    moved = inject_simulated(still, telemetry, [MOTIONS[name]()], np.random.default_rng(1))
+    truth = moved.reference
+    changed = np.abs(truth.v_n_m_s - still.reference.v_n_m_s).max() > 0.01
+    assert changed or np.abs(truth.roll_rad - still.reference.roll_rad).max() > 15 * ARCSEC
+    C_nb = dcm_from_euler(truth.roll_rad, truth.pitch_rad, truth.heading_rad)
+    place = Site(lat_rad=truth.lat_rad[0], lon_rad=truth.lon_rad[0], height_m=truth.height_m[0])
+    start = NavState(time_s=truth.time_s[0], site=place, v_n_m_s=truth.v_n_m_s[0], C_nb=C_nb[0])
+    history = navigate(moved.run.imu.pieces(), start, vertical=VerticalChannel(mode="hold"))
+    at = np.searchsorted(truth.time_s, history.time_s - 1e-6)
+    phi = rotation_vector_from_dcm(history.C_nb @ np.swapaxes(C_nb[at], 1, 2))
+    assert np.abs(phi).max() < 1e-6
+    np.testing.assert_allclose(history.v_n_m_s[:, :2], truth.v_n_m_s[at, :2], atol=2e-4)
+    np.testing.assert_allclose(history.lat_rad, truth.lat_rad[at], atol=0.03 / 6.37e6)
 
 
 def test_odometer_scale_and_gnss_latency_by_hand():
