@@ -9,6 +9,8 @@ from ins.records import InputError
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared_noise import without_excess
+from simreal.effects.catalogue import catalogue
+from simreal.effects.formula import OutOfReach
 from simreal.twin_effects import parse_effects, twin_extra_noise, twin_traces
 from tests.simreal.effects_fixture import parked_run
 
@@ -119,3 +121,16 @@ def test_noise_that_is_not_declared_cannot_be_taken_away():
     twin = twin_with(item("slow_variation", "gyro_y", process="gyro_gauss_markov", coefficient=-0.01, tau_s=100.0))
     with pytest.raises(InputError, match=r"twin.json: slow_variation on gyro_y: coefficient -0.01, needed 0 or more"):
         without_excess(twin, parse_effects(twin), "any")
+
+
+def test_every_effect_of_the_catalogue_can_be_written_and_read_back():
+    """By its name, as the diagnosis writes it; those that no log shows are refused."""
+    for effect in catalogue():
+        if isinstance(effect, OutOfReach):
+            continue
+        numbers = {c.name: c.low for c in effect.coefficients} | {p.name: p.high for p in effect.shape}
+        process = {"process": effect.id} if effect.name == "slow_variation" else {}
+        for target in effect.targets:
+            (read,) = parse_effects(twin_with(item(effect.name, target, **numbers, **process)))
+            assert read.effect.id == effect.id and read.target == target
+            assert read.coefficients == tuple(c.low for c in effect.coefficients)
