@@ -10,16 +10,18 @@ What repeats is held out run by run; an event, or all there is of one run, by al
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import dct
 
 from simreal.attribute import Attribution, Slot
-from simreal.bank import Bank
+from simreal.bank import Bank, Hypothesis
 from simreal.evidence import Evidence
+from simreal.generic import OF_RUN
 from simreal.noise_hypotheses import NoiseHypothesis, term_of
+from simreal.run_view import RunView
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
@@ -44,14 +46,16 @@ class Shrink:
         return self.size < FEW_SIGMA
 
 
-def shrink_of(attribution: Attribution, number: int) -> Shrink:
-    """The shrink by one slot, the others in."""
+def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = None) -> Shrink:
+    """The shrink by one slot, the others in; held: runs kept apart for it, else the runs take turns."""
     slot = attribution.slots[number]
+    if held is not None and slot.extra is None and held.judges(slot):
+        return held.shrink(number)
     if slot.extra is not None:
         return _of_noise(attribution, slot)
     evidence, runs = attribution.evidence, len(attribution.evidence.runs)
     repeats = slot.hypothesis.effect.repeats if slot.hypothesis.effect is not None else "R"
-    own_run = repeats in ("E", "P") or slot.hypothesis.name == "unknown_function_of_run"
+    own_run = repeats in ("E", "P") or slot.hypothesis.name == OF_RUN
     touched = _touched(attribution, slot)
     if runs > 1 and not own_run:
         parts = [_fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True) for k in range(runs)]
@@ -61,6 +65,44 @@ def shrink_of(attribution: Attribution, number: int) -> Shrink:
         how = "alternate minutes"
     N, D, dd, dz, m = (float(sum(p[k] for p in parts)) for k in range(5))
     return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
+
+
+class HeldOut:
+    """Runs that took no part in the attribution: they only judge what the found effects are worth."""
+
+    def __init__(self, attribution: Attribution, views: Sequence[RunView], first: int) -> None:
+        """views: all runs, those held out from number `first` on, under the same noise."""
+        found = attribution.evidence
+        self._first, self._attribution = first, attribution
+        evidence = Evidence(views, attribution.plain_evidence.twin, found.extra)
+        bank = Bank(evidence, (), with_generic=False)
+        slots = []
+        for slot in attribution.slots:
+            if slot.group is None or not isinstance(slot.hypothesis, Hypothesis) or not self.judges(slot):
+                slots.append(replace(slot, group=None))
+                continue
+            h = slot.hypothesis
+            if h.effect is not None:
+                group = bank.append(h.effect, h.target, [slot.group.shape], h.run)[0]
+            else:
+                assert h.generic is not None
+                generic = next(g for g in attribution.bank.generics if g.key == (h.name, h.target, slot.group.columns.size))
+                group = bank.append_traces([generic.traces(t) for t in bank.telemetry], slot.group)
+            slots.append(replace(slot, group=group))
+        self._of_all = replace(attribution, slots=slots, evidence=evidence, bank=bank)
+
+    @staticmethod
+    def judges(slot: Slot) -> bool:
+        """What belongs to one run alone cannot be judged on another."""
+        effect = slot.hypothesis.effect
+        return (effect is None or effect.repeats == "R") and slot.hypothesis.name != OF_RUN
+
+    def shrink(self, number: int) -> Shrink:
+        slot = self._of_all.slots[number]
+        rows = self._of_all.evidence.rows
+        held = rows.run >= self._first
+        N, D, dd, dz, m = _fold(self._of_all, slot, held, _touched(self._of_all, slot), by_run=True)
+        return fieller(N, D, dd=dd, dz=dz, m=m, how="runs held out")
 
 
 def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = "") -> Shrink:

@@ -18,6 +18,7 @@ from simreal.evidence import Evidence, ExtraNoise
 from simreal.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses
 from simreal.run_view import RunView
 from simreal.scoring import Scorer, fit
+from simreal.telemetry import Trace
 
 MOST_EFFECTS = 6
 REPLICATES = 300
@@ -87,10 +88,12 @@ class Attributor:
 
     def __init__(
         self, views: Sequence[RunView], twin: TwinModel, effects: Sequence[Effect], *, alpha: float,
-        rng: np.random.Generator, replicates: int = REPLICATES,
+        rng: np.random.Generator, replicates: int = REPLICATES, extra: Sequence[ExtraNoise] = (),
+        known: Sequence[Trace | None] | None = None,
     ) -> None:  # fmt: skip
         self.views, self.twin, self.effects = views, twin, effects
-        self._set(Evidence(views, twin))
+        self._extra, self._known = tuple(extra), known  # what the twin lists already
+        self._set(self._under(()))
         self.plain, self.plain_squares, self.not_testable = self.evidence, self.squares, list(self.bank.not_testable)
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
@@ -102,6 +105,10 @@ class Attributor:
         self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
         self.noises = noise_hypotheses(evidence, self.squares, self.effects)
         self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
+
+    def _under(self, noise: Sequence[ExtraNoise]) -> Evidence:
+        """The evidence under the twin with more noise."""
+        return Evidence(self.views, self.twin, (*self._extra, *noise), self._known)
 
     def _replicates(self, rng: np.random.Generator, count: int) -> None:
         self.replicate_z = rng.standard_normal((self.evidence.size, count))
@@ -117,20 +124,57 @@ class Attributor:
     def explain(self) -> Attribution:
         """Forward selection, sweeps, pruning."""
         first = self._odds([])[0]
-        while len(self.slots) < MOST_EFFECTS:
-            found = self._best(self.slots)
-            if found is None:
-                break
-            self._enter(len(self.slots), found)
-            for _ in range(SWEEPS):
-                if not self._sweep():
-                    break
+        self._forward()
+        self._noise_instead()
         self._finish()
         return Attribution(
             self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max,
             self.plain, self.plain_squares, self._plain_residual(), self.replicate_z, self.replicate_ratio,
             self.not_testable,
         )  # fmt: skip
+
+    def _forward(self, *, pairs: bool = True) -> float:
+        """Add effects until none reaches the threshold; the evidence gained, less what each slot costs."""
+        total = 0.0
+        while len(self.slots) < MOST_EFFECTS:
+            found = self._best(self.slots, pairs=pairs)
+            if found is None:
+                break
+            total += found.log_odds - self.threshold
+            self._enter(len(self.slots), found)
+            for _ in range(SWEEPS):
+                if not self._sweep():
+                    break
+        self.gained = total
+        return total
+
+    def _noise_instead(self) -> None:
+        """A slow noise beside named effects on one channel: would the noise alone have done?
+
+        A drifting path can be drawn by two smooth named effects; the noise found after them is then too small to tell.
+        """
+        slow = [s for s in self.slots if s.hypothesis.name == "slow_variation"]
+        channels = {s.hypothesis.target for s in slow}
+        if not any(s.extra is None and s.hypothesis.target in channels for s in self.slots):
+            return
+        kept, gained = list(self.slots), self.gained
+        self.slots = []
+        self._set(self._under(()))
+        odds, _ = self._odds([])
+        noise = [k for k, h in enumerate(self.noises) if h.name == "slow_variation" and h.target in channels]
+        first = len(self.bank.hypotheses)
+        best = max(noise, key=lambda k: odds[first + k])
+        slot = self._noise_slot(self.noises[best], float(odds[first + best]))
+        self._enter(0, slot)
+        total = slot.log_odds - self.threshold + self._forward(pairs=False)
+        if total >= gained:
+            return
+        self.slots = []
+        self._set(self._under([s.extra for s in kept if s.extra is not None]))
+        for s in kept:
+            if s.group is not None:
+                self._restore(s)
+        self.slots = kept
 
     def _plain_residual(self) -> NDArray:
         """Rows under the twin's own noise less the named effects, for judging noise."""
@@ -159,7 +203,7 @@ class Attributor:
         self._ratio = ratio
         return np.concatenate([lp[:, 0], noise]), groups[:, 0]
 
-    def _best(self, others: Sequence[Slot]) -> Slot | None:
+    def _best(self, others: Sequence[Slot], *, pairs: bool = True) -> Slot | None:
         """The best new effect given others, refined; None where nothing reaches the threshold."""
         odds, groups = self._odds(others)
         best = int(np.argmax(odds))
@@ -167,7 +211,8 @@ class Attributor:
             return None
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
-        if (not hypothesis.named or hypothesis.name == "slow_variation") and len(others) + 2 <= MOST_EFFECTS:
+        generic = not hypothesis.named or hypothesis.name == "slow_variation"
+        if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
             pair = self._pair(slot, others, odds)
             if pair is not None:
                 return pair
@@ -228,7 +273,7 @@ class Attributor:
         mine = Scorer(self.bank, [self.bank.hypotheses[k] for k in on_channel])
         _, groups = mine.log_posterior(base, self.bank.score[:, None])
         order = np.argsort(-groups[:, 0])[:PAIR_CANDIDATES]
-        best, chosen = single.log_odds, None
+        best, chosen = single.log_odds + self.threshold, None  # two slots cost more than one
         for k in order:
             group = mine.groups[k]
             hypothesis = mine.hypotheses[mine.owner[k]]
@@ -240,7 +285,7 @@ class Attributor:
                 best, chosen = total, (hypothesis, group)
         if chosen is None:
             return None
-        return Slot(chosen[0], self._refined(*chosen, others), None, best)
+        return Slot(chosen[0], self._refined(*chosen, others), None, single.log_odds)
 
     def _enter(self, place: int, slot: Slot) -> None:
         """Put a slot in its place; noise changes the whitening, and all columns are made anew."""
@@ -251,7 +296,7 @@ class Attributor:
             self.slots.append(slot)
         after = [s.extra for s in self.slots if s.extra is not None]
         if [id(e) for e in before] != [id(e) for e in after]:
-            self._set(Evidence(self.views, self.twin, after))
+            self._set(self._under(after))
             for s in self.slots:
                 if s.group is not None:
                     self._restore(s)
@@ -320,7 +365,7 @@ class Attributor:
         """Odds of all hypotheses where one noise slot is taken out again."""
         rest = [s.extra for s in self.slots if s.extra is not None and s is not slot]
         held = self.evidence, self.bank, self.scorer, self.squares, self.noises, self.hypotheses, list(self.slots)
-        self._set(Evidence(self.views, self.twin, rest))
+        self._set(self._under(rest))
         others = []
         for s in held[6]:
             if s is not slot:

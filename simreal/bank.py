@@ -168,6 +168,19 @@ class Bank:
         """New grid points of an effect, whitened and entered beside the others."""
         before = len(self._specs)
         groups = [self.new_group(effect, target, shape, run) for shape in shapes]
+        self._whiten_from(before)
+        return groups
+
+    def append_traces(self, traces: Sequence[Sequence[Trace]], like: Group) -> Group:
+        """Columns given by their traces (runs, columns), as a group with the scale of another."""
+        before = len(self._specs)
+        for c in range(len(traces[0])):
+            self._specs.append([own[c] for own in traces])
+        self._whiten_from(before)
+        return Group(like.shape, np.arange(before, len(self._specs)), like.scale)
+
+    def _whiten_from(self, before: int) -> None:
+        """Whiten and enter the columns from number `before` on."""
         m = len(self._specs)
         gram, score = np.zeros((m, m)), np.zeros(m)
         gram[:before, :before], score[:before] = self.gram, self.score
@@ -184,7 +197,6 @@ class Bank:
             score[fresh] += new.T @ self.evidence.z[self.evidence.rows_of(k)]
             self.blocks[k] = np.concatenate([present, fresh]), np.hstack([A, new])
         self.gram, self.score = gram, score
-        return groups
 
     def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
         """Whitened rows of a combination of columns."""
@@ -221,10 +233,10 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
 
 
 def size_weights(group_norm: float, low: float, high: float) -> NDArray:
-    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as the root beyond
+    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as its inverse beyond
     it, thin beyond REACH times its end; at most 1 together."""
     coefficient = np.sqrt(SIZES) / max(group_norm, 1e-300)
     beyond = np.maximum(coefficient / high, 1.0)
-    weight = -0.5 * np.log(beyond) - 6.0 * (beyond > REACH)
+    weight = -np.log(beyond) - 6.0 * (beyond > REACH)
     weight = weight - 1.0 * (coefficient < low / 30.0)
     return np.asarray(weight - np.log(SIZES.size))

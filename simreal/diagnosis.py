@@ -4,14 +4,14 @@ runs -> views -> whitened evidence -> cells -> attribution -> what is left -> sh
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.table import ThermalTable
 from ins.records import InputError, Run, TwinModel
-from simreal.addback import shrink_of
+from simreal.addback import HeldOut, shrink_of
 from simreal.attribute import Attribution, Attributor, Slot, tail_probability
 from simreal.causes import Cause, cause_of, posterior_bars
 from simreal.effects.base import Effect
@@ -93,9 +93,22 @@ def diagnose(
     rng = np.random.default_rng(seed)
     views, unused = _views(runs, twin, table, table_sha256)
     chosen = catalogue() if effects is None else tuple(effects)
-    attributor = Attributor(views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates)
-    attribution = attributor.explain()
-    return _diagnosed(attribution, views, unused, twin, alpha, replicates)
+    views, held = _split(views, hold_out)
+    attribution = Attributor(views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates).explain()
+    apart = HeldOut(attribution, [*views, *held], len(views)) if held else None
+    return _diagnosed(attribution, [*views, *held], unused, twin, alpha, replicates, apart)
+
+
+def _split(views: Sequence[RunView], hold_out: Sequence[str]) -> tuple[list[RunView], list[RunView]]:
+    """Runs to attribute on, numbered anew, and those held out."""
+    if strangers := [name for name in hold_out if name not in {v.name for v in views}]:
+        raise InputError(f"hold out {strangers[0]!r}: not among the runs ({', '.join(v.name for v in views)})")
+    kept = [v for v in views if v.name not in hold_out]
+    if not kept:
+        raise InputError("hold out: no run is left to diagnose")
+    ordered = [*kept, *(v for v in views if v.name in hold_out)]
+    numbered = [replace(v, telemetry=replace(v.telemetry, run_index=k)) for k, v in enumerate(ordered)]
+    return numbered[: len(kept)], numbered[len(kept) :]
 
 
 def _views(
@@ -123,7 +136,7 @@ def _views(
 
 def _diagnosed(
     attribution: Attribution, views: Sequence[RunView], unused: Sequence[tuple[str, str]], twin: TwinModel, alpha: float,
-    replicates: int,
+    replicates: int, apart: HeldOut | None = None,
 ) -> Diagnosis:  # fmt: skip
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
     cells = cells_of(evidence, squares)
@@ -139,7 +152,7 @@ def _diagnosed(
     ratio_after = after_squares.ratio(residual[:, None])[:, 0]
     after = locate(cells, after_squares, ratio_after, threshold)
     p_after, looks_like = leftover.judge(residual, ratio_after, statistics)
-    causes = tuple(cause_of(attribution, k, shrink_of(attribution, k)) for k in range(len(attribution.slots)))
+    causes = tuple(cause_of(attribution, k, shrink_of(attribution, k, apart)) for k in range(len(attribution.slots)))
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * alpha

@@ -99,9 +99,12 @@ def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> 
 
 
 class RunEvidence:
-    """One run whitened with the twin's noise and what `extra` adds to its channels."""
+    """One run whitened with the twin's noise and what `extra` adds to its channels; `known`: what the twin expects of
 
-    def __init__(self, view: RunView, twin: TwinModel, extra: Sequence[ExtraNoise] = ()) -> None:
+    the effects that it lists, taken off the data.
+    """
+
+    def __init__(self, view: RunView, twin: TwinModel, extra: Sequence[ExtraNoise] = (), known: Trace | None = None) -> None:
         self.view, self.twin = view, with_extra(twin, view.telemetry, extra)
         twin = self.twin
         self.parked = ParkedBlock(view, twin, channel_noises_with(twin, view, extra))
@@ -114,6 +117,8 @@ class RunEvidence:
         if self.rolling is not None:
             parts.append(self.rolling.whiten_data())
         self.z = np.concatenate(parts)
+        if known is not None:
+            self.z = self.z - self.whiten([known])[:, 0]
         self.scatter = _scatter(view, self.parked, twin)
 
     def whiten(self, traces: Sequence[Trace]) -> NDArray:
@@ -161,9 +166,13 @@ class RunEvidence:
 class Evidence:
     """All runs under one twin."""
 
-    def __init__(self, views: Sequence[RunView], twin: TwinModel, extra: Sequence[ExtraNoise] = ()) -> None:
+    def __init__(
+        self, views: Sequence[RunView], twin: TwinModel, extra: Sequence[ExtraNoise] = (),
+        known: Sequence[Trace | None] | None = None,
+    ) -> None:  # fmt: skip
         self.views, self.twin, self.extra = tuple(views), twin, tuple(extra)
-        self.runs = [RunEvidence(view, twin, extra) for view in views]
+        self.known = tuple(known) if known is not None else (None,) * len(self.views)
+        self.runs = [RunEvidence(view, twin, extra, own) for view, own in zip(views, self.known)]
         self.offsets = np.concatenate([[0], np.cumsum([r.z.size for r in self.runs])])
         labels = [r.rows(k) for k, r in enumerate(self.runs)]
         self.rows = Rows(*(np.concatenate([getattr(rows, name) for rows in labels]) for name in Rows.__dataclass_fields__))
