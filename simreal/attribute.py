@@ -15,7 +15,7 @@ from ins.records import TwinModel
 from simreal.bank import Bank, Group, Hypothesis, limits
 from simreal.effects.base import Effect
 from simreal.evidence import Evidence, ExtraNoise
-from simreal.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses
+from simreal.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses, observed
 from simreal.run_view import RunView
 from simreal.scoring import Scorer, fit
 from simreal.telemetry import Trace
@@ -114,11 +114,11 @@ class Attributor:
         self.replicate_z = rng.standard_normal((self.evidence.size, count))
         lp, _ = self.scorer.log_posterior(NO_COLUMNS, self.bank.replicate_scores(self.replicate_z))
         self.replicate_ratio = self.squares.ratio(self.replicate_z, rng)
-        noise = [self._noise_odds(h, self.replicate_ratio) for h in self.noises]
+        noise = [self._noise_odds(h, self.replicate_ratio, self.replicate_z) for h in self.noises]
         self.replicate_max = np.max(np.vstack([lp, *noise]), axis=0)
 
-    def _noise_odds(self, hypothesis: NoiseHypothesis, ratio: NDArray) -> NDArray:
-        scores, _ = log_bf(hypothesis, self.squares, ratio)
+    def _noise_odds(self, hypothesis: NoiseHypothesis, ratio: NDArray, z: NDArray) -> NDArray:
+        scores, _ = log_bf(hypothesis, self.squares, ratio, z)
         return np.asarray(logsumexp(scores, axis=0) - np.log(len(scores)) + hypothesis.log_prior)
 
     def explain(self) -> Attribution:
@@ -197,10 +197,10 @@ class Attributor:
         if columns.size:
             z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
         ratio = self.squares.ratio(z[:, None])
-        noise = [float(self._noise_odds(h, ratio)[0]) for h in self.noises]
+        noise = [float(self._noise_odds(h, ratio, z[:, None])[0]) for h in self.noises]
         taken = {s.hypothesis.key for s in others if s.extra is not None}
         noise = [-np.inf if h.key in taken else v for h, v in zip(self.noises, noise)]
-        self._ratio = ratio
+        self._ratio, self._z = ratio, z[:, None]
         return np.concatenate([lp[:, 0], noise]), groups[:, 0]
 
     def _best(self, others: Sequence[Slot], *, pairs: bool = True) -> Slot | None:
@@ -227,9 +227,9 @@ class Attributor:
         return Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
 
     def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
-        scores, best = log_bf(hypothesis, self.squares, self._ratio)
+        scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
         at = int(np.argmax(scores[:, 0]))
-        square = _refined_level(hypothesis, at, float(best[at, 0]), self.squares, self._ratio)
+        square = _refined_level(float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z))
         extra = ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run)
         return Slot(hypothesis, None, extra, odds)
 
@@ -378,18 +378,17 @@ class Attributor:
         return odds
 
 
-def _refined_level(hypothesis: NoiseHypothesis, at: int, square: float, squares: Squares, ratio: NDArray) -> float:
+def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:
     """The coefficient squared of most likelihood, between its neighbours of the scan."""
     from scipy.optimize import minimize_scalar
 
-    term = hypothesis.terms[at]
-    n, y = squares.dof[term.index], ratio[term.index, 0]
+    y = ratio[:, 0]
 
     def loss(factor: float) -> float:
-        s = np.maximum(1.0 + factor * square * term.factor, 1e-3)
+        s = np.maximum(1.0 + factor * square * a, 1e-3)
         return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
 
-    high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(term.factor.max())))
+    high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(a.max())))
     found = minimize_scalar(loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3})
     return float(found.x) * square
 

@@ -24,15 +24,31 @@ from simreal.parked import BIN_S, cholesky_of
 LEVELS = 24
 BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
 SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
+COMPONENTS = 120  # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
 COARSE = 12  # blocks of ten seconds that are summed for noise that is not steady
 
 
 @dataclass(frozen=True)
+class Basis:
+    """Principal components of a slow noise in a channel's whitened parked rows: first row, vectors (bins, k), values (k,)."""
+
+    first: int
+    vectors: NDArray
+    values: NDArray
+
+
+@dataclass(frozen=True)
 class Term:
-    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of each."""
+    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of each.
+
+    bases: of a slow noise, whose own principal components see more of it than the cosine transform does; they stand for
+    the entries marked `slow` (k,).
+    """
 
     index: NDArray
     factor: NDArray
+    slow: NDArray
+    bases: tuple[Basis, ...] = ()
 
 
 @dataclass
@@ -115,12 +131,25 @@ def _coarse(values: NDArray) -> NDArray:
     return np.asarray(np.add.reduceat(values, starts)) if values.size else values
 
 
+@lru_cache(maxsize=128)
+def slow_basis(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> tuple[NDArray, NDArray]:
+    """Principal components (bins, k) and values (k,) of unit added noise in whitened ten-second means."""
+    C = _whitened(noise, added, bins, start_s)
+    values, vectors = np.linalg.eigh(0.5 * (C + C.T))
+    keep = np.argsort(-values)[:COMPONENTS]
+    return np.ascontiguousarray(vectors[:, keep]), np.maximum(values[keep], 0.0)
+
+
+def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    L = cholesky_of(noise, bins, start_s)
+    half = solve_triangular(L, noise.only(added).covariance(bins, BIN_S, start_s), lower=True)
+    return np.asarray(solve_triangular(L, half.T, lower=True))
+
+
 @lru_cache(maxsize=512)
 def slow_factor(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
     """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second means."""
-    L = cholesky_of(noise, bins, start_s)
-    half = solve_triangular(L, noise.only(added).covariance(bins, BIN_S, start_s), lower=True)
-    C = solve_triangular(L, half.T, lower=True)
+    C = _whitened(noise, added, bins, start_s)
     return np.asarray(np.diag(dct(dct(C, axis=0, norm="ortho"), axis=1, norm="ortho")))
 
 
@@ -159,15 +188,39 @@ def term_of(
     evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float], only: int | None = None
 ) -> Term:
     """Where a noise effect shows and how much, per unit of its coefficient squared; only: the run of an event."""
-    index, factor = [], []
+    index, factor, slow, bases = [], [], [], []
     for r, run in enumerate(evidence.runs):
         for added in () if only not in (None, r) else effect.noise(run.view.telemetry, target, shape):
-            for where, a in _factors(squares, r, run, added):
+            basis = _basis(evidence, squares, r, added)
+            bases += [] if basis is None else [basis]
+            for part, (where, a) in enumerate(_factors(squares, r, run, added)):
                 index.append(where)
                 factor.append(a)
+                slow.append(np.full(where.size, basis is not None and part == 0))
     if not index:
-        return Term(np.zeros(0, int), np.zeros(0))
-    return Term(np.concatenate(index), np.concatenate(factor))
+        return Term(np.zeros(0, int), np.zeros(0), np.zeros(0, bool))
+    return Term(np.concatenate(index), np.concatenate(factor), np.concatenate(slow), tuple(bases))
+
+
+def _basis(evidence: Evidence, squares: Squares, r: int, added: AddedNoise) -> Basis | None:
+    """Principal components of noise that is slow: flicker, random walk, Markov."""
+    c, parked = CHANNELS.index(added.channel), evidence.runs[r].parked
+    if not (added.flicker or added.walk or added.markov) or (r, c) not in squares.slow:
+        return None
+    vectors, values = slow_basis(parked.noise[c], added, parked.bins, parked.start_s)
+    return Basis(int(evidence.offsets[r]) + c * parked.bins, vectors, values)
+
+
+def observed(term: Term, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Degrees of freedom (k,), squares over expectation (k, reps) and factors (k,) of a noise; z (rows, reps)."""
+    rest = ~term.slow if term.bases else np.ones(term.index.size, bool)
+    n, y, a = [squares.dof[term.index[rest]]], [ratio[term.index[rest]]], [term.factor[rest]]
+    for basis in term.bases:
+        rows = z[basis.first : basis.first + len(basis.vectors)]
+        y.append((basis.vectors.T @ rows) ** 2)
+        a.append(basis.values)
+        n.append(np.ones(basis.values.size))
+    return np.concatenate(n), np.concatenate(y), np.concatenate(a)
 
 
 def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> list[tuple[NDArray, NDArray]]:
@@ -202,18 +255,18 @@ def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> l
     return out
 
 
-def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray) -> tuple[NDArray, NDArray]:
-    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise hypothesis; ratio (k, reps)."""
+def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
+    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z (rows, reps)."""
     scores, best = [], []
     for term in hypothesis.terms:
-        n, y = squares.dof[term.index][:, None], ratio[term.index]
-        top = float(term.factor.max()) if term.factor.size else 0.0
+        n, y, a = observed(term, squares, ratio, z)
+        top = float(a.max()) if a.size else 0.0
         tried = np.concatenate([hypothesis.levels, -np.array(BELOW) / top]) if top > 0 else np.zeros(0)
         if not tried.size or hypothesis.levels[-1] * top < 1e-3:
             scores.append(np.zeros(ratio.shape[1]))
             best.append(np.zeros(ratio.shape[1]))
             continue
-        fits = _fits(n[:, 0], y, 1.0 + np.outer(tried, term.factor))
+        fits = _fits(n, y, 1.0 + np.outer(tried, a))
         up, down = len(hypothesis.levels), len(BELOW)
         weights = np.concatenate([np.full(up, np.log(0.8 / up)), np.full(down, np.log(0.2 / down))])
         scores.append(logsumexp(fits + weights[:, None], axis=0))
