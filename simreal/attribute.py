@@ -28,6 +28,7 @@ SWEEPS = 3
 REFINEMENTS = 3
 FINE = 9  # points of one refinement
 PAIR_CANDIDATES = 40
+ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
 NO_COLUMNS = np.zeros(0, dtype=int)
 
 AnyHypothesis = Hypothesis | NoiseHypothesis
@@ -224,7 +225,38 @@ class Attributor:
         hypothesis = self.bank.hypotheses[number]
         mine = self.scorer.groups_of(number)
         group = hypothesis.groups[int(np.argmax(groups[mine]))]
-        return Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
+        slot = Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
+        return self._at_onset(slot, others)
+
+    def _at_onset(self, slot: Slot, others: Sequence[Slot]) -> Slot:
+        """The other events of this run at the onset found: a scan in steps of minutes misses what lasts seconds."""
+        assert slot.group is not None
+        onset = slot.group.shape.get("onset_s")
+        if onset is None:
+            return slot
+        best, numbers = slot, []
+        for number, h in enumerate(self.bank.hypotheses):
+            if h.effect is None or h.run != slot.hypothesis.run or h is slot.hypothesis:
+                continue
+            if any(p.name == "onset_s" for p in h.effect.shape):
+                near = min(h.groups, key=lambda g: abs(g.shape["onset_s"] - onset))
+                shapes = [{**near.shape, "onset_s": onset + d} for d in ONSET_OFFSETS_S]
+                columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+                groups = self.bank.append(h.effect, h.target, shapes, h.run)
+                fits = Scorer(self.bank, [replace(h, groups=groups)]).groups_log_bf(columns, self.bank.score[:, None])[:, 0]
+                h.refine(groups[int(np.argmax(fits))])
+                numbers.append(number)
+        if not numbers:
+            return slot
+        self.scorer = Scorer(self.bank)
+        odds, groups_bf = self._odds(others)
+        number = max(numbers, key=lambda k: odds[k])
+        own = next(k for k, h in enumerate(self.bank.hypotheses) if h is slot.hypothesis)
+        if odds[number] > odds[own]:
+            h = self.bank.hypotheses[number]
+            group = h.groups[int(np.argmax(groups_bf[self.scorer.groups_of(number)]))]
+            best = Slot(h, self._refined(h, group, others), None, float(odds[number]))
+        return best
 
     def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
         scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
@@ -258,7 +290,9 @@ class Attributor:
                 fits = scorer.groups_log_bf(columns, self.bank.score[:, None])[:, 0]
                 best = groups[int(np.argmax(fits))]
                 shape, width = dict(best.shape), width / 4.0
-        return best
+        entered = hypothesis.refine(best)
+        self.scorer = Scorer(self.bank)
+        return entered
 
     def _pair(self, single: Slot, others: Sequence[Slot], odds: NDArray) -> Slot | None:
         """Two named effects on the channel of a generic answer, where together they explain it better.
@@ -277,10 +311,9 @@ class Attributor:
         for k in order:
             group = mine.groups[k]
             hypothesis = mine.hypotheses[mine.owner[k]]
-            count = len(hypothesis.groups)
             rest, _ = mine.log_posterior(np.concatenate([base, group.columns]), self.bank.score[:, None])
             rest[mine.owner[k]] = -np.inf
-            total = groups[k, 0] - np.log(count) + hypothesis.log_prior + float(rest[:, 0].max())
+            total = groups[k, 0] + group.log_weight + hypothesis.log_prior + float(rest[:, 0].max())
             if float(rest[:, 0].max()) > self.threshold and total > best:
                 best, chosen = total, (hypothesis, group)
         if chosen is None:
@@ -308,7 +341,8 @@ class Attributor:
         slot.hypothesis = found
         assert slot.group is not None
         if found.effect is not None:
-            slot.group = self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0]
+            slot.group = found.refine(self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0])
+            self.scorer = Scorer(self.bank)
         else:
             slot.group = next(g for g in found.groups if g.shape == slot.group.shape)
 
@@ -345,21 +379,12 @@ class Attributor:
             else:
                 odds, _ = self._odds(others)
                 own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
-                slot.log_odds = max(float(odds[own]), self._refined_odds(slot, others))
-                odds[own] = slot.log_odds
+                slot.log_odds = float(odds[own])
                 if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
                     del self.slots[place]
                     continue
             slot.posterior = np.exp(odds - logsumexp(odds))
             place += 1
-
-    def _refined_odds(self, slot: Slot, others: Sequence[Slot]) -> float:
-        """Log odds at the refined shape, less what the search among shapes costs."""
-        assert isinstance(slot.hypothesis, Hypothesis) and slot.group is not None
-        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
-        scorer = Scorer(self.bank, [replace(slot.hypothesis, groups=[slot.group])])
-        fits = scorer.groups_log_bf(columns, self.bank.score[:, None])
-        return float(fits[0, 0] - np.log(2.0 * len(slot.hypothesis.groups)) + slot.hypothesis.log_prior)
 
     def _odds_without_noise(self, slot: Slot) -> NDArray:
         """Odds of all hypotheses where one noise slot is taken out again."""

@@ -5,7 +5,7 @@ replicates of the noise are judged by the same few numbers.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -30,6 +30,7 @@ class Group:
     shape: Mapping[str, float]
     columns: NDArray
     scale: NDArray  # typical coefficients
+    log_weight: float = 0.0  # of this grid point among its hypothesis's
 
 
 @dataclass
@@ -43,6 +44,18 @@ class Hypothesis:
     run: int | None = None
     log_prior: float = 0.0
     groups: list[Group] = field(default_factory=list)
+    coarse: int = 1
+
+    def weigh(self) -> None:
+        """Equal weights on the grid."""
+        self.coarse = len(self.groups)
+        self.groups = [replace(g, log_weight=-float(np.log(self.coarse))) for g in self.groups]
+
+    def refine(self, group: Group) -> Group:
+        """Enter a point between those of the grid, at half the weight of one of them."""
+        entered = replace(group, log_weight=-float(np.log(2.0 * self.coarse)))
+        self.groups.append(entered)
+        return entered
 
     @property
     def named(self) -> bool:
@@ -98,6 +111,8 @@ class Bank:
         self.generics = generic_functions(self.telemetry) if with_generic else ()
         for generic in self.generics:
             self._add_generic(generic)
+        for hypothesis in self.hypotheses:
+            hypothesis.weigh()
         self._fill()
 
     def _add_effect(self, effect: Effect, target: str) -> None:
@@ -112,6 +127,7 @@ class Bank:
             hypothesis = Hypothesis(effect.name, target, effect, run=run, log_prior=float(prior))
             for shape in shapes_of(effect, None if run is None else self.telemetry[run]):
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
+            hypothesis.weigh()
             self.hypotheses.append(hypothesis)
 
     def new_group(self, effect: Effect, target: str, shape: Mapping[str, float], run: int | None) -> Group:

@@ -27,6 +27,7 @@ SENSORS = 6
 BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(BIN_S)
+SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,10 @@ class RunEvidence:
             parts.append(self.rolling.whiten(listed, handoff, site_m))
         return np.vstack(parts)
 
+    def _speed_at(self, time_s: NDArray) -> NDArray:
+        telemetry = self.view.telemetry
+        return np.abs(np.interp(time_s, telemetry.time_s, telemetry.speed_m_s))
+
     @property
     def blocks(self) -> tuple[slice, ...]:
         """Rows that belong together: parked sensors, parked fixes, what follows."""
@@ -152,6 +157,7 @@ class RunEvidence:
             r = self.rolling.labels
             codes = np.array([CHANNELS.index(c) for c in r.channel], dtype=int)
             rolling_ok = (codes != CHANNELS.index("gyro_z")) & ~((codes == CHANNELS.index("vehicle")) & (r.kind == PARKED))
+            rolling_ok &= (codes != CHANNELS.index("vehicle")) | (self._speed_at(r.time_s) > SIDE_STEADY_M_S)
             time_s, channel, kind = (np.concatenate(pair) for pair in ((time_s, r.time_s), (channel, codes), (kind, r.kind)))
             steady, variance = np.concatenate([steady, rolling_ok]), np.concatenate([variance, r.variance])
         T = np.full(time_s.size, np.nan)

@@ -116,7 +116,7 @@ class Leftover:
         _, _, nats = measure_cells(self.cells, self.squares.dof, ratio)
         zero = np.zeros(z.shape[1])
         mean = [self._largest_sum(z, groups) for groups in (self._bands, self._windows)]
-        used = [at for at in self._steady if at.size >= 50]
+        used = [at for at in self._steady[:SENSORS] if at.size >= 50]
         burst = np.max([np.abs(z[at]).max(axis=0) - np.sqrt(2 * np.log(at.size)) for at in used], axis=0) if used else zero
         tails = [((z[at] ** 4).mean(axis=0) - 3.0 * (z[at] ** 2).mean(axis=0) ** 2) * np.sqrt(at.size / 24.0) for at in used]
         kurtosis = np.max(np.abs(tails), axis=0) if tails else zero

@@ -37,7 +37,7 @@ class Scorer:
                 self.owner.append(number)
         self._owner = np.array(self.owner, dtype=int)
         self._log_prior = np.array([h.log_prior for h in self.hypotheses])
-        self._count = np.bincount(self._owner, minlength=len(self.hypotheses))
+        self._weight = np.array([g.log_weight for g in self.groups])
 
     def groups_log_bf(self, selected: NDArray, score: NDArray) -> NDArray:
         """Log Bayes factor of each group (groups, reps) given selected columns; score (m, reps)."""
@@ -78,7 +78,7 @@ class Scorer:
         for h in range(len(self.hypotheses)):
             mine = groups[self._owner == h]
             if mine.size:
-                out[h] = logsumexp(mine, axis=0) - np.log(self._count[h]) + self._log_prior[h]
+                out[h] = logsumexp(mine + self._weight[self._owner == h][:, None], axis=0) + self._log_prior[h]
         return out, groups
 
     def groups_of(self, hypothesis: int) -> NDArray:
