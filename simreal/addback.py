@@ -6,7 +6,7 @@ z: whitened held-out rows in the channels the effect touches (slow part), less w
 d: the effect as fitted elsewhere. S = 1 - |s - d|^2 / |s|^2 for the true effect s, so never above 1. The interval is
 Fieller's, from var(N - S D) = 4 |d - S s|^2 + 2 S^2 m, since D may be near zero.
 
-What repeats is held out run by run; an event, or all there is of one run, by alternate minutes; noise by runs.
+What repeats is held out run by run; an event, or all there is of one run, by alternate half-minutes; noise by runs.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,7 +25,8 @@ from simreal.run_view import RunView
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
-MINUTE = 6  # rows of ten seconds
+ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
+RIDGE = 1e-3  # of a signature's whole energy
 SURE = 1.96
 FEW_SIGMA = 8.0
 
@@ -61,8 +62,8 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
         parts = [_fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True) for k in range(runs)]
         how = "leave one run out"
     else:
-        parts = [_fold(attribution, slot, _minute_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
-        how = "alternate minutes"
+        parts = [_fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
+        how = "alternate half-minutes"
     N, D, dd, dz, m = (float(sum(p[k] for p in parts)) for k in range(5))
     return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
 
@@ -108,13 +109,14 @@ class HeldOut:
 def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = "") -> Shrink:
     """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %."""
     S = np.linspace(-1.0, 1.0, 2001)
-    s2 = max(D, 0.0)
+    s2 = max(D, dz**2 / dd if dd > 0 else 0.0, 0.0)  # the effect is at least what its projection on the fit shows
     variance = 4.0 * np.maximum(dd - 2.0 * S * dz + S**2 * s2, 0.0) + 2.0 * S**2 * m + 1e-12
-    inside = (N - S * D) ** 2 <= SURE**2 * variance
+    ratio = (N - S * D) ** 2 / variance
+    inside = ratio <= ratio.min() + SURE**2  # the least is above zero where S = N / D lies beyond 1
     value = float(np.clip(N / D, -1.0, 1.0)) if D > 0 else 0.0
     interval = (float(S[inside].min()), float(S[inside].max())) if inside.any() else (value, value)
     interval = (min(interval[0], value), max(interval[1], value))
-    return Shrink(value, interval, True, float(np.sqrt(s2)), how)
+    return Shrink(value, interval, True, float(np.sqrt(max(D, 0.0))), how)
 
 
 def _touched(attribution: Attribution, slot: Slot) -> NDArray:
@@ -132,8 +134,8 @@ def _run_mask(evidence: Evidence, run: int) -> NDArray:
     return evidence.rows.run == run
 
 
-def _minute_mask(evidence: Evidence, odd: bool) -> NDArray:
-    return np.asarray((np.floor(evidence.rows.time_s / (10.0 * MINUTE)).astype(int) % 2 == 1) == odd)
+def _block_mask(evidence: Evidence, odd: bool) -> NDArray:
+    return np.asarray((np.floor(evidence.rows.time_s / ALTERNATE_S).astype(int) % 2 == 1) == odd)
 
 
 def _fold(
@@ -146,9 +148,9 @@ def _fold(
     train = ~held
     gram = A[train].T @ A[train]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    seen = np.diag(gram) > 1e-9 * np.maximum(np.sum(A**2, axis=0), 1e-300)
-    inverse = np.linalg.pinv(gram * np.outer(scale, scale) * np.outer(seen, seen), rcond=1e-8, hermitian=True)
-    beta = scale * (inverse @ (scale * seen * (A[train].T @ evidence.z[train])))
+    whole = np.sum(A**2, axis=0)  # rows without the effect leave its coefficient at zero, not anywhere
+    ridge = np.diag(RIDGE * whole * scale**2)
+    beta = scale * np.linalg.solve(gram * np.outer(scale, scale) + ridge, scale * (A[train].T @ evidence.z[train]))
     mine = np.isin(columns, slot.columns)
     others = evidence.z - A[:, ~mine] @ beta[~mine]
     d, z = A[:, mine] @ beta[mine], others
