@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 DONE, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 2, 3, 4, 5
 EXIT_CODES = {
     **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"), DONE),
+    **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
     "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
 }  # fmt: skip
 DEFAULT_STORE = "sqlite:///recal.db"

@@ -1,0 +1,78 @@
+"""diagnosis.html: the diagnosis document and its overlays as one page that fetches nothing. Computes nothing."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from markupsafe import Markup
+
+from infield.report_page import number
+from simreal.diagnosis_curves import Overlay
+from simreal.diagnosis_document import REFUSED, p_text
+from simreal.diagnosis_figures import band_drawing, gap_map, overlay_drawing, posterior_bars
+from simreal.effects.catalogue import effects_named
+from simreal.report_page import render_page
+
+BANNERS = {"no_gap": "good", "explained": "fair", "partly_explained": "none", "unexplained": "bad", REFUSED: "none"}
+WORDS = {
+    "no_gap": "No gap", "explained": "Explained", "partly_explained": "Partly explained", "unexplained": "Unexplained",
+    REFUSED: "Not looked at",
+}  # fmt: skip
+SENSORS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
+
+def diagnosis_html(document: dict[str, Any], overlays: Sequence[Overlay | None] = ()) -> str:
+    """The page of a document made by `diagnosis_document`; overlays: one for each cause."""
+    causes = [_cause(document, cause, overlay) for cause, overlay in zip(document["causes"], overlays, strict=True)]
+    return render_page(
+        "diagnosis.html.j2", d=document, word=WORDS[document["verdict"]], banner=BANNERS[document["verdict"]],
+        causes=causes, map=gap_map(document["cells"]) if document["cells"] else None, value=value_text, p_text=p_text,
+        title=_title(document), percent=percent,
+    )  # fmt: skip
+
+
+def value_text(value: float | None, sigma: float | None = None) -> str:
+    """A number with the digits that its sigma leaves, or three."""
+    if value is None:
+        return "n/a"
+    if sigma is None or not sigma > 0:
+        return f"{value:.3g}".replace("-", "−")
+    from infield.report_page import decimals_for
+
+    return f"{number(value, decimals_for([sigma]))} ± {number(sigma, decimals_for([sigma]))}"
+
+
+def percent(fraction: float) -> str:
+    return f"{100 * fraction:.0f} %".replace("-", "−")
+
+
+def _title(document: dict[str, Any]) -> str:
+    unit = document["imu_serial"] or f"a {document['gyro_technology']} unit"
+    return f"Simulator against logs of {unit}"
+
+
+def _cause(document: dict[str, Any], cause: dict[str, Any], overlay: Overlay | None) -> dict[str, Any]:
+    """A cause with its drawings."""
+    drawing: Markup | None = None
+    if overlay is not None:
+        drawing = overlay_drawing(overlay)
+    else:
+        drawing = band_drawing(document["cells"], _channels_of(document, cause))
+    return {
+        **cause, "bars": posterior_bars(cause), "drawing": drawing, "overlay": overlay,
+        "shown": [] if overlay is None else overlay.curves, "usual_rivals": _usual_rivals(cause),
+    }  # fmt: skip
+
+
+def _channels_of(document: dict[str, Any], cause: dict[str, Any]) -> list[str]:
+    """The target where it is a channel; else (vehicle) the located ones, else the level accelerometers."""
+    channels = [c["channel"] for c in document["cells"]]
+    if cause["target"] in channels and cause["target"] != "vehicle":
+        return [cause["target"]]
+    located = [c["channel"] for c in document["cells"] if c["located"]]
+    return list(dict.fromkeys(located)) or ["accel_x", "accel_y"]
+
+
+def _usual_rivals(cause: dict[str, Any]) -> list[str]:
+    """What the catalogue says it is often confused with, beyond the set found here."""
+    names = [r for e in effects_named(cause["effect"]) for r in e.rivals]
+    return sorted(set(names) - set(cause["confounded_with"]) - {cause["effect"]})

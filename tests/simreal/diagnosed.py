@@ -1,0 +1,33 @@
+"""Small diagnoses for the tests of documents and reports: short parked runs, a few effects, made once."""
+
+from functools import lru_cache
+
+from benchmarks.gap_trials.trial import draw_trial
+from infield.table_file import table_from_dict, table_sha256
+from simreal.diagnosis import Diagnosis, diagnose
+from simreal.effects.catalogue import catalogue
+
+NAMES = (
+    "gyro_thermal_rate",
+    "gyro_thermal_lag",
+    "gyro_warmup_transient",
+    "gyro_turn_on_bias",
+    "gyro_bias_step",
+    "slow_variation",
+)
+
+
+@lru_cache(maxsize=8)
+def trial(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1):
+    return draw_trial(
+        seed, plan=plan, effects=effects, names=[name] if name else None, sizes=[size] * effects, parked_s=1800.0
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=8)
+def diagnosed(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1) -> Diagnosis:
+    made = trial(name, size, seed, plan, effects)
+    return diagnose(
+        made.runs, made.twin, table_from_dict(made.table, name="table"), table_sha256=table_sha256(made.table),
+        effects=tuple(e for e in catalogue() if e.name in NAMES), replicates=100,
+    )  # fmt: skip
