@@ -86,4 +86,3 @@ def scaled(trial: Trial, wanted: float, *, tries: int = 4) -> tuple[Trial, float
         power = 0.6 if any(p.effect in NOISY for p in trial.truth) else 1.0
         size *= (wanted / reached) ** power
     return trial, reached
-

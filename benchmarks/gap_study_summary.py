@@ -40,8 +40,8 @@ def _set_or_unresolved(record: Record) -> bool:
 
 QUESTIONS = (
     Question("none", "false alarms at the default level", scores.alarm, 0.02, True),
-    Question("none", "p-value below 0.05 (the level a user sets)", lambda r: r["p_value"] < 0.05, 0.07, True),
-    Question("none5", "false alarms at --alpha 0.05", scores.alarm, 0.07, True),
+    Question("none", "p-value below 0.05 (the level a user sets)", lambda r: r["p_value"] < 0.05, 0.05, True),
+    Question("none5", "false alarms at --alpha 0.05", scores.alarm, 0.05, True),
     *_of_size("20", 0.93, 0.97),
     *_of_size("12", 0.93, 0.97),
     *_of_size("8", 0.85, 0.95),
