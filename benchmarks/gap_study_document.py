@@ -29,7 +29,7 @@ before them.
 - **honestly unresolved**: a set with none over 0.9, or a verdict that something is left.
 - **first place right**: the first entry of `where` is the target's channel; for an effect on the vehicle or the site, a
   channel that holds a fifth of its whitened energy or more.
-- **true shrink**: the same quotient on the same held-out rows, from the planted difference itself (leave-one-run-out only).
+- **true shrink**: the same quotient on the same held-out rows, from the planted difference itself (not for noise).
 
 Intervals are Clopper-Pearson, 95 %: with so few trials, look at them first.
 """

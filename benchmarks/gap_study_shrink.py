@@ -3,16 +3,22 @@
     S_true = 1 - |s - d|^2 / |s|^2
 
 s: whitened rows of the runs with the planted effect less those without it (and less what the other causes explain); d: the
-cause as the diagnosis fitted it on the rows not held. Folds, rows and subspace are those of `simreal.addback`.
+cause as fitted on the rows not held. Folds, fit and subspace are those of `simreal.addback`, given s on the held rows in
+place of the data: there N = 2 d's - |d|^2 and D + m = |s|^2.
 """
 
-import numpy as np
+import copy
+from dataclasses import replace
+
 from numpy.typing import NDArray
 
-from simreal.addback import _dense, _low_band, _minute_mask, _run_mask, _touched
+from simreal import addback
 from simreal.attribute import Attribution, Slot
 from simreal.causes import Cause
 from simreal.diagnosis import Diagnosis
+
+BY_RUN = "leave one run out"
+NOTHING = 1e-9
 
 
 def true_shrink(found: Diagnosis, s: NDArray) -> list[float | None]:
@@ -35,36 +41,22 @@ def _is_of(found: Diagnosis, slot: Slot, cause: Cause) -> bool:
 
 def _of_slot(attribution: Attribution, slot: Slot, cause: Cause, s: NDArray) -> float | None:
     evidence = attribution.evidence
-    by_run = cause.shrink is not None and cause.shrink.how == "leave one run out"
-    masks = [_run_mask(evidence, k) for k in range(len(evidence.runs))] if by_run else [
-        _minute_mask(evidence, odd) for odd in (False, True)
-    ]  # fmt: skip
-    touched = _touched(attribution, slot)
-    parts = [_fold(attribution, slot, s, mask, touched, by_run=by_run) for mask in masks]
-    left, total = sum(p[0] for p in parts), sum(p[1] for p in parts)
-    return float(1.0 - left / total) if total > 1e-9 else None
+    by_run = cause.shrink is not None and cause.shrink.how == BY_RUN
+    masks = (
+        [addback._run_mask(evidence, k) for k in range(len(evidence.runs))] if by_run
+        else [addback._block_mask(evidence, odd) for odd in (False, True)]
+    )  # fmt: skip
+    touched = addback._touched(attribution, slot)
+    gone, total = 0.0, 0.0
+    for held in masks:
+        N, D, _, _, m = addback._fold(with_truth(attribution, held, s), slot, held, touched, by_run=by_run)
+        gone, total = gone + N, total + D + m
+    return gone / total if total > NOTHING else None
 
 
-def _fold(
-    attribution: Attribution, slot: Slot, s: NDArray, held: NDArray, touched: NDArray, *, by_run: bool
-) -> tuple[float, float]:
-    """|s - d|^2 and |s|^2 on one held-out part."""
-    evidence, columns = attribution.evidence, attribution.columns
-    A = _dense(attribution.bank, columns, evidence.size)
-    beta = _fitted(A, evidence.z, ~held)
-    mine = np.isin(columns, slot.columns)
-    target, d = s - A[:, ~mine] @ beta[~mine], A[:, mine] @ beta[mine]
-    where = held & touched
-    if by_run:
-        project = _low_band(evidence, where)
-        target, d = project(target), project(d)
-    else:
-        target, d = target[where], d[where]
-    return float(np.sum((target - d) ** 2)), float(target @ target)
-
-
-def _fitted(A: NDArray, z: NDArray, train: NDArray) -> NDArray:
-    """Least squares on the training rows; a column that they do not show stays at zero."""
-    shown = np.sum(A[train] ** 2, axis=0) > 1e-9 * np.maximum(np.sum(A**2, axis=0), 1e-300)
-    scale = shown / np.sqrt(np.maximum(np.sum(A[train] ** 2, axis=0), 1e-300))
-    return scale * np.linalg.lstsq(A[train] * scale, z[train], rcond=1e-6)[0]
+def with_truth(attribution: Attribution, held: NDArray, s: NDArray) -> Attribution:
+    """The attribution with the planted rows in place of the data where they are held."""
+    evidence = copy.copy(attribution.evidence)
+    evidence.z = evidence.z.copy()
+    evidence.z[held] = s[held]
+    return replace(attribution, evidence=evidence)
