@@ -15,7 +15,7 @@ from ins.records import Site, TwinModel
 from simreal.bank import Bank, Group
 from simreal.evidence import Evidence
 from simreal.plan_gram import Contender, RunGrams
-from simreal.plan_pairs import Judged, Pair, judge
+from simreal.plan_pairs import Judged, Pair, judge, special_case
 from simreal.plan_recordings import Recording, RecordingMaker, candidates
 from simreal.run_view import RunView
 from simreal.scoring import Scorer
@@ -87,6 +87,7 @@ class Planner:
         self.contenders = list({e.key: e for pair in pairs for e in (pair.a, pair.b)}.values())
         self.given = [RunGrams(view, maker.twin, self.contenders) for view in given]
         self._grams: dict[Recording, RunGrams] = {}
+        self.special: dict[str, str] = {}
 
     @property
     def least_gain(self) -> float:
@@ -100,11 +101,16 @@ class Planner:
     def grams(self, recordings: Sequence[Recording]) -> list[RunGrams]:
         return [*self.given, *(self.gram(r) for r in recordings)]
 
+    def learn_special_cases(self, rich: Sequence[Recording]) -> None:
+        """Finds the pairs of which one is a special case of the other, from a rich set of recordings."""
+        runs = [self.gram(r) for r in rich]
+        self.special = {pair.label: special_case(runs, pair) for pair in self.pairs}
+
     def plan(self, recordings: Sequence[Recording], name: str = "") -> Plan:
         """The given runs with these recordings."""
         runs = self.grams(recordings)
         title = name or " + ".join(r.name for r in recordings)
-        return Plan(title, tuple(recordings), tuple(judge(runs, pair) for pair in self.pairs))
+        return Plan(title, tuple(recordings), tuple(judge(runs, p, self.special.get(p.label, "")) for p in self.pairs))
 
     def best_next(self, before: Plan, among: Sequence[Recording]) -> list[Plan]:
         """The plan with one more recording, best first; among near equals the cheaper."""
@@ -150,6 +156,7 @@ def study(
         progress(f"recording {number + 1} of {len(among)}")
         planner.gram(recording)
     progress("choosing")
+    planner.learn_special_cases(among)
     steps, first = planner.choose(among, most)
     chosen = planner.thinned(steps[-1]) if steps else planner.plan((), "no recording")
     progress("comparing")

@@ -61,21 +61,26 @@ def _judged(j: Judged, study: Study) -> dict[str, Any]:
     assert j.a is not None and j.b is not None
     return out | {
         "cos": j.cos, "delta_needed": j.delta_needed, "cos_typical": j.cos_typical,
-        "delta_needed_typical": j.delta_needed_typical,
-        "a": _sizes(j.pair.a, j.a, study), "b": _sizes(j.pair.b, j.b, study),
+        "delta_needed_typical": j.delta_needed_typical, "special_case": j.special,
+        "a": _sizes(j.pair.a, j.a, study, special=j.special == "a"),
+        "b": _sizes(j.pair.b, j.b, study, special=j.special == "b"),
     }  # fmt: skip
 
 
-def _sizes(e: Contender, t: Told, study: Study) -> dict[str, Any]:
-    """Size of an effect in the runs, and the coefficients from which it is seen and told from its rival."""
+def _sizes(e: Contender, t: Told, study: Study, *, special: bool) -> dict[str, Any]:
+    """Size of an effect in the runs, and the coefficients from which it is seen and told from its rival.
+
+    special : a special case of its rival; where both fit, the simpler is preferred, so that it is told once it is seen.
+    """
     seen = study.seen[e.key]
-    told = np.maximum(t.delta_needed, seen)
+    needed = np.zeros_like(t.delta) if special else t.delta_needed
+    told = np.maximum(needed, seen)
     with np.errstate(divide="ignore", invalid="ignore"):
         factors = {"seen_from": float(np.median(seen / t.delta)), "told_from": float(np.median(told / t.delta))}
     usual = study.usual[e.key]
     return {
         **_member(e), "delta_usual": [float(np.median(t.delta_low)), float(np.median(t.delta_high))], "delta_seen": seen,
-        "delta_needed": float(np.median(t.delta_needed)),
+        "delta_needed": float(np.median(needed)),
         "coefficients": [
             {
                 "name": c.name, "unit": c.unit, "usual": [float(u / r), float(u * r)],

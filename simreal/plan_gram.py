@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError, TwinModel
-from simreal.bank import Bank, shapes_of
+from simreal.bank import Bank, Group, shapes_of
 from simreal.effects.base import Effect
 from simreal.evidence import Evidence
 from simreal.run_view import RunView
@@ -24,6 +24,7 @@ from simreal.telemetry import Telemetry
 ODDS_NATS = float(np.log(19.0))  # 95 % against 5 %
 SEEN_DELTA = 4.0  # size that the diagnosis calls found in the mean: log odds of 5 nats (see `plan.seen_sizes`)
 LEAST_LEFT = 1e-9  # of a squared signature; nearer than that is the same
+SAME_COS2 = 1.0 - 1e-6  # a signature that the rival's columns hold whole
 DEAD = 1e-12  # squared size of an effect that leaves no trace
 
 
@@ -54,27 +55,36 @@ class Contender:
         return shapes_of(self.effect, run if self.effect.repeats == "E" else None)
 
 
+class _OpenBank(Bank):
+    """The columns of all contenders in one run, whatever that run alone lacks; what it has no temperature for is left out."""
+
+    def __init__(self, evidence: Evidence, contenders: Sequence[Contender]) -> None:
+        self._wanted = {e.key: e for e in contenders}
+        self.found: dict[tuple[str, str], list[Group]] = {}
+        super().__init__(evidence, list({e.effect.id: e.effect for e in contenders}.values()), with_generic=False)
+
+    def _add_effect(self, effect: Effect, target: str) -> None:
+        contender = self._wanted.get((effect.id, target))
+        if contender is not None:
+            try:
+                self.found[contender.key] = [
+                    self.new_group(effect, target, shape, None) for shape in contender.grid(self.telemetry[0])
+                ]
+            except InputError:
+                return
+
+
 class RunGrams:
     """Gram matrix of all contenders in one run, in units of the geometric mean of their usual sizes."""
 
     def __init__(self, view: RunView, twin: TwinModel, contenders: Sequence[Contender]) -> None:
         self.view, self.telemetry = view, view.telemetry
-        bank = Bank(Evidence([view], twin), (), with_generic=False)
-        self.columns: dict[tuple[str, str], NDArray] = {}
-        self.shapes: dict[tuple[str, str], list[dict[str, float]]] = {}
-        self.usual: dict[tuple[str, str], NDArray] = {}
-        scales: list[NDArray] = []
-        for contender in contenders:
-            shapes = contender.grid(view.telemetry)
-            try:
-                groups = bank.append(contender.effect, contender.target, shapes, None)
-            except InputError:  # a temperature that this run does not log
-                continue
-            self.columns[contender.key] = np.stack([group.columns for group in groups])  # (shapes, p)
-            self.shapes[contender.key], self.usual[contender.key] = shapes, groups[0].scale
-            scales += [group.scale for group in groups]
-        scale = np.concatenate(scales) if scales else np.zeros(0)
-        self.gram = bank.gram * np.outer(scale, scale)
+        bank = _OpenBank(Evidence([view], twin), contenders)
+        self.columns = {key: np.stack([g.columns for g in groups]) for key, groups in bank.found.items()}  # (shapes, p)
+        self.usual = {key: groups[0].scale for key, groups in bank.found.items()}
+        scale = np.concatenate([np.zeros(0), *(g.scale for groups in bank.found.values() for g in groups)])
+        _, columns = bank.blocks[0]
+        self.gram = (columns.T @ columns) * np.outer(scale, scale)
 
     def block(self, h: Contender, k: Contender) -> NDArray:
         """Products (shapes of h, shapes of k, p, q) of two contenders' columns."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ins.records import InputError
 from simreal.effects.catalogue import catalogue, effects_named
-from simreal.plan_gram import Contender, RunGrams, Told, told
+from simreal.plan_gram import SAME_COS2, Contender, RunGrams, Told, told
 
 CLASSICAL = (  # gap.md, end of section 2: what is confused when the recordings are poor
     "gyro_thermal_linear,gyro_warmup_transient", "gyro_thermal_quadratic,gyro_warmup_transient",
@@ -48,16 +48,21 @@ class Pair:
 
 @dataclass(frozen=True)
 class Judged:
-    """A pair in a set of runs: what the runs lack to show one of them (in words), or how far each is told from the other."""
+    """A pair in a set of runs: what the runs lack to show one of them (in words), or how far each is told from the other.
+
+    special : "a" or "b" where that effect is a special case of the other, which has more coefficients: the simpler is
+    then preferred, and what has to be told is the other from it.
+    """
 
     pair: Pair
     lacks: str = ""
     a: Told | None = None  # a true, b the rival
     b: Told | None = None
+    special: str = ""
 
     @cached_property
     def both(self) -> tuple[Told, ...]:
-        return tuple(t for t in (self.a, self.b) if t is not None)
+        return tuple(t for name in "ab" if (t := getattr(self, name)) is not None and name != self.special)
 
     @property
     def cos(self) -> float:
@@ -101,8 +106,18 @@ class Judged:
         return "separated_when_large" if self.margin_high >= 1.0 else "not_separated"
 
 
-def judge(runs: Sequence[RunGrams], pair: Pair) -> Judged:
-    """A pair in a set of runs."""
+def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:
+    """Which of a pair ("a", "b", or neither "") is a special case of the other, as rich runs show."""
+    judged = judge(runs, pair)
+    for name, e, other, t in (("a", pair.a, pair.b, judged.a), ("b", pair.b, pair.a, judged.b)):
+        more = len(other.effect.coefficients) > len(e.effect.coefficients) and other.effect.repeats == e.effect.repeats == "R"
+        if more and t is not None and t.delta.min() > 0.0 and float((t.cos**2).min()) > SAME_COS2:
+            return name
+    return ""
+
+
+def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> Judged:
+    """A pair in a set of runs. special: as in `Judged`."""
     if not runs:
         return Judged(pair, "a recording")
     telemetry = [run.telemetry for run in runs]
@@ -111,7 +126,7 @@ def judge(runs: Sequence[RunGrams], pair: Pair) -> Judged:
             return Judged(pair, lacks)
         if any(e.key not in run.columns for run in runs):
             return Judged(pair, "a temperature that all of the runs log")
-    return Judged(pair, "", told(runs, pair.a, pair.b), told(runs, pair.b, pair.a))
+    return Judged(pair, "", told(runs, pair.a, pair.b), told(runs, pair.b, pair.a), special)
 
 
 def read_pair(text: str) -> Pair:

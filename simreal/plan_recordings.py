@@ -84,12 +84,13 @@ def candidates(without: Sequence[str] = ()) -> tuple[Recording, ...]:
 
 
 def short_list(heading_deg: float, without: Sequence[str] = ()) -> tuple[Recording, ...]:
-    """A few recordings that settle most questions, for an answer in seconds; headings beside the one known already."""
+    """A few recordings that settle most questions, for an answer in seconds: on the heading known already and beside it."""
     beside = (heading_deg + 90.0) % 360.0
-    out = [Recording(start=s, heading_deg=beside) for s in ("cold", "cooling", "hot_restart")]
-    out.append(Recording(start="hot_restart", heading_deg=beside, hours=3.0))
+    out = [Recording(start=s, heading_deg=heading_deg) for s in ("ambient", "cooling", "hot_restart")]
+    out.append(Recording(start="hot_restart", heading_deg=heading_deg, hours=3.0))
+    out.append(Recording(start="cooling", heading_deg=beside))
     if "taxi" not in without:
-        out.append(Recording(start="ambient", heading_deg=beside, taxi=True, aids=AIDS))
+        out.append(Recording(start="ambient", heading_deg=beside, taxi=True, aids=tuple(a for a in AIDS if a not in without)))
     return tuple(out)
 
 

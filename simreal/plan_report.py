@@ -1,5 +1,6 @@
 """plan.html: the document as one page that fetches nothing. Computes nothing."""
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +17,7 @@ WORDS = {
     "separated": "separated", "separated_when_large": "only when large", "not_separated": "not separated",
     "not_testable": "not testable",
 }  # fmt: skip
+TICKS = (0.1, 1.0, 4.0, 10.0, 100.0)
 FLOOR_DELTA, ROOF_DELTA = 0.1, 200.0  # of the drawing
 
 
@@ -24,7 +26,7 @@ def plan_html(document: dict[str, Any]) -> str:
     plans = [p for p in (document["given"], *document["compared"], document["recommended"]) if p is not None]
     return render_page(
         "plan.html.j2", d=document, headline=headline(document), banner=_banner(document["recommended"]), badges=BADGES,
-        words=WORDS, plans=plans, coefficient=coefficient, sizes=_sizes(document["recommended"]),
+        words=WORDS, plans=plans, coefficient=coefficient, span=span, sizes=_sizes(document["recommended"]),
     )  # fmt: skip
 
 
@@ -45,7 +47,20 @@ def headline(document: dict[str, Any]) -> str:
 
 def coefficient(value: float | None, unit: str) -> str:
     """A size with its unit, two digits; "never" where there is none."""
-    return "never" if value is None or not np.isfinite(value) else f"{value:.2g} {unit}"
+    return "never" if value is None or not math.isfinite(value) else f"{two_digits(value)} {unit}"
+
+
+def two_digits(value: float) -> str:
+    """A positive number with two significant digits, plain from 0.0001 to 99999."""
+    if not 1e-4 <= value < 1e5:
+        return f"{value:.1e}"
+    digits = math.floor(math.log10(value))
+    return f"{round(value, 1 - digits):.{max(1 - digits, 0)}f}"
+
+
+def span(usual: list[float]) -> str:
+    """A usual range."""
+    return f"{two_digits(usual[0])} to {two_digits(usual[1])}"
 
 
 def _banner(best: dict[str, Any]) -> str:
@@ -82,6 +97,8 @@ def _sizes(best: dict[str, Any]) -> Markup | None:
             ax.axhline(y + 0.5, color=GREY, linewidth=0.4)
     ax.set_xscale("log")
     ax.set_xlim(FLOOR_DELTA, ROOF_DELTA)
+    ax.set_xticks(TICKS, [f"{t:g}" for t in TICKS])
+    ax.minorticks_off()
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_yticks(range(len(rows)), labels)
     axis_text(ax, x="size Delta in the whole plan (norm of the whitened effect)")

@@ -10,8 +10,11 @@ from ins.twin_file import default_twin
 from ins.units import DEG
 from simreal.bank import Bank
 from simreal.effects.catalogue import effects_named
+from simreal.effects.gyro_effect import gyro_effect, one
+from simreal.effects.gyro_thermal import quadratic
 from simreal.evidence import Evidence
 from simreal.plan import Planner, seen_sizes
+from simreal.plan_advice import advice
 from simreal.plan_gram import ODDS_NATS, Contender, RunGrams, told
 from simreal.plan_pairs import CLASSICAL, Pair, contender, judge, read_pair
 from simreal.plan_recordings import Recording, RecordingMaker, candidates
@@ -20,6 +23,9 @@ TWIN = default_twin("rlg")
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 COLD, AMBIENT, COOLING = (Recording(start=s) for s in ("cold", "ambient", "cooling"))
 RESTART = Recording(start="hot_restart")
+SQUARE_ALONE = gyro_effect(  # the prototype's: without the slope that the catalogue's parabola has
+    "square_alone", coefficients=one("deg/h per degC^2", 1e-5, 1e-4), formula=lambda *args: quadratic(*args)[:1]
+)  # fmt: skip
 PLANS = {
     "1 cold": (COLD,), "1 cooling": (COOLING,), "3 cold": (COLD, Recording(variant=1), Recording(variant=2)),
     "diverse": (COLD, AMBIENT, COOLING), "restart": (COLD, AMBIENT, COOLING, RESTART), "3 h": (Recording(hours=3.0),),
@@ -91,7 +97,7 @@ def test_an_event_is_one_run_and_its_rival_all(maker):
 
 def test_needed_size_gives_odds_of_nineteen_to_one(maker):
     """Mean log likelihood ratio against the fitted rival, at the size needed: ln 19."""
-    h, k = of("gyro_thermal_linear"), of("gyro_thermal_quadratic")
+    h, k = of("gyro_thermal_linear"), of("gyro_thermal_rate")
     view = maker.view(COLD)
     found = told([RunGrams(view, TWIN, (h, k))], h, k)
     evidence = Evidence([view], TWIN)
@@ -104,7 +110,7 @@ def test_needed_size_gives_odds_of_nineteen_to_one(maker):
 def table(maker, twin):
     """gap.md's pairs in its plans, each true effect of one shape."""
     exp1000, exp350 = of("gyro_warmup_transient", tau_s=1000.0), of("gyro_warmup_transient", tau_s=350.0)
-    linear, quadratic, ramp = (of(f"gyro_{name}") for name in ("thermal_linear", "thermal_quadratic", "rate_ramp"))
+    linear, ramp, quadratic = of("gyro_thermal_linear"), of("gyro_rate_ramp"), Contender(SQUARE_ALONE, "gyro_x")
     pairs = {
         "Tlin/exp1000": (linear, exp1000), "Tlin/Tquad": (linear, quadratic), "exp1000/ramp": (exp1000, ramp),
         "Tquad/exp350": (quadratic, exp350),
@@ -163,6 +169,34 @@ def test_the_search_asks_for_other_starts(maker):
     assert steps[-1].judged[0].margin > 0.9 and len({r.start for r in steps[-1].recordings}) > 1
     scores = [p.score for p in steps]
     assert scores == sorted(scores)
+
+
+def test_a_special_case_is_no_reason_to_record(maker):
+    """The line is a parabola with no bend: only the bend has to be told."""
+    pair = read_pair("gyro_thermal_linear,gyro_thermal_quadratic")
+    planner = Planner([pair], maker)
+    assert planner.plan(PLANS["diverse"]).judged[0].cos == pytest.approx(1.0, abs=1e-6)
+    planner.learn_special_cases(PLANS["restart"])
+    judged = planner.plan(PLANS["diverse"]).judged[0]
+    assert judged.special == "a" and judged.cos < 0.95 and judged.verdict.startswith("separated")
+    turn_on = read_pair("gyro_g_sensitivity,gyro_turn_on_bias")
+    other = Planner([turn_on], maker)
+    other.learn_special_cases(PLANS["restart"])
+    assert other.special == {turn_on.label: ""}
+
+
+def test_advice_is_a_sentence_for_each_rival(maker):
+    evidence = Evidence([maker.view(COLD)], TWIN)
+    credible = [
+        ("gyro_warmup_transient", "gyro_x"), ("gyro_thermal_linear", "gyro_x"), ("unknown_function_of_time", "gyro_x"),
+        ("gyro_g_sensitivity", "gyro_x"), ("gyro_warmup_transient", "gyro_x"),
+    ]  # fmt: skip
+    linear, force = advice(credible, evidence)
+    assert "gyro_thermal_linear" in linear and "times the usual size on instead of" in linear and "cold start" not in linear
+    before, after = (float(part.split(" times")[0].split()[-1]) for part in (linear.split("instead of")[1], linear))
+    assert after < 0.7 * before
+    assert "gyro_g_sensitivity" in force
+    assert advice(credible[2:3], evidence) == [] == advice(credible[:1], evidence)
 
 
 def test_what_recordings_lack_is_said_in_words(maker):
