@@ -23,8 +23,9 @@ from simreal.telemetry import Telemetry
 
 ODDS_NATS = float(np.log(19.0))  # 95 % against 5 %
 SEEN_DELTA = 4.0  # size that the diagnosis calls found in the mean: log odds of 5 nats (see `plan.seen_sizes`)
-LEAST_LEFT = 1e-9  # of a squared signature; nearer than that is the same
-SAME_COS2 = 1.0 - 1e-6  # a signature that the rival's columns hold whole
+LEAST_LEFT = 1e-6  # of a squared signature; nearer than that is the same
+ROUNDING = 1e-6  # of the bank's Gram matrix, which is summed in single precision
+SAME_COS2 = 1.0 - 1e-5  # a signature that the rival's columns hold whole
 DEAD = 1e-12  # squared size of an effect that leaves no trace
 
 
@@ -83,8 +84,7 @@ class RunGrams:
         self.columns = {key: np.stack([g.columns for g in groups]) for key, groups in bank.found.items()}  # (shapes, p)
         self.usual = {key: groups[0].scale for key, groups in bank.found.items()}
         scale = np.concatenate([np.zeros(0), *(g.scale for groups in bank.found.values() for g in groups)])
-        _, columns = bank.blocks[0]
-        self.gram = (columns.T @ columns) * np.outer(scale, scale)
+        self.gram = bank.gram * np.outer(scale, scale)
 
     def block(self, h: Contender, k: Contender) -> NDArray:
         """Products (shapes of h, shapes of k, p, q) of two contenders' columns."""
@@ -208,4 +208,4 @@ def _inverse(K: NDArray) -> NDArray:
     """Inverses (t, q, q) where there is one, of what is there elsewhere."""
     size = np.sqrt(np.maximum(np.einsum("tqq->tq", K), 1e-300))
     unit = K / (size[:, :, None] * size[:, None, :])
-    return np.linalg.pinv(unit, rcond=1e-9, hermitian=True) / (size[:, :, None] * size[:, None, :])
+    return np.linalg.pinv(unit, rcond=ROUNDING, hermitian=True) / (size[:, :, None] * size[:, None, :])

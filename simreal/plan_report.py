@@ -26,7 +26,7 @@ def plan_html(document: dict[str, Any]) -> str:
     plans = [p for p in (document["given"], *document["compared"], document["recommended"]) if p is not None]
     return render_page(
         "plan.html.j2", d=document, headline=headline(document), banner=_banner(document["recommended"]), badges=BADGES,
-        words=WORDS, plans=plans, coefficient=coefficient, span=span, sizes=_sizes(document["recommended"]),
+        words=WORDS, plans=plans, sizes_text=sizes_text, sizes=_sizes(document["recommended"]),
     )  # fmt: skip
 
 
@@ -43,6 +43,13 @@ def headline(document: dict[str, Any]) -> str:
         f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h) separate{'s' if n == 1 else ''} {done} of {pairs} "
         f"pair{'s' if pairs > 1 else ''} at their usual size{tail}."
     )
+
+
+def sizes_text(coefficients: list[dict[str, Any]], key: str) -> str:
+    """The sizes of an effect's coefficients; equal ones once."""
+    texts = [span(c[key]) if key == "usual" else coefficient(c[key], c["unit"]) for c in coefficients]
+    each = " each" if len(texts) > 1 and key != "usual" else ""
+    return texts[0] + each if len(set(texts)) == 1 else ", ".join(texts)
 
 
 def coefficient(value: float | None, unit: str) -> str:
