@@ -22,10 +22,12 @@ from simreal.evidence import Evidence
 from simreal.generic import OF_RUN
 from simreal.noise_hypotheses import NoiseHypothesis, term_of
 from simreal.run_view import RunView
+from simreal.scoring import fit
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
 ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
+LOOSE = 0.25  # variance of the predicted effect, of its energy: beyond, nothing is predicted
 RIDGE = 1e-3  # of a signature's whole energy
 SURE = 1.96
 FEW_SIGMA = 8.0
@@ -64,8 +66,27 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
     else:
         parts = [_fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
         how = "alternate half-minutes"
-    N, D, dd, dz, m = (float(sum(p[k] for p in parts)) for k in range(5))
+    N, D, dd, dz, m, loose = (float(sum(p[k] for p in parts)) for k in range(6))
+    if how != "leave one run out" and loose > LOOSE * max(D, dd):  # half the data do not fix it: an event is short
+        return _in_sample(attribution, slot, touched)
     return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
+
+
+def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink:
+    """On the data it was fitted to, less what the fit owes to their noise (Mallows): not held out."""
+    columns, z = attribution.columns, attribution.evidence.z
+    A = _dense(attribution.bank, columns, attribution.evidence.size)
+    beta, _ = fit(attribution.bank, columns)
+    mine = np.isin(columns, slot.columns)
+    d, rest = (A[:, mine] @ beta[mine])[touched], (z - A[:, ~mine] @ beta[~mine])[touched]
+    shapes = len(slot.group.shape) if slot.group is not None else 0
+    dd, dz, cost = float(d @ d), float(d @ rest), float(mine.sum() + shapes)
+    inside = np.abs(d) > 0.01 * np.abs(d).max()  # where the event is
+    D = float(rest[inside] @ rest[inside]) - int(inside.sum())
+    return replace(
+        fieller(2.0 * dz - dd - 2.0 * cost, D, dd=dd, dz=dz, m=float(inside.sum()), how="the same run, less the fit"),
+        held_out=False,
+    )
 
 
 class HeldOut:
@@ -102,7 +123,7 @@ class HeldOut:
         slot = self._of_all.slots[number]
         rows = self._of_all.evidence.rows
         held = rows.run >= self._first
-        N, D, dd, dz, m = _fold(self._of_all, slot, held, _touched(self._of_all, slot), by_run=True)
+        N, D, dd, dz, m, _ = _fold(self._of_all, slot, held, _touched(self._of_all, slot), by_run=True)
         return fieller(N, D, dd=dd, dz=dz, m=m, how="runs held out")
 
 
@@ -140,8 +161,8 @@ def _block_mask(evidence: Evidence, odd: bool) -> NDArray:
 
 def _fold(
     attribution: Attribution, slot: Slot, held: NDArray, touched: NDArray, *, by_run: bool
-) -> tuple[float, float, float, float, float]:
-    """N, D, |d|^2, d'z and m of one fold: fitted on the rows not held, judged on those held."""
+) -> tuple[float, float, float, float, float, float]:
+    """N, D, |d|^2, d'z, m and the variance of d of one fold: fitted on the rows not held, judged on those held."""
     bank, evidence = attribution.bank, attribution.evidence
     columns = attribution.columns
     A = _dense(bank, columns, evidence.size)
@@ -161,7 +182,10 @@ def _fold(
     else:
         d, z, m = B(d), B(z), B(z).size
     dd, dz = float(d @ d), float(d @ z)
-    return 2.0 * dz - dd, float(z @ z) - m, dd, dz, float(m)
+    own = np.flatnonzero(mine)
+    C = np.linalg.inv(gram * np.outer(scale, scale) + ridge)[np.ix_(own, own)] * np.outer(scale[own], scale[own])
+    loose = float(np.sum((A[where][:, mine] @ C) * A[where][:, mine]))
+    return 2.0 * dz - dd, float(z @ z) - m, dd, dz, float(m), loose
 
 
 def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray]:

@@ -166,6 +166,7 @@ class Attributor:
         first = len(self.bank.hypotheses)
         best = max(noise, key=lambda k: odds[first + k])
         slot = self._noise_slot(self.noises[best], float(odds[first + best]))
+        slot.posterior = np.exp(odds - logsumexp(odds))
         self._enter(0, slot)
         total = slot.log_odds - self.threshold + self._forward(pairs=False)
         if total >= gained:
@@ -221,7 +222,9 @@ class Attributor:
 
     def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
         if number >= len(self.bank.hypotheses):
-            return self._noise_slot(self.noises[number - len(self.bank.hypotheses)], float(odds[number]))
+            slot = self._noise_slot(self.noises[number - len(self.bank.hypotheses)], float(odds[number]))
+            slot.posterior = np.exp(odds - logsumexp(odds))  # as it is before its own noise is in
+            return slot
         hypothesis = self.bank.hypotheses[number]
         mine = self.scorer.groups_of(number)
         group = hypothesis.groups[int(np.argmax(groups[mine]))]
@@ -374,33 +377,15 @@ class Attributor:
         while place < len(self.slots):
             slot = self.slots[place]
             others = [s for k, s in enumerate(self.slots) if k != place]
-            if slot.extra is not None:
-                odds = self._odds_without_noise(slot)
-            else:
+            if slot.extra is None:
                 odds, _ = self._odds(others)
                 own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
                 slot.log_odds = float(odds[own])
                 if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
                     del self.slots[place]
                     continue
-            slot.posterior = np.exp(odds - logsumexp(odds))
+                slot.posterior = np.exp(odds - logsumexp(odds))
             place += 1
-
-    def _odds_without_noise(self, slot: Slot) -> NDArray:
-        """Odds of all hypotheses where one noise slot is taken out again."""
-        rest = [s.extra for s in self.slots if s.extra is not None and s is not slot]
-        held = self.evidence, self.bank, self.scorer, self.squares, self.noises, self.hypotheses, list(self.slots)
-        self._set(self._under(rest))
-        others = []
-        for s in held[6]:
-            if s is not slot:
-                copy = replace(s)
-                if copy.group is not None:
-                    self._restore(copy)
-                others.append(copy)
-        odds, _ = self._odds(others)
-        self.evidence, self.bank, self.scorer, self.squares, self.noises, self.hypotheses = held[:6]
-        return odds
 
 
 def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:

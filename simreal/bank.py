@@ -174,7 +174,7 @@ class Bank:
         for k, run in enumerate(runs):
             present = np.array([c for c in range(m) if new[c][k] is not None], dtype=int)
             traces = [t for c in present if (t := new[c][k]) is not None]
-            self.blocks.append((present, run.whiten(traces)))
+            self.blocks.append((present, run.whiten(traces).astype(np.float32)))
         self.gram, self.score = np.zeros((m, m)), np.zeros(m)
         for k, (present, A) in enumerate(self.blocks):
             self.gram[np.ix_(present, present)] += _gram(A, self.evidence.runs[k].blocks)
@@ -211,7 +211,7 @@ class Bank:
             gram[np.ix_(present, fresh)] += cross
             gram[np.ix_(fresh, present)] += cross.T
             score[fresh] += new.T @ self.evidence.z[self.evidence.rows_of(k)]
-            self.blocks[k] = np.concatenate([present, fresh]), np.hstack([A, new])
+            self.blocks[k] = np.concatenate([present, fresh]), np.hstack([A, new.astype(np.float32)])
         self.gram, self.score = gram, score
 
     def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
@@ -243,7 +243,7 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
         part = A[rows]
         used = np.flatnonzero(part.any(axis=0))
         if used.size:
-            B = np.ascontiguousarray(part[:, used], dtype=np.float32)
+            B = np.ascontiguousarray(part[:, used])
             out[np.ix_(used, used)] += B.T @ B
     return out
 

@@ -230,7 +230,7 @@ def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> l
         if (r, c) in squares.single:
             index, rows = squares.single[r, c]
             variance = run.rows(r).variance[rows - int(squares.evidence.offsets[r])]
-            out.append((index, added.sample / variance))
+            out.append((index, added.sample / (_samples(run, added.channel) * variance)))
         if (r, c, 0) in squares.quick:  # the thermometer
             read = run.twin.temperature
             a = added.sample / (read.noise_degC**2 + read.resolution_degC**2 / 12.0)
@@ -253,6 +253,12 @@ def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> l
             index = squares.quick[r, c, b]
             out.append((index, a * (np.ones(index.size) if coarse is None else coarse)))
     return out
+
+
+def _samples(run: RunEvidence, channel: str) -> float:
+    """Samples of a stream in a second: a row of the odometer is a way over one."""
+    log = run.view.run.odometer if channel == "odometer" else None
+    return 1.0 if log is None else max(1.0 / float(np.median(np.diff(log.time_s))), 1.0)
 
 
 def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:

@@ -128,7 +128,8 @@ class RollingBlock:
             ):  # fmt: skip
                 if values is not None:
                     width = at.stop - at.start
-                    array[:, at, k] = self._means(values, width)
+                    fixes = array is own and at.start >= 2  # read at the end of a step, the others over it
+                    array[:, at, k] = self._ends(values) if fixes else self._means(values, width)
         e = np.zeros((STATES, m))
         _set_start(e, -start.mean)
         e[em.POS] = -site_m
@@ -186,6 +187,12 @@ class RollingBlock:
         sums = np.vstack([np.zeros((1, width)), np.cumsum(columns, axis=0)])
         first, last = self.seconds.T - self.seconds[0, 0]
         return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
+
+    def _ends(self, values: NDArray) -> NDArray:
+        """North and east of a trace at the ends of the steps (K, 2): between the middles of the seconds."""
+        last = self.seconds[:, 1]
+        after = np.minimum(last, len(values) - 1)
+        return np.asarray(0.5 * (values[np.maximum(last - 1, 0), :2] + values[after, :2]))
 
 
 KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}

@@ -186,7 +186,7 @@ def _telemetry(
         at = np.searchsorted(seconds.end_s, history.time_s[1:] - 1e-6)
         keep = at < n
         at, rows = at[keep], 1 + np.flatnonzero(keep)
-        C[at] = history.C_nb[rows]
+        C[at] = history.C_nb_dt[rows] / np.diff(history.time_s)[rows - 1][:, None, None]  # mean over the second
         moving = kind[at] != PARKED
         v[at] = np.where(moving[:, None], history.displacement_n_m[rows], 0.0)  # epochs of a second: way is mean velocity
         heading = euler_from_dcm(history.C_nb)[2]
