@@ -23,6 +23,7 @@ from simreal.generic import OF_RUN
 from simreal.noise_hypotheses import NoiseHypothesis, term_of
 from simreal.run_view import RunView
 from simreal.scoring import fit
+from simreal.telemetry import Trace
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
@@ -92,11 +93,13 @@ def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink
 class HeldOut:
     """Runs that took no part in the attribution: they only judge what the found effects are worth."""
 
-    def __init__(self, attribution: Attribution, views: Sequence[RunView], first: int) -> None:
+    def __init__(
+        self, attribution: Attribution, views: Sequence[RunView], first: int, known: Sequence[Trace | None] | None = None
+    ) -> None:
         """views: all runs, those held out from number `first` on, under the same noise."""
         found = attribution.evidence
         self._first, self._attribution = first, attribution
-        evidence = Evidence(views, attribution.plain_evidence.twin, found.extra)
+        evidence = Evidence(views, attribution.plain_evidence.twin, found.extra, known)
         bank = Bank(evidence, (), with_generic=False)
         slots = []
         for slot in attribution.slots:

@@ -125,6 +125,13 @@ class Bank:
         for run in runs:
             prior = getattr(effect, "log_prior", 0.0) - (np.log(len(self.telemetry)) if run is not None else 0.0)
             hypothesis = Hypothesis(effect.name, target, effect, run=run, log_prior=float(prior))
+            whole = next((h for h in self.hypotheses if h.key == (getattr(effect, "whole", None), target, run)), None)
+            if whole is not None:  # a part of an effect whose columns are there already
+                kept = list(getattr(effect, "kept", ()))
+                hypothesis.groups = [Group(g.shape, g.columns[kept], g.scale[kept]) for g in whole.groups]
+                hypothesis.weigh()
+                self.hypotheses.append(hypothesis)
+                continue
             for shape in shapes_of(effect, None if run is None else self.telemetry[run]):
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
             hypothesis.weigh()

@@ -17,6 +17,7 @@ from simreal.scoring import Scorer, condition, fit
 
 CREDIBLE = 0.95
 SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
+LEAST = 0.01  # probability below which an answer is not listed
 ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
 
 
@@ -109,7 +110,7 @@ def _rivals(attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], 
         if key == own:
             continue
         cosine = cosines.get(key, float("nan"))
-        if total < CREDIBLE and p > 1e-3:
+        if total < CREDIBLE and p > LEAST:
             out.append(Rival(*key, p, cosine))
             total += p
         elif cosine > SAME_COSINE and not key[0].startswith("unknown"):
@@ -131,6 +132,8 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
     for h in bank.hypotheses:
         for group in h.groups:
             c = group.columns
+            if c.size > own.size:  # a wider effect holds many others; its probability says whether it is one
+                continue
             cross = gram[np.ix_(c, own)] @ beta
             G = gram[np.ix_(c, c)]
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):

@@ -16,12 +16,13 @@ from simreal.attribute import Attribution, Attributor, Slot, tail_probability
 from simreal.causes import Cause, cause_of, posterior_bars
 from simreal.effects.base import Effect
 from simreal.effects.catalogue import catalogue
-from simreal.evidence import CHANNELS, Evidence
+from simreal.evidence import CHANNELS, Evidence, ExtraNoise
 from simreal.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
 from simreal.noise_hypotheses import NoiseHypothesis, Squares, term_of
 from simreal.run_view import RunView, view_run
 from simreal.scoring import fit
 from simreal.telemetry import AIRBORNE, PARKED, ROLLING
+from simreal.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
 
 DEFAULT_ALPHA = 0.01
 MOST_PLACES = 8
@@ -94,9 +95,21 @@ def diagnose(
     views, unused = _views(runs, twin, table, table_sha256)
     chosen = catalogue() if effects is None else tuple(effects)
     views, held = _split(views, hold_out)
-    attribution = Attributor(views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates).explain()
-    apart = HeldOut(attribution, [*views, *held], len(views)) if held else None
+    listed = parse_effects(twin)
+    known = [twin_traces(listed, v.telemetry, v.name) if listed else None for v in [*views, *held]]
+    extra = [e for k, v in enumerate(views) for e in _listed_noise(listed, v.name, k)]
+    attribution = Attributor(
+        views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates, extra=extra, known=known[: len(views)]
+    ).explain()
+    apart = HeldOut(attribution, [*views, *held], len(views), known) if held else None
     return _diagnosed(attribution, [*views, *held], unused, twin, alpha, replicates, apart)
+
+
+def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
+    """Noise that the twin lists: what is in every run once, with the first; events with their own."""
+    always = twin_extra_noise([item for item in listed if item.run_id is None]) if number == 0 else []
+    events = twin_extra_noise([item for item in listed if item.run_id == run_id])
+    return [*always, *(replace(e, run=number) for e in events)]
 
 
 def _split(views: Sequence[RunView], hold_out: Sequence[str]) -> tuple[list[RunView], list[RunView]]:

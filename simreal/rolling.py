@@ -44,7 +44,6 @@ from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Trace
 GYRO = slice(em.BASE, em.BASE + 3)
 STATES = em.BASE + 3
 YAW_JITTER_RAD = 0.1 * ARCSEC
-SIDE_MOTION_M_S = (0.5, 1.5)  # the side motion comes in between these speeds
 STOP_EDGE = 5  # seconds at both ends of a stop in which the vehicle may still roll
 CHANNEL = {"lateral": "vehicle", "odometer": "odometer", "gnss": "gnss", "still": "vehicle", "stop": "vehicle",
            "heading held": "gyro_z"}  # fmt: skip
@@ -85,7 +84,7 @@ class RollingBlock:
         for number, (kind, which, first, count) in enumerate(c.ops):
             if kind == ADVANCE:
                 now = int(which)
-                Phi, Gamma, Q = _transition(steps, now, _faded(self._noise, steps.v_n[now]))
+                Phi, Gamma, Q = _transition(steps, now, self._noise)
                 P = Phi @ P @ Phi.T + Q
                 P[np.diag_indices(STATES)] += self._walk * steps.dt_s[now]
                 self._steps.append((Phi, Gamma))
@@ -215,7 +214,7 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
     edges = np.array([history.time_s[0], history.time_s[-1] + 1.0])
     plan = plan_steps(motion, edges, until_s=until)
     sway = twin.vehicle.sway_m_s / (2.0 * np.pi * max(twin.vehicle.sway_hz, 1e-3))
-    views = views_of(history, plan, sway)
+    views = _level(views_of(history, plan, sway))
     flying = np.zeros(len(views.end_s), bool)
     flying[:] = kind[plan.last] == AIR
     program = FilterProgram(filter_steps(views))
@@ -226,6 +225,15 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
     for aid in _aids(view, twin):
         aid.measure(program, views if isinstance(aid, GnssAid) else on_wheels)
     return on_wheels, program
+
+
+def _level(views: StepViews) -> StepViews:
+    """The way in body axes by the level velocity alone: the vertical loop's own velocity, seen through the unit's tilt, is
+
+    no way of the wheels (on a slope s of the ground this leaves s^2 of the way).
+    """
+    down = views.C_mean[:, 2, :] * views.displacement_n_m[:, 2:3]
+    return replace(views, displacement_b_m=views.displacement_b_m - down)
 
 
 def _aids(view: RunView, twin: TwinModel) -> list[Aid]:
@@ -272,15 +280,6 @@ def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, 
     full[: em.BASE, : em.BASE], full[: em.BASE, GYRO] = Phi, Gamma
     noise_full[: em.BASE, : em.BASE] = Q
     return full, full[:, GYRO] * (np.arange(STATES) < em.BASE)[:, None], noise_full
-
-
-def _faded(noise: em.ProcessNoise, v_n: NDArray) -> em.ProcessNoise:
-    """Side motion belongs to rolling above about 1 m/s (formats.md, section 3)."""
-    speed = float(np.hypot(v_n[0], v_n[1]))
-    if speed >= SIDE_MOTION_M_S[1]:
-        return noise
-    low, high = SIDE_MOTION_M_S
-    return replace(noise, lateral_rms=max(noise.lateral_rms * max(speed - low, 0.0) / (high - low), 1e-4))
 
 
 def _row(index: NDArray, value: NDArray) -> NDArray:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, omega_ie_n, radii_of_curvature
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, radii_of_curvature
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
@@ -45,9 +45,9 @@ def _less_turn(angle_rad: NDArray, vector: NDArray, axis: int) -> NDArray:
 
 
 def yawed(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray) -> Trace:
-    """The trace of a heading that changes: of Earth rate and gravity alone, and of the way that GNSS sees."""
+    """The trace of a heading that changes: of all that the gyros feel, of gravity, and of the way that GNSS sees."""
     gravity_b = in_body(run, -gravity_n(run.lat_rad, run.height_m))
-    gyro = _less_turn(angle_rad, in_body(run, omega_ie_n(run.lat_rad)), 2) + on_axis(angle_rate_rad_s, 2)
+    gyro = _less_turn(angle_rad, run.rate_rad_s, 2) + on_axis(angle_rate_rad_s, 2)
     v_n = angle_rad[:, None] * np.stack([-run.v_n_m_s[:, 1], run.v_n_m_s[:, 0], np.zeros(run.n)], axis=1)
     return Trace(
         gyro_rad_s=gyro,
