@@ -8,10 +8,11 @@ import pytest
 from ins.records import InputError, Site
 from ins.twin_file import default_twin
 from ins.units import DEG
+from simreal.attribute import Attributor
 from simreal.bank import Bank
-from simreal.effects.catalogue import effects_named
+from simreal.effects.catalogue import catalogue, effects_named
 from simreal.evidence import Evidence
-from simreal.plan import Planner, seen_sizes
+from simreal.plan import NULL_NATS, Planner, seen_sizes
 from simreal.plan_advice import advice
 from simreal.plan_gram import ODDS_NATS, Contender, RunGrams, told
 from simreal.plan_pairs import CLASSICAL, Pair, contender, judge, read_pair
@@ -216,6 +217,15 @@ def test_the_size_that_is_seen_is_about_four(maker):
     seen = seen_sizes([maker.view(COLD)], TWIN, [linear, warm, contender("gyro_turn_on_bias")])
     assert np.sqrt(10.0) < seen[linear.key] <= seen[warm.key] < 5.0
     assert seen["gyro_turn_on_bias", "gyro_x"] == np.inf, "one power-on does not show what is usual"
+
+
+@pytest.mark.slow
+def test_the_threshold_is_that_of_the_attribution(maker):
+    """Odds that noise alone passes in 1 % of diagnoses: within a nat of the constant, on one run and on three."""
+    for recordings in (PLANS["1 cold"], PLANS["diverse"]):
+        views = [maker.view(r, k) for k, r in enumerate(recordings)]
+        found = Attributor(views, TWIN, catalogue(), alpha=0.01, rng=np.random.default_rng(1)).threshold
+        assert found == pytest.approx(NULL_NATS, abs=1.0)
 
 
 def test_pairs_are_read_with_their_channels():
