@@ -11,6 +11,7 @@ from simreal.causes import Cause, Rival
 from simreal.diagnosis import Diagnosis, Place
 from simreal.effects.base import GYROS, Effect
 from simreal.effects.catalogue import catalogue
+from simreal.twin_effects import SLOW
 from simreal.twin_out import effect_items, processes_of
 from simreal.user_level import UserLevel
 
@@ -21,8 +22,9 @@ REFUSED = "refused"
 def diagnosis_document(
     diagnosis: Diagnosis, runs: Sequence[Run], *, version: str, seed: int, table_sha256: str = "",
     hold_out: Sequence[str] = (), users: Sequence[UserLevel] = (), record_next: Sequence[str] = (),
+    notes: Sequence[str] = (),
 ) -> dict[str, Any]:  # fmt: skip
-    """The document of a diagnosis of these runs; `table_sha256` empty: the twin has no table."""
+    """The document of a diagnosis of these runs; `table_sha256` empty: the twin has no table; `notes` beside its own."""
     run_ids = [v.name for v in diagnosis.views]
     return {
         **_head(diagnosis.verdict, diagnosis.sentence, (), diagnosis.twin, version),
@@ -40,7 +42,7 @@ def diagnosis_document(
         "cells": _cells(diagnosis),
         "runs": [_run(run, diagnosis, hold_out) for run in runs],
         "not_looked_at": [{"run_id": name, "why": why} for name, why in diagnosis.unused],
-        "notes": [*diagnosis.notes, *_table_note(table_sha256)],
+        "notes": [*notes, *diagnosis.notes, *_table_note(table_sha256)],
         "alpha": diagnosis.alpha, "threshold_nats": diagnosis.threshold, "replicates": diagnosis.replicates, "seed": seed,
         "table_sha256": table_sha256 or None,
     }  # fmt: skip
@@ -196,7 +198,8 @@ def _cause_lines(cause: dict[str, Any]) -> list[str]:
         sigma = "" if p["sigma"] is None else f" +- {p['sigma']:.2g}"
         lines.append(f"    {name} {p['value']:.4g}{sigma} {p['unit']}" + (" (implausibly large)" if p["unusual"] else ""))
     if cause["confounded_with"]:
-        lines.append(f"    may also be {', '.join(cause['confounded_with'])}")
+        words = "as a process" if cause["effect"] == SLOW else "nearly the same" if cause["resolved"] else "may also be"
+        lines.append(f"    {words}: {', '.join(cause['confounded_with'])}")
     if s := cause["shrink"]:
         low, high = s["interval_95"]
         small = "; too small there to quantify" if s["too_small"] else ""

@@ -55,13 +55,15 @@ def diagnose(
     from simreal import diagnosis as core
     from simreal.diagnosis_document import refused_document
     from simreal.diagnosis_report import diagnosis_html
+    from simreal.overlap import overlapping
     from trajectories.run import read_run
     from trajectories.stream_files import HELD_ROWS
 
     twin = read_twin(twin_path)
     table_dict, table, sha256 = _table(twin_path, twin)
     told("reading the runs")
-    loaded = [read_run(path, held_rows=HELD_ROWS // len(run_paths)) for path in run_paths]
+    read = [overlapping(read_run(path, held_rows=HELD_ROWS // len(run_paths))) for path in run_paths]
+    loaded, left_out = [run for run, _ in read], [note for _, notes in read for note in notes]
     _distinct(run_paths, loaded)
     held = [_run_id(name, run_paths, loaded) for name in hold_out]
     directory = output_directory(output, "diagnose")
@@ -78,14 +80,14 @@ def diagnose(
         })  # fmt: skip
         return document
     told("writing the report")
-    document, texts = _results(found, loaded, table, table_dict, sha256=sha256, seed=seed, hold_out=held)
+    document, texts = _results(found, loaded, table, table_dict, sha256=sha256, seed=seed, hold_out=held, notes=left_out)
     write_files({directory / name: text for name, text in texts.items()})
     return document
 
 
 def _results(
     found: "Diagnosis", runs: list["Run"], table: "ThermalTable | None", table_dict: dict[str, Any] | None, *, sha256: str,
-    seed: int, hold_out: Sequence[str],
+    seed: int, hold_out: Sequence[str], notes: Sequence[str],
 ) -> tuple[dict[str, Any], dict[str, str]]:  # fmt: skip
     """The document, and all files by name."""
     from infield.table_file import json_text
@@ -100,7 +102,7 @@ def _results(
     users = [user_level(v, fitted_trace(found, k), table, found.twin) for k, v in enumerate(found.views)]
     document = diagnosis_document(
         found, runs, version=program_version(), seed=seed, table_sha256=sha256, hold_out=hold_out,
-        users=[u for u in users if u is not None], record_next=record_next(found),
+        users=[u for u in users if u is not None], record_next=record_next(found), notes=notes,
     )  # fmt: skip
     twin = twin_with_causes(found.twin, found.causes, [v.name for v in found.views], with_table=table_dict is not None)
     texts = {
