@@ -142,16 +142,14 @@ def _overlay(diagnosis: Diagnosis, number: int, how: str) -> Overlay | None:
     on_sensors, channel = _main_channel(evidence, u)
     make = _parked_curve if on_sensors else _evidence_curve
     curves = []
-    for r in reversed(range(len(diagnosis.views))):  # runs held out stand last among the views
+    for r in range(len(diagnosis.views)):
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
         beta = coefficients_without(attribution, r) if how == BY_RUN and not apart else _fit(attribution)
         curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or how == BY_RUN))
-    held = [c for c in curves if c.held_out]
-    shown = [*held, *(c for c in curves if not c.held_out)] if len(held) < len(curves) else curves[::-1]
     unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
-    return Overlay(CHANNELS[channel], unit, tuple(shown))
+    return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))
 
 
 def _main_channel(evidence: Evidence, energy: NDArray) -> tuple[bool, int]:
@@ -173,9 +171,7 @@ def _evidence_of(diagnosis: Diagnosis, run: int) -> RunEvidence:
     return RunEvidence(diagnosis.views[run], diagnosis.twin, evidence.extra, known_trace(diagnosis, run))
 
 
-def _parked_curve(
-    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
-) -> RunCurve:
+def _parked_curve(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool) -> RunCurve:
     view, block = diagnosis.views[run], _evidence_of(diagnosis, run).parked
     traces = [_traced(diagnosis, run, mine, beta), _traced(diagnosis, run, ~mine, beta), known_trace(diagnosis, run)]
     effect, rest, known = (block.of_traces([t])[:, :, 0] for t in traces)
@@ -197,13 +193,13 @@ def _means(values: NDArray) -> NDArray:
     return values[:n].reshape(-1, MINUTE_BINS).mean(axis=1) if n else np.array([values.mean()])
 
 
-def _evidence_curve(
-    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
-) -> RunCurve:
+def _evidence_curve(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool) -> RunCurve:
     evidence = _evidence_of(diagnosis, run)
     traces = [_traced(diagnosis, run, mine, beta), _traced(diagnosis, run, ~mine, beta)]
     d, others = evidence.whiten(traces).T
     time_s = evidence.rows(run).time_s
     order = np.argsort(time_s, kind="stable")
     measured, effect = np.cumsum((d * (evidence.z - others))[order]), np.cumsum((d**2)[order])
-    return RunCurve(diagnosis.views[run].name, time_s[order] / 60.0, measured, effect, held_out)
+    first = int(np.searchsorted(effect, 1e-4 * effect[-1]))  # nothing to see before the effect begins
+    t = time_s[order][first:] / 60.0
+    return RunCurve(diagnosis.views[run].name, t, measured[first:], effect[first:], held_out)

@@ -188,7 +188,7 @@ def _run(run: Run, diagnosis: Diagnosis, hold_out: Sequence[str]) -> dict[str, A
 
 def p_text(value: float) -> str:
     """A p-value in two digits."""
-    return f"{value:.2g}"
+    return f"{value:.2g}" if value > 1e-300 else "under 1e-300"
 
 
 def _cause_lines(cause: dict[str, Any]) -> list[str]:

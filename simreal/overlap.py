@@ -24,7 +24,6 @@ def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
         if inside.size < 2 or float(np.ptp(inside)) < min(LEAST_S, 0.5 * (end - start)):
             gone[name] = None
             first, last = (float(f(stream.time_s)) if stream.time_s.size else float("nan") for f in (np.min, np.max))
-            notes.append(
-                f"run {run.header.run_id}: {name} covers {first:.0f} to {last:.0f} s, the IMU {start:.0f} to {end:.0f} s: left out"
-            )
+            said = f"{name} covers {first:.0f} to {last:.0f} s, the IMU {start:.0f} to {end:.0f} s"
+            notes.append(f"run {run.header.run_id}: {said}: left out")
     return (replace(run, **gone) if gone else run), tuple(notes)

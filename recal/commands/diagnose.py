@@ -102,7 +102,7 @@ def _results(
     users = [user_level(v, fitted_trace(found, k), table, found.twin) for k, v in enumerate(found.views)]
     document = diagnosis_document(
         found, runs, version=program_version(), seed=seed, table_sha256=sha256, hold_out=hold_out,
-        users=[u for u in users if u is not None], record_next=record_next(found), notes=notes,
+        users=[u for u in users if u is not None], record_next=record_next(found, table), notes=notes,
     )  # fmt: skip
     twin = twin_with_causes(found.twin, found.causes, [v.name for v in found.views], with_table=table_dict is not None)
     texts = {

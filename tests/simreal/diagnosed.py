@@ -25,9 +25,9 @@ def trial(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effect
 
 
 @lru_cache(maxsize=8)
-def diagnosed(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1) -> Diagnosis:
+def diagnosed(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1, hold_out=()) -> Diagnosis:
     made = trial(name, size, seed, plan, effects)
     return diagnose(
         made.runs, made.twin, table_from_dict(made.table, name="table"), table_sha256=table_sha256(made.table),
-        effects=tuple(e for e in catalogue() if e.name in NAMES), replicates=100,
+        effects=tuple(e for e in catalogue() if e.name in NAMES), replicates=100, hold_out=hold_out,
     )  # fmt: skip

@@ -14,6 +14,8 @@ from simreal.causes import Cause, Rival, Value
 from simreal.diagnosis_curves import fitted_trace, overlays
 from simreal.diagnosis_document import diagnosis_document, refused_document, summary
 from simreal.generic import OF_RUN, OF_TEMPERATURE
+from simreal.overlap import overlapping
+from simreal.record_next import record_next
 from simreal.telemetry import Trace
 from simreal.twin_effects import parse_effects, twin_traces
 from simreal.twin_out import effect_items, processes_of, twin_with_causes
@@ -169,6 +171,39 @@ def test_the_overlay_of_a_run_follows_the_effect_fitted_on_the_others(found):
         assert np.std(left) < 1.5 * MINUTE_SIGMA_deg_h
     swing = max(np.ptp(c.effect) for c in overlay.curves)
     assert swing > 3.0 * MINUTE_SIGMA_deg_h
+
+
+def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
+    name = found.views[2].name
+    apart = diagnosed(hold_out=(name,))
+    (overlay,) = overlays(apart)
+    assert [c.held_out for c in overlay.curves] == [True, False, False, False] and overlay.curves[0].run_id == name
+    before = next(c for c in overlays(found)[0].curves if c.run_id == name)
+    assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)  # leave one out is the same fit
+    d = diagnosis_document(apart, trial().runs, version="1", seed=0, hold_out=(name,))
+    assert [r["run_id"] for r in d["runs"] if r["held_out"]] == [name] and d["causes"][0]["shrink"]["how"] == "runs held out"
+    parked = [np.mean(v.telemetry.parked) > 0.9 for v in apart.views]
+    assert all(parked) and fitted_trace(apart, 3).gyro_rad_s.shape == (apart.views[3].telemetry.n, 3)
+
+
+def test_a_stream_of_another_time_is_left_out():
+    run = trial().runs[0]
+    late = replace(run, temperature=replace(run.temperature, time_s=run.temperature.time_s + 1e5))
+    kept, notes = overlapping(late)
+    assert kept.temperature is None and kept.imu is run.imu
+    assert notes == ("run trial-00004-1: temperature covers 100000 to 101800 s, the IMU 0 to 1800 s: left out",)
+    assert overlapping(run) == (run, ())
+
+
+def test_advice_only_for_what_is_open(found):
+    alone = replace(found, causes=(cause(),), bars=((),))
+    assert record_next(alone, None) == []
+    free = replace(found, causes=(cause(effect=OF_TEMPERATURE, named=False),), bars=((),))
+    assert "other starts" in record_next(free, None)[0]
+    rivals = (Rival("gyro_thermal_quadratic", "gyro_x", 0.3, 0.99),)
+    mixed = cause(effect="gyro_thermal_linear", id="gyro_thermal_linear", class_="R", run_id=None, rivals=rivals)
+    (told,) = record_next(replace(found, causes=(mixed,), bars=((),)), None)
+    assert "gyro_thermal_linear from gyro_thermal_quadratic" in told
 
 
 def test_user_level_numbers_are_those_of_the_planted_effect(found):
