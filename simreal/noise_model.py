@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.linalg import toeplitz
 
 from ins.records import TwinModel
@@ -99,7 +100,7 @@ def oscillator(lag_s: NDArray, w: float, zeta: float) -> NDArray:
 def _markov_means(lag_s: NDArray, dt_s: float, tau_s: float) -> NDArray:
     """Autocorrelation of means over dt_s of exp(-|t|/tau)."""
     a = dt_s / tau_s
-    out = np.exp(-lag_s / tau_s) * (np.cosh(a) - 1.0) * 2.0 / a**2
+    out = np.exp(-np.maximum(lag_s - dt_s, 0.0) / tau_s) * (np.expm1(-a) / a) ** 2
     out[lag_s == 0] = 2.0 * (a - 1.0 + np.exp(-a)) / a**2
     return out
 
@@ -108,10 +109,10 @@ def _flicker_means(n: int, dt_s: float, run_s: float) -> NDArray:
     """Autocovariance (n,) of means over dt_s of unit flicker, PSD 1/(2 pi |f|) from 1/(4 run_s): a sum over its lines."""
     step = min(FLICKER_GRID_S, dt_s)
     per = round(dt_s / step)
-    m = int(2 ** np.ceil(np.log2(max(4.0 * run_s, 2.0 * n * dt_s) / step)))
+    m = next_fast_len(int(np.ceil(max(4.0 * run_s, 2.0 * n * dt_s) / step)), real=True)
     f = np.fft.rfftfreq(m, step)
-    lowest = 1.0 / (4.0 * run_s)
-    psd = np.where(f >= 0.999 * lowest, 1.0 / (2.0 * np.pi * np.maximum(f, lowest)), 0.0) * np.sinc(f * dt_s) ** 2
+    lowest = 0.98 / (4.0 * run_s)  # the line there carries the band about it
+    psd = np.where(f >= lowest, 1.0 / (2.0 * np.pi * np.maximum(f, lowest)), 0.0) * np.sinc(f * dt_s) ** 2
     return np.fft.irfft(psd, m)[: n * per : per] / step
 
 

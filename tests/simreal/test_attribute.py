@@ -1,0 +1,78 @@
+"""The attribution on blind trials (generator of benchmarks.gap_trials, which shares no code with the catalogue)."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from benchmarks.gap_size import scaled
+from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
+from infield.table_file import table_from_dict
+from simreal.attribute import tail_probability, tail_quantile
+from simreal.diagnosis import Diagnosis, diagnose
+from simreal.effects.catalogue import catalogue
+
+
+def diagnosed(trial, **how) -> Diagnosis:
+    return diagnose(trial.runs, trial.twin, table_from_dict(trial.table, name="trial"), replicates=120, **how)
+
+
+@lru_cache(maxsize=8)
+def planted(name: str, seed: int, size: float):
+    return scaled(draw_trial(seed, names=[name], plan="four_parked"), size)[0]
+
+
+def test_a_twin_that_is_right_has_no_gap():
+    found = diagnosed(draw_trial(41, effects=0, plan="four_parked"))
+    assert (found.verdict, found.causes) == ("no_gap", ())
+    assert found.score == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_thermal_rate_is_named_measured_and_taken_out():
+    trial = planted("gyro_thermal_rate", 42, 15.0)
+    found = diagnosed(trial)
+    cause = found.causes[0]
+    truth = trial.truth[0]
+    assert (found.verdict, cause.effect, cause.target) == ("explained", "gyro_thermal_rate", truth.target)
+    assert found.where[0].channel == truth.target
+    assert cause.probability > 0.5
+    assert cause.shrink is not None and cause.shrink.held_out
+    assert cause.shrink.interval_95[0] <= 1.0 and cause.shrink.fraction > 0.5
+    key = next(k for k in truth.parameters if "coefficient" in k)
+    value = cause.parameters["coefficient"]
+    assert abs(value.value - truth.parameters[key] * truth.size) < 4.0 * value.sigma
+    assert found.score_after < found.score
+
+
+def test_an_effect_out_of_the_catalogue_is_not_given_a_confident_name():
+    trial = planted("gyro_thermal_rate", 42, 15.0)
+    rest = [e for e in catalogue() if e.name not in ("gyro_thermal_rate",)]
+    found = diagnosed(trial, effects=rest)
+    assert found.where[0].channel == trial.truth[0].target
+    assert all(c.effect != "gyro_thermal_rate" for c in found.causes)
+    assert found.causes or found.left_present
+
+
+def test_white_noise_five_percent_off_is_named_as_noise():
+    trial = draw_noise_trial(3, plan="four_parked")
+    found = diagnosed(trial)
+    assert found.causes
+    assert {c.effect for c in found.causes} <= {*trial.truth[0].answers, "gyro_noise_thermal", "gyro_quantization"}
+
+
+def test_runs_of_another_unit_are_refused():
+    from dataclasses import replace
+
+    from ins.records import InputError
+
+    trial = draw_trial(41, effects=0, plan="one_cold", parked_s=600.0)
+    with pytest.raises(InputError, match="SN-9999"):
+        diagnosed(replace(trial, twin=replace(trial.twin, imu_serial="SN-9999")))
+
+
+def test_tail_of_exponential_maxima():
+    rng = np.random.default_rng(0)
+    values = rng.exponential(size=2000)
+    assert tail_quantile(values, 0.005) == pytest.approx(-np.log(0.005), rel=0.15)
+    assert tail_probability(values, 6.9) == pytest.approx(0.001, rel=0.6)
+    assert tail_probability(values, 0.0) == pytest.approx(1.0, abs=0.01)

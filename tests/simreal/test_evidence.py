@@ -1,0 +1,116 @@
+"""Whitening: exact on its own covariance, and right on runs that another code simulated."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from benchmarks.gap_trials.trial import draw_trial
+from infield.table_file import table_from_dict
+from ins.records import Run, TwinModel
+from simreal.bank import Bank
+from simreal.effects.catalogue import effects_named
+from simreal.evidence import CHANNELS, SENSORS, Evidence
+from simreal.noise_hypotheses import Squares
+from simreal.run_view import RunView, view_run
+
+FALSE_ALARM = 1e-4  # of each two-sided bound below, on seeds that are fixed
+
+
+def views(trial) -> list[RunView]:
+    table = table_from_dict(trial.table, name="trial")
+    out = [view_run(run, k, table, trial.twin) for k, run in enumerate(trial.runs)]
+    assert all(isinstance(v, RunView) for v in out)
+    return [v for v in out if isinstance(v, RunView)]
+
+
+@lru_cache(maxsize=4)
+def null_evidence(source: str) -> Evidence:
+    trial = draw_trial(71, effects=0, source=source, parked_s=1800.0)
+    return Evidence(views(trial), trial.twin)
+
+
+def inside(values: np.ndarray, *, spare: float = 0.0) -> bool:
+    """Mean square of n values within its chi-square bounds (two-sided), and a stated modelling error."""
+    n = values.size
+    low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
+    return bool(low - spare <= np.mean(values**2) <= high + spare)
+
+
+@pytest.mark.parametrize("source", ["trajectories", "pyins"])
+def test_rows_of_a_twin_that_is_right_are_white(source):
+    evidence = null_evidence(source)
+    rows = evidence.rows
+    for c, channel in enumerate(CHANNELS):
+        z = evidence.z[(rows.channel == c) & rows.steady]
+        spare = 0.05 if c >= SENSORS else 0.0  # rows of moving vehicles: side motion and sway are models of models
+        assert not z.size or inside(z, spare=spare), f"{channel}: {np.mean(z**2):.3f} of {z.size}"
+
+
+@pytest.mark.parametrize("source", ["trajectories", "pyins"])
+def test_scatter_of_a_twin_that_is_right_is_as_expected(source):
+    evidence = null_evidence(source)
+    squares = Squares(evidence)
+    ratio = squares.ratio(evidence.z[:, None])[:, 0]
+    for (run, c, band), index in squares.quick.items():
+        n = float(squares.dof[index].sum())
+        mean = float((squares.dof[index] * ratio[index]).sum()) / n
+        low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
+        assert low - 0.02 <= mean <= high + 0.02, (run, CHANNELS[c], band, mean)
+
+
+def test_parked_whitening_is_exact():
+    """The operator takes the model's own covariance, attitude and all, to the identity."""
+    run = null_evidence("trajectories").runs[0]
+    block = run.parked
+    rng = np.random.default_rng(0)
+    draws = 3000
+    columns = np.zeros((SENSORS, block.bins, draws))
+    for c in range(SENSORS):
+        columns[c] = block._factors[c] @ rng.standard_normal((block.bins, draws))
+    phi = block._sigma0[:, None] * rng.standard_normal((3, draws))
+    columns += (block.A @ phi)[:, None, :]
+    z, handoff = block.whiten(columns)
+    assert np.mean(z**2) == pytest.approx(1.0, abs=0.005)
+    picks = rng.integers(0, z.shape[0], (40, 2))
+    correlation = [np.mean(z[i] * z[j]) for i, j in picks if i != j]
+    assert np.max(np.abs(correlation)) < 4.5 / np.sqrt(draws)
+    error = handoff.mean[:3] - phi  # attitude at the end: as certain as claimed
+    nees = np.einsum("ik,ij,jk->k", error, np.linalg.inv(handoff.covariance[:3, :3]), error)
+    assert np.mean(nees) == pytest.approx(3.0, abs=4 * np.sqrt(6.0 / draws))
+
+
+def test_a_signature_is_what_the_effect_does_to_the_rows():
+    """Whitening is linear: rows of a run with a known bias less those without are the bank's column."""
+    trial = draw_trial(72, names=["gyro_rate_ramp"], parked_s=1800.0)
+    with_effect = Evidence(views(trial), trial.twin)
+    table = table_from_dict(trial.table, name="trial")
+    without = [view_run(run, k, table, trial.twin) for k, run in enumerate(trial.runs_without)]
+    clean = Evidence([v for v in without if isinstance(v, RunView)], trial.twin)
+    d = with_effect.z - clean.z
+    bank = Bank(clean, effects_named("gyro_rate_ramp"), with_generic=False)
+    h = next(h for h in bank.hypotheses if h.target == trial.truth[0].target)
+    column = h.groups[0].columns
+    u = bank.signature(column, np.ones(1))
+    slope = float(u @ d) / float(u @ u)
+    assert np.linalg.norm(d - slope * u) < 0.05 * np.linalg.norm(d)
+    planted = trial.truth[0].parameters["slope_deg_h_h"] * trial.truth[0].size
+    assert slope == pytest.approx(planted, rel=0.03)
+
+
+def test_a_run_that_never_rests_is_told_in_words():
+    from dataclasses import replace
+
+    from ins.records import ImuLog
+
+    trial = draw_trial(71, effects=0, plan="one_cold", parked_s=600.0)
+    run: Run = trial.runs[0]
+    imu = run.imu.whole()
+    rng = np.random.default_rng(0)
+    shaken = ImuLog(
+        time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=imu.dtheta_rad + 0.02 * rng.standard_normal(imu.dtheta_rad.shape),
+        dv_m_s=imu.dv_m_s + 2.0 * rng.standard_normal(imu.dv_m_s.shape),
+    )  # fmt: skip
+    said = view_run(replace(run, imu=shaken, phases=()), 0, None, TwinModel())
+    assert isinstance(said, str) and "rests" in said

@@ -1,0 +1,98 @@
+"""Covariances of the twin's noise: by hand, and against the simulator's own draws (another implementation)."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ins.records import GyroNoise, TwinModel, VehicleNoise
+from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from simreal.noise_model import ChannelNoise, channel_noises
+from trajectories import imperfections
+from trajectories.vehicle import sway_velocity
+
+LEVEL = np.eye(3)
+
+
+def test_white_noise_of_a_mean():
+    C = ChannelNoise(white=4.0).covariance(5, 10.0)
+    np.testing.assert_allclose(C, 0.4 * np.eye(5))
+
+
+def test_turn_on_is_common_to_all_bins():
+    np.testing.assert_allclose(ChannelNoise(turn_on=9.0).covariance(3, 10.0), np.full((3, 3), 9.0))
+
+
+def test_random_walk_means_by_hand():
+    """Mean of a walk over [a, a + h]: variance K^2 (a + h/3), with a later one K^2 (a + h/2)."""
+    C = ChannelNoise(walk=2.0).covariance(3, 6.0)
+    assert C[0, 0] == pytest.approx(2.0 * 2.0)
+    assert C[1, 1] == pytest.approx(2.0 * 8.0)
+    assert C[0, 2] == pytest.approx(2.0 * 3.0)
+
+
+def test_quantised_angle_has_anticorrelated_neighbours():
+    C = ChannelNoise(bounded=1.0).covariance(3, 10.0)
+    assert C[0, 0] == pytest.approx(0.02)
+    assert C[0, 1] == pytest.approx(-0.01)
+    assert C[0, 2] == pytest.approx(0.0)
+
+
+def test_markov_means_tend_to_the_variance():
+    C = ChannelNoise(markov=3.0, markov_tau_s=1e6).covariance(2, 10.0)
+    np.testing.assert_allclose(C, 3.0, rtol=1e-4)
+    quick = ChannelNoise(markov=3.0, markov_tau_s=0.01).covariance(2, 10.0)
+    assert quick[0, 0] == pytest.approx(3.0 * 2 * 0.01 / 10.0, rel=2e-3)  # white of PSD 2 tau var
+
+
+@pytest.mark.parametrize("kind", ["flicker", "walk", "sway"])
+def test_agrees_with_the_simulators_draws(kind):
+    """Variance of ten-second means and of their differences over 400 draws, within four sigmas."""
+    rng, n, rate = np.random.default_rng(1), 6000, 10.0
+    draws = {
+        "flicker": lambda: imperfections.flicker(rng, n, instability=1.0, rate_hz=rate),
+        "walk": lambda: imperfections.random_walk(rng, n, density=1.0, rate_hz=rate),
+        "sway": lambda: np.diff(
+            sway_velocity(rng, n + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+        ) * rate,
+    }[kind]  # fmt: skip
+    noise = ChannelNoise(
+        flicker=float(kind == "flicker"), walk=float(kind == "walk"), sway=float(kind == "sway"),
+        sway_w=2 * np.pi * 0.28, sway_zeta=0.2, run_s=600.0,
+    )  # fmt: skip
+    means = np.array([draws().reshape(60, 100).mean(axis=1) for _ in range(400)])
+    C = noise.covariance(60, 10.0)
+    for W in (np.ones(60) / 60, np.eye(60)[30] - np.eye(60)[29], np.eye(60)[50] - np.eye(60)[5]):
+        expected = W @ C @ W
+        found = float(np.mean((means @ W) ** 2))
+        assert found / expected == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / 400) + 0.03)
+
+
+def test_channels_of_a_twin():
+    twin = TwinModel(gyro=GyroNoise(arw_deg_sqrt_h=0.01, turn_on_deg_h=0.02), vehicle=VehicleNoise(sway_m_s=0.01))
+    x, _, z, ax, _, az = channel_noises(twin, 3600.0, LEVEL)
+    assert x.white == pytest.approx((0.01 * DEG_PER_SQRT_HOUR) ** 2)
+    assert x.turn_on == pytest.approx((0.02 * DEG_PER_HOUR) ** 2)
+    assert z.white > x.white  # the parked heading creeps
+    assert (ax.sway, az.sway) == (pytest.approx(1e-4), 0.0)
+
+
+def test_a_tilted_accelerometer_feels_its_share_of_the_sway():
+    tilt = 0.02
+    C_nb = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
+    az = channel_noises(TwinModel(), 3600.0, C_nb)[5]
+    assert az.sway == pytest.approx(np.sin(tilt) ** 2 * TwinModel().vehicle.sway_m_s**2)
+
+
+def test_scatter_of_white_rows_is_chi_square():
+    trace, dof = ChannelNoise(white=2.0).scatter(10, 0.1)
+    assert trace == pytest.approx(9 * 20.0)
+    assert dof == pytest.approx(9.0)
+
+
+def test_added_noise_adds_variances():
+    from simreal.effects.base import AddedNoise
+
+    base = ChannelNoise(white=1.0)
+    more = base.with_added(AddedNoise("gyro_x", white=2.0), 3.0)
+    assert more == replace(base, white=7.0)
