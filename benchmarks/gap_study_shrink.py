@@ -10,12 +10,14 @@ place of the data: there N = 2 d's - |d|^2 and D + m = |s|^2.
 import copy
 from dataclasses import replace
 
+import numpy as np
 from numpy.typing import NDArray
 
 from simreal import addback
 from simreal.attribute import Attribution, Slot
 from simreal.causes import Cause
 from simreal.diagnosis import Diagnosis
+from simreal.scoring import fit
 
 BY_RUN = "leave one run out"
 NOTHING = 1e-9
@@ -40,8 +42,10 @@ def _is_of(found: Diagnosis, slot: Slot, cause: Cause) -> bool:
 
 
 def _of_slot(attribution: Attribution, slot: Slot, cause: Cause, s: NDArray) -> float | None:
-    evidence = attribution.evidence
-    by_run = cause.shrink is not None and cause.shrink.how == BY_RUN
+    evidence, how = attribution.evidence, "" if cause.shrink is None else cause.shrink.how
+    if not how.startswith((BY_RUN, "alternate")):
+        return _in_sample(attribution, slot, s)
+    by_run = how == BY_RUN
     masks = (
         [addback._run_mask(evidence, k) for k in range(len(evidence.runs))] if by_run
         else [addback._block_mask(evidence, odd) for odd in (False, True)]
@@ -49,9 +53,20 @@ def _of_slot(attribution: Attribution, slot: Slot, cause: Cause, s: NDArray) -> 
     touched = addback._touched(attribution, slot)
     gone, total = 0.0, 0.0
     for held in masks:
-        N, D, _, _, m = addback._fold(with_truth(attribution, held, s), slot, held, touched, by_run=by_run)
+        N, D, _, _, m, *_ = addback._fold(with_truth(attribution, held, s), slot, held, touched, by_run=by_run)
         gone, total = gone + N, total + D + m
     return gone / total if total > NOTHING else None
+
+
+def _in_sample(attribution: Attribution, slot: Slot, s: NDArray) -> float | None:
+    """Of an event that half of the data do not fix: the fit to all rows, on all rows of its channels."""
+    columns, rows = attribution.columns, addback._touched(attribution, slot)
+    A = addback._dense(attribution.bank, columns, attribution.evidence.size)
+    beta, _ = fit(attribution.bank, columns)
+    mine = np.isin(columns, slot.columns)
+    d, target = (A[:, mine] @ beta[mine])[rows], (s - A[:, ~mine] @ beta[~mine])[rows]
+    total = float(target @ target)
+    return 1.0 - float(np.sum((target - d) ** 2)) / total if total > NOTHING else None
 
 
 def with_truth(attribution: Attribution, held: NDArray, s: NDArray) -> Attribution:
