@@ -28,7 +28,9 @@ before them.
 - **wrong and confident**: a name at over 0.9, and neither it nor a rival is right. Generic answers are no names.
 - **honestly unresolved**: a set with none over 0.9, or a verdict that something is left.
 - **first place right**: the first entry of `where` is the target's channel; for an effect on the vehicle or the site, a
-  channel that holds a fifth of its whitened energy or more.
+  channel that holds a fifth of its whitened energy or more. Some effects on one sensor show mostly in another channel (a
+  size effect of an accelerometer in the odometer's innovations), so the page also says whether the first place holds a
+  fifth of the planted energy, whatever the target.
 - **true shrink**: the same quotient on the same held-out rows, from the planted difference itself (not for noise).
 
 Intervals are Clopper-Pearson, 95 %: with so few trials, look at them first.

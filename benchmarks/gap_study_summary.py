@@ -30,6 +30,7 @@ def _of_size(cell: str, top: float | None, inside: float | None) -> tuple[Questi
         Question(cell, "wrong and confident, inseparable effects excused",
                  lambda r: scores.wrong_and_confident(r, confounded=True)),
         Question(cell, "first place right", scores.where_right),
+        Question(cell, "first place holds a fifth of the effect's energy", scores.where_energy),
         Question(cell, "shrink interval covers the true shrink", scores.covered, 0.90),
     )  # fmt: skip
 
@@ -59,6 +60,7 @@ QUESTIONS = (
     Question("without", "another effect's name at over 0.9", scores.named_falsely, 0.10, True),
     Question("without", "the same, inseparable effects excused", lambda r: scores.named_falsely(r, confounded=True)),
     Question("without", "first place right", scores.where_right, 0.90),
+    Question("without", "first place holds a fifth of the effect's energy", scores.where_energy),
     *_of_size("pyins", 0.93, 0.97),
     Question("pyins_none", "false alarms at the default level", scores.alarm, 0.02, True),
 )  # fmt: skip
@@ -117,12 +119,12 @@ def misses(record: Record) -> bool:
     right = scores.on_top(record)
     if cell in ("cold", "5"):
         return not right and not scores.in_set(record) and not scores.unresolved(record)
-    return not right or scores.covered(record) is False
+    return not right or scores.covered(record) is False or (len(record["planted"]) == 1 and not scores.where_right(record))
 
 
 def miss_line(record: Record) -> str:
-    """One line: cell and seed, what was planted, what was said."""
-    head = f"{record['cell']}:{record['seed']}"
+    """One line: cell, seed and commit, what was planted, what was said."""
+    head = f"{record['cell']}:{record['seed']} ({record['commit']})"
     if "failed" in record:
         return f"{head} failed: {record['failed']} ({' '.join(record['at'][-2:])})"
     planted = " + ".join(f"{p['effect']}/{p['target']}" for p in record["planted"]) or "nothing"
