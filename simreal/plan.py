@@ -22,7 +22,7 @@ from simreal.scoring import Scorer
 
 NULL_NATS = 5.0  # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four (simreal.attribute)
 DELTAS = np.linspace(1.0, 20.0, 191)  # sizes tried for the smallest that is seen
-LEAST_GAIN, LEAST_SHARE = 0.25, 0.02  # of the score: of one pair, of all; less than both is no reason for a recording
+LEAST_GAIN, LEAST_EACH = 0.1, 0.01  # of the score, and for each pair: a recording that separates no more must gain this
 EQUAL_GAIN = 0.03  # of the best gain: within it, the cheaper recording is taken
 COMPARED: dict[str, tuple[Recording, ...]] = {
     "1 cold": (Recording(),),
@@ -51,6 +51,11 @@ class Plan:
     @property
     def score(self) -> float:
         return sum(j.score for j in self.judged)
+
+    @property
+    def separated(self) -> int:
+        """Pairs that are separated, at least where the effect is large."""
+        return sum(j.margin_high >= 1.0 for j in self.judged)
 
     @property
     def hours(self) -> float:
@@ -91,7 +96,7 @@ class Planner:
 
     @property
     def least_gain(self) -> float:
-        return min(LEAST_GAIN, LEAST_SHARE * len(self.pairs))
+        return LEAST_GAIN + LEAST_EACH * len(self.pairs)
 
     def gram(self, recording: Recording) -> RunGrams:
         if recording not in self._grams:
@@ -129,7 +134,7 @@ class Planner:
         while len(steps) < most and any(j.score < 1.0 for j in now.judged):
             ranked = self.best_next(now, among)
             first = first or ranked
-            if not ranked or ranked[0].score - now.score < self.least_gain:
+            if not ranked or not (ranked[0].separated > now.separated or ranked[0].score - now.score >= self.least_gain):
                 break
             now = ranked[0]
             steps.append(now)
@@ -139,7 +144,7 @@ class Planner:
         """Without recordings that a later choice has made needless."""
         for recording in plan.recordings[:-1]:
             less = self.plan(tuple(r for r in plan.recordings if r != recording))
-            if less.score > plan.score - 0.2 * self.least_gain:
+            if less.separated >= plan.separated and less.score > plan.score - 0.2 * self.least_gain:
                 plan = less
         return plan
 
