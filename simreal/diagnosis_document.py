@@ -137,12 +137,14 @@ def _rms(channel: str, value: float) -> dict[str, Any]:
 
 def _parameters(c: Cause) -> dict[str, Any]:
     effect = next((e for e in catalogue() if e.id == c.id), None)
+    shapes = () if effect is None else [p.name for p in effect.shape]
     out = {}
     for name, p in c.parameters.items():
         sigma = p.sigma if np.isfinite(p.sigma) else _bound_sigma(effect, name)
         out[name] = {
             "value": p.value, "sigma": sigma, "unit": p.unit, "usual": None if p.usual is None else list(p.usual),
             "unusual": p.unusual, "sigma_from": "fit" if np.isfinite(p.sigma) else None if sigma is None else "bounds",
+            "below_declared": c.class_ == "S" and p.value < 0 and name not in shapes,
         }  # fmt: skip
     return out
 
@@ -196,7 +198,10 @@ def _cause_lines(cause: dict[str, Any]) -> list[str]:
     lines = [f"  {cause['effect']} on {cause['target']}{at}: probability {cause['probability']:.2f}, {cause['size']:.0f} sigma"]
     for name, p in list(cause["parameters"].items())[:4]:
         sigma = "" if p["sigma"] is None else f" +- {p['sigma']:.2g}"
-        lines.append(f"    {name} {p['value']:.4g}{sigma} {p['unit']}" + (" (implausibly large)" if p["unusual"] else ""))
+        lines.append(
+            f"    {name} {p['value']:.4g}{sigma} {p['unit']}"
+            + (" (implausibly large)" if p["unusual"] else " (less than declared)" if p["below_declared"] else "")
+        )
     if cause["confounded_with"]:
         words = "as a process" if cause["effect"] == SLOW else "nearly the same" if cause["resolved"] else "may also be"
         lines.append(f"    {words}: {', '.join(cause['confounded_with'])}")

@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from infield.report_figures import (
     BLACK,
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell
 MOST_PANELS = 8
+MOST_BANDS = 2  # channels of one drawing of bands
+LEAST_RHO = 0.05  # a smaller ratio is drawn there
 
 
 @in_style
@@ -61,7 +62,7 @@ def _draw_map(ax: "Axes", cells: list[dict[str, Any]], channels: list[str], band
         nats, rho = max(cell["nats" + suffix], 0.0), cell["rho" + suffix]
         values[y, x] = np.sign(rho - 1.0) * np.sqrt(min(nats, MOST_NATS))
         if nats > SHOWN_NATS or cell["located" + suffix]:
-            dark = abs(values[y, x]) > 0.75 * np.sqrt(MOST_NATS)
+            dark = abs(values[y, x]) > 0.55 * np.sqrt(MOST_NATS)
             ax.text(x, y, _short(rho), ha="center", va="center", fontsize=7.5, color="white" if dark else BLACK,
                     fontweight="bold" if cell["located" + suffix] else "normal")  # fmt: skip
     top = np.sqrt(MOST_NATS)
@@ -78,7 +79,15 @@ def _draw_map(ax: "Axes", cells: list[dict[str, Any]], channels: list[str], band
 
 
 def _short(rho: float) -> str:
-    return f"{rho:.1f}" if rho < 10 else f"{rho:.0f}" if rho < 1000 else f"{rho:.0e}".replace("e+0", "e")
+    return (
+        f"{rho:.2f}"
+        if rho < 2
+        else f"{rho:.1f}"
+        if rho < 10
+        else f"{rho:.0f}"
+        if rho < 1000
+        else f"{rho:.0e}".replace("e+0", "e")
+    )
 
 
 def _band_name(band: tuple[float, float, bool]) -> str:
@@ -169,34 +178,38 @@ def _draw_curve(ax: "Axes", curve: RunCurve, unit: str) -> None:
 
 @in_style
 def band_drawing(cells: list[dict[str, Any]], channels: list[str]) -> Markup | None:
-    """Mean square over expectation per band of some channels, before and after: for a noise; None without such cells."""
-    rows = [c for c in cells if c["channel"] in channels]
-    if not rows:
+    """Mean square over expectation per band of one or two channels, before and after: for a noise; None without cells."""
+    shown = [c for c in channels if any(cell["channel"] == c for cell in cells)][:MOST_BANDS]
+    if not shown:
         return None
-    rows.sort(key=lambda c: (channels.index(c["channel"]), c["moving"], c["frequency_hz"][0]))
-    many = len(channels) > 1
-    names = [f"{c['channel']}, {_band_name(_band(c))}" if many else _band_name(_band(c)) for c in rows]
-    figure, axes = new_figure(height=0.9 + 0.25 * len(rows))
-    ax = axes[0, 0]
-    y = np.arange(len(rows))
-    dof = np.array([c["dof"] for c in rows])
-    spread = 2.0 * np.sqrt(2.0 / np.maximum(dof, 1.0))
-    ax.barh(y, 2 * spread, left=1.0 - spread, height=0.8, color=PALE, label="the twin's own 2 sigma")
-    ax.axvline(1.0, color=GREY, linewidth=0.9)
-    ax.plot([c["rho"] for c in rows], y, "o", color=VERMILLION, markersize=5, label="before")
-    ax.plot([c["rho_after"] for c in rows], y, "D", color=BLUE, markersize=4, markerfacecolor="none", label="after")
-    ax.set_yticks(y, names)
-    ax.set_ylim(len(rows) - 0.4, -0.6)
-    low, high = _limits(np.array([[c["rho"], c["rho_after"]] for c in rows]), spread)
-    ax.set_xlim(low, high)
-    figure.legend(*ax.get_legend_handles_labels(), loc="outside upper right", ncols=3)
-    axis_text(ax, x="mean square over what the twin expects")
-    return svg_text(figure, f"Mean square per band of {', '.join(channels)} before and after")
+    rows = [cell for cell in cells if cell["channel"] in shown]
+    bands = sorted({_band(c) for c in rows}, key=lambda b: (b[2], b[0]))
+    figure, axes = new_figure(len(shown), 1, height=1.1 + 1.7 * len(shown), sharex=True)
+    for ax, channel in zip(axes[:, 0], shown):
+        _draw_bands(ax, [c for c in rows if c["channel"] == channel], bands)
+        axis_text(ax, y=f"{channel}, ratio")
+    axes[-1, 0].set_xticks(range(len(bands)), [_band_name(b) for b in bands], rotation=40, ha="right", rotation_mode="anchor")
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
+    return svg_text(figure, f"Mean square per band of {', '.join(shown)} before and after")
 
 
-def _limits(rho: NDArray, spread: NDArray) -> tuple[float, float]:
-    seen = float(np.max(rho))
-    return 0.0, max(1.05 * seen, 1.0 + float(np.median(spread)))
+def _draw_bands(ax: "Axes", rows: list[dict[str, Any]], bands: list[tuple[float, float, bool]]) -> None:
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    x = [bands.index(_band(c)) for c in rows]
+    spread = 2.0 * np.sqrt(2.0 / np.maximum([c["dof"] for c in rows], 1.0))
+    low = np.maximum(1.0 - spread, LEAST_RHO)
+    ax.bar(x, 1.0 + spread - low, bottom=low, width=0.8, color=PALE, label="the twin's own 2 sigma")
+    ax.axhline(1.0, color=GREY, linewidth=0.9)
+    before, after = (np.maximum([c[k] for c in rows], LEAST_RHO) for k in ("rho", "rho_after"))
+    ax.plot(x, before, "o", color=VERMILLION, markersize=6, label="before")
+    ax.plot(x, after, "D", color=BLUE, markersize=4.5, label="with what was found")
+    ax.set_yscale("log")
+    ax.set_ylim(0.8 * min(before.min(), after.min(), 0.5), 1.3 * max(before.max(), after.max(), 2.0))
+    steps = (1, 2, 5) if max(before.max(), after.max()) < 100 else (1,)
+    ax.yaxis.set_major_locator(FixedLocator([m * 10.0**k for k in range(-2, 12) for m in steps]))
+    ax.yaxis.set_minor_locator(NullLocator())
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda v, _: f"{v:g}"))
 
 
 def _plain(text: str, longest: int = 34) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from infield.report_page import number
+from infield.report_page import decimals_for, number
 from simreal.diagnosis_curves import Overlay
 from simreal.diagnosis_document import REFUSED, p_text
 from simreal.diagnosis_figures import band_drawing, gap_map, overlay_drawing, posterior_bars
@@ -17,7 +17,12 @@ WORDS = {
     "no_gap": "No gap", "explained": "Explained", "partly_explained": "Partly explained", "unexplained": "Unexplained",
     REFUSED: "Not looked at",
 }  # fmt: skip
-SENSORS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
+
+LOOKS = {
+    "cells": "the mean square of a channel's band", "temperature bands": "means over bands of temperature",
+    "time windows": "means over ten-minute windows", "burst": "single large residuals", "kurtosis": "tails that are not normal",
+}  # fmt: skip
 
 
 def diagnosis_html(document: dict[str, Any], overlays: Sequence[Overlay | None] = ()) -> str:
@@ -26,7 +31,7 @@ def diagnosis_html(document: dict[str, Any], overlays: Sequence[Overlay | None] 
     return render_page(
         "diagnosis.html.j2", d=document, word=WORDS[document["verdict"]], banner=BANNERS[document["verdict"]],
         causes=causes, map=gap_map(document["cells"]) if document["cells"] else None, value=value_text, p_text=p_text,
-        title=_title(document), percent=percent,
+        title=_title(document), percent=percent, looks=LOOKS,
     )  # fmt: skip
 
 
@@ -36,8 +41,6 @@ def value_text(value: float | None, sigma: float | None = None) -> str:
         return "n/a"
     if sigma is None or not sigma > 0:
         return f"{value:.3g}".replace("-", "−")
-    from infield.report_page import decimals_for
-
     return f"{number(value, decimals_for([sigma]))} ± {number(sigma, decimals_for([sigma]))}"
 
 
@@ -64,12 +67,13 @@ def _cause(document: dict[str, Any], cause: dict[str, Any], overlay: Overlay | N
 
 
 def _channels_of(document: dict[str, Any], cause: dict[str, Any]) -> list[str]:
-    """The target where it is a channel; else (vehicle) the located ones, else the level accelerometers."""
-    channels = [c["channel"] for c in document["cells"]]
-    if cause["target"] in channels and cause["target"] != "vehicle":
+    """The target where it is a channel; else (vehicle) the channels that shrink most in nats."""
+    gone: dict[str, float] = {}
+    for cell in document["cells"]:
+        gone[cell["channel"]] = gone.get(cell["channel"], 0.0) + cell["nats"] - cell["nats_after"]
+    if cause["target"] in gone and cause["target"] != "vehicle":
         return [cause["target"]]
-    located = [c["channel"] for c in document["cells"] if c["located"]]
-    return list(dict.fromkeys(located)) or ["accel_x", "accel_y"]
+    return sorted(gone, key=lambda channel: -gone[channel])
 
 
 def _usual_rivals(cause: dict[str, Any]) -> list[str]:

@@ -13,6 +13,7 @@ from recal.console import result_text
 from simreal.causes import Cause, Rival, Value
 from simreal.diagnosis_curves import fitted_trace, overlays
 from simreal.diagnosis_document import diagnosis_document, refused_document, summary
+from simreal.diagnosis_report import diagnosis_html
 from simreal.generic import OF_RUN, OF_TEMPERATURE
 from simreal.overlap import overlapping
 from simreal.record_next import record_next
@@ -222,6 +223,31 @@ def test_user_level_numbers_are_those_of_the_planted_effect(found):
 
 def test_an_effect_on_no_sensor_has_no_user_level(found):
     assert user_level(found.views[0], Trace(), None, found.twin) is None
+
+
+def test_the_page_draws_each_cause_in_every_run(found):
+    document = document_of(found)
+    page = diagnosis_html(document, overlays(found))
+    assert page.count("<svg") == 3  # map, bars, overlay
+    assert all(v.name in page for v in found.views) and "held-out data (leave one run out)" in page
+    assert page.count("effect fitted on the other runs") == 4
+
+
+def test_a_noise_below_the_declared_is_said_to_be(found):
+    quiet = cause(
+        effect="gyro_angle_random_walk", id="gyro_angle_random_walk", class_="S", run_id=None,
+        parameters={"coefficient": Value(-0.001, 1e-5, "deg/sqrt(h)")},
+    )  # fmt: skip
+    document = document_of(replace(found, causes=(quiet,), bars=((("gyro_angle_random_walk", "gyro_x", 0.9),),)))
+    page = diagnosis_html(document, (None,))
+    assert "that much less than the twin declares" in page and page.count("<svg") == 3  # map, bars, bands
+    assert any("less than declared" in line for line in summary(document))
+
+
+def test_a_refused_page_says_what_was_needed(found):
+    document = refused_document([("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0)
+    page = diagnosis_html(document)
+    assert "Not looked at" in page and "never rests" in page and "<svg" not in page
 
 
 def test_the_summary_says_it_in_lines(found):
