@@ -1,9 +1,10 @@
 """Seeded blind trials of `recal diagnose`: issue 4, "Figures to reach".
 
     python -m benchmarks.gap_study --out TRIALS.jsonl [--cells 12 none ...] [--seeds 0:20] [--jobs 1] [--until 16:30]
-    python -m benchmarks.gap_study --out TRIALS.jsonl --draw docs [--commit HASH ...]
+    python -m benchmarks.gap_study --out TRIALS.jsonl --draw docs [--commit HASH ...] [--speed FILE]
 
-appends a record for each trial as it is done: what was interrupted goes on. --draw writes gap_study.md, .json and .svg.
+appends a record for each trial as it is done: what was interrupted goes on. --draw writes gap_study.md, .json and .svg; records
+of other commits than those asked for only enter the table of earlier ones.
 """
 
 import argparse
@@ -18,18 +19,21 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import gap_study_document
-from benchmarks.gap_study_summary import miss_line, misses, summarise
+from benchmarks.gap_study_summary import by_commit, miss_line, misses, summarise
 from benchmarks.gap_study_trial import CELLS, record_of
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     options = _options(arguments)
     if options.draw or options.misses:
-        records = [r for r in read(options.out) if not options.commit or r["commit"] in options.commit]
+        records = read(options.out)
+        chosen = [r for r in records if not options.commit or r["commit"] in options.commit]
         if options.misses:
-            print("\n".join(miss_line(r) for r in records if misses(r)))
+            print("\n".join(miss_line(r) for r in chosen if misses(r)))
         if options.draw:
-            gap_study_document.write(summarise(records), options.draw)
+            earlier = by_commit([r for r in records if r not in chosen])
+            speed = options.speed.read_text(encoding="utf-8") if options.speed else ""
+            gap_study_document.write({**summarise(chosen), "earlier": earlier, "speed": speed}, options.draw)
         return
     done = {(r["cell"], r["seed"]) for r in read(options.out)}
     low, high = (int(v) for v in options.seeds.split(":"))
@@ -82,7 +86,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--until", default="", help="UTC, HH:MM: begin no trial later")
     parser.add_argument("--draw", type=Path, help="write the page of these records into this folder, and do no trial")
     parser.add_argument("--misses", action="store_true", help="print the trials that are not as they should be, and do none")
-    parser.add_argument("--commit", nargs="+", help="of these commits only")
+    parser.add_argument("--commit", nargs="+", help="the page is of these commits")
+    parser.add_argument("--speed", type=Path, help="what benchmarks.gap_speed printed, for the page")
     return parser.parse_args(arguments)
 
 

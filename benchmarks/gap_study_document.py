@@ -33,7 +33,8 @@ before them.
   fifth of the planted energy, whatever the target.
 - **true shrink**: the same quotient on the same held-out rows, from the planted difference itself (not for noise).
 
-Intervals are Clopper-Pearson, 95 %: with so few trials, look at them first.
+Intervals are Clopper-Pearson, 95 %. A goal is met or missed where the whole interval lies on one side of it, else open:
+with few trials most are.
 """
 
 
@@ -49,19 +50,22 @@ def write(summary: dict[str, Any], folder: Path) -> None:
 def page(summary: dict[str, Any]) -> str:
     parts = [HEAD, f"Commits: {', '.join(summary['commits'])}.\n", f"![shares and goals]({NAME}.svg)\n"]
     missed = [a for a in summary["answers"] if a["met"] is False]
-    parts += ["## Goals missed\n", "".join(f"- {line(a)}\n" for a in missed) or "None.\n"]
+    parts += ["## On the wrong side of the goal\n", "".join(f"- {line(a)}\n" for a in missed) or "None.\n"]
     parts += ["## All answers\n", _answers(summary["answers"]), "## Trials\n", _counts(summary["cells"])]
     parts += ["## Calibration\n", _calibration(summary["calibration"])]
     cost = summary["cpu_s"]
     if cost:
         parts.append(f"CPU time of a diagnosis: median {cost['median']:.1f} s, at most {cost['most']:.1f} s.\n")
+    if summary["speed"]:
+        parts += ["## Time and memory of one diagnosis\n", f"```\n{summary['speed'].strip()}\n```\n"]
     parts += ["## Trials that miss\n", "".join(f"- {text}\n" for text in summary["misses"]) or "None.\n"]
+    parts += [_earlier(summary["earlier"])] if summary["earlier"] else []
     return "\n".join(parts)
 
 
 def line(a: dict[str, Any]) -> str:
     """An answer in words."""
-    return f"{TITLES[a['cell']]}: {a['words']} {_share(a)}, goal {_goal(a)}"
+    return f"{TITLES[a['cell']]}: {a['words']} {_share(a)}, goal {_goal(a)}{'' if a['shown'] else ' (open)'}"
 
 
 def _share(a: dict[str, Any]) -> str:
@@ -73,10 +77,17 @@ def _goal(a: dict[str, Any]) -> str:
     return "-" if a["goal"] is None else f"{'at most' if a['at_most'] else 'at least'} {100 * a['goal']:.0f} %"
 
 
+def _status(a: dict[str, Any]) -> str:
+    if a["met"] is None:
+        return ""
+    if a["shown"]:
+        return "met" if a["met"] else "**missed**"
+    return "open" if a["met"] else "**open, wrong side**"
+
+
 def _answers(answers: Sequence[dict[str, Any]]) -> str:
     rows = ["| trials | question | share (95 %) | goal | |", "|---|---|---|---|---|"]
-    words = {None: "", True: "met", False: "**missed**"}
-    rows += [f"| {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} | {words[a['met']]} |" for a in answers]
+    rows += [f"| {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} | {_status(a)} |" for a in answers]
     return "\n".join(rows) + "\n"
 
 
@@ -100,6 +111,16 @@ def _calibration(bins: Sequence[dict[str, Any]]) -> str:
     return "\n".join(rows) + "\n\nGoal: a difference of 0.1 at most; inseparable effects are not counted as right here.\n"
 
 
+def _earlier(commits: Sequence[dict[str, Any]]) -> str:
+    """What the trials of earlier commits said, which led to changes."""
+    rows = ["## Earlier commits\n", "| commit | trials | question | share (95 %) | goal |", "|---|---|---|---|---|"]
+    rows += [
+        f"| {c['commit']} | {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} |"
+        for c in commits for a in c["answers"]
+    ]  # fmt: skip
+    return "\n".join(rows) + "\n"
+
+
 def draw(answers: Sequence[dict[str, Any]], path: Path) -> None:
     """Shares with intervals, and the goals."""
     import matplotlib
@@ -120,6 +141,6 @@ def draw(answers: Sequence[dict[str, Any]], path: Path) -> None:
     axes.set_yticks(range(len(shown)), [f"{TITLES[a['cell']]}: {a['words']} ({a['n']})" for a in shown], fontsize=7)
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.set_xlim(-2, 102)
-    axes.set_xlabel("share of the trials [%], 95 % interval; bar: goal; red: missed")
+    axes.set_xlabel("share of the trials [%], 95 % interval; bar: goal; red: wrong side of it")
     axes.grid(axis="x", alpha=0.3)
     figure.savefig(path, metadata={"Date": None})

@@ -79,6 +79,16 @@ def summarise(records: Sequence[Record]) -> dict[str, Any]:
     }
 
 
+def by_commit(records: Sequence[Record]) -> list[dict[str, Any]]:
+    """Answers to the questions with a goal, commit by commit."""
+    out = []
+    for commit in dict.fromkeys(r["commit"] for r in records):
+        whole = [r for r in records if r["commit"] == commit and "verdict" in r]
+        answers = [a for q in QUESTIONS if q.goal is not None and (a := answer(q, whole))]
+        out.append({"commit": commit, "answers": answers})
+    return out
+
+
 def counts(records: Sequence[Record]) -> dict[str, dict[str, int]]:
     """By cell: diagnosed, skipped (the size was out of reach), failed."""
     out: dict[str, dict[str, int]] = {}
@@ -89,17 +99,22 @@ def counts(records: Sequence[Record]) -> dict[str, dict[str, int]]:
 
 
 def answer(question: Question, records: Sequence[Record]) -> dict[str, Any] | None:
-    """Share, its interval and whether the goal is met; None where no record has an answer."""
+    """The share and its interval; None where no record has an answer.
+
+    met: the share is on the good side of the goal; shown: the whole interval is on one side of it.
+    """
     said = [s for s in (question.score(r) for r in records if r["cell"] == question.cell) if s is not None]
     if not said:
         return None
     k, n = sum(said), len(said)
-    met = None
+    low, high = scores.interval(k, n)
+    met, shown = None, None
     if question.goal is not None:
         met = k / n <= question.goal if question.at_most else k / n >= question.goal
+        shown = not low <= question.goal <= high
     return {
-        "cell": question.cell, "words": question.words, "k": k, "n": n, "interval_95": scores.interval(k, n),
-        "goal": question.goal, "at_most": question.at_most, "met": met,
+        "cell": question.cell, "words": question.words, "k": k, "n": n, "interval_95": (low, high),
+        "goal": question.goal, "at_most": question.at_most, "met": met, "shown": shown,
     }  # fmt: skip
 
 

@@ -136,12 +136,23 @@ def test_a_study_is_read_summed_up_and_drawn(tmp_path):
         2,
     )
     assert answers["12", "right effect and target on top"]["met"] is False
+    assert answers["12", "right effect and target on top"]["shown"] is False  # 1 of 2 may be 93 %
     assert answers["none", "p-value below 0.05 (the level a user sets)"]["met"] is True
     assert summary["cells"]["12"] == {"diagnosed": 2, "skipped": 0, "failed": 1}
     assert len(summary["misses"]) == 3  # the wrong name, the alarm, the failure
+    assert [c["commit"] for c in summary["earlier"]] == ["older"]
+    assert summary["earlier"][0]["answers"][0]["k"] == 0
     text = (tmp_path / "gap_study.md").read_text()
     assert "one effect, 12 sigma: right effect and target on top 1 of 2 = 50.0 %" in text
     assert (tmp_path / "gap_study.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("wrong", "shown"), [(0, True), (4, False), (20, True)])
+def test_a_goal_is_shown_only_where_the_interval_clears_it(wrong, shown):
+    """93 % on top, 60 trials: 60 clear it from above, 56 straddle it, 40 fall short by more than the interval."""
+    records = [record(RIGHT)] * (60 - wrong) + [record(WRONG)] * wrong
+    question = gap_study_summary.Question("12", "on top", gap_study_scores.on_top, 0.93)
+    assert gap_study_summary.answer(question, records)["shown"] is shown
 
 
 def test_the_questions_ask_only_of_cells_that_exist():
