@@ -25,6 +25,8 @@ from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 
 EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
 SHORTEST_PARK_S = 60.0
+SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
+QUIET_TIMES, LEANING_M_S2, SENSORS = 4.0, 0.3, 6
 UNKNOWN_HEADING_RAD = 0.1  # turn-on bias over the level Earth rate beyond this: no heading, no navigation
 
 
@@ -72,27 +74,27 @@ def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, 
         found = (lambda _: table) if table is not None and applied == table_sha256 else None
         run = with_applied_table_undone(run, found)
     imu = compensated_imu(run, table, temperature, twin)
-    rest = find_rest(run)
-    if rest is None:
-        return "the log never rests for a minute; a parked stretch of 5 min or more is needed"
+    level_earth_rate = EARTH_RATE_RAD_S * np.cos(run.header.site.lat_rad)
+    knows_north = bool(twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * level_earth_rate)
     seconds = seconds_of(imu)
+    rest = find_rest(run) if knows_north else _quiet_stretch(run, seconds)
+    shortest = SHORTEST_PARK_S if knows_north else SHORTEST_LEVEL_S
+    if rest is None:
+        return f"the log never rests for {shortest:.0f} s; a parked stretch of 5 min or more is needed"
     start_s = float(np.ceil(rest[0] - 1e-6))
-    knows_north = twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * EARTH_RATE_RAD_S * np.cos(
-        run.header.site.lat_rad
-    )
     C_nb = _attitude(imu, rest)
-    kind = _kinds(run, imu, start_s, C_nb, seconds, navigable=knows_north)
+    kind = _kinds(run, imu, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
     end_s = float(seconds.end_s[moves[0]] - 1.0 - EDGE_S) if moves.size else float(seconds.end_s[-1])
-    if end_s - start_s < SHORTEST_PARK_S:
-        return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {SHORTEST_PARK_S:.0f} s or more are needed"
+    if end_s - start_s < shortest:
+        return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {shortest:.0f} s or more are needed"
     C_nb, sigma_heading = _best_attitude(imu, run, (start_s, end_s))
     history = None
     if moves.size and knows_north:
         history = _navigation(imu, run, end_s, C_nb)
     elif moves.size:
         notes.append("the unit does not find north: what follows the parked stretch is not looked at")
-    telemetry = _telemetry(run, index, table, temperature, seconds, kind, C_nb, history, bool(knows_north))
+    telemetry = _telemetry(run, index, table, temperature, seconds, kind, C_nb, history, knows_north)
     return RunView(run, telemetry, seconds, start_s, end_s, C_nb, sigma_heading, history, temperature, tuple(notes))
 
 
@@ -126,8 +128,9 @@ def _best_attitude(imu: ImuSource, run: Run, span: tuple[float, float]) -> tuple
     return dcm_from_euler(roll, pitch, survey.heading_rad), survey.sigma_heading_rad
 
 
-def _kinds(run: Run, imu: ImuSource, start_s: float, C_nb: NDArray, seconds: Seconds, *, navigable: bool) -> NDArray:
+def _kinds(run: Run, imu: ImuSource, rest: tuple[float, float], C_nb: NDArray, seconds: Seconds, *, navigable: bool) -> NDArray:
     """PARKED, ROLLING or AIRBORNE for each second; before the first rest ROLLING."""
+    start_s = float(np.ceil(rest[0] - 1e-6))
     kind = np.full(seconds.end_s.size, PARKED)
     kind[seconds.end_s <= start_s] = ROLLING
     if navigable:
@@ -140,23 +143,33 @@ def _kinds(run: Run, imu: ImuSource, start_s: float, C_nb: NDArray, seconds: Sec
         kind[at[inside]] = codes[inside]
         kind[0] = kind[1]
     else:
-        _by_sensors(run, seconds, kind, start_s)
+        kind[seconds.end_s > rest[1]] = ROLLING  # nothing is made of what follows
     return kind
 
 
-def _by_sensors(run: Run, seconds: Seconds, kind: NDArray, start_s: float) -> None:
-    """Without navigation: phases where logged, and seconds whose rows scatter or whose force changes are movement."""
-    scatter = np.sqrt(seconds.scatter / np.maximum(seconds.rows, 1)[:, None])
-    quiet = np.median(scatter[seconds.end_s > start_s][:60], axis=0)
-    shaken = (scatter > 5.0 * quiet + 1e-9).any(axis=1)
-    smooth = np.convolve(shaken, np.ones(5), mode="same") >= 3.0
-    kind[smooth & (seconds.end_s > start_s)] = ROLLING
+def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
+    """The longest stretch whose seconds scatter and lean as little as the log's quiet ones do, bumps of two seconds apart.
+
+    For units that drift too fast for a rest to be told from their rates. Logged phases that move are left out.
+    """
+    rows = np.maximum(seconds.rows, 1)[:, None]
+    scatter = np.sqrt(seconds.scatter / rows)
+    quiet = np.quantile(scatter[seconds.rows > 1], 0.2, axis=0) if np.any(seconds.rows > 1) else np.zeros(SENSORS)
+    still = (scatter <= QUIET_TIMES * quiet + 1e-9).all(axis=1)
+    force = seconds.mean[:, 3:]
+    still &= np.linalg.norm(np.gradient(force, axis=0), axis=1) < LEANING_M_S2
     for phase in run.phases:
-        inside = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s)
-        if phase.phase in ("takeoff", "flight", "landing"):
-            kind[inside] = AIRBORNE
-        elif phase.phase == "taxi":
-            kind[inside] = ROLLING
+        if phase.phase in ("taxi", "takeoff", "flight", "landing"):
+            still &= ~((seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s))
+    bridged = np.convolve(still, np.ones(5), mode="same") >= 3.0
+    best: tuple[int, int] = (0, 0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], bridged.astype(int), [0]])))
+    for a, b in zip(edges[::2], edges[1::2]):
+        if b - a > best[1] - best[0]:
+            best = (int(a), int(b))
+    if best[1] - best[0] < SHORTEST_LEVEL_S:
+        return None
+    return float(seconds.end_s[best[0]] - 1.0), float(seconds.end_s[best[1] - 1])
 
 
 def _navigation(imu: ImuSource, run: Run, start_s: float, C_nb: NDArray) -> NavHistory:

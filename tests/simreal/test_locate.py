@@ -63,7 +63,7 @@ def test_a_quieter_channel_is_a_gap_as_well(bench):
 
 
 def test_a_burst_is_seen(bench):
-    evidence, squares, _, leftover, z, _, replicates = bench
+    _, squares, _, leftover, z, _, replicates = bench
     burst = z[:, 2].copy()
     burst[40] = 9.0
     again = squares.ratio(burst[:, None], np.random.default_rng(9))[:, 0]
