@@ -171,9 +171,9 @@ def _fold(
     A = _dense(bank, columns, evidence.size)
     train = ~held
     gram = A[train].T @ A[train]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    whole = np.sum(A**2, axis=0)  # rows without the effect leave its coefficient at zero, not anywhere
-    ridge = np.diag(RIDGE * whole * scale**2)
+    whole = np.maximum(np.sum(A**2, axis=0), 1e-300)  # rows without the effect leave its coefficient at zero
+    scale = 1.0 / np.sqrt(whole)
+    ridge = RIDGE * np.eye(whole.size)
     beta = scale * np.linalg.solve(gram * np.outer(scale, scale) + ridge, scale * (A[train].T @ evidence.z[train]))
     mine = np.isin(columns, slot.columns)
     others = evidence.z - A[:, ~mine] @ beta[~mine]

@@ -137,7 +137,7 @@ class Attributor:
     def _forward(self, *, pairs: bool = True) -> float:
         """Add effects until none reaches the threshold; the evidence gained, less what each slot costs."""
         total = 0.0
-        while len(self.slots) < MOST_EFFECTS:
+        while self._room():
             found = self._best(self.slots, pairs=pairs)
             if found is None:
                 break
@@ -148,6 +148,11 @@ class Attributor:
                     break
         self.gained = total
         return total
+
+    def _room(self) -> bool:
+        """Noise has as many places of its own: a unit of another grade needs one on each channel."""
+        noise = sum(s.extra is not None for s in self.slots)
+        return noise < MOST_EFFECTS and len(self.slots) - noise < MOST_EFFECTS
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?

@@ -27,6 +27,14 @@ DECLARED = {  # id of the effect: section and key of the twin, and its unit over
 }
 
 
+def declared_square(twin: TwinModel, effect_id: str) -> float:
+    """What a twin declares of a noise effect, its coefficient squared; 0 where it declares none of the kind."""
+    if effect_id not in DECLARED:
+        return 0.0
+    section, field, unit = DECLARED[effect_id]
+    return float((getattr(getattr(twin, section), field) / unit) ** 2)
+
+
 def without_excess(twin: TwinModel, effects: Sequence[TwinEffect], run_id: str) -> tuple[TwinModel, tuple[TwinEffect, ...]]:
     """The twin to simulate a run with (`effects` empty) and what is to be added to that: no noise below zero.
 

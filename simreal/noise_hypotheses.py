@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from simreal.bank import shapes_of, unit_scale
+from simreal.declared_noise import declared_square
 from simreal.effects.base import AddedNoise, Effect
 from simreal.evidence import BANDS, CHANNELS, SENSORS, Evidence, RunEvidence, block_spectrum
 from simreal.noise_model import ChannelNoise
@@ -64,10 +65,19 @@ class NoiseHypothesis:
     levels: NDArray  # q tried
     run: int | None = None
     named: bool = True
+    usual: float = np.inf  # upper end of the usual coefficient, squared
+    declared: float = 0.0  # what the twin declares of this noise, squared: the most that can be missing
 
     @property
     def key(self) -> tuple[str, str, int | None]:
         return self.effect.id, self.target, self.run
+
+    def tried(self) -> tuple[NDArray, NDArray]:
+        """Squares of the coefficient tried and their log weights; beyond the usual size they fall as its inverse."""
+        below = -self.declared * np.array(BELOW) if self.declared > 0 else np.zeros(0)
+        up = len(self.levels)
+        weights = np.log((0.8 if below.size else 1.0) / up) - 0.5 * np.log(np.maximum(self.levels / self.usual, 1.0))
+        return np.concatenate([self.levels, below]), np.concatenate([weights, np.full(below.size, np.log(0.2 / len(BELOW)))])
 
 
 class Squares:
@@ -180,7 +190,11 @@ def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Eff
             for run in range(len(telemetry)) if event else (None,):
                 shapes = shapes_of(effect, telemetry[run or 0])
                 terms = [term_of(evidence, squares, effect, target, shape, run) for shape in shapes]
-                out.append(NoiseHypothesis(effect.name, target, effect, float(prior), shapes, terms, levels, run))
+                usual = float((scale * coefficient.high) ** 2)
+                declared = declared_square(evidence.twin, effect.id)
+                out.append(NoiseHypothesis(
+                    effect.name, target, effect, float(prior), shapes, terms, levels, run, usual=usual, declared=declared
+                ))  # fmt: skip
     return out
 
 
@@ -264,17 +278,14 @@ def _samples(run: RunEvidence, channel: str) -> float:
 def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
     """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z (rows, reps)."""
     scores, best = [], []
+    tried, weights = hypothesis.tried()
     for term in hypothesis.terms:
         n, y, a = observed(term, squares, ratio, z)
-        top = float(a.max()) if a.size else 0.0
-        tried = np.concatenate([hypothesis.levels, -np.array(BELOW) / top]) if top > 0 else np.zeros(0)
-        if not tried.size or hypothesis.levels[-1] * top < 1e-3:
+        if not a.size or hypothesis.levels[-1] * float(a.max()) < 1e-3:
             scores.append(np.zeros(ratio.shape[1]))
             best.append(np.zeros(ratio.shape[1]))
             continue
         fits = _fits(n, y, 1.0 + np.outer(tried, a))
-        up, down = len(hypothesis.levels), len(BELOW)
-        weights = np.concatenate([np.full(up, np.log(0.8 / up)), np.full(down, np.log(0.2 / down))])
         scores.append(logsumexp(fits + weights[:, None], axis=0))
         best.append(tried[np.argmax(fits, axis=0)])
     return np.array(scores), np.array(best)

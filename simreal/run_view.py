@@ -26,7 +26,7 @@ from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
-QUIET_TIMES, LEANING_M_S2, SENSORS = 4.0, 0.3, 6
+QUIET_TIMES, LEANING_M_S2, SENSORS = 12.0, 0.3, 6
 UNKNOWN_HEADING_RAD = 0.1  # turn-on bias over the level Earth rate beyond this: no heading, no navigation
 
 

@@ -98,16 +98,20 @@ def condition(gram: NDArray, score: NDArray, selected: NDArray) -> tuple[NDArray
     """Gram matrix and products with the selected columns projected out (their coefficients are free)."""
     if not selected.size:
         return gram, score
-    S = gram[np.ix_(selected, selected)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True) * np.outer(scale, scale)
+    inverse = _inverse(gram[np.ix_(selected, selected)])
     gain = gram[:, selected] @ inverse
     return gram - gain @ gram[selected], score - gain @ score[selected]
 
 
+def _inverse(S: NDArray) -> NDArray:
+    """Pseudo-inverse of a Gram matrix, scaled first; a signature without any trace keeps the coefficient 0."""
+    diagonal = np.diag(S)
+    seen = diagonal > 1e-24 * max(float(diagonal.max()), 1e-300)
+    scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
+    return np.asarray(np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True) * np.outer(scale, scale))
+
+
 def fit(bank: Bank, selected: NDArray) -> tuple[NDArray, NDArray]:
     """Least-squares coefficients of selected columns and their covariance."""
-    S = bank.gram[np.ix_(selected, selected)]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(S), 1e-300))
-    inverse = np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True) * np.outer(scale, scale)
+    inverse = _inverse(bank.gram[np.ix_(selected, selected)])
     return inverse @ bank.score[selected], inverse
