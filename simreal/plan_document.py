@@ -117,8 +117,9 @@ def summary(document: dict[str, Any]) -> list[str]:
         if document["next"] and document["steps"]:
             first = document["steps"][0]
             lines.append(f"the one recording that helps most: {first['words']}" + _separates(first))
+    n = len(best["recordings"])
     lines.append(
-        f"{len(best['recordings'])} recordings, {best['hours']:g} h: {done} of {len(best['pairs'])} pairs separated"
+        f"{n} recording{'s' if n > 1 else ''}, {best['hours']:g} h: {done} of {len(best['pairs'])} pairs separated"
         if best["recordings"] else "no recording of the list separates more"
     )  # fmt: skip
     lines += [f"  {k + 1}. {r['words']}" for k, r in enumerate(best["recordings"])]

@@ -38,10 +38,10 @@ def headline(document: dict[str, Any]) -> str:
     beside = " beside the given runs" if document["given"] is not None else ""
     if not n:
         return f"No recording of the list separates more{beside}."
-    tail = f", {large} more when the effect is large" if large else ""
+    tail = f", {large} of them only when the effect is large" if large else ""
     return (
-        f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h) separate{'s' if n == 1 else ''} {done} of {pairs} "
-        f"pair{'s' if pairs > 1 else ''} at their usual size{tail}."
+        f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h) separate{'s' if n == 1 else ''} {done + large} of "
+        f"{pairs} pair{'s' if pairs > 1 else ''}{tail}."
     )
 
 
