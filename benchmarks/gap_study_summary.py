@@ -80,7 +80,7 @@ def summarise(records: Sequence[Record]) -> dict[str, Any]:
 
 
 def by_commit(records: Sequence[Record]) -> list[dict[str, Any]]:
-    """Answers to the questions with a goal, commit by commit."""
+    """Answers to the questions with a goal, commit by commit, in the order of the records."""
     out = []
     for commit in dict.fromkeys(r["commit"] for r in records):
         whole = [r for r in records if r["commit"] == commit and "verdict" in r]
