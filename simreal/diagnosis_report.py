@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from infield.report_page import decimals_for, number
@@ -40,7 +41,9 @@ def value_text(value: float | None, sigma: float | None = None) -> str:
     if value is None:
         return "n/a"
     if sigma is None or not sigma > 0:
-        return f"{value:.3g}".replace("-", "−")
+        plain = 1e-4 <= abs(value) < 1e6 or value == 0
+        text = np.format_float_positional(float(f"{value:.3g}"), trim="-") if plain else f"{value:.3g}"
+        return text.replace("-", "−")
     return f"{number(value, decimals_for([sigma]))} ± {number(sigma, decimals_for([sigma]))}"
 
 

@@ -4,6 +4,7 @@ from infield.table import ThermalTable
 from simreal.causes import Cause, Rival
 from simreal.diagnosis import Diagnosis
 from simreal.plan_advice import advice
+from simreal.twin_effects import SLOW
 
 MOST_CAUSES = 3  # each simulates a few recordings
 LEAST_PROBABILITY = 0.01  # of a rival that is worth a recording
@@ -19,6 +20,9 @@ def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:
     out += [_again(c) for c in diagnosis.causes if not c.named]
     if len(diagnosis.attribution.evidence.views) == 1:
         out += [_repeats(c) for c in diagnosis.causes if c.named and c.class_ == "R" and not c.rivals]
+    out += [_slow(c) for c in diagnosis.causes if c.effect == SLOW and not _below_declared(c)]
+    if diagnosis.left_present:
+        out.append("For what is left: a repeat under the same conditions, to see whether it comes again.")
     return list(dict.fromkeys(out))
 
 
@@ -32,6 +36,17 @@ def _again(cause: Cause) -> str:
         f"For {cause.effect} on {cause.target}: other starts (ambient, hot, cooling), to see whether it goes with temperature, "
         "its rate, time since power-on or the run."
     )
+
+
+def _slow(cause: Cause) -> str:
+    return (
+        f"For the slow variation on {cause.target}: three hours or more at a steady temperature, with all the housekeeping "
+        "there is, to see what it follows."
+    )
+
+
+def _below_declared(cause: Cause) -> bool:
+    return any(p.value < 0 for p in cause.parameters.values())
 
 
 def _repeats(cause: Cause) -> str:

@@ -13,7 +13,7 @@ from recal.console import result_text
 from simreal.causes import Cause, Rival, Value
 from simreal.diagnosis_curves import fitted_trace, overlays
 from simreal.diagnosis_document import diagnosis_document, refused_document, summary
-from simreal.diagnosis_report import diagnosis_html
+from simreal.diagnosis_report import diagnosis_html, value_text
 from simreal.generic import OF_RUN, OF_TEMPERATURE
 from simreal.overlap import overlapping
 from simreal.record_next import record_next
@@ -199,6 +199,9 @@ def test_a_stream_of_another_time_is_left_out():
 def test_advice_only_for_what_is_open(found):
     alone = replace(found, causes=(cause(),), bars=((),))
     assert record_next(alone, None) == []
+    slow = cause(effect="slow_variation", id="gyro_bias_instability", class_="S", run_id=None)
+    left = record_next(replace(found, causes=(slow,), bars=((),), left_present=True), None)
+    assert "three hours" in left[0] and "comes again" in left[1]
     free = replace(found, causes=(cause(effect=OF_TEMPERATURE, named=False),), bars=((),))
     assert "other starts" in record_next(free, None)[0]
     rivals = (Rival("gyro_thermal_quadratic", "gyro_x", 0.3, 0.99),)
@@ -242,6 +245,20 @@ def test_a_noise_below_the_declared_is_said_to_be(found):
     page = diagnosis_html(document, (None,))
     assert "that much less than the twin declares" in page and page.count("<svg") == 3  # map, bars, bands
     assert any("less than declared" in line for line in summary(document))
+
+
+@pytest.mark.parametrize(
+    "value,sigma,text",
+    [
+        (1000.0, None, "1000"),
+        (-0.0123456, None, "−0.0123"),
+        (2e-7, None, "2e−07"),
+        (0.07585, 0.0038, "0.0759 ± 0.0038"),
+        (0.0, None, "0"),
+    ],
+)
+def test_values_have_the_digits_that_count(value, sigma, text):
+    assert value_text(value, sigma) == text
 
 
 def test_a_refused_page_says_what_was_needed(found):
