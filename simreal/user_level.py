@@ -19,12 +19,13 @@ from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, ImuSource, NavState, TwinModel
 from ins.units import ARCSEC
 from simreal.run_view import RunView
-from simreal.telemetry import Trace
+from simreal.telemetry import Trace, total
 
 ALIGN_S = 600.0
 LONGEST_S = 3600.0
 SHORTEST_S = 600.0  # of navigation after the alignment
 ARCMIN = 60.0 * ARCSEC
+NOTHING = Trace()
 
 
 @dataclass(frozen=True)
@@ -42,15 +43,20 @@ class UserLevel:
     speed_m_s: tuple[float, float]
 
 
-def user_level(view: RunView, trace: Trace, table: ThermalTable | None, twin: TwinModel) -> UserLevel | None:
-    """The numbers of one run; None where it is parked too briefly, finds no north, or no effect touches its sensors."""
+def user_level(
+    view: RunView, trace: Trace, table: ThermalTable | None, twin: TwinModel, *, known: Trace = NOTHING
+) -> UserLevel | None:
+    """The numbers of one run; None where it is parked too briefly, finds no north, or no effect touches its sensors.
+
+    known : what the twin expects of the effects that it lists already; subtracted from both.
+    """
     touched = any(v is not None and bool(np.any(v)) for v in (trace.gyro_rad_s, trace.accel_m_s2))
     start, end = view.start_s, min(view.end_s, view.start_s + ALIGN_S + LONGEST_S)
     if not touched or not view.telemetry.heading_known or end - start < ALIGN_S + SHORTEST_S:
         return None
     imu = compensated_imu(view.run, table, view.temperature, twin)
-    as_it_is, heading = _flown(view, imu, None, start, end)
-    without, heading_without = _flown(view, imu, trace, start, end)
+    as_it_is, heading = _flown(view, imu, known, start, end)
+    without, heading_without = _flown(view, imu, total([known, trace]), start, end)
     return UserLevel(
         run_id=view.name, align_s=ALIGN_S, navigated_s=float(as_it_is.time_s[-1]),
         heading_change_arcmin=float(wrap_pi(heading - heading_without)) / ARCMIN,
@@ -59,7 +65,7 @@ def user_level(view: RunView, trace: Trace, table: ThermalTable | None, twin: Tw
     )  # fmt: skip
 
 
-def _flown(view: RunView, imu: ImuSource, trace: Trace | None, start: float, end: float) -> tuple[Drift, float]:
+def _flown(view: RunView, imu: ImuSource, trace: Trace, start: float, end: float) -> tuple[Drift, float]:
     """Drift from the end of the alignment, and the heading that the alignment gave."""
     align_end = start + ALIGN_S
     C_nb = coarse.gyrocompass_dcm(coarse.rest_means(_less(imu.between(start, align_end), view, trace)))
@@ -68,15 +74,13 @@ def _flown(view: RunView, imu: ImuSource, trace: Trace | None, start: float, end
     return parked_drift(history, view.run.header.site, end), float(euler_from_dcm(C_nb)[2])
 
 
-def _pieces(imu: ImuSource, view: RunView, trace: Trace | None, start: float, end: float) -> Iterator[ImuLog]:
+def _pieces(imu: ImuSource, view: RunView, trace: Trace, start: float, end: float) -> Iterator[ImuLog]:
     for piece in imu.pieces(start - 2.0, end):
         yield _less(piece, view, trace)
 
 
-def _less(piece: ImuLog, view: RunView, trace: Trace | None) -> ImuLog:
+def _less(piece: ImuLog, view: RunView, trace: Trace) -> ImuLog:
     """The log less what the effects add; straight between the seconds of the trace."""
-    if trace is None:
-        return piece
     middle, t = piece.time_s - 0.5 * piece.dt_s, view.telemetry.time_s
 
     def increments(rates: NDArray | None) -> NDArray | float:

@@ -92,14 +92,16 @@ def _results(
     """The document, and all files by name."""
     from infield.table_file import json_text
     from recal.output import program_version
-    from simreal.diagnosis_curves import fitted_trace, overlays
+    from simreal.diagnosis_curves import fitted_trace, known_trace, overlays
     from simreal.diagnosis_document import diagnosis_document
     from simreal.diagnosis_report import diagnosis_html
     from simreal.record_next import record_next
     from simreal.twin_out import TABLE_NAME, twin_with_causes
     from simreal.user_level import user_level
 
-    users = [user_level(v, fitted_trace(found, k), table, found.twin) for k, v in enumerate(found.views)]
+    users = [
+        user_level(v, fitted_trace(found, k), table, found.twin, known=known_trace(found, k)) for k, v in enumerate(found.views)
+    ]
     document = diagnosis_document(
         found, runs, version=program_version(), seed=seed, table_sha256=sha256, hold_out=hold_out,
         users=[u for u in users if u is not None], record_next=record_next(found, table), notes=notes,

@@ -224,6 +224,14 @@ def test_user_level_numbers_are_those_of_the_planted_effect(found):
         assert ours.heading_change_arcmin == pytest.approx(exact.heading_change_arcmin, abs=1.0)
 
 
+def test_what_the_twin_knows_already_costs_a_user_nothing(found):
+    view, fitted, table = found.views[0], fitted_trace(found, 0), table_from_dict(trial().table, name="table")
+    plain = user_level(view, fitted, table, found.twin)
+    known = user_level(view, fitted.scaled(0.5), table, found.twin, known=fitted.scaled(0.5))
+    assert known.rate_nm_h[1] == pytest.approx(plain.rate_nm_h[1], rel=1e-9)
+    assert abs(known.heading_change_arcmin) == pytest.approx(0.5 * abs(plain.heading_change_arcmin), rel=0.3, abs=0.02)
+
+
 def test_an_effect_on_no_sensor_has_no_user_level(found):
     assert user_level(found.views[0], Trace(), None, found.twin) is None
 
