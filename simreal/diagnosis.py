@@ -169,7 +169,7 @@ def _diagnosed(
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * alpha
-    where, marked = _places(attribution, before)
+    where, marked = _places(attribution, before, after)
     inside = marked if marked.any() else np.ones(len(cells), bool)
     verdict = _verdict(causes, present)
     order = np.argsort([-c.probability for c in causes], kind="stable")
@@ -237,43 +237,56 @@ def _sentence(verdict: str, causes: Sequence[Cause], where: Sequence[Place], loo
     return f"{head[verdict]} {' and '.join(said)}{tail}."
 
 
-def _places(attribution: Attribution, cells: CellTable) -> tuple[tuple[Place, ...], NDArray]:
-    """Channels by their share of the excess, with band, time and temperature; and the cells they are made of.
+def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tuple[tuple[Place, ...], NDArray]:
+    """Channels by their share of the gap, with band, time and temperature; and the cells that are located.
 
-    A cell is located where it stands out by itself, or where a found effect holds a tenth of its energy in it.
+    A found effect counts where it enters: on its target if that is a channel (a gyro's drift also shows in GNSS), else on
+    the channels that hold its energy. What is left counts in the cells that still stand out.
     """
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
-    explained = _explained(attribution)
-    energy = squares.ratio(explained[:, None])[:, 0] if attribution.slots else np.zeros(squares.dof.size)
-    for quick in squares.quick.values():
-        energy[quick] = 0.0
-    by_cell = np.array([float((squares.dof[c.index] * energy[c.index]).sum()) for c in cells.cells])
-    marked = cells.located | (by_cell > 0.1 * max(by_cell.sum(), 1e-300)) & (by_cell > 1.0)
+    channels = np.array([CHANNELS.index(c.channel) for c in cells.cells])
+    by_cell, by_channel = np.zeros(len(cells.cells)), np.zeros(len(CHANNELS))
+    explained = np.zeros(evidence.size)
     for slot in attribution.slots:
         if slot.extra is not None:
-            marked |= _noise_cells(attribution, slot, cells)
-    excess = np.where(marked, np.maximum(cells.nats, by_cell * 0.5), 0.0)
-    excess = np.where(marked, np.maximum(excess, 1e-9), 0.0)
-    total = float(excess.sum())
+            energy = 2.0 * max(slot.log_odds, 0.0) * _noise_cells(attribution, slot, cells)
+        else:
+            signature = _signature(attribution, slot)
+            explained += signature
+            ratio = squares.ratio(signature[:, None])[:, 0]
+            for quick in squares.quick.values():
+                ratio[quick] = 0.0
+            energy = np.array([float((squares.dof[c.index] * ratio[c.index]).sum()) for c in cells.cells])
+        target = slot.hypothesis.target
+        if target in CHANNELS and target != "vehicle":  # as a target it is the vehicle, as a channel its side slip
+            own = energy * (channels == CHANNELS.index(target))
+            energy = own * (energy.sum() / own.sum()) if own.sum() > 0 else energy
+        by_cell += energy
+    by_cell += np.where(after.located, 2.0 * np.maximum(after.nats, 0.0), 0.0)
+    if not attribution.slots:
+        by_cell = np.where(cells.located, 2.0 * np.maximum(cells.nats, 0.0), 0.0)
+    np.add.at(by_channel, channels, by_cell)
+    total = float(by_channel.sum())
+    marked = cells.located | (by_cell > 0.1 * max(total, 1e-300)) & (by_cell > 1.0)
     places = []
-    for channel in dict.fromkeys(c.channel for c in cells.cells):
-        mine = np.array([c.channel == channel for c in cells.cells]) & marked
-        share = float(excess[mine].sum() / total) if total > 0 else 0.0
-        if share >= LEAST_SHARE:
-            places.append(_place(evidence, channel, [cells.cells[k] for k in np.flatnonzero(mine)], explained, share))
+    for number in np.flatnonzero(by_channel > LEAST_SHARE * max(total, 1e-300)):
+        mine = channels == number
+        largest = float(by_cell[mine].max())
+        own = [cells.cells[k] for k in np.flatnonzero(mine & (by_cell > 0.1 * largest))]
+        places.append(_place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total)))
     places.sort(key=lambda p: -p.share)
     return tuple(places[:MOST_PLACES]), marked
 
 
-def _explained(attribution: Attribution) -> NDArray:
+def _signature(attribution: Attribution, slot: Slot) -> NDArray:
+    """Whitened rows of one found effect as fitted with the others."""
     columns = attribution.columns
-    if not columns.size:
-        return np.zeros(attribution.evidence.size)
-    return attribution.bank.signature(columns, fit(attribution.bank, columns)[0])
+    beta, _ = fit(attribution.bank, columns)
+    return attribution.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
 
 
 def _noise_cells(attribution: Attribution, slot: Slot, cells: CellTable) -> NDArray:
-    """Cells whose expected squares a found noise changes by a tenth of its largest change or more."""
+    """Shares of the cells (k,) in what a found noise changes."""
     factor = np.zeros(attribution.plain_squares.dof.size)
     h = slot.hypothesis
     assert isinstance(h, NoiseHypothesis) and slot.extra is not None
@@ -281,7 +294,7 @@ def _noise_cells(attribution: Attribution, slot: Slot, cells: CellTable) -> NDAr
     factor[term.index] = np.abs(slot.extra.square) * term.factor
     dof = attribution.plain_squares.dof
     change = np.array([float((dof[c.index] * factor[c.index] ** 2).sum()) for c in cells.cells])
-    return np.asarray(change > 0.1 * max(change.max(), 1e-300))
+    return np.asarray(change / max(change.sum(), 1e-300))
 
 
 def _place(evidence: Evidence, channel: str, cells: Sequence[Cell], explained: NDArray, share: float) -> Place:

@@ -22,7 +22,7 @@ from simreal.evidence import BANDS, CHANNELS, SENSORS, Evidence, RunEvidence, bl
 from simreal.noise_model import ChannelNoise
 from simreal.parked import BIN_S, cholesky_of
 
-LEVELS = 24
+LEVELS = 28
 BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
 SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
 COMPONENTS = 120  # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
@@ -184,7 +184,7 @@ def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Eff
                 continue
             coefficient = effect.coefficients[-1]
             scale = unit_scale(effect, target, evidence)
-            levels = np.geomspace(0.1 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
+            levels = np.geomspace(0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
             event = effect.repeats == "E"
             prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(len(telemetry))
             for run in range(len(telemetry)) if event else (None,):
