@@ -105,9 +105,15 @@ def where_right(record: Record) -> bool:
     return planted["target"] in BODIES and record.get("energy", {}).get(channel, 0.0) >= WHERE_SHARE
 
 
-def where_energy(record: Record) -> bool:
-    """The first place is a channel that holds a fifth of the planted whitened energy, whatever the target is."""
-    return bool(record["where"]) and record.get("energy", {}).get(record["where"][0][0], 0.0) >= WHERE_SHARE
+def where_energy(record: Record) -> bool | None:
+    """The first place is a channel that holds a fifth of the planted whitened energy, whatever the target is.
+
+    None where the effect moved the rows themselves (the end of parking), so that there is no difference to look at.
+    """
+    energy = record.get("energy")
+    if not energy:
+        return None
+    return bool(record["where"]) and energy.get(record["where"][0][0], 0.0) >= WHERE_SHARE
 
 
 def alarm(record: Record) -> bool:

@@ -79,7 +79,8 @@ def test_first_place():
     assert not gap_study_scores.where_right(record(planted=[on_vehicle], where=place, energy={"accel_x": 0.1}))
     assert not gap_study_scores.where_right(record(RIGHT, where=()))
     assert gap_study_scores.where_energy(record(RIGHT, where=place, energy={"accel_x": 0.3}))
-    assert not gap_study_scores.where_energy(record(RIGHT, where=place, energy={"accel_x": 0.1}))
+    assert gap_study_scores.where_energy(record(RIGHT, where=place, energy={"accel_x": 0.1})) is False
+    assert gap_study_scores.where_energy(record(RIGHT, where=place, energy={})) is None
 
 
 def test_noise_is_named_as_noise_alone():
