@@ -28,6 +28,7 @@ SWEEPS = 3
 REFINEMENTS = 3
 FINE = 9  # points of one refinement
 PAIR_CANDIDATES = 40
+MOST_MISSING = 0.99  # of a declared noise
 ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
 NO_COLUMNS = np.zeros(0, dtype=int)
 
@@ -216,6 +217,13 @@ class Attributor:
         best = int(np.argmax(odds))
         if odds[best] < self.threshold:
             return None
+        known = len(self.bank.hypotheses)
+        events = np.array([h.run is not None for h in self.bank.hypotheses])
+        event = int(np.argmax(np.where(events, odds[:known], -np.inf)))
+        if best >= known and events[event] and odds[event] > self.threshold:
+            self._slot(event, odds, groups, others)  # a sharp event off its grid looks like noise: refine it first
+            odds, groups = self._odds(others)
+            best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
         generic = not hypothesis.named or hypothesis.name == "slow_variation"
@@ -270,6 +278,8 @@ class Attributor:
         scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
         at = int(np.argmax(scores[:, 0]))
         square = _refined_level(float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z))
+        if square < 0:
+            square = max(square, -MOST_MISSING * hypothesis.declared)
         extra = ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run)
         return Slot(hypothesis, None, extra, odds)
 

@@ -20,7 +20,7 @@ SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])  
 GENERIC_LOG_PRIOR, RUN_LOG_PRIOR = -2.0, -3.0
 REACH = 100.0  # times the upper end of the usual range, and the prior is thin
 NAVIGATION_TURN_ON = {"gyro": 0.003, "accel": 30.0}  # deg/h and ug of the units the catalogue's usual sizes are for
-DEAD_SIGNATURE = 1e-9
+OUTLIER_OFFSETS_S = (-4.0, -1.0, 2.0)
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,17 @@ class Bank:
                 hypothesis.weigh()
                 self.hypotheses.append(hypothesis)
                 continue
-            for shape in shapes_of(effect, None if run is None else self.telemetry[run]):
+            shapes = shapes_of(effect, None if run is None else self.telemetry[run])
+            for shape in [*shapes, *(self._at_outliers(shapes[0], run) if run is not None else ())]:
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
             hypothesis.weigh()
             self.hypotheses.append(hypothesis)
+
+    def _at_outliers(self, shape: Mapping[str, float], run: int) -> list[dict[str, float]]:
+        """Onsets at a run's outliers: what lasts seconds falls between the points of a scan in minutes."""
+        if "onset_s" not in shape:
+            return []
+        return [{**shape, "onset_s": t + d} for t in self.evidence.runs[run].outlier_times() for d in OUTLIER_OFFSETS_S]
 
     def new_group(self, effect: Effect, target: str, shape: Mapping[str, float], run: int | None) -> Group:
         """Columns of an effect at a grid point, entered in the bank's list; they are whitened by `_fill`."""

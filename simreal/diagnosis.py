@@ -107,7 +107,7 @@ def diagnose(
 
 def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
     """Noise that the twin lists: what is in every run once, with the first; events with their own."""
-    always = twin_extra_noise([item for item in listed if item.run_id is None]) if number == 0 else []
+    always = twin_extra_noise([item for item in listed if not item.run_id]) if number == 0 else []
     events = twin_extra_noise([item for item in listed if item.run_id == run_id])
     return [*always, *(replace(e, run=number) for e in events)]
 
@@ -174,7 +174,8 @@ def _diagnosed(
     verdict = _verdict(causes, present)
     order = np.argsort([-c.probability for c in causes], kind="stable")
     return Diagnosis(
-        verdict=verdict, sentence=_sentence(verdict, causes, where, looks_like), score=_score(before, inside),
+        verdict=verdict, sentence=_sentence(verdict, causes, where, looks_like if present else ""),
+        score=_score(before, inside),
         floor=_floor(cells, squares, attribution, inside), p_value=min(2.0 * min(p_max, p_before), 1.0),
         score_after=_score(after, inside), p_value_after=p_after, where=where,
         causes=tuple(causes[k] for k in order), bars=tuple(bars[k] for k in order), left_present=bool(present),
@@ -233,7 +234,7 @@ def _sentence(verdict: str, causes: Sequence[Cause], where: Sequence[Place], loo
         "partly_explained": "Partly explained by",
         "unexplained": "Not explained by a named effect:",
     }
-    tail = "; something is left" if verdict == "partly_explained" else ""
+    tail = "; something is left" if verdict == "partly_explained" and looks_like else ""
     return f"{head[verdict]} {' and '.join(said)}{tail}."
 
 

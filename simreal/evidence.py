@@ -27,6 +27,7 @@ SENSORS = 6
 BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(BIN_S)
+OUTLIER_SIGMA, OUTLIERS = 5.5, 3
 SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
 
 
@@ -133,6 +134,12 @@ class RunEvidence:
         if self.rolling is not None:
             parts.append(self.rolling.whiten(listed, handoff, site_m))
         return np.vstack(parts)
+
+    def outlier_times(self) -> list[float]:
+        """Middles of the parked bins, at most OUTLIERS, in which a sensor's row is beyond what noise ever is."""
+        rows = np.abs(self.z[: self.parked.rows]).reshape(SENSORS, self.parked.bins).max(axis=0)
+        order = [k for k in np.argsort(-rows) if rows[k] > OUTLIER_SIGMA][:OUTLIERS]
+        return [self.view.start_s + BIN_S * (k + 0.5) for k in order]
 
     def _speed_at(self, time_s: NDArray) -> NDArray:
         telemetry = self.view.telemetry

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse, stillness
-from alignment.gyrocompass import LEVEL_S
 from infield.pipeline import with_applied_table_undone
 from infield.session import compensated_imu, find_rest, table_series
 from infield.table import ThermalTable
@@ -26,6 +25,7 @@ from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
+MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
 QUIET_TIMES, LEANING_M_S2, SENSORS = 12.0, 0.3, 6
 UNKNOWN_HEADING_RAD = 0.1  # turn-on bias over the level Earth rate beyond this: no heading, no navigation
 
@@ -88,7 +88,7 @@ def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, 
     end_s = float(seconds.end_s[moves[0]] - 1.0 - EDGE_S) if moves.size else float(seconds.end_s[-1])
     if end_s - start_s < shortest:
         return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {shortest:.0f} s or more are needed"
-    C_nb, sigma_heading = _best_attitude(imu, run, (start_s, end_s))
+    C_nb, sigma_heading = _best_attitude(imu, run, seconds, (start_s, end_s))
     history = None
     if moves.size and knows_north:
         history = _navigation(imu, run, end_s, C_nb)
@@ -113,14 +113,16 @@ def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> Gyro
 
 
 def _attitude(imu: ImuSource, rest: tuple[float, float]) -> NDArray:
-    first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
-    whole = coarse.rest_means(imu.between(*rest))
-    return coarse.gyrocompass_dcm(coarse.RestMeans(first.f_ib_b, whole.omega_ib_b, whole.sigma_omega_rad_s, whole.seconds))
+    """Over the whole first rest: what boarding or rocking does to it is for the diagnosis to find."""
+    return coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
 
 
-def _best_attitude(imu: ImuSource, run: Run, span: tuple[float, float]) -> tuple[NDArray, float]:
+def _best_attitude(imu: ImuSource, run: Run, seconds: Seconds, span: tuple[float, float]) -> tuple[NDArray, float]:
     """Nominal attitude over the whole parked stretch; a surveyed heading, where there is one, with its sigma."""
-    C_nb = coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*span)))
+    means = coarse.rest_means(imu.between(*span))
+    inside = (seconds.end_s > span[0]) & (seconds.end_s <= span[1])
+    rate = seconds.mean[inside, :3].mean(axis=0)  # what rocks has no mean; a median of blocks keeps some of it
+    C_nb = coarse.gyrocompass_dcm(coarse.RestMeans(means.f_ib_b, rate, means.sigma_omega_rad_s, means.seconds))
     survey = run.header.survey
     if survey.heading_rad is None or not survey.sigma_heading_rad:
         return C_nb, np.inf
@@ -142,9 +144,27 @@ def _kinds(run: Run, imu: ImuSource, rest: tuple[float, float], C_nb: NDArray, s
         inside = at < kind.size
         kind[at[inside]] = codes[inside]
         kind[0] = kind[1]
+        _trust_phases(run, seconds, kind)
     else:
         kind[seconds.end_s > rest[1]] = ROLLING  # nothing is made of what follows
     return kind
+
+
+def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
+    """A phase logged as parked is believed as long as nothing accelerates the vehicle for ten seconds.
+
+    The diagnosis never drops sway: rocking and gusts have no mean, a vehicle that leaves has.
+    """
+    force = np.stack([np.convolve(c, np.ones(MEAN_S) / MEAN_S, mode="same") for c in seconds.mean[:, 3:].T], axis=1)
+    for phase in run.phases:
+        if phase.phase not in ("alignment", "extended_alignment", "parked"):
+            continue
+        own = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s - EDGE_S)
+        inner = own & (seconds.end_s > seconds.end_s[0] + MEAN_S) & (seconds.end_s < seconds.end_s[-1] - MEAN_S)
+        if inner.sum() < MEAN_S:
+            continue
+        if (np.linalg.norm(force[inner] - np.median(force[inner], axis=0), axis=1) < MOVING_M_S2).all():
+            kind[own] = PARKED
 
 
 def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
