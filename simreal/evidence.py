@@ -28,6 +28,7 @@ BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(BIN_S)
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3
+BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05
 SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
 
 
@@ -230,8 +231,19 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
         if freedom > 0:
             ratio[c, -1] = np.where(whole, raw[:, c] / (PER_BLOCK * scatter), 1.0)
             dof[c, -1] = np.where(whole, PER_BLOCK * freedom, 0.0)
+    _leave_out_bursts(ratio, dof)
     _thermometer(view, twin, parked, ratio, dof)
     return Scatter(ratio, dof, view.start_s + BIN_S * (np.arange(blocks) + 0.5))
+
+
+def _leave_out_bursts(ratio: NDArray, dof: NDArray) -> None:
+    """Few blocks that scatter far beyond the rest are events (boarding, a bump), not noise: taken out, in place.
+
+    What they do to the ten-second means stays in the rows.
+    """
+    wild = (dof > 0) & (ratio > 1.0 + BURST_SIGMA * np.sqrt(2.0 / np.maximum(dof, 1e-9)))
+    few = wild.mean(axis=2, keepdims=True) < FEW_BLOCKS
+    dof[wild & few] = 0.0
 
 
 def _thermometer(view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDArray, dof: NDArray) -> None:
