@@ -33,6 +33,8 @@ before them.
   fifth of the planted energy, whatever the target.
 - **true shrink**: the same quotient on the same held-out rows, from the planted difference itself (not for noise).
 
+What the misses come from, as far as looked into: [gap_study_notes.md](gap_study_notes.md).
+
 Intervals are Clopper-Pearson, 95 %. A goal is met or missed where the whole interval lies on one side of it, else open:
 with few trials most are.
 """

@@ -133,7 +133,8 @@ def misses(record: Record) -> bool:
         return scores.named_falsely(record) or not scores.where_right(record)
     right = scores.on_top(record)
     if cell in ("cold", "5"):
-        return not right and not scores.in_set(record) and not scores.unresolved(record)
+        lost = not right and not scores.in_set(record) and not scores.unresolved(record)
+        return lost or scores.wrong_and_confident(record)
     return not right or scores.covered(record) is False or (len(record["planted"]) == 1 and not scores.where_right(record))
 
 
