@@ -28,6 +28,7 @@ from simreal.telemetry import Trace
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
 ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
+MOST = 0.9  # of an effect's energy within the low band
 LOOSE = 0.25  # variance of the predicted effect, of its energy: beyond, nothing is predicted
 RIDGE = 1e-3  # of a signature's whole energy
 SURE = 1.96
@@ -65,6 +66,8 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
         parts = [_fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True) for k in range(runs)]
         how = "leave one run out"
     else:
+        if slot.hypothesis.run is not None:
+            touched = touched & (evidence.rows.run == slot.hypothesis.run)
         parts = [_fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
         how = "alternate half-minutes"
     N, D, dd, dz, m, loose = (float(sum(p[k] for p in parts)) for k in range(6))
@@ -137,6 +140,8 @@ def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = ""
     variance = 4.0 * np.maximum(dd - 2.0 * S * dz + S**2 * s2, 0.0) + 2.0 * S**2 * m + 1e-12
     ratio = (N - S * D) ** 2 / variance
     inside = ratio <= ratio.min() + SURE**2  # the least is above zero where S = N / D lies beyond 1
+    if D < SURE * np.sqrt(2.0 * m):
+        inside[:] = True  # no gap to speak of in what was held out: nothing is excluded
     value = float(np.clip(N / D, -1.0, 1.0)) if D > 0 else 0.0
     interval = (float(S[inside].min()), float(S[inside].max())) if inside.any() else (value, value)
     interval = (min(interval[0], value), max(interval[1], value))
@@ -179,16 +184,20 @@ def _fold(
     others = evidence.z - A[:, ~mine] @ beta[~mine]
     d, z = A[:, mine] @ beta[mine], others
     where = held & touched
-    B = _low_band(evidence, where) if by_run else None
-    if B is None:
-        d, z, m = d[where], z[where], int(where.sum())
-    else:
+    B = _low_band(evidence, where)
+    if by_run or energetic(B(d)) > MOST * energetic(d[where]):  # an event may be as short as a row
         d, z, m = B(d), B(z), B(z).size
+    else:
+        d, z, m = d[where], z[where], int(where.sum())
     dd, dz = float(d @ d), float(d @ z)
     own = np.flatnonzero(mine)
     C = np.linalg.inv(gram * np.outer(scale, scale) + ridge)[np.ix_(own, own)] * np.outer(scale[own], scale[own])
     loose = float(np.sum((A[where][:, mine] @ C) * A[where][:, mine]))
     return 2.0 * dz - dd, float(z @ z) - m, dd, dz, float(m), loose
+
+
+def energetic(values: NDArray) -> float:
+    return float(values @ values)
 
 
 def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
 from simreal.evidence import Evidence
-from simreal.generic import OF_RUN, Generic, generic_functions
+from simreal.generic import MOTION_SIZE, OF_RUN, Generic, generic_functions
 from simreal.telemetry import Telemetry, Trace
 
 SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])  # squared sizes that the prior mixes
@@ -175,7 +175,10 @@ class Bank:
             self._specs.append([traces[c] for traces in per_run])
         count = len(self._specs) - first
         twin = self.evidence.twin
-        typical = twin.gyro.turn_on_deg_h * 4.848e-6 if generic.target in GYROS else twin.accel.turn_on_ug * 9.80665e-6
+        motion = MOTION_SIZE.get(generic.target)
+        typical = (
+            motion or twin.gyro.turn_on_deg_h * 4.848e-6 if generic.target in GYROS else twin.accel.turn_on_ug * 9.80665e-6
+        )
         same.groups.append(
             Group({"nodes": float(generic.resolution)}, np.arange(first, first + count), np.full(count, typical))
         )

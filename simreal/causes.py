@@ -17,6 +17,9 @@ from simreal.scoring import Scorer, condition, fit
 
 CREDIBLE = 0.95
 SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
+UNLISTED = ("unknown", "")
+OUTSIDE, ROOM_SIGMA = 0.15, 25.0
+UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}  # of free functions of motion
 LEAST = 0.01  # probability below which an answer is not listed
 ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
 
@@ -72,7 +75,7 @@ class Cause:
 
     @property
     def resolved(self) -> bool:
-        return self.probability >= CREDIBLE or not self.rivals
+        return self.probability >= CREDIBLE * (1.0 - unlisted(self.size)) or not self.rivals
 
 
 def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Cause:
@@ -99,15 +102,27 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
     for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
         key = hypothesis.name, hypothesis.target
         shares[key] = shares.get(key, 0.0) + float(p)
+    alien = unlisted(_size(attribution, slot))
+    shares = {key: (1.0 - alien) * p for key, p in shares.items()}
+    shares[UNLISTED] = alien
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def unlisted(size: float) -> float:
+    """Probability that the cause is none of the catalogue's and only looks like one of them.
+
+    No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many sigmas leaves less room for a
+    look-alike, whose difference would show.
+    """
+    return OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
 
 
 def _rivals(attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], float]) -> tuple[Rival, ...]:
     own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
     cosines = _cosines(attribution, slot)
-    total = shares.get(own, 0.0)
+    total = shares.get(own, 0.0) + shares.get(UNLISTED, 0.0)
     for key, p in shares.items():
-        if key == own:
+        if key in (own, UNLISTED):
             continue
         cosine = cosines.get(key, float("nan"))
         if total < CREDIBLE and p > LEAST:
@@ -155,8 +170,8 @@ def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value],
     value, sigma = beta[at], np.sqrt(np.maximum(np.diag(covariance)[at], 0.0))
     if h.effect is None:
         assert slot.group is not None and h.generic is not None
-        unit = "deg/h" if h.target in GYROS else "ug"
-        values = tuple(float(v) / (DEG_PER_HOUR if h.target in GYROS else MICRO_G) for v in value)
+        unit, si = UNITS.get(h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G))
+        values = tuple(float(v) / si for v in value)
         nodes = next(g.nodes for g in attribution.bank.generics if g.key == (h.name, h.target, int(slot.group.shape["nodes"])))
         return {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)}, nodes, values
     scale = unit_scale(h.effect, h.target, attribution.evidence)

@@ -17,6 +17,8 @@ OF_TEMPERATURE = "unknown_function_of_temperature"
 OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
+UNKNOWN = "unknown"  # of the motion, on a channel that only moving vehicles have
+MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}  # m/s, m/s, m at 10 m/s: what would matter there
 Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
 Quantity = Callable[[Telemetry, str], NDArray | None]
 
@@ -37,6 +39,12 @@ class Generic:
 
     def traces(self, run: Telemetry) -> tuple[Trace, ...]:
         columns = self.hats(run).T
+        if self.target == "odometer":
+            return tuple(Trace(odometer_m_s=c) for c in columns)
+        if self.target == "vehicle":
+            return tuple(Trace(lateral_m_s=c) for c in columns)
+        if self.target == "gnss":
+            return tuple(_fix_error(run, c) for c in (*columns, *(1j * columns)))
         axis = AXIS[self.target]
         gyro = self.target in GYROS
         return tuple(Trace(gyro_rad_s=on_axis(c, axis)) if gyro else Trace(accel_m_s2=on_axis(c, axis)) for c in columns)
@@ -56,7 +64,37 @@ def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
             out.append(_hats(OF_TIME, target, _time, _nodes([_time(r, target) for r in runs], nodes)))
         if len(runs) > 1:
             out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
+    return (*out, *motion_functions(runs))
+
+
+def motion_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
+    """Free functions of the motion on odometer, side slip and GNSS: of speed, its square, acceleration and turn rate."""
+    out = []
+    if any(run.rolling.any() for run in runs):
+        out.append(Generic(UNKNOWN, "vehicle", 4, _of_motion))
+        if any(run.has_odometer for run in runs):
+            out.append(Generic(UNKNOWN, "odometer", 4, _of_motion))
+    if any(run.has_gnss for run in runs):
+        out.append(Generic(UNKNOWN, "gnss", 5, _of_fixes))
     return tuple(out)
+
+
+def _of_motion(run: Telemetry) -> NDArray:
+    v, a, turn = run.speed_m_s, run.acceleration_m_s2, run.turn_rad_s
+    columns = np.stack([v / 10.0, (v / 10.0) ** 2, a, v * turn], axis=1)
+    return np.asarray(columns * (run.rolling | (np.abs(v) > 0.5))[:, None])
+
+
+def _of_fixes(run: Telemetry) -> NDArray:
+    return np.column_stack([np.ones(run.n), _of_motion(run)])
+
+
+def _fix_error(run: Telemetry, column: NDArray) -> Trace:
+    """A position error along (real) or across (imaginary) the heading, with the velocity error that goes with it not read."""
+    heading = run.heading_rad
+    along = np.stack([np.cos(heading), np.sin(heading), np.zeros(run.n)], axis=1)
+    across = np.stack([-np.sin(heading), np.cos(heading), np.zeros(run.n)], axis=1)
+    return Trace(gnss_position_m=np.real(column)[:, None] * along + np.imag(column)[:, None] * across)
 
 
 def _hats(name: str, target: str, quantity: Quantity, nodes: NDArray) -> Generic:

@@ -13,7 +13,7 @@ from ins.records import TwinModel
 from ins.twin_file import twin_to_dict
 from simreal.causes import Cause
 from simreal.effects.catalogue import effects_named
-from simreal.generic import OF_RUN
+from simreal.generic import OF_RUN, UNKNOWN
 from simreal.node_function import unit_of
 from simreal.twin_effects import PROCESS, RUN_ID, SLOW
 
@@ -31,6 +31,8 @@ def twin_with_causes(twin: TwinModel, causes: Sequence[Cause], run_ids: Sequence
 
 def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
     """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of its own."""
+    if cause.effect == UNKNOWN:  # of the motion: found, but nothing that a simulator can make
+        return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]
     if cause.class_ == "P":
