@@ -91,8 +91,9 @@ def thermometer(streams: Streams, seen: Seen, target: str, p: Parameters, size: 
     log = streams.temperature
     dt = float(np.median(np.diff(log.time_s)))
     if p["kind"] == "late":
-        late = np.stack([processes.lagged(T, tau_s=p["tau_s"], dt_s=dt) for T in log.gyro_degC.T], axis=-1)
-        read = log.gyro_degC + size * (late - log.gyro_degC) + size * p["offset_degC"]
+        true = np.stack([np.interp(log.time_s, seen.time_s, T) for T in seen.gyro_degC.T], axis=-1)  # the noise is not late
+        late = np.stack([processes.lagged(T, tau_s=p["tau_s"], dt_s=dt) for T in true.T], axis=-1)
+        read = log.gyro_degC + size * (late - true) + size * p["offset_degC"]
     else:
         read = p["lsb_degC"] * size * np.round(log.gyro_degC / (p["lsb_degC"] * size)) if size > 0 else log.gyro_degC
     return replace(streams, temperature=replace(log, gyro_degC=read))

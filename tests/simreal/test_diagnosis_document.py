@@ -37,7 +37,7 @@ def document_of(found, **more):
 
 def cause(**changes):
     base = Cause(
-        effect="gyro_bias_step", target="gyro_x", id="gyro_bias_step", probability=0.9, rivals=(),
+        effect="gyro_bias_step", target="gyro_x", id="gyro_bias_step", probability=0.8, rivals=(),
         parameters={"coefficient": Value(0.02, 0.001, "deg/h"), "onset_s": Value(900.0, 20.0, "s")}, run_id="r2", size=12.0,
         class_="E",
     )  # fmt: skip
