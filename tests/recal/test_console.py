@@ -114,8 +114,9 @@ def test_wrong_usage_is_exit_2_and_prints_no_result():
 def test_every_verdict_has_its_exit_code():
     """formats.md, section 4."""
     assert {code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())} == {
-        0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"}, 3: {"bad_input"},
-        4: {"refused", "level_only"}, 5: {"inconsistent"},
+        0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted",
+            "no_gap", "explained", "partly_explained", "unexplained"},
+        3: {"bad_input"}, 4: {"refused", "level_only"}, 5: {"inconsistent"},
     }  # fmt: skip
 
 
