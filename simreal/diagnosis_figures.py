@@ -122,7 +122,8 @@ def posterior_bars(cause: dict[str, Any]) -> Markup:
         colour = VERMILLION if key == (cause["effect"], cause["target"]) else BLUE if key in held else PALE
         ax.barh(y, row["probability"], height=0.7, color=colour)
         ax.text(row["probability"] + 0.008, y, _percent(row["probability"]), va="center", fontsize=8.0)
-    ax.set_yticks(range(len(rows)), [f"{r['effect']} on {r['target']}" if r["target"] else "outside the catalogue" for r in rows])
+    labels = [f"{r['effect']} on {r['target']}" if r["target"] else "outside the catalogue" for r in rows]
+    ax.set_yticks(range(len(rows)), labels)
     ax.set_ylim(len(rows) - 0.4, -0.6)
     ax.set_xlim(0.0, 1.08)
     ax.grid(False, axis="y")
