@@ -17,6 +17,7 @@ from simreal.effects.gyro_effect import gyro_effect, on_gyro, one
 from simreal.effects.gyro_needs import gyro_degC, gyro_degC_min, lacks_temperature_rate
 from simreal.telemetry import Telemetry, Trace
 
+WHOLE_LOG_PRIOR = -1.0  # a blunder is -2, -1 or 1 times the table; any other share is a drift that looks like it
 LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR  # a table that moves by less over the runs has no temperature in it
 LEAST_SPAN_degC = 0.2  # readings that move by less tell no slope
 SLOPE_STEP_degC = 0.5
@@ -96,7 +97,7 @@ COMPENSATION: tuple[Effect, ...] = (
     ),
     gyro_effect(
         "compensation_misapplied", coefficients=one("times the table", 0.5, 2.0),
-        formula=misapplied, need=lacks_table, rivals=("gyro_thermal_linear", "gyro_thermal_quadratic"),
-        source="gap.md D05",
+        formula=misapplied, need=lacks_table, log_prior=WHOLE_LOG_PRIOR,
+        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic"), source="gap.md D05",
     ),
 )  # fmt: skip

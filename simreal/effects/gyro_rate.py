@@ -93,6 +93,8 @@ def _misalignment(axis: str) -> tuple[FormulaEffect, ...]:
         source="IEEE Std 647-2006: input-axis misalignment",
     ))  # fmt: skip
 
+RARE_LOG_PRIOR = -2.0  # dithered gyros leave the dead zone; parked, what is left looks like a constant
+
 
 GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
@@ -132,7 +134,7 @@ GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
         "gyro_lock_in", coefficients=(Coefficient("coefficient", "fraction left", 1e-5, 1e-3, signed=False),),
         shape=(ShapeParameter("threshold_deg_h", "deg/h", 50.0, 2000.0, 6),),
-        formula=lock_in, need=lacks_slow_rotation, rivals=("gyro_dither_coning", "gyro_scale_factor"),
+        formula=lock_in, need=lacks_slow_rotation, log_prior=RARE_LOG_PRIOR, rivals=("gyro_dither_coning", "gyro_scale_factor"),
         source="Aronowitz (1971)",
     ),
     gyro_effect(
