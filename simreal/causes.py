@@ -102,7 +102,7 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
     for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
         key = hypothesis.name, hypothesis.target
         shares[key] = shares.get(key, 0.0) + float(p)
-    alien = unlisted(_size(attribution, slot))
+    alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))  # what it adds to the others: two may cancel
     shares = {key: (1.0 - alien) * p for key, p in shares.items()}
     shares[UNLISTED] = alien
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
