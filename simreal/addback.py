@@ -101,7 +101,7 @@ class HeldOut:
     ) -> None:
         """views: all runs, those held out from number `first` on, under the same noise."""
         found = attribution.evidence
-        self._first, self._attribution = first, attribution
+        self._first = first
         evidence = Evidence(views, attribution.plain_evidence.twin, found.extra, known)
         bank = Bank(evidence, (), with_generic=False)
         slots = []
@@ -114,7 +114,7 @@ class HeldOut:
                 group = bank.append(h.effect, h.target, [slot.group.shape], h.run)[0]
             else:
                 assert h.generic is not None
-                generic = next(g for g in attribution.bank.generics if g.key == (h.name, h.target, slot.group.columns.size))
+                generic = attribution.bank.generic_of(h, slot.group)
                 group = bank.append_traces([generic.traces(t) for t in bank.telemetry], slot.group)
             slots.append(replace(slot, group=group))
         self._of_all = replace(attribution, slots=slots, evidence=evidence, bank=bank)
@@ -248,8 +248,3 @@ def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:
     how = "leave one run out" if held else "the same run"
     interval = float(min(low, fractions[0])), float(max(high, fractions[0]))
     return Shrink(float(fractions[0]), interval, held, abs(found) / max(sigma, 1e-300), how)
-
-
-def shrinks(attribution: Attribution, slots: Sequence[int] | None = None) -> list[Shrink]:
-    """The shrink by each slot."""
-    return [shrink_of(attribution, k) for k in (range(len(attribution.slots)) if slots is None else slots)]

@@ -4,7 +4,7 @@ Each slot holds one effect; its posterior runs over all hypotheses given the oth
 threshold comes from replicates of the twin's own noise on the very same runs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -23,7 +23,6 @@ from simreal.telemetry import Trace
 MOST_EFFECTS = 6
 REPLICATES = 300
 TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn
-CREDIBLE = 0.95
 SWEEPS = 3
 REFINEMENTS = 3
 FINE = 9  # points of one refinement
@@ -53,6 +52,11 @@ class Slot:
         return NO_COLUMNS if self.group is None else self.group.columns
 
 
+def columns_of(slots: Iterable[Slot]) -> NDArray:
+    """The bank's columns of slots, in their order."""
+    return np.concatenate([NO_COLUMNS, *(s.columns for s in slots)])
+
+
 @dataclass
 class Attribution:
     """The slots, the state they were judged in, and the null threshold."""
@@ -74,7 +78,7 @@ class Attribution:
 
     @property
     def columns(self) -> NDArray:
-        return np.concatenate([s.columns for s in self.slots]) if self.slots else NO_COLUMNS
+        return columns_of(self.slots)
 
     def residual(self) -> NDArray:
         """Whitened rows less what the slots explain."""
@@ -186,20 +190,19 @@ class Attributor:
 
     def _plain_residual(self) -> NDArray:
         """Rows under the twin's own noise less the named effects, for judging noise."""
-        out = self.plain.z.copy()
-        for slot in self.slots:
-            for k, c in enumerate(slot.columns):
-                beta = fit(self.bank, np.concatenate([s.columns for s in self.slots]))[0]
-                at = int(sum(s.columns.size for s in self.slots[: self.slots.index(slot)])) + k
-                for r, run in enumerate(self.plain.runs):
-                    trace = self.bank.traces_of(int(c), r)
-                    if trace is not None:
-                        out[self.plain.rows_of(r)] -= beta[at] * run.whiten([trace])[:, 0]
+        out, columns = self.plain.z.copy(), columns_of(self.slots)
+        if not columns.size:
+            return out
+        beta, _ = fit(self.bank, columns)
+        for r, run in enumerate(self.plain.runs):
+            traces = [self.bank.traces_of(int(c), r) for c in columns]
+            here = np.array([t is not None for t in traces])
+            out[self.plain.rows_of(r)] -= run.whiten([t for t in traces if t is not None]) @ beta[here]
         return out
 
     def _odds(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
         """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of all groups."""
-        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        columns = columns_of(others)
         lp, groups = self.scorer.log_posterior(columns, self.bank.score[:, None])
         z = self.evidence.z
         if columns.size:
@@ -228,7 +231,7 @@ class Attributor:
         hypothesis = slot.hypothesis
         generic = not hypothesis.named or hypothesis.name == "slow_variation"
         if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
-            pair = self._pair(slot, others, odds)
+            pair = self._pair(slot, others)
             if pair is not None:
                 return pair
         return slot
@@ -257,7 +260,7 @@ class Attributor:
             if any(p.name == "onset_s" for p in h.effect.shape):
                 near = min(h.groups, key=lambda g: abs(g.shape["onset_s"] - onset))
                 shapes = [{**near.shape, "onset_s": onset + d} for d in ONSET_OFFSETS_S]
-                columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+                columns = columns_of(others)
                 groups = self.bank.append(h.effect, h.target, shapes, h.run)
                 fits = Scorer(self.bank, [replace(h, groups=groups)]).groups_log_bf(columns, self.bank.score[:, None])[:, 0]
                 h.refine(groups[int(np.argmax(fits))])
@@ -289,7 +292,7 @@ class Attributor:
         if effect is None or not effect.shape:
             return group
         run = None if hypothesis.run is None else self.bank.telemetry[hypothesis.run]
-        columns = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        columns = columns_of(others)
         shape, best = dict(group.shape), group
         for parameter in effect.shape:
             low, high = limits(parameter, run)
@@ -312,7 +315,7 @@ class Attributor:
         self.scorer = Scorer(self.bank)
         return entered
 
-    def _pair(self, single: Slot, others: Sequence[Slot], odds: NDArray) -> Slot | None:
+    def _pair(self, single: Slot, others: Sequence[Slot]) -> Slot | None:
         """Two named effects on the channel of a generic answer, where together they explain it better.
 
         The better of them is returned; the other is found in the next round.
@@ -321,7 +324,7 @@ class Attributor:
         on_channel = [k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target]
         if not on_channel:
             return None
-        base = np.concatenate([NO_COLUMNS, *(s.columns for s in others)])
+        base = columns_of(others)
         mine = Scorer(self.bank, [self.bank.hypotheses[k] for k in on_channel])
         _, groups = mine.log_posterior(base, self.bank.score[:, None])
         order = np.argsort(-groups[:, 0])[:PAIR_CANDIDATES]

@@ -248,6 +248,11 @@ class Bank:
             out[present] += A.T @ z[self.evidence.rows_of(k)]
         return out
 
+    def generic_of(self, hypothesis: Hypothesis, group: Group) -> Generic:
+        """The free function that a group of a nameless hypothesis holds, at its resolution."""
+        key = hypothesis.name, hypothesis.target, int(group.shape["nodes"])
+        return next(g for g in self.generics if g.key == key)
+
     def traces_of(self, column: int, run: int) -> Trace | None:
         """A column before whitening."""
         return self._specs[column][run]

@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import logsumexp
 
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.addback import Shrink
-from simreal.attribute import NO_COLUMNS, AnyHypothesis, Attribution, Slot
+from simreal.attribute import Attribution, Slot, columns_of
 from simreal.bank import Hypothesis, unit_scale
 from simreal.effects.base import GYROS, Effect
 from simreal.noise_hypotheses import NoiseHypothesis
@@ -138,7 +136,7 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
     if slot.group is None:
         return {}
     bank = attribution.bank
-    others = np.concatenate([NO_COLUMNS, *(s.columns for s in attribution.slots if s is not slot)])
+    others = columns_of(s for s in attribution.slots if s is not slot)
     gram, score = condition(bank.gram, bank.score[:, None], others)
     own = slot.columns
     beta = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True) @ score[own, 0]
@@ -172,7 +170,7 @@ def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value],
         assert slot.group is not None and h.generic is not None
         unit, si = UNITS.get(h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G))
         values = tuple(float(v) / si for v in value)
-        nodes = next(g.nodes for g in attribution.bank.generics if g.key == (h.name, h.target, int(slot.group.shape["nodes"])))
+        nodes = attribution.bank.generic_of(h, slot.group).nodes
         return {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)}, nodes, values
     scale = unit_scale(h.effect, h.target, attribution.evidence)
     out = {}
@@ -201,7 +199,7 @@ def _shape_sigma(attribution: Attribution, slot: Slot, effect: Effect, name: str
         return float("nan")
     shapes = [{**slot.group.shape, name: centre + k * step} for k in (-1, 0, 1)]
     groups = bank.append(effect, h.target, shapes, h.run)
-    others = np.concatenate([NO_COLUMNS, *(s.columns for s in attribution.slots if s is not slot)])
+    others = columns_of(s for s in attribution.slots if s is not slot)
     scorer = Scorer(bank, [Hypothesis(h.name, h.target, effect, run=h.run, groups=groups)])
     f = scorer.groups_log_bf(others, bank.score[:, None])[:, 0]
     curvature = (2.0 * f[1] - f[0] - f[2]) / step**2
@@ -266,12 +264,3 @@ def posterior_bars(attribution: Attribution, slot: Slot, most: int = 8) -> list[
     """The most probable answers of a slot."""
     shares = shares_of(attribution, slot)
     return [(name, target, p) for (name, target), p in list(shares.items())[:most]]
-
-
-def odds_of(hypotheses: list[AnyHypothesis], log_odds: NDArray) -> dict[tuple[str, str], float]:
-    """Probabilities of a log-odds vector by name and target."""
-    p = np.exp(log_odds - logsumexp(log_odds))
-    out: dict[tuple[str, str], float] = {}
-    for h, v in zip(hypotheses, p):
-        out[h.name, h.target] = out.get((h.name, h.target), 0.0) + float(v)
-    return out

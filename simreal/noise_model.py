@@ -17,7 +17,6 @@ from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_
 from simreal.effects.base import AddedNoise
 
 FLICKER_GRID_S = 1.0
-TWO = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +80,7 @@ class ChannelNoise:
         r[0] = self.white / dt_s
         lag = np.abs(dt_s * np.arange(-1, n + 1))
         u = self.bounded * (lag < 1e-9) + self.sway * oscillator(lag, self.sway_w, self.sway_zeta)
-        r += (TWO * u[1:-1] - u[:-2] - u[2:]) / dt_s**2
+        r += (2.0 * u[1:-1] - u[:-2] - u[2:]) / dt_s**2
         if self.markov:
             r += self.markov * _markov_means(dt_s * np.arange(n), dt_s, self.markov_tau_s)
         if slow and self.flicker:

@@ -102,11 +102,6 @@ class Trace:
         values = {f.name: getattr(self, f.name) for f in fields(self)}
         return Trace(**{k: None if v is None else factor * v for k, v in values.items()})
 
-    def rows(self, keep: NDArray | slice) -> "Trace":
-        """The trace at some of the instants."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        return Trace(**{k: None if v is None else v[keep] for k, v in values.items()})
-
 
 def total(traces: Iterable[Trace]) -> Trace:
     """The sum of traces on the same instants."""
