@@ -1,5 +1,7 @@
 """`recal update`: recalibrate a unit's thermal table from its runs."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +22,7 @@ from recal.console import (
     say,
 )
 
+Files = Callable[[dict[str, Any]], dict[Path, str]]  # a document's files: update.json, and update.html where wanted
 ACTED = ("rate term fitted", "sigma widened", "a split, or a wrong session")  # what is said of heating and cooling without -v
 
 
@@ -56,8 +59,9 @@ def command(
 def update(
     runs: list[Path], *, store_url: str, commit: bool, accept_step: bool = False, twin: Path | None = None,
     config: Path | None = None, thermal_model: Path | None = None, output: Path | None = None, quiet: bool = True,
+    html: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
-    """Read, estimate, judge, merge, report, commit; returns the update document."""
+    """Read, estimate, judge, merge, report, commit; returns the update document. Without `html` only update.json is written."""
     from infield.document import update_document
     from infield.pipeline import update_calibration
     from infield.table_file import table_sha256
@@ -72,7 +76,7 @@ def update(
     database = open_store(store_url)
     unit, loaded, use = with_thermal_model(unit_inputs(loaded[0], database, twin), loaded, thermal_model)
     serial = unit.table.imu_serial
-    directory = output_directory(output, "update")
+    files = partial(_files, output_directory(output, "update"), html=html)
     result = update_calibration(
         loaded, unit.table, unit.twin, parent_sha256=table_sha256(unit.table_dict), settings=settings, ageing=ageing,
         already_merged=(lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False,
@@ -81,11 +85,11 @@ def update(
     )  # fmt: skip
     facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict, "thermal_model": use(result.after)}
     if commit and result.outcome == "accepted":
-        return _commit(result, unit, store_url, directory, facts)
+        return _commit(result, unit, store_url, files, facts)
     document = update_document(result, committed=False, store=database.name if database else None, **facts)
     if commit and result.outcome == "inconsistent" and unit.revision and result.evidence:
         document["remembered"] = _remember(result, unit, store_url)
-    write_files(_files(directory, document))
+    write_files(files(document))
     return document
 
 
@@ -108,7 +112,7 @@ def _remember(result: Any, unit: Any, store_url: str) -> str:
     return f"{count} contradicting session{'s' if count != 1 else ''} remembered; the table is as it was"
 
 
-def _commit(result: Any, unit: Any, store_url: str, directory: Path, facts: dict[str, Any]) -> dict[str, Any]:
+def _commit(result: Any, unit: Any, store_url: str, files: Files, facts: dict[str, Any]) -> dict[str, Any]:
     """Report and table together or neither: the report is staged, the store commits, the report takes its place.
 
     Where another writer or an earlier merge stands in the way: refused, with the reason. Where the store cannot be
@@ -128,24 +132,24 @@ def _commit(result: Any, unit: Any, store_url: str, directory: Path, facts: dict
         document = update_document(result, committed=True, **facts)
         merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
         numbered = _numbered(document, (unit.revision or 1) + 1)
-        write_files(_files(directory, numbered), commit=lambda: made.append(database.commit_update(
+        write_files(files(numbered), commit=lambda: made.append(database.commit_update(
             document["table_before_sha256"], result.after, merged, result_text(document),
             first_table=None if unit.revision else unit.table_dict,
         )))  # fmt: skip
         if made[0].number != numbered["revision"]:  # somebody rolled back to the same table meanwhile
             numbered = _numbered(document, made[0].number)
-            write_files(_files(directory, numbered))
+            write_files(files(numbered))
         return numbered
     except (StoreConflict, RunAlreadyMerged) as error:
         document = {**update_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
-        write_files(_files(directory, document))
+        write_files(files(document))
         return document
     except InputError as error:
         if made:
             say(f"committed as revision {made[0].number}, but {error}")
             return _numbered(document, made[0].number)
         document = {**update_document(result, committed=False, **facts), "reasons": [f"not committed: {error}"]}
-        write_files(_files(directory, document))
+        write_files(files(document))
         raise
 
 
@@ -155,10 +159,11 @@ def _numbered(document: dict[str, Any], revision: int) -> dict[str, Any]:
     return {**document, "revision": revision, "rollback_command": back}
 
 
-def _files(directory: Path, document: dict[str, Any]) -> dict[Path, str]:
+def _files(directory: Path, document: dict[str, Any], *, html: bool) -> dict[Path, str]:
     from infield.report import update_html
 
-    return {directory / "update.json": result_text(document), directory / "update.html": update_html(document)}
+    page = {directory / "update.html": update_html(document)} if html else {}
+    return {directory / "update.json": result_text(document), **page}
 
 
 def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 from infield.store import TableStore
 from ins.records import InputError
 from recal.cli import app
+from recal.commands import update as update_command
 from tests.infield.sessions import factory_dict, simulated
 from trajectories.run import write_run
 
@@ -69,3 +70,8 @@ def test_where_the_report_cannot_be_written_nothing_is_committed(folder):
     assert [p.name for p in (folder / "out").iterdir()] == ["update.html"]
     with TableStore.open(URL) as store:
         assert store.active().number == 1
+
+
+def test_without_html_the_document_alone_is_written(folder):
+    document = update_command.update([folder / "run"], store_url=URL, commit=True, output=folder / "out", html=False)
+    assert document == report(folder) and [p.name for p in (folder / "out").iterdir()] == ["update.json"]
