@@ -27,6 +27,7 @@ SENSORS = 6
 BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(BIN_S)
+NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3
 BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05
 SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
@@ -210,6 +211,20 @@ def block_spectrum(noise: ChannelNoise) -> NDArray:
     return np.asarray(np.einsum("ki,ij,kj->k", D, noise.covariance(PER_BLOCK, 1.0), D))
 
 
+def block_freedom(noise: ChannelNoise, low: int, high: int) -> float:
+    """Degrees of freedom that a block's DCT squares [low, high), over their expectation, add to a long sum of blocks.
+
+    m^2 / sum of squared correlations, within the block and with its neighbours (Satterthwaite): sway puts its leaps of
+    velocity from end to end of a block into all of them alike, 1.2 instead of 3 in the slow band of the default twin.
+    """
+    D = dct(np.eye(PER_BLOCK), axis=0, norm="ortho")[low:high]
+    C = noise.covariance((1 + NEAR_BLOCKS) * PER_BLOCK, 1.0)
+    blocks = [D @ C[:PER_BLOCK, k * PER_BLOCK : (k + 1) * PER_BLOCK] @ D.T for k in range(1 + NEAR_BLOCKS)]
+    sigma = np.sqrt(np.diag(blocks[0]))
+    squares = [float(np.sum((block / np.outer(sigma, sigma)) ** 2)) for block in blocks]
+    return (high - low) ** 2 / (squares[0] + 2.0 * sum(squares[1:]))
+
+
 def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
     blocks, shape = parked.bins, (7, len(BANDS) + 1, parked.bins)
     ratio, dof = np.ones(shape), np.zeros(shape)
@@ -226,7 +241,7 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
         expected = block_spectrum(noise)
         for b, (low, high) in enumerate(BANDS):
             ratio[c, b] = (spectrum[:, low:high, c] / expected[low:high]).mean(axis=1)
-            dof[c, b] = high - low
+            dof[c, b] = block_freedom(noise, low, high)
         scatter, freedom = noise.scatter(per_second, seconds.row_dt_s)
         if freedom > 0:
             ratio[c, -1] = np.where(whole, raw[:, c] / (PER_BLOCK * scatter), 1.0)

@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.fft import dct
+from scipy.stats import chi2
 
 from ins.records import GyroNoise, TwinModel, VehicleNoise
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from simreal.evidence import BANDS, block_freedom, block_spectrum
 from simreal.noise_model import ChannelNoise, channel_noises
 from trajectories import imperfections
 from trajectories.vehicle import sway_velocity
@@ -88,6 +91,25 @@ def test_scatter_of_white_rows_is_chi_square():
     trace, dof = ChannelNoise(white=2.0).scatter(10, 0.1)
     assert trace == pytest.approx(9 * 20.0)
     assert dof == pytest.approx(9.0)
+
+
+@pytest.mark.parametrize("sway", [0.0, 1.0])
+def test_band_sums_scatter_as_their_freedom_says(sway):
+    """Mean squares of 300 sums over 60 blocks, drawn by the simulator's own oscillator: variance 2/dof, two-sided."""
+    sums, blocks, rate = 300, 60, 10.0
+    rng = np.random.default_rng(5)
+    n = sums * blocks * 10
+    v = sway_velocity(rng, round(n * rate) + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+    seconds = sway * np.diff(v[:: round(rate)]) + 0.01 * rng.standard_normal(n)
+    noise = ChannelNoise(white=1e-4, sway=sway, sway_w=2 * np.pi * 0.28, sway_zeta=0.2, run_s=3600.0)
+    spectrum = dct(seconds.reshape(sums, blocks, 10), axis=2, norm="ortho") ** 2 / block_spectrum(noise)
+    for low, high in BANDS:
+        freedom = blocks * block_freedom(noise, low, high)
+        seen = spectrum[:, :, low:high].mean(axis=(1, 2))
+        assert chi2.ppf(1e-4, sums) < np.sum((seen - 1.0) ** 2) * freedom / 2.0 < chi2.ppf(1 - 1e-4, sums)
+        wrong = blocks * (high - low)
+        if sway and low == 1:  # counted as independent, the slow band would scatter 2.5 times as much as told
+            assert np.sum((seen - 1.0) ** 2) * wrong / 2.0 > chi2.ppf(1 - 1e-4, sums)
 
 
 def test_added_noise_adds_variances():
