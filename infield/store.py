@@ -12,8 +12,10 @@ from typing import Any
 from sqlalchemy import Connection, select, update
 
 from infield.disagreement import SessionEvidence
+from infield.store_commit import commit_revision
 from infield.store_contradictions import append_contradictions, read_contradictions
 from infield.store_database import Database, StoreConflict, store_exists
+from infield.store_proposals import FullProposal, Proposal, ProposalStore
 from infield.store_rows import (
     MergedRun,
     Revision,
@@ -28,13 +30,13 @@ from infield.store_rows import (
     lock_unit,
     provenance_runs,
     read_revision,
-    runs_held,
     runs_of,
     set_runs,
     tag_number,
     tagged,
     text_sha256,
     unit_of_table,
+    units_with,
 )
 from infield.store_schema import merged_run, revision, unit
 from infield.table import ThermalTable
@@ -42,15 +44,12 @@ from infield.table_file import canonical_json, table_from_dict, table_to_dict
 from ins.records import InputError, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
-__all__ = ["MergedRun", "Revision", "RunAlreadyMerged", "StoreConflict", "TableStore", "UnitKey", "UnitRecord",
-           "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
+__all__ = ["FullProposal", "MergedRun", "Proposal", "Revision", "RunAlreadyMerged", "StoreConflict", "TableStore",
+           "UnitKey", "UnitRecord", "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
 
 
-class TableStore:
+class TableStore(ProposalStore):
     """Thermal tables by unit. Every method raises InputError where the store cannot be read or is damaged."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
 
     @classmethod
     def open(cls, url: str, create: bool = False) -> "TableStore":
@@ -74,7 +73,7 @@ class TableStore:
     def units(self) -> list[UnitRecord]:
         """All units, by key."""
         with self._database.reading() as c:
-            rows = c.execute(select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all()
+            rows = c.execute(units_with(revision).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all()
             return [
                 UnitRecord(
                     unit=key_of(row), active=tagged(c, row, "active"),
@@ -193,21 +192,11 @@ class TableStore:
             raise ValueError("provenance.parent_sha256 is not the parent that the update is committed to")
 
         def work(c: Connection) -> Revision:
-            row = lock_unit(c, unit_of_table(table))
-            if last_number(c, row) == 0 and first_table is not None:
-                first = canonical_json(first_table)
-                append_revision(c, row, kind="factory", table_json=first, note="technology default", now_utc=now_utc)
-            if last_number(c, row) == 0 or tagged(c, row, "active").sha256 != parent_sha256:
-                raise StoreConflict(f"{key_of(row)}: the active table is not {parent_sha256[:12]} now; update again")
-            held = runs_held(c, row)
-            for run in runs:
-                if run.sha256 in held:
-                    raise RunAlreadyMerged(f"{key_of(row)}: the active table already holds run {run.run_id}")
-            append_revision(
-                c, row, kind="update", table_json=text, runs=runs, report_json=report_json, note=note, now_utc=now_utc
-            )
-            set_runs(c, row, held | {run.sha256 for run in runs})
-            return tagged(c, row, "active")
+            return commit_revision(
+                c, lock_unit(c, unit_of_table(table)), parent_sha256=parent_sha256, table_json=text, runs=runs,
+                report_json=report_json, note=note, now_utc=now_utc,
+                first_table_json=None if first_table is None else canonical_json(first_table),
+            )  # fmt: skip
 
         return self._database.write(work)
 
@@ -229,13 +218,18 @@ class TableStore:
 
     def rollback(
         self, serial: str | None = None, to: int | str = "factory", technology: str | None = None,
-        mode: str | None = None, *, note: str = "", now_utc: str | None = None,
+        mode: str | None = None, *, active_number: int | None = None, note: str = "", now_utc: str | None = None,
     ) -> Revision:  # fmt: skip
-        """A new revision with the bits of an old one: its number, "factory" or "previous"."""
+        """A new revision with the bits of an old one: its number, "factory" or "previous".
+
+        StoreConflict where another revision than `active_number` (None: any) is active by now.
+        """
 
         def work(c: Connection) -> Revision:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
             active = tag_number(c, row, "active")
+            if active_number not in (None, active):
+                raise StoreConflict(f"{key_of(row)}: revision {active} is active now, not {active_number}; look again")
             names = {"factory": tag_number(c, row, "factory"), "previous": active - 1}
             number = names.get(to, 0) if isinstance(to, str) else to
             if number == active:

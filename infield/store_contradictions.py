@@ -5,13 +5,12 @@ Every function works inside the caller's transaction.
 
 import json
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import Connection, insert, inspect, select
 
 from infield.disagreement import SessionEvidence
-from infield.store_rows import key_of, runs_held, text_sha256
+from infield.store_rows import key_of, runs_held, text_sha256, utc_now
 from infield.store_schema import contradiction
 from ins.records import InputError
 
@@ -25,7 +24,7 @@ def append_contradictions(c: Connection, row: Any, table_sha256: str, evidence: 
     new = {e.run_sha256: e for e in evidence if e.run_sha256 not in known}
     for e in new.values():
         values = {
-            "run_sha256": e.run_sha256, "recorded_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            "run_sha256": e.run_sha256, "recorded_utc": utc_now(),
             "table_sha256": table_sha256, "evidence_json": _to_json(e),
         }  # fmt: skip
         c.execute(insert(contradiction).values(unit_id=row.id, **values, record_sha256=_record_sha256(row, values)))

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, and_, delete, func, insert, select
+from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, select
 
 from infield.store_schema import merged_run, revision, tag, unit
 from infield.table import ThermalTable
@@ -92,7 +92,7 @@ def append_revision(
     before = read_revision(c, row, last) if last else None
     values: dict[str, Any] = {
         "unit_id": row.id, "number": last + 1, "kind": kind, "sha256": text_sha256(table_json),
-        "created_utc": now_utc or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "created_utc": now_utc or utc_now(),
         "parent_sha256": before.sha256 if before else None, "table_json": table_json,
         "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]), "restored_number": restored_number,
         "report_json": report_json, "note": note,
@@ -136,18 +136,24 @@ def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
     return held | provenance_runs(of.table_dict)
 
 
-def find_unit(c: Connection, serial: str | None, technology: str | None, mode: str | None) -> Any:
+def units_with(rows_of: Table) -> Select:
+    """The units that have at least one row there (revision or proposal): a proposal's unit may have no table yet."""
+    return select(unit).where(unit.c.id.in_(select(rows_of.c.unit_id)))
+
+
+def find_unit(c: Connection, serial: str | None, technology: str | None, mode: str | None, *, having: Table = revision) -> Any:
     """The one unit row that matches; None matches anything. UnknownUnit if none, InputError if several do."""
-    rows = c.execute(select(unit) if serial is None else select(unit).where(unit.c.imu_serial == serial)).all()
+    query, what = units_with(having), "table" if having is revision else "proposal"
+    rows = c.execute(query if serial is None else query.where(unit.c.imu_serial == serial)).all()
     if not rows:
-        raise UnknownUnit(f"no table for serial {serial}" if serial is not None else "the store holds no table")
+        raise UnknownUnit(f"no {what} for serial {serial}" if serial is not None else f"the store holds no {what}")
     wanted = [row for row in rows if technology in (None, row.gyro_technology)]
     known = "; ".join(str(key_of(row)) for row in rows[:8])
     if not wanted:
         raise InputError(f"serial {serial} is {known} in the store, not {technology}: another unit?")
     wanted = [row for row in wanted if mode in (None, row.gyro_mode)]
     if not wanted:
-        raise UnknownUnit(f"no table for serial {serial} in gyro mode {mode!r}; the store has {known}")
+        raise UnknownUnit(f"no {what} for serial {serial} in gyro mode {mode!r}; the store has {known}")
     if len(wanted) > 1:
         raise InputError(f"the store holds several units ({known}): name one (serial, technology, mode)")
     return wanted[0]
@@ -210,6 +216,11 @@ def provenance_runs(table: dict[str, Any]) -> set[str]:
     """Content hashes in `provenance.runs`: plain, or under the key sha256."""
     runs = table.get("provenance", {}).get("runs") or []
     return {s for s in (r.get("sha256") if isinstance(r, dict) else r for r in runs) if isinstance(s, str) and s}
+
+
+def utc_now() -> str:
+    """The time written into rows."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def text_sha256(text: str) -> str:

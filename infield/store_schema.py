@@ -17,8 +17,8 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-SCHEMA_REVISION = "0002"  # the newest migration
-READABLE = ("0001", SCHEMA_REVISION)  # older stores that a reading command opens as they are
+SCHEMA_REVISION = "0003"  # the newest migration
+READABLE = ("0001", "0002", SCHEMA_REVISION)  # older stores that a reading command opens as they are
 metadata = MetaData()
 
 # One gyro triad: the key that a table belongs to, and the twin record that its noise model comes from.
@@ -84,4 +84,45 @@ contradiction = Table(
     Column("table_sha256", String(64), nullable=False),  # the active table that it contradicted
     Column("evidence_json", Text, nullable=False),
     Column("record_sha256", String(64), nullable=False),  # over the unit and the row
+)
+
+# Append-only: updates put forward for review. The hashes of the texts are in record_sha256, the texts are not, so that a
+# list of proposals need not read them; record_sha256 covers the row and the unit's record before it.
+proposal = Table(
+    "recal_proposal",
+    metadata,
+    Column("unit_id", Integer, ForeignKey("recal_unit.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("proposed_utc", String(40), nullable=False),
+    Column("proposed_by", String(200), nullable=False),
+    Column("parent_sha256", String(64), nullable=False),  # the table that it was made from
+    Column("sha256", String(64), nullable=False),
+    Column("report_sha256", String(64), nullable=False),
+    Column("runs_json", Text, nullable=False),  # as in recal_revision
+    Column("note", Text, nullable=False),
+    Column("table_json", Text, nullable=False),
+    Column("report_json", Text, nullable=False),
+    Column("first_table_json", Text),  # where the unit was unknown: the table it was made from, parent_sha256 being its hash
+    Column("record_sha256", String(64), nullable=False),
+)
+
+# Append-only: what a person decided about a proposal, once. record_sha256 covers the row, the proposal's record and the
+# unit's decision before it.
+decision = Table(
+    "recal_decision",
+    metadata,
+    Column("unit_id", Integer, primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("proposal_number", Integer, nullable=False),
+    Column("verdict", String(20), nullable=False),
+    Column("decided_utc", String(40), nullable=False),
+    Column("decided_by", String(200), nullable=False),
+    Column("reason", Text, nullable=False),
+    Column("revision_number", Integer),  # approved: the revision that it became
+    Column("record_sha256", String(64), nullable=False),
+    ForeignKeyConstraint(
+        ["unit_id", "proposal_number"], ["recal_proposal.unit_id", "recal_proposal.number"], name="fk_recal_decision_proposal"
+    ),
+    UniqueConstraint("unit_id", "proposal_number", name="uq_recal_decision_proposal"),
+    CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_decision_verdict"),
 )

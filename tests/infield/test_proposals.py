@@ -1,0 +1,276 @@
+"""Proposals: kept without touching the active table, decided once, refused when the table has moved, every change found."""
+
+import json
+import os
+import sqlite3
+import threading
+import uuid
+
+import pytest
+
+from infield.store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
+from infield.store_proposals import signed_note
+from infield.table import default_table
+from infield.table_file import canonical_json, table_sha256, table_to_dict
+from ins.records import InputError
+
+UTC = "2026-03-01T05:00:00Z"
+REPORT = '{"verdict": "proposed", "nis": 1.0000000000000002}'
+
+
+def table(serial="SN-1"):
+    return default_table(imu_serial=serial, gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=20.0)
+
+
+def updated(parent, shift_deg_h=0.001):
+    """An update of a revision, or of a table that no store holds yet: every node moved."""
+    old, sha256 = (parent.table, parent.sha256) if hasattr(parent, "number") else (parent, table_sha256(table_to_dict(parent)))
+    return old.replaced(parameters=old.parameters + shift_deg_h, provenance={"parent_sha256": sha256, "runs": []})
+
+
+def propose(store, parent, *, run="run-1", shift_deg_h=0.001, **more):
+    new = updated(parent, shift_deg_h)
+    return store.propose(new.provenance["parent_sha256"], new, [MergedRun(run_id=run, sha256=run)], REPORT, **more)
+
+
+def decide(store, number, verdict="approved", **more):
+    return store.decide(number, verdict, **{"by": "A. Reviewer", "reason": "residuals are white", **more})
+
+
+@pytest.fixture
+def store(tmp_path):
+    with TableStore.open(f"sqlite:///{tmp_path}/recal.db", create=True) as opened:
+        yield opened
+
+
+def test_a_proposal_changes_no_table(store):
+    first = store.import_table(table_to_dict(table()))
+    kept = propose(store, first, by="fleet", note="night of 1 March", now_utc=UTC)
+    assert store.active() == first and len(store.history()) == 1 and not store.has_run("run-1")
+    assert (kept.number, kept.state, kept.proposed_by) == (1, "open", "fleet")
+    assert (kept.note, kept.proposed_utc) == ("night of 1 March", UTC)
+    assert kept.runs == (MergedRun(run_id="run-1", sha256="run-1"),) and kept.parent_sha256 == first.sha256
+    full = store.proposal(1, "SN-1")
+    assert full.table_json == canonical_json(table_to_dict(updated(first))) and full.report == json.loads(REPORT)
+    assert store.proposals() == [kept] and store.proposals("SN-2") == [] == store.proposals(state="approved")
+
+
+def test_approval_commits_what_was_proposed_and_says_who(store):
+    first = store.import_table(table_to_dict(table()))
+    kept = propose(store, first)
+    done = decide(store, 1, now_utc=UTC)
+    active = store.active()
+    assert (active.number, active.kind, active.sha256, active.parent_sha256) == (2, "update", kept.sha256, first.sha256)
+    assert active.note == "proposal 1 approved by A. Reviewer: residuals are white"
+    report = json.loads(active.report_json)
+    assert (report["verdict"], report["proposal"], report["nis"]) == ("committed", 1, 1.0000000000000002)
+    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == ("approved", 2, UTC)
+    assert (done.decision.decided_by, done.decision.reason) == ("A. Reviewer", "residuals are white")
+    assert store.has_run("run-1", "SN-1")
+
+
+def test_rejection_leaves_the_table_and_is_final(store):
+    first = store.import_table(table_to_dict(table()))
+    propose(store, first)
+    assert decide(store, 1, "rejected").state == "rejected" and store.active() == first
+    for verdict in ("approved", "rejected"):
+        with pytest.raises(InputError, match=r"proposal 1 was rejected by A\. Reviewer on .* before"):
+            decide(store, 1, verdict)
+    assert store.active() == first and len(store.history()) == 1
+
+
+def test_approval_is_refused_where_the_table_has_moved(store):
+    first = store.import_table(table_to_dict(table()))
+    propose(store, first)
+    propose(store, first, run="run-2", shift_deg_h=0.002)
+    decide(store, 1)
+    assert [p.state for p in store.proposals()] == ["approved", "out of date"]
+    second = store.active()
+    with pytest.raises(StoreConflict, match="update again"):
+        decide(store, 2)
+    assert store.active() == second and store.proposals()[1].decision is None  # neither table nor decision
+    store.rollback(to="factory")  # its parent is active again
+    assert store.proposals()[1].state == "open" and decide(store, 2).decision.revision_number == 4
+    assert store.active().number == 4
+
+
+def test_an_update_that_is_out_of_date_cannot_be_proposed(store):
+    first = store.import_table(table_to_dict(table()))
+    propose(store, first)
+    decide(store, 1)
+    with pytest.raises(StoreConflict, match="update again"):
+        propose(store, first, run="run-2")
+    with pytest.raises(RunAlreadyMerged, match="run-1"):
+        propose(store, store.active())
+    assert len(store.proposals()) == 1
+
+
+def test_the_same_update_is_kept_once(store):
+    first = store.import_table(table_to_dict(table()))
+    assert propose(store, first) == propose(store, first, by="again")
+    assert propose(store, first, run="run-2").number == 2  # the same table from other runs is another update
+    decide(store, 1, "rejected")
+    with pytest.raises(InputError, match=r"same update was rejected by .* as proposal 1; a note must say why"):
+        propose(store, first)
+    again = propose(store, first, note="thermometer replaced, see log 12")
+    assert (again.number, again.state) == (3, "open") and propose(store, first) == again
+
+
+def test_a_unit_without_a_table_stays_unknown_until_approval(store):
+    store.import_table(table_to_dict(table()))
+    new = table("NEW")
+    propose(store, new, first_table=table_to_dict(new))
+    assert [u.unit.imu_serial for u in store.units()] == ["SN-1"] and store.active().unit.imu_serial == "SN-1"
+    with pytest.raises(UnknownUnit, match="no table for serial NEW"):
+        store.active("NEW")
+    assert store.proposals("NEW")[0].state == "open"
+    decide(store, 1, serial="NEW")
+    assert [r.kind for r in store.history("NEW")] == ["factory", "update"]
+    assert store.active("NEW").parent_sha256 == table_sha256(table_to_dict(new))
+
+
+def test_two_first_proposals_exclude_each_other(store):
+    old, other = table("NEW"), table("NEW").replaced(created_utc="2026-03-02T05:00:00Z")
+    propose(store, old, first_table=table_to_dict(old))
+    propose(store, other, run="run-2", first_table=table_to_dict(other))
+    decide(store, 2)
+    with pytest.raises(StoreConflict):
+        decide(store, 1)
+    assert [p.state for p in store.proposals()] == ["out of date", "approved"]
+
+
+def test_wrong_parent_is_a_broken_promise(store):
+    first = store.import_table(table_to_dict(table()))
+    with pytest.raises(ValueError, match="parent"):
+        store.propose("0" * 64, updated(first), [], "{}")
+    with pytest.raises(ValueError, match="first table"):
+        propose(store, first, first_table=table_to_dict(table("SN-2")))
+
+
+@pytest.mark.parametrize("wrong", [
+    {"by": ""}, {"by": "  "}, {"by": "a\nb"}, {"by": "x" * 201}, {"reason": ""}, {"reason": "\x1b[2J"}, {"reason": "x" * 4001},
+    {"reason": "nul \x00"}, {"verdict": "maybe"}, {"number": 2}, {"number": 0}, {"number": -1}, {"serial": "SN-2"},
+])  # fmt: skip
+def test_a_decision_needs_a_name_and_a_reason(store, wrong):
+    first = store.import_table(table_to_dict(table()))
+    propose(store, first)
+    with pytest.raises(InputError, match=r"^[^\n]*$"):
+        decide(store, **{"number": 1, **wrong})
+    assert store.proposals()[0].decision is None and store.active() == first
+    with pytest.raises(InputError):
+        signed_note(wrong.get("by", ""), wrong.get("reason", ""))
+
+
+def test_no_proposal_is_said_so(store):
+    with pytest.raises(UnknownUnit, match="the store holds no proposal"):
+        store.proposal(1)
+    with pytest.raises(UnknownUnit, match="no proposal for serial SN-1"):
+        decide(store, 1, serial="SN-1")
+
+
+@pytest.mark.parametrize("column", [
+    "proposed_utc", "proposed_by", "parent_sha256", "sha256", "report_sha256", "runs_json", "note", "record_sha256", "number",
+    "table_json", "report_json",
+])  # fmt: skip
+def test_a_changed_proposal_is_found(store, tmp_path, column):
+    first = store.import_table(table_to_dict(table()))
+    for k in range(2):
+        propose(store, first, run=f"run-{k}")
+    change(tmp_path, f"UPDATE recal_proposal SET {column} = ? WHERE number = 1", 9 if column == "number" else "[]")
+    with pytest.raises(InputError, match="the row was changed or is missing"):
+        decide(store, 1)
+    assert store.active() == first
+
+
+@pytest.mark.parametrize("statement", [
+    "UPDATE recal_decision SET reason = 'x' WHERE number = 1", "UPDATE recal_decision SET decided_by = 'x' WHERE number = 1",
+    "UPDATE recal_decision SET verdict = 'approved' WHERE number = 1", "DELETE FROM recal_decision WHERE number = 1",
+    "UPDATE recal_decision SET proposal_number = 3 WHERE number = 1",
+    "UPDATE recal_decision SET revision_number = 1 WHERE number = 1",
+    "UPDATE recal_decision SET decided_utc = '2020' WHERE number = 1",
+])  # fmt: skip
+def test_a_changed_decision_is_found(store, tmp_path, statement):
+    first = store.import_table(table_to_dict(table()))
+    for k in range(3):
+        propose(store, first, run=f"run-{k}")
+    decide(store, 1, "rejected"), decide(store, 2, "rejected")
+    change(tmp_path, statement)
+    with pytest.raises(InputError, match="the row was changed or is missing"):
+        store.proposals()
+
+
+def change(tmp_path, statement, *values):
+    with sqlite3.connect(tmp_path / "recal.db") as raw:
+        assert raw.execute(statement, values).rowcount == 1
+    raw.close()
+
+
+def test_a_store_of_before_still_reads_and_is_upgraded_by_a_proposal(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    with TableStore.open(url, create=True) as store:
+        first = store.import_table(table_to_dict(table()))
+    with sqlite3.connect(tmp_path / "recal.db") as raw:
+        raw.executescript("DROP TABLE recal_decision; DROP TABLE recal_proposal")
+        raw.execute("UPDATE alembic_version SET version_num = '0002'")
+    raw.close()
+    with TableStore.open(url) as old:
+        assert old.active() == first and old.proposals() == []
+    with TableStore.open(url, create=True) as new:
+        assert propose(new, first).number == 1 and new.active() == first
+
+
+def test_rollback_only_from_the_revision_that_was_seen(store):
+    first = store.import_table(table_to_dict(table()))
+    propose(store, first)
+    decide(store, 1)
+    with pytest.raises(StoreConflict, match="revision 2 is active now, not 1"):
+        store.rollback(to="factory", active_number=1)
+    assert store.rollback(to="factory", active_number=2, note=signed_note("B", "wrong run")).note == "B: wrong run"
+
+
+def reviewers_race(url, serial, *, reviewers):
+    """All decide the same proposal at once; what each was told."""
+    told = []
+
+    def work(k):
+        with TableStore.open(url) as store:
+            try:
+                told.append(decide(store, 1, ("approved", "rejected")[k % 2], serial=serial, by=f"reviewer {k}").state)
+            except (InputError, StoreConflict) as refused:
+                told.append(type(refused).__name__)
+
+    threads = [threading.Thread(target=work, args=(k,)) for k in range(reviewers)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    return told
+
+
+def check_race(store, url, serial):
+    first = store.import_table(table_to_dict(table(serial)))
+    propose(store, first)
+    told = reviewers_race(url, serial, reviewers=4)
+    final = store.proposals(serial)[0]
+    assert len(told) == 4 and [t for t in told if t in ("approved", "rejected")] == [final.state]
+    assert store.active(serial).number == (2 if final.state == "approved" else 1)
+
+
+def test_of_several_reviewers_one_decides(store, tmp_path):
+    check_race(store, f"sqlite:///{tmp_path}/recal.db", "SN-1")
+
+
+def test_postgres_behaves_the_same():
+    url = os.environ.get("RECAL_TEST_POSTGRES_URL")
+    if not url:
+        pytest.skip("RECAL_TEST_POSTGRES_URL names no empty PostgreSQL database")
+    with TableStore.open(url, create=True) as store:
+        check_race(store, url, f"PG-{uuid.uuid4()}")
+        check_first_table(store, f"PG-{uuid.uuid4()}")
+
+
+def check_first_table(store, serial):
+    new = table(serial)
+    propose(store, new, first_table=table_to_dict(new))
+    assert decide(store, 1, serial=serial).decision.revision_number == 2
+    assert store.proposal(1, serial).table_dict == store.active(serial).table_dict
