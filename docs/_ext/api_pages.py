@@ -1,0 +1,98 @@
+"""The Python reference, read from the sources: every public function and class with its docstring as it is written.
+
+The docstrings are plain text with shapes and units, not reStructuredText, so they are shown as text.
+"""
+
+import ast
+import textwrap
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
+
+
+def api_pages() -> dict[str, str]:
+    """Markdown by page name: an index, and one page for each package."""
+    return {"index": _index(), **{package: _package_page(package) for package in PACKAGES}}
+
+
+def modules(package: str) -> dict[str, Path]:
+    """Source files by dotted name, the package itself first; private modules and those of commands are left out."""
+    found = {}
+    for path in sorted((ROOT / package).rglob("*.py")):
+        parts = path.relative_to(ROOT).with_suffix("").parts
+        parts = parts[:-1] if parts[-1] == "__init__" else parts
+        if not any(p.startswith("_") for p in parts) and parts[:2] != ("recal", "commands") and "migrations" not in parts:
+            found[".".join(parts)] = path
+    return dict(sorted(found.items(), key=lambda item: (item[0].count(".") > 0, item[0])))
+
+
+def _index() -> str:
+    lines = [
+        "# Python interface",
+        "",
+        "Read from the sources when this site was built: signatures and docstrings as they are.",
+        "",
+    ]
+    lines += ["| package | |", "|---|---|"]
+    for package in PACKAGES:
+        text = _escaped(_first_line(ast.get_docstring(ast.parse((ROOT / package / "__init__.py").read_text("utf-8")))))
+        lines.append(f"| [`{package}`]({package}.md) | {text} |")
+    names = "\n".join(PACKAGES)
+    return "\n".join([*lines, "", f"```{{toctree}}\n:hidden:\n\n{names}\n```", ""])
+
+
+def _package_page(package: str) -> str:
+    parts = [f"# {package}", ""]
+    for name, path in modules(package).items():
+        tree = ast.parse(path.read_text("utf-8"))
+        if name != package:
+            parts += [f"## {name}", ""]
+        parts += [_block(ast.get_docstring(tree)), ""] if ast.get_docstring(tree) else []
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                parts += [f"### {name}.{node.name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
+    return "\n".join(parts)
+
+
+def _entry(node: ast.FunctionDef | ast.ClassDef) -> str:
+    """Signature and docstring; of a class its fields and public methods too."""
+    if isinstance(node, ast.FunctionDef):
+        return _signature(node) + _indented(ast.get_docstring(node))
+    lines = [f"class {node.name}({', '.join(ast.unparse(b) for b in node.bases)})".replace("()", "")]
+    text = lines[0] + _indented(ast.get_docstring(node))
+    for item in node.body:
+        if isinstance(item, ast.AnnAssign) and not ast.unparse(item.target).startswith("_"):
+            text += f"\n    {ast.unparse(item)}"
+    for item in node.body:
+        if isinstance(item, ast.FunctionDef) and not item.name.startswith("_"):
+            method = _signature(item) + _indented(ast.get_docstring(item))
+            text += "\n\n" + "\n".join(f"    {line}" if line else "" for line in method.splitlines())
+    return text
+
+
+def _signature(node: ast.FunctionDef) -> str:
+    returns = f" -> {ast.unparse(node.returns)}" if node.returns else ""
+    one_line = f"{node.name}({ast.unparse(node.args)}){returns}"
+    if len(one_line) <= 100:
+        return one_line
+    arguments = textwrap.fill(ast.unparse(node.args), 96, initial_indent="    ", subsequent_indent="    ")
+    return f"{node.name}(\n{arguments}\n){returns}"
+
+
+def _indented(docstring: str | None) -> str:
+    return "" if not docstring else "\n" + "\n".join(f"    {line}" if line else "" for line in docstring.splitlines())
+
+
+def _block(text: str | None) -> str:
+    return f"````text\n{text}\n````"
+
+
+def _first_line(docstring: str | None) -> str:
+    return " ".join((docstring or "").split("\n\n")[0].split())
+
+
+def _escaped(text: str) -> str:
+    for mark in ("\\", "`", "*", "_", "<", "[", "|", "$"):
+        text = text.replace(mark, f"\\{mark}")
+    return text
