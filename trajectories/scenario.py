@@ -1,7 +1,8 @@
 """Scenario files (TOML): what to simulate, every unit in its key's name; an unknown key is an error that names it.
 
 Sections: top level (schema, seed, alignment_s), run, site, attitude, imu, motion (list), thermal, unit, twin (inline)
-or twin_file, streams, lever_arms_m, survey, disturbance (list). Ready ones are packaged in `scenarios/`.
+or twin_file, streams, lever_arms_m, survey, disturbance (list); truth (a profile) instead of site, attitude and motion.
+Ready ones are packaged in `scenarios/`.
 """
 
 import tomllib
@@ -23,7 +24,8 @@ from trajectories.segments import SEGMENTS, Segment
 from trajectories.sensors import IdealSensors, ideal_sensors
 from trajectories.simulate import SimulatedRun, simulate_run
 from trajectories.thermal import STARTS, ThermalHistory, thermal_history
-from trajectories.truth import build_truth
+from trajectories.truth import Truth, build_truth
+from trajectories.truth_file import TruthProfile, TruthSection, read_profile
 from trajectories.unit_truth import UnitTruth, aged_unit
 from trajectories.vehicle import EVENTS, Event
 
@@ -129,6 +131,7 @@ class Scenario:
     lever_arms_m: LeverArmSection = field(default_factory=LeverArmSection)
     survey: SurveySection = field(default_factory=SurveySection)
     events: tuple[Event, ...] = ()
+    profile: TruthProfile | None = None
 
 
 def packaged_scenarios() -> list[str]:
@@ -154,13 +157,16 @@ def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scena
     return scenario_from_dict(data, name=str(source), folder=folder, twin_path=twin_path)
 
 
-def scenario_from_dict(
-    data: dict[str, Any], *, name: str, folder: Path = Path(), twin_path: Path | None = None
-) -> Scenario:
+def scenario_from_dict(data: dict[str, Any], *, name: str, folder: Path = Path(), twin_path: Path | None = None) -> Scenario:
     """The scenario in a plain dict; paths in it are relative to `folder`, `name` begins each error line."""
     refuse_non_finite(data, name=name)
     rest = {k: v for k, v in without_schema(data, SCHEMA, name=name).items() if k not in SECTIONS}
     head = fill(_Head, rest, name=name)
+    profile = _profile(head, data, folder, name)
+    if profile is not None:
+        data = {**data, "site": _site_keys(profile.site)}
+    elif not head.motion:
+        raise InputError(f"{name}: key motion is missing, needed it or [truth]")
     sections = {key: fill(cls, data.get(key, {}), name=f"{name}: {key}") for key, cls in SECTIONS.items()}
     unit: UnitSection = sections["unit"]
     twin, twin_folder = _twin(head, folder, twin_path, name, technology=unit.gyro_technology or "rlg")
@@ -169,8 +175,28 @@ def scenario_from_dict(
         name=Path(name).stem, seed=head.seed, alignment_s=head.alignment_s, twin=twin, table_path=table_path,
         segments=tuple(_one_of(SEGMENTS, "segment", m, f"{name}: motion[{k}]") for k, m in enumerate(head.motion)),
         events=tuple(_one_of(EVENTS, "event", e, f"{name}: disturbance[{k}]") for k, e in enumerate(head.disturbance)),
-        thermal=_thermal(head.thermal, f"{name}: thermal"), **sections,
+        thermal=_thermal(head.thermal, f"{name}: thermal"), profile=profile, **sections,
     )  # fmt: skip
+
+
+def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> TruthProfile | None:
+    """The profile of [truth], which says itself where the run starts, how it stands and moves."""
+    if head.truth is None:
+        return None
+    for key in ("site", "attitude", "motion"):
+        if key in data:
+            raise InputError(f"{name}: {key} and truth are both given, needed one of them")
+    if data.get("streams", {}).get("odometer"):
+        raise InputError(f"{name}: streams.odometer: got true, needed false with truth: it does not say what rolls")
+    try:
+        return read_profile(fill(TruthSection, head.truth, name=f"{name}: truth"), folder)
+    except InputError as error:
+        line = str(error)
+        raise InputError(line if line.startswith(name) else f"{name}: {line}") from None
+
+
+def _site_keys(site: Site) -> dict[str, float]:
+    return {"lat_deg": site.lat_rad / DEG, "lon_deg": site.lon_rad / DEG, "height_m": site.height_m}
 
 
 def simulate_scenario(
@@ -196,14 +222,20 @@ def simulate_scenario(
 
 def scenario_ideal(scenario: Scenario) -> IdealSensors:
     """The noise-free part, the same for every seed."""
+    return ideal_sensors(scenario_truth(scenario), scenario.imu.rate_hz)
+
+
+def scenario_truth(scenario: Scenario) -> Truth:
+    """The motion: of the profile where there is one, else of the segments."""
+    if scenario.profile is not None:
+        return scenario.profile.truth(scenario.lever_arms_m.wheel_reference)
     site, attitude = scenario.site, scenario.attitude
-    truth = build_truth(
+    return build_truth(
         lay(scenario.segments, alignment_s=scenario.alignment_s),
         Site(lat_rad=site.lat_deg * DEG, lon_rad=site.lon_deg * DEG, height_m=site.height_m),
         heading_rad=attitude.heading_deg * DEG, roll_rad=attitude.roll_deg * DEG, pitch_rad=attitude.pitch_deg * DEG,
         wheel_reference_m=scenario.lever_arms_m.wheel_reference,
     )  # fmt: skip
-    return ideal_sensors(truth, scenario.imu.rate_hz)
 
 
 def scenario_unit(scenario: Scenario, *, table: dict[str, Any] | None = None) -> UnitTruth:
@@ -234,8 +266,7 @@ def fill(cls: type, data: Any, *, name: str) -> Any:
         raise InputError(f"{name}: got {str(data)[:60]!r}, needed a table of keys")
     hints = get_type_hints(cls)
     needed: dict[str, Any] = {
-        f.name: (_file_type(hints[f.name]), ... if f.default is f.default_factory is MISSING else None)
-        for f in fields(cls)
+        f.name: (_file_type(hints[f.name]), ... if f.default is f.default_factory is MISSING else None) for f in fields(cls)
     }
     model = parse(create_model(cls.__name__, __base__=StrictModel, **needed), data, name=name)
     given = model.model_dump(exclude_unset=True)
@@ -248,8 +279,9 @@ def _file_type(hint: Any) -> Any:
 
 @dataclass(frozen=True, kw_only=True)
 class _Head:
-    motion: list[dict[str, Any]]
     thermal: dict[str, Any]
+    motion: list[dict[str, Any]] = field(default_factory=list)
+    truth: dict[str, Any] | None = None
     seed: int = 1
     alignment_s: float = 600.0
     twin: dict[str, Any] | None = None
@@ -257,9 +289,7 @@ class _Head:
     disturbance: list[dict[str, Any]] = field(default_factory=list)
 
 
-def _twin(
-    head: _Head, folder: Path, twin_path: Path | None, name: str, *, technology: str
-) -> tuple[TwinModel, Path]:
+def _twin(head: _Head, folder: Path, twin_path: Path | None, name: str, *, technology: str) -> tuple[TwinModel, Path]:
     """The twin (else the defaults of the technology) and the folder that its table is relative to."""
     if head.twin is not None and head.twin_file is not None:
         raise InputError(f"{name}: twin and twin_file are both given, needed one of them")

@@ -19,6 +19,7 @@ from trajectories import scenario
 from trajectories.readers import column_map
 from trajectories.segments import SEGMENTS
 from trajectories.thermal import ThermalHistory
+from trajectories.truth_file import TruthSection
 from trajectories.vehicle import EVENTS
 
 HEAD = ["| key | type | needed or default |", "|---|---|---|"]
@@ -117,6 +118,8 @@ def _scenario() -> str:
         "",
     ]
     lines += [*HEAD, *_record_rows(ThermalHistory)]
+    lines += ["", "## [truth]", "", *_doc(TruthSection), "Instead of `[site]`, `[attitude]` and `[[motion]]`.", ""]
+    lines += [*HEAD, *_record_rows(TruthSection)]
     for title, kinds, key in (("[[motion]]", SEGMENTS, "segment"), ("[[disturbance]]", EVENTS, "event")):
         lines += ["", f"## {title}", ""]
         for name, kind in kinds.items():

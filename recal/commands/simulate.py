@@ -34,6 +34,9 @@ def command(
     result = simulate(scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed)
     answer(result, as_json=as_json, verbose=verbose)
     say(f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed {result['seed']}", quiet=quiet)
+    if result["truth"] is not None:
+        off = "{position_m:.2g} m, {velocity_m_s:.2g} m/s, {attitude_deg:.2g} deg".format(**result["truth"])
+        say(f"  follows {result['truth']['file']} within {off}", quiet=quiet)
 
 
 def simulate(
@@ -60,8 +63,18 @@ def simulate(
         "schema": "recal.simulate/1", "run": str(output), "run_id": header.run_id, "imu_serial": header.imu_serial,
         "seed": plan.seed if seed is None else seed, "duration_s": imu.end_s, "rate_hz": imu.rate_hz,
         "twin": plan.twin.source, "table": None if table_path is None else str(table_path),
-        "phases": [vars(phase) for phase in simulated.run.phases],
+        "phases": [vars(phase) for phase in simulated.run.phases], "truth": _truth(plan),
     }  # fmt: skip
+
+
+def _truth(plan: "Scenario") -> dict[str, Any] | None:
+    """The truth file and how far the run departs from its rows; None where the scenario has none."""
+    from trajectories.scenario import scenario_truth
+    from trajectories.truth_file import departure
+
+    if plan.profile is None:
+        return None
+    return {"file": plan.profile.source, **vars(departure(scenario_truth(plan), plan.profile))}
 
 
 def _session(plan: "Scenario", seed: int | None, factory: dict[str, Any] | None) -> "tuple[SimulatedRun, UnitTruth]":
