@@ -93,7 +93,7 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
         },
         "proposed": {
             "why": f"{runs} passed every gate of the decision rule.{limits}",
-            "use": "Not in use yet: nothing was stored. Read this page, then run the same command with --commit.",
+            "use": _use_of_proposal(document),
         },
         "refused": {
             "why": refused,
@@ -104,6 +104,13 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
             "use": "Do not use: the data contradict the model or the stored table. Nothing was committed.",
         },
     }.get(document["verdict"], {"why": "; ".join(reasons), "use": "Unknown verdict: do not use."})
+
+
+def _use_of_proposal(document: dict[str, Any]) -> str:
+    """What to do with an update that no store holds, or that one keeps for review."""
+    if document.get("proposal") is None:
+        return "Not in use yet: nothing was stored. Read this page, then run the same command with --commit."
+    return f"Not in use yet: it waits as proposal {document['proposal']} to be approved or rejected. Read this page first."
 
 
 def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:
@@ -200,6 +207,7 @@ def _commands(document: dict[str, Any]) -> dict[str, str]:
     return {
         "rollback": document.get("rollback_command") or f"recal table rollback{store}{serial} --to previous",
         "history": f"recal table list{store}{serial}",
+        "approve": f"recal table approve {document.get('proposal')}{store}{serial} --reason WHY",
         "reproduce": f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{model}{commit}",
         "export": f"recal table export{store}{serial} -o table.json",
     }

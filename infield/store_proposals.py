@@ -41,7 +41,11 @@ from ins.records import InputError
 
 LONGEST_NAME, LONGEST_REASON = 200, 4000  # characters
 
-__all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
+__all__ = ["AlreadyRejected", "Decision", "FullProposal", "Proposal", "ProposalStore"]
+
+
+class AlreadyRejected(RuntimeError):
+    """The same update was put forward and rejected before, and nobody says why it comes again."""
 
 
 class ProposalStore:
@@ -57,7 +61,7 @@ class ProposalStore:
         """Keep an update for review; arguments as for `TableStore.commit_update`. The active table stays as it is.
 
         The same update that still waits is returned, not kept twice. Raises StoreConflict and RunAlreadyMerged as a
-        commit would, InputError where the same update was rejected and `note` does not say why it comes again.
+        commit would, AlreadyRejected where the same update was rejected and `note` does not say why it comes again.
         """
         if table.provenance.get("parent_sha256") != parent_sha256:
             raise ValueError("provenance.parent_sha256 is not the parent that the update is proposed for")
@@ -158,7 +162,7 @@ def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str, n
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:
-    """The proposal of this very update that still waits; InputError if the last one was rejected and nobody says more."""
+    """The proposal of this very update that still waits; AlreadyRejected if the last one was and nobody says more."""
     keys = ("parent_sha256", "sha256", "runs_json")
     same = [p for p in before if (p.parent_sha256, p.sha256, p.runs_json) == tuple(values[k] for k in keys)]
     if not same:
@@ -167,7 +171,7 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     if last.decision is None:
         return last
     if last.decision.verdict == "rejected" and not values["note"]:
-        raise InputError(
+        raise AlreadyRejected(
             f"{last.unit}: the same update was {last.decision.words()} as proposal {last.number}; a note must say why it "
             "comes again"
         )

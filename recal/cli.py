@@ -17,5 +17,7 @@ app = typer.Typer(
 COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update", "misalignment", "plan", "diagnose")
 for _name in COMMANDS:
     app.command(_name, cls=Command)(importlib.import_module(f"recal.commands.{_name}").command)
-app.add_typer(importlib.import_module("recal.commands.table").app, name="table")
+_table = importlib.import_module("recal.commands.table").app
+_table.add_typer(importlib.import_module("recal.commands.table_proposals").app)  # its commands stand among those of table
+app.add_typer(_table, name="table")
 app.add_typer(importlib.import_module("recal.commands.thermal").app, name="thermal")

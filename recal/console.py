@@ -13,6 +13,7 @@ from typer.core import TyperCommand
 DONE, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 2, 3, 4, 5
 EXIT_CODES = {
     **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"), DONE),
+    **dict.fromkeys(("approved", "rejected"), DONE),
     **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
     "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
 }  # fmt: skip
@@ -57,6 +58,16 @@ class Command(TyperCommand):
 def finish(result: dict[str, Any]) -> None:
     """Ends a command with the exit code of its result's verdict."""
     raise typer.Exit(EXIT_CODES[result["verdict"]])
+
+
+def login_name() -> str:
+    """The name that the operating system knows the user by, empty where it knows none."""
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):
+        return ""
 
 
 def say(text: str, *, quiet: bool = False) -> None:

@@ -18,6 +18,7 @@ from recal.console import (
     Verbose,
     answer,
     finish,
+    login_name,
     result_text,
     say,
 )
@@ -30,6 +31,11 @@ def command(
     runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
     store: StoreUrl = DEFAULT_STORE,
     commit: Annotated[bool, typer.Option("--commit", help="Store the new table; without it, only propose.")] = False,
+    propose: Annotated[
+        bool, typer.Option("--propose", help="Keep the new table in the store for review; the active one stays.")
+    ] = False,
+    by: Annotated[str | None, typer.Option("--by", help="Who proposes; default: your login name.")] = None,
+    note: Annotated[str, typer.Option("--note", help="With --propose: kept with the proposal.")] = "",
     accept_step: Annotated[
         bool, typer.Option("--accept-step", help="Follow a step of the unit that several sessions agree on.")
     ] = False,
@@ -45,10 +51,14 @@ def command(
     """Recalibrate: tilt rates -> bias points -> heading -> merged table, with a report.
 
     Example: recal update run-1 run-2 --store sqlite:///recal.db --commit
+    For review instead (recal serve, recal table approve): recal update run-1 run-2 --propose
     """
+    if commit and propose:
+        raise typer.BadParameter("--commit stores the table at once, --propose keeps it for review: give one of them")
+    signed = (login_name() if by is None else by, note) if propose else None
     document = update(
-        runs, store_url=store, commit=commit, accept_step=accept_step, twin=twin, config=config, thermal_model=thermal_model,
-        output=output, quiet=quiet,
+        runs, store_url=store, commit=commit, propose=signed, accept_step=accept_step, twin=twin, config=config,
+        thermal_model=thermal_model, output=output, quiet=quiet,
     )  # fmt: skip
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, verbose=verbose):
@@ -57,11 +67,14 @@ def command(
 
 
 def update(
-    runs: list[Path], *, store_url: str, commit: bool, accept_step: bool = False, twin: Path | None = None,
-    config: Path | None = None, thermal_model: Path | None = None, output: Path | None = None, quiet: bool = True,
-    html: bool = True,
+    runs: list[Path], *, store_url: str, commit: bool, propose: tuple[str, str] | None = None, accept_step: bool = False,
+    twin: Path | None = None, config: Path | None = None, thermal_model: Path | None = None, output: Path | None = None,
+    quiet: bool = True, html: bool = True,
 ) -> dict[str, Any]:  # fmt: skip
-    """Read, estimate, judge, merge, report, commit; returns the update document. Without `html` only update.json is written."""
+    """Read, estimate, judge, merge, report, commit or (propose: who, note) keep for review; returns the update document.
+
+    Without `html` only update.json is written.
+    """
     from infield.document import update_document
     from infield.pipeline import update_calibration
     from infield.table_file import table_sha256
@@ -86,8 +99,10 @@ def update(
     facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict, "thermal_model": use(result.after)}
     if commit and result.outcome == "accepted":
         return _commit(result, unit, store_url, files, facts)
+    if propose and result.outcome == "accepted":
+        return _propose(result, unit, store_url, files, facts, propose)
     document = update_document(result, committed=False, store=database.name if database else None, **facts)
-    if commit and result.outcome == "inconsistent" and unit.revision and result.evidence:
+    if (commit or propose) and result.outcome == "inconsistent" and unit.revision and result.evidence:
         document["remembered"] = _remember(result, unit, store_url)
     write_files(files(document))
     return document
@@ -153,6 +168,32 @@ def _commit(result: Any, unit: Any, store_url: str, files: Files, facts: dict[st
         raise
 
 
+def _propose(
+    result: Any, unit: Any, store_url: str, files: Files, facts: dict[str, Any], signed: tuple[str, str]
+) -> dict[str, Any]:
+    """Keep the update in the store for review, then write the report with its number; refused where a commit would be."""
+    from infield.document import update_document
+    from infield.store import MergedRun, RunAlreadyMerged, StoreConflict
+    from infield.store_proposals import AlreadyRejected
+    from recal.output import write_files
+    from recal.unit_inputs import open_store
+
+    database = open_store(store_url, create=True)
+    assert database is not None
+    document = update_document(result, committed=False, store=database.name, **facts)
+    merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
+    try:
+        kept = database.propose(
+            document["table_before_sha256"], result.after, merged, result_text(document),
+            first_table=None if unit.revision else unit.table_dict, by=signed[0], note=signed[1],
+        )  # fmt: skip
+        document["proposal"] = kept.number
+    except (StoreConflict, RunAlreadyMerged, AlreadyRejected) as error:
+        document |= {"verdict": "refused", "reasons": [str(error)]}
+    write_files(files(document))
+    return document
+
+
 def _numbered(document: dict[str, Any], revision: int) -> dict[str, Any]:
     """The document as committed under this number, and how to take it back."""
     back = f"recal table rollback --store '{document['store']}' --serial {document['imu_serial']} --to {revision - 1}"
@@ -168,7 +209,8 @@ def _files(directory: Path, document: dict[str, Any], *, html: bool) -> dict[Pat
 
 def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document['imu_serial']}: {document['verdict']}"]
+    kept = f", kept for review as proposal {document['proposal']}" if document.get("proposal") else ""
+    lines = [f"{document['imu_serial']}: {document['verdict']}{kept}"]
     lines += [f"  because {reason}" for reason in document["reasons"]]
     lines += [f"  {document['remembered']}"] if document.get("remembered") else []
     lines += [f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in ACTED]

@@ -9,12 +9,13 @@ import uuid
 import pytest
 
 from infield.store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
-from infield.store_proposals import signed_note
+from infield.store_proposals import AlreadyRejected, signed_note
 from infield.table import default_table
 from infield.table_file import canonical_json, table_sha256, table_to_dict
 from ins.records import InputError
 
 UTC = "2026-03-01T05:00:00Z"
+LATER = "2099-03-01T05:00:00Z"
 REPORT = '{"verdict": "proposed", "nis": 1.0000000000000002}'
 
 
@@ -58,13 +59,13 @@ def test_a_proposal_changes_no_table(store):
 def test_approval_commits_what_was_proposed_and_says_who(store):
     first = store.import_table(table_to_dict(table()))
     kept = propose(store, first)
-    done = decide(store, 1, now_utc=UTC)
+    done = decide(store, 1, now_utc=LATER)
     active = store.active()
     assert (active.number, active.kind, active.sha256, active.parent_sha256) == (2, "update", kept.sha256, first.sha256)
     assert active.note == "proposal 1 approved by A. Reviewer: residuals are white"
     report = json.loads(active.report_json)
     assert (report["verdict"], report["proposal"], report["nis"]) == ("committed", 1, 1.0000000000000002)
-    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == ("approved", 2, UTC)
+    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == ("approved", 2, LATER)
     assert (done.decision.decided_by, done.decision.reason) == ("A. Reviewer", "residuals are white")
     assert store.has_run("run-1", "SN-1")
 
@@ -110,7 +111,7 @@ def test_the_same_update_is_kept_once(store):
     assert propose(store, first) == propose(store, first, by="again")
     assert propose(store, first, run="run-2").number == 2  # the same table from other runs is another update
     decide(store, 1, "rejected")
-    with pytest.raises(InputError, match=r"same update was rejected by .* as proposal 1; a note must say why"):
+    with pytest.raises(AlreadyRejected, match=r"same update was rejected by .* as proposal 1; a note must say why"):
         propose(store, first)
     again = propose(store, first, note="thermometer replaced, see log 12")
     assert (again.number, again.state) == (3, "open") and propose(store, first) == again
