@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ins.records import InputError, Run
+from ins.records import InputError, ReferenceLog, Run
 from trajectories.imu_scan import RateScan
 from trajectories.physics_gates import check_physics
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -22,11 +22,15 @@ OPTIONS = {
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """A run made from a log; `record` goes into its run.json and says where it came from."""
+    """A run made from a log; `record` goes into its run.json and says where it came from.
+
+    `reference` is what the log says of the truth, kept beside the run for scoring only.
+    """
 
     run: Run
     record: dict[str, Any]
     findings: tuple[Finding, ...]
+    reference: ReferenceLog | None = None
 
 
 def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:
@@ -47,14 +51,16 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])
-    run = Run(
-        header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults
-    )
+    run = Run(header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults)
     record = {
         "source": path.name, "source_sha256": _file_sha256(path), "format": name, "time_shift_s": log.time_shift_s,
         "notes": list(log.notes), "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
     }  # fmt: skip
-    return Conversion(run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items))
+    if log.other_files:
+        record["other_sources"] = [{"source": p.name, "source_sha256": _file_sha256(p)} for p in log.other_files]
+    return Conversion(
+        run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items), reference=log.reference
+    )
 
 
 def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:

@@ -81,14 +81,15 @@ def line_blocks(parts: Iterator[bytes], *, label: str, block_bytes: int = BLOCK_
 
 
 def parse_rows(
-    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2
-) -> tuple[Any, list[str]]:
-    """A pyarrow table of float64 columns from rows of text, and what was dropped.
+    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2,
+    used: Sequence[str] | None = None,
+) -> tuple[Any, list[str]]:  # fmt: skip
+    """A pyarrow table of float64 columns (those of `used`; None: all) from rows of text, and what was dropped.
 
     A last row without a line end, or broken, is a cut-off file: dropped and noted. A broken row before it is an
     InputError with line and column. `delimiter` " " means any white space.
     """
-    table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line)
+    table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
     if table is None:
         raise InputError(f"{label}: no rows")
     if table.num_rows > MAX_ROWS:
@@ -98,28 +99,29 @@ def parse_rows(
 
 def parse_block(
     text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2, lines_before: int = 0,
-    last: bool = True,
+    last: bool = True, used: Sequence[str] | None = None,
 ) -> tuple[Any, list[str]]:  # fmt: skip
     """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it holds no row."""
     notes: list[str] = []
+    used = names if used is None else used
     if last and text and not text.endswith((b"\n", b"\r")):
         text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
         notes.append(f"{label}: last row has no line end (file cut off?), dropped")
-    table, problem = _arrow_table(text, names, delimiter)
-    if problem and (bad := _first_bad_line(text, names, delimiter)):
+    table, problem = _arrow_table(text, names, delimiter, used)
+    if problem and (bad := _first_bad_line(text, names, delimiter, used)):
         index, at_end, why = bad
         where = f"{label}: row {lines_before + index + 1} (line {lines_before + index + first_line}): {why}"
         if not (last and at_end):
             raise InputError(where)
         notes.append(f"{where}: last row dropped")
         text = text.rstrip(b"\r\n")
-        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter)
+        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter, used)
     if problem:
         raise InputError(f"{label}: {problem}")
     return table, notes
 
 
-def _arrow_table(text: bytes, names: Sequence[str], delimiter: str) -> tuple[Any, str]:
+def _arrow_table(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[Any, str]:
     """The table, None where the text is blank, and what the parser complains of."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
@@ -129,38 +131,38 @@ def _arrow_table(text: bytes, names: Sequence[str], delimiter: str) -> tuple[Any
         text, delimiter = re.sub(rb"[ \t]+", b",", text), ","
     if not text.strip():
         return None, ""
-    keys = [str(i) for i in range(len(names))]
+    keys, wanted = [str(i) for i in range(len(names))], [str(i) for i, name in enumerate(names) if name in used]
     try:
         table = arrow_csv.read_csv(
             pa.BufferReader(text),
             read_options=arrow_csv.ReadOptions(column_names=keys),
             parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
             convert_options=arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(keys, pa.float64()), null_values=list(MISSING)
+                column_types=dict.fromkeys(wanted, pa.float64()), null_values=list(MISSING), include_columns=wanted
             ),
         )
     except pa.ArrowException as error:
         return None, " ".join(str(error).split())[:200]
-    return table.rename_columns(list(names)), ""
+    return table.rename_columns([names[int(k)] for k in wanted]), ""
 
 
-def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str) -> tuple[int, bool, str] | None:
-    """Index of the first line that is not one number a column, whether it is the last, and what is wrong with it."""
+def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[int, bool, str] | None:
+    """Index of the first line that is not one number a used column, whether it is the last, and what is wrong with it."""
     lines = text.decode("utf-8", errors="replace").splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
     for i, line in enumerate(lines):
         fields = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-        if fields and (why := _wrong_fields(fields, names)):
+        if fields and (why := _wrong_fields(fields, names, used)):
             return i, i == len(lines) - 1, why
     return None
 
 
-def _wrong_fields(fields: Sequence[str], names: Sequence[str]) -> str:
+def _wrong_fields(fields: Sequence[str], names: Sequence[str], used: Sequence[str]) -> str:
     if len(fields) != len(names):
         return f"{len(fields)} values, needed {len(names)}"
     for name, field in zip(names, fields):
-        if field.strip() not in MISSING and not is_number(field):
+        if name in used and field.strip() not in MISSING and not is_number(field):
             return f"column {name}: got {field[:40]!r}, needed a number"
     return ""
 

@@ -25,6 +25,7 @@ def command(
     run_id: Annotated[str | None, typer.Option("--run-id", help="Default: the name of the log.")] = None,
     log_format: Annotated[str | None, typer.Option("--format", help="Default: by the content of the log.")] = None,
     imu: Annotated[int | None, typer.Option("--imu", min=1, help="Which IMU of a log that has several.")] = None,
+    gnss: Annotated[Path | None, typer.Option("--gnss", help="Fixes that are in a file of their own.")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -44,13 +45,21 @@ def command(
     }  # fmt: skip
     chosen = {"imu": imu, "format": log_format}
     options = (read_toml(map_file) if map_file else {}) | {k: v for k, v in chosen.items() if v is not None}
+    if gnss is not None:
+        options = with_gnss_file(options, gnss)
     conversion = convert_log(log, options, given)
-    write_run(output, conversion.run, conversion=conversion.record)
+    write_run(output, conversion.run, reference=conversion.reference, conversion=conversion.record)
     result = summary(conversion, output)
     if answer(result, as_json=as_json, verbose=verbose):
         return
     for line in report_lines(result):
         say(line, quiet=quiet)
+
+
+def with_gnss_file(options: dict[str, Any], gnss: Path) -> dict[str, Any]:
+    """The map with the file of its [gnss] named; a key that is no table is left to the reader to refuse."""
+    keys = options.get("gnss", {})
+    return {**options, "gnss": {**keys, "file": str(gnss.absolute())} if isinstance(keys, dict) else keys}
 
 
 def summary(conversion: "Conversion", output: Path) -> dict[str, Any]:
@@ -68,6 +77,8 @@ def summary(conversion: "Conversion", output: Path) -> dict[str, Any]:
         "time_shift_s": record["time_shift_s"],
         "notes": record["notes"],
         "repaired": [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in run.faults],
+        "streams": [k for k in ("temperature", "gnss", "odometer") if getattr(run, k) is not None]
+        + (["reference"] if conversion.reference is not None else []),
         "problems": [{"level": f.level, "text": f.text} for f in conversion.findings],
     }
 
@@ -77,8 +88,9 @@ def report_lines(result: dict[str, Any]) -> list[str]:
     lines = [f"note: {note}" for note in result["notes"]]
     lines += [f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}" for s in result["repaired"]]
     lines += [f"{p['level']}: {p['text']}" for p in result["problems"]]
+    beside = f" (with {', '.join(result['streams'])})" if result["streams"] else ""
     lines.append(
-        f"{result['run']}: {result['rows']} rows, {result['rate_hz']:.4g} Hz, {result['duration_s']:.3f} s; "
+        f"{result['run']}: {result['rows']} rows, {result['rate_hz']:.4g} Hz, {result['duration_s']:.3f} s{beside}; "
         f"log time {result['time_shift_s']:.6f} s is run time 0"
     )
     return lines

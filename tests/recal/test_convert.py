@@ -234,10 +234,10 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
         convert_log(source, {"run": {"serial": "S"}}, GIVEN)
     with pytest.raises(InputError, match=r"map: unknown key colums"):
         convert_log(source, options('format = "csv"\ncolums = 1'), GIVEN)
-    with pytest.raises(InputError, match=r"format: got 'ulg', needed one of csv, text, .*binary"):
+    with pytest.raises(InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"):
         convert_log(source, {"format": "ulg"}, GIVEN)
     (tmp_path / "log").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match=r"log: format not recognised, needed --map .* Known: csv"):
+    with pytest.raises(InputError, match=r"log: format not recognised, needed --map .* Known: .*csv"):
         convert_log(tmp_path / "log", {}, GIVEN)
     with pytest.raises(InputError, match="no such file"):
         convert_log(tmp_path / "nothing", {}, GIVEN)

@@ -1,6 +1,7 @@
 """Column maps: a TOML file that says what the columns of a log mean (examples in examples/maps).
 
-Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments.
+Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments. A column is named as in the
+file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)` (trajectories.readers.mat_columns).
 """
 
 import re
@@ -26,17 +27,44 @@ ACCEL_RATES = {
     "m/s2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "ft/s2": FOOT, "g": STANDARD_GRAVITY, "mg": 1e3 * MICRO_G, "ug": MICRO_G,
 }  # fmt: skip
 ACCEL_INCREMENTS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": FOOT}
+SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600}
 CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
 
 _Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
 _Three = Annotated[list[str], Field(min_length=3, max_length=3)]
 
 
+class LayoutKeys(StrictModel):
+    """How rows and columns lie in a file; `format` by the file's content where not given.
+
+    Text: names are in line `names_line` of `header_lines`, the last of them by default, unless `columns` gives them; lines
+    that begin with `comment` count nowhere. Binary: `header_bytes`, then rows of `dtype`.
+    """
+
+    format: Literal["csv", "text", "binary", "parquet", "mat"] | None = None
+    columns: Annotated[list[str], Field(min_length=1)] | None = None
+    header_lines: Annotated[int, Field(ge=0, le=10_000)] | None = None
+    names_line: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    comment: Annotated[str, Field(min_length=1, max_length=10)] | None = None
+    header_bytes: Annotated[int, Field(ge=0)] = 0
+    dtype: str | list[str] = "<f8"
+
+
 class TimeKeys(StrictModel):
-    """The column of time stamps."""
+    """The column of time stamps; `epoch`: what they count from, where that gives the date (UTC or GPS time)."""
 
     column: str
     unit: Literal["s", "ms", "us", "ns"] = "s"
+    epoch: Literal["unix", "gps"] | None = None
+
+
+class FileKeys(StrictModel):
+    """Another file (relative to the log's folder) on the same clock, and how it is laid out; none: the log itself."""
+
+    file: str | None = None
+    layout: LayoutKeys | None = None
+    time: TimeKeys | None = None
 
 
 class SensorKeys(StrictModel):
@@ -48,7 +76,7 @@ class SensorKeys(StrictModel):
     kind: Literal["increments", "rates"] | None = None
 
 
-class TemperatureKeys(StrictModel):
+class TemperatureKeys(FileKeys):
     """One column for all gyros or three in the log's own axes."""
 
     columns: Annotated[list[str], Field(min_length=1, max_length=3)]
@@ -71,20 +99,56 @@ class AxesKeys(StrictModel):
     z: _Axis = "z"
 
 
-class ColumnMap(StrictModel):
+class PositionKeys(StrictModel):
+    """Latitude, longitude [unit], height above the ellipsoid [m]; sigma [m]: horizontal, vertical or north, east, down."""
+
+    columns: _Three
+    unit: Literal["deg", "rad"] = "deg"
+    sigma: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+
+
+class VelocityKeys(StrictModel):
+    """Three columns in the order of `frame`; sigma: one column for all, or three."""
+
+    columns: _Three
+    frame: Literal["ned", "enu"] = "ned"
+    unit: Literal["m/s", "km/h", "kn"] = "m/s"
+    sigma: Annotated[list[str], Field(min_length=1, max_length=3)] | None = None
+
+
+class FixKeys(StrictModel):
+    """A column that says how good a fix is: rows below `at_least` have none."""
+
+    column: str
+    at_least: float = 3.0
+
+
+class GnssKeys(FileKeys):
+    """Satellite fixes; without velocities these are differences of the positions (their sigma is then needed)."""
+
+    position: PositionKeys
+    velocity: VelocityKeys | None = None
+    fix: FixKeys | None = None
+
+
+class OdometerKeys(FileKeys):
+    """Speed along body x."""
+
+    column: str
+    unit: Literal["m/s", "km/h", "kn"] = "m/s"
+    scale: float = 1.0
+
+
+class ColumnMap(LayoutKeys):
     """A map file; `run` holds keys for run.json."""
 
-    format: Literal["csv", "text", "binary"] | None = None
-    columns: Annotated[list[str], Field(min_length=1)] | None = None
-    header_lines: Annotated[int, Field(ge=0, le=10_000)] | None = None
-    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
-    header_bytes: Annotated[int, Field(ge=0)] = 0
-    dtype: str | list[str] = "<f8"
     rate_hz: Annotated[float, Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ)] | None = None
     time: TimeKeys | None = None
     gyro: SensorKeys
     accel: SensorKeys
     temperature: TemperatureKeys | None = None
+    gnss: GnssKeys | None = None
+    odometer: OdometerKeys | None = None
     axes: AxesKeys = AxesKeys()
     run: dict[str, Any] = Field(default_factory=dict)
 
@@ -95,6 +159,10 @@ def column_map(options: Mapping[str, Any]) -> ColumnMap:
     keys = parse(ColumnMap, dict(options), name="map")
     if (keys.time is None) == (keys.rate_hz is None):
         raise InputError("map: needed either a [time] column or rate_hz")
+    for name in ("temperature", "gnss", "odometer"):
+        part = getattr(keys, name)
+        if part is not None and part.time is None and (part.file is not None or keys.time is None):
+            raise InputError(f"map: {name}.time: needed, the column of its time stamps")
     _unit(keys.gyro, "gyro", GYRO_RATES, GYRO_INCREMENTS)
     _unit(keys.accel, "accel", ACCEL_RATES, ACCEL_INCREMENTS)
     M = axis_matrix(keys.axes)
@@ -114,10 +182,21 @@ def axis_matrix(axes: AxesKeys) -> NDArray:
 
 
 def used_columns(keys: ColumnMap) -> list[str]:
-    """The names of the columns that the map reads."""
+    """The names of the columns that the map reads in the log itself, each once."""
     names = [*keys.gyro.columns, *keys.accel.columns]
     names += [keys.time.column] if keys.time else []
-    return names + (keys.temperature.columns if keys.temperature else [])
+    for part in (keys.temperature, keys.gnss, keys.odometer):
+        names += side_columns(part) if part is not None and part.file is None else []
+    return list(dict.fromkeys(names))
+
+
+def side_columns(part: TemperatureKeys | GnssKeys | OdometerKeys) -> list[str]:
+    """The names of the columns of a stream beside the imu."""
+    names = [part.time.column] if part.time else []
+    if isinstance(part, GnssKeys):
+        names += part.position.columns + (part.position.sigma or []) + ([part.fix.column] if part.fix else [])
+        return names + (part.velocity.columns + (part.velocity.sigma or []) if part.velocity else [])
+    return names + (part.columns if isinstance(part, TemperatureKeys) else [part.column])
 
 
 def _unit(sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]) -> None:

@@ -19,12 +19,16 @@ from trajectories.readers.column_map import (
     GYRO_INCREMENTS,
     GYRO_RATES,
     TIME_UNITS,
+    AxesKeys,
     ColumnMap,
     SensorKeys,
+    TemperatureKeys,
     axis_matrix,
     used_columns,
 )
+from trajectories.readers.gps_time import unix_seconds, utc_text
 from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.text_columns import refuse_missing
 from trajectories.run_check import MAX_GAP_S
 
 PLAUSIBLE_RAD_S, PLAUSIBLE_M_S2 = 100.0, 2000.0  # beyond any sensor: 5700 deg/s, 200 g
@@ -33,9 +37,7 @@ MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
 
 def converted(columns: Mapping[str, NDArray], keys: ColumnMap, *, label: str, notes: list[str]) -> ConvertedLog:
     """The log of raw columns, each shape (n,). Everything dropped or repaired is in `faults` and `notes`."""
-    missing = [name for name in used_columns(keys) if name not in columns]
-    if missing:
-        raise InputError(f"{label}: no column {missing[0]}, has {' '.join(columns)}"[:300])
+    refuse_missing(used_columns(keys), list(columns), label)
     M = axis_matrix(keys.axes)
     w, gyro_kind = _vector(columns, keys.gyro, M)
     f, accel_kind = _vector(columns, keys.accel, M)
@@ -53,9 +55,16 @@ def converted(columns: Mapping[str, NDArray], keys: ColumnMap, *, label: str, no
         gyro_kind = "increments"
     imu, dropouts = imu_log(time_s - shift, w, f, source=gyro_kind)
     return ConvertedLog(
-        imu=imu, temperature=_temperature(columns, keys, M, kept, time_s - shift), time_shift_s=shift,
-        faults=tuple(dropouts), notes=tuple(notes + spans), header=dict(keys.run),
+        imu=imu, temperature=_temperature(columns, keys, kept, time_s - shift), time_shift_s=shift,
+        faults=tuple(dropouts), notes=tuple(notes + spans), header={**_start(keys, shift), **keys.run},
     )  # fmt: skip
+
+
+def _start(keys: ColumnMap, shift_s: float) -> dict[str, str]:
+    """start_utc of a clock that counts from a known date."""
+    if keys.time is None or keys.time.epoch is None:
+        return {}
+    return {"start_utc": utc_text(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)))}
 
 
 def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> tuple[NDArray, str]:
@@ -147,20 +156,23 @@ def _up_to_gap(time_s: NDArray, kept: NDArray, label: str) -> tuple[int, list[st
     return k, [f"{label}: read up to row {kept[k - 1] + 1}: {rest}"]
 
 
-def _temperature(
-    columns: Mapping[str, NDArray], keys: ColumnMap, M: NDArray, kept: NDArray, time_s: NDArray
-) -> TemperatureLog | None:
+def _temperature(columns: Mapping[str, NDArray], keys: ColumnMap, kept: NDArray, time_s: NDArray) -> TemperatureLog | None:
     """Means over whole seconds; seconds without a complete reading are left out."""
-    if keys.temperature is None:
+    if keys.temperature is None or keys.temperature.file is not None:
         return None
-    factor, offset = CELSIUS[keys.temperature.unit]
-    names = keys.temperature.columns * (3 if len(keys.temperature.columns) == 1 else 1)
-    raw = np.stack([columns[name][kept] for name in names], axis=1) * keys.temperature.scale * factor + offset
-    body = raw[:, np.argmax(np.abs(M), axis=1)]  # a thermometer follows its gyro; it has no sign
+    body = body_temperatures(columns, keys.temperature, keys.axes)[kept]
     found = second_means(time_s, body)
     if found is None:
-        raise InputError(f"map: temperature columns {' '.join(names)} hold no complete row")
+        raise InputError(f"map: temperature columns {' '.join(keys.temperature.columns)} hold no complete row")
     return found
+
+
+def body_temperatures(columns: Mapping[str, NDArray], part: TemperatureKeys, axes: AxesKeys) -> NDArray:
+    """Gyro temperatures [degC], shape (n, 3); a thermometer follows its gyro and has no sign."""
+    factor, offset = CELSIUS[part.unit]
+    names = part.columns * (3 if len(part.columns) == 1 else 1)
+    raw = np.stack([columns[name] for name in names], axis=1) * part.scale * factor + offset
+    return raw[:, np.argmax(np.abs(axis_matrix(axes)), axis=1)]
 
 
 def second_means(time_s: NDArray, gyro_degC: NDArray) -> TemperatureLog | None:

@@ -60,6 +60,15 @@ class Fixes:
         return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
 
 
+def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
+    """Some of the fixes, by index or by mask (n,)."""
+    return RawFixes(
+        log_s=raw.log_s[rows], is_3d=raw.is_3d[rows], lat_deg=raw.lat_deg[rows], lon_deg=raw.lon_deg[rows],
+        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], unix_s=raw.unix_s[rows],
+        sigmas=None if raw.sigmas is None else raw.sigmas[:, rows],
+    )  # fmt: skip
+
+
 def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
     """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out."""
     rows, left_out = _good_rows(raw)
@@ -101,8 +110,9 @@ def _jump(values: NDArray) -> NDArray:
 
 
 def _sigmas(sigmas: NDArray | None, rows: NDArray) -> dict[str, NDArray]:
-    """The receiver's own accuracy under the names of `GnssLog`, where every good fix has one."""
+    """The receiver's own accuracies under the names of `GnssLog`, those that every good fix has."""
+    if sigmas is None:
+        return {}
+    named = dict(zip(("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s"), sigmas[:, rows]))
     with np.errstate(invalid="ignore"):
-        if sigmas is None or not np.all((sigmas[:, rows] > 0) & (sigmas[:, rows] < 1e6)):
-            return {}
-    return dict(zip(("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s"), sigmas[:, rows]))
+        return {name: values for name, values in named.items() if np.all((values > 0) & (values < 1e6))}

@@ -20,8 +20,16 @@ HDF5 = b"\x89HDF"
 
 
 def is_mat(path: Path) -> bool:
+    """Whether a file is of version 5 to 7.2, which can be read."""
     with path.open("rb") as file:
         return file.read(HEAD_BYTES).startswith(b"MATLAB 5.0 MAT-file")
+
+
+def is_matlab(path: Path) -> bool:
+    """Whether a file is of version 5 or later; 7.3 is HDF5 behind a head of its own, and refused when read."""
+    with path.open("rb") as file:
+        head = file.read(HEAD_BYTES)
+    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5))
 
 
 def variable_names(path: Path) -> set[str]:
@@ -31,9 +39,9 @@ def variable_names(path: Path) -> set[str]:
 
 def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Any], list[str]]:
     """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for another format."""
-    with path.open("rb") as file:
-        if file.read(4) == HDF5 or not is_mat(path):
-            raise InputError(f"{path.name}: not a MATLAB file of version 5 to 7.2 (save with -v7)")
+    if not is_mat(path):
+        what = "a MATLAB file of version 7.3 (HDF5)" if is_matlab(path) else "no MATLAB file"
+        raise InputError(f"{path.name}: {what}, needed version 5 to 7.2: in MATLAB save with -v7")
     notes: list[str] = []
 
     def load(element: bytes) -> dict[str, Any]:

@@ -3,28 +3,32 @@
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from ins.records import GnssLog, ImuLog, InputError, OdometerLog, Span, TemperatureLog
+from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
 
-MODULES = ("delimited", "ardupilot", "px4", "binary")  # each has READERS; a new format is one more module here
+MODULES = ("ardupilot", "px4", "mapped")  # each has READERS; a new format is one more module here
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertedLog:
     """What a reader found: streams with run time (starting at 0), what it dropped or repaired, and what it noticed.
 
-    `time_shift_s` is what was subtracted from the log's own times [s]; `header` holds run.json keys the log knows.
+    `time_shift_s` is what was subtracted from the log's own times [s]; `header` holds run.json keys the log knows;
+    `reference` is a solution or truth that came with the log, for scoring only; `other_files`: read beside the log.
     """
 
     imu: ImuLog
     temperature: TemperatureLog | None = None
     gnss: GnssLog | None = None
     odometer: OdometerLog | None = None
+    reference: ReferenceLog | None = None
     time_shift_s: float = 0.0
     faults: tuple[Span, ...] = ()
     notes: tuple[str, ...] = ()
+    other_files: tuple[Path, ...] = ()
     header: dict[str, Any] = field(default_factory=dict)
 
 
@@ -50,12 +54,14 @@ def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]
         raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
     known = readers()
     name = options.get("format")
+    if name is None and {"gyro", "accel"} & set(options):  # a column map says itself what it is
+        name = importlib.import_module("trajectories.readers.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]
         if not chosen:
             raise InputError(f"format: got {str(name)[:40]!r}, needed one of {', '.join(r.name for r in known)}")
     else:
-        chosen = [r for r in known if r.detect(path)]
+        chosen = list(islice((r for r in known if r.detect(path)), 1))
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)
         raise InputError(f"{path}: format not recognised, needed --map with a `format`. Known: {formats}")

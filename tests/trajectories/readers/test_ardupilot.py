@@ -297,12 +297,12 @@ def test_other_matlab_files_are_named(tmp_path):
     with pytest.raises(InputError, match=r"a\.mat: no IMU 1, has none"):
         convert_log(path, {}, {})
     logs.savemat(tmp_path / "b.mat", {"x": np.ones(3)})
-    with pytest.raises(InputError, match="format not recognised"):
+    with pytest.raises(InputError, match=r"b\.mat: needed --map with .*the file has x 1x3"):
         convert_log(tmp_path / "b.mat", {}, {})
     with pytest.raises(InputError, match=r"b\.mat: holds none of the messages"):
         convert_log(tmp_path / "b.mat", {"format": "ardupilot_mat"}, {})
     (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    with pytest.raises(InputError, match=r"c\.mat: not a MATLAB file of version 5 to 7\.2"):
+    with pytest.raises(InputError, match=r"c\.mat: a MATLAB file of version 7\.3 \(HDF5\), needed version 5 to 7\.2"):
         convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
 
 

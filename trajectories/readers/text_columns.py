@@ -1,0 +1,85 @@
+"""Columns of text: rows of numbers between commas (or another separator) or white space, plain or in gzip."""
+
+import csv
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from numpy.typing import NDArray
+
+from ins.records import InputError
+from trajectories.readers.column_map import LayoutKeys
+from trajectories.text_rows import parse_rows, read_text
+
+HEAD_BYTES = 100_000
+
+
+def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
+    """The used columns by name, and what was dropped. Columns that are not used may hold anything."""
+    text, note = read_text(path)
+    if layout.comment is not None:
+        text = re.sub(rb"(?m)^[ \t]*" + re.escape(layout.comment.encode()) + rb".*$", b"", text)
+    delimiter = " " if layout.format == "text" else layout.delimiter
+    names, rows, first_line = _split_header(text, layout, delimiter, path.name)
+    refuse_missing(used, names, path.name)
+    table, notes = parse_rows(rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used)
+    columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    return columns, ([f"{path.name}: {note}"] if note else []) + notes
+
+
+def header_names(path: Path) -> list[str]:
+    """The names in the first line of a CSV, plain or in gzip; empty where it is not a line of text."""
+    head = b"" if path.name.endswith(".gz") and not path.stat().st_size else _head(path)
+    return _names(head.partition(b"\n")[0], ",")
+
+
+def refuse_missing(used: Sequence[str], names: Sequence[str], label: str) -> None:
+    """InputError for the first column that the file does not have."""
+    missing = [name for name in used if name not in names]
+    if missing:
+        raise InputError(f"{label}: no column {missing[0]}, has {' '.join(names)}"[:300])
+
+
+def _head(path: Path) -> bytes:
+    if path.name.endswith(".gz"):
+        import gzip
+        import zlib
+
+        try:
+            with gzip.open(path) as packed:
+                return packed.read(HEAD_BYTES)
+        except (OSError, EOFError, zlib.error):
+            return b""
+    with path.open("rb") as file:
+        return file.read(HEAD_BYTES)
+
+
+def _split_header(text: bytes, layout: LayoutKeys, delimiter: str, label: str) -> tuple[list[str], bytes, int]:
+    """Column names, the rows, and the number of the first line of rows; with a comment sign, empty lines do not count."""
+    count = layout.header_lines if layout.header_lines is not None else (layout.names_line or int(layout.columns is None))
+    lines: list[bytes] = []
+    first_line = 1
+    while len(lines) < count:
+        line, end, text = text.partition(b"\n")
+        if not end:
+            raise InputError(f"{label}: {len(lines) + 1} lines, needed {count} header lines and rows")
+        lines += [line] if line.strip() or layout.comment is None else []
+        first_line += 1
+    place = (layout.names_line or count) - 1
+    if layout.columns is None and not 0 <= place < count:
+        raise InputError(f"map: names_line {place + 1}, needed at most header_lines ({count})")
+    names = layout.columns if layout.columns is not None else _names(lines[place], delimiter)
+    twice = [name for name in names if names.count(name) > 1]
+    if not names or twice:
+        raise InputError(f"{label}: column {twice[0]} appears twice" if twice else f"{label}: no column names")
+    return names, text, first_line
+
+
+def _names(line: bytes, delimiter: str) -> list[str]:
+    words = line.decode("utf-8-sig", errors="replace").strip()
+    if delimiter == " ":
+        return words.split()
+    try:
+        return [name.strip() for name in next(csv.reader([words], delimiter=delimiter), [])]
+    except csv.Error:  # not a line of text
+        return []
