@@ -67,10 +67,11 @@ def test_every_command_has_the_common_flags(words):
     assert flags >= {"--json", "-q", "-v", "--seed"}
 
 
+NEEDED = {"export": ["-o", "t.json"], "approve": ["1", "--reason", "why"], "reject": ["1", "--reason", "why"]}
 BAD = [
     ["simulate", "nothing", "-o", "o"], ["convert", "nothing", "-o", "o"], ["check", "nothing"], ["align", "nothing"],
     ["replay", "nothing"], ["update", "nothing"], ["table", "import", "nothing"],
-    *(["table", name, *(["-o", "t.json"] if name == "export" else [])] for name in TABLE if name != "import"),
+    *(["table", name, *NEEDED.get(name, [])] for name in TABLE if name != "import"),
 ]  # fmt: skip
 
 
@@ -115,7 +116,7 @@ def test_every_verdict_has_its_exit_code():
     """formats.md, section 4."""
     assert {code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())} == {
         0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted",
-            "no_gap", "explained", "partly_explained", "unexplained"},
+            "no_gap", "explained", "partly_explained", "unexplained", "approved", "rejected"},
         3: {"bad_input"}, 4: {"refused", "level_only"}, 5: {"inconsistent"},
     }  # fmt: skip
 
