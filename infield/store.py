@@ -52,9 +52,12 @@ class TableStore(ProposalStore):
     """Thermal tables by unit. Every method raises InputError where the store cannot be read or is damaged."""
 
     @classmethod
-    def open(cls, url: str, create: bool = False) -> "TableStore":
-        """The store at an SQLAlchemy URL; with `create` made, or migrated, if need be, else InputError if missing."""
-        return cls(Database(url, create=create))
+    def open(cls, url: str, create: bool = False, *, any_clock: bool = False) -> "TableStore":
+        """The store at an SQLAlchemy URL; with `create` made, or migrated, if need be, else InputError if missing.
+
+        A clock more than 300 s behind a unit's newest revision writes nothing, unless `any_clock`.
+        """
+        return cls(Database(url, create=create, any_clock=any_clock))
 
     def close(self) -> None:
         self._database.close()

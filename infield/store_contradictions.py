@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, insert, inspect, select
 
 from infield.disagreement import SessionEvidence
+from infield.store_database import store_name
 from infield.store_rows import key_of, runs_held, text_sha256, utc_now
 from infield.store_schema import contradiction
 from ins.records import InputError
@@ -27,7 +28,7 @@ def append_contradictions(c: Connection, row: Any, table_sha256: str, evidence: 
             "run_sha256": e.run_sha256, "recorded_utc": utc_now(),
             "table_sha256": table_sha256, "evidence_json": _to_json(e),
         }  # fmt: skip
-        c.execute(insert(contradiction).values(unit_id=row.id, **values, record_sha256=_record_sha256(row, values)))
+        c.execute(insert(contradiction).values(unit_id=row.id, **values, record_sha256=contradiction_sha256(row, values)))
     return len(new)
 
 
@@ -39,10 +40,9 @@ def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
     for stored in c.execute(select(contradiction).where(contradiction.c.unit_id == row.id)).all():
         values = dict(stored._mapping)
         record, _ = values.pop("record_sha256"), values.pop("unit_id")
-        if record != _record_sha256(row, values):
-            raise InputError(
-                f"store {c.engine.url}: {key_of(row)}: the row of contradicting run {values['run_sha256'][:12]} was changed"
-            )
+        if record != contradiction_sha256(row, values):
+            what = f"the row of contradicting run {values['run_sha256'][:12]} was changed"
+            raise InputError(f"store {store_name(c.engine.url)}: {key_of(row)}: {what}")
         if values["run_sha256"] not in held:
             found.append(SessionEvidence(**json.loads(values["evidence_json"])))
     return tuple(found)
@@ -53,5 +53,5 @@ def _to_json(evidence: SessionEvidence) -> str:
     return json.dumps({**values, **{name: getattr(evidence, name).tolist() for name in ARRAYS}}, sort_keys=True)
 
 
-def _record_sha256(row: Any, values: dict[str, Any]) -> str:
+def contradiction_sha256(row: Any, values: dict[str, Any]) -> str:
     return text_sha256(json.dumps([vars(key_of(row)), values], sort_keys=True))

@@ -1,13 +1,16 @@
 """The database under the table store: engine, transactions that wait and retry, schema migration.
 
 SQLite keeps its rollback journal (not WAL): one file, so a copy of it is a whole store, and it reads from read-only
-media. synchronous=EXTRA makes a commit survive loss of power; writers take the lock first (BEGIN IMMEDIATE).
+media. synchronous=EXTRA makes a commit survive loss of power; writers take the lock first (BEGIN IMMEDIATE). On
+PostgreSQL a reader sees one snapshot (REPEATABLE READ, READ ONLY). No message holds a password.
 """
 
 import os
+import re
 import sqlite3
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,9 +24,16 @@ from infield.store_schema import READABLE, SCHEMA_REVISION
 from ins.records import InputError
 
 LOCK_WAIT_S = 5.0
+CONNECT_WAIT_S = 10  # for a server
+PATIENCE_S = 10.0  # with a lock that others hold
 ATTEMPTS = 6
 MIGRATION_LOCK = 5527003  # any number that all writers agree on (PostgreSQL advisory lock)
+HINTS = {
+    "SQLITE_IOERR": " (no room, a limit on file size, or a failing medium)",
+    "SQLITE_BUSY": " (another program holds it; try again)",
+}
 RETRY_SQLSTATES = ("40001", "40P01", "55P03")  # serialization failure, deadlock, lock not available
+QUERY_SECRET = re.compile(r"(?i)((?:ssl)?passw(?:or)?d=)[^&]*")
 _ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
 T = TypeVar("T")
 
@@ -33,10 +43,12 @@ class StoreConflict(RuntimeError):
 
 
 class Database:
-    """One store by its URL; nothing is created unless `create`."""
+    """One store by its URL; nothing is created unless `create`. any_clock: a clock behind the newest row may write."""
 
-    def __init__(self, url: str, *, create: bool) -> None:
+    def __init__(self, url: str, *, create: bool, any_clock: bool = False) -> None:
         self._engine, self.name = _engine(url, create=create)
+        weakref.finalize(self, self._engine.dispose)  # no connection outlives its store, also where nobody closes it
+        self._writer = self._engine.execution_options(writes=True, any_clock=any_clock)
         if create:
             self.write(_migrate)
         else:
@@ -50,71 +62,111 @@ class Database:
             with self._engine.begin() as connection:
                 yield connection
         except exc.DBAPIError as error:
-            raise InputError(f"store {self.name}: {_first_line(error)}") from None
+            raise InputError(f"store {self.name}: {self._line(error)}") from None
 
     def write(self, work: Callable[[Connection], T]) -> T:
         """`work` in one transaction, repeated where another writer was faster; StoreConflict if it stays so."""
-        writers = self._engine.execution_options(begin="BEGIN IMMEDIATE")
+        until = time.monotonic() + PATIENCE_S
         for attempt in range(ATTEMPTS):
             try:
-                with writers.begin() as connection:
+                with self._writer.begin() as connection:
                     return work(connection)
             except exc.DBAPIError as error:
                 if not _worth_a_retry(error):
-                    raise InputError(f"store {self.name}: not written: {_first_line(error)}") from None
+                    told = "connection lost, look whether it was written" if error.connection_invalidated else "not written"
+                    raise InputError(f"store {self.name}: {told}: {self._line(error)}") from None
+                if time.monotonic() > until:
+                    break
                 time.sleep(0.01 * 2**attempt)
         raise StoreConflict(f"store {self.name}: busy with other writers, nothing written; try again")
 
     def close(self) -> None:
         self._engine.dispose()
 
+    def _line(self, error: exc.DBAPIError) -> str:
+        """What the driver says, its first line, with a hint, without the password."""
+        line = (str(error.orig).splitlines() or [type(error.orig).__name__])[0]
+        hint = HINTS.get(getattr(error.orig, "sqlite_errorname", "").removesuffix("_WRITE"), "")
+        for secret in _secrets(self._engine.url):
+            line = line.replace(secret, "***")
+        return line + hint
+
 
 def store_exists(url: str) -> bool:
     """False where an SQLite store's file is missing; a server is taken to be there."""
     parsed = _parsed(url)
-    path = parsed.database
-    return parsed.get_backend_name() != "sqlite" or bool(path and Path(path).exists())
+    return parsed.get_backend_name() != "sqlite" or Path(str(parsed.database)).exists()
+
+
+def store_name(url: str | URL) -> str:
+    """A store's URL as messages and reports name it: without its password."""
+    shown = (_parsed(url) if isinstance(url, str) else url).render_as_string(hide_password=True)
+    return QUERY_SECRET.sub(r"\1***", shown)
+
+
+def _secrets(url: URL) -> list[str]:
+    given = [url.password, *(value for key, value in url.query.items() if QUERY_SECRET.match(f"{key}="))]
+    return [str(secret) for secret in given if secret]
 
 
 def _parsed(url: str) -> URL:
+    """InputError where the URL cannot be read, or names a database that is gone with the process."""
     try:
         parsed = make_url(url)
-    except exc.ArgumentError:
-        raise InputError(f"store {url[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db") from None
+    except (exc.ArgumentError, ValueError):
+        before, at, after = url.rpartition("@")
+        shown = QUERY_SECRET.sub(r"\1***", f"{before.partition('://')[0]}://***@{after}" if at else url)
+        raise InputError(f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db") from None
+    if "@" in (parsed.host or ""):
+        raise InputError(f"store {parsed.drivername}://***: an @ in user or password must be written %40")
+    if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
+        raise InputError(f"store {url}: a database in memory keeps nothing; needed a file, like sqlite:///recal.db")
     return parsed.set(drivername="postgresql+psycopg") if parsed.drivername == "postgresql" else parsed
 
 
 def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
     parsed = _parsed(url)
-    name = parsed.render_as_string(hide_password=True)
+    name = store_name(parsed)
     options: dict[str, Any] = {}
     sqlite = parsed.get_backend_name() == "sqlite"
-    if sqlite and parsed.database and parsed.database != ":memory:":
-        path = Path(os.path.abspath(parsed.database))
+    if sqlite:
+        path = Path(os.path.abspath(str(parsed.database)))
         if not path.exists() and not create:
             raise InputError(f"no store at {name}")
         options["creator"] = lambda: sqlite3.connect(
             f"file:{quote(str(path))}?mode={'rwc' if create else 'rw'}", uri=True, timeout=LOCK_WAIT_S,
             check_same_thread=False,
         )  # fmt: skip
+    elif parsed.drivername == "postgresql+psycopg" and "connect_timeout" not in parsed.query:
+        options["connect_args"] = {"connect_timeout": CONNECT_WAIT_S}
     try:
         engine = create_engine(parsed, **options)
     except (exc.NoSuchModuleError, ModuleNotFoundError) as error:
         raise InputError(f"store {name}: {error}; for PostgreSQL install strapdown-recal[postgres]") from None
     if sqlite:
         event.listen(engine, "connect", _set_pragmas)
-        event.listen(engine, "begin", _begin)
+    event.listen(engine, "begin", _begin)
     return engine, name
 
 
 def _set_pragmas(connection: Any, record: Any) -> None:
     connection.isolation_level = None  # transactions begin where `_begin` says, not where sqlite3 guesses
-    for pragma in ("foreign_keys=ON", "synchronous=EXTRA", f"busy_timeout={int(1000 * LOCK_WAIT_S)}"):
-        connection.execute(f"PRAGMA {pragma}").close()
+    connection.execute("PRAGMA foreign_keys=ON").close()
+    connection.execute("PRAGMA synchronous=EXTRA").close()  # the wait for a lock is the connection's timeout
 
 
 def _begin(connection: Connection) -> None:
-    connection.exec_driver_sql(connection.get_execution_options().get("begin", "BEGIN"))
+    """A writer takes SQLite's lock first; on PostgreSQL it does not wait for ever, and a reader sees one snapshot."""
+    writes = connection.get_execution_options().get("writes")
+    if connection.dialect.name == "postgresql" and writes:
+        milliseconds = {"wait": str(int(1000 * LOCK_WAIT_S))}
+        connection.execute(text("SELECT set_config('lock_timeout', :wait, true)"), milliseconds)
+    elif connection.dialect.name == "postgresql":
+        connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ, READ ONLY")
+    elif connection.dialect.name == "sqlite" and writes:
+        connection.exec_driver_sql("BEGIN IMMEDIATE")
+    elif connection.dialect.name == "sqlite":
+        connection.exec_driver_sql("BEGIN")
 
 
 def _schema_of(connection: Connection) -> str | None:
@@ -138,9 +190,10 @@ def _refuse_newer(found: str | None, name: str) -> None:
 
 
 def _migrate(connection: Connection) -> None:
-    if connection.dialect.name == "postgresql":
-        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
     found = _schema_of(connection)
+    if found != SCHEMA_REVISION and connection.dialect.name == "postgresql":
+        connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
+        found = _schema_of(connection)
     if found == SCHEMA_REVISION:
         return
     _refuse_newer(found, "store")
@@ -168,7 +221,3 @@ def _worth_a_retry(error: exc.DBAPIError) -> bool:
     if isinstance(error, exc.IntegrityError) or getattr(error.orig, "sqlstate", None) in RETRY_SQLSTATES:
         return True
     return getattr(error.orig, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))
-
-
-def _first_line(error: exc.DBAPIError) -> str:
-    return (str(error.orig).splitlines() or [type(error.orig).__name__])[0]

@@ -7,6 +7,7 @@ from typing import Any
 
 from sqlalchemy import Connection, and_, inspect, select
 
+from infield.store_database import store_name
 from infield.store_rows import MergedRun, UnitKey, key_of, text_sha256
 from infield.store_schema import decision, proposal, revision, tag, unit
 from infield.table import ThermalTable
@@ -185,4 +186,5 @@ def _decisions(c: Connection, key: UnitKey, decided: list[Any], records: dict[in
 
 
 def _changed(c: Connection, key: UnitKey, what: str) -> InputError:
-    return InputError(f"store {c.engine.url}: {key} {what}: the row was changed or is missing, its hash does not match")
+    where = f"store {store_name(c.engine.url)}: {key} {what}"
+    return InputError(f"{where}: the row was changed or is missing, its hash does not match")

@@ -10,12 +10,15 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, select
+from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, select, update
 
+from infield.store_database import store_name
 from infield.store_schema import merged_run, revision, tag, unit
 from infield.table import ThermalTable
 from infield.table_file import table_from_dict
 from ins.records import InputError
+
+CLOCK_SLACK_S = 300.0
 
 
 class UnknownUnit(InputError):
@@ -90,18 +93,33 @@ def append_revision(
     """The next revision of a unit, chained to the last, tagged `active` (the first also `factory`)."""
     last = last_number(c, row)
     before = read_revision(c, row, last) if last else None
+    now_utc = now_utc or utc_now()
+    if before is not None and not c.get_execution_options().get("any_clock"):
+        _require_later(before, now_utc)
     values: dict[str, Any] = {
         "unit_id": row.id, "number": last + 1, "kind": kind, "sha256": text_sha256(table_json),
-        "created_utc": now_utc or utc_now(),
+        "created_utc": now_utc,
         "parent_sha256": before.sha256 if before else None, "table_json": table_json,
         "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]), "restored_number": restored_number,
         "report_json": report_json, "note": note,
     }  # fmt: skip
-    values["record_sha256"] = _record_sha256(key_of(row), values, _record_before(c, row, last + 1))
+    values["record_sha256"] = record_sha256(key_of(row), values, _record_before(c, row, last + 1))
     c.execute(insert(revision).values(**values))
-    for name in ("factory", "active") if last == 0 else ("active",):
-        c.execute(delete(tag).where(and_(tag.c.unit_id == row.id, tag.c.name == name)))
-        c.execute(insert(tag).values(unit_id=row.id, name=name, number=last + 1))
+    if last == 0:
+        for name in ("factory", "active"):
+            c.execute(insert(tag).values(unit_id=row.id, name=name, number=1))
+    else:
+        c.execute(update(tag).where(and_(tag.c.unit_id == row.id, tag.c.name == "active")).values(number=last + 1))
+
+
+def _require_later(before: Revision, now_utc: str) -> None:
+    """InputError where the clock is behind the newest revision by more than clocks of several writers differ."""
+    behind = datetime.fromisoformat(before.created_utc) - datetime.fromisoformat(now_utc)
+    if behind.total_seconds() > CLOCK_SLACK_S:
+        raise InputError(
+            f"{before.unit}: the clock says {now_utc}, revision {before.number} was written at {before.created_utc}: set "
+            "the clock (--any-clock if that revision's was wrong); nothing written"
+        )
 
 
 def tagged(c: Connection, row: Any, name: str) -> Revision:
@@ -118,10 +136,9 @@ def read_revision(c: Connection, row: Any, number: int) -> Revision:
     values = dict(stored._mapping)
     record = values.pop("record_sha256")
     content_intact = text_sha256(values["table_json"]) == values["sha256"]
-    if not content_intact or record != _record_sha256(key_of(row), values, _record_before(c, row, number)):
-        raise InputError(
-            f"store {c.engine.url}: {key_of(row)} revision {number}: the row was changed, its hash does not match"
-        )
+    if not content_intact or record != record_sha256(key_of(row), values, _record_before(c, row, number)):
+        where = f"store {store_name(c.engine.url)}: {key_of(row)} revision {number}"
+        raise InputError(f"{where}: the row was changed, its hash does not match")
     runs = tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(values.pop("runs_json")))
     del values["unit_id"]
     return Revision(unit=key_of(row), runs=runs, **values)
@@ -195,7 +212,7 @@ def _record_before(c: Connection, row: Any, number: int) -> str:
     return c.execute(query).scalar() or ""
 
 
-def _record_sha256(key: UnitKey, values: dict[str, Any], before: str) -> str:
+def record_sha256(key: UnitKey, values: dict[str, Any], before: str) -> str:
     content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256", "table_json")}
     return text_sha256(json.dumps([before, vars(key), content], sort_keys=True))
 
@@ -206,9 +223,11 @@ def runs_held(c: Connection, row: Any) -> set[str]:
 
 
 def set_runs(c: Connection, row: Any, runs: set[str]) -> None:
-    """Write down which runs the active table holds."""
-    c.execute(delete(merged_run).where(merged_run.c.unit_id == row.id))
-    for sha256 in sorted(runs):
+    """Write down which runs the active table holds: those not there yet, and away with those it holds no more."""
+    held = runs_held(c, row)
+    for sha256 in sorted(held - runs):
+        c.execute(delete(merged_run).where(and_(merged_run.c.unit_id == row.id, merged_run.c.run_sha256 == sha256)))
+    for sha256 in sorted(runs - held):
         c.execute(insert(merged_run).values(unit_id=row.id, run_sha256=sha256))
 
 

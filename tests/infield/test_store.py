@@ -1,66 +1,25 @@
-"""The store: revisions in a chain, conflicts told, rollback to the bit, every changed row found."""
+"""The store on both databases: revisions in a chain, conflicts told, rollback to the bit, every changed row found."""
 
-import contextlib
 import json
-import os
-import signal
-import sqlite3
-import subprocess
-import sys
-import textwrap
 import threading
-import uuid
 
-import numpy as np
 import pytest
 
 from infield.store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit, store_exists
 from infield.store_database import Database
-from infield.table import default_table
 from infield.table_file import canonical_json, table_sha256, table_to_dict
 from ins.records import GyroNoise, InputError, TwinModel
-
-UTC = "2026-03-01T05:00:00Z"
-
-
-def table(serial="SN-1", technology="rlg", mode="", high=20.0):
-    return default_table(
-        imu_serial=serial, gyro_technology=technology, gyro_mode=mode, created_utc=UTC, low_degC=0, high_degC=high
-    )
-
-
-def updated(revision, shift_deg_h=0.001):
-    """An update of a stored table: every node moved."""
-    return revision.table.replaced(
-        parameters=revision.table.parameters + shift_deg_h,
-        provenance={"parent_sha256": revision.sha256, "runs": []},
-    )
-
-
-def commit(store, parent, *, run="run-1", **changes):
-    runs = [MergedRun(run_id=run, sha256=run)] if run else []
-    return store.commit_update(parent.sha256, updated(parent, **changes), runs, '{"verdict": "committed"}')
-
-
-@pytest.fixture
-def url(tmp_path):
-    return f"sqlite:///{tmp_path}/recal.db"
-
-
-@pytest.fixture
-def store(url):
-    with TableStore.open(url, create=True) as opened:
-        yield opened
+from tests.infield.stores import commit, rows, table, tamper
 
 
 def test_missing_store_is_refused_and_not_created(url, tmp_path):
-    with pytest.raises(InputError, match="no store at sqlite:///"):
+    with pytest.raises(InputError, match=f"no store at {url.partition('+')[0].partition(':')[0]}"):
         TableStore.open(url)
-    assert not store_exists(url) and not list(tmp_path.iterdir())
+    assert store_exists(url) == url.startswith("postgresql") and not list(tmp_path.iterdir())
 
 
-def test_database_without_our_tables_is_no_store(url, tmp_path):
-    sqlite3.connect(tmp_path / "recal.db").close()
+def test_database_without_our_tables_is_no_store(tmp_path):
+    (tmp_path / "recal.db").touch()
     (tmp_path / "text.db").write_text("not a database, but long enough to be taken for one" * 20)
     for name in ("recal.db", "text.db"):
         with pytest.raises(InputError, match="store"):
@@ -71,6 +30,13 @@ def test_database_without_our_tables_is_no_store(url, tmp_path):
 def test_bad_url_is_one_line(bad):
     with pytest.raises(InputError, match=r"^store [^\n]*$"):
         TableStore.open(bad)
+
+
+@pytest.mark.parametrize("memory", ["sqlite://", "sqlite:///:memory:", "sqlite+pysqlite://"])
+def test_a_store_in_memory_is_refused(memory):
+    for look in (store_exists, TableStore.open, lambda url: TableStore.open(url, create=True)):
+        with pytest.raises(InputError, match=r"^store sqlite.*: a database in memory keeps nothing; needed a file"):
+            look(memory)
 
 
 def test_import_keeps_bits_and_hash(store, url):
@@ -187,24 +153,20 @@ def test_twin_record(store):
     ("table_json", None), ("kind", "import"), ("note", "changed"), ("report_json", "{}"), ("runs_json", "[]"),
     ("created_utc", "2020-01-01T00:00:00Z"), ("parent_sha256", "0" * 64), ("record_sha256", "0" * 64),
 ])  # fmt: skip
-def test_changed_row_is_found(store, tmp_path, column, value):
+def test_changed_row_is_found(store, url, column, value):
     commit(store, store.import_table(table_to_dict(table())))
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
-        if value is None:
-            (text,) = raw.execute("SELECT table_json FROM recal_revision WHERE number = 2").fetchone()
-            value = text.replace("0.001", "0.002", 1)
-            assert value != text
-        raw.execute(f"UPDATE recal_revision SET {column} = ? WHERE number = 2", (value,))
-    raw.close()
+    if value is None:
+        ((text,),) = rows(url, "SELECT table_json FROM recal_revision WHERE number = 2")
+        value = text.replace("0.001", "0.002", 1)
+        assert value != text
+    tamper(url, (f"UPDATE recal_revision SET {column} = :value WHERE number = 2", {"value": value}))
     with pytest.raises(InputError, match="the row was changed"):
         store.active("SN-1")
 
 
-def test_changed_twin_is_found(store, tmp_path):
+def test_changed_twin_is_found(store, url):
     store.import_table(table_to_dict(table()), twin=TwinModel(imu_serial="SN-1"))
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
-        raw.execute("UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')")
-    raw.close()
+    tamper(url, "UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')")
     with pytest.raises(InputError, match="the row was changed"):
         store.twin("SN-1")
 
@@ -222,10 +184,8 @@ def test_migration_makes_the_declared_schema(store, url):
         assert ScriptDirectory.from_config(alembic_config(connection)).get_current_head() == SCHEMA_REVISION
 
 
-def test_another_schema_version_is_refused(store, url, tmp_path):
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
-        raw.execute("UPDATE alembic_version SET version_num = '9999'")
-    raw.close()
+def test_another_schema_version_is_refused(store, url):
+    tamper(url, "UPDATE alembic_version SET version_num = '9999'")
     for create in (False, True):
         with pytest.raises(InputError, match=r"schema 9999, needed .* a newer recal made it"):
             TableStore.open(url, create=create)
@@ -283,97 +243,3 @@ def test_several_may_create_the_store_at_once(url):
     assert not faults
     with TableStore.open(url) as store:
         assert len(store.units()) == 4
-
-
-def test_store_that_cannot_be_written_still_reads(store):
-    first = store.import_table(table_to_dict(table()))
-    with store._database._engine.connect() as c:  # root ignores file modes, so the fault is put into the connection
-        c.exec_driver_sql("PRAGMA query_only=ON")
-    with pytest.raises(InputError, match="not written"):
-        commit(store, first)
-    assert store.active() == first
-
-
-def test_full_disk_leaves_the_old_table(store):
-    first = store.import_table(table_to_dict(table()))
-    with store._database._engine.connect() as c:
-        pages = c.exec_driver_sql("PRAGMA page_count").scalar()
-        c.exec_driver_sql(f"PRAGMA max_page_count={pages}")
-    wide = first.table.extended_to(-90.0, 190.0).replaced(provenance={"parent_sha256": first.sha256})
-    with pytest.raises(InputError, match="full"):
-        store.commit_update(first.sha256, wide, [], "{}" * 10000)
-    assert store.active() == first and len(store.history()) == 1
-
-
-KILLED_WRITER = """
-import sys
-sys.path.insert(0, {root!r})
-from infield.store import TableStore, MergedRun
-store = TableStore.open(sys.argv[1])
-for k in range(10_000):
-    parent, run = store.active(), sys.argv[2] + str(k)
-    table = parent.table.replaced(
-        parameters=parent.table.parameters + 1e-6, provenance={{"parent_sha256": parent.sha256, "runs": []}})
-    done = store.commit_update(parent.sha256, table, [MergedRun(run_id=run, sha256=run)], "{{}}")
-    print(done.number, flush=True)
-"""
-
-
-def kill_writers(url, tmp_path, *, kills, rng):
-    """Start a writer, kill it at a random moment, look; again and again. Then check the whole chain."""
-    script = tmp_path / "writer.py"
-    root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
-    script.write_text(textwrap.dedent(KILLED_WRITER.format(root=root)))
-    for k in range(kills):
-        writer = subprocess.Popen([sys.executable, str(script), url, f"w{k}-"], stdout=subprocess.PIPE, text=True)
-        told = [writer.stdout.readline()]
-        with contextlib.suppress(subprocess.TimeoutExpired):
-            writer.wait(timeout=float(rng.uniform(0.0, 0.06)))
-        writer.send_signal(signal.SIGKILL)
-        told += writer.stdout.read().splitlines()
-        writer.wait()
-        writer.stdout.close()
-        complete = [int(line) for line in told if line.strip()]
-        with TableStore.open(url) as store:
-            assert complete and store.active().number >= complete[-1]  # what was told to be committed is there
-    with TableStore.open(url) as store:
-        values = [revision.table.parameters[0] for revision in store.history()]
-    assert np.diff(values) == pytest.approx(1e-6, rel=1e-6)  # each update once, none lost
-    return len(values)
-
-
-def test_killed_writers_lose_and_break_nothing(store, url, tmp_path):
-    store.import_table(table_to_dict(table()))
-    assert kill_writers(url, tmp_path, kills=2, rng=np.random.default_rng(1)) > 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("batch", range(10))
-def test_many_killed_writers_lose_and_break_nothing(store, url, tmp_path, batch):
-    store.import_table(table_to_dict(table()))
-    assert kill_writers(url, tmp_path, kills=100, rng=np.random.default_rng(100 + batch)) > 100
-
-
-@pytest.fixture(scope="module")
-def postgres_url():
-    url = os.environ.get("RECAL_TEST_POSTGRES_URL")
-    if not url:
-        pytest.skip("RECAL_TEST_POSTGRES_URL names no empty PostgreSQL database")
-    return url
-
-
-def test_postgres_behaves_the_same(postgres_url):
-    serial = f"PG-{uuid.uuid4()}"
-    with TableStore.open(postgres_url, create=True) as store:
-        data = table_to_dict(table(serial))
-        first = store.import_table(data)
-        assert first.table_json == canonical_json(data)
-        second = commit(store, first)
-        with pytest.raises(StoreConflict):
-            commit(store, first, run="run-2")
-        with pytest.raises(RunAlreadyMerged):
-            commit(store, second)
-        assert store.active(serial) == second
-        writers_race(postgres_url, serial=serial, writers=4, updates=5)
-        assert len(store.history(serial)) == 22
-        assert store.rollback(serial, to="factory").table_json == first.table_json
