@@ -32,7 +32,7 @@ def convert_all(data: Path, output: Path) -> dict[str, Run]:
     """The runs by the name of their directory, written there."""
     ln100 = read_toml(ROOT / "examples" / "maps" / "x_LN100_up.toml")
     jobs = [("ln100", "x_LN100_up.ins", ln100), ("apm", PLANE, {})]
-    jobs += [(f"copter-imu{k}", COPTER, {"imu": k}) for k in (1, 2, 3)]
+    jobs += [(f"copter-imu{k}", COPTER, {"imu": k, "to_s": 73.0}) for k in (1, 2, 3)]  # a gap of 2 s follows
     runs: dict[str, Run] = {}
     for name, log, options in jobs:
         made = convert_log(data / log, options, {})

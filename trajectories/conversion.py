@@ -6,18 +6,21 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ins.records import InputError, ReferenceLog, Run
+import numpy as np
+
+from ins.records import ImuLog, InputError, ReferenceLog, Run
 from trajectories.imu_scan import RateScan
 from trajectories.physics_gates import check_physics
 from trajectories.readers.registry import ConvertedLog, read_log
 from trajectories.run import run_sha256
-from trajectories.run_check import Finding, Findings
+from trajectories.run_check import DROPOUT, Finding, Findings
 from trajectories.run_schema import SCHEMA, header_from_json
 
 OPTIONS = {
     "imu_serial": "--serial", "gyro_technology": "--technology", "start_utc": "--start-utc",
     "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
 }  # fmt: skip
+MANY_LOST = 0.01  # of all rows
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +54,7 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])
+    findings.warn(*_lost(log.imu, label))
     run = Run(header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults)
     record = {
         "source": path.name, "source_sha256": _file_sha256(path), "format": name, "time_shift_s": log.time_shift_s,
@@ -61,6 +65,16 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     return Conversion(
         run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items), reference=log.reference
     )
+
+
+def _lost(imu: ImuLog, label: str) -> list[str]:
+    """A line where more than a few rows are missing: the rate is held over each hole, as a run's reader does."""
+    intervals = np.round(imu.dt_s * imu.rate_hz)
+    lost = int(np.sum(intervals - 1, where=imu.dt_s * imu.rate_hz > DROPOUT))
+    if lost <= MANY_LOST * imu.rows:
+        return []
+    return [f"{label}: {lost} of {imu.rows + lost} rows lost ({lost / (imu.rows + lost):.0%}): each hole has the rate of the "
+            "row after it; what moved meanwhile is not known (spans: repaired)"]  # fmt: skip
 
 
 def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -82,5 +96,9 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
 
 
 def _file_sha256(path: Path) -> str:
+    """Of a file; of a folder, over the names and hashes of its files."""
+    if path.is_dir():
+        parts = [f"{p.name} {_file_sha256(p)}\n" for p in sorted(path.iterdir()) if p.is_file()]
+        return hashlib.sha256("".join(parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

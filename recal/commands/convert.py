@@ -26,6 +26,8 @@ def command(
     log_format: Annotated[str | None, typer.Option("--format", help="Default: by the content of the log.")] = None,
     imu: Annotated[int | None, typer.Option("--imu", min=1, help="Which IMU of a log that has several.")] = None,
     gnss: Annotated[Path | None, typer.Option("--gnss", help="Fixes that are in a file of their own.")] = None,
+    from_s: Annotated[float | None, typer.Option("--from-s", help="Where to begin, by the log's own clock [s].")] = None,
+    to_s: Annotated[float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -43,7 +45,7 @@ def command(
         "imu_serial": serial, "gyro_technology": technology, "lat_deg": lat_deg, "lon_deg": lon_deg,
         "height_m": height_m, "tail": tail, "start_utc": start_utc, "run_id": run_id,
     }  # fmt: skip
-    chosen = {"imu": imu, "format": log_format}
+    chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
     options = (read_toml(map_file) if map_file else {}) | {k: v for k, v in chosen.items() if v is not None}
     if gnss is not None:
         options = with_gnss_file(options, gnss)

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from alignment import gyrocompass
 from benchmarks import real_logs
 from ins.earth import gravity_magnitude
+from ins.records import InputError
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
 from recal.commands.align import align
@@ -35,7 +36,7 @@ def plane():
 
 @pytest.fixture(scope="module")
 def copters():
-    return {k: convert_log(COPTER, {"imu": k}, {}) for k in (1, 2, 3)}
+    return {k: convert_log(COPTER, {"imu": k, "to_s": 73.0}, {}) for k in (1, 2, 3)}
 
 
 def means(run, start_s, end_s):
@@ -82,7 +83,11 @@ def test_place_and_time(plane, copters):
 
 def test_what_is_wrong_with_the_copters_log_is_named(copters):
     notes = copters[3].record["notes"]
-    assert any("read up to row 3018: gap of 2.022 s, 8898 rows after it dropped" in n for n in notes)
+    with pytest.raises(
+        InputError, match=r"IMU3: gap of 2\.022 s after row 3018 \(log time 72\.606 s\).* --from-s 74\.628 --to-s 254"
+    ):
+        convert_log(COPTER, {"imu": 3}, {})
+    assert any("8898 rows outside the stretch that was asked for" in n for n in notes)
     assert any("GPS rows 1-161 left out: no 3D fix" in n for n in notes)
     later = convert_log(COPTER, {"imu": 3, "from_s": 74.0}, {})
     assert later.run.imu.end_s > 170 and later.run.imu.rows == 8898
@@ -102,14 +107,14 @@ def test_parked_gyros_warm_up_as_the_note_beside_the_data_says(plane, copters):
     assert plane.temperature is None
 
 
-@pytest.mark.parametrize(("log", "args", "rows"), [(COPTER, ("--imu", "3"), 3018), (PLANE, (), 30650)])
+@pytest.mark.parametrize(("log", "args", "rows"), [(COPTER, ("--imu", "3", "--to-s", "73"), 3018), (PLANE, (), 30650)])
 def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     """MEMS units: the run is usable, with a warning of its bias; heading is refused with the reason (exit code 4)."""
     said = CliRunner().invoke(app, [str(log), "-o", str(tmp_path / "run"), *args])
     assert said.exit_code == 0, said.stderr
     assert f"{rows} rows, 50 Hz" in said.stderr
     assert check(tmp_path / "run")["verdict"] == "warnings"
-    assert read_run(tmp_path / "run").sha256 == convert_log(log, {"imu": int(args[1]) if args else 1}, {}).run.sha256
+    assert read_run(tmp_path / "run").sha256 == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
     document = align(tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align")
     assert document["verdict"] == ("refused" if log == COPTER else "level_only")
     assert ("never rests for a minute" if log == COPTER else "heading cannot be found at rest") in document["reasons"][0]

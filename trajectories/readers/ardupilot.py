@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from trajectories.readers import ardupilot_mat, dataflash, dataflash_text
 from trajectories.readers.ardupilot_gnss import fixes, log_clock
-from trajectories.readers.column_map import column_map
-from trajectories.readers.columns import converted
+from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.columns import PLAUSIBLE_DEGC, converted
 from trajectories.readers.dataflash import Tables
 from trajectories.readers.registry import ConvertedLog, Reader
 
@@ -27,7 +27,6 @@ TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 
 GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" for a in AXES)
 TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
-PLAUSIBLE_DEGC = (-60.0, 125.0)
 MAX_IMUS = 9
 TEXTS = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
 UNITS = {"GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"}, "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"}}  # as declared
@@ -35,12 +34,11 @@ WANTED = frozenset(("FMTU", "UNIT", "GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", 
 BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")  # in a MSG: board and serial of its processor
 
 
-class ArduPilotKeys(StrictModel):
-    """Map keys of an ArduPilot log. `from_s`: log time to start from; `gyro_offsets`: add them back or not."""
+class ArduPilotKeys(StretchKeys):
+    """Map keys of an ArduPilot log. `gyro_offsets`: add them back or not."""
 
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=MAX_IMUS)] = 1
-    from_s: float = -np.inf
     gyro_offsets: Literal["as_logged", "add_back"] = "as_logged"
     run: dict[str, Any] = Field(default_factory=dict)
 
@@ -56,13 +54,12 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     missing = [k for k in (*GYRO, *ACCEL) if k not in table]
     if clock is None or missing:
         raise InputError(f"{label}: no column {missing[0] if missing else 'TimeUS or TimeMS'}, has {' '.join(table)}"[:300])
-    rows = ~(clock < keys.from_s)  # a time that is no number is dropped, and noted, with the damaged rows
-    columns = {"time": clock[rows], **{k: table[k][rows] for k in (*GYRO, *ACCEL)}}
+    columns = {"time": clock, **{k: table[k] for k in (*GYRO, *ACCEL)}}
     offsets, offset_notes = _gyro_offsets(tables, keys, label)
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
-    columns |= _temperature(table, rows)
+    columns |= _temperature(table)
     keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
-    log = converted(columns, column_map(keys_of_columns), label=label, notes=[])
+    log = converted(columns, column_map(keys_of_columns | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
     header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
     return replace(
@@ -116,11 +113,11 @@ def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
     return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
 
 
-def _temperature(table: Mapping[str, NDArray], rows: NDArray) -> dict[str, NDArray]:
+def _temperature(table: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """The IMU's temperature, NaN where no sensor shows such a value; empty where it is not logged (absent or all 0)."""
     for name in TEMPERATURE:
         if name in table:
-            values = table[name][rows]
+            values = table[name]
             with np.errstate(invalid="ignore"):
                 sane = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
             return {"temperature": np.where(sane, values, np.nan)} if np.any(values[sane]) else {}

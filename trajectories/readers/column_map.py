@@ -139,7 +139,14 @@ class OdometerKeys(FileKeys):
     scale: float = 1.0
 
 
-class ColumnMap(LayoutKeys):
+class StretchKeys(StrictModel):
+    """Every map may say which stretch of the log to take, by the log's own clock [s]."""
+
+    from_s: float = -np.inf
+    to_s: float = np.inf
+
+
+class ColumnMap(LayoutKeys, StretchKeys):
     """A map file; `run` holds keys for run.json."""
 
     rate_hz: Annotated[float, Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ)] | None = None
@@ -170,6 +177,12 @@ def column_map(options: Mapping[str, Any]) -> ColumnMap:
         drawn = ", ".join(f'{b} = "{getattr(keys.axes, b)}"' for b in AXES)
         raise InputError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
     return keys
+
+
+def stretch_of(keys: StretchKeys) -> dict[str, float]:
+    """The stretch that a map asks for, as keys of a column map; none where it asks for none."""
+    given = {"from_s": keys.from_s, "to_s": keys.to_s}
+    return {name: value for name, value in given.items() if np.isfinite(value)}
 
 
 def axis_matrix(axes: AxesKeys) -> NDArray:

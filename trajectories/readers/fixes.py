@@ -9,9 +9,9 @@ from scipy.ndimage import median_filter
 
 from ins.records import GnssLog
 from ins.units import DEG
-from trajectories.readers.columns import row_ranges
 from trajectories.readers.gps_time import utc_text
 from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.row_cleaning import row_ranges
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
 MAX_JUMP_S = 10.0

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError, TemperatureLog
-from trajectories.readers.column_map import column_map
-from trajectories.readers.columns import converted, second_means
+from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.columns import PLAUSIBLE_DEGC, converted, second_means
 from trajectories.readers.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
@@ -27,7 +27,6 @@ RAW, INTEGRATED, COMBINED = SOURCES = ("sensor_gyro", "vehicle_imu", "sensor_com
 BOARD = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 GPS = ("vehicle_gps_position", "sensor_gps")
 WANTED = [*SOURCES, "sensor_accel", *GPS]
-PLAUSIBLE_DEGC = (-60.0, 125.0)
 FIX_3D = 3
 US = 1e-6
 MAP = {
@@ -37,7 +36,7 @@ MAP = {
 Columns = dict[str, NDArray]
 
 
-class Px4Keys(StrictModel):
+class Px4Keys(StretchKeys):
     """Map keys of a PX4 log. `topic`: where the IMU is taken from; default the first of SOURCES that will do."""
 
     format: str | None = None
@@ -61,7 +60,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     notes = [] if topic == RAW else _compensation(tables, topic, label)
     make = {RAW: _raw, INTEGRATED: _integrated, COMBINED: _combined}[topic]
     columns, more = make(tables, keys.imu - 1, label)
-    log = converted(columns, column_map(MAP), label=label, notes=[])
+    log = converted(columns, column_map(MAP | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = _fixes(tables, path.name)
     serial = f"{tables.information.get('sys_uuid') or path.stem}-imu{keys.imu}"
     header: dict[str, Any] = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", "imu_serial": serial[:200]}

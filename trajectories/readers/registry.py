@@ -9,7 +9,7 @@ from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
 
-MODULES = ("ardupilot", "px4", "mapped")  # each has READERS; a new format is one more module here
+MODULES = ("ardupilot", "px4", "ros", "mapped")  # each has READERS; a new format is one more module here
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +34,16 @@ class ConvertedLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Reader:
-    """One format: its name in maps, a line about it, `detect(path)` by content, `read(path, options)`."""
+    """One format: its name in maps, a line about it, `detect(path)` by content, `read(path, options)`.
+
+    folder: whether a log may be a folder; only then do `detect` and `read` see one.
+    """
 
     name: str
     about: str
     detect: Callable[[Path], bool]
     read: Callable[[Path, Mapping[str, Any]], ConvertedLog]
+    folder: bool = False
 
 
 def readers() -> tuple[Reader, ...]:
@@ -50,11 +54,11 @@ def readers() -> tuple[Reader, ...]:
 
 def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]:
     """The name of the format and the log. InputError where the file, its format or an option is wrong."""
-    if not path.is_file():
+    if not (path.is_file() or path.is_dir()):
         raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
-    known = readers()
+    known = tuple(reader for reader in readers() if reader.folder or path.is_file())
     name = options.get("format")
-    if name is None and {"gyro", "accel"} & set(options):  # a column map says itself what it is
+    if name is None and path.is_file() and {"gyro", "accel"} & set(options):  # a column map says itself what it is
         name = importlib.import_module("trajectories.readers.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]

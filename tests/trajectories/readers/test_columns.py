@@ -16,7 +16,8 @@ from trajectories.readers.column_map import (
     binary_type,
     column_map,
 )
-from trajectories.readers.columns import converted, row_ranges
+from trajectories.readers.columns import converted
+from trajectories.readers.row_cleaning import row_ranges
 
 N, DT_S = 200, 0.01
 
@@ -116,24 +117,76 @@ def test_damaged_rows_are_dropped_and_listed():
     columns["wx"][10] = np.nan
     columns["fz"][20] = 1e30
     columns["t"][30] = columns["t"][29]
-    columns["t"][31] = columns["t"][25]
+    columns["t"][31], columns["wy"][31] = columns["t"][25], 1e-3
     log = convert(columns)
     assert log.imu.time_s.size == N - 4
     assert log.notes == (
         "log: row 11 dropped: missing or not finite",
         "log: row 21 dropped: beyond 100 rad/s or 2000 m/s2",
-        "log: rows 31-32 dropped: time repeats or goes back",
+        "log: row 31 dropped: repeat an earlier row",
+        "log: row 32 dropped: time repeats or goes back",
     )
     assert [s.reason for s in log.faults] == ["dropout: 4 imu rows lost"]  # neighbours within a second are one stretch
     np.testing.assert_allclose(log.imu.dv_m_s.sum(axis=0), F_B * N * DT_S, rtol=1e-9, atol=1e-12)
 
 
-def test_a_log_is_read_up_to_a_gap():
+def test_a_gap_is_refused_with_the_stretch_to_take():
     columns = raw_columns()
-    columns["t"][150:] += 3.0
+    columns["t"][80:] += 3.0
+    line = r"log: gap of 3\.010 s after row 80 \(log time 5000\.790 s\), needed at .* --from-s 5003\.800 --to-s 5004\.990"
+    with pytest.raises(InputError, match=line):
+        convert(columns)
+    log = convert(columns, from_s=5003.8, to_s=5004.99)
+    assert log.imu.time_s.size == N - 80 and log.time_shift_s == pytest.approx(5003.79)
+    assert log.notes == ("log: 80 rows outside the stretch that was asked for (from_s, to_s)",)
+
+
+@pytest.mark.parametrize(("period_s", "name"), [(2**32 * 1e-6, "32 bits of microseconds"), (604_800.0, "GPS week")])
+def test_a_clock_that_starts_again(period_s, name):
+    """The clock passes its period at row 101; the rows are those of a clock that does not."""
+    columns = raw_columns(start_s=period_s - 1.005)
+    straight = convert(columns)
+    columns["t"] = columns["t"] % period_s
     log = convert(columns)
-    assert log.imu.time_s.size == 150
-    assert log.notes == ("log: read up to row 150: gap of 3.010 s, 50 rows after it dropped",)
+    np.testing.assert_allclose(log.imu.time_s, straight.imu.time_s, atol=1e-9)
+    assert log.notes == (f"log: clock starts again at row 102 ({name}): {period_s:.6f} s added from there",)
+
+
+def test_filler_of_zeros_is_left_out():
+    """Zeros before the first and after the last row, as flash memory has them, and rows before the clock is set."""
+    columns = raw_columns()
+    for name, values in columns.items():
+        values[:20] = values[-30:] = 0.0
+        if name == "t":
+            values[20:25] = 0.0
+    log = convert(columns)
+    assert log.imu.time_s.size == N - 55
+    assert log.notes == ("log: rows 1-20, 171-200 dropped: filler", "log: rows 21-25 dropped: time is zero")
+
+
+def test_late_rows_are_put_back_where_they_fit():
+    """A swapped pair comes back in order; a row whose time another row has stays out."""
+    columns = raw_columns()
+    columns["wx"] = columns["wx"] + 1e-5 * np.arange(N)
+    straight = convert({k: v.copy() for k, v in columns.items()})
+    for values in columns.values():
+        values[[50, 51]] = values[[51, 50]]
+    columns["t"][100] = columns["t"][90]
+    log = convert(columns)
+    np.testing.assert_allclose(log.imu.dtheta_rad[:100], straight.imu.dtheta_rad[:100], rtol=1e-9)
+    assert log.notes == (
+        "log: row 101 dropped: time repeats or goes back",
+        "log: row 52 written late, put back in the order of time",
+    )
+
+
+def test_rows_written_twice_cost_nothing():
+    columns = raw_columns()
+    columns["wx"] = columns["wx"] + 1e-5 * np.arange(N)
+    order = np.sort(np.concatenate([np.arange(N), np.arange(0, N, 3)]))
+    log = convert({name: values[order] for name, values in columns.items()})
+    np.testing.assert_array_equal(log.imu.dtheta_rad, convert(columns).imu.dtheta_rad)
+    assert len(log.notes) == 1 and log.notes[0].endswith("57 more stretches dropped: repeat an earlier row")
 
 
 def test_mixed_increments_and_rates():

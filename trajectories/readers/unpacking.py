@@ -1,0 +1,55 @@
+"""Packed blocks of a log (bz2, lz4, zstd): never more bytes than the block says and than a limit allows."""
+
+import bz2
+import importlib
+from typing import Any
+
+from ins.records import InputError
+
+MAX_BLOCK_BYTES = 1 << 28  # recorders write blocks of about a megabyte, one message at least
+MAX_MESSAGE_BYTES = 65_536  # a message of the kinds read here has a kilobyte
+INSTALL = "pip install strapdown-recal[ros]"
+
+
+class Damaged(Exception):
+    """Bytes that are not what their format says; caught where the next place to go on is known."""
+
+
+def unpacked(data: memoryview, name: str, size: int | None = None) -> bytes:
+    """The `size` bytes of a packed block (None: a message, as long as it is).
+
+    Damaged where they are not there, InputError where a library is missing.
+    """
+    if size is not None and size > MAX_BLOCK_BYTES:
+        raise Damaged(f"{size} bytes unpacked, at most {MAX_BLOCK_BYTES}")
+    if name not in UNPACK:
+        raise Damaged(f"packed with {name[:20]!r}")
+    try:
+        found = UNPACK[name](bytes(data), MAX_MESSAGE_BYTES if size is None else size)
+    except ImportError:
+        raise InputError(f"packed with {name}: needed the libraries of {INSTALL}") from None
+    except Exception as error:  # each library has its own errors for damaged bytes
+        raise Damaged(f"{name}: {' '.join(str(error).split())[:80] or type(error).__name__}") from None
+    if size is not None and len(found) != size:
+        raise Damaged(f"{len(found)} bytes unpacked, needed {size}")
+    return found
+
+
+def _bz2(data: bytes, size: int) -> bytes:
+    return bz2.BZ2Decompressor().decompress(data, max_length=size)
+
+
+def _lz4(data: bytes, size: int) -> bytes:
+    frame = importlib.import_module("lz4.frame")
+    return frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+
+
+def _zstd(data: bytes, size: int) -> bytes:
+    try:  # of the standard library (3.14), or the backport that comes with rosbags
+        zstd: Any = importlib.import_module("compression.zstd")
+    except ImportError:
+        zstd = importlib.import_module("backports.zstd")
+    return zstd.ZstdDecompressor().decompress(data, max_length=size)
+
+
+UNPACK = {"bz2": _bz2, "lz4": _lz4, "zstd": _zstd}
