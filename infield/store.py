@@ -6,7 +6,7 @@ table's content hash; a record hash chains each revision to the one before. Both
 
 import itertools
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, select, update
@@ -39,6 +39,7 @@ from infield.store_rows import (
     units_with,
 )
 from infield.store_schema import merged_run, revision, unit
+from infield.store_verify import StoreCheck, check_store, heads_missing, report_faults
 from infield.table import ThermalTable
 from infield.table_file import canonical_json, table_from_dict, table_to_dict
 from ins.records import InputError, TwinModel
@@ -119,6 +120,15 @@ class TableStore(ProposalStore):
             if tag_number(c, row, "active") != len(revisions):
                 raise InputError(f"store {self.name}: {key_of(row)}: tag active is not on the last revision")
             return revisions
+
+    def verify(
+        self, heads: Sequence[str] = (), reports: Mapping[str, dict[str, Any]] | None = None
+    ) -> StoreCheck:
+        """Every row against every other; also that heads and reports (by name) kept elsewhere are still in the store."""
+        with self._database.reading() as c:
+            found = check_store(c)
+            outside = [fault for name, document in (reports or {}).items() for fault in report_faults(c, name, document)]
+            return StoreCheck(found.units, (*found.faults, *heads_missing(c, heads), *outside))
 
     def by_sha256(self, sha256: str) -> Revision:
         """The table with this content hash, of any unit (to undo what a unit had applied); InputError if unknown."""

@@ -15,6 +15,7 @@ EXIT_CODES = {
     **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"), DONE),
     **dict.fromkeys(("approved", "rejected"), DONE),
     **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
+    "intact": DONE, "broken": BAD_INPUT,
     "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
 }  # fmt: skip
 DEFAULT_STORE = "sqlite:///recal.db"
@@ -25,6 +26,9 @@ Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: the wh
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random generator.")]
 NoSeed = Annotated[
     int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
+]
+AnyClock = Annotated[
+    bool, typer.Option("--any-clock", help="Write although the clock is behind the unit's newest revision.")
 ]
 StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
 ThermalModelPath = Annotated[

@@ -17,10 +17,10 @@ MAX_DIGITS = 10  # of a revision number
 RevisionOption = Annotated[str, typer.Option("--revision", help="A number, factory, previous or active.")]
 
 
-def open_tables(url: str) -> TableStore:
+def open_tables(url: str, *, any_clock: bool = False) -> TableStore:
     from infield.store import TableStore
 
-    return TableStore.open(url)
+    return TableStore.open(url, any_clock=any_clock)
 
 
 def other_technology(opened: TableStore, table: dict[str, Any]) -> str | None:

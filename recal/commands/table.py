@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from recal.commands import table_verify
 from recal.commands.stored_tables import (
     ModeOption,
     NoteOption,
@@ -26,7 +27,7 @@ from recal.commands.stored_tables import (
     revision_number,
 )
 from recal.commands.table_files import export, import_
-from recal.console import DEFAULT_STORE, Command, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, say
+from recal.console import DEFAULT_STORE, AnyClock, Command, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, say
 
 app = typer.Typer(no_args_is_help=True, help="The stored thermal tables and their history.")
 
@@ -118,8 +119,8 @@ def rollback(
     store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
     mode: ModeOption = None,
     to: Annotated[str, typer.Option("--to", help="A number, factory or previous.")] = "previous",
-    note: NoteOption = "", as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
-    seed: NoSeed = None,
+    note: NoteOption = "", any_clock: AnyClock = False, as_json: JsonFlag = False, quiet: Quiet = False,
+    verbose: Verbose = False, seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """An older table becomes active again, bit for bit, as a new revision.
 
@@ -129,7 +130,7 @@ def rollback(
     from ins.records import InputError
 
     try:
-        with open_tables(store) as opened:
+        with open_tables(store, any_clock=any_clock) as opened:
             found = opened.rollback(
                 serial, to if to in ("factory", "previous") else revision_number(to), technology, mode, note=note
             )
@@ -139,22 +140,6 @@ def rollback(
     say(f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}", quiet=quiet)
 
 
-@app.command(cls=Command)
-def verify(
-    store: StoreUrl = DEFAULT_STORE, as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
-    seed: NoSeed = None,
-) -> None:  # fmt: skip
-    """Read every revision and check every hash and the chain.
-
-    Example: recal table verify --store sqlite:///recal.db
-    """
-    with open_tables(store) as opened:
-        counts = {str(u.unit): len(opened.history(*key_of(u.active))) for u in opened.units()}
-        twins = sum(opened.twin(*key_of(u.active)) is not None for u in opened.units())
-    answer({"store": opened.name, "revisions": counts, "twins": twins}, as_json=as_json, verbose=verbose)
-    for unit, count in counts.items():
-        say(f"{unit}: {count} revisions, all hashes right", quiet=quiet)
-
-
+app.command("verify", cls=Command)(table_verify.command)
 app.command(cls=Command)(export)
 app.command("import", cls=Command)(import_)

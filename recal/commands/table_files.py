@@ -23,7 +23,19 @@ from recal.commands.stored_tables import (
     open_tables,
     other_technology,
 )
-from recal.console import DEFAULT_STORE, REFUSED, JsonFlag, NoSeed, OutputPath, Quiet, StoreUrl, Verbose, answer, say
+from recal.console import (
+    DEFAULT_STORE,
+    REFUSED,
+    AnyClock,
+    JsonFlag,
+    NoSeed,
+    OutputPath,
+    Quiet,
+    StoreUrl,
+    Verbose,
+    answer,
+    say,
+)
 
 if TYPE_CHECKING:
     from infield.autopilot_table import CubicExport
@@ -93,7 +105,7 @@ def import_(
     override_technology: Annotated[
         bool, typer.Option("--override-technology", help="Although the store knows the serial as another; noted.")
     ] = False,
-    as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
+    any_clock: AnyClock = False, as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:  # fmt: skip
     """A table from a file becomes the active one; a unit's first is its factory table.
@@ -110,7 +122,7 @@ def import_(
     require_same_unit(data, record)
     note = "; ".join(filter(None, (note, *said)))
     try:
-        with TableStore.open(store, create=True) as opened:
+        with TableStore.open(store, create=True, any_clock=any_clock) as opened:
             if (conflict := other_technology(opened, data)) is not None:
                 need(override_technology, f"{table}: {conflict} (--override-technology imports it all the same)")
                 note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))

@@ -116,8 +116,8 @@ def test_every_verdict_has_its_exit_code():
     """formats.md, section 4."""
     assert {code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())} == {
         0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted",
-            "no_gap", "explained", "partly_explained", "unexplained", "approved", "rejected"},
-        3: {"bad_input"}, 4: {"refused", "level_only"}, 5: {"inconsistent"},
+            "no_gap", "explained", "partly_explained", "unexplained", "approved", "rejected", "intact"},
+        3: {"bad_input", "broken"}, 4: {"refused", "level_only"}, 5: {"inconsistent"},
     }  # fmt: skip
 
 

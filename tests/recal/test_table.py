@@ -169,17 +169,6 @@ def test_import_sets_the_twin_without_opening_its_table(folder):
     assert not (folder / "new.db").exists()
 
 
-def test_verify_finds_a_changed_row(folder):
-    import sqlite3
-
-    updated_store(folder)
-    assert json.loads(ok("verify", "--json"))["revisions"] == {"SN-1 (rlg)": 2}
-    with sqlite3.connect("recal.db") as raw:
-        raw.execute("UPDATE recal_revision SET note = 'better' WHERE number = 1")
-    raw.close()
-    assert "the row was changed" in refused("verify")
-
-
 def test_json_alone_on_standard_output(folder):
     table_file(folder)
     for arguments in (["import", "table.json"], ["list"], ["show"], ["verify"], ["export", "-o", "t.json"]):
