@@ -30,3 +30,9 @@ def utc_text(unix_s: float) -> str:
     """UTC to the millisecond, such as 2013-11-29T22:00:00.678Z, of seconds since 1970."""
     utc = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC) + datetime.timedelta(milliseconds=round(unix_s * 1e3))
     return utc.isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+def unwrapped(time_of_week_s: NDArray) -> NDArray:
+    """Seconds from the first row's week on, shape (n,): a fall by more than half a week is the next week."""
+    falls = np.diff(time_of_week_s, prepend=time_of_week_s[:1]) < -WEEK_S / 2
+    return time_of_week_s + WEEK_S * np.cumsum(falls)

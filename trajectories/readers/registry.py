@@ -9,7 +9,8 @@ from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
 
-MODULES = ("ardupilot", "px4", "ros", "mapped")  # each has READERS; a new format is one more module here
+# Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any MATLAB file.
+MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "mapped")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.json_file import StrictModel
 from ins.records import InputError, OdometerLog, ReferenceLog
 from ins.units import DEG
 from trajectories.readers.column_map import (
@@ -33,6 +34,12 @@ from trajectories.readers.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog
 
 Columns = Mapping[str, NDArray]
+
+
+class GnssFile(StrictModel):
+    """[gnss] of a format that has its fixes in a file of their own, relative to the log's folder."""
+
+    file: str
 
 
 def with_side_streams(log: ConvertedLog, columns: Columns, keys: ColumnMap, path: Path) -> ConvertedLog:
