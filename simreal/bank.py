@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
-from simreal.evidence import Evidence
+from simreal.evidence import CHANNELS, SENSORS, Evidence
 from simreal.generic import MOTION_SIZE, OF_RUN, Generic, generic_functions
 from simreal.telemetry import Telemetry, Trace
 
@@ -96,6 +96,11 @@ def limits(parameter: ShapeParameter, run: Telemetry | None) -> tuple[float, flo
     return float(run.time_s[0] + margin), float(run.time_s[-1] - margin)
 
 
+def silent(target: str) -> str:
+    """What an effect lacks whose sensor says nothing."""
+    return f"values of {target}"
+
+
 class Bank:
     """Columns of all hypotheses over an evidence; `gram` (m, m), `score` (m,) = columns' products with the data."""
 
@@ -116,7 +121,7 @@ class Bank:
         self._fill()
 
     def _add_effect(self, effect: Effect, target: str) -> None:
-        if lacks := effect.needs(self.telemetry, target):
+        if lacks := effect.needs(self.telemetry, target) or self._silent(target):
             self.not_testable.append((effect.name, target, lacks))
             return
         if not effect.coefficients or not effect.traces(self.telemetry[0], target, shapes_of(effect, self.telemetry[0])[0]):
@@ -137,6 +142,12 @@ class Bank:
                 hypothesis.groups.append(self.new_group(effect, target, shape, run))
             hypothesis.weigh()
             self.hypotheses.append(hypothesis)
+
+    def _silent(self, target: str) -> str:
+        """What is missing where a sensor has no values in any run."""
+        if target not in CHANNELS[:SENSORS] or any(run.parked.live[CHANNELS.index(target)] for run in self.evidence.runs):
+            return ""
+        return silent(target)
 
     def _at_outliers(self, shape: Mapping[str, float], run: int) -> list[dict[str, float]]:
         """Onsets at a run's outliers: what lasts seconds falls between the points of a scan in minutes."""

@@ -13,6 +13,7 @@ from infield.table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from simreal.addback import HeldOut, shrink_of
 from simreal.attribute import Attribution, Attributor, Slot, tail_probability
+from simreal.bank import silent
 from simreal.causes import Cause, cause_of, posterior_bars
 from simreal.effects.base import Effect
 from simreal.effects.catalogue import catalogue
@@ -64,7 +65,7 @@ class Diagnosis:
     left_present: bool
     left_share: float
     looks_like: str
-    not_testable: tuple[tuple[str, str], ...]
+    not_testable: tuple[tuple[str, str, str], ...]
     cells: CellTable
     cells_after: CellTable
     views: tuple[RunView, ...]
@@ -336,11 +337,16 @@ def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str
     return PHASES[kind]
 
 
-def _not_testable(attribution: Attribution) -> tuple[tuple[str, str], ...]:
-    """Effects that no target of these runs can show, with what they need, each once."""
+def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:
+    """Effects that no target of these runs can show, with what they need, each once; those that only a silent sensor
+
+    cannot show come with it as the target (else "").
+    """
     tested = {h.name for h in attribution.hypotheses}
-    out: dict[str, str] = {}
-    for name, _, needs in attribution.not_testable:
+    out: dict[tuple[str, str], str] = {}
+    for name, target, needs in attribution.not_testable:
         if name not in tested:
-            out.setdefault(name, needs)
-    return tuple(sorted(out.items()))
+            out.setdefault((name, ""), needs)
+        elif needs == silent(target):
+            out[name, target] = needs
+    return tuple((name, needs, target) for (name, target), needs in sorted(out.items()))

@@ -35,7 +35,10 @@ def diagnosis_document(
             "present": diagnosis.left_present, "p_value": diagnosis.p_value_after, "share": diagnosis.left_share,
             "looks_like": diagnosis.looks_like,
         },
-        "not_testable": [{"effect": name, "needs": needs} for name, needs in diagnosis.not_testable],
+        "not_testable": [
+            {"effect": name, "needs": needs, **({"target": target} if target else {})}
+            for name, needs, target in diagnosis.not_testable
+        ],
         "gap_after": {"score": diagnosis.score_after, "p_value": diagnosis.p_value_after},
         "user_level": [_user(u) for u in users],
         "record_next": list(record_next),

@@ -4,7 +4,7 @@ Attitude, motion and heading come from the run itself: gravity and Earth rate ov
 navigation. The `reference` stream is never read. Time is the run's clock (seconds since power-on).
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuSource, NavHistory, NavState, Run, TwinModel
 from ins.units import DEG_PER_HOUR
+from simreal.dead_channels import dead_columns, with_dead_filled
 from simreal.seconds import Seconds, seconds_of
 from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 
 EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
+BLIND_EDGE_S = 60.0  # the same, where a sensor is dead and a slow start may go unseen
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
 MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
@@ -73,10 +75,16 @@ def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, 
     if applied is not None:
         found = (lambda _: table) if table is not None and applied == table_sha256 else None
         run = with_applied_table_undone(run, found)
+    dead = dead_columns(run.imu)
+    filled = with_dead_filled(run, dead)
+    if isinstance(filled, str):
+        return filled
+    run, fill, said = filled
+    notes += said
     imu = compensated_imu(run, table, temperature, twin)
     level_earth_rate = EARTH_RATE_RAD_S * np.cos(run.header.site.lat_rad)
     knows_north = bool(twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * level_earth_rate)
-    seconds = seconds_of(imu)
+    seconds = _without(seconds_of(imu), dead, fill)
     rest = find_rest(run) if knows_north else _quiet_stretch(run, seconds)
     shortest = SHORTEST_PARK_S if knows_north else SHORTEST_LEVEL_S
     if rest is None:
@@ -85,17 +93,23 @@ def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, 
     C_nb = _attitude(imu, rest)
     kind = _kinds(run, imu, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
-    end_s = float(seconds.end_s[moves[0]] - 1.0 - EDGE_S) if moves.size else float(seconds.end_s[-1])
+    edge_s = BLIND_EDGE_S if dead.any() else EDGE_S
+    end_s = float(seconds.end_s[moves[0]] - 1.0 - edge_s) if moves.size else float(seconds.end_s[-1])
     if end_s - start_s < shortest:
         return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {shortest:.0f} s or more are needed"
     C_nb, sigma_heading = _best_attitude(imu, run, seconds, (start_s, end_s))
     history = None
-    if moves.size and knows_north:
+    if moves.size and knows_north and not dead.any():
         history = _navigation(imu, run, end_s, C_nb)
-    elif moves.size:
+    elif moves.size and not knows_north:
         notes.append("the unit does not find north: what follows the parked stretch is not looked at")
     telemetry = _telemetry(run, index, table, temperature, seconds, kind, C_nb, history, knows_north)
     return RunView(run, telemetry, seconds, start_s, end_s, C_nb, sigma_heading, history, temperature, tuple(notes))
+
+
+def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
+    """The seconds with the dead sensors marked, their means those that attitude is taken from."""
+    return replace(seconds, mean=np.where(dead, fill, seconds.mean), dead=dead | seconds.dead)
 
 
 def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> GyroTemperature | None:

@@ -70,19 +70,19 @@ class FiniteScan:
     """NaN or infinity in a required column."""
 
     def __init__(self, column: str, row: Row) -> None:
-        self._column, self._row = column, row
-        self._line, self._count = "", 0
+        self.column, self._row = column, row
+        self._line, self.bad_rows = "", 0
 
     def feed(self, start: int, values: NDArray) -> None:
         bad = np.flatnonzero(~np.isfinite(values))
-        if bad.size and not self._count:
+        if bad.size and not self.bad_rows:
             k = int(bad[0])
-            self._line = f"{self._row(start + k)}: column {self._column}: got {values[k]}, needed a finite number"
-        self._count += bad.size
+            self._line = f"{self._row(start + k)}: column {self.column}: got {values[k]}, needed a finite number"
+        self.bad_rows += bad.size
 
     @property
     def lines(self) -> list[str]:
-        return [self._line + (f" ({self._count} such rows)" if self._count > 1 else "")] if self._count else []
+        return [self._line + (f" ({self.bad_rows} such rows)" if self.bad_rows > 1 else "")] if self.bad_rows else []
 
 
 class TimeScan:

@@ -89,10 +89,12 @@ class ImuFile:
 
 
 def load_imu(
-    stream: StreamFile, findings: Findings, *, held_rows: int = HELD_ROWS, piece_rows: int = PIECE_ROWS
-) -> tuple[ImuSource | None, list[Span]]:
+    stream: StreamFile, findings: Findings, *, held_rows: int = HELD_ROWS, piece_rows: int = PIECE_ROWS,
+    dead_columns: bool = False,
+) -> tuple[ImuSource | None, list[Span]]:  # fmt: skip
     """The imu stream as increments, with its faults; None once an error was found.
 
+    dead_columns: a sensor without a finite value in any row is told of, its NaN stay in the log.
     In memory up to `held_rows` rows. A row of rates is the mean over the interval that ends at its time, so
     increment = rate x interval.
     """
@@ -103,7 +105,9 @@ def load_imu(
     values = _ValueScan(stream, names, times)
     for row, columns in stream.pieces(names, rows=piece_rows):
         values.feed(row, columns)
-    findings.error(*(line for scan in values.finite for line in scan.lines), *times.finite.lines)
+    silent = [scan for scan in values.finite if dead_columns and scan.bad_rows == times.rows]
+    findings.warn(*(f"{stream.label}: column {scan.column} has no finite value in any row: left out" for scan in silent))
+    findings.error(*(line for scan in values.finite if scan not in silent for line in scan.lines), *times.finite.lines)
     if times.rows < 2:
         findings.error(f"{stream.label}: {times.rows} rows, needed at least 2")
     elif len(findings.errors) == errors:
@@ -146,7 +150,7 @@ class _ValueScan:
         self.index_before_s.append(float(time_s[-1]))
         if self._clean:
             self.rate.feed(time_s)
-            self.dropouts.feed(time_s, _vectors(columns, self._names[4:]))
+            self.dropouts.feed(time_s, np.nan_to_num(_vectors(columns, self._names[4:])))
 
 
 def imu_log(time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str) -> tuple[ImuLog, list[Span]]:

@@ -49,13 +49,13 @@ class Inspection:
         return [item.text for item in self.findings if item.level == "error"]
 
 
-def read_run(path: Path, *, held_rows: int = HELD_ROWS) -> Run:
+def read_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False) -> Run:
     """The run in a directory, without its reference. InputError names the file, the row or key, and the trouble.
 
     What could be repaired or had to be dropped is in `Run.faults`. An imu stream of more than `held_rows` rows stays in
-    its file, which must then outlive the run.
+    its file, which must then outlive the run. dead_columns: imu columns without any value stay as NaN.
     """
-    inspection = inspect_run(path, held_rows=held_rows)
+    inspection = inspect_run(path, held_rows=held_rows, dead_columns=dead_columns)
     if inspection.run is None:
         first, *rest = inspection.errors
         more = f" (and {len(rest)} more: recal check lists all)" if rest else ""
@@ -73,8 +73,8 @@ def read_reference(path: Path) -> ReferenceLog | None:
     return log
 
 
-def inspect_run(path: Path, *, held_rows: int = HELD_ROWS) -> Inspection:
-    """Reads a run directory and lists everything that is wrong; raises nothing for bad input. held_rows as `read_run`."""
+def inspect_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False) -> Inspection:
+    """Reads a run directory and lists everything that is wrong; raises nothing for bad input. Options as `read_run`."""
     path, findings = Path(path), Findings()
     faults: list[Span] = []
     if not path.is_dir():
@@ -82,7 +82,7 @@ def inspect_run(path: Path, *, held_rows: int = HELD_ROWS) -> Inspection:
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
     logs: dict[str, Any] = {}
-    loaders: dict[str, Callable] = {"imu": partial(load_imu, held_rows=held_rows), **streams.LOADERS}
+    loaders: dict[str, Callable] = {"imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns), **streams.LOADERS}
     for name, load in loaders.items():
         logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
         faults += more

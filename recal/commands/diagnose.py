@@ -62,7 +62,8 @@ def diagnose(
     twin = read_twin(twin_path)
     table_dict, table, sha256 = _table(twin_path, twin)
     told("reading the runs")
-    read = [overlapping(read_run(path, held_rows=HELD_ROWS // len(run_paths))) for path in run_paths]
+    rows = HELD_ROWS // len(run_paths)
+    read = [overlapping(read_run(path, held_rows=rows, dead_columns=True)) for path in run_paths]
     loaded, left_out = [run for run, _ in read], [note for _, notes in read for note in notes]
     _distinct(run_paths, loaded)
     held = [_run_id(name, run_paths, loaded) for name in hold_out]
