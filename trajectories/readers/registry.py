@@ -10,7 +10,7 @@ from typing import Any
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
 
 # Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any MATLAB file.
-MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "mapped")
+MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "novatel", "mapped")
 
 
 @dataclass(frozen=True, kw_only=True)
