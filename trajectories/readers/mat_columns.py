@@ -29,7 +29,10 @@ def mat_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[di
     """The used columns by their expressions, shape (n,) each; InputError lists what the file holds."""
     roots = {name.split(".")[0].split("(")[0].split("[")[0] for name in used}
     values, notes = leaves(path, lambda name: name in roots)
-    return {name: _column(values, name, path) for name in used}, notes
+    try:
+        return {name: _column(values, name, path) for name in used}, notes
+    except InputError as error:
+        raise InputError(f"{error} ({notes[0]})" if notes else str(error)) from None
 
 
 def leaves(path: Path, wanted: Any = None) -> tuple[Leaves, list[str]]:

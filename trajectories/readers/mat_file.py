@@ -3,15 +3,14 @@
 A file is a head of 128 bytes and elements: type and length (4 bytes each), then that many bytes.
 """
 
-import io
-import warnings
+import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ins.records import InputError
+from trajectories.readers.mat_arrays import MatArray
+from trajectories.readers.unpacking import Damaged, inflated
 
 HEAD_BYTES = 128
 ARRAY, COMPRESSED = 14, 15  # types of an element that holds a variable
@@ -34,7 +33,7 @@ def is_matlab(path: Path) -> bool:
 
 def variable_names(path: Path) -> set[str]:
     """Names of the variables that can be read."""
-    return set(_named(path, [], _whosmat))
+    return {array.name for _, array in _arrays(path, [])}
 
 
 def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Any], list[str]]:
@@ -43,53 +42,49 @@ def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str,
         what = "a MATLAB file of version 7.3 (HDF5)" if is_matlab(path) else "no MATLAB file"
         raise InputError(f"{path.name}: {what}, needed version 5 to 7.2: in MATLAB save with -v7")
     notes: list[str] = []
-
-    def load(element: bytes) -> dict[str, Any]:
-        names = [name for name in _whosmat(element) if wanted(name)]
-        return {k: v for k, v in _loadmat(element, names).items() if isinstance(v, np.ndarray)} if names else {}
-
-    return _named(path, notes, load), notes
-
-
-def _named(path: Path, notes: list[str], load: Callable[[bytes], dict[str, Any]]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for at, element in _elements(path, notes):
+    for at, array in _arrays(path, notes):
         try:
-            with warnings.catch_warnings(), np.errstate(all="ignore"):
-                warnings.simplefilter("ignore")
-                found |= load(element)
-        except Exception as error:  # scipy meets damaged bytes with errors of every kind
-            what = f"{type(error).__name__}: {str(error)[:80]}" if str(error) else type(error).__name__
-            notes.append(f"{path.name}: variable at byte {at} damaged ({what}), not read")
-    return found
+            value = array.value() if wanted(array.name) else None
+        except Damaged as error:
+            notes.append(_told(path, at, error))
+            continue
+        if value is not None:
+            found[array.name] = value
+    return found, notes
 
 
-def _elements(path: Path, notes: list[str]) -> Iterator[tuple[int, bytes]]:
-    """Place and content of each variable, with the file's head before it so that it is a file of its own."""
+def _arrays(path: Path, notes: list[str]) -> Iterator[tuple[int, MatArray]]:
+    """Place and array of each variable whose head can be read."""
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
         raise InputError(f"{path.name}: {size} bytes, needed at most {MAX_FILE_BYTES}")
-    data = path.read_bytes()
-    order = "big" if data[126:128] == b"MI" else "little"
+    data = memoryview(path.read_bytes())
+    order = ">" if bytes(data[126:128]) == b"MI" else "<"
     at = HEAD_BYTES
-    while at < size:
-        kind, length = (int.from_bytes(data[at + k : at + k + 4], order) for k in (0, 4))  # type: ignore[arg-type]
+    while at + 8 <= size:
+        kind, length = struct.unpack_from(order + "II", data, at)
         after = at + 8 + length
         if after > size or kind not in (ARRAY, COMPRESSED):
-            what = "cut off" if kind in (ARRAY, COMPRESSED) else "damaged"
-            notes.append(f"{path.name}: {what} at byte {at}: the last {size - at} bytes dropped")
-            return
-        yield at, data[:HEAD_BYTES] + data[at:after]
+            break
+        try:
+            yield at, _array(data[at + 8 : after], kind, order)
+        except Damaged as error:
+            notes.append(_told(path, at, error))
         at = after
+    if at < size:
+        what = "cut off" if size - at < 8 or kind in (ARRAY, COMPRESSED) else "damaged"
+        notes.append(f"{path.name}: {what} at byte {at}: the last {size - at} bytes dropped")
 
 
-def _whosmat(element: bytes) -> dict[str, Any]:
-    from scipy.io import whosmat
+def _array(body: memoryview, kind: int, order: str) -> MatArray:
+    if kind == ARRAY:
+        return MatArray(body, order)
+    plain = memoryview(inflated(body))
+    if len(plain) < 8 or struct.unpack_from(order + "I", plain)[0] != ARRAY:
+        raise Damaged("no array in it")
+    return MatArray(plain[8 : 8 + struct.unpack_from(order + "I", plain, 4)[0]], order)
 
-    return {name: shape for name, shape, _ in whosmat(io.BytesIO(element))}
 
-
-def _loadmat(element: bytes, names: list[str]) -> dict[str, Any]:
-    from scipy.io import loadmat
-
-    return loadmat(io.BytesIO(element), variable_names=names)
+def _told(path: Path, at: int, error: Damaged) -> str:
+    return f"{path.name}: variable at byte {at} damaged ({error}), not read"

@@ -2,12 +2,14 @@
 
 import bz2
 import importlib
+import zlib
 from typing import Any
 
 from ins.records import InputError
 
 MAX_BLOCK_BYTES = 1 << 28  # recorders write blocks of about a megabyte, one message at least
 MAX_MESSAGE_BYTES = 65_536  # a message of the kinds read here has a kilobyte
+MAX_GROWTH = 200  # of a whole file, beyond MAX_BLOCK_BYTES; a log of constants grows a hundredfold
 INSTALL = "pip install strapdown-recal[ros]"
 
 
@@ -32,6 +34,19 @@ def unpacked(data: memoryview, name: str, size: int | None = None) -> bytes:
         raise Damaged(f"{name}: {' '.join(str(error).split())[:80] or type(error).__name__}") from None
     if size is not None and len(found) != size:
         raise Damaged(f"{len(found)} bytes unpacked, needed {size}")
+    return found
+
+
+def inflated(data: memoryview) -> bytes:
+    """What zlib packed. Damaged where it is cut off or garbled, or grows beyond what numbers do when they are unpacked."""
+    most = MAX_BLOCK_BYTES + MAX_GROWTH * len(data)
+    unpack = zlib.decompressobj()
+    try:
+        found = unpack.decompress(data, most)
+    except zlib.error as error:
+        raise Damaged(str(error)) from None
+    if not unpack.eof:
+        raise Damaged(f"more than {MAX_GROWTH} times its size unpacked" if len(found) >= most else "packed data cut off")
     return found
 
 
