@@ -16,6 +16,9 @@ MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
 MAX_TEXT_BYTES = 8_000_000_000
 MAX_LINE_BYTES = 1_000_000
 BLOCK_BYTES = 1 << 22
+UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
+MAX_BAD = 0.01  # of the lines of a log; beyond it the map is wrong, not the lines
+LISTED = 10  # bad lines named
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
 
 
@@ -45,7 +48,7 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
     size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
     with path.open("rb") as file:
         try:
-            while chunk := unpack.unused_data or file.read(1 << 16):
+            while chunk := unpack.unused_data or file.read(UNPACK_BYTES):
                 if unpack.eof:
                     unpack = zlib.decompressobj(wbits=31)
                 part = unpack.decompress(chunk)
@@ -86,10 +89,19 @@ def parse_rows(
 ) -> tuple[Any, list[str]]:  # fmt: skip
     """A pyarrow table of float64 columns (those of `used`; None: all) from rows of text, and what was dropped.
 
-    A last row without a line end, or broken, is a cut-off file: dropped and noted. A broken row before it is an
-    InputError with line and column. `delimiter` " " means any white space.
+    A last row without a line end, or broken, is a cut-off file: dropped and noted. A few broken rows before it become rows
+    of missing values, and are noted; with many, the first is an InputError with line and column. `delimiter` " " means any
+    white space.
     """
-    table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
+    try:
+        table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
+    except InputError:
+        text, bad, why = _mended(text, names, delimiter, names if used is None else used)
+        if not bad:
+            raise
+        table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
+        shown = ", ".join(str(first_line + k) for k in bad[:LISTED]) + (f" and {len(bad) - LISTED} more" * (len(bad) > LISTED))
+        notes = [f"{label}: no row of {len(names)} numbers in line {shown} ({why}): taken as missing", *notes]
     if table is None:
         raise InputError(f"{label}: no rows")
     if table.num_rows > MAX_ROWS:
@@ -119,6 +131,19 @@ def parse_block(
     if problem:
         raise InputError(f"{label}: {problem}")
     return table, notes
+
+
+def _mended(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[bytes, list[int], str]:
+    """The text with missing values for lines that are no rows, the indices of those (none if many), the first's fault."""
+    lines = text.split(b"\n")
+    end = lines.pop()
+    bad = {k: why for k, line in enumerate(lines) if line.strip() and (why := _wrong_line(line, names, delimiter, used))}
+    if not bad or len(bad) > max(5, MAX_BAD * len(lines)):
+        return text, [], ""
+    missing = delimiter.join(["nan"] * len(names)).encode()
+    for k in bad:
+        lines[k] = missing
+    return b"\n".join([*lines, end]), list(bad), next(iter(bad.values()))
 
 
 def _arrow_table(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[Any, str]:
@@ -152,10 +177,21 @@ def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str, used: Seq
     while lines and not lines[-1].strip():
         lines.pop()
     for i, line in enumerate(lines):
-        fields = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-        if fields and (why := _wrong_fields(fields, names, used)):
+        if line.strip() and (why := _wrong_line(line.encode(), names, delimiter, used)):
             return i, i == len(lines) - 1, why
     return None
+
+
+def _wrong_line(line: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> str:
+    """What is wrong with a line of one number a used column; empty where nothing is."""
+    text = line.decode("utf-8", errors="replace").rstrip("\r")
+    if "\r" in text or "\0" in text:
+        return "not a row of text"
+    try:
+        fields = text.split() if delimiter == " " else next(csv.reader([text], delimiter=delimiter, strict=True), [])
+    except csv.Error:
+        return "not a row of separated values"
+    return _wrong_fields(fields, names, used) if fields else ""
 
 
 def _wrong_fields(fields: Sequence[str], names: Sequence[str], used: Sequence[str]) -> str:

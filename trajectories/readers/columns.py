@@ -79,7 +79,8 @@ def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> t
     out = np.empty_like(raw)
     for i, row in enumerate(M):  # exact: one product a value, no sums over unused axes
         k = int(np.argmax(np.abs(row)))
-        out[:, i] = raw[:, k] * (factor * row[k])
+        with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped later
+            out[:, i] = raw[:, k] * (factor * row[k])
     return out, kind
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.column_map import LayoutKeys
-from trajectories.text_rows import parse_rows, read_text
+from trajectories.text_rows import parse_rows, read_text, text_parts
 
 HEAD_BYTES = 100_000
 
@@ -29,8 +29,7 @@ def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[d
 
 def header_names(path: Path) -> list[str]:
     """The names in the first line of a CSV, plain or in gzip; empty where it is not a line of text."""
-    head = b"" if path.name.endswith(".gz") and not path.stat().st_size else _head(path)
-    return _names(head.partition(b"\n")[0], ",")
+    return _names(_head(path).partition(b"\n")[0], ",")
 
 
 def refuse_missing(used: Sequence[str], names: Sequence[str], label: str) -> None:
@@ -41,17 +40,16 @@ def refuse_missing(used: Sequence[str], names: Sequence[str], label: str) -> Non
 
 
 def _head(path: Path) -> bytes:
-    if path.name.endswith(".gz"):
-        import gzip
-        import zlib
-
-        try:
-            with gzip.open(path) as packed:
-                return packed.read(HEAD_BYTES)
-        except (OSError, EOFError, zlib.error):
-            return b""
-    with path.open("rb") as file:
-        return file.read(HEAD_BYTES)
+    """The beginning of a text, gunzipped as far as it goes; empty where it is no gzip file."""
+    head = b""
+    try:
+        for part in text_parts(path, [], block_bytes=HEAD_BYTES):
+            head += part
+            if len(head) >= HEAD_BYTES or b"\n" in part:
+                break
+    except InputError:
+        return b""
+    return head
 
 
 def _split_header(text: bytes, layout: LayoutKeys, delimiter: str, label: str) -> tuple[list[str], bytes, int]:

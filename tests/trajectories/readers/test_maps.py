@@ -71,9 +71,19 @@ def test_columns_that_are_not_used_may_hold_anything(tmp_path):
         convert(tmp_path / "log.csv", MAP | {"time": {"column": "utc"}})
 
 
-def test_an_odd_line_is_named_by_its_place_in_the_file(tmp_path):
+def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
+    """A few are rows of missing values, and listed; many are a wrong map, and the first is named."""
     rows = ["# head", *csv_text(rate_table()).splitlines()]
-    rows[10] = "1,2,what,4,5,6,7"
+    rows[10], rows[99] = "1,2,what,4,5,6,7", '5000.5,"1,2'
+    (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
+    made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
+    assert made.run.imu.rows == N - 2
+    assert made.record["notes"][:2] == [
+        "log.csv: no row of 7 numbers in line 11, 100 (column wy: got 'what', needed a number): taken as missing",
+        "log.csv: rows 9, 98 dropped: missing or not finite",
+    ]
+    assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
+    rows[10:110] = ["1,2,what,4,5,6,7"] * 100
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     with pytest.raises(InputError, match=r"\(line 11\): column wy: got 'what'"):
         convert(tmp_path / "log.csv", MAP | {"comment": "#"})
