@@ -196,6 +196,10 @@ def test_damaged_text_is_named(tmp_path):
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert made.record["notes"] == ["log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"]
     log.write_text("\n".join([*rows[:10], "0.2 what 0 0 0 0 -9.8", *rows[10:]]) + "\n")
+    made = convert_log(log, options('format = "text"'), GIVEN)
+    told = "log.txt: no row of 7 numbers in line 11 (column wx: got 'what', needed a number): taken as missing"
+    assert told in made.record["notes"]
+    log.write_text("\n".join([*rows[:10], *["0.2 what 0 0 0 0 -9.8"] * 9, *rows[10:]]) + "\n")
     with pytest.raises(InputError, match=r"log\.txt: row 11 \(line 11\): column wx: got 'what', needed a number"):
         convert_log(log, options('format = "text"'), GIVEN)
 

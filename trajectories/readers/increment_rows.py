@@ -46,11 +46,11 @@ def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
 
 
 def head_doubles(path: Path, columns: int) -> NDArray | None:
-    """The first rows of a file of little-endian doubles; None where its size or its numbers say otherwise."""
-    size = path.stat().st_size
-    if size == 0 or size % (8 * columns):
+    """The first rows of a file of little-endian doubles, whose last may be cut off; None where its numbers are others."""
+    numbers = np.fromfile(path, dtype="<f8", count=1000 * columns)
+    if numbers.size < columns:
         return None
-    rows = np.fromfile(path, dtype="<f8", count=1000 * columns).reshape(-1, columns)
+    rows = numbers[: numbers.size // columns * columns].reshape(-1, columns)
     with np.errstate(invalid="ignore"):
         sane = np.isfinite(rows).all() and np.abs(rows).max() < 1e12
     return rows if sane else None

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from tests.trajectories.readers import ardupilot_logs, ros_bags, test_px4
+from tests.trajectories.readers import ardupilot_logs, ros_bags, test_kfgins, test_navego, test_psins, test_px4
+from tests.trajectories.readers.known_motion import parked
 from tests.trajectories.run_cases import F_B, W_B
 
 ROWS = 240
@@ -77,6 +78,7 @@ def _bag(form: str) -> Callable[[Path], None]:
     return write
 
 
+SHORT = parked(seconds=ROWS / 100, start_s=20.0)
 MAT = {"time": {"column": "imu.t"}, "gyro": {"columns": [f"imu.w[{k}]" for k in range(3)], "unit": "rad/s"},
        "accel": {"columns": [f"imu.f[{k}]" for k in range(3)], "unit": "m/s2"}}  # fmt: skip
 SAMPLES = [
@@ -87,11 +89,19 @@ SAMPLES = [
     Sample("parquet", ".parquet", _parquet),
     Sample("mat", ".mat", _mat, MAT),
     Sample("dataflash", ".bin", lambda path: ardupilot_logs.write(path, ardupilot_logs.old_messages(rows=ROWS))),
-    Sample("dataflash", "-new.bin", lambda path: ardupilot_logs.write(path, ardupilot_logs.new_messages(rows=ROWS)), {"imu": 2}),
+    Sample("dataflash", "-new.bin",
+           lambda path: ardupilot_logs.write(path, ardupilot_logs.new_messages(rows=ROWS)), {"imu": 2}),
     Sample("dataflash_text", ".log", lambda path: ardupilot_logs.write_text(path, rows=ROWS)),
     Sample("ardupilot_mat", ".mat", lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS), do_compression=True)),
     Sample("ardupilot_mat", "-plain.mat", lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS))),
     Sample("ulog", ".ulg", lambda path: test_px4.write(path, test_px4.ulog(rows=ROWS))),
+    Sample("psins", ".imu", lambda path: test_psins.simu_file(path, SHORT)),
+    Sample("psins", ".txt", lambda path: test_psins.text_file(path, SHORT)),
+    Sample("psins", ".mat",
+           lambda path: savemat(path, {"imu": test_psins.imu_rows(SHORT), "gps": test_psins.gps_rows(3)}, do_compression=True)),
+    Sample("kfgins", ".txt", lambda path: test_kfgins.write_imu(path, SHORT)),
+    Sample("kfgins", ".bin", lambda path: np.column_stack([SHORT.time_s, SHORT.dtheta, SHORT.dv]).tofile(path)),
+    Sample("navego", ".mat", lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss())),
     *(Sample("ros", f"-{form}.{end}", _bag(form)) for form, end in
       (("ros1", "bag"), ("ros1-bz2", "bag"), ("sqlite3", "db3"), ("mcap", "mcap"), ("mcap-storage", "mcap"))),
 ]  # fmt: skip

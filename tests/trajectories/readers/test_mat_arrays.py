@@ -21,7 +21,8 @@ def variables() -> dict:
         "matrix": rng.standard_normal((5, 3)), "whole": np.array([[1.0, 2.0, 300.0]]), "empty": np.empty((0, 3)),
         "three": rng.standard_normal((2, 3, 4)), "single": np.float32([[1.5, 2.5]]), "complex": np.array([[1 + 2j, 3 - 4j]]),
         **{name: np.array([[1, 2], [3, 100]], dtype=name) for name in ("int8", "uint16", "int32", "uint64", "int64")},
-        "text": "forward, right, down", "rows": np.array(["abc", "de "]), "nothing": "", "cells": cells, "flag": np.array([[True]]),
+        "text": "forward, right, down", "rows": np.array(["abc", "de "]), "nothing": "", "cells": cells,
+        "flag": np.array([[True]]),
         "imu": {"t": np.arange(4.0), "wb": rng.standard_normal((4, 3)), "ini": {"att": np.array([1.0, 2.0])}},
         "several": np.array([(1.0, "a"), (2.0, "b")], dtype=[("x", object), ("name", object)]),
     }  # fmt: skip
