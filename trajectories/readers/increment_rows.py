@@ -5,6 +5,7 @@ order of columns is not.
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,18 +18,22 @@ from trajectories.text_rows import is_number, text_parts
 
 HEAD_BYTES = 1 << 16
 MIN_ROWS = 20
+MIN_WHOLE = 0.9  # of the first rows: the others are damaged
 INTERVAL_S = (4e-4, 0.11)  # 10 Hz to 2 kHz with room
 GRAVITY_M_S2 = (7.0, 13.0)  # of the median: what a vehicle feels most of the time
 COMMENTS = ("%", "#", "//")
 
 
 def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
-    """The first rows of a text of numbers, shape (n, columns), and how it lies; None where it is no such text."""
+    """The first rows of a text of numbers, shape (n, columns), and how it lies; None where it is no such text.
+
+    A few lines may be damaged: they are left out here, and named where the log is read.
+    """
     try:
         head = next(iter(text_parts(path, [], block_bytes=HEAD_BYTES)), b"")[:HEAD_BYTES]
     except InputError:
         return None
-    if b"\x00" in head:
+    if head.count(b"\x00") > 0.1 * len(head):
         return None
     lines = [line.strip() for line in head.decode("utf-8-sig", errors="replace").splitlines()[:-1]]
     sign = next((c for c in COMMENTS if any(line.startswith(c) for line in lines)), None)
@@ -39,10 +44,12 @@ def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
     if named and "time_s" in map(str.strip, rows[0]):
         return None  # a run's own imu stream, which says itself what its columns are
     rows = rows[named:]
-    if len(rows) < 2 or len({len(row) for row in rows}) != 1 or not all(is_number(word) for row in rows for word in row):
+    width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
+    whole = [row for row in rows if len(row) == width and all(map(is_number, row))]
+    if len(whole) < max(2, MIN_WHOLE * len(rows)):
         return None
     layout = LayoutKeys(format="csv" if comma else "text", comment=sign, header_lines=named)
-    return np.array(rows, dtype=float), layout
+    return np.array(whole, dtype=float), layout
 
 
 def head_doubles(path: Path, columns: int) -> NDArray | None:

@@ -70,7 +70,7 @@ class MatArray:
 
     def _shape(self) -> tuple[int, ...]:
         kind, data = self._element()
-        if STORED.get(kind) != "i4" or not 8 <= len(data) <= 4 * MAX_DIMENSIONS:
+        if STORED.get(kind) != "i4" or len(data) % 4 or not 8 <= len(data) <= 4 * MAX_DIMENSIONS:
             raise Damaged("no dimensions")
         shape = tuple(int(n) for n in np.frombuffer(data, dtype=self._order + "i4"))
         if min(shape) < 0:

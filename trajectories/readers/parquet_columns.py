@@ -28,7 +28,7 @@ def parquet_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tupl
         refuse_missing(used, flat_names(path), path.name)
         roots = list(dict.fromkeys(name if name in file.schema_arrow.names else name.split(".")[0] for name in used))
         table = file.read(columns=roots)
-    except (pa.ArrowException, OSError) as error:
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path.name}: not a whole Parquet file ({' '.join(str(error).split())[:200]})") from None
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
@@ -42,7 +42,7 @@ def flat_names(path: Path) -> list[str]:
 
     try:
         table = pq.read_schema(path).empty_table()
-    except (pa.ArrowException, OSError):
+    except (pa.ArrowException, OSError, UnicodeDecodeError):
         return []
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()

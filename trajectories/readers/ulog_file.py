@@ -216,10 +216,11 @@ def _columns(data: bytes, dtype: np.dtype, places: list[int]) -> dict[str, NDArr
     """The numbers of messages whose values begin at the given places; texts and nested topics are left out."""
     rows = np.frombuffer(b"".join(data[at : at + dtype.itemsize] for at in places), dtype=dtype)
     columns: dict[str, NDArray] = {}
-    for name in dtype.names or ():
-        values = rows[name]
-        if values.dtype.kind in "iuf" and values.ndim == 1:
-            columns[name] = values.astype(np.float64)
-        elif values.dtype.kind in "iuf":
-            columns |= {f"{name}[{k}]": values[:, k].astype(np.float64) for k in range(values.shape[1])}
+    with np.errstate(invalid="ignore"):  # damaged floats
+        for name in dtype.names or ():
+            values = rows[name]
+            if values.dtype.kind in "iuf" and values.ndim == 1:
+                columns[name] = values.astype(np.float64)
+            elif values.dtype.kind in "iuf":
+                columns |= {f"{name}[{k}]": values[:, k].astype(np.float64) for k in range(values.shape[1])}
     return columns

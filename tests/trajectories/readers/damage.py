@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from tests.trajectories.readers import ardupilot_logs, ros_bags, test_kfgins, test_navego, test_psins, test_px4
+from tests.trajectories.readers import ardupilot_logs, ros_bags, test_kfgins, test_navego, test_novatel, test_psins, test_px4
 from tests.trajectories.readers.known_motion import parked
 from tests.trajectories.run_cases import F_B, W_B
 
@@ -102,6 +102,7 @@ SAMPLES = [
     Sample("kfgins", ".txt", lambda path: test_kfgins.write_imu(path, SHORT)),
     Sample("kfgins", ".bin", lambda path: np.column_stack([SHORT.time_s, SHORT.dtheta, SHORT.dv]).tofile(path)),
     Sample("navego", ".mat", lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss())),
+    Sample("novatel", ".asc", lambda path: test_novatel.write(path, test_novatel.raw_lines(SHORT))),
     *(Sample("ros", f"-{form}.{end}", _bag(form)) for form, end in
       (("ros1", "bag"), ("ros1-bz2", "bag"), ("sqlite3", "db3"), ("mcap", "mcap"), ("mcap-storage", "mcap"))),
 ]  # fmt: skip
