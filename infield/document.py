@@ -3,6 +3,7 @@
 Everything is computed here; `infield.report` only draws it.
 """
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
@@ -205,19 +206,41 @@ def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
     if session is None or session.estimate is None or not result.merged_runs:
         return None
     T = session.estimate.bins.temperature_degC
-    change = np.stack([result.after.bias_deg_h(k, T[:, k]) - result.before.bias_deg_h(k, T[:, k]) for k in (0, 1)])
-    sigma = np.stack([result.after.sigma_deg_h(k, T[:, k]) for k in (0, 1)])
-    level = float(np.sqrt(np.mean(np.sum(change**2, axis=0))))
-    left = float(np.sqrt(np.mean(np.sum(sigma**2, axis=0))))
+    change = level_change(result.before, result.after, (T[:, 0], T[:, 1]))
     coupling = EARTH_RATE_RAD_S * np.cos(session.run.header.site.lat_rad) / DEG_PER_HOUR
     return {
-        "level_change_deg_h": level,
-        "drift_removed_nm_h": NM_H_PER_DEG_H * level,
-        "drift_left_sigma_nm_h": NM_H_PER_DEG_H * left,
-        "heading_removed_mrad": level / np.sqrt(2.0) / coupling / MILLIRADIAN,
-        "heading_left_sigma_mrad": left / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "level_change_deg_h": change.level_deg_h,
+        "drift_removed_nm_h": change.drift_removed_nm_h,
+        "drift_left_sigma_nm_h": change.drift_left_nm_h,
+        "heading_removed_mrad": change.level_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "heading_left_sigma_mrad": change.left_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
         "temperature_degC": [float(T[:, :2].min()), float(T[:, :2].max())],
     }
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelChange:
+    """RMS length of the level gyros' change (x, y) between two tables, and of what the new one leaves unknown [deg/h]."""
+
+    level_deg_h: float
+    left_deg_h: float
+
+    @property
+    def drift_removed_nm_h(self) -> float:
+        return NM_H_PER_DEG_H * self.level_deg_h
+
+    @property
+    def drift_left_nm_h(self) -> float:
+        """One sigma."""
+        return NM_H_PER_DEG_H * self.left_deg_h
+
+
+def level_change(before: ThermalTable, after: ThermalTable, temperature_degC: tuple[NDArray, NDArray]) -> LevelChange:
+    """The change at temperatures of gyros x and y, (n,) and (m,)."""
+    change = [after.bias_deg_h(k, T) - before.bias_deg_h(k, T) for k, T in enumerate(temperature_degC)]
+    sigma = [after.sigma_deg_h(k, T) for k, T in enumerate(temperature_degC)]
+    level, left = (float(np.sqrt(sum(np.mean(v**2) for v in values))) for values in (change, sigma))
+    return LevelChange(level_deg_h=level, left_deg_h=left)
 
 
 def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:

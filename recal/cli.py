@@ -21,3 +21,4 @@ _table = importlib.import_module("recal.commands.table").app
 _table.add_typer(importlib.import_module("recal.commands.table_proposals").app)  # its commands stand among those of table
 app.add_typer(_table, name="table")
 app.add_typer(importlib.import_module("recal.commands.thermal").app, name="thermal")
+app.add_typer(importlib.import_module("recal.commands.fleet").app, name="fleet")

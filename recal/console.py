@@ -10,12 +10,13 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-DONE, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 2, 3, 4, 5
+DONE, FAILED, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 1, 2, 3, 4, 5
 EXIT_CODES = {
     **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"), DONE),
     **dict.fromkeys(("approved", "rejected"), DONE),
     **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
     "intact": DONE, "broken": BAD_INPUT,
+    "up_to_date": DONE, "failed": FAILED,  # of a fleet: nothing new; nothing but breakdowns
     "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
 }  # fmt: skip
 DEFAULT_STORE = "sqlite:///recal.db"

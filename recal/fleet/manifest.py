@@ -1,0 +1,113 @@
+"""Which runs a fleet update takes: all below a folder, or those that a manifest names (CSV, JSON lines or TOML)."""
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ins.json_file import StrictModel, parse, read_small_text, read_toml
+from ins.records import InputError
+
+ENDINGS = ("imu.parquet", "imu.csv", "imu.csv.gz")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Listed:
+    """A run directory, absolute; `wrong`: why it cannot be taken, where that is known already."""
+
+    path: Path
+    twin: Path | None = None
+    wrong: str = ""
+
+
+class _Entry(StrictModel):
+    path: str
+    twin: str | None = None
+
+
+def listed_runs(source: Path) -> list[Listed]:
+    """The runs of a folder (any depth) or of a manifest, each once. InputError where there is none."""
+    if source.is_dir():
+        found = sorted(_below(source.absolute()), key=lambda run: run.path)
+        if not found:
+            raise InputError(f"{source}: no run below it (a folder with run.json)")
+        return found
+    if not source.exists():
+        raise InputError(f"{source}: no such folder or manifest")
+    entries = list(_entries(source))
+    if not entries:
+        raise InputError(f"{source}: names no run")
+    folder, seen, runs = source.absolute().parent, set(), []
+    for entry in entries:
+        path = Path(os.path.normpath(folder / entry.path))
+        twin = None if not entry.twin else Path(os.path.normpath(folder / entry.twin))
+        if path not in seen:
+            runs.append(Listed(path=path, twin=twin))
+        seen.add(path)
+    return runs
+
+
+def _below(folder: Path) -> Iterator[Listed]:
+    """Run directories at any depth, links followed once; names that begin with a dot are half-written runs."""
+    seen: set[tuple[int, int]] = set()
+    for name, folders, files in os.walk(folder, followlinks=True):
+        status = os.stat(name)
+        here = (status.st_dev, status.st_ino)
+        known = here in seen
+        seen.add(here)
+        folders[:] = [] if known else sorted(f for f in folders if not f.startswith("."))
+        if known:
+            continue
+        if "run.json" in files:
+            folders[:] = []
+            yield Listed(path=Path(name))
+        elif any(end in files for end in ENDINGS):
+            folders[:] = []
+            yield Listed(path=Path(name), wrong=f"{name}: run.json is missing beside the imu stream")
+
+
+def _entries(source: Path) -> Iterator[_Entry]:
+    readers = {".csv": _csv_rows, ".jsonl": _json_lines, ".ndjson": _json_lines, ".toml": _toml_runs}
+    reader = readers.get(source.suffix)
+    if reader is None:
+        raise InputError(f"{source}: needed a folder, or a manifest that ends in {', '.join(readers)}")
+    for where, row in reader(source):
+        yield parse(_Entry, row, name=where)
+
+
+def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    reader = csv.DictReader(io.StringIO(read_small_text(source)), strict=True)
+    try:
+        for row in reader:
+            where = f"{source}: line {reader.line_num}"
+            if None in row or any(value is None for value in row.values()):
+                raise InputError(f"{where}: needed as many fields as the header has ({len(reader.fieldnames or ())})")
+            yield where, {str(k).strip(): v.strip() for k, v in row.items() if v.strip() or k == "path"}
+    except csv.Error as error:
+        raise InputError(f"{source}: line {reader.line_num}: {error}") from None
+
+
+def _json_lines(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    for number, line in enumerate(read_small_text(source).splitlines(), 1):
+        if not line.strip():
+            continue
+        try:
+            row = json.loads(line)
+        except ValueError as error:
+            raise InputError(f"{source}: line {number}: not valid JSON ({error})") from None
+        if not isinstance(row, dict):
+            raise InputError(f'{source}: line {number}: needed an object like {{"path": "run-1"}}')
+        yield f"{source}: line {number}", row
+
+
+def _toml_runs(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+    data = read_toml(source)
+    rows = data.get("run")
+    if set(data) != {"run"} or not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(f"{source}: needed [[run]] sections with path, and nothing else")
+    for number, row in enumerate(rows, 1):
+        yield f"{source}: [[run]] {number}", row

@@ -1,0 +1,120 @@
+"""What a fleet update plans, hands to its workers and gets back."""
+
+import hashlib
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from infield.store_rows import UnitKey
+
+MERGED = ("committed", "proposed")
+OUTCOMES = {  # outcome of a run: what it means, in the order of the report
+    "committed": "merged into the stored table",
+    "proposed": "would be merged; nothing was stored in the table",
+    "already": "the table held this run before",
+    "inconsistent": "contradicts the model or the stored table; left out",
+    "refused": "nothing to gain from it, or not usable; left out",
+    "bad_input": "cannot be read as a run; left out",
+    "taken_out": "merged by an earlier call, but the store does not hold it now",
+    "crashed": "the program, its worker or the store broke down on it; the same command tries again",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedRun:
+    """A run whose run.json could be read; `signature` changes when a file of the run does. Times as text of run.json."""
+
+    path: str
+    unit: UnitKey
+    run_id: str
+    start_utc: str
+    signature: str
+    twin: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutcome:
+    """What became of a run; unit fields are empty where run.json could not be read. seconds, cpu_s: wall and CPU time."""
+
+    path: str
+    outcome: str
+    reasons: tuple[str, ...] = ()
+    signature: str = ""
+    imu_serial: str = ""
+    gyro_technology: str = ""
+    gyro_mode: str = ""
+    run_id: str = ""
+    start_utc: str = ""
+    sha256: str = ""
+    folder: str = ""
+    revision: int | None = None
+    proposal: int | None = None
+    seconds: float = 0.0
+    cpu_s: float = 0.0
+    worker: str = ""
+    attempts: int = 1
+    notes: tuple[str, ...] = ()
+
+    @property
+    def unit(self) -> UnitKey | None:
+        if not self.imu_serial:
+            return None
+        return UnitKey(imu_serial=self.imu_serial, gyro_technology=self.gyro_technology, gyro_mode=self.gyro_mode)
+
+    def to_json(self) -> dict[str, Any]:
+        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
+
+
+def outcome_from_json(data: dict[str, Any]) -> RunOutcome:
+    return RunOutcome(**{**data, "reasons": tuple(data["reasons"]), "notes": tuple(data["notes"])})
+
+
+def outcome_of(run: PlannedRun, outcome: str, *reasons: str, **more: Any) -> RunOutcome:
+    """An outcome with what is known of the run."""
+    return RunOutcome(
+        path=run.path, outcome=outcome, reasons=reasons, signature=run.signature, run_id=run.run_id, start_utc=run.start_utc,
+        **{"notes": run.notes, **vars(run.unit), **more},
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunTask:
+    """Runs of one unit to be updated with in one go, in time order: one, or all of them jointly.
+
+    folders: where the report of each run goes; a joint update writes to the first. begun_utc: when the fleet update first
+    began: a run that the table holds from before was not merged by it. merged: hash and path of the unit's runs that were.
+    """
+
+    runs: tuple[PlannedRun, ...]
+    folders: tuple[str, ...]
+    store_url: str
+    commit: bool
+    propose: tuple[str, str] | None
+    config: str | None
+    begun_utc: str
+    merged: tuple[tuple[str, str], ...] = ()
+    attempt: int = 1
+
+    @property
+    def unit(self) -> UnitKey:
+        return self.runs[0].unit
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitTask:
+    """To sum up a unit once its runs are through, and to draw the pages of its reports."""
+
+    unit: UnitKey
+    outcomes: tuple[RunOutcome, ...]
+    pages: str
+    attempt: int = 1
+
+    @property
+    def identity(self) -> str:
+        """The same for the same outcomes and pages."""
+        text = json.dumps([self.pages, [(o.path, o.outcome, o.sha256) for o in self.outcomes]])
+        return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+Task = RunTask | UnitTask

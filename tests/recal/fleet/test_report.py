@@ -1,0 +1,90 @@
+"""The page of a fleet of hundreds: self-contained, readable, from the document alone; verdicts and groups of reasons."""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from infield.store_rows import UnitKey
+from recal.console import EXIT_CODES
+from recal.fleet.document import MAX_POINTS, VERDICTS, Timing, fleet_document, fleet_verdict, plain_reason
+from recal.fleet.figures import progress_drawing
+from recal.fleet.records import RunOutcome
+from recal.fleet.report import SHOWN_UNITS, fleet_html
+
+UNITS = 240
+
+
+def summary(k):
+    return {
+        "of": "x", "steps": [], "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
+        "pages": [f"/out/units/U{k}/last"],
+        "coverage": [{"low_degC": 5.0 * (k % 7), "high_degC": 5.0 * (k % 7) + 5.0, "seconds": 600.0}],
+        "drift": {
+            "level_change_deg_h": 0.001 * k, "nm_h": 0.06 * (k % 50), "sigma_nm_h": 0.2,
+            "surprise_sigmas": 4.0 if k == 9 else 1.0,
+            "sigma_before_deg_h": 0.0072, "sigma_after_deg_h": 0.0024, "largest_deg_h": 0.01, "temperature_degC": [1.0, 50.0],
+        } if k else None,
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def document():
+    units = [UnitKey(imu_serial=f"<U{k}>", gyro_technology="rlg") for k in range(UNITS)]
+    outcomes = [
+        RunOutcome(path=f"/r/{k}", outcome="committed" if k else "refused", reasons=() if k else ("too short: 240 s",),
+                   folder=f"/out/units/U{k}/last", notes=("a note",) if k == 3 else (), **vars(key))
+        for k, key in enumerate(units)
+    ]  # fmt: skip
+    timing = Timing()
+    for outcome in outcomes:
+        timing.tell(outcome)
+    return fleet_document(
+        outcomes, {key: summary(k) for k, key in enumerate(units)}, store_url="sqlite:////nowhere/a.db", mode="commit",
+        joint=False, output=Path("/out"), timing=timing.to_json(60.0), earlier=[],
+    )  # fmt: skip
+
+
+def test_units_are_ranked_by_predicted_drift(document):
+    drifts = [u["drift"]["nm_h"] for u in document["units"] if u["drift"]]
+    assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 1
+    assert [u["rank"] for u in document["units"]] == [*range(1, UNITS), None]
+    assert document["units"][0]["page"].startswith("units/U") and document["units"][0]["page"].endswith("/last/update.html")
+
+
+def test_the_page_is_whole_and_fetches_nothing(document):
+    page = fleet_html(document)
+    assert not re.search(r"https?://|<script|<link|@import|src=", page)
+    assert "<U1>" not in page and "&lt;U1&gt;" in page
+    assert page.count("update.html") == UNITS + 1 and page.count('class="strip"') == UNITS - 1
+    assert f"The other {UNITS - 1 - SHOWN_UNITS} units" in page and "1 of 240 units moved by more than 3 times" in page
+    assert "table disagrees with unit &lt;since&gt;" in page and "too short: # s" in page
+    assert len(page) < 600_000
+
+
+def test_a_curve_of_many_runs_is_thinned(document):
+    timing = Timing()
+    for _ in range(3 * MAX_POINTS):
+        timing.tell(RunOutcome(path="", outcome="committed", seconds=1.0))
+    told = timing.to_json(10.0)
+    assert len(told["curve"]) == MAX_POINTS and told["curve"][-1][1] == 3 * MAX_POINTS
+    drawing = str(progress_drawing({"timing": told}))
+    assert len(re.findall(r"[ML] [\d.]+ [\d.]+", drawing)) < MAX_POINTS + 200
+
+
+def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
+    assert set(VERDICTS) <= set(EXIT_CODES)
+    assert EXIT_CODES[fleet_verdict(Counter(committed=1, inconsistent=5, bad_input=3))] == 0
+    assert fleet_verdict(Counter(already=3)) == "up_to_date" and EXIT_CODES["up_to_date"] == 0
+    assert fleet_verdict(Counter(already=3, refused=1)) == "refused"
+    assert EXIT_CODES[fleet_verdict(Counter(inconsistent=1, refused=5))] == 5
+    assert EXIT_CODES[fleet_verdict(Counter(bad_input=5))] == 3
+    assert EXIT_CODES[fleet_verdict(Counter(crashed=5))] == 1
+
+
+def test_reasons_are_grouped_without_names_and_numbers():
+    run = RunOutcome(
+        path="/a/b", run_id="r7", imu_serial="SN-7", outcome="refused", reasons=("/a/b: r7 of SN-7 rests 4.5 s, x2 axis y",)
+    )
+    assert plain_reason(run) == "RUN: RUN of UNIT rests # s, x2 axis y"
