@@ -15,6 +15,7 @@ from infield.disagreement import SessionEvidence
 from infield.store_commit import commit_revision
 from infield.store_contradictions import append_contradictions, read_contradictions
 from infield.store_database import Database, StoreConflict, store_exists
+from infield.store_overview import UnitSummary, read_overview
 from infield.store_proposals import FullProposal, Proposal, ProposalStore
 from infield.store_rows import (
     MergedRun,
@@ -46,7 +47,7 @@ from ins.records import InputError, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
 __all__ = ["FullProposal", "MergedRun", "Proposal", "Revision", "RunAlreadyMerged", "StoreConflict", "TableStore",
-           "UnitKey", "UnitRecord", "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
+           "UnitKey", "UnitRecord", "UnitSummary", "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
 
 
 class TableStore(ProposalStore):
@@ -85,6 +86,11 @@ class TableStore(ProposalStore):
                 )
                 for row in rows
             ]  # fmt: skip
+
+    def overview(self) -> list[UnitSummary]:
+        """All units in short, quick for hundreds of them: their rows are not checked against their hashes here."""
+        with self._database.reading() as c:
+            return read_overview(c)
 
     def active(self, serial: str | None = None, technology: str | None = None, mode: str | None = None) -> Revision:
         """The revision in use. None matches anything; UnknownUnit where nothing matches, InputError where several."""

@@ -14,7 +14,7 @@ app = typer.Typer(
     help="Strapdown inertial navigation that recalibrates its gyros in the field.",
 )
 
-COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update", "misalignment", "plan", "diagnose")
+COMMANDS = ("demo", "simulate", "convert", "check", "align", "replay", "update", "misalignment", "plan", "diagnose", "serve")
 for _name in COMMANDS:
     app.command(_name, cls=Command)(importlib.import_module(f"recal.commands.{_name}").command)
 _table = importlib.import_module("recal.commands.table").app

@@ -1,10 +1,7 @@
 """Proposals: kept without touching the active table, decided once, refused when the table has moved, every change found."""
 
 import json
-import os
-import sqlite3
 import threading
-import uuid
 
 import pytest
 
@@ -13,6 +10,10 @@ from infield.store_proposals import AlreadyRejected, signed_note
 from infield.table import default_table
 from infield.table_file import canonical_json, table_sha256, table_to_dict
 from ins.records import InputError
+from tests.infield import stores
+from tests.infield.stores import tamper
+
+url, store = stores.url, stores.store
 
 UTC = "2026-03-01T05:00:00Z"
 LATER = "2099-03-01T05:00:00Z"
@@ -36,12 +37,6 @@ def propose(store, parent, *, run="run-1", shift_deg_h=0.001, **more):
 
 def decide(store, number, verdict="approved", **more):
     return store.decide(number, verdict, **{"by": "A. Reviewer", "reason": "residuals are white", **more})
-
-
-@pytest.fixture
-def store(tmp_path):
-    with TableStore.open(f"sqlite:///{tmp_path}/recal.db", create=True) as opened:
-        yield opened
 
 
 def test_a_proposal_changes_no_table(store):
@@ -173,11 +168,11 @@ def test_no_proposal_is_said_so(store):
     "proposed_utc", "proposed_by", "parent_sha256", "sha256", "report_sha256", "runs_json", "note", "record_sha256", "number",
     "table_json", "report_json",
 ])  # fmt: skip
-def test_a_changed_proposal_is_found(store, tmp_path, column):
+def test_a_changed_proposal_is_found(store, url, column):
     first = store.import_table(table_to_dict(table()))
     for k in range(2):
         propose(store, first, run=f"run-{k}")
-    change(tmp_path, f"UPDATE recal_proposal SET {column} = ? WHERE number = 1", 9 if column == "number" else "[]")
+    tamper(url, f"UPDATE recal_proposal SET {column} = {9 if column == 'number' else repr('[]')} WHERE number = 1")
     with pytest.raises(InputError, match="the row was changed or is missing"):
         decide(store, 1)
     assert store.active() == first
@@ -190,32 +185,22 @@ def test_a_changed_proposal_is_found(store, tmp_path, column):
     "UPDATE recal_decision SET revision_number = 1 WHERE number = 1",
     "UPDATE recal_decision SET decided_utc = '2020' WHERE number = 1",
 ])  # fmt: skip
-def test_a_changed_decision_is_found(store, tmp_path, statement):
+def test_a_changed_decision_is_found(store, url, statement):
     first = store.import_table(table_to_dict(table()))
     for k in range(3):
         propose(store, first, run=f"run-{k}")
     decide(store, 1, "rejected"), decide(store, 2, "rejected")
-    change(tmp_path, statement)
+    tamper(url, statement)
     with pytest.raises(InputError, match="the row was changed or is missing"):
         store.proposals()
 
 
-def change(tmp_path, statement, *values):
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
-        assert raw.execute(statement, values).rowcount == 1
-    raw.close()
-
-
-def test_a_store_of_before_still_reads_and_is_upgraded_by_a_proposal(tmp_path):
-    url = f"sqlite:///{tmp_path}/recal.db"
-    with TableStore.open(url, create=True) as store:
-        first = store.import_table(table_to_dict(table()))
-    with sqlite3.connect(tmp_path / "recal.db") as raw:
-        raw.executescript("DROP TABLE recal_decision; DROP TABLE recal_proposal")
-        raw.execute("UPDATE alembic_version SET version_num = '0002'")
-    raw.close()
+def test_a_store_of_before_still_reads_and_is_upgraded_by_a_proposal(store, url):
+    first = store.import_table(table_to_dict(table()))
+    older = "UPDATE alembic_version SET version_num = '0002'"
+    tamper(url, "DROP TABLE recal_decision", "DROP TABLE recal_proposal", older)
     with TableStore.open(url) as old:
-        assert old.active() == first and old.proposals() == []
+        assert old.active() == first and old.proposals() == [] and old.overview()[0].undecided == 0
     with TableStore.open(url, create=True) as new:
         assert propose(new, first).number == 1 and new.active() == first
 
@@ -229,14 +214,14 @@ def test_rollback_only_from_the_revision_that_was_seen(store):
     assert store.rollback(to="factory", active_number=2, note=signed_note("B", "wrong run")).note == "B: wrong run"
 
 
-def reviewers_race(url, serial, *, reviewers):
+def reviewers_race(url, *, reviewers):
     """All decide the same proposal at once; what each was told."""
     told = []
 
     def work(k):
         with TableStore.open(url) as store:
             try:
-                told.append(decide(store, 1, ("approved", "rejected")[k % 2], serial=serial, by=f"reviewer {k}").state)
+                told.append(decide(store, 1, ("approved", "rejected")[k % 2], by=f"reviewer {k}").state)
             except (InputError, StoreConflict) as refused:
                 told.append(type(refused).__name__)
 
@@ -248,30 +233,23 @@ def reviewers_race(url, serial, *, reviewers):
     return told
 
 
-def check_race(store, url, serial):
-    first = store.import_table(table_to_dict(table(serial)))
+def test_of_several_reviewers_one_decides(store, url):
+    first = store.import_table(table_to_dict(table()))
     propose(store, first)
-    told = reviewers_race(url, serial, reviewers=4)
-    final = store.proposals(serial)[0]
+    told = reviewers_race(url, reviewers=4)
+    final = store.proposals()[0]
     assert len(told) == 4 and [t for t in told if t in ("approved", "rejected")] == [final.state]
-    assert store.active(serial).number == (2 if final.state == "approved" else 1)
+    assert store.active().number == (2 if final.state == "approved" else 1)
 
 
-def test_of_several_reviewers_one_decides(store, tmp_path):
-    check_race(store, f"sqlite:///{tmp_path}/recal.db", "SN-1")
-
-
-def test_postgres_behaves_the_same():
-    url = os.environ.get("RECAL_TEST_POSTGRES_URL")
-    if not url:
-        pytest.skip("RECAL_TEST_POSTGRES_URL names no empty PostgreSQL database")
-    with TableStore.open(url, create=True) as store:
-        check_race(store, url, f"PG-{uuid.uuid4()}")
-        check_first_table(store, f"PG-{uuid.uuid4()}")
-
-
-def check_first_table(store, serial):
-    new = table(serial)
+def test_all_units_at_a_glance(store):
+    first = store.import_table(table_to_dict(table("B")))
+    for k in range(3):
+        propose(store, first, run=f"run-{k}")
+    decide(store, 1, "rejected")
+    decide(store, 2)
+    new = table("A")
     propose(store, new, first_table=table_to_dict(new))
-    assert decide(store, 1, serial=serial).decision.revision_number == 2
-    assert store.proposal(1, serial).table_dict == store.active(serial).table_dict
+    seen = [(u.unit.imu_serial, u.active_number, u.kind, u.undecided, u.contradictions) for u in store.overview()]
+    assert seen == [("A", 0, "", 1, 0), ("B", 2, "update", 1, 0)]
+    assert store.overview()[1].sha256 == store.active("B").sha256

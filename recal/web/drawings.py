@@ -1,0 +1,88 @@
+"""Drawings and drawn reports of the page, each made once: tables never change, so their hashes are the keys.
+
+matplotlib keeps its style in one place for all threads, so one thread draws at a time.
+"""
+
+import re
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from infield.report_figures import GREY, NEW, OLD, PANEL_WIDTH, axis_text, in_style, new_figure, robust_limits, svg_text
+from infield.table import ThermalTable
+from ins.records import AXES
+
+MOST_KEPT = 200
+LINES = {"factory": (GREY, ":"), "previous": (OLD, "--"), "active": (NEW, "-"), "before": (OLD, "--"), "after": (NEW, "-")}
+_STYLE_ATTRIBUTE = re.compile(r' style="([^"]*)"')
+
+
+@dataclass(frozen=True)
+class Line:
+    """One table of a drawing under its name (a key of LINES)."""
+
+    name: str
+    sha256: str
+    table: ThermalTable
+
+
+class Drawings:
+    """The last drawings, by what they show."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Hashable, Any] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def bias_panels(self, lines: Sequence[Line]) -> list[Markup]:
+        """Bias against temperature of the three gyros, a line for each table, the last with its U(k=2) band on top."""
+        key = ("bias", *((line.name, line.sha256) for line in lines))
+        return self._once(key, lambda: [_bias_panel(axis, lines) for axis in AXES])
+
+    def page(self, key: Hashable, draw: Callable[[], str]) -> str:
+        """A whole report that takes seconds to draw."""
+        return self._once(("page", key), draw)
+
+    def _once(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        with self._lock:
+            if key not in self._kept:
+                self._kept[key] = make()
+                while len(self._kept) > MOST_KEPT:
+                    self._kept.popitem(last=False)
+            self._kept.move_to_end(key)
+            return self._kept[key]
+
+
+def without_style_attributes(svg: Markup) -> Markup:
+    """The drawing with its styles as attributes of their own, which a strict Content-Security-Policy lets stand."""
+
+    def attributes(found: re.Match[str]) -> str:
+        pairs = (part.partition(":") for part in found[1].split(";") if part.strip())
+        return "".join(f' {name.strip()}="{value.strip()}"' for name, _, value in pairs)
+
+    return Markup(_STYLE_ATTRIBUTE.sub(attributes, svg))
+
+
+@in_style
+def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
+    figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
+    ax, inner, outer = axes[0, 0], [], []
+    for line in lines:
+        colour, dashes = LINES[line.name]
+        nodes = line.table.temperature_degC[AXES.index(axis)]
+        T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
+        bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
+        if line is not lines[0] or len(lines) < 3:
+            ax.fill_between(T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0)
+            outer += [bias - 2 * sigma, bias + 2 * sigma]
+        ax.plot(T, bias, dashes, color=colour)
+        ax.plot(nodes, line.table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
+        inner.append(bias)
+    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=1.0))
+    axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
+    label = f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
+    return without_style_attributes(svg_text(figure, label))

@@ -1,0 +1,213 @@
+"""Everything that is read: units, one unit, differences, proposals, diagnosis reports."""
+
+import json
+from typing import Annotated, Any, Literal
+
+from fastapi import FastAPI, Query, Request
+from fastapi.responses import HTMLResponse, Response
+
+from infield.report import update_html
+from infield.store import FullProposal, Revision, TableStore
+from ins.records import InputError
+from recal.commands.stored_tables import change_between
+from recal.web import views
+from recal.web.app import Site
+from recal.web.drawings import Line
+from recal.web.guard import Refused
+from recal.web.reports import DOCUMENT, PAGE
+
+Sort = Literal["serial", "technology", "changed", "proposals", "contradictions"]
+Number = Annotated[int, Query(ge=1, le=10**9)]
+MOST_SHOWN = 500  # rows of a history
+
+
+def register(app: FastAPI, site: Site) -> None:
+    """All routes that only read."""
+    _register_tables(app, site)
+    _register_proposals(app, site)
+    _register_reports(app, site)
+
+
+def _register_tables(app: FastAPI, site: Site) -> None:
+    @app.get("/")
+    def units(request: Request, q: str = "", sort: Sort = "serial", down: bool = False, page: Number = 1) -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            everything = opened.overview()
+        found = views.sorted_units(everything, search=q, sort=sort, descending=down)
+        last = max(1, -(-len(found) // views.PAGE_ROWS))
+        page = min(page, last)
+        shown = found[(page - 1) * views.PAGE_ROWS : page * views.PAGE_ROWS]
+        return site.page(request, "units.html.j2", units=shown, found=len(found), of=len(everything), q=q, sort=sort, down=down,
+                         page=page, last=last, undecided=sum(u.undecided for u in everything))  # fmt: skip
+
+    @app.get("/unit")
+    def unit(request: Request, serial: str, technology: str, mode: str = "", done: str = "") -> HTMLResponse:
+        site.require_reader(request)
+        key = (serial, technology, mode)
+        with site.tables() as opened:
+            proposals = opened.proposals(*key)
+            history = _history(opened, key, proposals=bool(proposals))
+            contradictions = opened.contradictions(*key) if history else ()
+        context: dict[str, Any] = {"active": None, "panels": [], "lines": [], "contradictions": [], "rows": None}
+        if history:
+            lines = _lines(history)
+            active = history[-1]
+            context = {
+                "active": active, "panels": site.drawings.bias_panels(lines), "lines": lines,
+                "rows": views.table_rows(active.table),
+                "contradictions": views.contradiction_rows(contradictions, active.table),
+            }  # fmt: skip
+        diagnoses = [e for e in site.reports.all() if e.document.get("imu_serial") == serial]
+        return site.page(
+            request, "unit.html.j2", unit=(history or proposals)[-1].unit, history=history[::-1][:MOST_SHOWN],
+            proposals=[views.proposal_facts(p) for p in reversed(proposals)], done=done, diagnoses=diagnoses, **context,
+        )  # fmt: skip
+
+    @app.get("/diff")
+    def diff(
+        request: Request, serial: str, technology: str, mode: str = "", before: Number = 1, after: Number = 1
+    ) -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            old, new = (opened.revision(k, serial, technology, mode) for k in (before, after))
+        lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
+        return site.page(
+            request, "diff.html.j2", unit=new.unit, before=old, after=new, change=_change(old, new), lines=lines,
+            panels=site.drawings.bias_panels(lines), made_from=views.provenance_change(old, new),
+        )  # fmt: skip
+
+    @app.get("/revision/report")
+    def revision_report(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            found = opened.revision(number, serial, technology, mode)
+        if found.report_json is None:
+            raise Refused(404, f"Revision {number} was made without a report.")
+        document = {**json.loads(found.report_json), "revision": number}
+        return site.framed(_drawn(site, f"{found.sha256} revision {number}", document))
+
+
+def _register_proposals(app: FastAPI, site: Site) -> None:
+    @app.get("/proposals")
+    def proposals(request: Request, state: str = "open") -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            everything = opened.proposals()
+        counts = {name: sum(p.state == name for p in everything) for name in views.STATE_LOOKS}
+        chosen = [p for p in reversed(everything) if state in ("all", p.state)]
+        chosen.sort(key=lambda p: p.proposed_utc, reverse=True)
+        return site.page(request, "proposals.html.j2", state=state, counts=counts,
+                         proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]])  # fmt: skip
+
+    @app.get("/proposal")
+    def proposal(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            full = opened.proposal(number, serial, technology, mode)
+            base = _base(opened, full)
+        change = None if base is None else _change(base, full)
+        lines = [] if base is None else [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
+        return site.page(
+            request, "proposal.html.j2", p=full, unit=full.unit, report=full.report, base=base, change=change, lines=lines,
+            panels=site.drawings.bias_panels(lines) if lines else [], look=views.STATE_LOOKS[full.state],
+        )  # fmt: skip
+
+    @app.get("/proposal/report")
+    def proposal_report(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+        site.require_reader(request)
+        with site.tables() as opened:
+            full = opened.proposal(number, serial, technology, mode)
+        return site.framed(_drawn(site, full.record_sha256, {**full.report, "proposal": number}))
+
+    @app.get("/proposal/update.json")
+    def proposal_document(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> Response:
+        site.require_reader(request)
+        with site.tables() as opened:
+            full = opened.proposal(number, serial, technology, mode)
+        return _download(full.report_json, "update.json")
+
+
+def _register_reports(app: FastAPI, site: Site) -> None:
+    @app.get("/diagnoses")
+    def diagnoses(request: Request) -> HTMLResponse:
+        site.require_reader(request)
+        return site.page(request, "diagnoses.html.j2", entries=site.reports.all())
+
+    @app.get("/diagnosis")
+    def diagnosis(request: Request, folder: str) -> HTMLResponse:
+        site.require_reader(request)
+        entry = site.reports.one(folder)
+        if entry is None:
+            raise Refused(404, "There is no diagnosis in this folder.")
+        return site.page(request, "diagnosis.html.j2", e=entry, summary=_summary(entry.document))
+
+    @app.get("/diagnosis/page")
+    def diagnosis_page(request: Request, folder: str) -> HTMLResponse:
+        site.require_reader(request)
+        text = site.reports.text(folder, PAGE)
+        if text is None:
+            raise Refused(404, "There is no diagnosis.html in this folder.")
+        return site.framed(text)
+
+    @app.get("/diagnosis/document")
+    def diagnosis_document(request: Request, folder: str) -> Response:
+        site.require_reader(request)
+        text = site.reports.text(folder, DOCUMENT)
+        if text is None:
+            raise Refused(404, "There is no diagnosis.json in this folder.")
+        return _download(text, DOCUMENT)
+
+
+def _history(opened: TableStore, key: tuple[str, str, str], *, proposals: bool) -> list[Revision]:
+    """All revisions, the chain checked; none of a unit that has only a proposal yet."""
+    if proposals and not any((u.unit.imu_serial, u.unit.gyro_technology, u.unit.gyro_mode) == key and u.active_number
+                             for u in opened.overview()):  # fmt: skip
+        return []
+    return opened.history(*key)
+
+
+def _lines(history: list[Revision]) -> list[Line]:
+    """Factory, previous and active table, each once."""
+    factory, active = history[0], history[-1]
+    chosen = [("factory", factory)] if factory.sha256 != active.sha256 else []
+    if len(history) > 1 and history[-2].sha256 not in (factory.sha256, active.sha256):
+        chosen.append(("previous", history[-2]))
+    return [Line(name, r.sha256, r.table) for name, r in [*chosen, ("active", active)]]
+
+
+def _base(opened: TableStore, full: FullProposal) -> Revision | None:
+    """The table that a proposal was made from, None where it is its technology's default and not stored yet."""
+    try:
+        return opened.by_sha256(full.parent_sha256)
+    except InputError:
+        if full.first_table_json is None:
+            raise
+        return None
+
+
+def _change(before: Any, after: Any) -> dict[str, Any]:
+    return views.change_rows({axis: change_between(before, after, axis) for axis in "xyz"})
+
+
+def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
+    """The report of a stored document; a Refused page where this version cannot draw it."""
+    try:
+        return site.drawings.page(key, lambda: update_html(document))
+    except Exception as error:  # whatever an old or damaged document makes of the template
+        line = f"This version cannot draw the stored report ({type(error).__name__}); its update.json is whole."
+        raise Refused(409, line) from error
+
+
+def _summary(document: dict[str, Any]) -> list[str]:
+    from simreal.diagnosis_document import summary
+
+    try:
+        return summary(document) if document else []
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        return [f"This version cannot read the document ({type(error).__name__})."]
+
+
+def _download(text: str, name: str) -> Response:
+    disposition = {"content-disposition": f'attachment; filename="{name}"'}
+    return Response(text, media_type="application/json", headers=disposition)

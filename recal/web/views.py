@@ -1,0 +1,92 @@
+"""What the templates show, as plain values: rows of tables, provenance, addresses. Reads nothing, decides nothing."""
+
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import quote, urlencode
+
+import numpy as np
+
+from infield.disagreement import SessionEvidence
+from infield.report_page import decimals_for
+from infield.store import Proposal, Revision, UnitKey, UnitSummary
+from infield.table import ThermalTable
+from ins.records import AXES
+
+SORTS = ("serial", "technology", "changed", "proposals", "contradictions")
+PAGE_ROWS = 200
+STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejected": "bad"}
+
+
+def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
+    """A link: any serial fits into it."""
+    key = {} if unit is None else {"serial": unit.imu_serial, "technology": unit.gyro_technology, "mode": unit.gyro_mode}
+    query = urlencode({**key, **more}, quote_via=quote)
+    return f"{path}?{query}" if query else path
+
+
+def sorted_units(units: Sequence[UnitSummary], *, search: str, sort: str, descending: bool) -> list[UnitSummary]:
+    """The units whose serial, technology, mode or table hash holds the text, in the order asked for."""
+    wanted = search.casefold().strip()
+    found = [u for u in units if wanted in f"{u.unit} {u.sha256}".casefold()]
+    keys: dict[str, Any] = {
+        "serial": lambda u: u.unit, "technology": lambda u: u.unit.gyro_technology, "changed": lambda u: u.created_utc,
+        "proposals": lambda u: u.undecided, "contradictions": lambda u: u.contradictions,
+    }  # fmt: skip
+    return sorted(found, key=keys[sort], reverse=descending)
+
+
+def table_rows(table: ThermalTable) -> dict[str, Any]:
+    """Per gyro: temperature, bias, expanded uncertainty U(k=2); and the decimals that show them."""
+    axes = {}
+    for k, axis in enumerate(AXES):
+        nodes = table.temperature_degC[k]
+        columns = (nodes, table.bias_deg_h(axis, nodes), 2.0 * table.sigma_deg_h(axis, nodes))
+        axes[axis] = [tuple(map(float, row)) for row in zip(*columns)]
+    sigmas: list[float | None] = [row[2] / 2 for rows in axes.values() for row in rows]
+    return {"axes": axes, "decimals": decimals_for(sigmas)}
+
+
+def change_rows(change: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    """Per gyro the rows of `stored_tables.change_between`: T, before, U, after, U, change."""
+    axes = {}
+    for axis, c in change.items():
+        columns = (c["temperature_degC"], c["before_deg_h"], 2.0 * c["sigma_before_deg_h"], c["after_deg_h"],
+                   2.0 * c["sigma_after_deg_h"], c["change_deg_h"])  # fmt: skip
+        axes[axis] = [tuple(map(float, row)) for row in zip(*columns)]
+    sigmas: list[float | None] = [row[k] / 2 for rows in axes.values() for row in rows for k in (2, 4)]
+    largest = {axis: max(rows, key=lambda row: abs(row[5])) for axis, rows in axes.items()}
+    return {"axes": axes, "decimals": decimals_for(sigmas), "largest": largest}
+
+
+def provenance_change(before: Revision, after: Revision) -> dict[str, Any]:
+    """What the two tables were made from: runs that only one of them names, and their facts."""
+    old, new = (_runs(r.table_dict) for r in (before, after))
+    return {
+        "added": [run for key, run in new.items() if key not in old],
+        "gone": [run for key, run in old.items() if key not in new],
+        "kept": sum(key in old for key in new),
+        "same_table": before.sha256 == after.sha256,
+    }
+
+
+def _runs(table: dict[str, Any]) -> dict[str, tuple[str, str]]:
+    """Runs in a table's provenance by content hash: id, hash."""
+    listed = table.get("provenance", {}).get("runs") or []
+    runs = [(str(r.get("run_id", "")), str(r.get("sha256", ""))) if isinstance(r, dict) else ("", str(r)) for r in listed]
+    return {sha256: (run_id, sha256) for run_id, sha256 in runs}
+
+
+def contradiction_rows(evidence: Sequence[SessionEvidence], table: ThermalTable) -> list[dict[str, Any]]:
+    """What each session says against the active table: per gyro its bias less the table's, with U(k=2) of the difference."""
+    rows = []
+    for e in evidence:
+        apart, sigma_table = e.departure(table)
+        sigma = (np.diag(e.covariance) + sigma_table**2) ** 0.5
+        gyros = zip(AXES, map(float, e.temperature_degC), map(float, apart), map(float, 2.0 * sigma))
+        rows.append({"run_id": e.run_id, "sha256": e.run_sha256, "start_utc": e.start_utc, "gyros": list(gyros)})
+    return rows
+
+
+def proposal_facts(p: Proposal) -> dict[str, Any]:
+    """A proposal in a list."""
+    return {"p": p, "look": STATE_LOOKS[p.state], "href": address("/proposal", p.unit, number=p.number)}

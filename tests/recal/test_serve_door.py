@@ -1,0 +1,97 @@
+"""The parts of `recal serve` that need no server: tokens, the door, hosts, the directory of reports."""
+
+import json
+import os
+
+import pytest
+
+from ins.records import InputError
+from recal.web.door import MAX_FAILURES, SESSION_S, Door, TooManyGuesses
+from recal.web.guard import allowed_host
+from recal.web.reports import Reports
+from recal.web.settings import ServeSettings, read_tokens, token_of
+
+TOKEN = "0123456789abcdef-shared"
+TOKENS = (token_of(TOKEN, source="test"), token_of("0123456789abcdef-of-her", "R. Eviewer", source="test"))
+
+
+def test_which_hosts_are_ours():
+    here, there = (
+        ServeSettings(store_url="x"),
+        ServeSettings(store_url="x", host="0.0.0.0", tokens=TOKENS, hosts=("recal.fleet",)),
+    )
+    for host in ("127.0.0.1:8000", "localhost:9", "[::1]:8000", "127.0.0.1"):
+        assert allowed_host(host, here) and allowed_host(host, there)
+    for host in ("10.1.2.3:8000", "recal.fleet", "RECAL.FLEET:443", "[fe80::1]:8000"):
+        assert allowed_host(host, there) and not allowed_host(host, here)
+    for host in ("evil.example", "x@127.0.0.1", "127.0.0.1:x", "localhost/a", "localhost?a", "127.0.0.1.evil.example"):
+        assert not allowed_host(host, here) and not allowed_host(host, there)
+
+
+def test_the_door_forgets_failures_and_old_sessions():
+    now = [0.0]
+    door = Door(TOKENS, clock=lambda: now[0])
+    session = door.sign_in(TOKEN, "a")
+    for _ in range(MAX_FAILURES):
+        assert door.sign_in("wrong", "a") is None
+    with pytest.raises(TooManyGuesses):
+        door.sign_in(TOKEN, "a")
+    assert door.sign_in(TOKEN, "b") is not None  # another address does not pay for it
+    now[0] = 301.0
+    assert door.sign_in(TOKEN, "a") is not None and door.session(session).name == ""
+    now[0] = SESSION_S
+    assert door.session(session) is None and door.session("") is None
+    assert Door(()).locked and Door(()).sign_in("", "a") is None
+
+
+def test_guesses_from_many_addresses_are_limited_too():
+    door = Door(TOKENS, clock=lambda: 0.0)
+    with pytest.raises(TooManyGuesses):
+        for k in range(1000):
+            door.sign_in("wrong", f"10.0.{k // 250}.{k % 250}")
+
+
+def test_an_open_address_without_a_token_is_refused():
+    for more in ({"host": "0.0.0.0"}, {"host": "::"}, {"host": "192.168.1.7"}, {"hosts": ("x",)}, {"https": True}):
+        with pytest.raises(InputError, match="a token is needed"):
+            ServeSettings(store_url="x", **more)
+
+
+def test_tokens_come_from_a_file_or_the_environment(tmp_path, monkeypatch):
+    path = tmp_path / "tokens"
+    path.write_text("# reviewers\n0123456789abcdef\n\nR. Eviewer  0123456789abcdeg\n")
+    assert [t.name for t in read_tokens(path)] == ["", "R. Eviewer"]
+    monkeypatch.setenv("RECAL_SERVE_TOKEN", TOKEN)
+    assert read_tokens(None) == (token_of(TOKEN, source="x"),)
+    assert "RECAL_SERVE_TOKEN" not in os.environ and read_tokens(None) == ()
+
+
+@pytest.mark.parametrize("text, line", [
+    ("short", "line 1: a token of 5 characters"), ("", "holds no token"), ("# only\n", "holds no token"),
+    ("0123456789abcdef\nB 0123456789abcdef\n", "same token twice"), ("Wörd 0123456789abcdéf", "printable ASCII"),
+    ("x" * 70_000, "larger than"),
+])  # fmt: skip
+def test_a_bad_token_file_is_one_line_without_the_token(tmp_path, text, line):
+    path = tmp_path / "tokens"
+    path.write_text(text)
+    with pytest.raises(InputError, match=line) as refused:
+        read_tokens(path)
+    assert "0123456789" not in str(refused.value)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_tokens(tmp_path / "nothing")
+
+
+def test_reports_are_read_with_limits(tmp_path, monkeypatch):
+    from recal.web import reports
+
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a/diagnosis.json").write_text(json.dumps({"schema": "recal.diagnosis/1", "verdict": "no_gap"}))
+    os.mkfifo(tmp_path / "a/diagnosis.html")
+    found = Reports(tmp_path)
+    assert found.one("a").document["verdict"] == "no_gap"
+    assert not found.one("a").has_page and found.text("a", "diagnosis.html") is None
+    assert Reports(None).all() == [] and Reports(None).one("a") is None
+    monkeypatch.setattr(reports, "LARGEST", 10)
+    assert "needed a file of at most 10" in found.one("a").fault
+    with pytest.raises(InputError, match="no such directory"):
+        Reports(tmp_path / "nothing")

@@ -1,0 +1,275 @@
+"""What must not get through: other hosts, other sites' forms, guesses, large bodies, paths that lead out, secrets on a page."""
+
+import http.client
+import os
+import re
+import socket
+
+import pytest
+
+pytest.importorskip("fastapi")
+
+from infield.store import TableStore
+from ins.records import InputError
+from recal.web import pages
+from recal.web.actions import local_path
+from recal.web.door import MAX_FAILURES
+from recal.web.reports import Reports
+from recal.web.settings import ServeSettings
+from tests.recal.serving import TOKEN, TOKENS, Visitor, put_unit, serving
+
+UNIT = {"serial": "SN-1", "technology": "rlg", "mode": "", "number": "1", "verdict": "approved", "by": "A", "reason": "why"}
+PROPOSAL = "/proposal?serial=SN-1&technology=rlg&number=1"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("guarded")
+    url = f"sqlite:///{folder}/recal.db"
+    put_unit(url)
+    (folder / "reports/in").mkdir(parents=True)
+    (folder / "reports/in/diagnosis.json").write_text("[" * 100_000)
+    (folder / "secret").mkdir()
+    (folder / "secret/diagnosis.json").write_text('{"schema": "recal.diagnosis/1", "sentence": "TOP SECRET"}')
+    (folder / "secret/diagnosis.html").write_text("TOP SECRET")
+    (folder / "reports/link").symlink_to(folder / "secret")
+    (folder / "reports/linked").mkdir()
+    for name in ("diagnosis.json", "diagnosis.html"):
+        (folder / "reports/linked" / name).symlink_to(folder / "secret" / name)
+    (folder / "reports/loop").symlink_to(folder / "reports/loop")
+    with serving(url, reports=folder / "reports") as base:
+        yield base, url, folder
+
+
+@pytest.fixture
+def visitor(site):
+    with Visitor(site[0]) as found:
+        yield found
+
+
+def unchanged(url):
+    with TableStore.open(url) as store:
+        return len(store.history()) == 2 and store.proposals()[0].decision is None
+
+
+def raw(base, request, *, cut_off=False):
+    """The answer to bytes that no client library would send."""
+    host, port = base.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=20) as connection:
+        connection.sendall(request)
+        if cut_off:
+            connection.shutdown(socket.SHUT_WR)
+        return b"".join(iter(lambda: connection.recv(65536), b""))
+
+
+def test_every_answer_carries_the_headers(visitor):
+    document = "/proposal/update.json?serial=SN-1&technology=rlg&number=1"
+    for path in ("/", PROPOSAL, "/nothing", "/signin", "/unit?serial=SN-1", document):
+        headers = visitor.get(path).headers
+        assert headers["x-content-type-options"] == "nosniff" and headers["x-frame-options"] == "DENY", path
+        assert headers["cache-control"] == "no-store" and headers["referrer-policy"] == "same-origin"
+        policy = headers["content-security-policy"]
+        assert policy.startswith("default-src 'none'") and "frame-ancestors 'none'" in policy and "unsafe" not in policy
+        assert "server" not in headers
+    refused = visitor.get("/", headers={"host": "evil.example"})
+    assert refused.headers["x-frame-options"] == "DENY" and refused.headers["content-security-policy"]
+
+
+@pytest.mark.parametrize("host", [
+    "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:8000", "10.0.0.7", "", "127.0.0.1@evil.example",
+    "evil.example:127.0.0.1", "[::1", "127.0.0.1/..",
+])  # fmt: skip
+def test_another_host_is_not_served(visitor, host):
+    answer = visitor.get("/", headers={"host": host})
+    assert answer.status_code in (400, 421) and "SN-1" not in answer.text
+
+
+def test_no_host_and_two_hosts_are_not_served(site):
+    for request in (
+        b"GET / HTTP/1.0\r\n\r\n",
+        b"GET / HTTP/1.1\r\nConnection: close\r\nHost: localhost\r\nHost: evil.example\r\n\r\n",
+    ):
+        answer = raw(site[0], request)
+        assert answer.split()[1] in (b"400", b"421") and b"SN-1" not in answer
+
+
+@pytest.mark.parametrize("headers", [
+    {"origin": "http://evil.example", "sec-fetch-site": "cross-site"}, {"origin": "null", "sec-fetch-site": "same-origin"},
+    {"sec-fetch-site": "same-site"}, {"sec-fetch-site": "none"}, {"sec-fetch-site": "cross-site"},
+    {"origin": "http://127.0.0.1:1"}, {"origin": "http://localhost.evil.example"},
+])  # fmt: skip
+def test_a_form_from_another_site_is_refused(site, visitor, headers):
+    visitor.sign_in()
+    token = visitor.form_token(PROPOSAL)
+    answer = visitor.submit("/decide", headers=headers, form_token=token, **UNIT)
+    assert answer.status_code == 403 and unchanged(site[1])
+
+
+def test_a_form_that_says_nothing_of_its_origin_is_refused(site, visitor):
+    visitor.sign_in()
+    assert visitor.post("/decide", data={**UNIT, "form_token": visitor.form_token(PROPOSAL)}).status_code == 403
+    assert unchanged(site[1])
+
+
+def test_a_form_needs_its_session_and_its_own_token(site, visitor):
+    assert visitor.submit("/decide", form_token="0" * 64, **UNIT).status_code == 403  # nobody is signed in
+    with Visitor(site[0]) as other:
+        other.sign_in()
+        of_other = other.form_token(PROPOSAL)
+    visitor.sign_in()
+    for token in ("", "0" * 64, of_other, "é"):
+        assert visitor.submit("/decide", form_token=token, **UNIT).status_code == 403
+    assert visitor.submit("/decide", **UNIT).status_code == 403
+    for path in ("/rollback", "/signout", "/signin"):
+        assert visitor.submit(path, **UNIT, to="1", active="2", token=TOKEN).status_code == 403
+    assert unchanged(site[1])
+
+
+def test_a_session_ends_with_sign_out(site, visitor):
+    visitor.sign_in()
+    cookie = {"recal_session": visitor.cookies["recal_session"]}
+    token = visitor.form_token(PROPOSAL)
+    assert visitor.submit("/signout", form_token=token).status_code == 303
+    with Visitor(site[0], cookies=cookie) as thief:
+        assert thief.submit("/decide", form_token=token, **UNIT).status_code == 403 and unchanged(site[1])
+
+
+def test_the_cookie_is_for_this_site_alone(visitor):
+    answer = visitor.sign_in()
+    cookie = next(c for c in answer.headers.get_list("set-cookie") if c.startswith("recal_session="))
+    assert {"HttpOnly", "SameSite=strict", "Path=/"} <= set(cookie.split("; ")) and "Domain" not in cookie
+    assert TOKEN not in cookie and len(visitor.cookies["recal_session"]) > 40
+
+
+def test_guesses_are_limited(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    with serving(url) as base, Visitor(base) as visitor:
+        answers = [visitor.sign_in(f"guess {k} of a token") for k in range(MAX_FAILURES + 1)]
+        assert [a.status_code for a in answers] == [403] * MAX_FAILURES + [429]
+        assert "not a token" in answers[0].text and int(answers[-1].headers["retry-after"]) > 200
+        assert visitor.sign_in(TOKEN).status_code == 429  # the right one has to wait, too
+
+
+def test_without_a_token_it_only_reads(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    with serving(url, tokens=()) as base, Visitor(base) as visitor:
+        assert "Read only" in visitor.get("/").text and "roll back" not in visitor.get("/unit?serial=SN-1&technology=rlg").text
+        assert visitor.get("/signin").status_code == 200 and 'name="token"' not in visitor.get("/signin").text
+        assert visitor.submit("/decide", form_token="", **UNIT).status_code == 403 and unchanged(url)
+
+
+OF_UNIT = "serial=SN-1&technology=rlg"
+PRIVATE = (
+    "/", PROPOSAL, "/proposals", "/diagnoses", f"/unit?{OF_UNIT}", f"/diff?{OF_UNIT}", f"/rollback?{OF_UNIT}&to=1",
+    f"/revision/report?{OF_UNIT}&number=2", f"/proposal/report?{OF_UNIT}&number=1", "/diagnosis?folder=a",
+    f"/proposal/update.json?{OF_UNIT}&number=1", "/diagnosis/page?folder=a", "/diagnosis/document?folder=a",
+)  # fmt: skip
+
+
+def test_beyond_this_machine_reading_needs_a_token_too(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    with serving(url, hosts=("recal.fleet",)) as base, Visitor(base) as visitor:
+        for path in PRIVATE:
+            answer = visitor.get(path)
+            assert answer.status_code == 303 and answer.headers["location"].startswith("/signin?next=%2F"), path
+            assert "SN-1" not in answer.text
+        assert visitor.sign_in(next="/proposals").headers["location"] == "/proposals"
+        assert visitor.get("/", headers={"host": "recal.fleet"}).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["https://evil.example/", "//evil.example", "/\\evil.example", "evil", "", "/a\nb"])
+def test_signing_in_leads_nowhere_else(visitor, path):
+    assert local_path(path) == "/"
+    assert visitor.sign_in(next=path).headers["location"] == "/"
+    assert local_path("/unit?serial=a%2Fb") == "/unit?serial=a%2Fb"
+
+
+FOLDERS = (
+    "..", "../secret", "in/../../secret", "link", "link/", "linked", "loop", "/etc", "//etc", ".", "in\0", "..\\secret",
+    "%2e%2e/secret", "....//secret", "in/../../secret/", "~", "a" * 5000, "in/" * 500,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_no_path_leads_out_of_the_reports(site, visitor, folder):
+    for path in ("/diagnosis", "/diagnosis/page", "/diagnosis/document"):
+        answer = visitor.get(path, params={"folder": folder})
+        assert answer.status_code == 404 and "TOP SECRET" not in answer.text
+    base, _, root = site
+    answer = raw(base, b"GET /diagnosis/page?folder=%2e%2e%2fsecret HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert b" 404 " in answer.split(b"\r\n")[0] and b"TOP SECRET" not in answer
+    assert Reports(root / "reports").text("in", "../../secret/diagnosis.html") is None
+    listed = visitor.get("/diagnoses").text
+    assert "not JSON" in listed and "SECRET" not in listed and "linked" not in listed
+
+
+@pytest.mark.parametrize(
+    "path", [b"/../../etc/passwd", b"/%2e%2e/%2e%2e/etc/passwd", b"//evil.example/", b"/static/../x", b"*"]
+)
+def test_odd_paths_are_no_pages(site, path):
+    answer = raw(site[0], b"GET " + path + b" HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    assert answer.split()[1] in (b"404", b"400") and b"root:" not in answer and b"Traceback" not in answer
+
+
+def test_a_large_form_is_refused(site, visitor):
+    visitor.sign_in()
+    token = visitor.form_token(PROPOSAL)
+    answer = visitor.submit("/decide", form_token=token, **{**UNIT, "reason": "x" * 40_000})
+    assert answer.status_code == 413 and unchanged(site[1])
+    headers = "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection: close\r\nContent-Type: "
+    form = headers + "application/x-www-form-urlencoded\r\n"
+    assert raw(site[0], f"{form}Content-Length: 99999999\r\n\r\nabc".encode()).split()[1] == b"413"
+    assert b" 303 " not in raw(site[0], f"{form}Content-Length: 5\r\n\r\nabc".encode(), cut_off=True)
+    chunks = form + "Transfer-Encoding: chunked\r\n\r\n" + 20 * ("1000\r\n" + 4096 * "x" + "\r\n") + "0\r\n\r\n"
+    assert raw(site[0], chunks.encode()).split()[1] == b"413"
+
+
+@pytest.mark.parametrize("kind, body, status", [
+    ("application/json", b"{}", 415), ("multipart/form-data; boundary=x", b"--x--", 415), ("text/plain", b"a=b", 415),
+    ("application/x-www-form-urlencoded", b"\xff\xfe", 400), ("application/x-www-form-urlencoded", b"a=%ff", 400),
+    ("application/x-www-form-urlencoded", b"&".join(b"a%d=1" % k for k in range(50)), 400),
+    ("application/x-www-form-urlencoded", b"form_token=a&form_token=b", 400), ("", b"a=b", 415),
+])  # fmt: skip
+def test_what_is_no_form_is_refused(visitor, kind, body, status):
+    visitor.sign_in()
+    origin = {"origin": str(visitor.base_url).rstrip("/"), "content-type": kind}
+    assert visitor.post("/decide", content=body, headers=origin).status_code == status
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "OPTIONS", "TRACE", "PATCH", "HEAD"])
+def test_other_methods_are_not_served(site, method):
+    connection = http.client.HTTPConnection(site[0].removeprefix("http://"))
+    connection.request(method, "/")
+    assert connection.getresponse().status == 405
+    connection.close()
+
+
+def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+
+    def broken(*arguments, **options):
+        raise RuntimeError("password=hunter2 in " + str(tmp_path))
+
+    with serving(url) as base, Visitor(base) as visitor:
+        monkeypatch.setattr(pages.views, "sorted_units", broken)
+        answer = visitor.get("/")
+        assert answer.status_code == 500 and "does not know" in answer.text
+        assert not re.search(r"hunter2|Traceback|RuntimeError|File &#34;|/tmp", answer.text)
+        assert answer.headers["x-frame-options"] == "DENY" and "script" not in answer.headers["content-security-policy"]
+        os.rename(tmp_path / "recal.db", tmp_path / "gone.db")
+        gone = visitor.get("/unit?serial=SN-1&technology=rlg")
+        assert gone.status_code == 503 and str(tmp_path) not in gone.text
+
+
+def test_no_page_names_the_database_password(tmp_path):
+    """A PostgreSQL that is not there: what the driver says is shown without address or password."""
+    pytest.importorskip("psycopg")
+    from recal.web.app import Site
+
+    with pytest.raises(InputError) as refused:
+        Site(ServeSettings(store_url="postgresql://user:hunter2@127.0.0.1:1/db", tokens=TOKENS))
+    assert "hunter2" not in str(refused.value)
