@@ -4,17 +4,20 @@
     later stops, error against GNSS
 
 The alignment is computed anew with each table, since its heading error is that table's own. Nothing is aided but the
-vertical channel. `ReferenceLog` is truth: it scores the result here and goes nowhere near the solution.
+vertical channel; beside these flights, a run with GNSS is navigated with it once (`infield.aided`), with the active table.
+`ReferenceLog` is truth: it scores the result here and goes nowhere near a solution.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from alignment import excursions, gyrocompass, stillness
+from alignment import gyrocompass, stillness
 from alignment.result import Alignment
-from infield.drift import REALIGN_M_S, Drift, drift_against, parked_drift
+from infield.aided import AidedResult, navigate_aided
+from infield.drift import Drift, drift_against, parked_drift
 from infield.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.pipeline import with_applied_table_undone
 from infield.session import (
@@ -26,18 +29,17 @@ from infield.session import (
     make_bins,
     session_end,
 )
+from infield.stops import StopSpeed, find_stops, first_roll, stop_speed
 from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, too_short, words
 from ins.earth import EARTH_RATE_RAD_S
 from ins.mechanization import VerticalChannel, navigate
-from ins.records import AXES, NavHistory, NavState, ReferenceLog, Run, TwinModel
+from ins.records import AXES, ImuSource, NavHistory, NavState, ReferenceLog, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
 ROW_BEFORE_S = 2.0  # before the start of navigation: holds the row before it (a run has no gap over 1 s)
 SHORT_S = 1800.0  # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
-STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
-STOP_BELOW_M_S = 2.0 * REALIGN_M_S  # a faster "stop" is a steady taxi, unless the log calls it parked
 
 Where = tuple[float, float]  # start and end [s]
 
@@ -54,20 +56,6 @@ class TableChoice:
     origin: str
     sha256: str | None = None
     revision: int | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
-class StopSpeed:
-    """Computed ground speed [m/s] while the vehicle stands: all of it is error."""
-
-    start_s: float
-    end_s: float
-    median_m_s: float
-    max_m_s: float
-
-    @property
-    def realign(self) -> bool:
-        return self.median_m_s > REALIGN_M_S
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +81,10 @@ class TableReplay:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayResult:
-    """verdict: "replayed", "refused" (no table could be flown) or "inconsistent" (the active table's alignment is).
+    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's alignment is).
 
-    alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls.
+    alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls; aided: None without GNSS, or
+    where it was not asked for.
     """
 
     run: Run
@@ -106,6 +95,7 @@ class ReplayResult:
     alignment_span: Where | None = None
     parked_until_s: float | None = None
     tables: tuple[TableReplay, ...] = ()
+    aided: AidedResult | None = None
 
     def of(self, role: str) -> TableReplay | None:
         return next((t for t in self.tables if t.choice.role == role), None)
@@ -118,8 +108,9 @@ def replay(
     *,
     applied_table: Callable[[str], ThermalTable] | None = None,
     reference: ReferenceLog | None = None,
+    aided: bool = True,
 ) -> ReplayResult:
-    """Fly a log with each table, the active one first.
+    """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has that.
 
     applied_table(sha256): the table that the unit had subtracted, to be added back (InputError where unknown).
     A run without gyro temperatures is flown raw, once, and the notes say so. Refusals are verdicts.
@@ -139,15 +130,32 @@ def replay(
     rest = find_rest(raw)
     if rest is None:
         reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
-        return ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
-    span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
-    flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
-    result = ReplayResult(
-        run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
-        alignment_span=span, tables=tuple(flown),
-    )  # fmt: skip
-    first = next((t.history for t in flown if t.history is not None), None)
-    return result if first is None else _with_scores(result, raw, first, twin, reference)
+        result = ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
+    else:
+        span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
+        flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
+        result = ReplayResult(
+            run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
+            alignment_span=span, tables=tuple(flown),
+        )  # fmt: skip
+        first = next((t.history for t in flown if t.history is not None), None)
+        if first is not None:
+            result = _with_scores(result, raw, first, twin, reference)
+    return _with_aided(result, raw, tables[0], temperature, twin, rest) if aided and raw.gnss is not None else result
+
+
+def _with_aided(
+    result: ReplayResult, raw: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel,
+    rest: Where | None,
+) -> ReplayResult:  # fmt: skip
+    """The result with the aided flight; where that is all there is, it is a replay, and the notes keep the refusal."""
+    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in ("aligned", "inconsistent")
+    imu, _, sigma, _ = _prepared(raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s))
+    aided = navigate_aided(raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma)
+    if result.verdict != "refused" or aided.history is None:
+        return replace(result, aided=aided)
+    kept = tuple(f"no free-inertial flight: {reason}" for reason in result.reasons)
+    return replace(result, aided=aided, verdict="replayed", reasons=(), notes=result.notes + kept)
 
 
 def _with_scores(
@@ -176,13 +184,7 @@ def _fly(
     vertical: VerticalChannel,
 ) -> TableReplay:  # fmt: skip
     """Align with one table, then navigate to the end of the log; only the alignment where that is refused."""
-    bins, sigma, table = None, None, None
-    notes: tuple[str, ...] = ()
-    if choice.table is not None and temperature is not None:
-        table, notes = _covering(choice.table, temperature)
-        bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
-        sigma = np.sqrt(np.diag(bins.prior)[:3])
-    imu = compensated_imu(run, table, temperature, twin)
+    imu, bins, sigma, notes = _prepared(run, choice, temperature, twin, span)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
     history, C_nb, left_s = None, aligned.C_nb, imu.end_s - aligned.time_s
     if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
@@ -193,6 +195,17 @@ def _fly(
             start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
             history = navigate(imu.pieces(aligned.time_s - ROW_BEFORE_S), start, epoch_s=1.0, vertical=vertical)
     return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
+
+
+def _prepared(
+    run: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel, span: Where
+) -> tuple[ImuSource, SessionBins | None, NDArray | None, tuple[str, ...]]:
+    """The log less a table; bins from the span's start and their first sigmas (3,) [deg/h]; notes. None without a table."""
+    if choice.table is None or temperature is None:
+        return compensated_imu(run, None, temperature, twin), None, None, ()
+    table, notes = _covering(choice.table, temperature)
+    bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
+    return compensated_imu(run, table, temperature, twin), bins, np.sqrt(np.diag(bins.prior)[:3]), notes
 
 
 def _covering(table: ThermalTable, temperature: GyroTemperature) -> tuple[ThermalTable, tuple[str, ...]]:
@@ -212,36 +225,6 @@ def _vertical(run: Run) -> tuple[VerticalChannel, str]:
         return VerticalChannel(mode="hold"), "damped to the height of the site (no GNSS height in the run)"
     aided = VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m)
     return aided, "damped to the GNSS height"
-
-
-def first_roll(motion: stillness.Motion) -> float:
-    """End of the parked span: the last epoch before the vehicle rolls, or the end of the log [s]."""
-    rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
-    return float(motion.time_s[max(rolling[0] - 1, 0)] if rolling.size else motion.time_s[-1])
-
-
-def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple[Where, ...]:
-    """Where the vehicle stands again after it first rolled, for at least eight seconds.
-
-    The velocity is steady to 3 cm/s (or eight sigmas of its noise), and either below 10 kt or the log says parked;
-    an odometer, where there is one, must agree. The same rule on the ramp after a flight, where the solution's own
-    speed may be several knots wrong.
-    """
-    t, v = history.time_s, history.v_n_m_s[:, :2]
-    width = excursions.STOP_WINDOW_S
-    steady = np.zeros(t.size, bool)
-    quiet = max(8.0 * motion.sigma_v_m_s, STOP_QUIET_M_S)
-    for k in np.flatnonzero(t[: t.size - width + 1] >= first_roll(motion)):
-        if np.ptp(v[k : k + width], axis=0).max() <= quiet:
-            steady[k : k + width] = True
-    said = np.zeros(t.size, bool)
-    for p in run.phases:
-        said |= (p.phase == "parked") & (t > p.start_s) & (t <= p.end_s)
-    stands = steady & (said | (np.linalg.norm(v, axis=1) < STOP_BELOW_M_S)) & (t > first_roll(motion))
-    if run.odometer is not None:
-        stands &= np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0)) < 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], stands.astype(int), [0]))))
-    return tuple((float(t[a]), float(t[b - 1])) for a, b in zip(edges[::2], edges[1::2]) if b - a >= width)
 
 
 def _scored(
@@ -269,17 +252,11 @@ def _scored(
         flown,
         parked=parked,
         predicted=predicted,
-        stops=tuple(_stop_speed(history, where) for where in stops),
+        stops=tuple(stop_speed(history, where) for where in stops),
         gnss=None if run.gnss is None else drift_against(history, run.gnss, lever, parked_s),
         reference=None if reference is None else drift_against(history, reference, np.zeros(3), parked_s),
         heading_error_rad=heading_error,
     )
-
-
-def _stop_speed(history: NavHistory, where: Where) -> StopSpeed:
-    rows = (history.time_s >= where[0]) & (history.time_s <= where[1])
-    speed = np.linalg.norm(history.v_n_m_s[rows, :2], axis=1)
-    return StopSpeed(start_s=where[0], end_s=where[1], median_m_s=float(np.median(speed)), max_m_s=float(speed.max()))
 
 
 def heading_change(result: ReplayResult) -> tuple[float, float] | None:

@@ -15,6 +15,7 @@
       scoring_only              reference: a drift against it after the parked span; heading_error_mrad, in sigmas too
     difference                  active less previous: NM/h, heading, and what the tables' own difference predicts of the
                                 heading and of the position at the end of the parked span; null without two flights
+    aided                       the solution with GNSS (infield.aided_document), null without GNSS or with --no-aided
     definitions                 of the measures, in words
 
 A drift: hours, end_radial_error_nm (and _m), max_radial_error_nm, rate_nm_h, rms_rate_nm_h, end_speed_m_s,
@@ -27,10 +28,11 @@ from typing import Any
 import numpy as np
 
 from alignment.document import alignment_document
+from infield.aided_document import aided_document
 from infield.drift import CLASSES, REALIGN_M_S, Drift
 from infield.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay import ReplayResult, StopSpeed, TableReplay, heading_change
-from ins.records import Run, TwinModel
+from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
 
@@ -46,15 +48,18 @@ DEFINITIONS = {
     "model from a gyrocompass alignment on: one sigma of the parked rate_nm_h",
     "gnss": "solution less GNSS after the parked span, time counted from the end of the alignment; the offset while "
     "parked (a site entered roughly) is taken out",
+    "aided": "the log compensated with the active table, navigated with its satellite fixes; NIS: squared innovation over what "
+    "the filter expects, 1 where its sigmas are honest",
     "scoring_only": "the run's reference (truth): it scores, it never navigates",
 }
 
 
 def replay_document(
     result: ReplayResult, twin: TwinModel, *, store: str | None, version: str, notes: tuple[str, ...] = (),
-    thermal_model: dict[str, Any] | None = None,
+    thermal_model: dict[str, Any] | None = None, reference: ReferenceLog | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """The document; `notes` are what the caller knows of the tables, and come first; thermal_model: as in update.json."""
+    """The document; `notes` are what the caller knows of the tables, and come first; thermal_model: as in update.json;
+    reference: scores the aided solution."""
     header, tables = result.run.header, [_table(t, result) for t in result.tables]
     return {
         "schema": "recal.replay/1",
@@ -74,6 +79,7 @@ def replay_document(
         "parked_span": _parked_span(result),
         "tables": tables,
         "difference": _difference(result),
+        "aided": aided_document(result.aided, reference),
         "definitions": dict(DEFINITIONS),
         **({} if thermal_model is None else {"thermal_model": thermal_model}),
     }

@@ -34,6 +34,9 @@ def command(
     store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
     thermal_model: ThermalModelPath = None,
+    aided: Annotated[
+        bool, typer.Option("--aided/--no-aided", help="Also navigate with the run's GNSS, where it has one.")
+    ] = True,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -44,7 +47,7 @@ def command(
 
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
-    document = replay(run, store_url=store, twin=twin, thermal_model=thermal_model, output=output)
+    document = replay(run, store_url=store, twin=twin, thermal_model=thermal_model, aided=aided, output=output)
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
         say(line, quiet=quiet)
@@ -53,9 +56,10 @@ def command(
 
 def replay(
     run_path: Path, *, store_url: str, twin: Path | None = None, thermal_model: Path | None = None,
-    output: Path | None = None,
+    aided: bool = True, output: Path | None = None,
 ) -> dict[str, Any]:  # fmt: skip
-    """Replay one run; writes replay.json, replay.html and, unless refused, navigation.parquet; returns the document."""
+    """Replay one run; writes replay.json, replay.html, navigation.parquet (free-inertial) and navigation_aided.parquet, each
+    where there is such a solution; returns the document."""
     from infield.replay import replay as replay_run
     from infield.replay_document import replay_document
     from infield.replay_report import replay_html
@@ -68,20 +72,21 @@ def replay(
     unit, (run,), use = with_thermal_model(unit_inputs(run, database, twin), [run], thermal_model)
     tables, notes = _choices(run, unit, database)
     result = replay_run(
-        run, tables, unit.twin, reference=reference,
+        run, tables, unit.twin, reference=reference, aided=aided,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
     )  # fmt: skip
     name = database.name if database else None
     said = use(tables[0].table) if tables[0].table is not None else None
     document = replay_document(
         result, unit.twin, store=name, version=program_version(), notes=(*notes, *(said["text"] if said else ())),
-        thermal_model=said,
+        thermal_model=said, reference=reference,
     )  # fmt: skip
     directory = output_directory(output, "replay")
     write_files({
         directory / "replay.json": result_text(document), directory / "replay.html": replay_html(document, result)
     })  # fmt: skip
     _write_navigation(directory / "navigation.parquet", result)
+    _write_aided(directory / "navigation_aided.parquet", result)
     return document
 
 
@@ -135,6 +140,17 @@ def _write_navigation(path: Path, result: "ReplayResult") -> None:
     write_columns(path, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
 
 
+def _write_aided(path: Path, result: "ReplayResult") -> None:
+    """The aided solution with its sigmas at 1 Hz; an earlier file goes where there is none."""
+    from infield.aided_document import aided_columns
+    from trajectories.stream_files import write_columns
+
+    if result.aided is None or result.aided.history is None:
+        path.unlink(missing_ok=True)
+        return
+    write_columns(path, aided_columns(result.aided))
+
+
 def summary(document: dict[str, Any]) -> list[str]:
     """The result in a few lines for people."""
     lines = [f"{document['run_id']}: {document['verdict']}"]
@@ -158,4 +174,23 @@ def summary(document: dict[str, Any]) -> list[str]:
             f"  previous to active: {rate['previous']:.3f} -> {rate['active']:.3f} NM/h, "
             f"heading {difference['heading_mrad']:+.2f} mrad"
         )
-    return lines
+    return lines + _aided_lines(document["aided"])
+
+
+def _aided_lines(aided: dict[str, Any] | None) -> list[str]:
+    """The aided solution in a few lines."""
+    if aided is None:
+        return []
+    head = [f"  aided: {aided['verdict']}", *(f"    because {reason}" for reason in aided["reasons"])]
+    head += [f"    {note}" for note in aided["notes"]]
+    if "end" not in aided:
+        return head
+    start, end, nis, fixes = aided["start"], aided["end"], aided["consistency"], aided["fixes"]
+    level = max(end["sigma_north_m"], end["sigma_east_m"])
+    return head + [
+        f"    from {start['time_s']:.1f} s by {start['method']}; {fixes['used_position']} fixes used, "
+        f"{fixes['rejected_position']} positions and {fixes['rejected_velocity']} velocities rejected",
+        f"    NIS position {nis['position']['nis_mean']:.2f}, velocity {nis['velocity']['nis_mean']:.2f}; at the end 1 sigma "
+        f"{level:.2f} m level, roll {end['sigma_roll_deg']:.3f}, pitch {end['sigma_pitch_deg']:.3f}, "
+        f"heading {end['sigma_heading_deg']:.3f} deg",
+    ]

@@ -104,7 +104,7 @@ def test_same_bytes_on_a_second_run(folder):
     result_of("run", "-o", "one")
     result_of("run", "-o", "two")
     names = sorted(p.name for p in (folder / "one").iterdir())
-    assert names == ["navigation.parquet", "replay.html", "replay.json"]
+    assert names == ["navigation.parquet", "navigation_aided.parquet", "replay.html", "replay.json"]
     for name in names:
         assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
 

@@ -1,0 +1,84 @@
+"""Simulated flights for the aided filter, with the errors of a solution against their truth in the filter's own terms."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from ins.aided_filter import AidedHistory
+from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
+from ins.earth import dcm_en, ecef_from_geodetic
+from ins.records import ReferenceLog, Site, TwinModel
+from ins.twin_file import default_twin
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from tests.scenarios.study import table_to_zero
+from trajectories.motions import lay
+from trajectories.segments import Climb, Cruise, Park, Segment, Straight, TakeOff, Turn, TurnFlight
+from trajectories.sensors import IdealSensors, ideal_sensors
+from trajectories.simulate import SimulatedRun, simulate_run
+from trajectories.thermal import thermal_history
+from trajectories.truth import build_truth
+from trajectories.unit_truth import aged_unit
+
+SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
+LEVER_M = (2.0, -0.5, -1.0)
+FLIGHT: tuple[Segment, ...] = (
+    Straight(duration_s=30.0), Turn(angle_deg=90.0), TakeOff(lift_off_speed_m_s=40.0),
+    Climb(height_m=300.0, rate_m_s=5.0, speed_m_s=60.0), TurnFlight(angle_deg=120.0), Cruise(duration_s=60.0),
+    TurnFlight(angle_deg=-200.0), Cruise(duration_s=120.0),
+)  # fmt: skip
+AIRBORNE_S = 140.0  # after the end of the first park: turning and climbing
+
+
+@lru_cache(maxsize=8)
+def ideal(park_s: float = 60.0, segments: tuple[Segment, ...] = FLIGHT, heading_deg: float = 130.0) -> IdealSensors:
+    """A noise-free flight of eight minutes at 10 Hz, made once."""
+    return ideal_sensors(build_truth(lay([Park(duration_s=park_s), *segments]), SITE, heading_rad=heading_deg * DEG), 10.0)
+
+
+def twin_of(technology: str, *, flicker: bool = True) -> TwinModel:
+    """The technology's defaults; without flicker the sensors are what the filter takes them for."""
+    twin = default_twin(technology)
+    if flicker:
+        return twin
+    gyro, accel = replace(twin.gyro, bias_instability_deg_h=0.0), replace(twin.accel, bias_instability_ug=0.0)
+    return replace(twin, gyro=gyro, accel=accel)
+
+
+def flown(base: IdealSensors, twin: TwinModel, seed: int) -> SimulatedRun:
+    """A unit without a thermal bias in this flight, GNSS at 1 Hz."""
+    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0, table=table_to_zero())
+    return simulate_run(
+        base, thermal_history("ambient"), unit, twin, rng=np.random.default_rng([seed, 3]), with_gnss=True,
+        gnss_lever_arm_m=LEVER_M, with_phases=False,
+    )  # fmt: skip
+
+
+def errors(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
+    """Errors (k, 15) of a solution, order and signs of `ins.aided_kernel`."""
+    motion = motion_errors(made.reference, history)
+    gyro, accel = (
+        np.stack([np.interp(history.time_s, made.bias_time_s, axis) for axis in bias.T], axis=1)
+        for bias in (made.gyro_bias_true_deg_h, made.accel_bias_true_ug)
+    )
+    left = gyro * DEG_PER_HOUR - history.gyro_bias_rad_s, accel * MICRO_G - history.accel_bias_m_s2
+    return np.hstack([motion, *left])
+
+
+def motion_errors(reference: ReferenceLog, history: AidedHistory) -> np.ndarray:
+    """Position, velocity and attitude errors (k, 9) in Earth axes, resolved north, east, down."""
+    k = np.minimum(np.searchsorted(reference.time_s, history.time_s - 1e-6), reference.time_s.size - 1)
+    lat, lon = reference.lat_rad[k], reference.lon_rad[k]
+    C_en, C_en_true = dcm_en(history.lat_rad, history.lon_rad), dcm_en(lat, lon)
+    r = ecef_from_geodetic(history.lat_rad, history.lon_rad, history.height_m)
+    r = r - ecef_from_geodetic(lat, lon, reference.height_m[k])
+    v = np.einsum("kij,kj->ki", C_en, history.v_n_m_s) - np.einsum("kij,kj->ki", C_en_true, reference.v_n_m_s[k])
+    C_eb = C_en_true @ dcm_from_euler(reference.roll_rad[k], reference.pitch_rad[k], reference.heading_rad[k])
+    theta = rotation_vector_from_dcm(C_en @ history.C_nb @ np.swapaxes(C_eb, 1, 2))
+    return np.hstack([np.einsum("kji,kj->ki", C_en, e) for e in (r, v, theta)])
+
+
+def nees(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
+    """Normalised error squared over fifteen states at each row (k,)."""
+    e = errors(made, history)
+    return np.asarray(np.einsum("ki,kij,kj->k", e, np.linalg.inv(history.covariance), e) / 15.0)

@@ -1,0 +1,227 @@
+"""The aided filter: its covariance against the nonlinear solution and filterpy, NEES over seeds, gate, outage, cuts."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from infield.aided import aided_noise
+from ins import kalman
+from ins.aided_filter import ACCEL, GYRO, POS, THETA, VEL, AidedNavigator, AidedNoise, AidedStart, fixes_of, level_sigmas
+from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
+from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
+from ins.records import InputError, NavState, Site
+from ins.units import DEG_PER_HOUR, MICRO_G
+from tests.infield.aided_cases import LEVER_M, errors, flown, ideal, motion_errors, nees, twin_of
+
+SILENT = AidedNoise(arw=0.0, vrw=0.0, gyro_walk=0.0, accel_walk=0.0)
+START_S = 1.0
+
+
+def truth_at(made, time_s: float = START_S, error=None) -> NavState:
+    """The truth at a time, off by errors (15,) [computed - true]."""
+    e = np.zeros(15) if error is None else error
+    ref = made.reference
+    k = int(np.argmin(np.abs(ref.time_s - time_s)))
+    C_en = dcm_en(ref.lat_rad[k], ref.lon_rad[k])
+    place = ecef_from_geodetic(ref.lat_rad[k], ref.lon_rad[k], ref.height_m[k]) + C_en @ e[POS]
+    lat, lon, height = (float(a) for a in geodetic_from_ecef(place))
+    back = dcm_en(lat, lon).T @ C_en  # Earth-frame errors, resolved where the solution now is
+    C_nb = dcm_from_rotation_vector(e[THETA]) @ dcm_from_euler(ref.roll_rad[k], ref.pitch_rad[k], ref.heading_rad[k])
+    return NavState(
+        time_s=float(ref.time_s[k]), site=Site(lat_rad=lat, lon_rad=lon, height_m=height),
+        v_n_m_s=back @ (ref.v_n_m_s[k] + e[VEL]), C_nb=back @ C_nb,
+    )  # fmt: skip
+
+
+def fixes_from(made, twin):
+    noise = twin.gnss
+    return fixes_of(
+        made.run.gnss, horizontal_m=noise.sigma_horizontal_m, vertical_m=noise.sigma_vertical_m,
+        velocity_m_s=noise.sigma_velocity_m_s,
+    )  # fmt: skip
+
+
+def navigated(made, start, noise, fixes, **options):
+    navigator = AidedNavigator(start, noise, fixes, lever_arm_m=LEVER_M, **options)
+    navigator.feed(made.run.imu)
+    return navigator.finish()
+
+
+def prior(twin) -> np.ndarray:
+    """Sigmas (15,) of the Monte Carlo's starts."""
+    gyro, accel = twin.gyro.turn_on_deg_h * DEG_PER_HOUR, twin.accel.turn_on_ug * MICRO_G
+    return np.concatenate([[1, 1, 1.5], [0.1] * 3, [0.01, 0.01, 0.05], [gyro] * 3, [accel] * 3])
+
+
+def monte_carlo(technology: str, seed: int):
+    twin = twin_of(technology, flicker=False)
+    made, sigma = flown(ideal(), twin, seed), prior(twin)
+    error = sigma * np.random.default_rng([seed, 9]).standard_normal(15)
+    error[GYRO] = error[ACCEL] = 0.0  # the turn-on of the simulated unit is that error
+    start = AidedStart(
+        state=truth_at(made, error=error), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(sigma**2),
+    )  # fmt: skip
+    return made, navigated(made, start, aided_noise(twin), fixes_from(made, twin), keep_covariance=True)
+
+
+QUIET_TWIN = replace(
+    twin_of("rlg", flicker=False),
+    gyro=replace(twin_of("rlg").gyro, arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0,
+                 turn_on_deg_h=0.0),
+    accel=replace(twin_of("rlg").accel, vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0,
+                  turn_on_ug=0.0),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("state", ["position", "velocity", "theta", "gyro", "accel"])
+def test_covariance_follows_the_nonlinear_solution(state):
+    """A start that is off by e, without noise or fixes: P = e e' becomes e(t) e(t)' of the solution, over 4 min of flight."""
+    rows = {"position": POS, "velocity": VEL, "theta": THETA, "gyro": GYRO, "accel": ACCEL}[state]
+    size = {"position": 50.0, "velocity": 0.2, "theta": 1e-3, "gyro": 20 * DEG_PER_HOUR, "accel": 500 * MICRO_G}[state]
+    made, e = flown(ideal(), QUIET_TWIN, 1), np.zeros(15)
+    e[rows] = size * np.array([0.7, -1.0, 0.4])
+    none = fixes_from(made, QUIET_TWIN)
+    none = replace(none, r_e_m=none.r_e_m * np.nan, v_n_m_s=none.v_n_m_s * np.nan)
+    zero = np.zeros(3)
+
+    def run(error):
+        start = AidedStart(
+            state=truth_at(made, 100.0, error), gyro_bias_rad_s=zero - error[GYRO], accel_bias_m_s2=zero - error[ACCEL],
+            covariance=np.outer(e, e),
+        )  # fmt: skip
+        return navigated(made, start, SILENT, none, keep_covariance=True)
+
+    off, true = run(e), run(np.zeros(15))
+    rows = [120, 240]
+    seen = motion_errors(made.reference, off)[rows] - motion_errors(made.reference, true)[rows]
+    for part, floor in ((POS, 0.05), (VEL, 2e-3), (THETA, 2e-7)):
+        for k, row in enumerate(rows):
+            sigma = np.sqrt(np.trace(off.covariance[row][part, part]))
+            assert np.linalg.norm(seen[k, part]) == pytest.approx(sigma, rel=0.03, abs=floor)
+            both = seen[k, part] @ off.covariance[row][part, part] @ seen[k, part]
+            assert both == pytest.approx(np.linalg.norm(seen[k, part]) ** 2 * sigma**2, rel=0.05, abs=floor**4)
+
+
+def test_scalar_updates_are_filterpys_joint_update():
+    from ins import aided_kernel as kernel
+
+    rng = np.random.default_rng(4)
+    root = rng.standard_normal((15, 15))
+    P, H, z, R = root @ root.T, rng.standard_normal((3, 15)), rng.standard_normal(3), np.array([0.3, 0.7, 1.1])
+    x, P_new = np.zeros(15), P.copy()
+    nis, loglik = kernel.update(x, P_new, H, z, R, np.zeros(15))
+    want_x, want_P, seen = kalman.update(np.zeros(15), P, z, H, np.diag(R))
+    np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)
+    assert nis == pytest.approx(seen.nis) and loglik == pytest.approx(-0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1]))
+
+
+@pytest.mark.parametrize("technology", ["rlg", "mems"])
+def test_nees_and_nis_over_seeds(technology):
+    """Ten flights of 8 min: NEES of all 15 states at 4 times; NIS of each kind: 99.9 % bands."""
+    made = [monte_carlo(technology, seed) for seed in range(10)]
+    at = [60, 180, 300, 480]
+    mean = np.mean([nees(*pair)[at] for pair in made])
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 15 * len(made)) / (15 * len(made))  # times of one flight are not independent
+    assert low < mean < high
+    for kind in range(2):
+        nis = np.concatenate([h.nis[:, kind][np.isfinite(h.nis[:, kind])] for _, h in made])
+        low, high = kalman.nis_band(3 * nis.size, 0.999)
+        assert low < nis.mean() / 3 < high
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("technology", ["rlg", "mems"])
+def test_nees_over_many_seeds(technology):
+    """150 flights; each block of three states on its own as well, at the end of the flight."""
+    found = []
+    for seed in range(150):
+        made, history = monte_carlo(technology, 1000 + seed)
+        e, P = errors(made, history)[-1], history.covariance[-1]
+        blocks = [e[b] @ np.linalg.solve(P[b, b], e[b]) / 3 for b in (POS, VEL, THETA, GYRO, ACCEL)]
+        found.append([nees(made, history)[-1], *blocks])
+    mean = np.mean(found, axis=0)
+    print(technology, np.round(mean, 3))
+    for value, dof in zip(mean, [15, 3, 3, 3, 3, 3]):
+        low, high = chi2.ppf([5e-4, 1 - 5e-4], dof * len(found)) / (dof * len(found))
+        assert low < value < high
+
+
+def test_same_bits_however_the_log_is_cut():
+    twin = twin_of("mems")
+    made = flown(ideal(), twin, 3)
+    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
+                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    whole = navigated(made, start, aided_noise(twin), fixes_from(made, twin), stands=[(0.0, 50.0)])
+    navigator = AidedNavigator(start, aided_noise(twin), fixes_from(made, twin), lever_arm_m=LEVER_M, stands=[(0.0, 50.0)])
+    imu, edges = made.run.imu, [-1.0, 7.3, 7.55, 99.1, 100.0, 333.3, 1e9]
+    for a, b in pairwise(edges):
+        navigator.feed(imu.between(a, b))
+    cut = navigator.finish()
+    for name in ("time_s", "lat_rad", "v_n_m_s", "C_nb", "variance", "gyro_bias_rad_s", "nis"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(cut, name), err_msg=name)
+    assert whole.stand_dof == cut.stand_dof == 3 * 49 and whole.stand_nis == cut.stand_nis
+
+
+def test_outage_coasts_with_growing_sigma_and_ends_within_it():
+    """Two minutes without fixes: sigma of position grows by far, and the first fix afterwards is within four of them."""
+    twin = twin_of("mems", flicker=False)
+    made = flown(ideal(), twin, 4)
+    gone = (made.run.gnss.time_s > 300.0) & (made.run.gnss.time_s <= 420.0)
+    fixes = fixes_from(made, twin)
+    hole = np.where(gone[:, None], np.nan, 0.0)
+    fixes = replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
+    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
+                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    history = navigated(made, start, aided_noise(twin), fixes)
+    sigma = np.sqrt(history.variance[:, :2].sum(axis=1))
+    inside = (history.time_s > 300.5) & (history.time_s < 420.5)
+    assert np.all(np.diff(sigma[inside]) > 0) and sigma[inside][-1] > 20 * sigma[inside][0]
+    assert (history.used[gone] == 0).all()
+    back = int(np.flatnonzero(~gone & (fixes.time_s > 420.0))[0])
+    assert history.used[back, 0] == 2 and np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
+
+
+def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
+    twin = twin_of("mems", flicker=False)
+    made = flown(ideal(), twin, 5)
+    fixes, t = fixes_from(made, twin), made.run.gnss.time_s
+    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
+                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    single, lasting = np.isin(np.round(t), [200, 260, 261]), t > 350.0
+    for wrong, reset in ((single, False), (lasting, True)):
+        moved = replace(fixes, r_e_m=fixes.r_e_m + np.where(wrong[:, None], 300.0, 0.0))
+        history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
+        assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (history.used[~wrong & (t > START_S + 1), 0] == 2).all()
+        resets = np.flatnonzero(history.used[:, 0] == 3)
+        assert (resets.size == 1 and 360.0 <= t[resets[0]] <= 363.0) if reset else resets.size == 0
+
+
+def test_roll_pitch_heading_sigmas_are_those_of_their_errors():
+    """Monte Carlo of small NED attitude errors at a steep attitude."""
+    rng = np.random.default_rng(2)
+    root = 1e-4 * rng.standard_normal((3, 3))
+    C = dcm_from_euler(0.4, -0.7, 2.0)
+    phi = rng.standard_normal((20000, 3)) @ root.T
+    angles = np.stack(euler_from_dcm(dcm_from_rotation_vector(phi) @ C), axis=1) - np.stack(euler_from_dcm(C))
+    sigma = level_sigmas((root @ root.T)[None], C[None])[0]
+    np.testing.assert_allclose(angles.std(axis=0), sigma, rtol=0.03)
+
+
+def test_bad_input_is_named():
+    twin = twin_of("rlg")
+    made = flown(ideal(), twin, 1)
+    good = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3), covariance=np.eye(15))
+    with pytest.raises(InputError, match="positive semidefinite"):
+        AidedNavigator(replace(good, covariance=-np.eye(15)), SILENT, fixes_from(made, twin))
+    navigator = AidedNavigator(good, SILENT, fixes_from(made, twin))
+    with pytest.raises(InputError, match="needed a second of rows"):
+        navigator.finish()
+    bad = np.array(made.run.imu.dv_m_s)
+    bad[40, 1] = np.nan
+    with pytest.raises(InputError, match="row 40"):
+        navigator.feed(replace(made.run.imu, dv_m_s=bad))
