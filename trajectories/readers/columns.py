@@ -47,7 +47,8 @@ def converted(
     time_s = _times(columns, keys, len(w))
     nominal = _nominal(time_s, label)
     stretch = Stretch(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
-    clean = clean_rows(time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label)
+    with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
+        clean = clean_rows(time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label)
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
     w, f = w[kept], f[kept]
     nominal = _nominal(time_s, label)

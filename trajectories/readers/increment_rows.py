@@ -21,6 +21,7 @@ MIN_ROWS = 20
 MIN_WHOLE = 0.9  # of the first rows: the others are damaged
 INTERVAL_S = (4e-4, 0.11)  # 10 Hz to 2 kHz with room
 GRAVITY_M_S2 = (7.0, 13.0)  # of the median: what a vehicle feels most of the time
+PLAUSIBLE = 1e12  # of any number in such a row
 COMMENTS = ("%", "#", "//")
 
 
@@ -59,7 +60,7 @@ def head_doubles(path: Path, columns: int) -> NDArray | None:
         return None
     rows = numbers[: numbers.size // columns * columns].reshape(-1, columns)
     with np.errstate(invalid="ignore"):
-        sane = np.isfinite(rows).all() and np.abs(rows).max() < 1e12
+        sane = np.isfinite(rows).all() and np.abs(rows).max() < PLAUSIBLE
     return rows if sane else None
 
 
@@ -67,8 +68,9 @@ def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
     """Whether rows (n, 7) hold rising times in a column and velocity increments in the three from another on."""
     if rows is None or rows.shape[1] != 7 or len(rows) < MIN_ROWS:
         return False
+    rows = rows[np.abs(rows).max(axis=1) < PLAUSIBLE]  # NaN falls out too
     steps = np.diff(rows[:, time])
-    if not np.isfinite(rows).all() or np.mean(steps > 0) < 0.95:
+    if len(rows) < MIN_ROWS or np.mean(steps > 0) < 0.95:
         return False
     interval = float(np.median(steps))
     force = float(np.median(np.linalg.norm(rows[:, accel : accel + 3], axis=1))) / interval

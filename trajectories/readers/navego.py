@@ -61,7 +61,8 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     log = _with_reference(log, values)
     other = path if keys.gnss is None else side_file(path, keys.gnss.file, "gnss.file (--gnss)")
     if keys.gnss is not None:
-        values, log = leaves(other)[0], replace(log, other_files=(other,))
+        values, more = leaves(other)
+        log = replace(log, other_files=(other,), notes=(*log.notes, *more))
     return _with_receiver(log, values, other, wanted=keys.gnss is not None)
 
 

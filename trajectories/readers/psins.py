@@ -67,7 +67,9 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     log = replace(log, header={**header, **keys.run})
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
-        log = with_fixes(replace(log, other_files=(other,)), _fixes(_gps(other), other.name), label=other.name)
+        gps, notes = _gps(other)
+        log = replace(log, other_files=(other,), notes=(*log.notes, *notes))
+        log = with_fixes(log, _fixes(gps, other.name), label=other.name)
     elif any(name in values for name in GPS_NAMES):
         log = with_fixes(log, _fixes(_matrix(values, GPS_NAMES, GPS_WIDTHS, path), path.name), label=path.name)
     return _with_avp(log, _matrix(values, AVP_NAMES, AVP_WIDTHS, path)) if any(k in values for k in AVP_NAMES) else log
@@ -124,12 +126,13 @@ def _rows(path: Path, widths: tuple[int, ...], what: str) -> tuple[dict[str, NDA
     return read_columns(path, text[1].model_copy(update={"columns": names}), names)
 
 
-def _gps(path: Path) -> NDArray:
-    """Rows of `gps` in a text or MATLAB file."""
+def _gps(path: Path) -> tuple[NDArray, list[str]]:
+    """Rows of `gps` in a text or MATLAB file, and notes."""
     if is_matlab(path):
-        return _matrix(leaves(path)[0], GPS_NAMES, GPS_WIDTHS, path)
-    columns, _ = _rows(path, GPS_WIDTHS, "[velocity east, north, up,] latitude, longitude [rad], height, t")
-    return np.column_stack(list(columns.values()))
+        values, notes = leaves(path)
+        return _matrix(values, GPS_NAMES, GPS_WIDTHS, path), notes
+    columns, notes = _rows(path, GPS_WIDTHS, "[velocity east, north, up,] latitude, longitude [rad], height, t")
+    return np.column_stack(list(columns.values())), notes
 
 
 def _matrix(values: Leaves, names: tuple[str, ...], widths: tuple[int, ...], path: Path) -> NDArray:

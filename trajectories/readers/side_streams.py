@@ -49,9 +49,8 @@ def with_side_streams(log: ConvertedLog, columns: Columns, keys: ColumnMap, path
     if keys.odometer is not None:
         log = _with_odometer(log, keys.odometer, columns, keys, path)
     if keys.gnss is not None:
-        label, found, other = _columns_of(keys.gnss, "gnss", columns, path)
+        log, label, found = _columns_of(log, keys.gnss, "gnss", columns, path)
         raw, clock = _fixes(found, keys.gnss, keys), keys.gnss.time or keys.time
-        log = replace(log, other_files=(*log.other_files, *other))
         log = with_fixes(log, replace(raw, unix_s=_unix(raw.log_s, clock)), label=label)
     return log
 
@@ -82,18 +81,19 @@ def reference_on_run_time(log: ConvertedLog, columns: dict[str, NDArray]) -> Ref
     return ReferenceLog(**{**{k: v[rows] for k, v in columns.items()}, "time_s": time_s[rows]}) if rows.any() else None
 
 
-def _columns_of(part: Any, key: str, columns: Columns, path: Path) -> tuple[str, Columns, tuple[Path, ...]]:
-    """Label, columns and the other file (none: the log's own columns, the rows with anything of this stream)."""
+def _columns_of(log: ConvertedLog, part: Any, key: str, columns: Columns, path: Path) -> tuple[ConvertedLog, str, Columns]:
+    """The columns of a stream and their label, and the log with the other file that they come from and what was dropped there.
+
+    Of the log's own columns, the rows with anything of this stream.
+    """
     names = side_columns(part)
     if part.file is not None:
         other = side_file(path, part.file, f"map: {key}.file")
         found, notes = read_columns(other, part.layout or LayoutKeys(), names)
-        if notes:
-            raise InputError(notes[0])
-        return other.name, found, (other,)
+        return replace(log, other_files=(*log.other_files, other), notes=(*log.notes, *notes)), other.name, found
     values = [name for name in names if part.time is None or name != part.time.column]
     rows = np.any([np.isfinite(columns[name]) for name in values], axis=0)
-    return path.name, {name: columns[name][rows] for name in columns}, ()
+    return log, path.name, {name: columns[name][rows] for name in columns}
 
 
 def _clock(columns: Columns, part: FileKeys, keys: ColumnMap) -> NDArray:
@@ -145,19 +145,19 @@ def _unix(log_s: NDArray, time: TimeKeys | None) -> NDArray:
 
 
 def _with_temperature(log: ConvertedLog, part: TemperatureKeys, keys: ColumnMap, path: Path) -> ConvertedLog:
-    label, columns, other = _columns_of(part, "temperature", {}, path)
+    log, label, columns = _columns_of(log, part, "temperature", {}, path)
     time_s = _clock(columns, part, keys) - log.time_shift_s
     rows = np.flatnonzero((time_s >= 0) & (time_s <= log.imu.end_s))
     rows = rows[np.argsort(time_s[rows], kind="stable")]
     found = second_means(time_s[rows], body_temperatures(columns, part, keys.axes)[rows])
     if found is None:
         raise InputError(f"{label}: no temperature between the first and the last imu row: another clock?")
-    return replace(log, temperature=found, other_files=(*log.other_files, *other))
+    return replace(log, temperature=found)
 
 
 def _with_odometer(log: ConvertedLog, part: OdometerKeys, columns: Columns, keys: ColumnMap, path: Path) -> ConvertedLog:
     """Speeds beside the imu, in order of time; rows out of order are dropped and noted."""
-    label, found, other = _columns_of(part, "odometer", columns, path)
+    log, label, found = _columns_of(log, part, "odometer", columns, path)
     time_s = _clock(found, part, keys) - log.time_shift_s
     speed = found[part.column] * (part.scale * SPEEDS[part.unit])
     beside = np.flatnonzero(np.isfinite(speed) & (time_s >= 0) & (time_s <= log.imu.end_s))
@@ -168,4 +168,4 @@ def _with_odometer(log: ConvertedLog, part: OdometerKeys, columns: Columns, keys
     late = beside.size - rows.size
     notes = [f"{label}: {late} odometer rows dropped: time repeats or goes back"] if late else []
     odometer = OdometerLog(time_s=time_s[rows], speed_m_s=speed[rows])
-    return replace(log, odometer=odometer, notes=(*log.notes, *notes), other_files=(*log.other_files, *other))
+    return replace(log, odometer=odometer, notes=(*log.notes, *notes))

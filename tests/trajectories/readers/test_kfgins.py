@@ -160,3 +160,17 @@ def test_a_damaged_row_is_named(tmp_path):
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
     check_parked(made.run, OUT)
     assert "imu.txt: no row of 7 numbers in line 3001 (2 values, needed 7): taken as missing" in made.record["notes"]
+
+
+def test_a_few_garbled_lines_are_dropped_and_named(tmp_path):
+    """In the first lines, by which the format is known, and in the file of fixes too."""
+    for write, name, at in ((write_imu, "imu.txt", (3, 70, 4000)), (write_gnss, "gnss.txt", (7, 20))):
+        lines = write(tmp_path / name).read_text().splitlines()
+        for k in at:
+            lines[k] = lines[k][:20] + "x" + lines[k][21:]
+        (tmp_path / name).write_text("\n".join(lines) + "\n")
+    made = convert_log(tmp_path / "imu.txt", {"gnss": {"file": "gnss.txt"}}, GIVEN)
+    assert made.run.imu.rows == OUT.rows - 3 and made.run.gnss.time_s.size == 58
+    notes = " ".join(made.record["notes"])
+    assert "imu.txt: no row of 7 numbers in line 4, 71, 4001" in notes
+    assert "gnss.txt: no row of 7 numbers in line 8, 21" in notes
