@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+OF_INDEX = ("index", "quickstart", "concepts", "theory")  # named in index.md itself
 GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve")
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),
@@ -11,7 +12,7 @@ TEXTS = {
 
 def page_lists(docs: Path) -> dict[str, str]:
     """Markdown by page name; a list of no pages is left out."""
-    there = sorted(p.stem for p in docs.glob("*.md") if p.stem != "index")
+    there = sorted(p.stem for p in docs.glob("*.md") if p.stem not in OF_INDEX)
     lists = {"guides": [g for g in GUIDES if g in there], "studies": [p for p in there if p not in GUIDES]}
     return {name: _list(*TEXTS[name], pages) for name, pages in lists.items() if pages}
 

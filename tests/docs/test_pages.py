@@ -114,13 +114,23 @@ def test_api_pages_hold_public_functions_only(extension):
 
 @by_page
 def test_formulas_are_drawn(page, extension):
-    from docutils.utils.math.latex2mathml import tex2mathml
+    from mathml import mathml
 
     text = page.read_text("utf-8")
     if not page.is_relative_to(DOCS) or "$" not in prose(page):
         return
     for block, inline in FORMULA.findall(re.sub(r"`[^`\n]*`", "", FENCE.sub("", text))):
-        assert tex2mathml(" ".join((block or inline).split()), as_block=bool(block)).startswith("<math")
+        assert mathml(block or inline, block=bool(block)).startswith("<math")
+
+
+def test_accents_and_bold_letters_stay_with_their_letter(extension):
+    from mathml import FormulaError, mathml
+
+    assert "<mover><mrow><mi>\U0001d73d</mi></mrow><mo>" in mathml(r"\dot{\boldsymbol\theta} = a", block=True)
+    assert "<msub><mover><mi>v</mi><mo>&#x000A8;</mo></mover><mi>E</mi></msub>" in mathml(r"\ddot v_E", block=False)
+    assert "\U0001d42f" in mathml(r"\mathbf v", block=False)
+    with pytest.raises(FormulaError, match="nosuch"):
+        mathml(r"\nosuch x", block=False)
 
 
 def test_the_site_is_read_without_a_warning(tmp_path):
