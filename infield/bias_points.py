@@ -97,11 +97,15 @@ def observability(
     for axis, b, a in zip(AXES, before, after):
         ratio = a / b
         verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
-        advice = _advice(axis, verdict, hold_heading)
+        advice = _advice(axis, verdict, hold_heading) if estimate.parked is None else _parked_advice(verdict)
         if axis in unusable:
             verdict, advice = "not_observable", f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature"
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
+
+
+def _parked_advice(verdict: str) -> str:
+    return "" if verdict == "observed" else "park longer, from a cold start: noise still hides the bias, or the table knows it"
 
 
 def _advice(axis: str, verdict: str, hold_heading: bool) -> str:

@@ -54,23 +54,29 @@ class CubicFit:
 
 
 def valid_range(table: ThermalTable) -> tuple[float, float]:
-    """Where every axis is known within KNOWN times its best sigma, about the temperature that is known best [degC].
+    """Where every axis is known, its level and its slope within KNOWN times their best sigma [degC]; about the best place.
 
-    A table's outer nodes may be mere belief; an autopilot holds the end value beyond its range, as a table does.
+    A table's outer nodes may be mere belief; an autopilot holds the end value beyond its range, as a table does. The level
+    alone would not tell: all of it may be as uncertain as one turn-on, while its shape was measured over a warm-up only.
     """
     low = max(float(nodes[0]) for nodes in table.temperature_degC)
     high = min(float(nodes[-1]) for nodes in table.temperature_degC)
     if high <= low:
         raise InputError(f"table: the nodes of x, y and z share no temperature ({low:g} to {high:g} degC)")
     T = np.linspace(low, high, 4 * GRID)
-    sigma = np.stack([table.sigma_deg_h(axis, T) for axis in AXES])
-    worse = (sigma / np.maximum(sigma.min(axis=1, keepdims=True), LEAST_DEG_H)).max(axis=0)
-    best, good = int(np.argmin(worse)), worse <= KNOWN
+    middle = 0.5 * (T[1:] + T[:-1])
+    worse = np.max([[_ratio(table, axis, table.basis(axis, middle)), _ratio(table, axis, np.diff(table.basis(axis, T), axis=0))]
+                    for axis in AXES], axis=(0, 1))  # fmt: skip
+    best, good = int(np.argmin(worse)), np.append(worse <= KNOWN, False)
     if not good[best]:
         raise InputError("table: no temperature at which all gyros are known well, needed a range (--range LOW HIGH)")
-    first = best - int(np.argmin(np.append(good[best::-1], False))) + 1
-    last = best + int(np.argmin(np.append(good[best:], False))) - 1
-    return float(T[first]), float(T[last])
+    return float(T[best - int(np.argmin(np.append(good[best::-1], False))) + 1]), float(T[best + int(np.argmin(good[best:]))])
+
+
+def _ratio(table: ThermalTable, axis: str, rows: NDArray) -> NDArray:
+    """Sigma of what some rows give over nearly the smallest of them (a slope across one node is the mean of two)."""
+    sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", rows, table.covariance, rows), 0.0))
+    return np.asarray(sigma / np.maximum(np.quantile(sigma, 0.02), LEAST_DEG_H))
 
 
 def fit_cubics(

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
-from infield.acceptance import DECISION_RULE
+from infield import parked_document
+from infield.acceptance import DECISION_RULE, PARKED_RULE
 from infield.bias_points import AxisObservability
 from infield.merge import AXIS_Z_LIMIT, random_walk_covariance
 from infield.pipeline import SessionResult, UpdateResult
@@ -41,6 +42,8 @@ def update_document(
     verdict = {"accepted": "committed" if committed else "proposed"}.get(result.outcome, result.outcome)
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
+    without_heading = parked_document.parked_sessions(result)
+    parked = len(without_heading) == len(estimated) and result.before.gyro_technology == "mems"
     after = table_to_dict(result.after) if result.merged_runs else table_before
     return {
         "schema": "recal.update/1",
@@ -59,15 +62,16 @@ def update_document(
         "uncertainty_budget": _budget(best, result) if best else [],
         "table_before_sha256": table_sha256(table_before),
         "table_after_sha256": table_sha256(after),
-        "method": {"name": METHOD, "program": "recal", "version": version},
+        "method": {"name": parked_document.METHOD if parked else METHOD, "program": "recal", "version": version},
         "issued_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "store": store,
         "revision": revision,
         "rollback_command": rollback_command,
-        "decision_rule": DECISION_RULE,
+        "decision_rule": PARKED_RULE if parked else DECISION_RULE,
         "noise_model": {"source": result.twin.source, **twin_to_dict(result.twin)},
-        "assumptions": _assumptions(result),
-        "predicted_effect": _predicted_effect(result),
+        "assumptions": parked_document.assumptions(result) if parked else _assumptions(result),
+        "predicted_effect": None if parked else _predicted_effect(result),
+        **({"zero_rate_effect": parked_document.effect(result)} if parked else {}),
         "changes": _changes(result.before, result.after),
         "hysteresis": [
             {"axis": t.axis, "kind": t.kind, "value": t.value, "sigma": t.sigma, "z": t.z, "action": t.action,
@@ -133,7 +137,8 @@ def _excluded(session: SessionResult) -> list[dict[str, Any]]:
     if session.temperature is not None:
         spans += list(session.temperature.spans())
     if session.estimate is not None:
-        spans += list(excluded_spans(session.estimate.solution))
+        parked = session.estimate.parked is not None
+        spans += list(session.estimate.motion.excluded() if parked else excluded_spans(session.estimate.navigated))
     run_id = session.run.header.run_id
     return [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id} for s in spans]
 
@@ -159,6 +164,8 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
     """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and its head)."""
     e, twin = session.estimate, result.twin
     assert e is not None
+    if e.parked is not None:
+        return parked_document.budget(session, result)
     seconds = float(e.bins.edges_s[-1] - e.bins.edges_s[0])
     lat, heading = session.run.header.site.lat_rad, e.alignment.heading_rad
     east = {"x": abs(np.sin(heading)), "y": abs(np.cos(heading)), "z": 0.0}

@@ -36,6 +36,7 @@ def likelihood_of(
     estimate, temperature = session.estimate, session.temperature
     assert estimate is not None and temperature is not None
     edges = estimate.bins.edges_s
+    settings = replace(settings, bin_s=float(estimate.bins.duration_s.mean()))  # a parked session has bins of its own
     bins = make_bins(table, temperature, twin, settings, start_s=float(edges[0]), end_s=float(edges[-1]))
     information, vector = measurement_information(estimate.bins, estimate)
     along = heating_sense(temperature.temperature_degC)
@@ -116,7 +117,7 @@ def _merged_again(
         data = likelihood_of(session, current, twin, settings)
         m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
         merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
-        again.append(replace(session, merged=merged, verdict=judge_merge(merged)))
+        again.append(replace(session, merged=merged, verdict=judge_merge(merged, session.estimate)))
         current = merged.table
         joint.append(_with_widened(likelihood_of(session, table, twin, settings), terms))
     fitted = [term.action == "rate term fitted" for term in terms]

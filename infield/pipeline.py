@@ -17,6 +17,7 @@ from infield.disagreement import SessionEvidence, Step, find_steps, session_evid
 from infield.hysteresis import ThermalTerm
 from infield.joint_update import with_thermal_terms
 from infield.merge import MergeResult, SessionPoints, merge_posterior
+from infield.parked_rates import estimate_parked, find_parked, no_heading
 from infield.session import (
     SessionEstimate,
     SessionSettings,
@@ -187,23 +188,15 @@ def _one_session(
     temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
     if len(temperature.unusable) == 3:
         return SessionResult(run, acceptance.refuse(*no_thermometer(temperature)), temperature)
-    end_s, rest = session_end(run), find_rest(run)
-    if rest is None:
-        return SessionResult(run, acceptance.refuse(NEVER_RESTS), temperature)
-    known = temperature.covered(rest[0], end_s).max()
-    if known < LEAST_COVERED:
-        reason = f"gyro temperature is known for {100 * known:.0f} % of the session, needed {100 * LEAST_COVERED:.0f} %"
-        return SessionResult(run, acceptance.refuse(reason, *map(words, temperature.faults)), temperature)
     low, high = temperature.temperature_degC.min(axis=0).min(), temperature.temperature_degC.max(axis=0).max()
-    table = table.extended_to(float(low), float(high))
-    try:
-        estimate = estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
-    except ArithmeticError as lost:
-        return SessionResult(run, acceptance.refuse(f"the filter cannot follow this log: {lost}"), temperature)
+    table, end_s = table.extended_to(float(low), float(high)), session_end(run)
+    estimate = _estimated(run, table, temperature, twin, settings, end_s)
+    if isinstance(estimate, Verdict):
+        return SessionResult(run, estimate, temperature)
     seen = observability(estimate, hold_heading=settings.hold_heading, unusable=temperature.why_unusable())
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
-    against = speed_disagreement(run, estimate.solution.motion)
+    against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     if not verdict.accepted:
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
@@ -212,7 +205,28 @@ def _one_session(
         table, bins.H, bins.table_deg_h, bins.prior, bins.table_deg_h + estimate.mean_deg_h, estimate.covariance,
         held_axes=[axis.axis for axis in seen if axis.verdict == "not_observable"],
     )  # fmt: skip
-    return SessionResult(run, acceptance.judge_merge(merged), temperature, estimate, seen, points, merged, chain)
+    return SessionResult(run, acceptance.judge_merge(merged, estimate), temperature, estimate, seen, points, merged, chain)
+
+
+def _estimated(
+    run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings, end_s: float
+) -> SessionEstimate | Verdict:
+    """The session's biases: through navigation, or for gyros that find no heading from the parked rates themselves."""
+    parked = no_heading(run, table, temperature, twin)
+    rest, why = find_parked(run) if parked else (find_rest(run), NEVER_RESTS)
+    if rest is None:
+        return acceptance.refuse(why)
+    known = temperature.covered(rest[0], rest[1] if parked else end_s).max()
+    if known < LEAST_COVERED:
+        reason = f"gyro temperature is known for {100 * known:.0f} % of the session, needed {100 * LEAST_COVERED:.0f} %"
+        return acceptance.refuse(reason, *map(words, temperature.faults))
+    if parked:
+        found = estimate_parked(run, table, temperature, twin, settings, stretch=rest)
+        return acceptance.refuse(found) if isinstance(found, str) else found
+    try:
+        return estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
+    except ArithmeticError as lost:
+        return acceptance.refuse(f"the filter cannot follow this log: {lost}")
 
 
 def _claim_chain(

@@ -9,6 +9,7 @@ axes and time, so that nothing shared is counted twice.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from alignment import coarse, gyrocompass
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
-from alignment.stillness import ALIGNMENT_S
+from alignment.stillness import ALIGNMENT_S, Motion
 from infield.merge import session_covariance
 from infield.table import ThermalTable
 from infield.taxi_heading import CentreLineAid, GnssAid, LateralAid, OdometerAid, SurveyedHeadingAid
@@ -27,6 +28,9 @@ from ins.compensation import compensate, corrected
 from ins.mechanization import VerticalChannel
 from ins.records import ImuLog, ImuSource, InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
+
+if TYPE_CHECKING:
+    from infield.parked_rates import ParkedEvidence
 
 BIN_S = 300.0
 BIN_FLOOR_DEG_H = 1e-4  # spread of a bin's mean about every model of it; keeps the joint covariance invertible
@@ -85,18 +89,31 @@ class SessionEstimate:
     """Posterior of the session's bias beyond the table (mean (3N,), covariance (3N, 3N), deg/h) and its evidence.
 
     heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment alone) and after.
+    solution is None, and parked is not, for gyros that find no heading (`infield.parked_rates`); the heading is NaN then.
     """
 
     bins: SessionBins
     mean_deg_h: NDArray
     covariance: NDArray
     alignment: Alignment
-    solution: Solution
+    solution: Solution | None
     heading_error_rad: float
     sigma_heading_rad: float
     sigma_heading_before_rad: float
     nis_mean: float
     dof: int
+    parked: "ParkedEvidence | None" = None
+
+    @property
+    def motion(self) -> Motion:
+        """When the vehicle stood, by the solution or by the parked seconds."""
+        return self.navigated.motion if self.parked is None else self.parked.seconds.motion
+
+    @property
+    def navigated(self) -> Solution:
+        """The navigation solution, where there is one."""
+        assert self.solution is not None
+        return self.solution
 
 
 def compensated_imu(

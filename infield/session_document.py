@@ -52,38 +52,78 @@ def session_document(session: SessionResult) -> dict[str, Any]:
 def _estimate(session: SessionResult) -> dict[str, Any]:
     e = session.estimate
     assert e is not None
-    aligned, tally = e.alignment, e.solution.filter.tally
     return {
-        "alignment": {
-            "verdict": aligned.verdict,
-            "time_s": aligned.time_s,
-            "roll_deg": aligned.roll_rad / DEG,
-            "pitch_deg": aligned.pitch_rad / DEG,
-            "heading_deg": aligned.heading_rad / DEG,
-            "sigma_heading_deg": aligned.sigma_heading_rad / DEG,
-            "latitude_found_deg": aligned.latitude_rad / DEG,
-            "sigma_latitude_deg": aligned.sigma_latitude_rad / DEG,
-        },
+        "alignment": _alignment(e),
         "heading_error": heading_error(session),
         "observability": {a.axis: vars(a) for a in session.seen},
+        "phases": [vars(p) for p in session.run.phases or detect_phases(e.motion)],
+        "points_covariance_deg_h2": session.points.covariance.tolist() if session.points else None,
+        "coverage": _coverage(session),
+        "residuals": _residuals(session),
+        "heating_cooling": _heating_cooling(session),
+        **(_navigated(session, e) if e.parked is None else _parked(e)),
+    }
+
+
+def _alignment(e: SessionEstimate) -> dict[str, Any]:
+    aligned = e.alignment
+    return {
+        "verdict": aligned.verdict,
+        "time_s": aligned.time_s,
+        "roll_deg": aligned.roll_rad / DEG,
+        "pitch_deg": aligned.pitch_rad / DEG,
+        "sigma_roll_deg": aligned.sigma_roll_rad / DEG,
+        "heading_deg": aligned.heading_rad / DEG,
+        "sigma_heading_deg": aligned.sigma_heading_rad / DEG,
+        "latitude_found_deg": aligned.latitude_rad / DEG,
+        "sigma_latitude_deg": aligned.sigma_latitude_rad / DEG,
+        "reasons": list(aligned.reasons),
+    }
+
+
+def _navigated(session: SessionResult, e: SessionEstimate) -> dict[str, Any]:
+    """Of a session with a navigation solution."""
+    tally = e.navigated.filter.tally
+    return {
         "measurements": {
             kind: {"nis_mean": tally.nis[kind] / tally.dof[kind], "dof": tally.dof[kind]} for kind in sorted(tally.nis)
         },
-        "phases": [vars(p) for p in session.run.phases or detect_phases(e.solution.motion)],
-        "parked_jitter_m": e.solution.displacement_sigma_m,
-        "points_covariance_deg_h2": session.points.covariance.tolist() if session.points else None,
-        "coverage": _coverage(session),
+        "parked_jitter_m": e.navigated.displacement_sigma_m,
         "smoothing": _smoothing(e),
-        "residuals": _residuals(session),
-        "heating_cooling": _heating_cooling(session),
         "velocity": _velocity(session),
         "claim_chain": _chain(session.chain, session),
     }
 
 
+def _parked(e: SessionEstimate) -> dict[str, Any]:
+    """Of a session without one: what its parked seconds gave."""
+    p = e.parked
+    assert p is not None
+    nis = {"zero rate over time": {"nis_mean": e.nis_mean, "dof": e.dof}} if e.dof else {}
+    return {
+        "measurements": nis,
+        "parked_jitter_m": None,
+        "smoothing": {},
+        "velocity": None,
+        "claim_chain": None,
+        "zero_rate": {
+            "seconds": float(p.used_s.sum()),
+            "start_s": float(p.seconds.start_s[0]),
+            "end_s": float(p.seconds.end_s[-1]),
+            "ended_because": p.seconds.moved,
+            "angle_random_walk_deg_sqrt_h": p.walk_deg_sqrt_h.tolist(),
+            "noise_over_model": p.noise_scale,
+            "earth_rate_sigma_deg_h": np.sqrt(np.diag(p.earth_covariance)).tolist(),
+            "heading_known": p.heading_deg_h == 0.0,
+            "bin_s": float(e.bins.duration_s.mean()),
+            "bins": len(e.bins.duration_s),
+        },
+    }
+
+
 def _smoothing(e: SessionEstimate) -> dict[str, dict[str, float]]:
     """RMS over the bins of each gyro's sigma when the bin's time was over, and given the whole run."""
-    filtered = e.solution.filter.filtered[:, 1, :] / DEG_PER_HOUR**2
+    filtered = e.navigated.filter.filtered[:, 1, :] / DEG_PER_HOUR**2
     smoothed = np.diag(e.covariance).reshape(-1, 3)
     return {
         axis: {"filtered_sigma_deg_h": float(np.sqrt(np.nanmean(filtered[:, k]))),
@@ -150,7 +190,7 @@ def _heating_cooling(session: SessionResult) -> list[dict[str, Any]]:
 def _velocity(session: SessionResult) -> dict[str, Any]:
     """Computed velocity of the last pass, decimated, for the plot."""
     assert session.estimate is not None
-    history = session.estimate.solution.history
+    history = session.estimate.navigated.history
     every = max(len(history.time_s) // 800, 1)
     return {
         "time_s": history.time_s[::every].tolist(),
@@ -207,7 +247,7 @@ def heading_error(session: SessionResult | None) -> dict[str, Any]:
     sigma = e.sigma_heading_rad / MILLIRADIAN
     if not np.isfinite(sigma):
         return nothing
-    source = heading_source(e.solution.filter.tally.heading_gain)
+    source = heading_source(e.navigated.filter.tally.heading_gain)
     if source is None or e.sigma_heading_rad > UNSEEN_SIGMA * e.sigma_heading_before_rad:
         return {"value_mrad": None, "sigma_mrad": sigma, "source": None}
     return {"value_mrad": e.heading_error_rad / MILLIRADIAN, "sigma_mrad": sigma, "source": source}

@@ -6,11 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from alignment import coarse, gyrocompass
+from infield.parked_rates import unknown_sigma_deg_h
 from infield.session import find_rest
 from infield.store import TableStore, UnknownUnit, store_exists
 from infield.table import ThermalTable, default_table
 from infield.table_file import table_to_dict
 from infield.thermal_use import prepared, read_thermal_model, seeded_table, use_document, with_model_sigma
+from infield.thermometer import gyro_temperature, too_short
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin, read_twin
 
@@ -52,6 +54,9 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
     sigma = gyrocompass.UNKNOWN_BIAS_DEG_H[header.gyro_technology]
     if rest is not None:
         sigma = gyrocompass.unknown_bias_sigma_deg_h(twin, coarse.rest_means(run.imu.between(*rest)))
+    if header.gyro_technology == "mems":  # its warm-up shows too, and it may rest where a gyrocompass sees none
+        temperature = None if too_short(run.temperature) or run.temperature is None else gyro_temperature(run.temperature)
+        sigma = unknown_sigma_deg_h(run, twin, temperature, sigma)
     return default_table(
         imu_serial=header.imu_serial, gyro_technology=header.gyro_technology, gyro_mode=header.gyro_mode,
         created_utc=header.start_utc, sigma_deg_h=sigma,

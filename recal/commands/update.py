@@ -226,6 +226,10 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
             f"  heading error of the alignment {heading['value_mrad']:+.2f} +- {heading['sigma_mrad']:.2f} mrad, "
             f"from {heading['source']}"
         )
+    if document.get("zero_rate_effect"):
+        from infield.parked_document import effect_words
+
+        lines.append(f"  {effect_words(document['zero_rate_effect'])}")
     effect = document["predicted_effect"]
     if effect:
         change, drift = effect["level_change_deg_h"], effect["drift_removed_nm_h"]
