@@ -36,6 +36,10 @@ from ins.records import ImuLog, InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 
 NEVER_RESTS = "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
+LEVEL_REMOVED = (
+    "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro offsets): their level is not "
+    'the unit\'s; convert the log again with gyro_offsets = "add_back" in the map'
+)
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
 
 
@@ -214,8 +218,9 @@ def _estimated(
     """The session's biases: through navigation, or for gyros that find no heading from the parked rates themselves."""
     parked = no_heading(run, table, temperature, twin)
     rest, why = find_parked(run) if parked else (find_rest(run), NEVER_RESTS)
-    if rest is None:
-        return acceptance.refuse(why)
+    level = (LEVEL_REMOVED,) if run.header.level_removed else ()
+    if rest is None or level:
+        return acceptance.refuse(*level, *((why,) if rest is None else ()))
     known = temperature.covered(rest[0], rest[1] if parked else end_s).max()
     if known < LEAST_COVERED:
         reason = f"gyro temperature is known for {100 * known:.0f} % of the session, needed {100 * LEAST_COVERED:.0f} %"

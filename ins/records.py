@@ -262,7 +262,10 @@ class RemovedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class RunHeader:
-    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds its thermal bias."""
+    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds its thermal bias.
+
+    level_removed: a constant of this session, such as an autopilot's start-up offsets, was subtracted from the rates.
+    """
 
     run_id: str
     tail: str
@@ -276,6 +279,7 @@ class RunHeader:
     gyro_mode: str = ""
     survey: Survey = field(default_factory=Survey)
     removed_model: RemovedModel | None = None
+    level_removed: bool = False
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:

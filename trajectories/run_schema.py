@@ -154,6 +154,7 @@ class _RunKeys(_Open):
     gyro_mode: _Text = ""
     survey: _SurveyKeys | None = None
     removed_thermal_model: _ModelKeys | None = None
+    gyro_level_removed: bool = False
     conversion: dict[str, Any] = Field(default_factory=dict)
 
     @field_validator("start_utc")
@@ -189,6 +190,7 @@ def header_from_json(data: dict[str, Any], *, name: str) -> tuple[RunHeader | No
         applied_table_sha256=keys.applied_table_sha256, gyro_mode=keys.gyro_mode,
         survey=Survey(**{k.replace("_deg", "_rad"): _rad(getattr(survey, k)) for k in type(survey).model_fields}),
         removed_model=None if removed is None else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields}),
+        level_removed=keys.gyro_level_removed,
     )  # fmt: skip
     return header, [], warnings
 
@@ -205,6 +207,7 @@ def header_to_json(header: RunHeader, *, conversion: dict[str, Any] | None = Non
         "applied_table_sha256": header.applied_table_sha256, "gyro_mode": header.gyro_mode,
         "survey": {k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields},
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
+        **({"gyro_level_removed": True} if header.level_removed else {}),
         **({"conversion": conversion} if conversion else {}),
     }  # fmt: skip
 

@@ -127,6 +127,7 @@ def test_a_level_beyond_the_turn_on_is_named():
 @pytest.mark.parametrize(("change", "reason"), [
     (lambda run: replace(run, imu=run.imu.between(0.0, 45.0), phases=()), "needed 60 s"),
     (lambda run: replace(run, temperature=None), "no gyro temperature"),
+    (lambda run: with_header(run, level_removed=True), 'gyro_offsets = "add_back"'),
 ])  # fmt: skip
 def test_refusals(change, reason):
     result = updated([change(first()[0].run)])

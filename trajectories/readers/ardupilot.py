@@ -55,16 +55,17 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     if clock is None or missing:
         raise InputError(f"{label}: no column {missing[0] if missing else 'TimeUS or TimeMS'}, has {' '.join(table)}"[:300])
     columns = {"time": clock, **{k: table[k] for k in (*GYRO, *ACCEL)}}
-    offsets, offset_notes = _gyro_offsets(tables, keys, label)
+    offsets, level_removed, offset_notes = _gyro_offsets(tables, keys, label)
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
     columns |= _temperature(table)
     keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
     log = converted(columns, column_map(keys_of_columns | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
+    removed: dict[str, Any] = {"gyro_level_removed": True} if level_removed else {}
     header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
     return replace(
         log, gnss=None if found is None else found.on_run_time(log), notes=(*notes, *log.notes, *offset_notes, *gps_notes),
-        header={**header, **({} if found is None else found.header(log)), **keys.run},
+        header={**header, **removed, **({} if found is None else found.header(log)), **keys.run},
     )  # fmt: skip
 
 
@@ -124,19 +125,28 @@ def _temperature(table: Mapping[str, NDArray]) -> dict[str, NDArray]:
     return {}
 
 
-def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, list[str]]:
-    """What to add to the rates [rad/s], shape (3,), and a note that says what the autopilot had subtracted."""
+def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, bool, list[str]]:
+    """What to add to the rates [rad/s], shape (3,), whether a level stays removed, a note on what was subtracted.
+
+    InputError where the autopilot compensated for temperature: what it took out would be learnt as if the unit had none.
+    """
     parameters = tables.get("PARM", {})
     values = dict(zip(parameters.get("Name", ()), _numbers(parameters).get("Value", ())))
+    if values.get(switch := f"INS_TCAL{keys.imu}_ENABLE") == 1.0 and not keys.run.get("applied_table_sha256"):
+        raise InputError(
+            f"{label}: {switch} is 1: gyros compensated for temperature in flight, needed a log with it off (or "
+            "applied_table_sha256 in the map's [run], the table of those parameters)"
+        )
     stem = f"INS_GYR{keys.imu if keys.imu > 1 else ''}OFFS_"
     offsets = np.array([values.get(stem + axis.upper(), np.nan) for axis in AXES], dtype=float)
     shown = f"{stem}X Y Z = {' '.join(f'{v:+.6f}' for v in offsets)} rad/s"
     if keys.gyro_offsets == "add_back":
         if not np.isfinite(offsets).all():
             raise InputError(f"{label}: gyro_offsets: the log has no parameters {stem}X Y Z to add back")
-        return offsets, [f"{label}: added back the autopilot's gyro offsets {shown}"]
-    known = np.isfinite(offsets).all()
-    return np.zeros(3), [f"{label}: rates are less the autopilot's gyro offsets {shown} (as logged)"] if known else []
+        return offsets, False, [f"{label}: added back the autopilot's gyro offsets {shown}"]
+    known = bool(np.isfinite(offsets).all())
+    note = f"{label}: rates are less the autopilot's gyro offsets {shown} (as logged)"
+    return np.zeros(3), known and bool(np.any(offsets)), [note] if known else []
 
 
 def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:

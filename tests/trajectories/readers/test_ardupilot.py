@@ -66,10 +66,23 @@ def test_the_second_imu_and_its_temperature(old):
 
 
 def test_gyro_offsets_added_back(old):
+    assert convert_log(old, {"imu": 2}, {}).run.header.level_removed and not convert_log(old, {}, {}).run.header.level_removed
     made = convert_log(old, {"imu": 2, "gyro_offsets": "add_back"}, {})
+    assert not made.run.header.level_removed
     check_parked(made.run, w=2 * logs.W + [0.001, 0.002, 0.003])
     with pytest.raises(InputError, match=r"flight\.bin: IMU: gyro_offsets: the log has no parameters INS_GYROFFS_X Y Z"):
         convert_log(old, {"gyro_offsets": "add_back"}, {})
+
+
+def test_a_log_compensated_in_flight_is_refused(tmp_path):
+    """What the autopilot took out would be learnt as if the unit had no bias there (PX4 PR 20660 and 21073 were such)."""
+    switch = logs.message(logs.OLD["PARM"], "INS_TCAL2_ENABLE", 1.0)
+    log = logs.write(tmp_path / "flight.bin", [*logs.old_messages(), switch])
+    with pytest.raises(InputError, match=r"flight\.bin: IMU2: INS_TCAL2_ENABLE is 1: gyros compensated for temperature"):
+        convert_log(log, {"imu": 2}, {})
+    assert convert_log(log, {"imu": 1}, {}).run.header.applied_table_sha256 is None
+    told = convert_log(log, {"imu": 2, "run": {"applied_table_sha256": "a" * 64}}, {})
+    assert told.run.header.applied_table_sha256 == "a" * 64
 
 
 def test_dataflash_of_new_firmware(tmp_path):
