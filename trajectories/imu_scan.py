@@ -199,7 +199,8 @@ class DropoutScan:
         nominal, t = self._nominal_s, self._time_s
         before, after = step[:-1], step[1:]
         k = np.flatnonzero((before > DROPOUT * nominal) & (before + after > (1 + DROPOUT) * nominal)) + 1
-        lost = np.maximum(1, np.round((step[k - 1] + step[k]) / nominal).astype(int) - 2)
+        late_s = np.where(step[k] > DROPOUT * nominal, nominal, step[k])  # the next hole is counted by itself
+        lost = np.maximum(1, np.round((step[k - 1] + late_s) / nominal).astype(int) - 2)
         f = np.linalg.norm(dv[k + 1], axis=1) / (step[k - 1] if last else step[k])
         short = np.linalg.norm(dv[k], axis=1) < 0.5 * f * (step[k - 1] + nominal)
         self._found.append((self._base + k, t[k - 1], t[k], lost, short))

@@ -147,7 +147,8 @@ def _columns(data: bytes, form: MessageFormat, offsets: list[int]) -> dict[str, 
         if letter in TEXT_FIELDS:
             columns[name] = np.array([text.decode("ascii", errors="replace") for text in rows[str(k)].tolist()])
         elif letter not in ARRAY_FIELDS:
-            columns[name] = rows[str(k)].astype(np.float64) * FIELDS[letter][1]
+            with np.errstate(invalid="ignore"):  # damaged floats
+                columns[name] = rows[str(k)].astype(np.float64) * FIELDS[letter][1]
     return columns
 
 

@@ -13,6 +13,7 @@ from trajectories.readers.unpacking import Damaged, unpacked
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
+LAST_KNOWN, FIRST_FREE = 15, 0x80  # kinds of records between are reserved, those beyond anybody's
 HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
@@ -63,6 +64,8 @@ def _record(walk: _Walk, data: memoryview, at: int, *, nested: bool) -> tuple[in
         walk.schemas[_number(body, 0)] = name
     elif kind == CHANNEL:
         _channel(walk, body)
+    elif kind == 0 or LAST_KNOWN < kind < FIRST_FREE:
+        walk.bag.note(f"{walk.label}: record of unknown kind {kind} passed over")
     return kind, start + length
 
 

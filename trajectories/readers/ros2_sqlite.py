@@ -29,7 +29,7 @@ def read_sqlite(path: Path, bag: Bag, label: str) -> None:
         connection.text_factory = lambda data: data.decode("utf-8", errors="replace")
         topics = _topics(connection, bag, label)
         _messages(connection, topics, bag, label)
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter of a message about garbled names
         raise InputError(f"{label}: not a ROS 2 bag that can be read ({' '.join(str(error).split())[:80]})") from None
     finally:
         connection.close()
@@ -68,7 +68,7 @@ def _messages(connection: sqlite3.Connection, topics: dict, bag: Bag, label: str
                 topic.damaged += 1
                 continue
             topic.take(received, _plain(data))
-    except sqlite3.DatabaseError as error:
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         why = " ".join(str(error).split())[:80]
         bag.note(f"{label}: damaged ({why}): read up to message {count}, what follows dropped")
 

@@ -24,6 +24,7 @@ DATA, FLAGS = ord("D"), ord("B")
 KINDS = frozenset(b"FIMPQARSDOLCB")  # message types of the format's version 1
 MAX_BODY = 4096  # of anything but data
 MAX_TOPIC_BYTES, MAX_NESTED = 65_535, 5
+CLOCK = "timestamp"  # a field of every topic
 CHAIN = 3  # messages in a row that must fit where reading goes on after damage
 TYPES = {
     "int8_t": "<i1", "uint8_t": "<u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
@@ -83,12 +84,15 @@ def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
         _take(walk, data, at, after, wanted, path.name)
         at = after
     topics = {walk.topics[k][:2]: _columns(data, walk.topics[k][2], found) for k, found in walk.places.items() if found}
+    stray = sorted({name for (name, _), topic in topics.items() if CLOCK not in topic})
     lost = sum(walk.dropouts_ms)
     notes = skipped_lines(walk.skipped, end) + (
         [f"the logger lost {lost} ms in {len(walk.dropouts_ms)} dropouts"] if lost else []
     )
+    notes += [f"topic {name} without {CLOCK} (its format damaged?), not read" for name in stray]
     return UlogTables(
-        topics=topics, parameters=walk.parameters, information=walk.information,
+        topics={key: topic for key, topic in topics.items() if CLOCK in topic},
+        parameters=walk.parameters, information=walk.information,
         notes=tuple(f"{path.name}: {line}" for line in notes),
     )  # fmt: skip
 
