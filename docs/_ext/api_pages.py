@@ -27,6 +27,16 @@ def modules(package: str) -> dict[str, Path]:
     return dict(sorted(found.items(), key=lambda item: (item[0].count(".") > 0, item[0])))
 
 
+def public_names() -> list[str]:
+    """Full names of all public functions and classes."""
+    return [f"{name}.{node.name}" for package in PACKAGES for name, path in modules(package).items() for node in _public(path)]
+
+
+def _public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
+    body = ast.parse(path.read_text("utf-8")).body
+    return [n for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")]
+
+
 def _index() -> str:
     lines = [
         "# Python interface",
@@ -49,9 +59,8 @@ def _package_page(package: str) -> str:
         if name != package:
             parts += [f"## {name}", ""]
         parts += [_block(ast.get_docstring(tree)), ""] if ast.get_docstring(tree) else []
-        for node in tree.body:
-            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
-                parts += [f"### {name}.{node.name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
+        for node in _public(path):
+            parts += [f"### {name}.{node.name}".replace("_", "\\_"), "", _block(_entry(node)), ""]
     return "\n".join(parts)
 
 

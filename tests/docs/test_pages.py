@@ -40,9 +40,23 @@ def prose(page):
 def test_links_lead_to_files(page):
     for target in LINK.findall(prose(page)):
         file = target.split("#")[0]
-        if "://" in target or not file or file.startswith("generated/") or "/generated/" in file:
+        if "://" in target or not file:
             continue
         assert (page.parent / file).exists(), f"{page.name}: {target}"
+
+
+def test_links_of_the_site_alone_are_added(extension):
+    from site_links import with_site_links
+
+    text = (
+        "`ins.earth.gravity_n`, `ins.nothing`: *files*<!-- site: ../generated/files/run.md -->, [c](../../CONVENTIONS.md#a)\n"
+    )
+    assert with_site_links(text, "guides/page") == (
+        "[`ins.earth.gravity_n`](../generated/api/ins.md#insearthgravity_n), `ins.nothing`: "
+        "[files](../generated/files/run.md), [c](../generated/project/conventions.md#a)\n"
+    )
+    block = "```\n`ins.earth.gravity_n`\n```\n"
+    assert with_site_links(block, "page") == block
 
 
 def command_lines(text):
