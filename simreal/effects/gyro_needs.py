@@ -93,6 +93,16 @@ def lacks_turns(runs: Sequence[Telemetry], target: str) -> str:
     return _lacks_turns_about(runs, (target,), "turns about its own axis")
 
 
+def lacks_turns_or_earth_rate(runs: Sequence[Telemetry], target: str) -> str:
+    """For a scale factor: turns about its own axis; where vehicles turn at all, Earth rate at several headings will do.
+
+    That shows only errors far beyond the usual (0.2 % for 0.02 deg/h), which must not go by another name.
+    """
+    lack = lacks_turns(runs, target)
+    turn = not _lacks_turns_about(runs, GYROS, "turns")
+    return "" if turn and several_headings([run for run in runs if run.heading_known]) else lack
+
+
 def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:
     """For effects of the rate about the other two axes: turns, or Earth rate at several headings."""
     others = [gyro for gyro in GYROS if gyro != target]

@@ -14,8 +14,8 @@ from simreal.effects.gyro_needs import (
     lacks_force_changes,
     lacks_headings,
     lacks_left_and_right_turns,
-    lacks_turns,
     lacks_turns_at_two_temperatures,
+    lacks_turns_or_earth_rate,
 )
 from simreal.effects.gyro_thermal import above_reference
 from simreal.telemetry import Telemetry, Trace
@@ -98,7 +98,7 @@ RARE_LOG_PRIOR = -2.0  # dithered gyros leave the dead zone; parked, what is lef
 
 GYRO_RATE: tuple[Effect, ...] = (
     gyro_effect(
-        "gyro_scale_factor", coefficients=one("ppm", 1.0, 50.0), formula=scale_factor, need=lacks_turns,
+        "gyro_scale_factor", coefficients=one("ppm", 1.0, 50.0), formula=scale_factor, need=lacks_turns_or_earth_rate,
         rivals=("clock_rate", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in", "axis_or_unit_error"),
         source="IEEE Std 647-2006: scale factor error",
     ),
