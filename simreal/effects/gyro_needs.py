@@ -94,13 +94,15 @@ def lacks_turns(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def lacks_turns_or_earth_rate(runs: Sequence[Telemetry], target: str) -> str:
-    """For a scale factor: turns about its own axis; where vehicles turn at all, Earth rate at several headings will do.
+    """For a scale factor: turns about its own axis; where vehicles turn at all, Earth rate on several starts will do.
 
     That shows only errors far beyond the usual (0.2 % for 0.02 deg/h), which must not go by another name.
     """
     lack = lacks_turns(runs, target)
     turn = not _lacks_turns_about(runs, GYROS, "turns")
-    return "" if turn and several_headings([run for run in runs if run.heading_known]) else lack
+    starts = np.array([run.heading_rad[0] for run in runs if run.heading_known])
+    apart = np.abs(np.angle(np.exp(1j * np.subtract.outer(starts, starts))))
+    return "" if turn and apart.max(initial=0.0) > HEADING_APART_RAD else lack
 
 
 def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:

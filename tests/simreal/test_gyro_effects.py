@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from infield.thermometer import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
@@ -420,6 +421,14 @@ def test_a_taxi_turns_the_vertical_gyro_only():
     assert EFFECTS["gyro_scale_factor"].needs(runs, "gyro_x") == "turns about its own axis"
     assert EFFECTS["gyro_misalignment_x"].needs(runs, "gyro_x") == ""
     assert EFFECTS["gyro_scale_factor"].needs([flight_run()], "gyro_x") == ""
+
+
+def test_starts_on_several_headings_show_a_wild_scale_factor_of_a_level_gyro():
+    first, parked = taxi_run(), parked_run()
+    turned = Rotation.from_euler("z", 100.0, degrees=True).as_matrix()
+    other = replace(first, C_nb=turned @ first.C_nb)
+    assert EFFECTS["gyro_scale_factor"].needs([first, other], "gyro_x") == ""
+    assert EFFECTS["gyro_scale_factor"].needs([parked, replace(parked, C_nb=turned @ parked.C_nb)], "gyro_x") != ""
 
 
 def test_turns_to_one_side_do_not_show_an_asymmetry():
