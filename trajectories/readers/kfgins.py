@@ -118,4 +118,6 @@ def detect(path: Path) -> bool:
     return are_increments(text[0] if text else head_doubles(path, 7), time=0, accel=4)
 
 
-READERS = (Reader(name="kfgins", about="KF-GINS text or doubles: time, dtheta, dvel", detect=detect, read=read),)
+READERS = (
+    Reader(name="kfgins", about="KF-GINS text or doubles: time, dtheta, dvel", detect=detect, read=read, gnss_file=True),
+)

@@ -65,7 +65,7 @@ def _never(path: Path) -> bool:
 
 
 READERS = tuple(
-    Reader(name=name, about=about, detect=detect, read=partial(read, name=name))
+    Reader(name=name, about=about, detect=detect, read=partial(read, name=name), gnss_file=True)
     for name, about, detect in (
         ("csv", "separated values; without a map only under the names of a run's imu stream", partial(_detect_own, name="csv")),
         ("text", "columns between white space, needs a map", _never),

@@ -136,4 +136,4 @@ def detect(path: Path) -> bool:
     return is_mat(path) and bool(_structs(leaves(path)[0], IMU_FIELDS))
 
 
-READERS = (Reader(name="navego", about="NaveGo .mat with an imu struct", detect=detect, read=read),)
+READERS = (Reader(name="navego", about="NaveGo .mat with an imu struct", detect=detect, read=read, gnss_file=True),)

@@ -24,12 +24,13 @@ from trajectories.readers.column_map import AxesKeys, StretchKeys, column_map, s
 from trajectories.readers.columns import converted
 from trajectories.readers.gps_time import gps_seconds, unix_seconds, utc_text
 from trajectories.readers.increment_rows import is_file_of
+from trajectories.readers.layouts import side_file
 from trajectories.readers.novatel_gnss import fixes
 from trajectories.readers.novatel_lines import Logs, columns, of_width, read_lines
 from trajectories.readers.novatel_types import ImuType, imu_type
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.row_cleaning import row_ranges
-from trajectories.readers.side_streams import reference_on_run_time, with_fixes
+from trajectories.readers.side_streams import GnssFile, reference_on_run_time, with_fixes
 
 RAW = ("RAWIMUSX", "RAWIMUX", "RAWIMUS", "RAWIMU")
 GNSS = ("BESTGNSSPOS", "BESTGNSSVEL", "BESTPOS", "BESTVEL")
@@ -60,6 +61,7 @@ class NovatelKeys(StretchKeys):
     imu_type: str | int | None = None
     imu_scale: ScaleKeys | None = None
     axes: AxesKeys | None = None
+    gnss: GnssFile | None = None
     run: dict[str, Any] = Field(default_factory=dict)
 
 
@@ -76,17 +78,25 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     raw["time"] = gps_seconds(raw["week"] - week, raw["seconds"])
     known = _type(lines.logs, keys, raw, path.name)
     counts, units, more = _columns(raw, known, keys)
-    axes = (keys.axes or VEHICLE).model_dump()
-    notes = [*notes, *more, *_turned(lines.logs, keys, path.name)]
-    shape = {"time": {"column": "time"}, **units, "axes": axes, **stretch_of(keys)}
-    log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *(f"{path.name}: {n}" for n in notes)])
+    notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(lines.logs, keys, path.name))]
+    shape = {"time": {"column": "time"}, **units, "axes": (keys.axes or VEHICLE).model_dump(), **stretch_of(keys)}
+    log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *notes])
     start = {"start_utc": utc_text(float(unix_seconds(gps_seconds(week, log.time_shift_s))))}
     technology = {"gyro_technology": known.technology} if known else {}
     log = replace(log, header={**start, **technology, **keys.run}, notes=(*log.notes, *_rate(log, known, path.name)))
-    raw_fixes, told = fixes(lines.logs, week, label=path.name)
+    if keys.gnss is None:
+        return _with_solutions(log, lines.logs, week, path.name)
+    other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
+    found = read_lines(other, (*GNSS, *INS))
+    log = replace(log, notes=(*log.notes, *found.notes), other_files=(other,))
+    return _with_solutions(log, lines.logs | found.logs, week, other.name)
+
+
+def _with_solutions(log: ConvertedLog, logs: Logs, week: int, label: str) -> ConvertedLog:
+    """The log with the fixes of the receiver alone, and what its filter says as reference."""
+    raw, told = fixes(logs, week, label=label)
     log = replace(log, notes=(*log.notes, *told))
-    log = log if raw_fixes is None else with_fixes(log, raw_fixes, label=path.name)
-    return _with_reference(log, lines.logs, week, path.name)
+    return _with_reference(log if raw is None else with_fixes(log, raw, label=label), logs, week, label)
 
 
 def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list[str]]:
@@ -203,4 +213,4 @@ def detect(path: Path) -> bool:
     return is_file_of(path, DETECT)
 
 
-READERS = (Reader(name="novatel", about="NovAtel ASCII with RAWIMU", detect=detect, read=read),)
+READERS = (Reader(name="novatel", about="NovAtel ASCII with RAWIMU", detect=detect, read=read, gnss_file=True),)

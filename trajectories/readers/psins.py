@@ -181,4 +181,4 @@ def detect(path: Path) -> bool:
     return is_file_of(path, SIMU_HEAD) or are_increments(text[0] if text else None, time=6, accel=3)
 
 
-READERS = (Reader(name="psins", about="PSINS .imu, text or .mat: wm, vm, t", detect=detect, read=read),)
+READERS = (Reader(name="psins", about="PSINS .imu, text or .mat: wm, vm, t", detect=detect, read=read, gnss_file=True),)

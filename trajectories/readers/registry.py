@@ -37,7 +37,8 @@ class ConvertedLog:
 class Reader:
     """One format: its name in maps, a line about it, `detect(path)` by content, `read(path, options)`.
 
-    folder: whether a log may be a folder; only then do `detect` and `read` see one.
+    folder: whether a log may be a folder; only then do `detect` and `read` see one. gnss_file: whether fixes may be in
+    another file (`gnss.file`, --gnss).
     """
 
     name: str
@@ -45,6 +46,7 @@ class Reader:
     detect: Callable[[Path], bool]
     read: Callable[[Path, Mapping[str, Any]], ConvertedLog]
     folder: bool = False
+    gnss_file: bool = False
 
 
 def readers() -> tuple[Reader, ...]:
@@ -70,4 +72,6 @@ def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)
         raise InputError(f"{path}: format not recognised, needed --map with a `format`. Known: {formats}")
+    if "gnss" in options and not chosen[0].gnss_file:
+        raise InputError(f"{path.name}: [gnss] (--gnss): a {chosen[0].name} log takes no fixes of another file")
     return chosen[0].name, chosen[0].read(path, options)

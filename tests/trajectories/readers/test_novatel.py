@@ -265,6 +265,13 @@ def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
     assert made.run.header.site.height_m == pytest.approx(HEIGHT_M)
 
 
+def test_fixes_of_a_log_of_their_own(tmp_path):
+    pairs = [text for k in range(1, 50) for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))]
+    write(tmp_path / "gnss.log", pairs)
+    made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
+    assert made.run.gnss.time_s.size == 49 and made.record["other_sources"][0]["source"] == "gnss.log"
+
+
 def test_inertial_solutions_are_no_fixes(tmp_path):
     """BESTPOS of a SPAN receiver; a position that was not computed is left out too."""
     lines = [position(SECONDS + k, k, name="BESTPOS", kind="INS_PSRSP" if k < 20 else "SINGLE") for k in range(1, 40)]
