@@ -244,7 +244,8 @@ def _fill(table, rng):
 
 def _wrap(table, rng):
     table, period = table.copy(), rng.choice([2**32 * 1e-6, 604_800.0, 86_400.0])
-    table[:, 0] = (table[:, 0] + period - rng.uniform(0, 16)) % period
+    with np.errstate(invalid="ignore"):  # a garbled time may be infinite
+        table[:, 0] = (table[:, 0] + period - rng.uniform(0, 16)) % period
     return table
 
 
