@@ -28,6 +28,7 @@ Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the ran
 NoSeed = Annotated[
     int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
 ]
+OPTIONAL_VALUE = {"--retry": "3"}
 AnyClock = Annotated[
     bool, typer.Option("--any-clock", help="Write although the clock is behind the unit's newest revision.")
 ]
@@ -41,6 +42,14 @@ OutputPath = Annotated[Path | None, typer.Option("-o", "--output", help="Where t
 
 class Command(TyperCommand):
     """A command whose bad input is an InputError of one line, and with --json also an object on standard output."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As typer does; an option of OPTIONAL_VALUE that no number follows gets its own."""
+        given = list(args)
+        for k in reversed(range(given.index("--") if "--" in given else len(given))):
+            if given[k] in OPTIONAL_VALUE and not "".join(given[k + 1 : k + 2]).isdecimal():
+                given.insert(k + 1, OPTIONAL_VALUE[given[k]])
+        return super().parse_args(ctx, given)
 
     def invoke(self, ctx: Any) -> Any:
         """As typer does; InputError also where the operating system refuses a file that nobody else asked about."""

@@ -79,11 +79,11 @@ def with_thermal_model(
     return unit, runs, lambda table: use_document(stored, removed, table)
 
 
-def open_store(url: str, *, create: bool = False) -> TableStore | None:
+def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> TableStore | None:
     """The store, None where a command that only reads finds none."""
     if not create and not store_exists(url):
         return None
-    return TableStore.open(url, create=create)
+    return TableStore.open(url, create=create, any_clock=any_clock)
 
 
 def _checked(twin: TwinModel, run: Run) -> TwinModel:

@@ -1,5 +1,6 @@
 """`recal update`: recalibrate a unit's thermal table from its runs."""
 
+import shlex
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -9,6 +10,7 @@ import typer
 
 from recal.console import (
     DEFAULT_STORE,
+    AnyClock,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -39,6 +41,11 @@ def command(
     accept_step: Annotated[
         bool, typer.Option("--accept-step", help="Follow a step of the unit that several sessions agree on.")
     ] = False,
+    retry: Annotated[
+        int, typer.Option("--retry", min=0, max=99, metavar="[N]", help="With --commit: where another writer was faster, "
+        "estimate again from the table that is active then, at most N times (3).")
+    ] = 0,
+    any_clock: AnyClock = False,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
     config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")] = None,
     thermal_model: ThermalModelPath = None,
@@ -55,10 +62,12 @@ def command(
     """
     if commit and propose:
         raise typer.BadParameter("--commit stores the table at once, --propose keeps it for review: give one of them")
+    if retry and not commit:
+        raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
     document = update(
         runs, store_url=store, commit=commit, propose=signed, accept_step=accept_step, twin=twin, config=config,
-        thermal_model=thermal_model, output=output, quiet=quiet,
+        thermal_model=thermal_model, output=output, quiet=quiet, retries=retry, any_clock=any_clock,
     )  # fmt: skip
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, verbose=verbose):
@@ -69,43 +78,74 @@ def command(
 def update(
     runs: list[Path], *, store_url: str, commit: bool, propose: tuple[str, str] | None = None, accept_step: bool = False,
     twin: Path | None = None, config: Path | None = None, thermal_model: Path | None = None, output: Path | None = None,
-    quiet: bool = True, html: bool = True,
+    quiet: bool = True, html: bool = True, retries: int = 0, any_clock: bool = False,
 ) -> dict[str, Any]:  # fmt: skip
     """Read, estimate, judge, merge, report, commit or (propose: who, note) keep for review; returns the update document.
 
-    Without `html` only update.json is written.
+    Where another writer commits while this estimates, it is estimated again from the runs and the table that is active
+    then, at most `retries` times; then it is refused. Without `html` only update.json is written.
     """
-    from infield.document import update_document
-    from infield.pipeline import update_calibration
-    from infield.table_file import table_sha256
+    from infield.store import StoreConflict
     from recal.config import read_config
-    from recal.output import output_directory, program_version, write_files
-    from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
+    from recal.output import output_directory
     from trajectories.run import read_run
     from trajectories.stream_files import HELD_ROWS
 
     settings, ageing = read_config(config)
     loaded = [read_run(path, held_rows=HELD_ROWS // len(runs)) for path in runs]
+    files = partial(_files, output_directory(output, "update"), html=html)
+    lost: list[str] = []
+    while True:
+        try:
+            return _update_once(
+                loaded, settings, ageing, files, store_url=store_url, commit=commit, propose=propose,
+                accept_step=accept_step, twin=twin, thermal_model=thermal_model, lost=lost, last=len(lost) >= retries,
+                any_clock=any_clock,
+            )  # fmt: skip
+        except StoreConflict as conflict:
+            lost.append(str(conflict))
+            say(f"another writer was faster ({conflict}): estimating again, {len(lost)} of {retries}", quiet=quiet)
+
+
+def _update_once(
+    loaded: list[Any], settings: Any, ageing: Any, files: Files, *, store_url: str, commit: bool,
+    propose: tuple[str, str] | None, accept_step: bool, twin: Path | None, thermal_model: Path | None, lost: list[str],
+    last: bool, any_clock: bool,
+) -> dict[str, Any]:  # fmt: skip
+    """One estimate against the table that is active now; a commit that another writer beat raises unless it is the last."""
+    from infield.pipeline import update_calibration
+    from infield.table_file import table_sha256
+    from recal.output import program_version, write_files
+    from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
+
     database = open_store(store_url)
     unit, loaded, use = with_thermal_model(unit_inputs(loaded[0], database, twin), loaded, thermal_model)
     serial = unit.table.imu_serial
-    files = partial(_files, output_directory(output, "update"), html=html)
     result = update_calibration(
         loaded, unit.table, unit.twin, parent_sha256=table_sha256(unit.table_dict), settings=settings, ageing=ageing,
         already_merged=(lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
         remembered=database.contradictions(*_key(unit)) if database and unit.revision else (), accept_step=accept_step,
     )  # fmt: skip
-    facts: dict[str, Any] = {"version": program_version(), "table_before": unit.table_dict, "thermal_model": use(result.after)}
+    facts: dict[str, Any] = {
+        "version": program_version(), "table_before": unit.table_dict, "thermal_model": use(result.after), "lost": lost
+    }  # fmt: skip
     if commit and result.outcome == "accepted":
-        return _commit(result, unit, store_url, files, facts)
+        return _commit(result, unit, store_url, files, facts, last=last, any_clock=any_clock)
     if propose and result.outcome == "accepted":
         return _propose(result, unit, store_url, files, facts, propose)
-    document = update_document(result, committed=False, store=database.name if database else None, **facts)
+    document = _document(result, committed=False, store=database.name if database else None, **facts)
     if (commit or propose) and result.outcome == "inconsistent" and unit.revision and result.evidence:
         document["remembered"] = _remember(result, unit, store_url)
     write_files(files(document))
     return document
+
+
+def _document(result: Any, *, lost: list[str], **facts: Any) -> dict[str, Any]:
+    """The update document, and the conflicts with other writers on the way to it."""
+    from infield.document import update_document
+
+    return {**update_document(result, **facts), **({"conflicts": list(lost)} if lost else {})}
 
 
 def _key(unit: Any) -> tuple[str, str, str]:
@@ -127,43 +167,46 @@ def _remember(result: Any, unit: Any, store_url: str) -> str:
     return f"{count} contradicting session{'s' if count != 1 else ''} remembered; the table is as it was"
 
 
-def _commit(result: Any, unit: Any, store_url: str, files: Files, facts: dict[str, Any]) -> dict[str, Any]:
+def _commit(
+    result: Any, unit: Any, store_url: str, files: Files, facts: dict[str, Any], *, last: bool, any_clock: bool
+) -> dict[str, Any]:
     """Report and table together or neither: the report is staged, the store commits, the report takes its place.
 
-    Where another writer or an earlier merge stands in the way: refused, with the reason. Where the store cannot be
-    written the report stays, as a proposal that says so, and InputError is raised.
+    Where another writer (and this try is the `last`) or an earlier merge stands in the way: refused, with the reason.
+    Where the store cannot be written the report stays, as a proposal that says so, and InputError is raised.
     """
-    from infield.document import update_document
     from infield.store import MergedRun, RunAlreadyMerged, StoreConflict
+    from infield.store_database import store_name
     from ins.records import InputError
     from recal.output import write_files
     from recal.unit_inputs import open_store
 
-    facts, made = {**facts, "store": store_url}, []
+    facts, made = {**facts, "store": store_name(store_url)}, []
     try:
-        database = open_store(store_url, create=True)
+        database = open_store(store_url, create=True, any_clock=any_clock)
         assert database is not None
-        facts["store"] = database.name
-        document = update_document(result, committed=True, **facts)
+        document = _document(result, committed=True, **facts)
         merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
-        numbered = _numbered(document, (unit.revision or 1) + 1)
+        numbered = _numbered(document, unit, (unit.revision or 1) + 1)
         write_files(files(numbered), commit=lambda: made.append(database.commit_update(
             document["table_before_sha256"], result.after, merged, result_text(document),
             first_table=None if unit.revision else unit.table_dict,
         )))  # fmt: skip
         if made[0].number != numbered["revision"]:  # somebody rolled back to the same table meanwhile
-            numbered = _numbered(document, made[0].number)
+            numbered = _numbered(document, unit, made[0].number)
             write_files(files(numbered))
         return numbered
     except (StoreConflict, RunAlreadyMerged) as error:
-        document = {**update_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
+        if isinstance(error, StoreConflict) and not last:
+            raise
+        document = {**_document(result, committed=False, **facts), "verdict": "refused", "reasons": [str(error)]}
         write_files(files(document))
         return document
     except InputError as error:
         if made:
             say(f"committed as revision {made[0].number}, but {error}")
-            return _numbered(document, made[0].number)
-        document = {**update_document(result, committed=False, **facts), "reasons": [f"not committed: {error}"]}
+            return _numbered(document, unit, made[0].number)
+        document = {**_document(result, committed=False, **facts), "reasons": [f"not committed: {error}"]}
         write_files(files(document))
         raise
 
@@ -172,7 +215,6 @@ def _propose(
     result: Any, unit: Any, store_url: str, files: Files, facts: dict[str, Any], signed: tuple[str, str]
 ) -> dict[str, Any]:
     """Keep the update in the store for review, then write the report with its number; refused where a commit would be."""
-    from infield.document import update_document
     from infield.store import MergedRun, RunAlreadyMerged, StoreConflict
     from infield.store_proposals import AlreadyRejected
     from recal.output import write_files
@@ -180,7 +222,7 @@ def _propose(
 
     database = open_store(store_url, create=True)
     assert database is not None
-    document = update_document(result, committed=False, store=database.name, **facts)
+    document = _document(result, committed=False, store=database.name, **facts)
     merged = [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
     try:
         kept = database.propose(
@@ -194,10 +236,12 @@ def _propose(
     return document
 
 
-def _numbered(document: dict[str, Any], revision: int) -> dict[str, Any]:
+def _numbered(document: dict[str, Any], unit: Any, revision: int) -> dict[str, Any]:
     """The document as committed under this number, and how to take it back."""
-    back = f"recal table rollback --store '{document['store']}' --serial {document['imu_serial']} --to {revision - 1}"
-    return {**document, "revision": revision, "rollback_command": back}
+    serial, technology, mode = (shlex.quote(name) for name in _key(unit))
+    store = shlex.quote(document["store"].replace(":***@", "@"))  # a server's password comes from the environment
+    back = f"recal table rollback --store {store} --serial {serial} --technology {technology}"
+    return {**document, "revision": revision, "rollback_command": f"{back} --mode {mode} --to {revision - 1}"}
 
 
 def _files(directory: Path, document: dict[str, Any], *, html: bool) -> dict[Path, str]:
@@ -212,6 +256,8 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     kept = f", kept for review as proposal {document['proposal']}" if document.get("proposal") else ""
     lines = [f"{document['imu_serial']}: {document['verdict']}{kept}"]
     lines += [f"  because {reason}" for reason in document["reasons"]]
+    if conflicts := len(document.get("conflicts", ())):
+        lines.append(f"  estimated {conflicts + 1} times, as other writers were faster")
     lines += [f"  {document['remembered']}"] if document.get("remembered") else []
     lines += [f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in ACTED]
     lines += [f"  {line}" for line in document.get("thermal_model", {}).get("text", [])]

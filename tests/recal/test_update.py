@@ -1,6 +1,7 @@
 """`recal update --commit`: report and table together, and the report kept where the store cannot be written."""
 
 import json
+import shlex
 
 import pytest
 from typer.testing import CliRunner
@@ -42,7 +43,8 @@ def test_the_report_names_the_revision_and_its_command_takes_it_back(folder):
         active = store.active()
         assert (active.number, active.sha256) == (2, document["table_after_sha256"])
         assert json.loads(active.report_json)["points"] == document["points"]
-    words = document["rollback_command"].replace("'", "").split()[1:]
+    words = shlex.split(document["rollback_command"])[1:]
+    assert words[words.index("--technology") + 1] == "rlg" and words[words.index("--mode") + 1] == ""
     assert CliRunner().invoke(app, words).exit_code == 0
     with TableStore.open(URL) as store:
         assert store.active().sha256 == document["table_before_sha256"]
