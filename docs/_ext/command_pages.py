@@ -130,6 +130,8 @@ def _word(hint: Any) -> str:
 def _default(param: Any) -> str:
     if param.required:
         return "needed"
+    if isinstance(param.default, bool) and param.secondary_opts:
+        return f"`{(param.opts if param.default else param.secondary_opts)[0]}`"
     if param.default is None or param.default is False or param.default in ((), []):
         return ""
     return f"`{param.default}`" if not callable(param.default) else ""

@@ -91,9 +91,10 @@ def _environment(folder: Path) -> dict[str, str]:
     program.parent.mkdir()
     program.write_text(f'#!/bin/sh\nexec {sys.executable} -m recal "$@"\n')
     program.chmod(0o755)
-    path = os.pathsep.join(p for p in (str(ROOT), os.environ.get("PYTHONPATH", "")) if p)
+    programs = [str(program.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
+    modules = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {
-        **os.environ, "PYTHONPATH": path, "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}", "MPLBACKEND": "Agg",
+        **os.environ, "PYTHONPATH": os.pathsep.join(modules), "PATH": os.pathsep.join(programs), "MPLBACKEND": "Agg",
         "OMP_NUM_THREADS": "1",
     }  # fmt: skip
 
