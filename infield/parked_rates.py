@@ -11,6 +11,7 @@ Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalo
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.records import Run, Site, TwinModel
+from ins.records import AXES, Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G, PPM
 
 MIN_PARKED_S = 60.0
@@ -86,7 +87,7 @@ def find_parked(run: Run) -> tuple[tuple[float, float] | None, str]:
 
 
 def no_heading(run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel) -> bool:
-    """Whether the unit's gyros are known too ill for a gyrocompass: MEMS, and worse than LEVEL_SHARE of level Earth rate."""
+    """Whether the unit's gyros are known too poorly for a gyrocompass: MEMS, and worse than LEVEL_SHARE of level Earth rate."""
     if run.header.gyro_technology != "mems":
         return False
     sigma = max(float(table.sigma_deg_h(k, temperature.temperature_degC[0, k])[0]) for k in range(3))
@@ -132,6 +133,22 @@ def estimate_parked(
         heading_error_rad=float("nan"), sigma_heading_rad=float("nan"), sigma_heading_before_rad=float("nan"),
         nis_mean=evidence.shape_nis / max(evidence.shape_dof, 1), dof=evidence.shape_dof,
     )  # fmt: skip
+
+
+def mean_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, Any] | None:
+    """Mean rate of the parked unit less what is known of Earth rate, as logged, with its sigma; None where it never rests."""
+    stretch, _ = find_parked(run)
+    seconds = None if stretch is None else parked_seconds(compensated_imu(run, None, None, twin), *stretch)
+    if seconds is None or not seconds.still.any():
+        return None
+    mean, used_s = seconds.means(-np.inf, np.inf)
+    earth, covariance, heading_deg_h, _ = _earth_rate(run, seconds, twin, settings)
+    rate = mean[3:] / DEG_PER_HOUR - earth
+    sigma = np.sqrt(np.diag(covariance) + _white_noise(seconds, twin)[0] ** 2 / (used_s / HOUR))
+    return {
+        "start_s": float(seconds.start_s[0]), "end_s": float(seconds.end_s[-1]), "heading_known": heading_deg_h == 0.0,
+        "gyro": {a: {"bias_deg_h": float(b), "sigma_deg_h": float(s)} for a, b, s in zip(AXES, rate, sigma)},
+    }  # fmt: skip
 
 
 def unknown_sigma_deg_h(run: Run, twin: TwinModel, temperature: GyroTemperature | None, least_deg_h: float) -> float:

@@ -12,6 +12,7 @@ from typing import Any
 from markupsafe import Markup
 
 from infield import update_figures as figures
+from infield import zero_rate_figures
 from infield.report_page import decimals_for, number, render_page
 from infield.table import ThermalTable
 from infield.table_file import table_from_dict
@@ -45,6 +46,7 @@ def update_html(document: dict[str, Any]) -> str:
         decimals=_decimals(document),
         changed=_changed(document),
         bias_drawings=_bias_drawings(document, before, after),
+        shape_drawings=_shape_drawings(document, before, after),
         has_points=any(figures.seen_points(document, axis) for axis in AXES),
         run_key=_run_key(document),
         changes={axis: [row for row in changes if row["axis"] == axis] for axis in AXES},
@@ -145,6 +147,14 @@ def _bias_drawings(
         (axis, figures.bias_drawing(document, axis, before, new, run_ids), bool(figures.seen_points(document, axis)))
         for axis in AXES
     ]
+
+
+def _shape_drawings(document: dict[str, Any], before: ThermalTable | None, after: ThermalTable | None) -> list[Markup]:
+    """Of sessions without a heading: the shapes alone, which the levels of their power-ons would hide."""
+    if before is None or not any("zero_rate" in s for s in document.get("sessions", [])):
+        return []
+    new = after if _changed(document) else None
+    return [d for d in (zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES) if d]
 
 
 def _run_key(document: dict[str, Any]) -> list[tuple[int, str, str]]:

@@ -47,7 +47,8 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
 
     from alignment.document import alignment_document
     from alignment.gyrocompass import align as align_log
-    from infield.session import compensated_imu
+    from infield.parked_rates import mean_zero_rate
+    from infield.session import SessionSettings, compensated_imu
     from infield.thermometer import gyro_temperature
     from recal.output import output_directory, write_text
     from recal.unit_inputs import open_store, unit_inputs
@@ -70,6 +71,8 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
             f"no table of {run.header.imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h, "
             "what it is beyond that goes into the heading"
         )
+    if result.verdict == "level_only" and run.header.gyro_technology == "mems":
+        document["zero_rate"] = mean_zero_rate(run, unit.twin, SessionSettings())
     write_text(output_directory(output, "align") / "alignment.json", result_text(document))
     return document
 
@@ -82,6 +85,13 @@ def _summary(document: dict[str, Any]) -> list[str]:
         value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
         if value is not None and value == value:
             lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
+    if document.get("zero_rate"):
+        seen = document["zero_rate"]
+        lines += [
+            f"  gyro {axis} zero rate {found['bias_deg_h']:+.1f} +- {found['sigma_deg_h']:.1f} deg/h, less vertical Earth rate"
+            f"{'' if seen['heading_known'] else ', heading unknown'} ({seen['start_s']:.0f} to {seen['end_s']:.0f} s)"
+            for axis, found in seen["gyro"].items()
+        ]
     for phase in document["phases"]:
         lines.append(f"  {phase['phase']:20s}{phase['start_s']:9.1f} to {phase['end_s']:9.1f} s")
     return lines

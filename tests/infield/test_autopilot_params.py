@@ -140,7 +140,7 @@ def test_round_trip(tmp_path, autopilot, number, ending):
 
 
 def test_the_fit_weighs_by_the_table():
-    """Where the table is known ill the cubic may miss it; where it is known well it may not."""
+    """Where the table is known poorly the cubic may miss it; where it is known well it may not."""
     held = table(lambda T: [np.where(T > 45, 40.0, 0.0) + 0 * T] * 3, sigma=1.0)
     T = held.temperature_degC[0]
     P = prior_covariance((T,) * 3, (np.where(T > 42, 50.0, 1.0),) * 3)
