@@ -44,6 +44,7 @@ AXIS_MAPS = {
     ("x", 1): ("z", "y", "-x"), ("x", -1): ("-z", "y", "x"), ("y", 1): ("x", "z", "-y"),
     ("y", -1): ("x", "-z", "y"), ("z", 1): ("x", "-y", "-z"),
 }  # fmt: skip
+RIGHT_FORWARD_UP = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, ("y", "x", "-z")))  # the other usual set with z up
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,6 +122,7 @@ def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
     fix = f"axes {body} would put it there"
     if (axis, sign) != ("z", 1):
         return f"{seen}: {fix}, up to a turn about the vertical"
+    fix += f" if x points forward and y left, {RIGHT_FORWARD_UP} if x points right and y forward"
     upward = float(means.w_rad_s[2] / (EARTH_RATE_RAD_S * np.sin(site.lat_rad) or np.inf))
     if technology != "mems" and abs(abs(upward) - 1) < FACTOR_TOLERANCE:
         cause = f"z points up: {fix}" if upward > 0 else "Earth rate says z points down: accelerometer sign"
@@ -158,9 +160,7 @@ def _rate_size(means: QuietMeans, technology: str) -> str:
 
 
 def _rate_seen(size_rad_s: float) -> str:
-    return (
-        f"mean |w| at rest is {size_rad_s / DEG_PER_HOUR:.4g} deg/h, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
-    )
+    return f"mean |w| at rest is {size_rad_s / DEG_PER_HOUR:.4g} deg/h, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
 
 
 def expected_rest(site: Site) -> dict[str, float]:
