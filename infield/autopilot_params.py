@@ -173,4 +173,4 @@ def _in_use(values: Mapping[str, float], autopilot: str, number: int) -> bool:
 
 def _decimal(value: float) -> str:
     """The float32 that the autopilot will hold, shortest decimal that gives it back, never with an exponent."""
-    return np.format_float_positional(np.float32(value), unique=True, trim="0")
+    return np.format_float_positional(np.float32(value), unique=True, trim="-")

@@ -78,7 +78,9 @@ def export_cubic(
     limit_sigmas: float = FIT_LIMIT_SIGMAS,
 ) -> CubicExport:  # fmt: skip
     """The table as the autopilot's cubic. InputError where the range is beyond the table."""
-    low, high = span_degC or valid_range(table)
+    low, high = span_degC or (round(edge, 1) for edge in valid_range(table))
+    if span_degC is None:
+        low, high = (float(np.clip(edge, *_shared_nodes(table))) for edge in (low, high))
     reference = ARDUPILOT_REFERENCE_DEGC if autopilot == ARDUPILOT else 0.5 * (low + high)
     fits = fit_cubics(table, low_degC=low, high_degC=high, reference_degC=reference, constant=autopilot == PX4)
     coefficients = np.stack([fit.coefficients for fit in fits])
@@ -94,6 +96,11 @@ def export_cubic(
     return CubicExport(
         cubic=cubic, fits=fits, rounding_deg_h=cubic.rounding_deg_h(), limit_sigmas=limit_sigmas, too_stiff=too_stiff
     )
+
+
+def _shared_nodes(table: ThermalTable) -> tuple[float, float]:
+    """Lowest and highest temperature that all three axes have nodes for."""
+    return max(float(t[0]) for t in table.temperature_degC), min(float(t[-1]) for t in table.temperature_degC)
 
 
 def table_of_cubic(
