@@ -99,9 +99,13 @@ def _url(settings: ServeSettings, listener: socket.socket) -> str:
 
 
 def _greet(settings: ServeSettings, url: str, made: str, *, quiet: bool) -> None:
+    from recal.web.settings import is_loopback
+
     say(f"serving on {url} (Ctrl-C ends it)", quiet=quiet)
     if made:
         say(f"token of this start, to sign in with: {made}")
+    elif not is_loopback(settings.host) and not settings.https:
+        say("recal: warning: no TLS: whoever can listen on this network reads the token and the pages (see docs/serve.md)")
     elif not settings.tokens:
         say("read only: no token was given (--token-file or RECAL_SERVE_TOKEN)", quiet=quiet)
 

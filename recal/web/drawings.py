@@ -17,7 +17,7 @@ from infield.report_figures import GREY, NEW, OLD, PANEL_WIDTH, axis_text, in_st
 from infield.table import ThermalTable
 from ins.records import AXES
 
-MOST_KEPT = 200
+MOST_KEPT = 64
 LINES = {"factory": (GREY, ":"), "previous": (OLD, "--"), "active": (NEW, "-"), "before": (OLD, "--"), "after": (NEW, "-")}
 _STYLE_ATTRIBUTE = re.compile(r' style="([^"]*)"')
 

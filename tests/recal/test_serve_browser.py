@@ -51,8 +51,8 @@ def served(tmp_path_factory):
 
 
 @pytest.mark.parametrize("path", [
-    "/", UNIT, PROPOSAL.format(1), "/proposals", "/diff?serial=SN-1&technology=rlg", "/diagnoses", "/diagnosis?folder=a", "/signin",
-    "/nothing", "/?q=long",
+    "/", UNIT, PROPOSAL.format(1), "/proposals", "/diff?serial=SN-1&technology=rlg", "/diagnoses", "/diagnosis?folder=a",
+    "/signin", "/nothing", "/?q=long",
 ])  # fmt: skip
 def test_a_page_keeps_its_policy_and_fits_a_phone(browser, served, path):
     for width, mobile in ((1200, False), (420, True)):
@@ -69,7 +69,8 @@ def test_a_page_keeps_its_policy_and_fits_a_phone(browser, served, path):
 
 def test_every_field_and_link_has_a_name(browser, served):
     sign_in(browser, served[0])
-    unnamed = """[...document.querySelectorAll("input:not([type=hidden], [hidden]), select, textarea")].filter(e => !e.labels.length).length
+    unnamed = """[...document.querySelectorAll("input:not([type=hidden], [hidden]), select, textarea")]
+        .filter(e => !e.labels.length).length
         + [...document.querySelectorAll("a, button")].filter(e => !(e.innerText.trim() || e.ariaLabel)).length"""
     for path in ("/", UNIT, PROPOSAL.format(1), "/signin", "/rollback?serial=SN-1&technology=rlg&to=1"):
         browser.open(served[0] + path)
@@ -84,7 +85,8 @@ def test_every_field_and_link_has_a_name(browser, served):
 def test_drawings_are_seen(browser, served):
     browser.size(1200)
     browser.open(served[0] + UNIT)
-    drawn = """[...document.querySelectorAll("svg")].map(s => [s.getBoundingClientRect().width, s.getBoundingClientRect().height,
+    drawn = """[...document.querySelectorAll("svg")].map(s => [
+        s.getBoundingClientRect().width, s.getBoundingClientRect().height,
         [...s.querySelectorAll("path")].filter(p => getComputedStyle(p).stroke === "rgb(0, 114, 178)").length])"""
     found = browser.evaluate(drawn)
     assert len(found) == 3 and all(width > 250 and height > 150 and blue >= 1 for width, height, blue in found), found

@@ -141,6 +141,20 @@ def test_the_cookie_is_for_this_site_alone(visitor):
     assert TOKEN not in cookie and len(visitor.cookies["recal_session"]) > 40
 
 
+def test_behind_tls_cookies_are_for_https_alone(tmp_path):
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url, updates=0, proposals=0)
+    with serving(url, https=True) as base, Visitor(base) as visitor:
+        page = visitor.get("/signin")
+        cookie = page.headers["set-cookie"]
+        assert cookie.startswith("__Host-recal_form=") and "Secure" in cookie and "Domain" not in cookie
+        assert page.headers["strict-transport-security"] == "max-age=31536000"
+        token = re.search(r'name="form_token" value="(\w+)"', page.text)[1]
+        given = {"cookie": cookie.partition(";")[0], "origin": base.replace("http:", "https:")}
+        done = visitor.submit("/signin", headers=given, token=TOKEN, form_token=token, next="/")
+        assert done.status_code == 303 and done.headers["set-cookie"].startswith("__Host-recal_session=")
+
+
 def test_guesses_are_limited(tmp_path):
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url)
