@@ -39,7 +39,7 @@ class Drawings:
         self._lock = threading.Lock()
 
     def bias_panels(self, lines: Sequence[Line]) -> list[Markup]:
-        """Bias against temperature of the three gyros, a line for each table, the last with its U(k=2) band on top."""
+        """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for the factory one."""
         key = ("bias", *((line.name, line.sha256) for line in lines))
         return self._once(key, lambda: [_bias_panel(axis, lines) for axis in AXES])
 
@@ -76,7 +76,7 @@ def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
         nodes = line.table.temperature_degC[AXES.index(axis)]
         T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
         bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
-        if line is not lines[0] or len(lines) < 3:
+        if line.name != "factory":  # a band for it, too, would hide the others
             ax.fill_between(T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0)
             outer += [bias - 2 * sigma, bias + 2 * sigma]
         ax.plot(T, bias, dashes, color=colour)

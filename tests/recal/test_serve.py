@@ -73,6 +73,26 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
     assert visitor.get("/unit?serial=SN-2&technology=fog").status_code == 404
 
 
+def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
+    from infield.disagreement import SessionEvidence
+
+    url = f"sqlite:///{tmp_path}/recal.db"
+    put_unit(url)
+    said = SessionEvidence(
+        run_id="run-<x>", run_sha256="c" * 64, start_utc="2026-03-09T05:00:00Z", temperature_degC=[5.0, 5.0, 5.0],
+        bias_deg_h=[0.041, 0.001, 0.001], bend_deg_h=[0.0, 0.0, 0.0], covariance=[[4e-6, 0, 0], [0, 4e-6, 0], [0, 0, 4e-6]],
+    )  # fmt: skip
+    with TableStore.open(url) as store:
+        store.remember_contradictions("SN-1", "rlg", "", [said])
+        sigma = store.active().table.sigma_deg_h("x", 5.0)[0]
+    with serving(url) as base, Visitor(base) as visitor:
+        words = text_of(visitor.get("/unit?serial=SN-1&technology=rlg"))
+        expanded = 2 * (4e-6 + sigma**2) ** 0.5
+        assert f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C" in words
+        listed = text_of(visitor.get("/?sort=contradictions&down=true"))
+        assert re.search(r"SN-1 rlg revision 2, update \w{12} \S+ 1 1 by technology", listed)
+
+
 def test_two_revisions_are_compared(visitor):
     words = text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=1&after=2"))
     assert "revision 1 against 2" in words and re.search(r"Largest change: gyro x \+0\.0010* deg/h", words)

@@ -11,7 +11,7 @@ pytest.importorskip("fastapi")
 
 from infield.store import TableStore
 from ins.records import InputError
-from recal.web import pages
+from recal.web import guard, pages
 from recal.web.actions import local_path
 from recal.web.door import MAX_FAILURES
 from recal.web.reports import Reports
@@ -239,6 +239,13 @@ def test_a_large_form_is_refused(site, visitor):
     assert b" 303 " not in raw(site[0], f"{form}Content-Length: 5\r\n\r\nabc".encode(), cut_off=True)
     chunks = form + "Transfer-Encoding: chunked\r\n\r\n" + 20 * ("1000\r\n" + 4096 * "x" + "\r\n") + "0\r\n\r\n"
     assert raw(site[0], chunks.encode()).split()[1] == b"413"
+
+
+def test_a_form_that_never_ends_is_let_go(site, monkeypatch):
+    monkeypatch.setattr(guard, "BODY_WAIT_S", 0.2)
+    head = "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection: close\r\n"
+    slow = f"{head}Content-Type: application/x-www-form-urlencoded\r\nContent-Length: 100\r\n\r\nserial=S"
+    assert raw(site[0], slow.encode()).split()[1] == b"408"
 
 
 @pytest.mark.parametrize("kind, body, status", [
