@@ -1,4 +1,8 @@
-"""Velocities for fixes that were logged without: differences of their positions, with a sigma that owns up to it."""
+"""Velocities for fixes that were logged without: differences of their positions, with a sigma that owns up to it.
+
+They hold nothing that the positions do not. The sigma takes the errors of two fixes as independent, where those of a receiver
+go on for minutes and mostly cancel in a difference: too large, so that counting position and velocity claims no more than that.
+"""
 
 from dataclasses import replace
 

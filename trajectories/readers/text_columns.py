@@ -12,15 +12,21 @@ from trajectories.readers.column_map import LayoutKeys
 from trajectories.text_rows import parse_rows, read_text, text_parts
 
 HEAD_BYTES = 100_000
+NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
+MIN_TEXT = 0.8  # of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4
+SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map writes them
 
 
 def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
     """The used columns by name, and what was dropped. Columns that are not used may hold anything."""
     text, note = read_text(path)
+    if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):
+        raise InputError(f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)")
     if layout.comment is not None:
         text = re.sub(rb"(?m)^[ \t]*" + re.escape(layout.comment.encode()) + rb".*$", b"", text)
     delimiter = " " if layout.format == "text" else layout.delimiter
     names, rows, first_line = _split_header(text, layout, delimiter, path.name)
+    _refuse_one_column(rows if layout.columns else text[: len(text) - len(rows)], layout, delimiter, path.name)
     refuse_missing(used, names, path.name)
     table, notes = parse_rows(rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used)
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
@@ -71,6 +77,18 @@ def _split_header(text: bytes, layout: LayoutKeys, delimiter: str, label: str) -
     if not names or twice:
         raise InputError(f"{label}: column {twice[0]} appears twice" if twice else f"{label}: no column names")
     return names, text, first_line
+
+
+def _refuse_one_column(lines: bytes, layout: LayoutKeys, delimiter: str, label: str) -> None:
+    """InputError where a line, the last before the rows or the first of them, has one field only, and what would part it."""
+    whole = [line for line in lines.split(b"\n", 50)[:50] if line.strip()]
+    line = whole[0 if layout.columns else (layout.names_line or 0) - 1] if whole else b""
+    if len(_names(line, delimiter)) != 1:
+        return
+    best = max([*SEPARATORS, " "], key=lambda sign: len(_names(line, sign)))
+    if len(_names(line, best)) > 1:
+        needed = 'format = "text"' if best == " " else f"delimiter = {SEPARATORS[best]}"
+        raise InputError(f"{label}: one column {line.decode(errors='replace').strip()[:40]!r}, needed {needed} in the map")
 
 
 def _names(line: bytes, delimiter: str) -> list[str]:

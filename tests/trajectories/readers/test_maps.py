@@ -62,6 +62,25 @@ def test_text(tmp_path, text, keys, packed):
     assert made.record["notes"] == []
 
 
+@pytest.mark.parametrize(
+    ("delimiter", "needed"),
+    [(";", r'delimiter = ";"'), ("\t", r'delimiter = "\\t"'), ("   ", r'format = "text"'), ("|", r'delimiter = "\|"')],
+)  # fmt: skip
+@pytest.mark.parametrize("named", [True, False])
+def test_another_separator_is_named(tmp_path, delimiter, needed, named):
+    columns = rate_table()
+    text = csv_text(columns, head=delimiter.join(columns), delimiter=delimiter)
+    (tmp_path / "log.csv").write_text(text if named else text.partition("\n")[2])
+    with pytest.raises(InputError, match=rf"log\.csv: one column '.*', needed {needed} in the map"):
+        convert(tmp_path / "log.csv", MAP | ({} if named else {"columns": list(columns)}))
+
+
+def test_raw_numbers_are_not_taken_for_text(tmp_path):
+    np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
+    with pytest.raises(InputError, match=r"log\.dat: no text: needed format in the map \(binary, with columns and dtype\?\)"):
+        convert(tmp_path / "log.dat")
+
+
 def test_columns_that_are_not_used_may_hold_anything(tmp_path):
     rows = csv_text(rate_table()).splitlines()
     rows = [rows[0] + ",state,utc"] + [f'{row},"ok, fine",2026-03-01 05:00' for row in rows[1:]]
