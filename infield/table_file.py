@@ -18,7 +18,7 @@ from pydantic import Field, ValidationError
 
 from infield.table import ThermalTable
 from infield.table_prior import prior_covariance
-from ins.json_file import StrictModel, complaints, read_json_object, without_schema
+from ins.json_file import StrictModel, complaints, read_json_object, read_small_text, without_schema
 from ins.records import AXES, InputError
 
 SCHEMA = "recal.table/1"
@@ -137,10 +137,8 @@ def read_table_csv(
     """The dict (covariance null) of a CSV table. InputError names file, line and column."""
     path = Path(path)
     try:
-        lines = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8-sig"), newline="")))
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
-    except (UnicodeDecodeError, csv.Error) as error:
+        lines = list(csv.reader(io.StringIO(read_small_text(path), newline="")))
+    except csv.Error as error:
         raise InputError(f"{path}: not a CSV text ({error})") from None
     header = [h.strip() for h in lines[0]] if lines else []
     columns = (*CSV_COLUMNS, SLOPE_COLUMN) if SLOPE_COLUMN in header else CSV_COLUMNS

@@ -17,6 +17,7 @@ from ins.records import InputError
 
 MAX_TEXT_BYTES = 4_000_000  # a table with covariance is below 1 MB
 MAX_SHOWN = 60
+MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
 UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")  # no key: a kind that was tried
 NEEDED = {
     "string_type": "text", "float_type": "a number", "int_type": "a whole number", "int_from_float": "a whole number",
@@ -51,15 +52,22 @@ def read_json_object(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: not valid JSON ({_reason(error)})") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: holds {shown(data)}, needed an object of JSON")
-    return data
+    return _bounded(data, f"{path}: not valid JSON")
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The keys of a TOML file; InputError names the file and what is wrong with it."""
+    return parse_toml(read_small_text(path), name=str(path))
+
+
+def parse_toml(text: str, *, name: str) -> dict[str, Any]:
+    """The keys of a text of TOML; InputError begins with `name`."""
     try:
-        return tomllib.loads(read_small_text(path))
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path}: not valid TOML ({_reason(error)})") from None
+        return _bounded(tomllib.loads(text), f"{name}: not valid TOML")
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{name}: not valid TOML ({_reason(error)})") from None
 
 
 def read_small_text(path: Path) -> str:
@@ -74,6 +82,28 @@ def read_small_text(path: Path) -> str:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from None
+
+
+def _bounded(data: dict[str, Any], what: str) -> dict[str, Any]:
+    """The same data; InputError where it is nested more deeply than MAX_DEPTH, or a text is no Unicode."""
+    level: list[Any] = [data]
+    for _ in range(MAX_DEPTH):
+        level = [part for value in level for part in _parts(value, what)]
+        if not level:
+            return data
+    raise InputError(f"{what} (nested too deeply, needed at most {MAX_DEPTH} levels)")
+
+
+def _parts(value: Any, what: str) -> list[Any]:
+    """What a list or the keys of an object hold; none of anything else."""
+    if isinstance(value, dict):
+        return [*value, *value.values()]
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError:
+            raise InputError(f"{what} (half a character in a text)") from None
+    return value if isinstance(value, list) else []
 
 
 def parse(model: type[M], data: dict[str, Any], *, name: str) -> M:

@@ -51,6 +51,19 @@ def read_twin(path: Path) -> TwinModel:
     return twin_from_dict(read_json_object(path), source=str(path), name=str(path))
 
 
+def table_path(twin: TwinModel, folder: Path) -> Path | None:
+    """Where the table of a twin is whose file lies in `folder`; None where it names none.
+
+    InputError where that is outside the folder: a twin comes from somebody else, and shall open nothing but its own table.
+    """
+    if twin.table is None:
+        return None
+    path = folder / twin.table
+    if "\0" in twin.table or not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{twin.source}: table: {twin.table[:100]!r} leaves the folder of the twin, needed a path within it")
+    return path
+
+
 def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel:
     """The twin in a plain dict of formats.md section 3.
 

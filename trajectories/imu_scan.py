@@ -12,6 +12,7 @@ from trajectories.run_check import (
     DROPOUT,
     MAX_GAP_S,
     MAX_RATE_HZ,
+    MAX_VALUE,
     MIN_RATE_HZ,
     RATE_CHANGE,
     RATE_CHANGE_S,
@@ -67,11 +68,12 @@ def _ranked(values: NDArray, count: NDArray, rank: NDArray) -> NDArray:
 
 
 class FiniteScan:
-    """NaN or infinity in a required column."""
+    """NaN, infinity, or a number that no sensor and no clock gives, in a required column."""
 
     def __init__(self, column: str, row: Row) -> None:
         self.column, self._row = column, row
         self._line, self.bad_rows = "", 0
+        self._wild = ""
 
     def feed(self, start: int, values: NDArray) -> None:
         bad = np.flatnonzero(~np.isfinite(values))
@@ -79,10 +81,15 @@ class FiniteScan:
             k = int(bad[0])
             self._line = f"{self._row(start + k)}: column {self.column}: got {values[k]}, needed a finite number"
         self.bad_rows += bad.size
+        wild = np.abs(values, where=np.isfinite(values), out=np.zeros(values.shape)) > MAX_VALUE
+        if wild.any() and not self._wild:
+            k = int(np.argmax(wild))
+            self._wild = f"{self._row(start + k)}: column {self.column}: got {values[k]:g}, needed within +-{MAX_VALUE:g}"
 
     @property
     def lines(self) -> list[str]:
-        return [self._line + (f" ({self.bad_rows} such rows)" if self.bad_rows > 1 else "")] if self.bad_rows else []
+        more = f" ({self.bad_rows} such rows)" if self.bad_rows > 1 else ""
+        return ([self._line + more] if self.bad_rows else []) + ([self._wild] if self._wild else [])
 
 
 class TimeScan:

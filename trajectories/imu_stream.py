@@ -104,7 +104,8 @@ def load_imu(
         times.feed(columns["time_s"])
     values = _ValueScan(stream, names, times)
     for row, columns in stream.pieces(names, rows=piece_rows):
-        values.feed(row, columns)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that are refused below
+            values.feed(row, columns)
     silent = [scan for scan in values.finite if dead_columns and scan.bad_rows == times.rows]
     findings.warn(*(f"{stream.label}: column {scan.column} has no finite value in any row: left out" for scan in silent))
     findings.error(*(line for scan in values.finite if scan not in silent for line in scan.lines), *times.finite.lines)

@@ -180,7 +180,7 @@ def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: 
 
 
 def _open_stream(path: Path, name: str, findings: Findings, held_rows: int = HELD_ROWS) -> StreamFile | None:
-    found = [f"{name}{end}" for end in ENDINGS if (path / f"{name}{end}").exists()]
+    found = [f"{name}{end}" for end in ENDINGS if os.path.lexists(path / f"{name}{end}")]
     if len(found) > 1:
         findings.error(f"{' and '.join(found)}: needed one of them")
     elif not found and name == "imu":
@@ -199,8 +199,14 @@ def _open_stream(path: Path, name: str, findings: Findings, held_rows: int = HEL
 
 def _confined(path: Path, name: str) -> Path:
     file = path / name
-    if not file.resolve().is_relative_to(path.resolve()):
+    try:
+        inside = file.resolve().is_relative_to(path.resolve())
+    except (OSError, RuntimeError):  # before and since Python 3.13
+        raise InputError(f"{name}: a link to itself") from None
+    if not inside:
         raise InputError(f"{name}: a link that leaves the run directory")
+    if file.exists() and not file.is_file():  # a pipe would never end
+        raise InputError(f"{name}: not a file")
     return file
 
 

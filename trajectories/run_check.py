@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_GAP_S = 1.0
+MAX_VALUE = 1e12  # of any number in a stream: squares of it still add up
 MIN_RATE_HZ, MAX_RATE_HZ = 10.0, 2000.0
 RATE_TOLERANCE = 0.02
 RATE_CHANGE = 0.2  # of the interval, lasting longer than RATE_CHANGE_S

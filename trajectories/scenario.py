@@ -5,7 +5,6 @@ or twin_file, streams, lever_arms_m, survey, disturbance (list); truth (a profil
 Ready ones are packaged in `scenarios/`.
 """
 
-import tomllib
 from dataclasses import MISSING, dataclass, field, fields
 from importlib import resources
 from pathlib import Path
@@ -14,9 +13,9 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from pydantic import Field, create_model
 
-from ins.json_file import StrictModel, parse, refuse_non_finite, without_schema
+from ins.json_file import StrictModel, parse, parse_toml, refuse_non_finite, without_schema
 from ins.records import InputError, Site, Survey, TwinModel
-from ins.twin_file import default_twin, read_twin, twin_from_dict
+from ins.twin_file import default_twin, read_twin, table_path, twin_from_dict
 from ins.units import DEG
 from trajectories.chamber import ChamberProfile
 from trajectories.motions import lay
@@ -150,11 +149,7 @@ def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scena
         text, folder = (resources.files("trajectories") / "scenarios" / f"{source}.toml").read_text("utf-8"), Path()
     else:
         text, folder = _read_text(path), path.parent
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source}: not valid TOML ({error})") from None
-    return scenario_from_dict(data, name=str(source), folder=folder, twin_path=twin_path)
+    return scenario_from_dict(parse_toml(text, name=str(source)), name=str(source), folder=folder, twin_path=twin_path)
 
 
 def scenario_from_dict(data: dict[str, Any], *, name: str, folder: Path = Path(), twin_path: Path | None = None) -> Scenario:
@@ -170,9 +165,9 @@ def scenario_from_dict(data: dict[str, Any], *, name: str, folder: Path = Path()
     sections = {key: fill(cls, data.get(key, {}), name=f"{name}: {key}") for key, cls in SECTIONS.items()}
     unit: UnitSection = sections["unit"]
     twin, twin_folder = _twin(head, folder, twin_path, name, technology=unit.gyro_technology or "rlg")
-    table_path = folder / unit.table if unit.table else twin_folder / twin.table if twin.table else None
+    factory_table = folder / unit.table if unit.table else table_path(twin, twin_folder)
     return Scenario(
-        name=Path(name).stem, seed=head.seed, alignment_s=head.alignment_s, twin=twin, table_path=table_path,
+        name=Path(name).stem, seed=head.seed, alignment_s=head.alignment_s, twin=twin, table_path=factory_table,
         segments=tuple(_one_of(SEGMENTS, "segment", m, f"{name}: motion[{k}]") for k, m in enumerate(head.motion)),
         events=tuple(_one_of(EVENTS, "event", e, f"{name}: disturbance[{k}]") for k, e in enumerate(head.disturbance)),
         thermal=_thermal(head.thermal, f"{name}: thermal"), profile=profile, **sections,

@@ -16,7 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import PIECE_ROWS, InputError
-from trajectories.text_rows import BLOCK_BYTES, MAX_LINE_BYTES, MAX_ROWS, line_blocks, parse_block, read_text, text_parts
+from trajectories.text_rows import (
+    BLOCK_BYTES,
+    MAX_LINE_BYTES,
+    MAX_ROWS,
+    line_blocks,
+    parse_block,
+    read_text,
+    refuse_rows,
+    text_parts,
+)
 
 ENDINGS = (".parquet", ".csv", ".csv.gz")
 PANDAS_INDEX = re.compile(r"__index_level_\d+__")  # what pandas adds to a filtered frame, no data of the run
@@ -67,11 +76,11 @@ class StreamFile:
 
         try:
             self._file = pq.ParquetFile(self.path, buffer_size=READ_AHEAD_BYTES, pre_buffer=False)
-        except pa.ArrowException as error:
+            names = self._file.schema_arrow.names
+        except (pa.ArrowException, UnicodeDecodeError) as error:
             raise InputError(f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})") from None
-        if self._file.metadata.num_rows > MAX_ROWS:
-            raise InputError(f"{self.label}: {self._file.metadata.num_rows} rows, needed at most {MAX_ROWS}")
-        return tuple(n for n in self._file.schema_arrow.names if not PANDAS_INDEX.fullmatch(n))
+        refuse_rows(self._file.metadata.num_rows, self.path)
+        return tuple(n for n in names if not PANDAS_INDEX.fullmatch(n))
 
     def column(self, name: str) -> NDArray:
         """One column as float64, missing values NaN; InputError names file, row and column of anything else."""
@@ -195,10 +204,16 @@ class StreamFile:
         """A Parquet column of words."""
         import pyarrow as pa
 
-        values = self._file.read(columns=[name]).column(0)
+        try:
+            values = self._file.read(columns=[name]).column(0)
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            raise InputError(f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})") from None
         if not (pa.types.is_string(values.type) or pa.types.is_large_string(values.type)):
             raise InputError(f"{self.label}: column {name} holds {values.type}, needed text")
-        return [str(v) for v in values.to_pylist()]
+        try:
+            return [str(v) for v in values.to_pylist()]
+        except UnicodeDecodeError:
+            raise InputError(f"{self.label}: column {name}: not UTF-8 text") from None
 
     def row(self, index: int) -> str:
         """How a message names the row with this index."""

@@ -27,7 +27,7 @@ from ins.records import (
 from ins.thermometer_faults import HOLE_S
 from ins.units import DEG
 from trajectories.imu_stream import jitter
-from trajectories.run_check import JITTER_WARNING, Findings, Row, check_increasing
+from trajectories.run_check import JITTER_WARNING, MAX_VALUE, Findings, Row, check_increasing
 from trajectories.run_schema import (
     ACCEL_DEGC,
     ATTITUDE,
@@ -173,6 +173,10 @@ def _columns(
 ) -> tuple[_Rows | None, list[Span]]:
     """All columns without the rows that lack a required value; None after an error."""
     columns = {name: stream.column(name) for name in stream.names}
+    if wild := _wild(columns):
+        name, k = wild
+        findings.error(f"{stream.row(k)}: column {name}: got {columns[name][k]:g}, needed within +-{MAX_VALUE:g}")
+        return None, []
     empty = [name for name in required if not np.isfinite(columns[name]).any()]
     if empty:
         findings.error(f"{stream.label}: column {empty[0]} has no finite value")
@@ -194,6 +198,15 @@ def _columns(
     wrong = check_increasing(part.columns["time_s"], part.row)
     findings.error(*wrong)
     return (None if wrong else part), faults
+
+
+def _wild(columns: dict[str, NDArray]) -> tuple[str, int] | None:
+    """Column and index of the first finite number beyond MAX_VALUE; None where there is none."""
+    for name, values in columns.items():
+        beyond = np.abs(values, where=np.isfinite(values), out=np.zeros(values.shape)) > MAX_VALUE
+        if beyond.any():
+            return name, int(np.argmax(beyond))
+    return None
 
 
 def _dropped(label: str, time_s: NDArray, kept: NDArray, why: str) -> list[Span]:

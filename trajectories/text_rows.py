@@ -13,13 +13,22 @@ from typing import Any
 from ins.records import InputError
 
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
+SMALL_ROWS, MAX_ROWS_PER_BYTE = 5_000_000, 20  # of a Parquet file: constants take next to nothing
 MAX_TEXT_BYTES = 8_000_000_000
 MAX_LINE_BYTES = 1_000_000
 BLOCK_BYTES = 1 << 22
+MAX_GROWTH, SMALL_BYTES = 200, 1 << 28  # unpacked bytes of each packed one; what a log may unpack to in any case
 UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
 MAX_BAD = 0.01  # of the lines of a log; beyond it the map is wrong, not the lines
 LISTED = 10  # bad lines named
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
+
+
+def refuse_rows(rows: int, path: Path) -> None:
+    """InputError where a packed table says that it has more rows than a log has, or than so small a file can hold."""
+    most = min(MAX_ROWS, SMALL_ROWS + MAX_ROWS_PER_BYTE * path.stat().st_size)
+    if rows > most:
+        raise InputError(f"{path.name}: {rows} rows in {path.stat().st_size} bytes, needed at most {most}")
 
 
 def read_text(path: Path) -> tuple[bytes, str]:
@@ -45,6 +54,7 @@ def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) 
 
 def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
     """What can be unpacked of a gzip file of one or more members; a note where it ends too early."""
+    most = min(MAX_TEXT_BYTES, SMALL_BYTES + MAX_GROWTH * path.stat().st_size)
     size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
     with path.open("rb") as file:
         try:
@@ -53,8 +63,8 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
                     unpack = zlib.decompressobj(wbits=31)
                 part = unpack.decompress(chunk)
                 size += len(part)
-                if size > MAX_TEXT_BYTES:
-                    raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes unpacked")
+                if size > most:
+                    raise InputError(f"{path}: more than {most} bytes unpacked, needed at most that")
                 if part:
                     yield part
         except zlib.error as error:

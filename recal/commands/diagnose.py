@@ -121,10 +121,11 @@ def _table(twin_path: Path, twin: "TwinModel") -> tuple[dict[str, Any] | None, "
     """The twin's table as written, as record, and its hash; its path is relative to the twin file's folder."""
     from infield.table_file import read_table_dict, table_from_dict, table_sha256
     from ins.records import InputError
+    from ins.twin_file import table_path
 
-    if twin.table is None:
+    path = table_path(twin, twin_path.parent)
+    if path is None:
         return None, None, ""
-    path = twin_path.parent / twin.table
     data = read_table_dict(path)
     table = table_from_dict(data, name=str(path))
     if twin.imu_serial and table.imu_serial != twin.imu_serial:

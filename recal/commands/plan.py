@@ -100,7 +100,7 @@ def _unit(twin_path: Path | None, runs: list["Run"], technology: str) -> tuple["
     """The twin with its table (read beside the twin file) and that table's hash."""
     from infield.table_file import read_table_dict, table_from_dict, table_sha256
     from ins.records import InputError
-    from ins.twin_file import default_twin, read_twin
+    from ins.twin_file import default_twin, read_twin, table_path
 
     if twin_path is None:
         return default_twin(runs[0].header.gyro_technology if runs else technology), None, ""
@@ -115,9 +115,9 @@ def _unit(twin_path: Path | None, runs: list["Run"], technology: str) -> tuple["
                 f"twin {twin_path}: gyro_technology {twin.gyro_technology}, run {run.header.run_id} is of "
                 f"{run.header.gyro_technology}"
             )
-    if twin.table is None:
+    path = table_path(twin, twin_path.parent)
+    if path is None:
         return twin, None, ""
-    path = twin_path.parent / twin.table
     data = read_table_dict(path)
     return twin, table_from_dict(data, name=str(path)), table_sha256(data)
 

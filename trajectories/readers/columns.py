@@ -87,7 +87,8 @@ def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> t
 
 def _times(columns: Mapping[str, NDArray], keys: ColumnMap, n: int) -> NDArray:
     if keys.time is not None:
-        return columns[keys.time.column] * TIME_UNITS[keys.time.unit]
+        with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped later
+            return columns[keys.time.column] * TIME_UNITS[keys.time.unit]
     assert keys.rate_hz is not None  # column_map has refused a map with neither
     return np.arange(1, n + 1) / keys.rate_hz
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from trajectories.readers.column_map import LayoutKeys
 from trajectories.readers.text_columns import refuse_missing
-from trajectories.text_rows import MAX_ROWS
+from trajectories.text_rows import refuse_rows
 
 MAGIC = b"PAR1"
 
@@ -23,8 +23,9 @@ def parquet_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tupl
     try:
         file = pq.ParquetFile(path)
         rows = file.metadata.num_rows
-        if not 2 <= rows <= MAX_ROWS:
-            raise InputError(f"{path.name}: {rows} rows, needed 2 to {MAX_ROWS}")
+        refuse_rows(rows, path)
+        if rows < 2:
+            raise InputError(f"{path.name}: {rows} rows, needed at least 2")
         refuse_missing(used, flat_names(path), path.name)
         roots = list(dict.fromkeys(name if name in file.schema_arrow.names else name.split(".")[0] for name in used))
         table = file.read(columns=roots)
