@@ -73,9 +73,10 @@ def export(
 ) -> None:  # fmt: skip
     """A table to a file: .json keeps everything, .csv node values and sigmas; PX4 and ArduPilot get a cubic.
 
-    Examples: recal table export -o table.json --serial SN-0042;
-    recal table export --to px4 --device-id 3670026 -o unit.params;
-    recal table export --to ardupilot --imu 1 -o unit.parm
+    Example: recal table export -o table.json --serial SN-0042
+
+    For an autopilot: recal table export --to px4 --device-id 3670026 -o unit.params,
+    or recal table export --to ardupilot --imu 1 -o unit.parm
     """
     form = _form(output, to)
     assert output is not None
@@ -110,8 +111,9 @@ def import_(
 ) -> None:  # fmt: skip
     """A table from a file becomes the active one; a unit's first is its factory table.
 
-    Examples: recal table import table.json --twin twin.json;
-    recal table import tcal.parm --serial SN-0042-imu1 --technology mems
+    Example: recal table import table.json --twin twin.json
+
+    From an autopilot: recal table import tcal.parm --serial SN-0042-imu1 --technology mems
     """
     from infield.store import StoreConflict, TableStore, require_same_unit
     from ins.records import InputError

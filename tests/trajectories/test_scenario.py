@@ -38,7 +38,8 @@ def small(**changes):
 def test_packaged_scenarios_are_read(name):
     scenario = read_scenario(name)
     chamber = name.startswith(("fog_ramp", "rlg_gradient"))  # many hours
-    assert scenario.alignment_s == 600 and scenario.imu.rate_hz == (10 if chamber else 100)
+    rate_hz = 10 if chamber else 50 if name.startswith("mems") else 100
+    assert scenario.alignment_s == 600 and scenario.imu.rate_hz == rate_hz
     ideal = scenario_ideal(scenario_from_dict({**packaged(name), "imu": {"rate_hz": 10}}, name=name))
     assert ideal.truth.motion.phases[0].phase == "alignment"
     assert ideal.speed_m_s[-1] == 0  # each ends at rest
