@@ -396,7 +396,11 @@ class Attributor:
             slot = self.slots[place]
             others = [s for k, s in enumerate(self.slots) if k != place]
             if slot.extra is None:
-                odds, _ = self._odds(others)
+                odds, groups = self._odds(others)
+                likelier = self._likelier_name(slot, odds)
+                if likelier is not None:
+                    slot = self.slots[place] = self._slot(likelier, odds, groups, others)
+                    odds, _ = self._odds(others)
                 own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
                 slot.log_odds = float(odds[own])
                 if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
@@ -404,6 +408,18 @@ class Attributor:
                     continue
                 slot.posterior = np.exp(odds - logsumexp(odds))
             place += 1
+
+
+    def _likelier_name(self, slot: Slot, odds: NDArray) -> int | None:
+        """The best hypothesis of the name whose parts are together likelier than the slot's own name; None: it is that."""
+        names: dict[tuple[str, str], list[int]] = {}
+        for number, h in enumerate(self.bank.hypotheses):
+            names.setdefault((h.name, h.target), []).append(number)
+        together = {key: float(logsumexp(odds[numbers])) for key, numbers in names.items()}
+        best = max(together, key=lambda key: together[key])
+        if together[best] <= together[slot.hypothesis.name, slot.hypothesis.target]:
+            return None
+        return max(names[best], key=lambda number: odds[number])
 
 
 def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:

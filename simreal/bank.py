@@ -282,10 +282,13 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
 
 
 def size_weights(group_norm: float, low: float, high: float) -> NDArray:
-    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as its inverse beyond
-    it, thin beyond REACH times its end; at most 1 together."""
+    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as its inverse root
+    beyond it, thin beyond REACH times its end; at most 1 together.
+
+    Where the data cannot choose, the more usual of two sizes leads and the other stays in the set.
+    """
     coefficient = np.sqrt(SIZES) / max(group_norm, 1e-300)
     beyond = np.maximum(coefficient / high, 1.0)
-    weight = -np.log(beyond) - 6.0 * (beyond > REACH)
+    weight = -0.5 * np.log(beyond) - 3.0 * (beyond > REACH)
     weight = weight - 1.0 * (coefficient < low / 30.0)
     return np.asarray(weight - np.log(SIZES.size))
