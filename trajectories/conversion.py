@@ -91,7 +91,8 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
         missing = [k for k in OPTIONS if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)]
         if missing:
             told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
-            raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}")
+            why = next((f" ({n})" for n in log.notes if any(word in n for word in ("damaged", "garbled", "cut off"))), "")
+            raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}{why}")
     return header
 
 

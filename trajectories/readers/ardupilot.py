@@ -48,7 +48,7 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     refuse_non_finite(dict(options), name="map")
     keys = parse(ArduPilotKeys, dict(options), name="map")
     tables = {name: table if name in TEXTS else _numbers(table) for name, table in tables.items()}
-    name, table = _imu_table(tables, keys.imu, path.name)
+    name, table = _imu_table(tables, keys.imu, path.name, notes)
     label = f"{path.name}: {name}"
     clock = log_clock(table, ("TimeUS", "TimeMS"))
     missing = [k for k in (*GYRO, *ACCEL) if k not in table]
@@ -74,14 +74,15 @@ def _numbers(table: dict[str, NDArray]) -> dict[str, NDArray]:
     return {k: v for k, v in table.items() if v.dtype.kind == "f"}
 
 
-def _imu_table(tables: Tables, number: int, label: str) -> tuple[str, dict[str, NDArray]]:
+def _imu_table(tables: Tables, number: int, label: str, notes: list[str]) -> tuple[str, dict[str, NDArray]]:
     """Messages of the IMU of a number from 1: IMU, IMU2, IMU3 of old firmware, else IMU with its instance in I."""
     held = [k for k in range(1, MAX_IMUS + 1) if f"IMU{k if k > 1 else ''}" in tables]
     table = tables.get("IMU", {})
     if "I" in table:
         held = sorted({int(i) + 1 for i in table["I"][np.isfinite(table["I"])] if 0 <= i < MAX_IMUS})
     if number not in held:
-        raise InputError(f"{label}: no IMU {number}, has {', '.join(map(str, held)) or 'none'} (--imu)")
+        why = f" ({notes[0]})" if notes else ""
+        raise InputError(f"{label}: no IMU {number}, has {', '.join(map(str, held)) or 'none'} (--imu){why}")
     if "I" in table:
         rows = table["I"] == number - 1
         return f"IMU {number}", {k: v[rows] for k, v in table.items()}

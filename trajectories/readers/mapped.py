@@ -52,7 +52,9 @@ def _own(names: Sequence[str]) -> dict[str, Any] | None:
 
 def _own_map(path: Path, options: Mapping[str, Any], name: str) -> dict[str, Any]:
     if name == "mat":
-        raise InputError(f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(leaves(path)[0])}")
+        values, notes = leaves(path)
+        why = f" ({notes[0]})" if notes else ""
+        raise InputError(f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}")
     own = _own(_names(path, name)) if name in ("csv", "parquet") else None
     if own is None:
         where = "line 1 does" if name in ("csv", "text") else "its columns do"

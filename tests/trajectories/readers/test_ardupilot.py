@@ -280,6 +280,12 @@ def test_matlab_damage(tmp_path):
     path.write_bytes(whole[:5000])
     with pytest.raises(InputError, match=r"holds none of .* \(flight\.mat: cut off at byte 128: the last 4872 bytes dropped"):
         convert_log(path, {"format": "ardupilot_mat"}, {})
+    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2))
+    with pytest.raises(InputError, match="no IMU 1, has none"):
+        convert_log(path, {"format": "ardupilot_mat"}, {})
+    path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2)[:-40])
+    with pytest.raises(InputError, match=r"no IMU 1, has none \(--imu\) \(flight\.mat: cut off at byte \d+: the last"):
+        convert_log(path, {"format": "ardupilot_mat"}, {})
     gps = whole.index(b"GPS_label")
     path.write_bytes(whole[:gps] + b"\xff" * 60 + whole[gps + 60 :])
     made = convert_log(path, {}, {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"})
