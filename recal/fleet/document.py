@@ -4,16 +4,19 @@ import re
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from datetime import UTC, datetime
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from infield.document import NM_H_PER_DEG_H
 from infield.store import TableStore, store_exists
 from infield.store_rows import UnitKey
 from recal.fleet.records import MERGED, OUTCOMES, RunOutcome
 from recal.fleet.store_url import shown_store
 from recal.fleet.tables import CRITERIA, table_facts
+from recal.fleet.unit_summary import LEVEL
 from recal.output import program_version
 
 MAX_POINTS = 2000
@@ -66,7 +69,8 @@ def fleet_document(
     counts = Counter(o.outcome for o in outcomes)
     tables = _tables(store_url, now)
     units = [_unit(key, summary, outcomes, tables.get(key), output) for key, summary in summaries.items()]
-    units.sort(key=lambda u: -(u["drift"] or {"nm_h": -1.0})["nm_h"])
+    ranks = count(1)
+    units.sort(key=lambda u: -u["ranked_nm_h"])
     return {
         "schema": "recal.fleet/1",
         "verdict": fleet_verdict(counts),
@@ -74,7 +78,7 @@ def fleet_document(
         "store": shown_store(store_url), "mode": mode, "issued_utc": now.strftime("%Y-%m-%dT%H:%M:%SZ"),
         "method": {"name": METHOD[joint], "program": "recal", "version": program_version()},
         "counts": {name: counts[name] for name in OUTCOMES},
-        "units": [{**u, "rank": k + 1 if u["drift"] else None} for k, u in enumerate(units)],
+        "units": [{**u, "rank": next(ranks) if u["drift"] else None} for u in units],
         "stale": _stale(tables, summaries),
         "left_out": _groups(outcomes),
         "noted": _notes(outcomes),
@@ -111,8 +115,10 @@ def _unit(
     pages = [str(Path(page).relative_to(output)) for page in summary.get("pages", [])]
     best = [o.folder for o in mine if o.outcome in MERGED] + [o.folder for o in mine]
     shown = [page for folder in reversed(best) for page in pages if str(output / page) == folder]
+    drift, step = summary.get("drift"), _step_drift(summary.get("steps", []))
     return {
-        **vars(key), "runs": dict(Counter(o.outcome for o in mine)), "drift": summary.get("drift"),
+        **vars(key), "runs": dict(Counter(o.outcome for o in mine)), "drift": drift, "step_drift": step,
+        "ranked_nm_h": max(found["nm_h"] if found else -1.0 for found in (drift, step)),
         "coverage": summary.get("coverage", []), "steps": summary.get("steps", []),
         "step_words": summary.get("step_words", []), "table": table,
         "page": f"{shown[0]}/update.html" if shown else None, "pages": [f"{page}/update.html" for page in pages],
@@ -120,13 +126,24 @@ def _unit(
     }  # fmt: skip
 
 
+def _step_drift(steps: Sequence[dict[str, Any]]) -> dict[str, float] | None:
+    """What a step of the level gyros that the table does not follow makes of a solution; None without one."""
+    level = [(s["shift_deg_h"], s["sigma_deg_h"]) for s in steps if s["axis"] in LEVEL]
+    if not level:
+        return None
+    shift, sigma = np.array(level).T
+    size = float(np.linalg.norm(shift))
+    return {"nm_h": NM_H_PER_DEG_H * size, "sigma_nm_h": NM_H_PER_DEG_H * float(np.linalg.norm(shift / size * sigma))}
+
+
 def _stale(tables: dict[UnitKey, dict[str, Any]], visited: dict[UnitKey, Any]) -> list[dict[str, Any]]:
-    """Tables that need somebody's attention, most reasons first, then the oldest; those without a run among them."""
+    """Tables that need somebody's attention, the contradicted first, then the oldest; those without a run among them."""
     rows = [
-        {**vars(key), "reasons": table["stale"], "age_days": table["age_days"], "in_this_update": key in visited}
+        {**vars(key), "reasons": table["stale"], "contradictions": table["contradictions"], "age_days": table["age_days"],
+         "in_this_update": key in visited}
         for key, table in tables.items() if table["stale"]
     ]  # fmt: skip
-    return sorted(rows, key=lambda row: (-len(row["reasons"]), -row["age_days"]))
+    return sorted(rows, key=lambda row: (-row["contradictions"], -row["age_days"]))
 
 
 def _groups(outcomes: Sequence[RunOutcome]) -> list[dict[str, Any]]:

@@ -45,7 +45,12 @@ def ranking_drawing(document: dict[str, Any]) -> Markup | None:
         if mask.any():
             ax.errorbar(rank[mask], np.minimum(nm_h[mask], top), sigma[mask], fmt=mark, color=colour, ecolor=PALE,
                         markersize=3.5, elinewidth=1.0, label=name)  # fmt: skip
-    ax.set_ylim(0.0, 1.06 * min(top, float((nm_h + sigma).max())))
+    steps = [(u["rank"], u["step_drift"]["nm_h"]) for u in document["units"] if u["drift"] and u["step_drift"]]
+    if steps:
+        rank_of_step, size = thinned(*zip(*steps))
+        ax.plot(rank_of_step, np.minimum(size, top), "s", color=ORANGE, markersize=4.5, label="a step against its table")
+    highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
+    ax.set_ylim(0.0, 1.06 * min(top, highest))
     ax.set_xlim(0.0, float(rank.max()) + 1.0)
     ax.legend(loc="upper right")
     axis_text(ax, title="Predicted drift by the change of the table, all units", x="rank", y="NM/h")

@@ -21,7 +21,7 @@ from recal.fleet.records import MERGED, PlannedRun, RunOutcome, RunTask, Task, o
 from recal.fleet.unit_summary import summarise_unit
 from recal.output import write_text
 
-CONFLICT_TRIES = 4  # another writer changed this very unit in between
+CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
 CONFLICT_WORDS = ("update again", "try again")  # how infield.store ends a StoreConflict
 STORE_FAULT = ("store ", "no store")  # how its InputErrors begin: not the run's fault, worth another call
 AGAIN = "again"  # not told yet: to be taken again without the runs that are
@@ -108,9 +108,9 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
             output=Path(runs[0][1]),
         )  # fmt: skip
         if not _conflicted(document):
-            break
-        time.sleep(0.1 * 2**attempt)
-    return document
+            return document
+        time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
+    raise StoreConflict(document["reasons"][0])
 
 
 def _conflicted(document: dict[str, Any]) -> bool:

@@ -14,11 +14,15 @@ from recal.fleet.records import RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
 
 UNITS = 240
+STEPS = [
+    {"axis": "x", "shift_deg_h": 0.05, "sigma_deg_h": 0.003},
+    {"axis": "z", "shift_deg_h": 0.5, "sigma_deg_h": 0.003},  # no level gyro: no drift of the position
+]
 
 
 def summary(k):
     return {
-        "of": "x", "steps": [], "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
+        "of": "x", "steps": STEPS if k == 7 else [], "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
         "pages": [f"/out/units/U{k}/last"],
         "coverage": [{"low_degC": 5.0 * (k % 7), "high_degC": 5.0 * (k % 7) + 5.0, "seconds": 600.0}],
         "drift": {
@@ -46,11 +50,14 @@ def document():
     )  # fmt: skip
 
 
-def test_units_are_ranked_by_predicted_drift(document):
-    drifts = [u["drift"]["nm_h"] for u in document["units"] if u["drift"]]
-    assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 1
+def test_units_are_ranked_by_predicted_drift_a_step_counted(document):
+    first, *units = document["units"]
+    assert first["imu_serial"] == "<U7>" and first["rank"] == 1
+    assert first["step_drift"] == {"nm_h": pytest.approx(3.0), "sigma_nm_h": pytest.approx(0.18)}  # 60 NM/h a deg/h
+    drifts = [u["drift"]["nm_h"] for u in units if u["drift"]]
+    assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 2
     assert [u["rank"] for u in document["units"]] == [*range(1, UNITS), None]
-    assert document["units"][0]["page"].startswith("units/U") and document["units"][0]["page"].endswith("/last/update.html")
+    assert first["page"].startswith("units/U7/last") and first["page"].endswith("/last/update.html")
 
 
 def test_the_page_is_whole_and_fetches_nothing(document):
