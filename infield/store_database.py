@@ -169,14 +169,15 @@ def _begin(connection: Connection) -> None:
         connection.exec_driver_sql("BEGIN")
 
 
-def _schema_of(connection: Connection) -> str | None:
+def schema_of(connection: Connection) -> str | None:
+    """The newest migration that the database has seen."""
     if not inspect(connection).has_table("alembic_version"):
         return None
     return connection.execute(text("SELECT version_num FROM alembic_version")).scalar()
 
 
 def _require_schema(connection: Connection, name: str) -> None:
-    found = _schema_of(connection)
+    found = schema_of(connection)
     if found is None:
         raise InputError(f"no store at {name}: the database holds no recal tables")
     if found not in READABLE:
@@ -190,10 +191,10 @@ def _refuse_newer(found: str | None, name: str) -> None:
 
 
 def _migrate(connection: Connection) -> None:
-    found = _schema_of(connection)
+    found = schema_of(connection)
     if found != SCHEMA_REVISION and connection.dialect.name == "postgresql":
         connection.execute(text("SELECT pg_advisory_xact_lock(:key)"), {"key": MIGRATION_LOCK})
-        found = _schema_of(connection)
+        found = schema_of(connection)
     if found == SCHEMA_REVISION:
         return
     _refuse_newer(found, "store")

@@ -17,8 +17,9 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-SCHEMA_REVISION = "0003"  # the newest migration
-READABLE = ("0001", "0002", SCHEMA_REVISION)  # older stores that a reading command opens as they are
+SCHEMA_REVISION = "0004"  # the newest migration
+READABLE = ("0001", "0002", "0003", SCHEMA_REVISION)  # older stores that a reading command opens as they are
+GUARDED = ("recal_contradiction", "recal_decision", "recal_proposal", "recal_revision")  # by triggers on PostgreSQL, 0004
 metadata = MetaData()
 
 # One gyro triad: the key that a table belongs to, and the twin record that its noise model comes from.

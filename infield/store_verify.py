@@ -10,12 +10,23 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Table, inspect, select
+from sqlalchemy import Connection, Table, inspect, select, text
 
 from infield.store_contradictions import contradiction_sha256
+from infield.store_database import schema_of
 from infield.store_proposal_rows import proposals_of, read_full
 from infield.store_rows import UnitKey, key_of, provenance_runs, record_sha256, runs_held, text_sha256, unit_of_table
-from infield.store_schema import contradiction, decision, merged_run, proposal, revision, tag, unit
+from infield.store_schema import (
+    GUARDED,
+    SCHEMA_REVISION,
+    contradiction,
+    decision,
+    merged_run,
+    proposal,
+    revision,
+    tag,
+    unit,
+)
 from infield.table_file import table_from_dict
 from ins.records import InputError
 from ins.twin_file import twin_from_dict
@@ -53,8 +64,17 @@ def check_store(c: Connection) -> StoreCheck:
     return StoreCheck(tuple(_check_unit(c, row) for row in units), faults)
 
 
+GUARDS_ON = text(
+    "SELECT t.relname FROM pg_trigger g JOIN pg_class t ON t.oid = g.tgrelid WHERE g.tgname = 'recal_append_only' "
+    "AND g.tgenabled IN ('O', 'A') AND t.relnamespace = current_schema()::regnamespace"
+)
+
+
 def _damage(c: Connection) -> Iterable[str]:
-    """What SQLite finds wrong with its own file."""
+    """What SQLite finds wrong with its own file; on PostgreSQL the triggers that are off."""
+    if c.dialect.name == "postgresql" and schema_of(c) == SCHEMA_REVISION:
+        for name in sorted(set(GUARDED) - set(c.execute(GUARDS_ON).scalars())):
+            yield f"{name}: its trigger recal_append_only is off or gone"
     if c.dialect.name == "sqlite":
         for (said,) in c.exec_driver_sql("PRAGMA integrity_check(5)").all():
             if said != "ok":
@@ -127,9 +147,9 @@ def _text_faults(key: UnitKey, row: dict[str, Any], name: str) -> Iterable[str]:
             yield f"{name}: the report is of another table ({report_key})"
 
 
-def _report(text: str | None) -> dict[str, Any] | None:
+def _report(report_json: str | None) -> dict[str, Any] | None:
     try:
-        report = json.loads(text or "{}")
+        report = json.loads(report_json or "{}")
     except ValueError:
         return None
     return report if isinstance(report, dict) else None
