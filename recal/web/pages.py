@@ -23,12 +23,14 @@ MOST_SHOWN = 500  # rows of a history
 
 def register(app: FastAPI, site: Site) -> None:
     """All routes that only read."""
-    _register_tables(app, site)
+    _register_units(app, site)
+    _register_revisions(app, site)
     _register_proposals(app, site)
+    _register_proposal_texts(app, site)
     _register_reports(app, site)
 
 
-def _register_tables(app: FastAPI, site: Site) -> None:
+def _register_units(app: FastAPI, site: Site) -> None:
     @app.get("/")
     def units(request: Request, q: str = "", sort: Sort = "serial", down: bool = False, page: Number = 1) -> HTMLResponse:
         site.require_reader(request)
@@ -64,6 +66,8 @@ def _register_tables(app: FastAPI, site: Site) -> None:
             proposals=[views.proposal_facts(p) for p in reversed(proposals)], done=done, diagnoses=diagnoses, **context,
         )  # fmt: skip
 
+
+def _register_revisions(app: FastAPI, site: Site) -> None:
     @app.get("/diff")
     def diff(
         request: Request, serial: str, technology: str, mode: str = "", before: Number = 1, after: Number = 1
@@ -113,6 +117,8 @@ def _register_proposals(app: FastAPI, site: Site) -> None:
             panels=site.drawings.bias_panels(lines) if lines else [], look=views.STATE_LOOKS[full.state],
         )  # fmt: skip
 
+
+def _register_proposal_texts(app: FastAPI, site: Site) -> None:
     @app.get("/proposal/report")
     def proposal_report(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
         site.require_reader(request)
