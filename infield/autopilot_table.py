@@ -14,7 +14,7 @@ from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
 
 FIT_LIMIT_SIGMAS = 1.0  # of the table: a cubic that is further off anywhere is refused
-FREE_LEVEL_DEG_H = 3600.0  # zero-rate offset of an autopilot's gyro, +-1 deg/s (BMI088 data sheet)
+FREE_LEVEL_DEG_H = 3600.0  # zero-rate offset of an autopilot's gyro, +-1 deg/s
 SPACING_DEGC = 10.0  # of the nodes that an imported cubic is laid on; Hermite, so exact between them too
 TITLES = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 

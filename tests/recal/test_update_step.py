@@ -113,7 +113,8 @@ def test_a_changed_row_is_found(stepped, tmp_path):
 def test_a_store_of_the_first_schema_is_read_and_upgraded_by_a_commit(stepped, tmp_path):
     url, runs, _ = stepped
     with sqlite3.connect(tmp_path / "recal.db") as db:
-        db.execute("DROP TABLE recal_contradiction")
+        for later in ("recal_decision", "recal_proposal", "recal_contradiction"):
+            db.execute(f"DROP TABLE {later}")
         db.execute("UPDATE alembic_version SET version_num = '0001'")
     assert update(url, tmp_path, runs[0])[0] == 5
     with TableStore.open(url) as store:
