@@ -9,6 +9,8 @@
       parked                    a drift (below) against the parked position
       predicted                 sigma_nm_h and sigma_end_speed_m_s of that drift; level_gyro_sigma_deg_h (north gyro,
                                 mean over the span), rule_of_thumb_nm_h = 60 NM/h per deg/h of it; seen_over_sigma
+      schuler                   period_min with sigma_period_min and amplitude_m_s of the parked velocity's swing, null with a
+                                reason where it cannot be fitted; expected_period_min = 2 pi sqrt(R/g)
       stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s, realign
       realign                   any residual ground speed above 5 kt while standing
       gnss                      a drift against GNSS after the parked span, null where none is logged
@@ -32,6 +34,7 @@ from infield.aided_document import aided_document
 from infield.drift import CLASSES, REALIGN_M_S, Drift
 from infield.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay import ReplayResult, StopSpeed, TableReplay, heading_change
+from infield.schuler import fit_schuler
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
@@ -46,6 +49,8 @@ DEFINITIONS = {
     "realign": f"residual ground speed above {REALIGN_M_S / KNOT:.0f} kt while the vehicle stands",
     "predicted": "table covariance, and turn-on, flicker and random walks of the noise model, through the linear error "
     "model from a gyrocompass alignment on: one sigma of the parked rate_nm_h",
+    "schuler": "one period fitted to north and east velocity while parked, beside a straight line; sigma by what is left, "
+    "in stretches; 84.4 min where nothing but tilt moves the velocity",
     "gnss": "solution less GNSS after the parked span, time counted from the end of the alignment; the offset while "
     "parked (a site entered roughly) is taken out",
     "aided": "the log compensated with the active table, navigated with its satellite fixes; NIS: squared innovation over what "
@@ -106,6 +111,7 @@ def _table(t: TableReplay, result: ReplayResult) -> dict[str, Any]:
         "alignment": _alignment(t, result.run),
         "parked": _drift(t.parked),
         "predicted": _predicted(t),
+        "schuler": _schuler(t, result.run),
         "stops": [_stop(s) for s in t.stops],
         "realign": any(v > REALIGN_M_S for v in [*end_kt, *(s.median_m_s for s in t.stops)]),
         "gnss": _drift(t.gnss),
@@ -151,6 +157,17 @@ def _predicted(t: TableReplay) -> dict[str, Any] | None:
         "level_gyro_sigma_deg_h": sigma,
         "rule_of_thumb_nm_h": NM_H_PER_DEG_H * sigma,
     }
+
+
+def _schuler(t: TableReplay, run: Run) -> dict[str, Any] | None:
+    """Null without a flight; period null and the reason where it could not be fitted."""
+    if t.history is None:
+        return None
+    fit = fit_schuler(t.parked, run.header.site)
+    return {
+        "period_min": fit.period_s / 60.0, "sigma_period_min": fit.sigma_s / 60.0, "amplitude_m_s": fit.amplitude_m_s,
+        "expected_period_min": fit.expected_s / 60.0, "reason": fit.reason,
+    }  # fmt: skip
 
 
 def _stop(s: StopSpeed) -> dict[str, Any]:

@@ -4,14 +4,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
-from numpy.typing import NDArray
 
+from infield.aided_figures import aided_figures, map_figure
 from infield.drift import CLASSES
 from infield.replay import ReplayResult, TableReplay
 from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text, thinned
 from infield.report_page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.earth import displacement_ned
 from ins.units import DEG, HOUR, KNOT, NAUTICAL_MILE
 
 if TYPE_CHECKING:
@@ -21,8 +20,7 @@ COLOURS = {"previous": OLD, "active": NEW}
 LINES = {"previous": "--", "active": "-"}
 RAW = "raw gyro output"
 BANNERS = {"replayed": "good", "refused": "none", "inconsistent": "bad"}
-FIGURES = ("radial", "velocity", "wander", "track", "attitude", "gnss", "reference")
-MOVED_M = 50.0  # a track longer than the parked drift is worth a drawing of its own
+FIGURES = ("radial", "velocity", "wander", "attitude", "gnss", "reference")
 
 
 def replay_html(document: dict[str, Any], result: ReplayResult) -> str:
@@ -33,7 +31,7 @@ def replay_html(document: dict[str, Any], result: ReplayResult) -> str:
         tables={t["role"]: t for t in document["tables"]},
         banner=BANNERS[document["verdict"]],
         headline=_headline(document),
-        figures=_figures(result),
+        figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
     )
 
@@ -43,7 +41,9 @@ def _headline(document: dict[str, Any]) -> str:
     if document["verdict"] == "refused":
         return "No table could be flown: " + "; ".join(document["reasons"])
     tables = {t["role"]: t for t in document["tables"]}
-    active, previous = tables["active"], tables.get("previous")
+    active, previous = tables.get("active"), tables.get("previous")
+    if active is None or active["alignment"]["verdict"] not in ("aligned", "inconsistent"):
+        return f"No free-inertial flight; navigated with GNSS from {number(document['aided']['start']['time_s'], 0)} s on."
     if active["parked"] is None:
         return "The vehicle rolls within a minute of its alignment: no parked drift to measure."
     after, hours = active["parked"]["rate_nm_h"], active["parked"]["hours"]
@@ -67,8 +67,6 @@ def _figures(result: ReplayResult) -> dict[str, Markup | None]:
         found["wander"] = _wander(flown)
     if flown:
         found["attitude"] = _attitude(flown)
-        if _track_length(flown[-1]) > MOVED_M:
-            found["track"] = _track(flown, result)
     for name in ("gnss", "reference"):
         if any(getattr(t, name) is not None for t in flown):
             found[name] = _against(flown, name)
@@ -146,43 +144,6 @@ def _wander(flown: list[TableReplay]) -> Markup:
     axis_text(ax, title="Computed position while parked", x="east [m]", y="north [m]")
     ax.legend(loc="best")
     return svg_text(figure, "Computed position while parked on a plain grid, by table")
-
-
-def _track(flown: list[TableReplay], result: ReplayResult) -> Markup:
-    """The whole track, with GNSS where logged."""
-    figure, axes = new_figure(width=4.8, height=4.4)
-    ax, site = axes[0, 0], result.run.header.site
-    largest = max(float(np.abs(_grid(t, result)).max()) for t in flown)
-    unit, name = (1000.0, "km") if largest > 5000.0 else (1.0, "m")
-    if result.run.gnss is not None:
-        gnss = result.run.gnss
-        fixes = displacement_ned(
-            gnss.lat_rad, gnss.lon_rad, lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m
-        )
-        north, east = thinned(*(fixes / unit).T)
-        ax.plot(east, north, color=GREY, linewidth=3.0, alpha=0.45, label="GNSS")
-    for t in flown:
-        north, east = thinned(*(_grid(t, result) / unit).T)
-        ax.plot(east, north, **_style(t))
-    _square(ax)
-    axis_text(ax, title="Computed track", x=f"east [{name}]", y=f"north [{name}]")
-    ax.legend(loc="best")
-    return svg_text(figure, "Computed track on a plain grid, by table")
-
-
-def _grid(t: TableReplay, result: ReplayResult) -> NDArray:
-    assert t.history is not None
-    site = result.run.header.site
-    return displacement_ned(
-        t.history.lat_rad, t.history.lon_rad, lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m
-    )
-
-
-def _track_length(t: TableReplay) -> float:
-    """Way since the end of the parked span [m]."""
-    assert t.history is not None
-    parked = t.parked.time_s.size + 1 if t.parked is not None else 0
-    return float(np.linalg.norm(t.history.displacement_n_m[parked:, :2].sum(axis=0)))
 
 
 def _square(ax: "Axes") -> None:

@@ -37,6 +37,8 @@ def command(
     aided: Annotated[
         bool, typer.Option("--aided/--no-aided", help="Also navigate with the run's GNSS, where it has one.")
     ] = True,
+    kml: Annotated[bool, typer.Option("--kml", help="Also write track.kml, for a globe.")] = False,
+    csv: Annotated[bool, typer.Option("--csv", help="Also write the navigation files as CSV.")] = False,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -47,7 +49,9 @@ def command(
 
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
-    document = replay(run, store_url=store, twin=twin, thermal_model=thermal_model, aided=aided, output=output)
+    document = replay(
+        run, store_url=store, twin=twin, thermal_model=thermal_model, aided=aided, kml=kml, csv=csv, output=output
+    )
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
         say(line, quiet=quiet)
@@ -56,13 +60,14 @@ def command(
 
 def replay(
     run_path: Path, *, store_url: str, twin: Path | None = None, thermal_model: Path | None = None,
-    aided: bool = True, output: Path | None = None,
+    aided: bool = True, kml: bool = False, csv: bool = False, output: Path | None = None,
 ) -> dict[str, Any]:  # fmt: skip
     """Replay one run; writes replay.json, replay.html, navigation.parquet (free-inertial) and navigation_aided.parquet, each
-    where there is such a solution; returns the document."""
+    where there is such a solution; with `kml`, track.kml, with `csv`, the two as .csv; returns the document."""
     from infield.replay import replay as replay_run
     from infield.replay_document import replay_document
     from infield.replay_report import replay_html
+    from infield.track_kml import track_kml
     from recal.output import output_directory, program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
     from trajectories.run import read_reference, read_run
@@ -82,11 +87,11 @@ def replay(
         thermal_model=said, reference=reference,
     )  # fmt: skip
     directory = output_directory(output, "replay")
-    write_files({
-        directory / "replay.json": result_text(document), directory / "replay.html": replay_html(document, result)
-    })  # fmt: skip
-    _write_navigation(directory / "navigation.parquet", result)
-    _write_aided(directory / "navigation_aided.parquet", result)
+    texts = {directory / "replay.json": result_text(document), directory / "replay.html": replay_html(document, result)}
+    write_files(texts | ({directory / "track.kml": track_kml(result)} if kml else {}))
+    for ending in (".parquet", ".csv") if csv else (".parquet",):
+        _write_navigation(directory / f"navigation{ending}", result)
+        _write_aided(directory / f"navigation_aided{ending}", result)
     return document
 
 
@@ -167,6 +172,8 @@ def summary(document: dict[str, Any]) -> list[str]:
             line + f"{drift['rate_nm_h']:.3f} NM/h{expected}, RMS rate {drift['rms_rate_nm_h']:.3f} NM/h, "
             f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{', REALIGN' if t['realign'] else ''}"
         )
+        if (schuler := t["schuler"]) and not schuler["reason"]:
+            lines.append(f"           Schuler period {schuler['period_min']:.1f} +- {schuler['sigma_period_min']:.1f} min")
     difference = document["difference"]
     if difference and difference["rate_nm_h"]:
         rate = difference["rate_nm_h"]
