@@ -61,7 +61,7 @@ def map_figure(result: "ReplayResult") -> Markup | None:
     low, high = np.min([g.min(axis=0) for g in held], axis=0), np.max([g.max(axis=0) for g in held], axis=0)
     centre, half = 0.5 * (low + high), 0.6 * float((high - low).max())
     unit, name = (1000.0, "km") if half > 1500.0 else (1.0, "m")
-    figure, axes = new_figure(width=5.4, height=5.6)
+    figure, axes = new_figure(width=6.4, height=6.6)
     ax = axes[0, 0]
     for t in tracks:
         north, east = thinned(*(grid[t.key] / unit).T)
@@ -129,12 +129,23 @@ def _attitude(columns: dict[str, NDArray]) -> Markup:
         t, y, s = thinned(minutes, angle, columns[f"sigma_{name}_deg"])
         axes[0, k].plot(t, y, color=GREEN, linewidth=1.2)
         axes[1, k].plot(t, s, color=GREEN)
-        axes[1, k].set_yscale("log")
+        _decades(axes[1, k])
         axis_text(axes[0, k], title=f"{name.capitalize()}{', continuous' if name == 'heading' else ''}")
         axis_text(axes[1, k], title=f"Sigma of the {name}", x=TIME)
     axes[0, 0].set_ylabel("angle [deg]")
     axes[1, 0].set_ylabel("sigma [deg]")
     return svg_text(figure, "Aided roll, pitch and heading, and their sigmas")
+
+
+def _decades(ax: "Axes") -> None:
+    """A logarithmic axis with plain numbers (reports draw no mathematical text), a few of them also within a decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    ax.set_yscale("log")
+    low, high = ax.get_ylim()
+    ax.yaxis.set_major_locator(LogLocator(subs=(1.0,) if high > 100.0 * low else (1.0, 2.0, 5.0)))
+    ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    ax.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _broken(angle: NDArray) -> NDArray:
@@ -213,7 +224,7 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
         ax.plot(t, np.maximum(off, 1e-4), color=GREY, label="GNSS less prediction", **dots)
         t, s = thinned(minutes, np.hypot(*(columns[name] for name in names)))
         ax.plot(t, s, color=GREEN, label="sigma of the solution")
-        ax.set_yscale("log")
+        _decades(ax)
         axis_text(ax, title=f"Level {kind}", x=TIME, y=f"{kind} [{unit}]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=2)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 import typer
@@ -107,6 +108,25 @@ def test_same_bytes_on_a_second_run(folder):
     assert names == ["navigation.parquet", "navigation_aided.parquet", "replay.html", "replay.json"]
     for name in names:
         assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
+
+
+def test_exports_and_the_aided_solution(folder):
+    """--kml and --csv write what the parquet files hold, twice the same bytes; --no-aided leaves GNSS out."""
+    stored(table(0.0))
+    document = result_of("run", "-o", "one", "--kml", "--csv")
+    result_of("run", "-o", "two", "--kml", "--csv")
+    for name in ("track.kml", "navigation.csv", "navigation_aided.csv"):
+        assert (folder / "one" / name).read_bytes() == (folder / "two" / name).read_bytes(), name
+    for name in ("navigation", "navigation_aided"):
+        text, binary = pd.read_csv(f"one/{name}.csv", float_precision="round_trip"), pq.read_table(f"one/{name}.parquet")
+        pd.testing.assert_frame_equal(text, binary.to_pandas(), check_exact=True)
+    aided = document["aided"]
+    assert aided["verdict"] == "aided" and aided["start"]["method"] == "gyrocompass" and aided["consistency"]["is_test"]
+    assert aided["scoring_only"]["normalised_position"] < 3.0 and aided["rejected"] == []
+    assert "Aided by GNSS" in (folder / "one/replay.html").read_text() and "$" not in (folder / "one/replay.html").read_text()
+    plain = result_of("run", "-o", "one", "--no-aided")
+    assert plain["aided"] is None and not (folder / "one/navigation_aided.parquet").exists()
+    assert plain["tables"] == document["tables"] and plain["tables"][0]["schuler"]["reason"].startswith("parked for 10 min")
 
 
 def test_one_revision_is_flown_alone_and_said(folder):
