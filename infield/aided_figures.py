@@ -1,6 +1,6 @@
 """Drawings of an aided solution for replay.html: map, attitude, velocity, biases, innovations, sigma against error."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
 
     from infield.replay import ReplayResult
 
-STYLES = {
+STYLES: dict[str, dict[str, Any]] = {
     "gnss": {"color": GREY, "linewidth": 3.5, "alpha": 0.45, "label": "GNSS"},
     "previous": {"color": OLD, "linestyle": "--", "label": "free-inertial, previous table"},
     "active": {"color": NEW, "label": "free-inertial, active table"},
     "aided": {"color": GREEN, "linewidth": 1.8, "label": "aided by GNSS"},
 }
-BAND = {"alpha": 0.25, "linewidth": 0.0}
+BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0.0}
 AIDED_FIGURES = ("aided_attitude", "aided_velocity", "aided_biases", "innovations", "aided_sigma")
 TIME = "time of the log [min]"
 MOVED_M = 20.0  # a map of less shows noise
@@ -86,14 +86,27 @@ def _rolls(result: "ReplayResult") -> bool:
 
 def _degrees(ax: "Axes", unit: float, lat_rad: float, lon_rad: float, height_m: float) -> None:
     """Latitude on the right, longitude on top."""
+    from matplotlib.ticker import MaxNLocator
+
     per_deg = displacement_ned(lat_rad + DEG, lon_rad + DEG, lat0_rad=lat_rad, lon0_rad=lon_rad, height0_m=height_m) / unit
-    lat, lon = lat_rad / DEG, lon_rad / DEG
-    right = ax.secondary_yaxis("right", functions=(lambda n: lat + n / per_deg[0], lambda d: (d - lat) * per_deg[0]))
-    top = ax.secondary_xaxis("top", functions=(lambda e: lon + e / per_deg[1], lambda d: (d - lon) * per_deg[1]))
+    right = ax.secondary_yaxis("right", functions=_scales(lat_rad / DEG, float(per_deg[0])))
+    top = ax.secondary_xaxis("top", functions=_scales(lon_rad / DEG, float(per_deg[1])))
     for axis in (right.yaxis, top.xaxis):
-        axis.get_major_locator().set_params(nbins=4)
+        axis.set_major_locator(MaxNLocator(nbins=4))
     right.set_ylabel("latitude [deg]")
     top.set_xlabel("longitude [deg]")
+
+
+def _scales(origin_deg: float, per_deg: float) -> tuple[Any, Any]:
+    """From the grid's unit to degrees, and back."""
+
+    def degrees(distance: Any) -> Any:
+        return origin_deg + np.asarray(distance, dtype=float) / per_deg
+
+    def distance(degree: Any) -> Any:
+        return (np.asarray(degree, dtype=float) - origin_deg) * per_deg
+
+    return degrees, distance
 
 
 def _grid(track: Track, lat_rad: float, lon_rad: float, height_m: float) -> NDArray:
@@ -220,7 +233,7 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
         ax = axes[0, k]
         rows = np.flatnonzero(np.isfinite(history.residual[:, 3 * k]))
         t, off = thinned(history.fix_time_s[rows] / 60.0, np.linalg.norm(history.residual[rows, 3 * k : 3 * k + 2], axis=1))
-        dots = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
+        dots: dict[str, Any] = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
         ax.plot(t, np.maximum(off, 1e-4), color=GREY, label="GNSS less prediction", **dots)
         t, s = thinned(minutes, np.hypot(*(columns[name] for name in names)))
         ax.plot(t, s, color=GREEN, label="sigma of the solution")

@@ -51,9 +51,10 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
     t, v = _minutes(parked)
     root = np.eye(len(t))
     for _ in range(3):  # ordinary least squares first, then weighted by what it left
-        w = _frequency(t, v, root)
-        if w is None:
+        best = _frequency(t, v, root)
+        if best is None:
             return SchulerFit(expected_s=expected, reason="no swing: the fit runs to the end of 30 to 240 min")
+        w = best
         left = v - _columns(w, t) @ _solved(w, t, v, root)[0]
         root = _whitening(left)
     amplitude, sigma_w = _spread(w, t, v, root)

@@ -1,0 +1,55 @@
+"""How many times real time the aided navigation runs, beside free-inertial navigation of the same log in the same process.
+
+    python benchmarks/aided_speed.py [MINUTES]
+
+A flight at 200 Hz with GNSS at 1 Hz, in memory; CPU seconds of the second of two passes, so that nothing is compiled in it.
+"""
+
+import sys
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from infield.aided import navigate_aided
+from infield.session import find_rest
+from ins.mechanization import navigate
+from ins.records import NavState
+from ins.twin_file import default_twin
+from tests.infield.aided_cases import FLIGHT, SITE, flown
+from trajectories.motions import lay
+from trajectories.segments import Cruise, Park
+from trajectories.sensors import ideal_sensors
+from trajectories.truth import build_truth
+
+RATE_HZ = 200.0
+
+
+def cpu_s(work: Callable[[], object]) -> float:
+    """CPU seconds of the second call."""
+    work()
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
+def main(minutes: float) -> None:
+    """Prints the table."""
+    cruise = Cruise(duration_s=max(60.0 * minutes - 730.0, 10.0))
+    truth = build_truth(lay([Park(duration_s=300.0), *FLIGHT, cruise]), SITE, heading_rad=2.0)
+    base, twin = ideal_sensors(truth, RATE_HZ), default_twin("rlg")
+    made = flown(base, twin, 1)
+    run = made.run
+    start = NavState(time_s=0.0, site=SITE, v_n_m_s=np.zeros(3), C_nb=base.C_nb[0])
+    seconds = run.imu.end_s
+    free = cpu_s(lambda: navigate(run.imu.pieces(), start))
+    rest = find_rest(run)
+    aided = cpu_s(lambda: navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None))
+    print(f"{seconds / 60:.0f} min at {RATE_HZ:.0f} Hz, GNSS at 1 Hz, {run.imu.rows} rows")
+    for name, cost in (("free-inertial navigation", free), ("aided: stands, start, filter, verdict", aided)):
+        print(f"  {name:40s}{cost:7.2f} s CPU{seconds / cost:10.0f} times real time")
+    print(f"  aided over free-inertial {aided / free:27.1f}")
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]) if len(sys.argv) > 1 else 60.0)
