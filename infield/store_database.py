@@ -115,7 +115,8 @@ def _parsed(url: str) -> URL:
         parsed = make_url(url)
     except (exc.ArgumentError, ValueError):
         before, at, after = url.rpartition("@")
-        shown = QUERY_SECRET.sub(r"\1***", f"{before.partition('://')[0]}://***@{after}" if at else url)
+        scheme, colon, _ = before.partition("://")
+        shown = QUERY_SECRET.sub(r"\1***", f"{scheme if colon else ''}{colon}***@{after}" if at else url)
         raise InputError(f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db") from None
     if "@" in (parsed.host or ""):
         raise InputError(f"store {parsed.drivername}://***: an @ in user or password must be written %40")
