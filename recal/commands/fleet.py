@@ -100,7 +100,8 @@ def cores() -> int:
 
 def summary(document: dict[str, Any], output: Path, *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document['verdict']}: {sum(document['counts'].values())} runs of {len(document['units'])} unit{'s' * (len(document['units']) != 1)}"]
+    units = len(document["units"])
+    lines = [f"{document['verdict']}: {sum(document['counts'].values())} runs of {units} unit{'s' * (units != 1)}"]
     lines += [f"  {reason}" for reason in document["reasons"]]
     ranked = [u for u in document["units"] if u["drift"]]
     for u in ranked[: None if verbose else 5]:
