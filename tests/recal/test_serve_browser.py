@@ -2,6 +2,7 @@
 
 import json
 import re
+import time
 
 import pytest
 
@@ -149,7 +150,9 @@ def sign_in(browser, base, next_page="/"):
 
     browser.call("Network.clearBrowserCookies")
     browser.open(f"{base}/signin?next={quote(next_page, safe='')}")
-    assert browser.evaluate("document.activeElement.id") == "token"  # where the cursor stands
+    until = time.monotonic() + 10.0  # the cursor is set after the page has loaded
+    while browser.evaluate("document.activeElement.id") != "token":
+        assert time.monotonic() < until, "the cursor does not stand in the token's field"
     browser.call("Input.insertText", text=TOKEN)
     browser.events.clear()
     browser.press("Enter")
