@@ -7,6 +7,7 @@ Only the parent writes it. A kill leaves at most one cut line, at the end: it is
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -18,9 +19,12 @@ NAME = "journal.jsonl"
 
 
 class Journal:
-    """Open for one parent at a time. runs: outcomes by path; units: summaries by unit; both of earlier calls like this one."""
+    """Open for one parent at a time. runs: outcomes by path; units: summaries by unit; both of earlier calls like this one.
 
-    def __init__(self, folder: Path, settings: dict[str, Any]) -> None:
+    heads: number of each unit's active revision before the first of these calls; a unit that is not there had no table.
+    """
+
+    def __init__(self, folder: Path, settings: dict[str, Any], heads: Mapping[str, int]) -> None:
         self.path = folder / NAME
         self.call = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
         self.runs: dict[str, RunOutcome] = {}
@@ -37,8 +41,8 @@ class Journal:
             self.close()
             raise
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-        self.begun_utc: str = self.calls[0]["utc"] if self.calls else now
-        self._append({"event": "call", "utc": now, "settings": settings})
+        self.heads: dict[str, int] = self.calls[0]["heads"] if self.calls else dict(heads)
+        self._append({"event": "call", "utc": now, "settings": settings, "heads": dict(heads)})
 
     def add_run(self, outcome: RunOutcome) -> None:
         self.runs[outcome.path] = outcome
@@ -79,7 +83,7 @@ class Journal:
 
     def _take(self, line: dict[str, Any]) -> None:
         if line["event"] == "call":
-            self.calls.append({"utc": line["utc"]})
+            self.calls.append({"utc": line["utc"], "heads": line["heads"]})
         elif line["event"] == "run":
             outcome = outcome_from_json(line["run"])
             self.runs[outcome.path] = outcome

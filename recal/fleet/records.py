@@ -82,8 +82,9 @@ def outcome_of(run: PlannedRun, outcome: str, *reasons: str, **more: Any) -> Run
 class RunTask:
     """Runs of one unit to be updated with in one go, in time order: one, or all of them jointly.
 
-    folders: where the report of each run goes; a joint update writes to the first. begun_utc: when the fleet update first
-    began: a run that the table holds from before was not merged by it. merged: hash and path of the unit's runs that were.
+    folders: where the report of each run goes; a joint update writes to the first. head: number of the unit's active
+    revision before the fleet update first began: what is in it was not merged by it.
+    merged: hash and path of the unit's runs that were.
     """
 
     runs: tuple[PlannedRun, ...]
@@ -92,7 +93,7 @@ class RunTask:
     commit: bool
     propose: tuple[str, str] | None
     config: str | None
-    begun_utc: str
+    head: int
     merged: tuple[tuple[str, str], ...] = ()
     attempt: int = 1
 

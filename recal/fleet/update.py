@@ -8,7 +8,7 @@ with `joint`.
 
 import hashlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -68,7 +68,7 @@ def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> dict[
     store_url, store_file = absolute_store(request.store_url)
     request = replace(request, store_url=store_url, output=output_directory(request.output, "fleet").absolute())
     known = _known_units(request)
-    journal = Journal(request.output, _settings(request))
+    journal = Journal(request.output, _settings(request), {str(key): number for key, number in known.items()})
     try:
         set_aside = [*plan.set_aside, *_without_table(request, plan.units, known)]
         units = {key: runs for key, runs in plan.units.items() if not request.known_only or key in known}
@@ -115,12 +115,12 @@ def _pool(request: FleetRequest, queues: Sequence[UnitQueue], store_file: str | 
     return DaskPool(request.cluster, sample_paths(request.output, runs, store_file), sqlite=store_file is not None)
 
 
-def _known_units(request: FleetRequest) -> set[UnitKey]:
-    """Units with a table; a store that is going to be written is made and migrated here, once."""
+def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
+    """Units with a table, and its revision's number; a store that is going to be written is made and migrated here, once."""
     if request.mode == "dry" and not store_exists(request.store_url):
-        return set()
+        return {}
     with TableStore.open(request.store_url, create=request.mode != "dry") as store:
-        return {record.unit for record in store.units()}
+        return {record.unit: record.active.number for record in store.units()}
 
 
 def _settings(request: FleetRequest) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def _jointly(request: FleetRequest) -> bool:
 
 
 def _without_table(
-    request: FleetRequest, units: dict[UnitKey, tuple[PlannedRun, ...]], known: set[UnitKey]
+    request: FleetRequest, units: dict[UnitKey, tuple[PlannedRun, ...]], known: Collection[UnitKey]
 ) -> list[RunOutcome]:
     """With --known-only, runs of units that the store does not hold."""
     if not request.known_only:
@@ -144,7 +144,7 @@ def _without_table(
     return [outcome_of(run, "refused", words) for key, runs in units.items() if key not in known for run in runs]
 
 
-def _noted(run: PlannedRun, known: set[UnitKey]) -> PlannedRun:
+def _noted(run: PlannedRun, known: Collection[UnitKey]) -> PlannedRun:
     new = "unit without a table in the store: it begins with the default of its technology"
     return run if run.unit in known else replace(run, notes=(*run.notes, new))
 
@@ -171,7 +171,7 @@ def _queue(request: FleetRequest, journal: Journal, key: UnitKey, runs: Sequence
         left, done = list(runs), {}
     folders = [str(request.output / "units" / name / run_folder(run)) for run in left]
     common: dict[str, Any] = {
-        "store_url": request.store_url, "commit": request.mode == "commit", "begun_utc": journal.begun_utc,
+        "store_url": request.store_url, "commit": request.mode == "commit", "head": journal.heads.get(str(key), 0),
         "propose": (request.by, request.note) if request.mode == "propose" else None,
         "config": str(request.config.absolute()) if request.config else None,
     }  # fmt: skip

@@ -152,7 +152,7 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
     by = next((r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None)
     if by is None:
         return replace(outcome, outcome="already", reasons=("came with the table",))
-    if by.created_utc <= task.begun_utc or not by.report_json:  # whole seconds; no call commits in its first
+    if by.number <= task.head or not by.report_json:
         words = f"merged as revision {by.number} on {by.created_utc[:10]}"
         return replace(outcome, outcome="already", reasons=(words,), revision=by.number)
     write_text(Path(outcome.folder) / "update.json", by.report_json)

@@ -11,7 +11,7 @@ RUNS = [RunOutcome(path=f"/r{k}", outcome="committed", reasons=("why",), revisio
 
 
 def written(folder, settings=SETTINGS):
-    journal = Journal(folder, settings)
+    journal = Journal(folder, settings, {"SN-1 (rlg)": 3})
     for run in RUNS:
         journal.add_run(run)
     journal.add_unit("SN-1", {"of": "x"})
@@ -22,11 +22,11 @@ def written(folder, settings=SETTINGS):
 
 def test_what_was_written_is_read_by_a_call_like_it_only(tmp_path):
     first = written(tmp_path)
-    again = Journal(tmp_path, SETTINGS)
+    again = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     assert again.runs == {run.path: run for run in RUNS} and again.units == {"SN-1": {"of": "x"}}
-    assert again.begun_utc == first.begun_utc and again.calls[0]["timing"] == {"seconds": 1.0}
+    assert again.heads == first.heads == {"SN-1 (rlg)": 3} and again.calls[0]["timing"] == {"seconds": 1.0}
     again.close()
-    other = Journal(tmp_path, {**SETTINGS, "mode": "propose"})
+    other = Journal(tmp_path, {**SETTINGS, "mode": "propose"}, {})
     assert not other.runs and not other.units
     other.close()
 
@@ -37,11 +37,11 @@ def test_a_cut_last_line_is_dropped_and_nothing_is_written_behind_it(tmp_path, c
     path = tmp_path / "journal.jsonl"
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:3])[:-cut])  # call, run 1, run 2
-    again = Journal(tmp_path, SETTINGS)
+    again = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     assert list(again.runs) == ["/r1"]
     again.add_run(RUNS[1])
     again.close()
-    last = Journal(tmp_path, SETTINGS)
+    last = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     assert list(last.runs) == ["/r1", "/r2"]
     last.close()
 
@@ -52,12 +52,12 @@ def test_a_damaged_line_is_named(tmp_path):
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(lines[0] + b'{"event": 3\n' + lines[1])
     with pytest.raises(InputError, match="line 2 is damaged"):
-        Journal(tmp_path, SETTINGS)
+        Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
 
 
 def test_two_parents_cannot_share_a_folder(tmp_path):
-    first = Journal(tmp_path, SETTINGS)
+    first = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     with pytest.raises(InputError, match="another recal fleet update is at work there"):
-        Journal(tmp_path, SETTINGS)
+        Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     first.close()
-    Journal(tmp_path, SETTINGS).close()
+    Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9}).close()

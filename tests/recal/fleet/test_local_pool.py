@@ -19,7 +19,7 @@ def task(fleet):
     (run, _), *_ = plan_fleet(listed_runs(fleet / "runs"), datetime.now(UTC)).units.values()
     return RunTask(
         runs=(run,), folders=(str(fleet / "out"),), store_url=f"sqlite:///{fleet}/recal.db", commit=True, propose=None,
-        config=None, begun_utc="2026-01-01T00:00:00Z",
+        config=None, head=1,
     )  # fmt: skip
 
 
