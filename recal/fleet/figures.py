@@ -32,6 +32,8 @@ STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 @in_style
 def ranking_drawing(document: dict[str, Any]) -> Markup | None:
     """Predicted drift of every unit, the largest first, with what the new table leaves (1 sigma)."""
+    from matplotlib.ticker import MaxNLocator
+
     drifts = [(u["rank"], u["drift"]["nm_h"], u["drift"]["sigma_nm_h"], u["drift"]["surprise_sigmas"])
               for u in document["units"] if u["drift"]]  # fmt: skip
     if not drifts:
@@ -52,6 +54,7 @@ def ranking_drawing(document: dict[str, Any]) -> Markup | None:
     highest = max([float((nm_h + sigma).max()), *(size for _, size in steps)])
     ax.set_ylim(0.0, 1.06 * min(top, highest))
     ax.set_xlim(0.0, float(rank.max()) + 1.0)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
     ax.legend(loc="upper right")
     axis_text(ax, title="Predicted drift by the change of the table, all units", x="rank", y="NM/h")
     return svg_text(figure, f"Predicted drift of {len(drifts)} units in NM/h, largest first, with sigma")

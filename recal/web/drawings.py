@@ -82,7 +82,7 @@ def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
         ax.plot(T, bias, dashes, color=colour)
         ax.plot(nodes, line.table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
         inner.append(bias)
-    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=1.0))
+    ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=8.0))
     axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
     label = f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
     return without_style_attributes(svg_text(figure, label))
