@@ -60,8 +60,11 @@ def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
 
 
 def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """The level gyros' change from the first merge's old table to the last one's new, at the temperatures of the points."""
-    if not merged:
+    """The level gyros' change from the first merge's old table to the last one's new, at the temperatures of the points.
+
+    None without a merge, and for MEMS: gyros that find no heading do not navigate free-inertially.
+    """
+    if not merged or merged[-1]["table_after"]["gyro_technology"] == "mems":
         return None
     before = table_from_dict(merged[0]["table_before"], name="table_before")
     after = table_from_dict(merged[-1]["table_after"], name="table_after")
