@@ -24,6 +24,7 @@ from infield.store_rows import (
     UnitKey,
     UnitRecord,
     UnknownUnit,
+    active_number_of,
     append_revision,
     find_unit,
     key_of,
@@ -103,7 +104,7 @@ class TableStore(ProposalStore):
         """The revision before the active one; None for a unit's first."""
         with self._database.reading() as c:
             row = find_unit(c, serial, technology, mode)
-            number = tag_number(c, row, "active") - 1
+            number = active_number_of(c, row) - 1
             return read_revision(c, row, number) if number >= 1 else None
 
     def revision(
@@ -123,8 +124,7 @@ class TableStore(ProposalStore):
             for before, after in itertools.pairwise(revisions):
                 if after.parent_sha256 != before.sha256:
                     raise InputError(f"store {self.name}: {after.unit} revision {after.number}: parent hash broken")
-            if tag_number(c, row, "active") != len(revisions):
-                raise InputError(f"store {self.name}: {key_of(row)}: tag active is not on the last revision")
+            active_number_of(c, row)
             return revisions
 
     def verify(
@@ -187,8 +187,8 @@ class TableStore(ProposalStore):
                 c.execute(update(unit).where(unit.c.id == row.id).values(
                     twin_json=twin_json, twin_sha256=text_sha256(twin_json), twin_table_sha256=text_sha256(text)
                 ))  # fmt: skip
-            if last and read_revision(c, row, last).sha256 == text_sha256(text):
-                return read_revision(c, row, last)
+            if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
+                return active
             append_revision(c, row, kind="import" if last else "factory", table_json=text, note=note, now_utc=now_utc)
             set_runs(c, row, provenance_runs(table))
             return tagged(c, row, "active")
@@ -246,7 +246,7 @@ class TableStore(ProposalStore):
 
         def work(c: Connection) -> Revision:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
-            active = tag_number(c, row, "active")
+            active = active_number_of(c, row)
             if active_number not in (None, active):
                 raise StoreConflict(f"{key_of(row)}: revision {active} is active now, not {active_number}; look again")
             names = {"factory": tag_number(c, row, "factory"), "previous": active - 1}

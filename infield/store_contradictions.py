@@ -11,7 +11,7 @@ from sqlalchemy import Connection, insert, inspect, select
 
 from infield.disagreement import SessionEvidence
 from infield.store_database import store_name
-from infield.store_rows import key_of, runs_held, text_sha256, utc_now
+from infield.store_rows import key_of, row_sha256, runs_held, utc_now
 from infield.store_schema import contradiction
 from ins.records import InputError
 
@@ -54,4 +54,4 @@ def _to_json(evidence: SessionEvidence) -> str:
 
 
 def contradiction_sha256(row: Any, values: dict[str, Any]) -> str:
-    return text_sha256(json.dumps([vars(key_of(row)), values], sort_keys=True))
+    return row_sha256([vars(key_of(row)), values])

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Connection, and_, inspect, select
 
 from infield.store_database import store_name
-from infield.store_rows import MergedRun, UnitKey, key_of, text_sha256
+from infield.store_rows import MergedRun, UnitKey, key_of, row_sha256, text_sha256
 from infield.store_schema import decision, proposal, revision, tag, unit
 from infield.table import ThermalTable
 from infield.table_file import table_from_dict
@@ -127,13 +127,13 @@ def read_full(c: Connection, row: Any, number: int) -> FullProposal:
 def record_of_proposal(key: UnitKey, values: Mapping[str, Any], before: str) -> str:
     """The hash of a proposal's row without its texts (their hashes are in it), and of the record before it."""
     content = {c.name: values[c.name] for c in LIGHT if c.name not in ("unit_id", "record_sha256")}
-    return text_sha256(json.dumps([before, vars(key), content], sort_keys=True))
+    return row_sha256([before, vars(key), content])
 
 
 def record_of_decision(key: UnitKey, values: Mapping[str, Any], of_proposal: str, before: str) -> str:
     """The hash of a decision's row, of its proposal's record and of the decision before it."""
     content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256")}
-    return text_sha256(json.dumps([before, of_proposal, vars(key), content], sort_keys=True))
+    return row_sha256([before, of_proposal, vars(key), content])
 
 
 def _read(c: Connection, units: Any) -> list[Proposal]:

@@ -92,7 +92,7 @@ def append_revision(
 ) -> None:  # fmt: skip
     """The next revision of a unit, chained to the last, tagged `active` (the first also `factory`)."""
     last = last_number(c, row)
-    before = read_revision(c, row, last) if last else None
+    before = tagged(c, row, "active") if last else None
     now_utc = now_utc or utc_now()
     if before is not None and not c.get_execution_options().get("any_clock"):
         _require_later(before, now_utc)
@@ -123,8 +123,18 @@ def _require_later(before: Revision, now_utc: str) -> None:
 
 
 def tagged(c: Connection, row: Any, name: str) -> Revision:
-    """The revision that a tag points at."""
-    return read_revision(c, row, tag_number(c, row, name))
+    """The revision that a tag points at; InputError where `active` is not on the last."""
+    return read_revision(c, row, active_number_of(c, row) if name == "active" else tag_number(c, row, name))
+
+
+def active_number_of(c: Connection, row: Any) -> int:
+    """The number of the active revision, 0 where the unit has none; InputError where it is not the last."""
+    number, last = tag_number(c, row, "active"), last_number(c, row)
+    if number != last:
+        where = f"on revision {number}, not on the last ({last})" if number else "missing"
+        said = f"store {store_name(c.engine.url)}: {key_of(row)}: tag active is {where}"
+        raise InputError(f"{said}: the store was changed by hand; recal table verify")
+    return number
 
 
 def read_revision(c: Connection, row: Any, number: int) -> Revision:
@@ -214,7 +224,7 @@ def _record_before(c: Connection, row: Any, number: int) -> str:
 
 def record_sha256(key: UnitKey, values: dict[str, Any], before: str) -> str:
     content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256", "table_json")}
-    return text_sha256(json.dumps([before, vars(key), content], sort_keys=True))
+    return row_sha256([before, vars(key), content])
 
 
 def runs_held(c: Connection, row: Any) -> set[str]:
@@ -242,6 +252,11 @@ def utc_now() -> str:
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def text_sha256(text: str) -> str:
-    """SHA-256 of a text, hexadecimal."""
-    return hashlib.sha256(text.encode()).hexdigest()
+def row_sha256(content: Any) -> str:
+    """SHA-256 of a row's columns; bytes, which no column of a store holds, give a hash that no row was written with."""
+    return text_sha256(json.dumps(content, sort_keys=True, default=lambda value: {"not a text": repr(value)}))
+
+
+def text_sha256(text: Any) -> str:
+    """SHA-256 of a text, hexadecimal; what is no text (bytes put into the column by hand) has none and equals no hash."""
+    return hashlib.sha256(text.encode()).hexdigest() if isinstance(text, str) else "not a text"

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Connection, Table, inspect, select, text
+from sqlalchemy import Connection, Table, exc, inspect, select, text
 
 from infield.store_contradictions import contradiction_sha256
 from infield.store_database import schema_of
@@ -61,7 +61,18 @@ def check_store(c: Connection) -> StoreCheck:
     """Everything in the store, read in one transaction."""
     units = c.execute(select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all()
     faults = (*_damage(c), *_orphans(c, {row.id for row in units}))
-    return StoreCheck(tuple(_check_unit(c, row) for row in units), faults)
+    return StoreCheck(tuple(_checked(c, row) for row in units), faults)
+
+
+def _checked(c: Connection, row: Any) -> UnitCheck:
+    """One unit; a row that SQLite lets be of any type, or of bytes that are no text, breaks this unit alone."""
+    try:
+        return _check_unit(c, row)
+    except (TypeError, ValueError, AttributeError, exc.OperationalError) as error:
+        if c.dialect.name != "sqlite":
+            raise
+        said = str(getattr(error, "orig", error)).partition("\n")[0]
+        return UnitCheck(unit=key_of(row), revisions=0, head_sha256=None, faults=(f"a row cannot be read: {said}",))
 
 
 GUARDS_ON = text(
@@ -102,7 +113,7 @@ def _check_unit(c: Connection, row: Any) -> UnitCheck:
         *_tag_faults(rows, tags), *_merged_faults(c, row, rows, tags),
     ]  # fmt: skip
     faults += [*_twin_faults(row, rows), *_contradiction_faults(c, row, rows), *_proposal_faults(c, row, rows)]
-    head = rows[max(rows)]["record_sha256"] if rows else None
+    head = str(rows[max(rows)]["record_sha256"]) if rows else None
     return UnitCheck(unit=key_of(row), revisions=len(rows), head_sha256=head, faults=tuple(faults))
 
 
@@ -230,8 +241,8 @@ def heads_missing(c: Connection, heads: Sequence[str]) -> list[str]:
     for head in heads:
         if len(head) < LEAST_HEAD or not set(head.lower()) <= set("0123456789abcdef"):
             raise InputError(f"head {head[:80]!r}, needed at least {LEAST_HEAD} hexadecimal digits")
-    known = c.execute(select(revision.c.record_sha256)).scalars().all()
-    lost = [head for head in heads if not any(record.startswith(head.lower()) for record in known)]
+    known = c.execute(select(revision.c.record_sha256)).scalars().all() if heads else []
+    lost = [head for head in heads if not any(str(record).startswith(head.lower()) for record in known)]
     return [f"head {head}: in no chain of the store: revisions were cut off or rewritten" for head in lost]
 
 
