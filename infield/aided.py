@@ -50,7 +50,7 @@ class Outage:
 class AidedResult:
     """verdict: "aided", "inconsistent" or "refused"; what follows is None or empty where nothing was flown.
 
-    declared_nis: mean NIS of position and velocity with the noise as declared, before any scale, rejects as at the gate;
+    declared_nis: mean NIS of position and velocity with the noise as declared, before any scale (`capped_nis`);
     flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter follows it.
     """
 
@@ -180,11 +180,12 @@ def _scaled_words(scales: NoiseScales, twin: TwinModel) -> str:
         f"{what} {value:.2g} times" for what, value in (
             ("white noise of the sensors", scales.white), ("walks of their biases", scales.walk),
             ("satellite position", scales.position), ("satellite velocity", scales.velocity),
-        ) if value > 1.0
+        ) if f"{value:.2g}" != "1"
     ]  # fmt: skip
     late = f"; fixes are {1e3 * scales.latency_s:.0f} ms older than their time" if scales.latency_s else ""
     told = "taken " + ", ".join(parts) + " as large" if parts else "noise as declared"
-    return f"the innovations exceed the noise model ({twin.source}): {told}{late}; NIS is no test then"
+    noise = f"the innovations exceed the noise model ({twin.source}): {told}{late}; NIS is no test then; "
+    return noise + "a wrong lever arm or timing of the fixes can look like that and is not in the sigmas"
 
 
 def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:

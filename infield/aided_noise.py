@@ -23,6 +23,7 @@ LATENCIES_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 STEPS = (4.0, 2.0)
 LARGEST = {"white": 64.0, "walk": 32.0}
 GNSS_PASSES = 3
+MAX_OUTLIERS = 0.1  # share of rejected fixes up to which they are the receiver's outliers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,17 +149,25 @@ def _with_gnss(at: _Tried, fly: Fly, seconds: float, *, lower: bool = True) -> _
 
 
 def capped_nis(history: AidedHistory, kind: int) -> float:
-    """Mean NIS per degree of freedom of a kind, rejected fixes taken as at the gate; 1 where there is none."""
-    nis = _seen(history, kind)
+    """Mean NIS per degree of freedom of a kind; 1 where there is none.
+
+    Rejected fixes are left out where they are few, the receiver's own outliers; where they are more than MAX_OUTLIERS of
+    all, it is the model that does not fit, and each is taken as at the gate.
+    """
+    nis = _counted(history, kind)
     return float(np.minimum(nis, chi2.isf(REJECT_PROBABILITY, 3)).mean() / 3.0) if nis.size else 1.0
 
 
 def misfit(history: AidedHistory, kind: int) -> bool:
     """Whether the innovations of a kind are larger than their noise allows, and by an amount that matters."""
     mean = capped_nis(history, kind)
-    return mean > MATERIAL and nis_verdict(mean, 3 * _seen(history, kind).size) is not None
+    return mean > MATERIAL and nis_verdict(mean, 3 * _counted(history, kind).size) is not None
 
 
-def _seen(history: AidedHistory, kind: int) -> NDArray:
+def _counted(history: AidedHistory, kind: int) -> NDArray:
+    from ins.aided_kernel import REJECTED
+
     nis = history.nis[:, kind]
-    return nis[np.isfinite(nis)]
+    seen, rejected = np.isfinite(nis), history.used[:, kind] == REJECTED
+    few = (seen & rejected).sum() <= MAX_OUTLIERS * seen.sum()
+    return nis[seen & ~rejected] if few else nis[seen]

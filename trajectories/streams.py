@@ -63,14 +63,21 @@ def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
 
 
 def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
-    """Fixes with anything missing, and those at 0 N 0 E exactly (no fix), are dropped and listed."""
-    kept, faults = _columns(stream, stream.names, findings, no_fix=True)
+    """Fixes with anything but a sigma missing, and those at 0 N 0 E exactly (no fix), are dropped and listed.
+
+    A sigma that is missing stays NaN (the declared one is taken then); a column of nothing else counts as absent.
+    """
+    kept, faults = _columns(stream, [name for name in stream.names if name not in SIGMAS], findings, no_fix=True)
     if kept is None or not _check_position(kept, findings):
         return None, faults
     sigmas = {name: kept.columns[name] for name in SIGMAS if name in kept.columns}
-    for name, values in sigmas.items():
-        if not np.all(values > 0):
-            k = int(np.argmin(values > 0))
+    for name, values in list(sigmas.items()):
+        wrong = np.isinf(values) | (values <= 0)
+        if np.isnan(values).all():
+            findings.warn(f"{stream.label}: column {name} has no value: taken as absent")
+            del sigmas[name]
+        elif wrong.any():
+            k = int(np.argmax(wrong))
             findings.error(f"{kept.row(k)}: column {name}: got {values[k]:g}, needed more than 0")
             return None, faults
     return GnssLog(**_place_records(kept.columns), **sigmas), faults

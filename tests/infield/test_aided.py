@@ -1,11 +1,13 @@
 """Aided replay: starts parked and moving, units without a gyrocompass, standstills, noise and latency found, refusals."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from infield.aided import aided_noise, flicker_walk, navigate_aided
+from infield.aided_noise import capped_nis
 from infield.replay import TableChoice, replay
 from infield.session import find_rest
 from infield.stands import find_stands
@@ -161,3 +163,11 @@ def test_flicker_becomes_a_walk_of_the_same_allan_variance():
     assert flicker_walk(0.0, N) == 0.0 and flicker_walk(B, 1e9) == pytest.approx(np.sqrt(3) * 0.664)
     assert flicker_walk(B, 0.0) == flicker_walk(B, 0.1)
     assert aided_noise(twin_of("rlg", flicker=False)).gyro_walk == pytest.approx(0.002 * DEG_PER_HOUR_SQRT_HOUR)
+
+
+def test_few_rejects_are_outliers_and_many_a_misfit():
+    nis, used = np.full((100, 2), 3.0), np.full((100, 2), 2)
+    nis[:5, 0], used[:5, 0] = 1e4, 1
+    nis[:20, 1], used[:20, 1] = 1e4, 1
+    history = SimpleNamespace(nis=nis, used=used)
+    assert capped_nis(history, 0) == pytest.approx(1.0) and capped_nis(history, 1) > 2.0
