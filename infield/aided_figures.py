@@ -193,8 +193,9 @@ def _biases(columns: dict[str, NDArray]) -> Markup:
         for k, axis in enumerate("xyz"):
             bias, sigma = (factor * columns[f"{p}{sensor}_bias_{axis}_{unit}"] for p in ("", "sigma_"))
             _banded(axes[row, k], minutes, bias, sigma, AXIS_COLOURS[axis], AXIS_LINES[axis])
-            band, settled = np.concatenate([bias - sigma, bias + sigma]), slice(bias.size // 2, None)
-            axes[row, k].set_ylim(*robust_limits(np.concatenate([bias, (bias - sigma)[settled], (bias + sigma)[settled]]), band))
+            low, high, settled = bias - sigma, bias + sigma, slice(bias.size // 2, None)
+            inner = np.concatenate([bias, low[settled], high[settled]])
+            axes[row, k].set_ylim(*robust_limits(inner, np.concatenate([low, high])))
             axis_text(axes[row, k], title=f"{sensor.capitalize()} {axis}", x=TIME if row else "")
         axes[row, 0].set_ylabel(f"bias [{words}]")
     return svg_text(figure, "Gyro and accelerometer biases over time with their one-sigma bands")

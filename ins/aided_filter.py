@@ -1,7 +1,8 @@
 """Loosely coupled navigation: increments, satellite fixes and standstills to a solution with sigmas (`ins.aided_kernel`).
 
 The filter steps at each fix and at least every STEP_S, so that attitude and specific force are the step's own. It is causal:
-a row holds what was known at its time, and what its start was found with (a gyrocompass uses all of its rest). Fed in parts, it gives the same bits however the log is cut.
+a row holds what was known at its time, and what its start was found with (a gyrocompass uses all of its rest). Fed in parts, it
+gives the same bits however the log is cut.
 """
 
 from dataclasses import dataclass, replace
