@@ -66,7 +66,7 @@ class Database:
 
     def write(self, work: Callable[[Connection], T]) -> T:
         """`work` in one transaction, repeated where another writer was faster; StoreConflict if it stays so."""
-        until = time.monotonic() + PATIENCE_S
+        until, broken = time.monotonic() + PATIENCE_S, ""
         for attempt in range(ATTEMPTS):
             try:
                 with self._writer.begin() as connection:
@@ -75,9 +75,13 @@ class Database:
                 if not _worth_a_retry(error):
                     told = "connection lost, look whether it was written" if error.connection_invalidated else "not written"
                     raise InputError(f"store {self.name}: {told}: {self._line(error)}") from None
+                broken = self._line(error) if isinstance(error, exc.IntegrityError) else ""
                 if time.monotonic() > until:
                     break
                 time.sleep(0.01 * 2**attempt)
+        if broken:
+            told = f"nothing written: {broken}: rows contradict each other; see recal table verify"
+            raise InputError(f"store {self.name}: {told}")
         raise StoreConflict(f"store {self.name}: busy with other writers, nothing written; try again")
 
     def close(self) -> None:
@@ -96,6 +100,14 @@ def store_exists(url: str) -> bool:
     """False where an SQLite store's file is missing; a server is taken to be there."""
     parsed = _parsed(url)
     return parsed.get_backend_name() != "sqlite" or Path(str(parsed.database)).exists()
+
+
+def require_folder(url: str) -> None:
+    """InputError where an SQLite store's folder is missing: a mistyped store must not pass for a new one."""
+    parsed = _parsed(url)
+    folder = Path(os.path.abspath(str(parsed.database))).parent
+    if parsed.get_backend_name() == "sqlite" and not folder.is_dir():
+        raise InputError(f"store {store_name(parsed)}: no folder {folder}")
 
 
 def store_name(url: str | URL) -> str:
@@ -120,6 +132,8 @@ def _parsed(url: str) -> URL:
         raise InputError(f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db") from None
     if "@" in (parsed.host or ""):
         raise InputError(f"store {parsed.drivername}://***: an @ in user or password must be written %40")
+    if parsed.get_backend_name() == "sqlite" and (parsed.host or parsed.username):
+        raise InputError("store sqlite://***: a file has no host and no user; needed one like sqlite:///recal.db")
     if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
         raise InputError(f"store {url}: a database in memory keeps nothing; needed a file, like sqlite:///recal.db")
     return parsed.set(drivername="postgresql+psycopg") if parsed.drivername == "postgresql" else parsed

@@ -114,10 +114,12 @@ def _update_once(
 ) -> dict[str, Any]:  # fmt: skip
     """One estimate against the table that is active now; a commit that another writer beat raises unless it is the last."""
     from infield.pipeline import update_calibration
+    from infield.store_database import require_folder
     from infield.table_file import table_sha256
     from recal.output import program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
 
+    require_folder(store_url)
     database = open_store(store_url)
     unit, loaded, use = with_thermal_model(unit_inputs(loaded[0], database, twin), loaded, thermal_model)
     serial = unit.table.imu_serial

@@ -3,8 +3,10 @@
 from contextlib import contextmanager
 
 import pytest
+from sqlalchemy import text
 
-from infield.store import MergedRun
+from infield.store import MergedRun, TableStore
+from infield.store_database import require_folder
 from infield.table_file import table_to_dict
 from ins.records import InputError
 from tests.infield.stores import commit, factory, rows, table, tamper, updated
@@ -89,3 +91,22 @@ def test_bytes_in_a_proposal_are_a_changed_row(five, url):
             with pytest.raises(InputError, match="proposal 1: the row was changed"):
                 five.proposal(1, "SN-1")
     assert faults(five) == {}
+
+
+def test_rows_that_contradict_each_other_are_not_a_busy_store(five):
+    """A reference to a revision that is not there: no number of tries mends it."""
+    with pytest.raises(InputError, match="rows contradict each other; see recal table verify"):
+        five._database.write(lambda c: c.execute(text("INSERT INTO recal_tag (unit_id, name, number) VALUES (1, 'x', 99)")))
+
+
+@pytest.mark.parametrize("url", ["sqlite://u:secret@host/x", "sqlite://host/x"])
+def test_a_file_has_no_host(url):
+    with pytest.raises(InputError, match="no host") as told:
+        TableStore.open(url, create=True)
+    assert "secret" not in str(told.value)
+
+
+def test_a_mistyped_folder_is_no_new_store(tmp_path):
+    require_folder(f"sqlite:///{tmp_path}/new.db")
+    with pytest.raises(InputError, match="no folder"):
+        require_folder(f"sqlite:///{tmp_path}/nodir/new.db")
