@@ -30,7 +30,7 @@ from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
-from ins.records import AXES, Run, Site, TwinModel
+from ins.records import AXES, PARKED_PHASES, Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G, PPM
 
 MIN_PARKED_S = 60.0
@@ -68,7 +68,7 @@ class ParkedEvidence:
 
 def parked_limits(run: Run) -> tuple[float, float]:
     """Where the first parked stretch may lie: within the phases that the log names, if it names them."""
-    named = [p for p in run.phases if p.phase in ("alignment", "extended_alignment", "parked")]
+    named = [p for p in run.phases if p.phase in PARKED_PHASES]
     if not named:
         return run.imu.start_s, session_end(run)
     end = named[0].end_s

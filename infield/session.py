@@ -26,7 +26,7 @@ from ins import error_model as em
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.compensation import compensate, corrected
 from ins.mechanization import VerticalChannel
-from ins.records import ImuLog, ImuSource, InputError, Run, TwinModel
+from ins.records import PARKED_PHASES, ImuLog, ImuSource, InputError, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 if TYPE_CHECKING:
@@ -316,7 +316,7 @@ def _vertical(run: Run) -> VerticalChannel:
 
 def find_rest(run: Run) -> tuple[float, float] | None:
     """The first rest: within the logged alignment phase where there is one."""
-    logged = [p for p in run.phases if p.phase in ("alignment", "extended_alignment", "parked")]
+    logged = [p for p in run.phases if p.phase in PARKED_PHASES]
     imu = run.imu
     if logged:
         start, end = max(logged[0].start_s, imu.start_s), min(logged[0].end_s, imu.end_s)

@@ -98,13 +98,13 @@ class Database:
 
 def store_exists(url: str) -> bool:
     """False where an SQLite store's file is missing; a server is taken to be there."""
-    parsed = _parsed(url)
+    parsed = parsed_url(url)
     return parsed.get_backend_name() != "sqlite" or Path(str(parsed.database)).exists()
 
 
 def require_folder(url: str) -> None:
     """InputError where an SQLite store's folder is missing: a mistyped store must not pass for a new one."""
-    parsed = _parsed(url)
+    parsed = parsed_url(url)
     folder = Path(os.path.abspath(str(parsed.database))).parent
     if parsed.get_backend_name() == "sqlite" and not folder.is_dir():
         raise InputError(f"store {store_name(parsed)}: no folder {folder}")
@@ -112,7 +112,7 @@ def require_folder(url: str) -> None:
 
 def store_name(url: str | URL) -> str:
     """A store's URL as messages and reports name it: without its password."""
-    shown = (_parsed(url) if isinstance(url, str) else url).render_as_string(hide_password=True)
+    shown = (parsed_url(url) if isinstance(url, str) else url).render_as_string(hide_password=True)
     return QUERY_SECRET.sub(r"\1***", shown)
 
 
@@ -121,7 +121,7 @@ def _secrets(url: URL) -> list[str]:
     return [str(secret) for secret in given if secret]
 
 
-def _parsed(url: str) -> URL:
+def parsed_url(url: str) -> URL:
     """InputError where the URL cannot be read, or names a database that is gone with the process."""
     try:
         parsed = make_url(url)
@@ -140,7 +140,7 @@ def _parsed(url: str) -> URL:
 
 
 def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
-    parsed = _parsed(url)
+    parsed = parsed_url(url)
     name = store_name(parsed)
     options: dict[str, Any] = {}
     sqlite = parsed.get_backend_name() == "sqlite"

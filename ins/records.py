@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
+PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
 AXES = ("x", "y", "z")
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 

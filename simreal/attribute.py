@@ -409,7 +409,6 @@ class Attributor:
                 slot.posterior = np.exp(odds - logsumexp(odds))
             place += 1
 
-
     def _likelier_name(self, slot: Slot, odds: NDArray) -> int | None:
         """The best hypothesis of the name whose parts are together likelier than the slot's own name; None: it is that."""
         names: dict[tuple[str, str], list[int]] = {}

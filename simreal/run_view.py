@@ -17,7 +17,7 @@ from infield.thermometer import GyroTemperature, gyro_temperature, plausible_ran
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.mechanization import VerticalChannel, navigate
-from ins.records import ImuSource, NavHistory, NavState, Run, TwinModel
+from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
 from ins.units import DEG_PER_HOUR
 from simreal.dead_channels import dead_columns, with_dead_filled
 from simreal.seconds import Seconds, seconds_of
@@ -171,7 +171,7 @@ def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
     """
     force = np.stack([np.convolve(c, np.ones(MEAN_S) / MEAN_S, mode="same") for c in seconds.mean[:, 3:].T], axis=1)
     for phase in run.phases:
-        if phase.phase not in ("alignment", "extended_alignment", "parked"):
+        if phase.phase not in PARKED_PHASES:
             continue
         own = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s - EDGE_S)
         inner = own & (seconds.end_s > seconds.end_s[0] + MEAN_S) & (seconds.end_s < seconds.end_s[-1] - MEAN_S)

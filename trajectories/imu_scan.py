@@ -19,6 +19,7 @@ from trajectories.run_check import (
     RATE_TOLERANCE,
     Listed,
     Row,
+    first_beyond,
     not_increasing,
 )
 
@@ -81,10 +82,9 @@ class FiniteScan:
             k = int(bad[0])
             self._line = f"{self._row(start + k)}: column {self.column}: got {values[k]}, needed a finite number"
         self.bad_rows += bad.size
-        wild = np.abs(values, where=np.isfinite(values), out=np.zeros(values.shape)) > MAX_VALUE
-        if wild.any() and not self._wild:
-            k = int(np.argmax(wild))
-            self._wild = f"{self._row(start + k)}: column {self.column}: got {values[k]:g}, needed within +-{MAX_VALUE:g}"
+        wild = None if self._wild else first_beyond(values)
+        if wild is not None:
+            self._wild = f"{self._row(start + wild)}: column {self.column}: got {values[wild]:g}, needed within +-{MAX_VALUE:g}"
 
     @property
     def lines(self) -> list[str]:

@@ -52,6 +52,12 @@ class Findings:
         return [item.text for item in self.items if item.level == "error"]
 
 
+def first_beyond(values: NDArray) -> int | None:
+    """Index of the first finite number beyond MAX_VALUE; None where there is none."""
+    wild = np.abs(values, where=np.isfinite(values), out=np.zeros(values.shape)) > MAX_VALUE
+    return int(np.argmax(wild)) if wild.any() else None
+
+
 Row = Callable[[int], str]  # index of a row -> "imu.csv: row 12 (line 13)"
 
 

@@ -27,7 +27,7 @@ from ins.records import (
 from ins.thermometer_faults import HOLE_S
 from ins.units import DEG
 from trajectories.imu_stream import jitter
-from trajectories.run_check import JITTER_WARNING, MAX_VALUE, Findings, Row, check_increasing
+from trajectories.run_check import JITTER_WARNING, MAX_VALUE, Findings, Row, check_increasing, first_beyond
 from trajectories.run_schema import (
     ACCEL_DEGC,
     ATTITUDE,
@@ -210,9 +210,8 @@ def _columns(
 def _wild(columns: dict[str, NDArray]) -> tuple[str, int] | None:
     """Column and index of the first finite number beyond MAX_VALUE; None where there is none."""
     for name, values in columns.items():
-        beyond = np.abs(values, where=np.isfinite(values), out=np.zeros(values.shape)) > MAX_VALUE
-        if beyond.any():
-            return name, int(np.argmax(beyond))
+        if (k := first_beyond(values)) is not None:
+            return name, k
     return None
 
 

@@ -86,11 +86,13 @@ def update(
     then, at most `retries` times; then it is refused. Without `html` only update.json is written.
     """
     from infield.store import StoreConflict
+    from infield.store_database import require_folder
     from recal.config import read_config
     from recal.output import output_directory
     from trajectories.run import read_run
     from trajectories.stream_files import HELD_ROWS
 
+    require_folder(store_url)
     settings, ageing = read_config(config)
     loaded = [read_run(path, held_rows=HELD_ROWS // len(runs)) for path in runs]
     files = partial(_files, output_directory(output, "update"), html=html)
@@ -114,12 +116,10 @@ def _update_once(
 ) -> dict[str, Any]:  # fmt: skip
     """One estimate against the table that is active now; a commit that another writer beat raises unless it is the last."""
     from infield.pipeline import update_calibration
-    from infield.store_database import require_folder
     from infield.table_file import table_sha256
     from recal.output import program_version, write_files
     from recal.unit_inputs import open_store, unit_inputs, with_thermal_model
 
-    require_folder(store_url)
     database = open_store(store_url)
     unit, loaded, use = with_thermal_model(unit_inputs(loaded[0], database, twin), loaded, thermal_model)
     serial = unit.table.imu_serial

@@ -12,9 +12,9 @@ import numpy as np
 
 from infield.document import NM_H_PER_DEG_H
 from infield.store import TableStore, store_exists
+from infield.store_database import store_name
 from infield.store_rows import UnitKey
 from recal.fleet.records import MERGED, OUTCOMES, RunOutcome
-from recal.fleet.store_url import shown_store
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.output import program_version
@@ -75,7 +75,7 @@ def fleet_document(
         "schema": "recal.fleet/1",
         "verdict": fleet_verdict(counts),
         "reasons": [f"{counts[name]} {name}: {meaning}" for name, meaning in OUTCOMES.items() if counts[name]],
-        "store": shown_store(store_url), "mode": mode, "issued_utc": now.strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "store": store_name(store_url), "mode": mode, "issued_utc": now.strftime("%Y-%m-%dT%H:%M:%SZ"),
         "method": {"name": METHOD[joint], "program": "recal", "version": program_version()},
         "counts": {name: counts[name] for name in OUTCOMES},
         "units": [{**u, "rank": next(ranks) if u["drift"] else None} for u in units],

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from infield.store import TableStore, store_exists
+from infield.store_database import store_name
 from infield.store_rows import UnitKey
 from recal.console import result_text
 from recal.fleet.dispatch import UnitQueue, run_all
@@ -26,7 +27,7 @@ from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
 from recal.fleet.records import PlannedRun, RunOutcome, RunTask, outcome_of
 from recal.fleet.report import fleet_html
-from recal.fleet.store_url import absolute_store, shown_store
+from recal.fleet.store_url import absolute_store
 from recal.output import output_directory, program_version, write_files
 
 MODES = ("commit", "propose", "dry")  # into the table; kept in the store for review; nothing stored
@@ -126,7 +127,7 @@ def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
 def _settings(request: FleetRequest) -> dict[str, Any]:
     """What makes two calls the same piece of work."""
     config = hashlib.sha256(request.config.read_bytes()).hexdigest() if request.config else None
-    return {"store": shown_store(request.store_url), "mode": request.mode, "joint": _jointly(request), "config": config,
+    return {"store": store_name(request.store_url), "mode": request.mode, "joint": _jointly(request), "config": config,
             "version": program_version()}  # fmt: skip
 
 

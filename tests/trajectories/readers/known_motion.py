@@ -12,6 +12,7 @@ LAT_DEG, LON_DEG, HEIGHT_M = 34.25, 108.9, 380.0
 G = 9.79570  # [m/s^2], normal gravity there, within 1e-4
 SITE = {"lat_deg": LAT_DEG, "lon_deg": LON_DEG, "height_m": HEIGHT_M}
 GIVEN = {"imu_serial": "SN-1", "gyro_technology": "rlg", "start_utc": "2026-03-01T05:00:00Z", **SITE}
+PLACELESS = {k: v for k, v in GIVEN.items() if k not in SITE}
 ROLL_DEG, PITCH_DEG, HEADING_DEG = 3.0, -2.0, 40.0  # all different, so that no exchange of axes goes unseen
 # Right, forward, up from forward, right, down and back: (x, y, z) -> (y, x, -z).
 RFU = (1, 0, 2), np.array([1.0, 1.0, -1.0])

@@ -9,6 +9,7 @@ from tests.trajectories.readers.known_motion import (
     HEIGHT_M,
     LAT_DEG,
     LON_DEG,
+    PLACELESS,
     check_parked,
     check_right_turn,
     parked,
@@ -18,7 +19,6 @@ from trajectories.conversion import convert_log
 
 SOW = 456_250.0
 OUT = parked(start_s=SOW)
-PLACELESS = {k: v for k, v in GIVEN.items() if not k.endswith(("_deg", "_m"))}
 
 
 def write_imu(path, output=OUT, *, sign=1.0):

@@ -12,6 +12,7 @@ from tests.trajectories.readers.known_motion import (
     LAT_DEG,
     LON_DEG,
     PITCH_DEG,
+    PLACELESS,
     ROLL_DEG,
     Output,
     check_parked,
@@ -22,7 +23,6 @@ from tests.trajectories.readers.known_motion import (
 from trajectories.conversion import convert_log
 
 OUT = parked()
-PLACELESS = {k: v for k, v in GIVEN.items() if not k.endswith(("_deg", "_m"))}
 
 
 def imu(output: Output = OUT, **changes) -> dict:

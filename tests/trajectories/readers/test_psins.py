@@ -12,6 +12,7 @@ from tests.trajectories.readers.known_motion import (
     LAT_DEG,
     LON_DEG,
     PITCH_DEG,
+    PLACELESS,
     ROLL_DEG,
     Output,
     at_rest,
@@ -23,7 +24,6 @@ from tests.trajectories.readers.known_motion import (
 from trajectories.conversion import convert_log
 
 OUT = parked()
-PLACELESS = {k: v for k, v in GIVEN.items() if not k.endswith(("_deg", "_m"))}
 RFU_MAP = {  # what somebody would write who takes the columns for forward, right, down
     "format": "text", "header_lines": 0, "columns": ["gx", "gy", "gz", "ax", "ay", "az", "t"], "time": {"column": "t"},
     "gyro": {"columns": ["gx", "gy", "gz"], "unit": "rad"}, "accel": {"columns": ["ax", "ay", "az"], "unit": "m/s"},
