@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class Seconds:
     stuck: NDArray
     lost: NDArray
 
-    @property
+    @cached_property
     def touched(self) -> NDArray:
         return np.asarray(self.channels.any(axis=1) | self.lost)
 
