@@ -1,3 +1,12 @@
-"""The store fixtures, on SQLite and PostgreSQL."""
+"""The store fixtures, on SQLite and PostgreSQL; pages without drawings."""
+
+import pytest
 
 from tests.infield.stores import store, url  # noqa: F401
+from tests.undrawn import figures_left_out
+
+
+@pytest.fixture
+def undrawn():
+    with figures_left_out():
+        yield

@@ -44,7 +44,7 @@ def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
             store.propose(first.sha256, new, [MergedRun(run_id=run_id, sha256=run_id)], '{"verdict": "proposed"}', by="fleet")
 
 
-def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder):
+def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undrawn):
     write_run(folder / "run", simulated().run)
     with TableStore.open(URL, create=True) as store:
         first = store.import_table(factory_dict())

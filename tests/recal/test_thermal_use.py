@@ -23,6 +23,7 @@ from recal.console import result_text
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
 from tests.infield.ramp_cases import TWIN as FOG_TWIN
 from tests.infield.ramp_cases import Truth, ramp
+from tests.undrawn import figures_left_out
 from trajectories.run import read_run
 from trajectories.scenario import read_scenario, scenario_unit
 
@@ -60,6 +61,12 @@ speed_m_s = 9.5
 segment = "stop"
 duration_s = 60
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def without_drawings():
+    with figures_left_out():
+        yield
 
 
 @pytest.fixture(scope="module")

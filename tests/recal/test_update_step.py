@@ -20,7 +20,7 @@ STARTS = ("ambient", "cold", "hot")
 
 
 @pytest.fixture
-def stepped(tmp_path):
+def stepped(tmp_path, undrawn):
     """Three runs of a unit whose table is 0.05 deg/h off on x, and the store with that table."""
     url = f"sqlite:///{tmp_path}/recal.db"
     table = table_to_dict(shifted(table_from_dict(factory_dict(), name="factory"), (-STEP_DEG_H, 0.0, 0.0)))
@@ -85,7 +85,8 @@ def test_runs_given_together_agree_without_a_store(stepped, tmp_path):
     assert any("table disagrees with unit" in r for r in document["reasons"])
 
 
-def test_a_store_that_cannot_be_written_still_answers(stepped, tmp_path):
+def test_a_store_that_cannot_be_written_still_answers(stepped, tmp_path, monkeypatch):
+    monkeypatch.setattr("infield.store_database.LOCK_WAIT_S", 0.2)
     url, runs, _ = stepped
     (tmp_path / "recal.db").chmod(0o444)
     with sqlite3.connect(tmp_path / "recal.db") as db:  # root writes what it likes: lock the file instead
