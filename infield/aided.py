@@ -5,18 +5,19 @@
 Errors, filter and gate: `ins.aided_kernel`. It is causal, and no part of the free-inertial flights.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from alignment.gyrocompass import MAX_REJECTED, UNKNOWN_BIAS_DEG_H, nis_verdict
-from infield.aided_noise import MATERIAL, NoiseScales, capped_nis, fit_noise
+from infield.aided_antenna import SeenAntenna, antenna_sigmas, fit_model
+from infield.aided_noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.aided_start import FoundStart, moving_start, parked_start
 from infield.stands import Where, find_stands, joined
-from ins.aided_filter import KINDS, AidedHistory, AidedNavigator, AidedNoise, Fixes, fixes_of
-from ins.records import ImuSource, Run, TwinModel
+from ins.aided_filter import KINDS, AidedHistory, AidedNavigator, AidedNoise, Antenna, Fixes, fixes_of
+from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import (
     DEG_PER_HOUR,
     DEG_PER_HOUR_SQRT_HOUR,
@@ -27,6 +28,8 @@ from ins.units import (
 )
 
 FEWEST_FIXES = 10
+HELD_S = 7200.0  # of log that is kept in memory for it
+FIT_S = 1800.0  # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
 FLICKER_S = 60.0
@@ -62,6 +65,7 @@ class AidedResult:
     history: AidedHistory | None = None
     fixes: Fixes | None = None
     scales: NoiseScales = field(default_factory=NoiseScales)
+    antenna: SeenAntenna | None = None
     declared_nis: tuple[float, float] = (float("nan"), float("nan"))
     stands: tuple[Where, ...] = ()
     outages: tuple[Outage, ...] = ()
@@ -113,79 +117,121 @@ def navigate_aided(
     if inside.sum() < FEWEST_FIXES:
         reason = f"{int(inside.sum())} satellite fixes within the imu log, needed {FEWEST_FIXES}"
         return AidedResult(verdict="refused", reasons=(reason,), role=role)
-    lever = np.asarray(header.gnss_lever_arm_m, dtype=float)
+    antenna = Antenna(lever_arm_m=np.asarray(header.gnss_lever_arm_m, dtype=float))
     unknown = np.full(3, max(UNKNOWN_BIAS_DEG_H[header.gyro_technology], twin.gyro.turn_on_deg_h))
     sigma = unknown if gyro_sigma_deg_h is None else gyro_sigma_deg_h
     stands = find_stands(imu, fixes)
     if rest is not None:
         stands = joined(rest, *stands)
 
-    def begin(late: Fixes) -> FoundStart | str:
+    def begin(late: Fixes, lever: NDArray) -> FoundStart | str:
         if rest is None:
             return moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
         return parked_start(imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
 
-    flights = _Flights(imu, fixes, aided_noise(twin), stands, lever, header.gyro_technology, begin)
-    fitted = fit_noise(flights)
+    position_m = twin.gnss.sigma_horizontal_m, twin.gnss.sigma_vertical_m
+    flights = _Flights(imu, fixes, aided_noise(twin), position_m, stands, header.gyro_technology, begin)
+    fitted = fit_model(flights, antenna, position_m[0])
     if fitted is None:
-        reason = str(flights.start(0.0))
+        reason = str(flights.start(antenna))
         return AidedResult(verdict="refused", reasons=(reason,), role=role, fixes=fixes, stands=stands)
-    scales, history, declared = fitted
-    reasons, found = judged(history), flights.start(scales.latency_s)
+    history, scales = fitted.history, fitted.model.scales
+    reasons, found = judged(history), flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
+    notes = _antenna_words(fitted.antenna, antenna) + ((_scaled_words(scales, twin),) if scales.fitted else ())
     return AidedResult(
         verdict="inconsistent" if reasons else "aided", reasons=reasons, role=role, found=found, history=history, fixes=fixes,
-        notes=(_scaled_words(scales, twin),) if scales.fitted else (), scales=scales, stands=stands,
-        declared_nis=(capped_nis(declared, 0), capped_nis(declared, 1)), outages=find_outages(history),
+        notes=notes, scales=scales, antenna=fitted.antenna, stands=stands, outages=find_outages(history),
+        declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
         flicker=(twin.gyro.bias_instability_deg_h * DEG_PER_HOUR, twin.accel.bias_instability_ug * MICRO_G),
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class _Flights:
-    """Flies the log as often as it is asked to; a start is looked for once for each latency."""
+    """Flies the log as often as it is asked to; a start is looked for once for each antenna."""
 
     imu: ImuSource
     fixes: Fixes
     noise: AidedNoise
+    position_m: tuple[float, float]
     stands: tuple[Where, ...]
-    lever: NDArray
     technology: str
-    begin: Callable[[Fixes], FoundStart | str]
-    starts: dict[float, FoundStart | str] = field(default_factory=dict)
+    begin: Callable[[Fixes, NDArray], FoundStart | str]
+    starts: dict[tuple[float, ...], FoundStart | str] = field(default_factory=dict)
+    held: list[ImuLog] = field(default_factory=list)
 
-    def start(self, latency_s: float) -> FoundStart | str:
-        if latency_s not in self.starts:
-            self.starts[latency_s] = self.begin(self.fixes.earlier(latency_s))
-        return self.starts[latency_s]
+    def start(self, antenna: Antenna) -> FoundStart | str:
+        key = antenna.delay_s, *antenna.lever_arm_m
+        if key not in self.starts:
+            self.starts[key] = self.begin(self.fixes.earlier(antenna.delay_s), antenna.lever_arm_m)
+        return self.starts[key]
 
-    def __call__(self, scales: NoiseScales, seconds: float = np.inf) -> AidedHistory | None:
-        found = self.start(scales.latency_s)
+    def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
+        found = self.start(model.antenna)
         if isinstance(found, str):
             return None
-        start_s = found.start.state.time_s
-        fixes = self.fixes.earlier(scales.latency_s).scaled(scales.position, scales.velocity)
+        start_s, base_s = found.start.state.time_s, model.antenna.delay_s
+        fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
         navigator = AidedNavigator(
-            found.start, scales.of(self.noise), fixes, lever_arm_m=self.lever, stands=self.stands,
-            stand_sigma_m_s=STAND_SIGMA_M_S, stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
+            found.start, model.scales.of(self.noise, *self.position_m), fixes, stands=self.stands,
+            antenna=replace(model.antenna, delay_s=0.0), stand_sigma_m_s=STAND_SIGMA_M_S, stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
             reset_s=RESET_S[self.technology],
         )  # fmt: skip
-        for piece in self.imu.pieces(start_s - 2.0, start_s + seconds):
+        for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)
-        return navigator.finish()
+        history = navigator.finish()
+        return replace(history, antenna=replace(history.antenna, delay_s=base_s + history.antenna.delay_s))
+
+    def _pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
+        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in memory if it is not long."""
+        first_s = start_s - 2.0
+        if whole:
+            return self.imu.pieces(first_s, np.inf)
+        end_s = next((b for a, b in self.stands if a <= start_s + 1.0 < b), start_s) + FIT_S
+        if end_s - self.imu.start_s > HELD_S:
+            return self.imu.pieces(first_s, end_s)
+        if not self.held:
+            self.held.append(self.imu.between(self.imu.start_s, end_s))
+        return self.held[0].pieces(first_s, end_s)
+
+
+def _antenna_words(seen: SeenAntenna, declared: Antenna) -> tuple[str, ...]:
+    """What was taken of the antenna, against what was declared."""
+    now, sigma, words = seen.antenna, antenna_sigmas(seen.antenna), []
+    if seen.freed.arm:
+        arm = ", ".join(f"{v:.2f} +- {s:.2f}" for v, s in zip(now.lever_arm_m, sigma))
+        given = ", ".join(f"{v:g}" for v in declared.lever_arm_m)
+        words.append(
+            f"the fixes are not of an antenna at the lever arm ({given}) m of run.json: taken ({arm}) m, which the fixes show "
+            f"({seen.gain_nats:.0f} nats); its sigma is in the solution's"
+        )
+    if seen.freed.delay:
+        age = "older" if now.delay_s > 0 else "younger"
+        words.append(
+            f"fixes are {1e3 * abs(now.delay_s):.0f} +- {max(1e3 * sigma[3], 1.0):.0f} ms {age} than their time: taken so "
+            f"({seen.gain_nats:.0f} nats)"
+        )
+    return tuple(words)
 
 
 def _scaled_words(scales: NoiseScales, twin: TwinModel) -> str:
     parts = [
-        f"{what} {value:.2g} times" for what, value in (
+        f"{what} {_factor(value)} times" for what, value in (
             ("white noise of the sensors", scales.white), ("walks of their biases", scales.walk),
             ("satellite position", scales.position), ("satellite velocity", scales.velocity),
-        ) if f"{value:.2g}" != "1"
+        ) if _factor(value) != "1"
     ]  # fmt: skip
-    late = f"; fixes are {1e3 * scales.latency_s:.0f} ms older than their time" if scales.latency_s else ""
     told = "taken " + ", ".join(parts) + " as large" if parts else "noise as declared"
-    noise = f"the innovations exceed the noise model ({twin.source}): {told}{late}; NIS is no test then; "
-    return noise + "a wrong lever arm or timing of the fixes can look like that and is not in the sigmas"
+    if scales.slow:
+        level, down = scales.slow * twin.gnss.sigma_horizontal_m, scales.slow * twin.gnss.sigma_vertical_m
+        told += f", and a slow error of the positions of {level:.2g} m level, {down:.2g} m down over {scales.slow_s:.0f} s"
+    most = " (the largest that is tried)" if scales.capped else ""
+    return f"the innovations exceed the noise model ({twin.source}): {told}{most}; NIS is no test then"
+
+
+def _factor(value: float) -> str:
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
 
 
 def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:

@@ -11,7 +11,9 @@ outages[]                 start_s, end_s without a used position, sigma_m (level
 resets_s                  when the solution was begun anew
 standing[]                start_s, end_s: taken as measurements of no velocity
 consistency               overall, position, velocity: nis_mean, dof, band_95; standing; is_test: false where noise was fitted
-noise                     factors on the declared sigmas, latency_s, declared_nis (before any factor)
+noise                     factors on the declared sigmas, those at the largest that is tried, declared_nis (before any factor)
+antenna                   lever_arm_m (with sigma) and delay_s of the solution, what of them was taken from the fixes, and
+                          `seen`: what the fixes say with both free; null where that could not be flown
 scoring_only              against the run's reference: RMS errors, and squared error over variance
 """
 
@@ -21,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.aided import AidedResult, nis_of, rejected_rows, reset_times
-from ins.aided_filter import ACCEL, GYRO, KINDS, POS, VEL, AidedHistory, level_sigmas
+from infield.aided_antenna import SeenAntenna, antenna_sigmas
+from ins.aided_filter import ACCEL, GYRO, KINDS, POS, VEL, AidedHistory, Antenna, level_sigmas
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.kalman import nis_band
@@ -64,6 +67,7 @@ def aided_document(result: AidedResult | None, reference: ReferenceLog | None) -
         "resets_s": [float(t) for t in reset_times(history)],
         "consistency": _consistency(result, history),
         "noise": _noise(result),
+        "antenna": _antenna(result.antenna),
         "scoring_only": None if reference is None else _scores(result, reference),
     }  # fmt: skip
 
@@ -89,16 +93,35 @@ def _consistency(result: AidedResult, history: AidedHistory) -> dict[str, Any]:
     out: dict[str, Any] = {
         name: {"nis_mean": mean, "dof": n, "band_95": list(nis_band(n, 0.95))} for name, (mean, n) in everything.items()
     }
+    taken = result.antenna is not None and any(result.antenna.freed)
     standing = history.stand_nis / history.stand_dof if history.stand_dof else float("nan")
-    return out | {"standing": {"nis_mean": standing, "dof": history.stand_dof}, "is_test": not result.scales.fitted}
+    return out | {"standing": {"nis_mean": standing, "dof": history.stand_dof}, "is_test": not (result.scales.fitted or taken)}
 
 
 def _noise(result: AidedResult) -> dict[str, Any]:
     s = result.scales
     return {
         "fitted": s.fitted, "white_factor": s.white, "walk_factor": s.walk, "position_factor": s.position,
-        "velocity_factor": s.velocity, "latency_s": s.latency_s, "sigma_latency_s": s.sigma_latency_s,
+        "velocity_factor": s.velocity, "slow_factor": s.slow, "slow_s": s.slow_s if s.slow else None,
+        "at_largest": list(s.capped),
         "declared_nis": {"position": result.declared_nis[0], "velocity": result.declared_nis[1]},
+    }  # fmt: skip
+
+
+def _antenna(seen: SeenAntenna | None) -> dict[str, Any] | None:
+    if seen is None:
+        return None
+    return _arm(seen.antenna) | {
+        "taken": [name for name, freed in zip(("lever_arm", "delay"), seen.freed) if freed], "gain_nats": seen.gain_nats,
+        "seen": None if seen.seen is None else _arm(seen.seen),
+    }  # fmt: skip
+
+
+def _arm(antenna: Antenna) -> dict[str, Any]:
+    sigma = [float(v) for v in antenna_sigmas(antenna)]
+    return {
+        "lever_arm_m": [float(v) for v in antenna.lever_arm_m], "sigma_lever_arm_m": sigma[:3], "delay_s": antenna.delay_s,
+        "sigma_delay_s": sigma[3],
     }  # fmt: skip
 
 

@@ -1,12 +1,13 @@
-"""How much larger than declared the noise of a log is, and how late its fixes are, by the aided filter's own innovations.
+"""How much larger than declared the noise of a log is, by the aided filter's own innovations.
 
-The declared noise stands wherever the innovations fit it. Where they do not, a latency of the receiver is looked for, and four
-factors are raised, never lowered: white noise of the sensors, walks of their biases, sigmas of the satellite positions and of
-the velocities, all by the likelihood of the innovations over the first FIT_S. NIS is then near one by construction and tests
-nothing any more; the document says so and keeps the first.
+The declared noise stands wherever the innovations fit it. Where they do not, factors are raised, never lowered: white noise of
+the sensors, walks of their biases, sigmas of the satellite positions and of the velocities, all by the likelihood of the
+innovations, with the antenna free (`infield.aided_antenna`), so that no lever arm or delay passes for noise. A slow error of the
+positions, which hides in innovations that fit, is tried in any case. NIS is then near one by construction and tests nothing
+any more; the document says so and keeps the first.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,137 +15,124 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict
-from ins.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, AidedNoise
+from ins.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, AidedNoise, Antenna
 
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
-FIT_S = 1800.0  # of log that the factors are fitted on
 GAIN_NATS = 5.0  # of likelihood that a change must bring
-LATENCIES_S = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
 STEPS = (4.0, 2.0)
-LARGEST = {"white": 64.0, "walk": 32.0}
+LARGEST = {"white": 1024.0, "walk": 1024.0, "slow": 64.0, "slow_s": 800.0}
+LEAST = {"white": 1.0, "walk": 1.0, "slow": 0.5, "slow_s": 200.0}
+SLOW = ("slow", "slow_s")
 GNSS_PASSES = 3
 MAX_OUTLIERS = 0.1  # share of rejected fixes up to which they are the receiver's outliers
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseScales:
-    """Factors on declared sigmas; latency_s: by how much the fixes are older than their time says."""
+    """Factors on declared sigmas; slow: on those of a position, for its slow error of time constant slow_s [s]."""
 
     white: float = 1.0
     walk: float = 1.0
     position: float = 1.0
     velocity: float = 1.0
-    latency_s: float = 0.0
-    sigma_latency_s: float = float("nan")
+    slow: float = 0.0
+    slow_s: float = 200.0
 
     @property
     def fitted(self) -> bool:
-        return (self.white, self.walk, self.position, self.velocity, self.latency_s) != (1.0, 1.0, 1.0, 1.0, 0.0)
+        return (self.white, self.walk, self.position, self.velocity, self.slow) != (1.0, 1.0, 1.0, 1.0, 0.0)
 
-    def of(self, noise: AidedNoise) -> AidedNoise:
+    @property
+    def capped(self) -> tuple[str, ...]:
+        """Names of the factors that stand at the largest that is tried."""
+        return tuple(name for name, most in LARGEST.items() if name != "slow_s" and getattr(self, name) >= most)
+
+    def of(self, noise: AidedNoise, level_m: float, down_m: float) -> AidedNoise:
+        """The noise under these factors; level_m, down_m: declared sigmas of a position."""
         return AidedNoise(
             arw=self.white * noise.arw, vrw=self.white * noise.vrw, gyro_walk=self.walk * noise.gyro_walk,
-            accel_walk=self.walk * noise.accel_walk,
+            accel_walk=self.walk * noise.accel_walk, slow_level_m=self.slow * level_m,
+            slow_down_m=self.slow * down_m, slow_s=self.slow_s,
         )  # fmt: skip
+
+    def other(self, name: str, step: float) -> "NoiseScales":
+        """One factor times a step, within its bounds; the slow error comes at its declared sigma and goes below LEAST."""
+        value = step * getattr(self, name)
+        if name == "slow" and value < LEAST[name]:
+            value = float(self.slow == 0.0 and step > 1.0)
+        else:
+            value = float(np.clip(value, LEAST[name], LARGEST[name]))
+        return self if name == "slow_s" and self.slow == 0.0 else replace(self, **{name: value})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Model:
+    """What a log is flown with beside its declared noise."""
+
+    antenna: Antenna
+    scales: NoiseScales = field(default_factory=NoiseScales)
 
 
 class Fly(Protocol):
-    """Navigates a log from its start, for `seconds` at most; None where no start is found."""
+    """Navigates a log from its start, the whole of it or the part that models are fitted on; None where no start is found."""
 
-    def __call__(self, scales: NoiseScales, seconds: float = np.inf) -> AidedHistory | None: ...
+    def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
 
 @dataclass(frozen=True)
-class _Tried:
-    scales: NoiseScales
+class Flown:
+    model: Model
     history: AidedHistory
 
-    @property
-    def value(self) -> float:
-        """Log likelihood of all innovations; a rejected one counts as if at the gate."""
-        return float(np.nansum(self.history.loglik))
+    def over(self, other: "Flown") -> float:
+        """Log likelihood ratio to another flight of the same log, over the fixes that both saw; a rejected one counts as if
+        at the gate."""
+        mine, others = self.history.loglik, other.history.loglik
+        seen = np.isfinite(mine) & np.isfinite(others)
+        return float((mine[seen] - others[seen]).sum())
 
 
-def fit_noise(fly: Fly) -> tuple[NoiseScales, AidedHistory, AidedHistory] | None:
-    """The scales that a log needs, the flight under them, the flight as declared; None where it cannot be flown."""
-    declared = fly(NoiseScales())
-    if declared is None:
-        return None
-    if not any(misfit(declared, k) for k in range(2)):
-        return NoiseScales(), declared, declared
-    best = _search(fly)
-    if best is None:
-        return NoiseScales(), declared, declared
-    history = fly(best.scales)
-    if history is None:
-        return NoiseScales(), declared, declared
-    whole = _with_gnss(_Tried(best.scales, history), fly, np.inf, lower=False)
-    return whole.scales, whole.history, declared
+def flown(model: Model, fly: Fly) -> Flown | None:
+    history = fly(model)
+    return None if history is None else Flown(model, history)
 
 
-def _search(fly: Fly) -> _Tried | None:
-    """Latency first, under sensors so noisy that a large bias cannot hide it; then sensors; then latency to a millisecond."""
-    wide = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)
-    tried = [_flown(replace(wide, latency_s=t), fly) for t in LATENCIES_S]
-    found = [_with_gnss(t, fly, FIT_S) for t in tried if t is not None]
-    if not found:
-        return None
-    best = _with_latency(max(found, key=lambda t: t.value), fly, 0.05)
+def raised_noise(start: Flown, fly: Fly, names: tuple[str, ...] = tuple(LARGEST)) -> Flown:
+    """The likeliest factors of these names, antenna as in `start`; from there one after the other, up and down. The sigmas of
+    the fixes go with them where white noise does."""
+    refit = "white" in names
+    best = with_gnss(start, fly) if refit else start
     for factor in STEPS:
         improved = True
         while improved:
             improved = False
-            for name in LARGEST:
+            for name in names:
                 for step in (factor, 1.0 / factor):
-                    value = float(np.clip(step * getattr(best.scales, name), 1.0, LARGEST[name]))
-                    if value == getattr(best.scales, name):
+                    scales = best.model.scales.other(name, step)
+                    if scales == best.model.scales:
                         continue
-                    other = _flown(replace(best.scales, **{name: value}), fly)
-                    other = None if other is None else _with_gnss(other, fly, FIT_S)
-                    if other is not None and other.value > best.value + GAIN_NATS:
+                    other = flown(replace(best.model, scales=scales), fly)
+                    other = with_gnss(other, fly) if refit and other is not None else other
+                    if other is not None and other.over(best) > GAIN_NATS:
                         best, improved = other, True
-    without = _flown(replace(best.scales, latency_s=0.0), fly)
-    if without is not None and _with_gnss(without, fly, FIT_S).value > best.value - GAIN_NATS:
-        return _with_gnss(without, fly, FIT_S)
-    return _with_latency(best, fly, 0.02)
+    return best
 
 
-def _flown(scales: NoiseScales, fly: Fly) -> _Tried | None:
-    history = fly(scales, FIT_S)
-    return None if history is None else _Tried(scales, history)
-
-
-def _with_latency(at: _Tried, fly: Fly, step_s: float) -> _Tried:
-    """The latency at the top of a parabola through three likelihoods, with the sigma of its curvature."""
-    t0 = at.scales.latency_s
-    before, after = (_flown(replace(at.scales, latency_s=t0 + d), fly) for d in (-step_s, step_s))
-    if before is None or after is None:
-        return at
-    low, middle, high = before.value, at.value, after.value
-    bend = (low - 2.0 * middle + high) / step_s**2
-    if bend >= 0:
-        return max((at, before, after), key=lambda t: t.value)
-    shift = float(np.clip(0.5 * (low - high) / step_s / bend, -step_s, step_s))
-    sigma = float(1.0 / np.sqrt(-bend))
-    top = _flown(replace(at.scales, latency_s=max(t0 + shift, 0.0)), fly)
-    best = max((t for t in (at, top) if t is not None), key=lambda t: t.value)
-    return _Tried(replace(best.scales, sigma_latency_s=sigma), best.history)
-
-
-def _with_gnss(at: _Tried, fly: Fly, seconds: float, *, lower: bool = True) -> _Tried:
+def with_gnss(at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True) -> Flown:
     """The satellite sigmas at which the NIS of each kind is one, not below declared; `lower` False: raised at most."""
     for _ in range(GNSS_PASSES):
+        scales = at.model.scales
         factor = [np.sqrt(capped_nis(at.history, k)) for k in range(2)]
         if not lower:
             factor = [max(f, 1.0) if misfit(at.history, k) else 1.0 for k, f in enumerate(factor)]
-        changed = {name: float(max(getattr(at.scales, name) * f, 1.0)) for name, f in zip(KINDS, factor)}
-        if all(abs(changed[name] / getattr(at.scales, name) - 1.0) < 0.02 for name in KINDS):
+        changed = {name: float(max(getattr(scales, name) * f, 1.0)) for name, f in zip(KINDS, factor)}
+        if all(abs(changed[name] / getattr(scales, name) - 1.0) < 0.02 for name in KINDS):
             break
-        scales = replace(at.scales, **changed)
-        history = fly(scales, seconds)
+        model = replace(at.model, scales=replace(scales, **changed))
+        history = fly(model, whole=whole)
         if history is None:
             break
-        at = _Tried(scales, history)
+        at = Flown(model, history)
     return at
 
 
@@ -162,6 +150,10 @@ def misfit(history: AidedHistory, kind: int) -> bool:
     """Whether the innovations of a kind are larger than their noise allows, and by an amount that matters."""
     mean = capped_nis(history, kind)
     return mean > MATERIAL and nis_verdict(mean, 3 * _counted(history, kind).size) is not None
+
+
+def misfits(history: AidedHistory) -> bool:
+    return any(misfit(history, k) for k in range(2))
 
 
 def _counted(history: AidedHistory, kind: int) -> NDArray:

@@ -5,7 +5,7 @@ a row holds what was known at its time, and what its start was found with (a gyr
 gives the same bits however the log is cut.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,12 +24,18 @@ REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three 
 
 @dataclass(frozen=True, kw_only=True)
 class AidedNoise:
-    """Densities, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)], walks of the biases [rad/s/sqrt(s)], [m/s^2/sqrt(s)]."""
+    """Densities, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)], walks of the biases [rad/s/sqrt(s)], [m/s^2/sqrt(s)].
+
+    slow_level_m, slow_down_m: sigmas of the receiver's slow error, beside the fixes' own; slow_s: its time constant.
+    """
 
     arw: float
     vrw: float
     gyro_walk: float
     accel_walk: float
+    slow_level_m: float = 0.0
+    slow_down_m: float = 0.0
+    slow_s: float = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +47,17 @@ class AidedStart:
     gyro_bias_rad_s: NDArray
     accel_bias_m_s2: NDArray
     covariance: NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Antenna:
+    """What the fixes are of: lever arm (3,) from the IMU [m], delay [s] by which they are older than their time, and the
+    covariance (4, 4) of both errors. estimated: by the filter; else considered: as they are, with what that costs."""
+
+    lever_arm_m: NDArray
+    delay_s: float = 0.0
+    covariance: NDArray = field(default_factory=lambda: np.zeros((4, 4)))
+    estimated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +89,7 @@ class AidedHistory:
     gyro_bias_rad_s, accel_bias_m_s2 (k, 3): the biases taken off beyond what the log was compensated with;
     variance (k, 15): of the errors; phi_covariance (k, 3, 3): of the NED attitude error; covariance (k, 15, 15): where asked.
     residual, sigma (n, 6): of the fixes, position then velocity, NED, NaN where unseen; nis, used, loglik (n, 2).
+    antenna: as it is known at the end.
     """
 
     time_s: NDArray
@@ -93,6 +111,7 @@ class AidedHistory:
     loglik: NDArray
     stand_nis: float
     stand_dof: int
+    antenna: Antenna
 
 
 def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:
@@ -115,17 +134,20 @@ def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m
     )  # fmt: skip
 
 
+ON_UNIT = Antenna(lever_arm_m=np.zeros(3))
+
+
 class AidedNavigator:
     """Aided navigation of a log that comes in parts: `feed` each in turn, then `finish`.
 
-    lever_arm_m (3,): IMU to antenna. stands (k, 2): spans in which the vehicle stands [s], each a measurement a second of no
+    stands (k, 2): spans in which the vehicle stands [s], each a measurement a second of no
     velocity, sigma stand_sigma_m_s, and, where stand_rate_rad_s is above 0, of no turn but Earth's,
     to that and the gyros' noise. reset_s: a solution whose fixes were all rejected for so long is begun anew at the next.
     output_s: interval of the rows. keep_covariance: also all of P at each row.
     """
 
     def __init__(
-        self, start: AidedStart, noise: AidedNoise, fixes: Fixes, *, lever_arm_m: ArrayLike = (0.0, 0.0, 0.0),
+        self, start: AidedStart, noise: AidedNoise, fixes: Fixes, *, antenna: Antenna = ON_UNIT,
         stands: ArrayLike = (), stand_sigma_m_s: float = 0.01, stand_rate_rad_s: float = 0.0, reset_s: float = 120.0,
         output_s: float = 1.0,
         keep_covariance: bool = False,
@@ -134,18 +156,22 @@ class AidedNavigator:
         from ins.strapdown_kernel import BEFORE, COLUMNS, CORRECTION, STATE_SIZE, U
 
         check_initial(start.state)
-        P = frozen_array(start.covariance, (15, 15), "AidedStart.covariance")
-        if not (np.isfinite(P).all() and np.linalg.eigvalsh(P).min() >= -ROUNDING * np.trace(P)):
-            raise InputError("AidedStart.covariance: needed finite and positive semidefinite")
+        P = np.zeros((kernel.N, kernel.N))
+        P[: kernel.MOTION, : kernel.MOTION] = _covariance(start.covariance, kernel.MOTION, "AidedStart.covariance")
+        slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
+        P[kernel.B_ : kernel.L_, kernel.B_ : kernel.L_] = np.diag(slow_m**2)
+        P[kernel.L_ :, kernel.L_ :] = _covariance(antenna.covariance, 4, "Antenna.covariance")
         self._kernel, self._start, self._before = kernel, start.state, slice(BEFORE, U)
         self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(COLUMNS)
         self._state[:CORRECTION] = earth_frame_state(start.state)
-        self._bias = np.concatenate([start.gyro_bias_rad_s, start.accel_bias_m_s2]).astype(float)
-        self._x, self._P, self._carry = np.zeros(15), np.array(P), np.zeros(kernel.CARRY)
+        biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
+        self._bias = np.concatenate([*biases, np.zeros(3), antenna.lever_arm_m, [antenna.delay_s]]).astype(float)
+        self._x, self._P, self._carry = np.zeros(kernel.N), P, np.zeros(kernel.CARRY)
         self._carry[kernel.V_BEFORE : kernel.V_BEFORE + 3] = start.state.v_n_m_s
-        self._noise = np.array([noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk])
-        self._settings = np.array([chi2.isf(REJECT_PROBABILITY, 3), stand_sigma_m_s, reset_s, stand_rate_rad_s])
-        self._lever, self._fixes = np.asarray(lever_arm_m, dtype=float), fixes
+        self._noise = np.array([noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk, *slow_m[1:], noise.slow_s])
+        self._settings = np.array([chi2.isf(REJECT_PROBABILITY, 3), stand_sigma_m_s, reset_s, stand_rate_rad_s,
+                                   float(not antenna.estimated)])  # fmt: skip
+        self._antenna, self._fixes = antenna, fixes
         self._fix_rows = np.column_stack([fixes.r_e_m, fixes.v_n_m_s, fixes.sigma_position_m**2, fixes.sigma_velocity_m_s**2])
         self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
         self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = kernel.UNSEEN
@@ -172,7 +198,7 @@ class AidedNavigator:
         P_rows = np.zeros((len(rows) if self._keep else 0, 15, 15))
         self._kernel.run(
             dt, dtheta, dv, ends, fix_of, late_s, stands, emits, self._state, self._opened, self._carry, self._bias, self._x,
-            self._P, self._noise, self._settings, self._lever, self._fix_rows, self._fix_out, rows, P_rows,
+            self._P, self._noise, self._settings, self._fix_rows, self._fix_out, rows, P_rows,
         )  # fmt: skip
         self._rows.append(rows)
         self._P_rows.append(P_rows)
@@ -208,7 +234,18 @@ class AidedNavigator:
             fix_time_s=self._fixes.time_s, residual=fix[:, : k.F_SIGMA], sigma=fix[:, k.F_SIGMA : k.F_NIS],
             nis=fix[:, k.F_NIS : k.F_USED], used=fix[:, k.F_USED : k.F_LOGLIK].astype(int), loglik=fix[:, k.F_LOGLIK :],
             stand_nis=float(self._carry[k.STAND_NIS]), stand_dof=int(self._carry[k.STOOD]),
+            antenna=replace(
+                self._antenna, lever_arm_m=self._bias[k.B_LEVER : k.B_DELAY].copy(), delay_s=float(self._bias[k.B_DELAY]),
+                covariance=self._P[k.L_ :, k.L_ :].copy(),
+            ),
         )  # fmt: skip
+
+
+def _covariance(P: NDArray, size: int, name: str) -> NDArray:
+    P = frozen_array(P, (size, size), name)
+    if not (np.isfinite(P).all() and np.linalg.eigvalsh(P).min() >= -ROUNDING * np.trace(P)):
+        raise InputError(f"{name}: needed finite and positive semidefinite")
+    return P
 
 
 def level_sigmas(phi_covariance: NDArray, C_nb: NDArray) -> NDArray:

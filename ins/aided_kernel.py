@@ -1,19 +1,25 @@
 """The compiled loop of the satellite-aided filter: navigation, covariance and updates, no Python in between. Import lazily.
 
-Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is:
+Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is, three of the
+receiver and four of its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
     V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N, -p_E, 2 p_D) + C del
     T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta + C eps
     G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a random walk
     A 12-14  the same of the accelerometers, del [m/s^2]
+    B 15-17  slow error of the positions [m], north, east, down: a first-order Gauss-Markov process
+    L 18-20  lever arm, IMU to antenna [m], body axes; stands still
+    D 21     delay of the fixes, how much older than their time they are [s]; stands still
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section 14.2.2 (ECEF), with the
-signs of CONVENTIONS.md. What an update finds is taken off the solution at once, so the errors' means are zero in between.
-Arrays in, arrays changed in place; SI and radians, silent; nothing is checked: `ins.aided_filter` does that.
+signs of CONVENTIONS.md. The antenna's four may be estimated, or considered: they then widen what is estimated and are left
+as they are (Schmidt's filter; Jazwinski 1970, section 8.2). What an update finds is taken off the solution at once, so the
+errors' means are zero in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+`ins.aided_filter` does that.
 """
 
-from math import cos, log, sin, sqrt, tan
+from math import cos, exp, log, sin, sqrt, tan
 
 import numpy as np
 
@@ -38,12 +44,15 @@ from ins.strapdown_kernel import (
 )
 from ins.strapdown_loop import integrate
 
-N = 15
-P_, V_, T_, G_, A_ = 0, 3, 6, 9, 12
+MOTION, N = 15, 22  # errors that move or drive what moves; all of them
+P_, V_, T_, G_, A_, B_, L_, D_ = 0, 3, 6, 9, 12, 15, 18, 21
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
-GATE, STAND_SIGMA, RESET_S, STAND_RATE = 0, 1, 2, 3  # of the settings
-# what a step carries over the end of a piece; last, NIS and count of the standing updates so far
-DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CARRY = 0, 1, 4, 7, 8, 9, 10
+SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6  # of the noise: sigmas and time constant of the slow error
+GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4  # of the settings; CONSIDER: the antenna is, if above 0
+# what a step carries over the end of a piece: NIS and count of the standing updates so far; last, a smoothed acceleration
+DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, SMOOTH_A, CARRY = 0, 1, 4, 7, 8, 9, 10, 13
+SMOOTH_S = 0.2
+B_SLOW, B_LEVER, B_DELAY = 6, 9, 12  # of what is taken off: biases of gyros and accelerometers, slow error, lever arm, delay
 # of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of the NED attitude error
 O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 # of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each; log likelihood of each
@@ -95,32 +104,41 @@ def transition(row, dt, Phi):
             for k in range(3):
                 Phi[V_ + i, G_ + j] += 0.5 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
                 Phi[P_ + i, G_ + j] += dt / 6.0 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
-    for i in range(N):
+    for i in range(MOTION):
         Phi[i, i] += 1.0
 
 
 @jit
 def predict(P, Phi, dt, noise, M):
-    """P to Phi P Phi' + Q in place; M (15, 15) is room to work in. Biases stand still, so rows 9-14 of Phi are unit."""
+    """P to Phi P Phi' + Q in place; M (22, 22) is room to work in. Phi is of the first fifteen; biases stand still, so its
+    rows 9-14 are unit, and so are those of the antenna; the slow error fades."""
     for i in range(N):
         for j in range(N):
             M[i, j] = P[i, j]
     for i in range(G_):
         for j in range(N):
             total = 0.0
-            for k in range(N):
+            for k in range(MOTION):
                 total += Phi[i, k] * P[k, j]
             M[i, j] = total
     for i in range(N):
         for j in range(i + 1):
             if j < G_:
                 total = 0.0
-                for k in range(N):
+                for k in range(MOTION):
                     total += M[i, k] * Phi[j, k]
             else:
                 total = M[i, j]
             P[i, j] = total
             P[j, i] = total
+    fades = exp(-dt / noise[SLOW_S])
+    for i in range(B_, L_):
+        sigma = noise[SLOW_DOWN] if i == L_ - 1 else noise[SLOW_LEVEL]
+        for j in range(N):
+            P[i, j] *= fades
+        for j in range(N):
+            P[j, i] *= fades
+        P[i, i] += sigma * sigma * (1.0 - fades * fades)
     vrw2 = noise[VRW] ** 2
     for i in range(3):
         P[P_ + i, P_ + i] += vrw2 * dt**3 / 3.0
@@ -133,10 +151,11 @@ def predict(P, Phi, dt, noise, M):
 
 
 @jit
-def update(x, P, H, z, variance, K):
-    """One after the other, scalar measurements z (m,) with rows H (m, 15), in place: NIS of all of them together, and
-    the log likelihood. variance (m,): independent errors. K (15,): room to work in."""
+def update(x, P, H, z, variance, K, consider):
+    """One after the other, scalar measurements z (m,) with rows H (m, 22), in place: NIS of all of them together, and
+    the log likelihood. variance (m,): independent errors. K (22,): room to work in. consider: leave the antenna as it is."""
     nis, loglik = 0.0, 0.0
+    free = L_ if consider else N
     for m in range(z.size):
         s, y = variance[m], z[m]
         for i in range(N):
@@ -149,8 +168,9 @@ def update(x, P, H, z, variance, K):
         nis += y * y / s
         loglik -= 0.5 * (log(s) + y * y / s)
         for i in range(N):
-            x[i] += K[i] * y / s
-            for j in range(i + 1):
+            if i < free:
+                x[i] += K[i] * y / s
+            for j in range(min(i + 1, free)):
                 P[i, j] -= K[i] * K[j] / s
                 P[j, i] = P[i, j]
     return nis, loglik
@@ -158,7 +178,7 @@ def update(x, P, H, z, variance, K):
 
 @jit
 def correct(state, bias, x):
-    """Take the errors x (15,) off the solution and make them zero: Earth-frame position, velocity, attitude, biases."""
+    """Take the errors x (22,) off the solution and make them zero: Earth-frame position, velocity, attitude, `bias` (13,)."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
     turn = np.zeros(3)
@@ -174,13 +194,15 @@ def correct(state, bias, x):
     state[3] = a * r + b * q - c * p + d * w
     for i in range(6):
         bias[i] += x[G_ + i]
+    for i in range(7):
+        bias[B_SLOW + i] -= x[B_ + i]
     x[:] = 0.0
     state[COUNT] = state[LIMIT] = 0.0  # gravity is looked up anew from here
 
 
 @jit
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 15) of antenna position and velocity, NED; the arm and its swing (6,)."""
+    """Rows (6, 22) of antenna position and velocity, NED; the arm and its swing (6,). The delay's column is the caller's."""
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
     spin = np.array([
@@ -189,7 +211,7 @@ def rows_of_fix(row, rate_b, lever_b, H):
         rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0],
     ])  # fmt: skip
     for i in range(3):
-        H[i, P_ + i] = 1.0
+        H[i, P_ + i] = H[i, B_ + i] = 1.0
         H[3 + i, V_ + i] = 1.0
         for j in range(3):
             arm[i] += row[C_NB + 3 * i + j] * lever_b[j]
@@ -198,6 +220,10 @@ def rows_of_fix(row, rate_b, lever_b, H):
         H[3 + i, G_] = -(cy * lever_b[2] - cz * lever_b[1])  # eps x lever = -lever x eps
         H[3 + i, G_ + 1] = -(cz * lever_b[0] - cx * lever_b[2])
         H[3 + i, G_ + 2] = -(cx * lever_b[1] - cy * lever_b[0])
+        H[i, L_], H[i, L_ + 1], H[i, L_ + 2] = cx, cy, cz
+        H[3 + i, L_] = cy * rate_b[2] - cz * rate_b[1]  # C (rate x)
+        H[3 + i, L_ + 1] = cz * rate_b[0] - cx * rate_b[2]
+        H[3 + i, L_ + 2] = cx * rate_b[1] - cy * rate_b[0]
     put_skew(H, 0, T_, arm, -1.0)
     put_skew(H, 3, T_, swing, -1.0)
     return arm, swing
@@ -215,17 +241,24 @@ def restart(P, seen):
 
 
 @jit
-def take_fix(state, row, fix, late_s, carry, lever_b, settings, x, P, bias, H, K, out):
-    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the solution's own time (< 0)."""
-    arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], lever_b, H)
+def take_fix(state, row, fix, late_s, carry, settings, x, P, bias, H, K, out):
+    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the solution's own time (< 0).
+
+    Back over late_s, within the step, at its own acceleration; back over the delay at a smoothed one.
+    """
+    arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
+    delay = bias[B_DELAY]
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
     off = state[R : R + 3] - fix[0:3]
     z = np.zeros(6)
     for i in range(3):
         a = (row[V_N + i] - carry[V_BEFORE + i]) / carry[DT]
         z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
-        z[i] += arm[i] + late_s * (row[V_N + i] + swing[i] - 0.5 * late_s * a)
-        z[3 + i] = row[V_N + i] + late_s * a + swing[i] - fix[3 + i]
+        moves, smooth = row[V_N + i] + swing[i], carry[SMOOTH_A + i]
+        z[i] += arm[i] + bias[B_SLOW + i] + late_s * (moves + 0.5 * late_s * a) - delay * (moves - 0.5 * delay * smooth)
+        z[3 + i] = moves + late_s * a - delay * smooth - fix[3 + i]
+        H[i, D_] = -moves + delay * smooth
+        H[3 + i, D_] = -smooth
     lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
     if lost and np.isfinite(z[0]):
         restart(P, np.where(np.isfinite(z), z, 10.0))
@@ -242,7 +275,7 @@ def take_fix(state, row, fix, late_s, carry, lever_b, settings, x, P, bias, H, K
             out[F_RESIDUAL + a + i] = z[a + i] - np.dot(H[a + i], x)
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
-        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K)
+        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, settings[CONSIDER] > 0.0)
         out[F_NIS + kind] = nis
         if nis <= settings[GATE] or lost:
             x[:] = x_new
@@ -268,7 +301,8 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
-    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K)
+    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K,
+                    settings[CONSIDER] > 0.0)  # fmt: skip
     if settings[STAND_RATE] > 0.0:
         ie, z = np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]), np.zeros(3)
         H[:, :] = 0.0
@@ -281,7 +315,8 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
                 k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
                 H[i, T_ + m] -= C_ji * ie[k]
                 H[i, T_ + k] += C_ji * ie[m]
-        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K)
+        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K,
+               settings[CONSIDER] > 0.0)  # fmt: skip
     correct(state, bias, x)
     return nis
 
@@ -302,11 +337,11 @@ def emit(state, bias, P, out):
         out[V_N + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
         for j in range(3):
             out[C_NB + 3 * i + j] = C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
-    out[O_BIAS : O_BIAS + 6] = bias
-    for i in range(N):
+    out[O_BIAS : O_BIAS + 6] = bias[:6]
+    for i in range(MOTION):
         out[O_VAR + i] = P[i, i]
     radius = SEMI_MAJOR_AXIS_M + frame[4]
-    rows = np.zeros((3, N))  # NED attitude error from theta and position: phi_N = theta_N - p_E/R ... (CONVENTIONS.md)
+    rows = np.zeros((3, MOTION))  # NED attitude error from theta and position: phi_N = theta_N - p_E/R ... (CONVENTIONS.md)
     for i in range(3):
         rows[i, T_ + i] = 1.0
     rows[0, 1], rows[1, 0] = -1.0 / radius, 1.0 / radius
@@ -314,22 +349,22 @@ def emit(state, bias, P, out):
     for i in range(3):
         for j in range(3):
             total = 0.0
-            for k in range(N):
-                for m in range(N):
+            for k in range(MOTION):
+                for m in range(MOTION):
                     if rows[i, k] != 0.0 and rows[j, m] != 0.0:
                         total += rows[i, k] * P[k, m] * rows[j, m]
             out[O_PHI + 3 * i + j] = total
 
 
 @jit
-def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings, lever_b,
+def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings,
         fixes, fix_out, rows_out, P_out):  # fmt: skip
     """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last end stay open.
 
     fix_of (k,): the fix to use at a step's end, -1 for none; late_s (k,): by how much it is after the step's end (<= 0);
     stands, emits (k,): whether the vehicle stands, whether a row is put out. P_out: (0, 15, 15) where it is not asked for.
     """
-    Phi, M, H, K = np.zeros((N, N)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
+    Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
     out, end, none = np.zeros((2, COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
     turned, pushed, flat = np.empty_like(dtheta), np.empty_like(dv), np.zeros(dt.size)
     gains, look_s = (0.0, 0.0, 0.0), LOOK_S
@@ -357,6 +392,11 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
         step_s = carry[DT]
         transition(out[0], step_s, Phi)
         predict(P, Phi, step_s, noise, M)
+        for i in range(3):
+            bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
+        for i in range(3):
+            a = (out[0, V_N + i] - carry[V_BEFORE + i]) / step_s
+            carry[SMOOTH_A + i] += min(step_s / SMOOTH_S, 1.0) * (a - carry[SMOOTH_A + i])
         if stands[k]:
             carry[STAND_NIS] += stand(state, out[0], step_s, noise, settings, x, P, bias, H, K)
             carry[STOOD] += 3.0
@@ -365,11 +405,11 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
             if stands[k]:
                 end[0] = 0
                 integrate(dt[:0], turned[:0], pushed[:0], flat[:0], gains, look_s, LOOK_ROWS, end, state, out)
-            take_fix(state, out[0], fixes[j], late_s[k], carry, lever_b, settings, x, P, bias, H, K, fix_out[j])
+            take_fix(state, out[0], fixes[j], late_s[k], carry, settings, x, P, bias, H, K, fix_out[j])
         if emits[k]:
             emit(state, bias, P, rows_out[written])
             if P_out.shape[0] > 0:
-                P_out[written] = P
+                P_out[written] = P[:MOTION, :MOTION]
             written += 1
         C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
         for i in range(3):
