@@ -175,8 +175,8 @@ class _Flights:
         fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
         navigator = AidedNavigator(
             found.start, model.scales.of(self.noise, *self.position_m), fixes, stands=self.stands,
-            antenna=replace(model.antenna, delay_s=0.0), stand_sigma_m_s=STAND_SIGMA_M_S, stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
-            reset_s=RESET_S[self.technology],
+            antenna=replace(model.antenna, delay_s=0.0), stand_sigma_m_s=STAND_SIGMA_M_S,
+            stand_rate_rad_s=STAND_RATE_RAD_S[self.technology], reset_s=RESET_S[self.technology],
         )  # fmt: skip
         for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)
