@@ -8,6 +8,7 @@ leaves the ground by FLIES_M; a vehicle that stays on it is clamped to the groun
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import timedelta
+from typing import Any
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -40,17 +41,16 @@ class Track:
 
 def tracks_of(result: ReplayResult) -> tuple[Track, ...]:
     """The tracks that there are, GNSS first, so that the others are drawn over it."""
-    found = []
-    if result.run.gnss is not None:
-        g = result.run.gnss
-        seen = np.isfinite(g.lat_rad) & np.isfinite(g.lon_rad) & np.isfinite(g.height_m)
-        found.append(Track("gnss", g.time_s[seen], g.lat_rad[seen], g.lon_rad[seen], g.height_m[seen]))
-    for t in result.tables:
-        if (h := t.history) is not None:
-            found.append(Track(t.choice.role, h.time_s, h.lat_rad, h.lon_rad, h.height_m))
-    if result.aided is not None and (a := result.aided.history) is not None:
-        found.append(Track("aided", a.time_s, a.lat_rad, a.lon_rad, a.height_m))
+    solutions: list[tuple[str, Any]] = [("gnss", result.run.gnss), *((t.choice.role, t.history) for t in result.tables)]
+    solutions += [("aided", result.aided.history)] if result.aided is not None else []
+    found = [_finite(key, solution) for key, solution in solutions if solution is not None]
     return tuple(t for t in found if t.time_s.size > 1)
+
+
+def _finite(key: str, solution: Any) -> Track:
+    """The rows that have a place; the schema takes "nan" for a coordinate, viewers do not."""
+    seen = np.isfinite(solution.lat_rad) & np.isfinite(solution.lon_rad) & np.isfinite(solution.height_m)
+    return Track(key, *(getattr(solution, name)[seen] for name in ("time_s", "lat_rad", "lon_rad", "height_m")))
 
 
 def track_kml(result: ReplayResult) -> str:

@@ -1,5 +1,6 @@
 """track.kml: order of elements as KML 2.2 has it, times, colours, points within the limit, free text escaped."""
 
+import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import lru_cache
@@ -21,6 +22,13 @@ ORDER = {
     "TimeSpan": ["begin", "end"], "TimeStamp": ["when"], "Style": ["LineStyle"], "LineStyle": ["color", "width"],
 }  # fmt: skip
 
+NUMBER = r"-?\d+\.\d+"
+VALUES = {
+    "color": r"[0-9a-f]{8}", "width": r"\d+(\.\d+)?", "tessellate": "0|1", "altitudeMode": "clampToGround|absolute",
+    **dict.fromkeys(("begin", "end", "when"), r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z"),
+    "coordinates": rf"{NUMBER},{NUMBER},{NUMBER}( {NUMBER},{NUMBER},{NUMBER})*",
+}  # fmt: skip
+
 
 @lru_cache(maxsize=1)
 def result():
@@ -38,6 +46,48 @@ def test_document_is_kml_2_2():
             allowed = ORDER[element.tag.removeprefix(NS)]
             assert [allowed.index(n) for n in names] == sorted(allowed.index(n) for n in names)
     assert root[0].find(NS + "name").text == 'a <b> & "c"' and "]]> & 1" in root[0].find(NS + "description").text
+
+
+def faults(text: str) -> list[str]:
+    """What a validator with the OGC schema (ogckml22.xsd, in fastkml) finds in values, and two things that it lets pass:
+    a styleUrl without its style, a coordinate that is no number."""
+    root = ET.fromstring(text)
+    ids = [e.attrib["id"] for e in root.iter() if "id" in e.attrib]
+    found = [f"id {name}" for name in ids if not re.fullmatch(r"[A-Za-z_][\w.-]*", name) or ids.count(name) > 1]
+    found += [
+        f"{e.tag} {e.text}" for tag, shape in VALUES.items() for e in root.iter(NS + tag) if not re.fullmatch(shape, e.text)
+    ]
+    found += [e.text for e in root.iter(NS + "styleUrl") if e.text[0] != "#" or e.text[1:] not in ids]
+    begun = [(s.find(NS + "begin").text, s.find(NS + "end").text) for s in root.iter(NS + "TimeSpan")]
+    return found + [f"TimeSpan {a} {b}" for a, b in begun if a > b]
+
+
+def test_values_are_those_of_the_schema():
+    assert faults(track_kml(result())) == []
+    lost = replace(result().run.gnss, lat_rad=np.where(np.arange(result().run.gnss.time_s.size) % 9 == 0, np.nan, 0.7))
+    assert faults(track_kml(replace(result(), run=replace(result().run, gnss=lost)))) == []
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("<color>ff", "<color>xx"), ("T05:00:01.000000Z", " 05:00:01"), ('id="gnss"', 'id="aided"'), ('id="gnss"', 'id="g s"'),
+     (">absolute<", ">sky<"), ("#gnss", "#none"), ("<width>3", "<width>wide"), ("<coordinates>", "<coordinates>nan,1,2 ")],
+)  # fmt: skip
+def test_a_fault_in_a_value_is_seen(old, new):
+    """lxml with that schema refuses these too, but for the style that is not there and the NaN."""
+    text = track_kml(result())
+    assert old in text and faults(text.replace(old, new, 1)) != []
+
+
+def test_solutions_that_are_not_finite_leave_no_coordinate():
+    """A free-inertial solution may end in NaN; its rows before stay."""
+    flown_tables = result().tables
+    history = flown_tables[0].history
+    broken = replace(history, height_m=np.where(history.time_s > 900.0, np.nan, history.height_m))
+    changed = replace(result(), tables=(replace(flown_tables[0], history=broken), *flown_tables[1:]))
+    track = next(t for t in tracks_of(changed) if t.key == flown_tables[0].choice.role)
+    assert 0 < track.time_s.size < history.time_s.size and track.time_s[-1] <= 900.0
+    assert faults(track_kml(changed)) == []
 
 
 def test_tracks_points_and_times():
