@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ins.records import ImuLog, InputError, ReferenceLog, Run
+from trajectories.conversion_checks import check_rows
 from trajectories.imu_scan import RateScan
 from trajectories.physics_gates import check_physics
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -21,6 +22,8 @@ OPTIONS = {
     "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
 }  # fmt: skip
 MANY_LOST = 0.01  # of all rows
+# Words of the notes that may say why a key of the header is missing.
+TELLING = {"": ("damaged", "garbled", "cut off"), "lat_deg": ("left out:", "no gnss stream"), "start_utc": ("no date",)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +54,7 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
     rate.feed(log.imu.time_s)
     findings.error(*rate.lines)
+    check_rows(log.imu, time_shift_s=log.time_shift_s, label=label, findings=findings)
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])
@@ -91,7 +95,8 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
         missing = [k for k in OPTIONS if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)]
         if missing:
             told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
-            why = next((f" ({n})" for n in log.notes if any(word in n for word in ("damaged", "garbled", "cut off"))), "")
+            words = [word for key in ("", *missing) for word in TELLING.get(key, ())]
+            why = next((f" ({n})" for n in log.notes if any(word in n for word in words)), "")
             raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}{why}")
     return header
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.units import STANDARD_GRAVITY
 from trajectories.run_check import (
     DROPOUT,
     MAX_GAP_S,
@@ -209,5 +210,6 @@ class DropoutScan:
         late_s = np.where(step[k] > DROPOUT * nominal, nominal, step[k])  # the next hole is counted by itself
         lost = np.maximum(1, np.round((step[k - 1] + late_s) / nominal).astype(int) - 2)
         f = np.linalg.norm(dv[k + 1], axis=1) / (step[k - 1] if last else step[k])
+        f = np.where((not last) & (step[k] > DROPOUT * nominal), STANDARD_GRAVITY, f)  # the row after it stands at a hole too
         short = np.linalg.norm(dv[k], axis=1) < 0.5 * f * (step[k - 1] + nominal)
         self._found.append((self._base + k, t[k - 1], t[k], lost, short))

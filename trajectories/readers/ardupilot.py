@@ -19,7 +19,7 @@ from ins.records import AXES, InputError
 from trajectories.readers import ardupilot_mat, dataflash, dataflash_text
 from trajectories.readers.ardupilot_gnss import fixes, log_clock
 from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
-from trajectories.readers.columns import PLAUSIBLE_DEGC, converted
+from trajectories.readers.columns import converted, plausible_degC
 from trajectories.readers.dataflash import Tables
 from trajectories.readers.registry import ConvertedLog, Reader
 
@@ -57,14 +57,16 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     columns = {"time": clock, **{k: table[k] for k in (*GYRO, *ACCEL)}}
     offsets, level_removed, offset_notes = _gyro_offsets(tables, keys, label)
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
-    columns |= _temperature(table)
+    temperature, temperature_notes = _temperature(table, label)
+    columns |= temperature
     keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
     log = converted(columns, column_map(keys_of_columns | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
     removed: dict[str, Any] = {"gyro_level_removed": True} if level_removed else {}
     header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
+    more = (*temperature_notes, *offset_notes, *gps_notes)
     return replace(
-        log, gnss=None if found is None else found.on_run_time(log), notes=(*notes, *log.notes, *offset_notes, *gps_notes),
+        log, gnss=None if found is None else found.on_run_time(log), notes=(*notes, *log.notes, *more),
         header={**header, **removed, **({} if found is None else found.header(log)), **keys.run},
     )  # fmt: skip
 
@@ -115,15 +117,15 @@ def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
     return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
 
 
-def _temperature(table: Mapping[str, NDArray]) -> dict[str, NDArray]:
-    """The IMU's temperature, NaN where no sensor shows such a value; empty where it is not logged (absent or all 0)."""
-    for name in TEMPERATURE:
-        if name in table:
-            values = table[name]
-            with np.errstate(invalid="ignore"):
-                sane = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1])
-            return {"temperature": np.where(sane, values, np.nan)} if np.any(values[sane]) else {}
-    return {}
+def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, NDArray], list[str]]:
+    """The IMU's temperature, NaN where no sensor shows such a value, and notes; empty where it is not logged (absent or 0)."""
+    name = next((k for k in TEMPERATURE if k in table), None)
+    if name is None:
+        return {}, [f"{label}: no temperature in its messages: none in the run"]
+    values, notes = plausible_degC(table[name], label, asked_for=False)
+    if not np.any(np.nan_to_num(values)):
+        return {}, [f"{label}: {name} is 0 or no temperature in all messages: none in the run"]
+    return {"temperature": values}, [n for n in notes if "left out" in n]
 
 
 def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, bool, list[str]]:

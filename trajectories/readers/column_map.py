@@ -28,6 +28,8 @@ ACCEL_RATES = {
 }  # fmt: skip
 ACCEL_INCREMENTS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": FOOT}
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600}
+ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
+HEIGHTS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT}
 CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
 
 _Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
@@ -46,6 +48,7 @@ class LayoutKeys(StrictModel):
     header_lines: Annotated[int, Field(ge=0, le=10_000)] | None = None
     names_line: Annotated[int, Field(ge=1, le=10_000)] | None = None
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    decimal: Literal[".", ","] = "."
     comment: Annotated[str, Field(min_length=1, max_length=10)] | None = None
     header_bytes: Annotated[int, Field(ge=0)] = 0
     dtype: str | list[str] = "<f8"
@@ -100,10 +103,12 @@ class AxesKeys(StrictModel):
 
 
 class PositionKeys(StrictModel):
-    """Latitude, longitude [unit], height above the ellipsoid [m]; sigma [m]: horizontal, vertical or north, east, down."""
+    """Latitude, longitude [unit], height above the ellipsoid [height_unit]; sigma [m]: horizontal, vertical or north, east,
+    down."""
 
     columns: _Three
-    unit: Literal["deg", "rad"] = "deg"
+    unit: Literal["deg", "rad", "1e-7 deg"] = "deg"
+    height_unit: Literal["m", "cm", "mm", "ft"] = "m"
     sigma: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
 
 

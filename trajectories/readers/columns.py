@@ -5,6 +5,7 @@ so that run time starts at 0: the first row then ends the first interval.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,12 +26,15 @@ from trajectories.readers.column_map import (
     axis_matrix,
     used_columns,
 )
-from trajectories.readers.gps_time import unix_seconds, utc_text
+from trajectories.readers.gps_time import dated, unix_seconds
 from trajectories.readers.registry import ConvertedLog
-from trajectories.readers.row_cleaning import Stretch, clean_rows
+from trajectories.readers.row_cleaning import CleanRows, Stretch, clean_rows
 from trajectories.readers.text_columns import refuse_missing
+from trajectories.run_check import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 
 PLAUSIBLE_DEGC = (-60.0, 125.0)
+USUAL_DEGC = (-40.0, 85.0)
+LEAST_STEP_S, MOST_STEP_S = 1e-5, MAX_GAP_S  # beyond these no message on rates or gaps says it better
 
 
 def converted(
@@ -45,7 +49,8 @@ def converted(
     w, gyro_kind = _vector(columns, keys.gyro, M)
     f, accel_kind = _vector(columns, keys.accel, M)
     time_s = _times(columns, keys, len(w))
-    nominal = _nominal(time_s, label)
+    held = np.isfinite(np.hstack([w, f])).any(axis=1)  # the others are rows of other streams
+    nominal = _nominal(time_s[held], label)
     stretch = Stretch(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
         clean = clean_rows(time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label)
@@ -58,17 +63,19 @@ def converted(
         w, f = (w * dt_s, f) if gyro_kind == "rates" else (w, f * dt_s)
         gyro_kind = "increments"
     imu, dropouts = imu_log(time_s - shift, w, f, source=gyro_kind)
-    return ConvertedLog(
-        imu=imu, temperature=_temperature(columns, keys, kept, time_s - shift), time_shift_s=shift,
-        faults=tuple(dropouts), notes=tuple(notes), header={**_start(keys, shift), **keys.run},
+    start, told = _start(keys, shift, label)
+    log = ConvertedLog(
+        imu=imu, time_shift_s=shift, wraps_s=clean.wraps_s, faults=tuple(dropouts), notes=(*notes, *told),
+        header={**start, **keys.run},
     )  # fmt: skip
+    return log if keys.temperature is None or keys.temperature.file is not None else _with_own(log, columns, keys, clean, label)
 
 
-def _start(keys: ColumnMap, shift_s: float) -> dict[str, str]:
-    """start_utc of a clock that counts from a known date."""
+def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
+    """start_utc of a clock that counts from a known date, and a note where it cannot be that."""
     if keys.time is None or keys.time.epoch is None:
-        return {}
-    return {"start_utc": utc_text(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)))}
+        return {}, []
+    return dated(shift_s if keys.time.epoch == "unix" else float(unix_seconds(shift_s)), label)
 
 
 def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> tuple[NDArray, str]:
@@ -94,26 +101,66 @@ def _times(columns: Mapping[str, NDArray], keys: ColumnMap, n: int) -> NDArray:
 
 
 def _nominal(time_s: NDArray, label: str) -> float:
-    steps = np.diff(time_s)
+    with np.errstate(over="ignore"):
+        steps = np.diff(time_s[np.isfinite(time_s)])
     steps = steps[steps > 0]
     if not steps.size:
         raise InputError(f"{label}: {time_s.size} usable rows, needed at least 2 with rising times")
-    return float(np.median(steps))
+    nominal_s = float(np.median(steps))
+    if not LEAST_STEP_S <= nominal_s <= MOST_STEP_S:
+        needed = f"{1 / MAX_RATE_HZ:g} to {1 / MIN_RATE_HZ:g}"
+        raise InputError(f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s: unit of the time stamps?")
+    return nominal_s
 
 
 def _span(kind: str, nominal_s: float) -> float:
     return 1.0 if kind == "rates" else nominal_s
 
 
-def _temperature(columns: Mapping[str, NDArray], keys: ColumnMap, kept: NDArray, time_s: NDArray) -> TemperatureLog | None:
-    """Means over whole seconds; seconds without a complete reading are left out."""
-    if keys.temperature is None or keys.temperature.file is not None:
-        return None
-    body = body_temperatures(columns, keys.temperature, keys.axes)[kept]
-    found = second_means(time_s, body)
+def _with_own(log: ConvertedLog, columns: Mapping[str, NDArray], keys: ColumnMap, clean: CleanRows, label: str) -> ConvertedLog:
+    """The log with the temperatures in its own rows."""
+    part = keys.temperature
+    assert part is not None
+    rows = np.concatenate([clean.rows, clean.others])
+    time_s = clean.clock_s - log.time_shift_s
+    rows = rows[(time_s[rows] >= 0) & (time_s[rows] <= log.imu.end_s)]
+    rows = rows[np.argsort(time_s[rows], kind="stable")]
+    body, notes = plausible_degC(body_temperatures(columns, part, keys.axes)[rows], label)
+    found = second_means(time_s[rows], body)
     if found is None:
-        raise InputError(f"map: temperature columns {' '.join(keys.temperature.columns)} hold no complete row")
-    return found
+        raise InputError(f"map: temperature columns {' '.join(part.columns)} hold no complete row")
+    return replace(log, temperature=found, notes=(*log.notes, *notes))
+
+
+def plausible_degC(gyro_degC: NDArray, label: str, *, asked_for: bool = True) -> tuple[NDArray, list[str]]:
+    """Readings (n,) or (n, 3) with NaN where no sensor shows such a value, and notes on those, and on one that never changes.
+
+    InputError where half of them or more are such and a map asked for them: a wrong unit, which is named where one would fit.
+    """
+    with np.errstate(invalid="ignore"):
+        sane = (gyro_degC >= PLAUSIBLE_DEGC[0]) & (gyro_degC <= PLAUSIBLE_DEGC[1])
+    read = np.isfinite(gyro_degC)
+    wild, notes = gyro_degC[read & ~sane], []
+    all_rows, wild_rows = (int(np.count_nonzero(v if v.ndim == 1 else v.any(axis=1))) for v in (read, read & ~sane))
+    if wild.size:
+        told = f"{label}: {wild_rows} of {all_rows} temperatures are {wild.min():g} to {wild.max():g} degC"
+        needed = f"needed {PLAUSIBLE_DEGC[0]:g} to {PLAUSIBLE_DEGC[1]:g}"
+        if asked_for and 2 * wild_rows >= all_rows:
+            raise InputError(f"{told}, {needed}: {_other_unit(float(np.median(wild)))}")
+        notes.append(f"{told}, {needed}: left out")
+    good = gyro_degC[sane]
+    if good.size > 100 and np.ptp(good) == 0.0:
+        notes.append(f"{label}: all {all_rows} temperatures are {good[0]:g} degC: a thermometer that is stuck, or missing?")
+    return np.where(sane, gyro_degC, np.nan), notes
+
+
+def _other_unit(degC: float) -> str:
+    """The unit in which a value that was taken for degC would be a usual temperature."""
+    usual = (
+        (degC - 273.15, 'kelvin? unit = "K"'), (degC + 273.15, "degC taken for kelvin?"), (0.1 * degC, "tenths? scale = 0.1"),
+        (0.01 * degC, "hundredths? scale = 0.01"), (1e-3 * degC, "thousandths? scale = 0.001"),
+    )  # fmt: skip
+    return next((told for value, told in usual if USUAL_DEGC[0] <= value <= USUAL_DEGC[1]), "counts? unit and scale in the map")
 
 
 def body_temperatures(columns: Mapping[str, NDArray], part: TemperatureKeys, axes: AxesKeys) -> NDArray:

@@ -1,6 +1,6 @@
 """Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,14 +9,15 @@ from scipy.ndimage import median_filter
 
 from ins.records import GnssLog
 from ins.units import DEG
-from trajectories.readers.gps_time import utc_text
+from trajectories.readers.gps_time import UNIX_S, utc_text
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.row_cleaning import row_ranges
+from trajectories.run_schema import SIGMAS
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
 MAX_JUMP_S = 10.0
 MAX_SPEED_M_S, MAX_HEIGHT_M = 1000.0, 30_000.0
-UNIX_S = (915_148_800.0, 4_000_000_000.0)  # 1999 to 2096: a receiver that knows the date
+LOST = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,19 +71,24 @@ def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
 
 
 def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
-    """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out."""
+    """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out.
+
+    A fix at 0 N 0 E exactly is none. Longitudes of 180 to 360 deg are west.
+    """
+    raw = replace(raw, lon_deg=np.where(raw.lon_deg > 180.0, raw.lon_deg - 360.0, raw.lon_deg))
     rows, left_out = _good_rows(raw)
+    sigmas, told = _sigmas(raw.sigmas, rows, label)
     notes = [f"{label}: GPS {row_ranges(r)} left out: {why}" for why, r in left_out.items() if r.size]
     if not rows.size:
         return None, [*notes, f"{label}: no 3D fix: no gnss stream"]
     gnss = GnssLog(
         time_s=raw.log_s[rows], lat_rad=raw.lat_deg[rows] * DEG, lon_rad=raw.lon_deg[rows] * DEG,
-        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], **_sigmas(raw.sigmas, rows),
+        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], **sigmas,
     )  # fmt: skip
     with np.errstate(invalid="ignore"):
         dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
     offset = float(np.median(raw.unix_s[dated] - raw.log_s[dated])) if dated.size else None
-    return Fixes(gnss=gnss, unix_less_log_s=offset), notes
+    return Fixes(gnss=gnss, unix_less_log_s=offset), notes + told
 
 
 def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
@@ -91,14 +97,18 @@ def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
     with np.errstate(invalid="ignore"):
         sane = (np.abs(raw.lat_deg) <= 90) & (np.abs(raw.lon_deg) <= 180) & (np.abs(raw.height_m) < MAX_HEIGHT_M)
         sane &= (np.abs(raw.v_n_m_s) < MAX_SPEED_M_S).all(axis=1)
-    rows = np.flatnonzero(raw.is_3d & finite & sane)
+    nowhere = raw.is_3d & (raw.lat_deg == 0.0) & (raw.lon_deg == 0.0)
+    lost = np.zeros(nowhere.size, dtype=bool) if raw.sigmas is None else np.any(raw.sigmas >= LOST, axis=0)
+    rows = np.flatnonzero(raw.is_3d & finite & sane & ~nowhere & ~lost)
     near = (_jump(raw.lat_deg[rows]) <= MAX_JUMP_DEG) & (_jump(raw.lon_deg[rows]) <= MAX_JUMP_DEG)
     near &= _jump(raw.log_s[rows]) <= MAX_JUMP_S
     placed = rows[near]
     later = raw.log_s[placed] > np.concatenate([[-np.inf], np.maximum.accumulate(raw.log_s[placed])[:-1]])
     return placed[later], {
         "no 3D fix": np.flatnonzero(~raw.is_3d),
-        "not finite or beyond any aircraft": np.flatnonzero(raw.is_3d & ~(finite & sane)),
+        "0 N 0 E: no fix": np.flatnonzero(nowhere),
+        "not finite or beyond any aircraft": np.flatnonzero(raw.is_3d & ~(finite & sane) & ~nowhere),
+        f"the receiver's own sigma is {LOST:g} or more": np.flatnonzero(raw.is_3d & finite & sane & lost & ~nowhere),
         "time or position jumps and comes back": rows[~near],
         "time repeats or goes back": placed[~later],
     }
@@ -109,10 +119,18 @@ def _jump(values: NDArray) -> NDArray:
     return np.abs(values - median_filter(values, size=5, mode="mirror")) if values.size else values
 
 
-def _sigmas(sigmas: NDArray | None, rows: NDArray) -> dict[str, NDArray]:
-    """The receiver's own accuracies under the names of `GnssLog`, those that every good fix has."""
-    if sigmas is None:
-        return {}
-    named = dict(zip(("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s"), sigmas[:, rows]))
-    with np.errstate(invalid="ignore"):
-        return {name: values for name, values in named.items() if np.all((values > 0) & (values < 1e6))}
+def _sigmas(sigmas: NDArray | None, rows: NDArray, label: str) -> tuple[dict[str, NDArray], list[str]]:
+    """The receiver's own accuracies under the names of `GnssLog`, NaN in a fix without, and notes on those.
+
+    One that no fix has is left out.
+    """
+    out, notes = {}, []
+    for name, values in zip(SIGMAS, sigmas[:, rows] if sigmas is not None else ()):
+        with np.errstate(invalid="ignore"):
+            given = values > 0
+        if given.any():
+            out[name] = np.where(given, values, np.nan)
+        if given.any() and not given.all():
+            which = row_ranges(rows[~given])
+            notes.append(f"{label}: GPS {which} without {name}: the declared one of the twin counts there")
+    return out, notes

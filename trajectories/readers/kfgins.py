@@ -22,7 +22,7 @@ from ins.units import DEG
 from trajectories.readers.column_map import LayoutKeys, StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted
 from trajectories.readers.fixes import RawFixes
-from trajectories.readers.gps_time import gps_seconds, unix_seconds, unwrapped, utc_text
+from trajectories.readers.gps_time import dated, gps_seconds, unix_seconds, unwrapped
 from trajectories.readers.increment_rows import are_increments, head_doubles, head_rows, refuse_other_width
 from trajectories.readers.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog, Reader
@@ -52,7 +52,8 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     keys = parse(KfginsKeys, dict(options), name="map")
     columns, notes = _table(path, {7: ROW[1:]}, "time, dtheta x y z, dvel x y z")
     log = converted(columns, column_map(MAP | stretch_of(keys)), label=path.name, notes=notes)
-    log = replace(log, header={**_date(keys.gps_week, log.time_shift_s), **keys.run})
+    start, told = _date(keys.gps_week, log.time_shift_s, path.name)
+    log = replace(log, header={**start, **keys.run}, notes=(*log.notes, *told))
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
         raw, more = _fixes(other, keys.gps_week)
@@ -104,12 +105,14 @@ def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
     })  # fmt: skip
     notes = [*notes, f"{path.name}: {0 if reference is None else reference.time_s.size} rows as reference, for scoring only"]
     place = {name: float(columns[k][0]) for name, k in zip(("lat_deg", "lon_deg", "height_m"), PLACE)}
-    header = {"site": place, **_date(int(columns["week"][0]), log.time_shift_s), **log.header}
+    start, told = _date(int(columns["week"][0]), log.time_shift_s, path.name)
+    header = {"site": place, **start, **log.header}
+    notes += told if "start_utc" not in header else []
     return replace(log, reference=reference, notes=(*log.notes, *notes), other_files=(*log.other_files, path), header=header)
 
 
-def _date(gps_week: int | None, shift_s: float) -> dict[str, str]:
-    return {} if gps_week is None else {"start_utc": utc_text(float(unix_seconds(gps_seconds(gps_week, shift_s))))}
+def _date(gps_week: int | None, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
+    return ({}, []) if gps_week is None else dated(float(unix_seconds(gps_seconds(gps_week, shift_s))), label)
 
 
 def detect(path: Path) -> bool:

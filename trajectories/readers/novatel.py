@@ -22,7 +22,7 @@ from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.column_map import AxesKeys, StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted
-from trajectories.readers.gps_time import gps_seconds, unix_seconds, utc_text
+from trajectories.readers.gps_time import dated, gps_seconds, unix_seconds
 from trajectories.readers.increment_rows import is_file_of
 from trajectories.readers.layouts import side_file
 from trajectories.readers.novatel_gnss import fixes
@@ -81,9 +81,9 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(lines.logs, keys, path.name))]
     shape = {"time": {"column": "time"}, **units, "axes": (keys.axes or VEHICLE).model_dump(), **stretch_of(keys)}
     log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *notes])
-    start = {"start_utc": utc_text(float(unix_seconds(gps_seconds(week, log.time_shift_s))))}
+    start, told = dated(float(unix_seconds(gps_seconds(week, log.time_shift_s))), path.name)
     technology = {"gyro_technology": known.technology} if known else {}
-    log = replace(log, header={**start, **technology, **keys.run}, notes=(*log.notes, *_rate(log, known, path.name)))
+    log = replace(log, header={**start, **technology, **keys.run}, notes=(*log.notes, *told, *_rate(log, known, path.name)))
     if keys.gnss is None:
         return _with_solutions(log, lines.logs, week, path.name)
     other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")

@@ -17,7 +17,7 @@ from pydantic import Field
 from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError, TemperatureLog
 from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
-from trajectories.readers.columns import PLAUSIBLE_DEGC, converted, second_means
+from trajectories.readers.columns import converted, plausible_degC, second_means
 from trajectories.readers.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
@@ -62,11 +62,12 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     columns, more = make(tables, keys.imu - 1, label)
     log = converted(columns, column_map(MAP | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = _fixes(tables, path.name)
+    gyro_degC, degC_notes = _temperature(tables, topic, keys.imu - 1, log, label)
     serial = f"{tables.information.get('sys_uuid') or path.stem}-imu{keys.imu}"
     header: dict[str, Any] = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", "imu_serial": serial[:200]}
     return replace(
-        log, gnss=None if found is None else found.on_run_time(log), temperature=_temperature(tables, topic, keys.imu - 1, log),
-        notes=(*tables.notes, *log.notes, *notes, *more, *gps_notes),
+        log, gnss=None if found is None else found.on_run_time(log), temperature=gyro_degC,
+        notes=(*tables.notes, *log.notes, *notes, *more, *degC_notes, *gps_notes),
         header={**header, **(found.header(log) if found else {}), **keys.run},
     )  # fmt: skip
 
@@ -160,19 +161,20 @@ def _combined(tables: UlogTables, instance: int, label: str) -> tuple[Columns, l
     return columns, [f"{label}: of whichever IMU the autopilot used, which may change in flight"]
 
 
-def _temperature(tables: UlogTables, topic: str, instance: int, log: ConvertedLog) -> TemperatureLog | None:
-    """Of the gyro of the same device where the topic names it, else of the same instance; None where not logged."""
+def _temperature(
+    tables: UlogTables, topic: str, instance: int, log: ConvertedLog, label: str
+) -> tuple[TemperatureLog | None, list[str]]:
+    """Of the gyro of the same device where the topic names it, else of the same instance, and notes; None where not logged."""
     device = tables.topics[topic, instance].get("gyro_device_id")
     for (name, number), sensor in sorted(tables.topics.items()):
         same = number == instance if device is None else np.array_equal(sensor.get("device_id", np.empty(0))[:1], device[:1])
         if name == RAW and same and "temperature" in sensor:
             time_s, values = _clock(sensor) - log.time_shift_s, sensor["temperature"]
-            with np.errstate(invalid="ignore"):
-                sane = (values >= PLAUSIBLE_DEGC[0]) & (values <= PLAUSIBLE_DEGC[1]) & (values != 0.0)
-            rows = np.flatnonzero(sane & (time_s >= 0) & (time_s <= log.imu.end_s))
+            rows = np.flatnonzero((values != 0.0) & (time_s >= 0) & (time_s <= log.imu.end_s))
             rows = rows[np.argsort(time_s[rows], kind="stable")]
-            return second_means(time_s[rows], np.repeat(values[rows, None], 3, axis=1))
-    return None
+            sane, notes = plausible_degC(values[rows], label, asked_for=False)
+            return second_means(time_s[rows], np.repeat(sane[:, None], 3, axis=1)), [n for n in notes if "left out" in n]
+    return None, []
 
 
 def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:

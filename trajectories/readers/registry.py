@@ -13,12 +13,20 @@ from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, 
 MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "novatel", "mapped")
 
 
+GZIP = b"\x1f\x8b\x08"
+PACKED = {
+    b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz", b"7z\xbc\xaf": "7z", b"Rar!": "rar",
+    b"\x28\xb5\x2f\xfd": "zstd",
+}  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class ConvertedLog:
     """What a reader found: streams with run time (starting at 0), what it dropped or repaired, and what it noticed.
 
-    `time_shift_s` is what was subtracted from the log's own times [s]; `header` holds run.json keys the log knows;
-    `reference` is a solution or truth that came with the log, for scoring only; `other_files`: read beside the log.
+    `time_shift_s` is what was subtracted from the log's own times [s], `wraps_s` the periods by which its clock wrapped;
+    `header` holds run.json keys the log knows; `reference` is a solution or truth that came with the log, for scoring
+    only; `other_files`: read beside the log.
     """
 
     imu: ImuLog
@@ -27,6 +35,7 @@ class ConvertedLog:
     odometer: OdometerLog | None = None
     reference: ReferenceLog | None = None
     time_shift_s: float = 0.0
+    wraps_s: tuple[float, ...] = ()
     faults: tuple[Span, ...] = ()
     notes: tuple[str, ...] = ()
     other_files: tuple[Path, ...] = ()
@@ -55,20 +64,44 @@ def readers() -> tuple[Reader, ...]:
     return tuple(reader for module in modules for reader in module.READERS)
 
 
+def _refuse_no_log(path: Path) -> None:
+    """InputError for what no reader can make anything of, whatever the map says: nothing, an empty file, a packed one."""
+    if not (path.is_file() or path.is_dir()):
+        dead = "a link that leads nowhere" if path.is_symlink() else "no such file"
+        raise InputError(f"{path}: {'not a file' if path.exists() else dead}")
+    if path.is_dir():
+        return
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    if not head:
+        raise InputError(f"{path}: the file is empty (0 bytes)")
+    for magic, what in PACKED.items():
+        if head.startswith(magic):
+            raise InputError(f"{path}: a {what} file: unpack it first and give the log in it")
+    if head.startswith(GZIP) and path.suffix != ".gz":
+        raise InputError(f"{path}: a gzip file without .gz in its name: unpack it first, or name it so (text only)")
+
+
 def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]:
     """The name of the format and the log. InputError where the file, its format or an option is wrong."""
-    if not (path.is_file() or path.is_dir()):
-        raise InputError(f"{path}: {'not a file' if path.exists() else 'no such file'}")
+    _refuse_no_log(path)
     known = tuple(reader for reader in readers() if reader.folder or path.is_file())
     name = options.get("format")
     if name is None and path.is_file() and {"gyro", "accel"} & set(options):  # a column map says itself what it is
         name = importlib.import_module("trajectories.readers.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]
+        if not chosen and name in (r.name for r in readers()):
+            raise InputError(f"{path}: a folder, needed a file: a {name} log is one")
         if not chosen:
             raise InputError(f"format: got {str(name)[:40]!r}, needed one of {', '.join(r.name for r in known)}")
     else:
         chosen = list(islice((r for r in known if r.detect(path)), 1))
+    if not chosen and path.is_dir():
+        raise InputError(f"{path}: a folder without a bag (.bag, .db3, .mcap): needed the file of the log")
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)
         raise InputError(f"{path}: format not recognised, needed --map with a `format`. Known: {formats}")

@@ -21,8 +21,7 @@ from ins.units import STANDARD_GRAVITY
 from trajectories.readers import mcap_file, ros1_bag, ros2_sqlite
 from trajectories.readers.column_map import AxesKeys, StretchKeys, axis_matrix, column_map, stretch_of
 from trajectories.readers.columns import converted
-from trajectories.readers.fixes import UNIX_S
-from trajectories.readers.gps_time import utc_text
+from trajectories.readers.gps_time import UNIX_S, utc_text
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.ros_messages import IMU, NS, Bag, Topic
 from trajectories.readers.ros_streams import chosen, temperature, with_gnss

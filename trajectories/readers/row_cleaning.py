@@ -11,25 +11,34 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from ins.records import InputError
+from trajectories.readers.clocks import going_on
 from trajectories.run_check import MAX_GAP_S
 
 PLAUSIBLE_RAD_S, PLAUSIBLE_M_S2 = 100.0, 2000.0  # beyond any sensor: 5700 deg/s, 200 g
 MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
-WRAPS = {  # [s] after which a clock starts again
-    2**32 * 1e-6: "32 bits of microseconds", 2**32 * 1e-3: "32 bits of milliseconds", 604_800.0: "GPS week", 86_400.0: "day",
-}  # fmt: skip
-MAX_WRAP_GAP_S = 60.0  # rows lost while the clock wraps
+MAX_LATE_S = 10.0  # behind the latest row before it: more is a clock set back, or the rows of another log
+AHEAD_INTERVALS = 2.5  # before the five rows around it: garbled, or written early
 LISTED = 10  # stretches of rows named of one kind
-NOT_COUNTED = ("filler", "repeat an earlier row", "time is zero")  # dropped, but no sign of a wrong map
+BACKWARD, MISSING = "time repeats or goes back", "missing or not finite"
+# Dropped, but no sign of a wrong map.
+OTHERS = "no value of the imu (rows of other streams)"
+NOT_COUNTED = ("filler", "repeat an earlier row", "time is zero", OTHERS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CleanRows:
-    """rows (n,): indices in the log, in the order of time; time_s (n,): their times; notes: what was dropped or changed."""
+    """rows (n,): indices in the log, in the order of time; time_s (n,): their times; notes: what was dropped or changed.
+
+    clock_s: the times of all rows of the log, going on where its clock started again, by the periods `wraps_s`; others:
+    rows that have a time and no value of the imu.
+    """
 
     rows: NDArray
     time_s: NDArray
     notes: list[str]
+    clock_s: NDArray
+    wraps_s: tuple[float, ...]
+    others: NDArray
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +52,11 @@ class Stretch:
 
 def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label: str) -> CleanRows:
     """The good rows of a stretch, w [rad/s] and f [m/s2] (n, 3). InputError where too many are damaged, or a gap is left."""
-    time_s, notes = _unwrapped(time_s, stretch, label)
+    time_s, wraps = going_on(time_s)
+    notes = [
+        f"{label}: clock starts again at row {row + 1} ({name}): {period_s:.6f} s added from there"
+        for row, period_s, name in wraps[:LISTED]
+    ] + ([f"{label}: and at {len(wraps) - LISTED} more rows"] if len(wraps) > LISTED else [])
     with np.errstate(invalid="ignore"):
         outside = (time_s < stretch.from_s - stretch.base_s) | (time_s > stretch.to_s - stretch.base_s)
     inside = np.flatnonzero(~outside)
@@ -53,9 +66,9 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
     dropped = sum(rows.size for why, rows in faults.items() if why not in NOT_COUNTED)
     if dropped > max(5, MAX_DAMAGED * inside.size):
         worst = max(faults, key=lambda why: 0 if why in NOT_COUNTED else faults[why].size)
+        hint = _hint(worst, inside[faults[worst]], time_s, w, f)
         raise InputError(
-            f"{label}: {dropped} of {inside.size} rows are damaged (first row {inside[faults[worst][0]] + 1}: {worst}): "
-            "wrong columns or units?"
+            f"{label}: {dropped} of {inside.size} rows are damaged (first row {inside[faults[worst][0]] + 1}: {worst}): {hint}"
         )
     notes += [f"{label}: {row_ranges(inside[rows])} dropped: {why}" for why, rows in faults.items() if rows.size]
     if resorted.size:
@@ -64,52 +77,57 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
     if (steps := np.diff(time_s[rows])).size == 0:
         raise InputError(f"{label}: {rows.size} usable rows, needed at least 2 with rising times")
     _refuse_gaps(steps, time_s[rows] + stretch.base_s, rows, label)
-    return CleanRows(rows=rows, time_s=time_s[rows], notes=notes)
+    periods = tuple(period_s for _, period_s, _ in wraps)
+    return CleanRows(
+        rows=rows, time_s=time_s[rows], notes=notes, clock_s=time_s, wraps_s=periods, others=inside[faults[OTHERS]]
+    )  # fmt: skip
 
 
-def _unwrapped(time_s: NDArray, stretch: Stretch, label: str) -> tuple[NDArray, list[str]]:
-    """Times that go on where a clock started again: it went back by a known period, and stayed there."""
-    finite = np.flatnonzero(np.isfinite(time_s))
-    t, notes = time_s[finite], []
-    with np.errstate(over="ignore"):
-        back = np.flatnonzero(np.diff(t) < -(min(WRAPS) - MAX_WRAP_GAP_S))
-    for k in back[:1000].tolist():
-        before, after = np.median(t[max(k - 2, 0) : k + 1]), np.median(t[k + 1 : k + 4])
-        for period_s, name in WRAPS.items():
-            if 0 < after + period_s - before <= MAX_WRAP_GAP_S:
-                t[k + 1 :] += period_s
-                notes.append(
-                    f"{label}: clock starts again at row {finite[k + 1] + 1} ({name}): {period_s:.6f} s added from there"
-                )
-                break
-    out = time_s.copy()
-    out[finite] = t
-    return out, notes
+def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) -> str:
+    """What may be wrong with a log most of whose damaged rows have one fault."""
+    if worst == BACKWARD:
+        stamped = np.flatnonzero(np.isfinite(time_s))
+        with np.errstate(over="ignore"):
+            steps = np.diff(time_s[stamped])
+        if np.median(steps) == 0:
+            return "stamps too coarse? rate_hz in the map instead of [time]"
+        k = int(np.argmin(steps))
+        told = f"clock goes back by {-steps[k]:.3f} s at row {stamped[k + 1] + 1}"
+        return f"{told}: set back, or logs joined? --to-s or --from-s takes one side"
+    if worst == MISSING:
+        gyro, accel = (int(np.isfinite(v).all(axis=1).sum()) for v in (w, f))
+        if max(gyro, accel) > 1.5 * min(gyro, accel):
+            return f"{gyro} rows have all gyros, {accel} all accelerometers: of two rates? needed rows that have both"
+    return "wrong columns or units?"
 
 
 def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str, NDArray], NDArray]:
     """Indices of the good rows in the order of time; the others by what is wrong with them; the good ones written late."""
-    finite = np.isfinite(time_s) & np.isfinite(w).all(axis=1) & np.isfinite(f).all(axis=1)
+    stamped, seen = np.isfinite(time_s), np.isfinite(np.hstack([w, f]))
+    finite, others = stamped & seen.all(axis=1), stamped & ~seen.any(axis=1)
     with np.errstate(invalid="ignore"):
         sane = (np.abs(w) < PLAUSIBLE_RAD_S).all(axis=1) & (np.abs(f) < PLAUSIBLE_M_S2).all(axis=1)
     filler, empty, unstamped = _filler(time_s, (w == 0).all(axis=1) & (f == 0).all(axis=1))
-    dropped = filler | unstamped
+    dropped = filler | unstamped | others
     whole = np.flatnonzero(finite & sane & ~empty & ~dropped)
-    ahead = _ahead(time_s[whole])
-    jumps, whole = whole[ahead], whole[~ahead]
-    late = time_s[whole] <= np.concatenate([[-np.inf], np.maximum.accumulate(time_s[whole])[:-1]])
-    kept, rest = whole[~late], whole[late]
+    ahead, early = _ahead(time_s[whole])
+    jumps, held, whole = whole[ahead], whole[early], whole[~(ahead | early)]
+    latest = np.concatenate([[-np.inf], np.maximum.accumulate(time_s[whole])[:-1]])
+    late = time_s[whole] <= latest
+    kept, rest = whole[~late], np.sort(np.concatenate([whole[late], held]))
     same = _repeats(time_s, w, f, kept, rest)
-    back = _fitting(time_s, kept, rest[~same])
+    near = np.setdiff1d(rest[~same], whole[time_s[whole] < latest - MAX_LATE_S])
+    back = _fitting(time_s, kept, near)
     faults = {
         "filler": np.flatnonzero(filler),
         "time is zero": np.flatnonzero(unstamped & ~filler),
-        "missing or not finite": np.flatnonzero(~finite & ~dropped),
+        OTHERS: np.flatnonzero(others & ~filler & ~unstamped),
+        MISSING: np.flatnonzero(~finite & ~dropped),
         f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(finite & ~sane & ~dropped),
         "all six values are zero": np.flatnonzero(empty & finite & ~dropped),
         "time jumps ahead and comes back": jumps,
         "repeat an earlier row": rest[same],
-        "time repeats or goes back": np.setdiff1d(rest[~same], back),
+        BACKWARD: np.setdiff1d(rest[~same], back),
     }
     merged = np.concatenate([kept, back])
     return merged[np.argsort(time_s[merged], kind="stable")], faults, back
@@ -128,15 +146,22 @@ def _filler(time_s: NDArray, empty: NDArray) -> tuple[NDArray, NDArray, NDArray]
     return filler, empty, unstamped
 
 
-def _ahead(time_s: NDArray) -> NDArray:
-    """Which times are later than the median of the five around them by more than a gap: garbled, one at a time.
+def _ahead(time_s: NDArray) -> tuple[NDArray, NDArray]:
+    """Which times are later than the median of the five around them by more than a gap (garbled, one at a time), and which
+    by some intervals: garbled or written early.
 
     Left in, such a time would make all that follow it go back.
     """
-    if time_s.size < 5:
-        return np.zeros(time_s.size, dtype=bool)
+    none = np.zeros(time_s.size, dtype=bool)
+    steps = np.diff(time_s)
+    if time_s.size < 5 or not np.any(steps > 0):
+        return none, none
     with np.errstate(over="ignore", invalid="ignore"):
-        return time_s - median_filter(time_s, size=5, mode="mirror") > MAX_GAP_S
+        off = time_s - median_filter(time_s, size=5, mode="mirror")
+        ahead = off > MAX_GAP_S
+        early = (off > AHEAD_INTERVALS * np.median(steps[steps > 0])) & ~ahead
+    early[-2:] = False  # what the rows behind them would be is not known
+    return ahead, early
 
 
 def _repeats(time_s: NDArray, w: NDArray, f: NDArray, kept: NDArray, late: NDArray) -> NDArray:

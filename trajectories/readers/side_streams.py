@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from ins.json_file import StrictModel
 from ins.records import InputError, OdometerLog, ReferenceLog
-from ins.units import DEG
+from trajectories.readers.clocks import beside
 from trajectories.readers.column_map import (
+    ANGLES_DEG,
+    HEIGHTS,
     SPEEDS,
     TIME_UNITS,
     ColumnMap,
@@ -23,13 +25,12 @@ from trajectories.readers.column_map import (
     LayoutKeys,
     OdometerKeys,
     TemperatureKeys,
-    TimeKeys,
     side_columns,
 )
-from trajectories.readers.columns import body_temperatures, second_means
+from trajectories.readers.columns import body_temperatures, plausible_degC, second_means
 from trajectories.readers.fix_velocity import with_velocities
-from trajectories.readers.fixes import RawFixes, chosen, good_fixes
-from trajectories.readers.gps_time import unix_seconds
+from trajectories.readers.fixes import MAX_SPEED_M_S, RawFixes, chosen, good_fixes
+from trajectories.readers.gps_time import gps_of_unix, unix_seconds
 from trajectories.readers.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog
 
@@ -49,15 +50,18 @@ def with_side_streams(log: ConvertedLog, columns: Columns, keys: ColumnMap, path
     if keys.odometer is not None:
         log = _with_odometer(log, keys.odometer, columns, keys, path)
     if keys.gnss is not None:
-        log, label, found = _columns_of(log, keys.gnss, "gnss", columns, path)
-        raw, clock = _fixes(found, keys.gnss, keys), keys.gnss.time or keys.time
-        log = with_fixes(log, replace(raw, unix_s=_unix(raw.log_s, clock)), label=label)
+        log, label, found, rows = _columns_of(log, keys.gnss, "gnss", columns, path)
+        raw = _fixes(found, keys.gnss, keys, label)
+        raw, notes = (raw, []) if rows is None else _each_once(raw, rows, label)
+        log = replace(log, notes=(*log.notes, *notes))
+        log = with_fixes(log, replace(raw, unix_s=_unix(raw.log_s, keys.gnss, keys)), label=label)
     return log
 
 
 def with_fixes(log: ConvertedLog, raw: RawFixes, *, label: str) -> ConvertedLog:
     """The log with the good fixes beside it, where it started, and when; what the log's header says already stays."""
     notes: list[str] = []
+    raw = replace(raw, log_s=beside(raw.log_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s))
     if raw.log_s.size and not np.isfinite(raw.v_n_m_s).any():
         raw, notes = with_velocities(raw, label=label)
     found, more = good_fixes(raw, label=label)
@@ -67,6 +71,8 @@ def with_fixes(log: ConvertedLog, raw: RawFixes, *, label: str) -> ConvertedLog:
         a, b = found.gnss.time_s[0], found.gnss.time_s[-1]
         end_s = log.time_shift_s + log.imu.end_s
         notes += [f"{label}: fixes at {a:.3f} to {b:.3f} s, imu {log.time_shift_s:.3f} to {end_s:.3f} s: no gnss stream"]
+    elif found is not None and gnss is not None and (out := found.gnss.time_s.size - gnss.time_s.size):
+        notes += [f"{label}: {out} of {found.gnss.time_s.size} fixes lie before or after the imu: left out"]
     header = found.header(log) if gnss is not None and found is not None else {}
     return replace(log, gnss=gnss, notes=(*log.notes, *notes), header={**header, **log.header})
 
@@ -81,44 +87,88 @@ def reference_on_run_time(log: ConvertedLog, columns: dict[str, NDArray]) -> Ref
     return ReferenceLog(**{**{k: v[rows] for k, v in columns.items()}, "time_s": time_s[rows]}) if rows.any() else None
 
 
-def _columns_of(log: ConvertedLog, part: Any, key: str, columns: Columns, path: Path) -> tuple[ConvertedLog, str, Columns]:
+def _columns_of(
+    log: ConvertedLog, part: Any, key: str, columns: Columns, path: Path
+) -> tuple[ConvertedLog, str, Columns, NDArray | None]:
     """The columns of a stream and their label, and the log with the other file that they come from and what was dropped there.
 
-    Of the log's own columns, the rows with anything of this stream.
+    Of the log's own columns, the rows with anything of this stream, and their indices (None: another file).
     """
     names = side_columns(part)
     if part.file is not None:
         other = side_file(path, part.file, f"map: {key}.file")
         found, notes = read_columns(other, part.layout or LayoutKeys(), names)
-        return replace(log, other_files=(*log.other_files, other), notes=(*log.notes, *notes)), other.name, found
+        return replace(log, other_files=(*log.other_files, other), notes=(*log.notes, *notes)), other.name, found, None
     values = [name for name in names if part.time is None or name != part.time.column]
-    rows = np.any([np.isfinite(columns[name]) for name in values], axis=0)
-    return log, path.name, {name: columns[name][rows] for name in columns}
+    rows = np.flatnonzero(np.any([np.isfinite(columns[name]) for name in values], axis=0))
+    return log, path.name, {name: columns[name][rows] for name in columns}, rows
 
 
 def _clock(columns: Columns, part: FileKeys, keys: ColumnMap) -> NDArray:
+    """Times of a stream on the clock of the imu [s]: where both count from a known date, UTC and GPS time may differ."""
     time = part.time or keys.time
     assert time is not None  # column_map has refused a map without
-    return columns[time.column] * TIME_UNITS[time.unit]
+    with np.errstate(over="ignore", invalid="ignore"):
+        time_s = columns[time.column] * TIME_UNITS[time.unit]
+        if time.epoch and keys.time and keys.time.epoch not in (None, time.epoch):
+            return unix_seconds(time_s) if time.epoch == "gps" else gps_of_unix(time_s)
+    return np.asarray(time_s)
 
 
-def _fixes(columns: Columns, part: GnssKeys, keys: ColumnMap) -> RawFixes:
-    """The fixes as logged, each once: where the log repeats the last one in every row, the first of them counts."""
-    factor = 1.0 if part.position.unit == "deg" else 1.0 / DEG
-    lat, lon, height = (columns[name] for name in part.position.columns)
+def _fixes(columns: Columns, part: GnssKeys, keys: ColumnMap, label: str) -> RawFixes:
+    """The fixes as logged. InputError where the unit of the positions cannot be right."""
+    place = part.position
+    lat, lon, height = (columns[name] for name in place.columns)
+    _refuse_unit(lat, lon, part, label)
     v_n = np.full((lat.size, 3), np.nan)
     if part.velocity is not None:
         a, b, c = (columns[name] * SPEEDS[part.velocity.unit] for name in part.velocity.columns)
         v_n = np.column_stack([a, b, c] if part.velocity.frame == "ned" else [b, a, -c])
     is_3d = columns[part.fix.column] >= part.fix.at_least if part.fix else np.ones(lat.size, dtype=bool)
-    raw = RawFixes(
-        log_s=_clock(columns, part, keys), is_3d=is_3d, lat_deg=lat * factor, lon_deg=lon * factor, height_m=height,
-        v_n_m_s=v_n, unix_s=np.full(lat.size, np.nan), sigmas=_sigmas(columns, part),
+    factor = ANGLES_DEG[place.unit]
+    return RawFixes(
+        log_s=_clock(columns, part, keys), is_3d=is_3d, lat_deg=lat * factor, lon_deg=lon * factor,
+        height_m=height * HEIGHTS[place.height_unit], v_n_m_s=v_n, unix_s=np.full(lat.size, np.nan),
+        sigmas=_sigmas(columns, part),
     )  # fmt: skip
-    if part.file is not None or lat.size < 2:
-        return raw
-    same = np.column_stack([lat, lon, height, np.nan_to_num(v_n)])
-    return chosen(raw, np.concatenate([[True], np.any(same[1:] != same[:-1], axis=1)]))
+
+
+def _refuse_unit(lat: NDArray, lon: NDArray, part: GnssKeys, label: str) -> None:
+    """InputError where latitudes are beyond a quarter turn, or where degrees that nobody wrote down look like radians.
+
+    Degrees within a quarter turn of radians are all in the Gulf of Guinea: without land.
+    """
+    seen = np.isfinite(lat) & np.isfinite(lon) & ((lat != 0.0) | (lon != 0.0))
+    if not seen.any():
+        return
+    place, typical = part.position, float(np.median(np.abs(lat[seen])))
+    most = 90.0 / ANGLES_DEG[place.unit]
+    told = f"{label}: latitudes of {typical:g} (median)"
+    if typical > most:
+        raise InputError(f"{told}, needed at most {most:g} {place.unit}: {_place_unit(typical)}")
+    radians = np.abs(lat[seen]).max() <= np.pi / 2 and np.abs(lon[seen]).max() <= np.pi
+    if radians and "unit" not in place.model_fields_set:
+        raise InputError(f'{told}, longitudes within 3.142: degrees or radians? unit = "rad" or "deg" in [gnss] position')
+
+
+def _place_unit(latitude: float) -> str:
+    """What a latitude may be that is too large for its unit."""
+    if latitude <= 90.0:
+        return 'unit = "deg"?'
+    if latitude > 1e5:
+        return 'unit = "1e-7 deg"?'
+    return "latitude and longitude exchanged?" if latitude <= 180.0 else "degrees and minutes? needed decimal degrees"
+
+
+def _each_once(raw: RawFixes, rows: NDArray, label: str) -> tuple[RawFixes, list[str]]:
+    """Where the log repeats the last fix in every row, the first of each run of rows counts; and a note."""
+    if rows.size < 2:
+        return raw, []
+    same = np.column_stack([raw.lat_deg, raw.lon_deg, raw.height_m, np.nan_to_num(raw.v_n_m_s)])
+    new = np.concatenate([[True], np.any(same[1:] != same[:-1], axis=1) | (np.diff(rows) > 1)])
+    held = rows.size - int(new.sum())
+    notes = [f"{label}: {held} rows repeat the fix of the row before: each fix counts once"] if held else []
+    return chosen(raw, new), notes
 
 
 def _sigmas(columns: Columns, part: GnssKeys) -> NDArray | None:
@@ -129,43 +179,60 @@ def _sigmas(columns: Columns, part: GnssKeys) -> NDArray | None:
     n = columns[part.position.columns[0]].size
     out = np.full((3, n), np.nan)
     if place is not None:
-        out[0] = np.sqrt(np.mean([columns[name] ** 2 for name in place[:-1]], axis=0))
+        out[0] = np.sqrt(np.mean([_positive(columns[name]) ** 2 for name in place[:-1]], axis=0))
         out[1] = columns[place[-1]]
     if speed is not None and part.velocity is not None:
         factor = SPEEDS[part.velocity.unit]
-        out[2] = factor * np.sqrt(np.mean([columns[name] ** 2 for name in speed], axis=0))
+        out[2] = factor * np.sqrt(np.mean([_positive(columns[name]) ** 2 for name in speed], axis=0))
     return out
 
 
-def _unix(log_s: NDArray, time: TimeKeys | None) -> NDArray:
-    """UTC [s] of a clock that counts from a known date, else NaN."""
-    if time is None or time.epoch is None:
+def _positive(values: NDArray) -> NDArray:
+    """NaN for what is no sigma."""
+    return np.where(values > 0, values, np.nan)
+
+
+def _unix(log_s: NDArray, part: FileKeys, keys: ColumnMap) -> NDArray:
+    """UTC [s] of a clock that counts from a known date, else NaN; `_clock` has brought it to that of the imu."""
+    epochs = [time.epoch for time in (keys.time, part.time) if time is not None and time.epoch is not None]
+    if not epochs:
         return np.full(log_s.size, np.nan)
-    return log_s if time.epoch == "unix" else unix_seconds(log_s)
+    return log_s if epochs[0] == "unix" else unix_seconds(log_s)
 
 
 def _with_temperature(log: ConvertedLog, part: TemperatureKeys, keys: ColumnMap, path: Path) -> ConvertedLog:
-    log, label, columns = _columns_of(log, part, "temperature", {}, path)
-    time_s = _clock(columns, part, keys) - log.time_shift_s
+    log, label, columns, _ = _columns_of(log, part, "temperature", {}, path)
+    time_s = _run_time(log, _clock(columns, part, keys))
     rows = np.flatnonzero((time_s >= 0) & (time_s <= log.imu.end_s))
     rows = rows[np.argsort(time_s[rows], kind="stable")]
-    found = second_means(time_s[rows], body_temperatures(columns, part, keys.axes)[rows])
+    degC, notes = plausible_degC(body_temperatures(columns, part, keys.axes)[rows], label)
+    found = second_means(time_s[rows], degC)
     if found is None:
         raise InputError(f"{label}: no temperature between the first and the last imu row: another clock?")
-    return replace(log, temperature=found)
+    return replace(log, temperature=found, notes=(*log.notes, *notes))
+
+
+def _run_time(log: ConvertedLog, clock_s: NDArray) -> NDArray:
+    return beside(clock_s, log.time_shift_s, log.time_shift_s + log.imu.end_s, log.wraps_s) - log.time_shift_s
 
 
 def _with_odometer(log: ConvertedLog, part: OdometerKeys, columns: Columns, keys: ColumnMap, path: Path) -> ConvertedLog:
-    """Speeds beside the imu, in order of time; rows out of order are dropped and noted."""
-    log, label, found = _columns_of(log, part, "odometer", columns, path)
-    time_s = _clock(found, part, keys) - log.time_shift_s
+    """Speeds beside the imu, in order of time; rows out of order or beyond any vehicle are dropped and noted."""
+    log, label, found, _ = _columns_of(log, part, "odometer", columns, path)
+    time_s = _run_time(log, _clock(found, part, keys))
     speed = found[part.column] * (part.scale * SPEEDS[part.unit])
-    beside = np.flatnonzero(np.isfinite(speed) & (time_s >= 0) & (time_s <= log.imu.end_s))
-    before = np.concatenate([[-np.inf], np.maximum.accumulate(time_s[beside])[:-1]]) if beside.size else np.empty(0)
-    rows = beside[time_s[beside] > before]
+    with np.errstate(invalid="ignore"):
+        inside = np.isfinite(speed) & (time_s >= 0) & (time_s <= log.imu.end_s)
+        wild = inside & (np.abs(speed) >= MAX_SPEED_M_S)
+    beside_it = np.flatnonzero(inside & ~wild)
+    before = np.concatenate([[-np.inf], np.maximum.accumulate(time_s[beside_it])[:-1]]) if beside_it.size else np.empty(0)
+    rows = beside_it[time_s[beside_it] > before]
     if not rows.size:
         raise InputError(f"{label}: no speed between the first and the last imu row: another clock?")
-    late = beside.size - rows.size
-    notes = [f"{label}: {late} odometer rows dropped: time repeats or goes back"] if late else []
+    dropped = {
+        "time repeats or goes back": beside_it.size - rows.size, f"beyond {MAX_SPEED_M_S:g} m/s": int(wild.sum()),
+        "no speed": int(np.count_nonzero(~np.isfinite(speed))),
+    }  # fmt: skip
+    notes = [f"{label}: {count} odometer rows dropped: {why}" for why, count in dropped.items() if count]
     odometer = OdometerLog(time_s=time_s[rows], speed_m_s=speed[rows])
     return replace(log, odometer=odometer, notes=(*log.notes, *notes))

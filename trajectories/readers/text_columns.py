@@ -20,6 +20,10 @@ SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map wri
 def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
     """The used columns by name, and what was dropped. Columns that are not used may hold anything."""
     text, note = read_text(path)
+    if text.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputError(f"{path.name}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)")
+    if b"\n" not in text:
+        text = text.replace(b"\r", b"\n")
     if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):
         raise InputError(f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)")
     if layout.comment is not None:
@@ -28,9 +32,24 @@ def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[d
     names, rows, first_line = _split_header(text, layout, delimiter, path.name)
     _refuse_one_column(rows if layout.columns else text[: len(text) - len(rows)], layout, delimiter, path.name)
     refuse_missing(used, names, path.name)
-    table, notes = parse_rows(rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used)
+    if layout.decimal == ",":
+        if delimiter == ",":
+            raise InputError('map: decimal = "," needs another delimiter')
+        rows = rows.replace(b",", b".")
+    try:
+        table, notes = parse_rows(rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used)
+    except InputError as error:
+        raise InputError(f"{error}{_number_hint(str(error))}") from None
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     return columns, ([f"{path.name}: {note}"] if note else []) + notes
+
+
+def _number_hint(told: str) -> str:
+    """What a number that is none may be: decimal commas, thousands separators."""
+    if re.search(r"got ['\"]-?\d+,\d+['\"]", told):
+        return ': decimal = "," in the map?'
+    thousands = re.search(r"got ['\"]-?\d{1,3}([,' ]\d{3})+([.,]\d*)?['\"]", told)
+    return ": thousands separators? needed numbers without" if thousands else ""
 
 
 def header_names(path: Path) -> list[str]:

@@ -338,7 +338,7 @@ def test_hostile_databases(tmp_path):
 
 
 def test_a_folder_that_is_no_bag(tmp_path):
-    with pytest.raises(InputError, match=r"format not recognised"):
+    with pytest.raises(InputError, match=r"a folder without a bag .*needed the file of the log"):
         read_log(tmp_path, {})
     (tmp_path / "a.mcap.zstd").write_bytes(b"x")
     with pytest.raises(InputError, match=r"a\.mcap\.zstd is packed as a whole: unpack it first"):
