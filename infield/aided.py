@@ -30,6 +30,7 @@ from ins.units import (
 FEWEST_FIXES = 10
 HELD_S = 7200.0  # of log that is kept in memory for it
 FIT_S = 1800.0  # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
+PLURAL = {"position": "positions", "velocity": "velocities"}
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
 FLICKER_S = 60.0
@@ -267,8 +268,9 @@ def judged(history: AidedHistory) -> tuple[str, ...]:
         if dof and mean > MATERIAL and (reason := nis_verdict(mean, dof)):
             found.append(f"satellite {kind}: {reason}")
         rejected = rejected_rows(history, k).size
-        if rejected > MAX_REJECTED * (rejected + dof / 3):
-            found.append(f"{rejected} of {rejected + dof // 3} satellite {kind}s rejected, needed at most {MAX_REJECTED:.0%}")
+        seen = rejected + dof // 3
+        if rejected > MAX_REJECTED * seen:
+            found.append(f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most {MAX_REJECTED:.0%}")
     if (times := reset_times(history)).size:
         told = ", ".join(f"{t:.1f}" for t in times[:5])
         found.append(f"the solution rejected all fixes for long and was begun anew {times.size} times (at {told} s)")
