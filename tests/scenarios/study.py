@@ -79,6 +79,12 @@ def session(
     return estimated(made, made.run, believed or twin, sigma_deg_h=sigma_deg_h, settings=settings)
 
 
+@lru_cache(maxsize=20)
+def parked_session(seed: int) -> Outcome:
+    """The parked session of the reference scenario, which several tests look at; its first 20 seeds are kept."""
+    return session("parked_only", seed)
+
+
 def simulated_session(
     base: IdealSensors, seed: int, *, twin: TwinModel, sigma_deg_h: float = 0.01, start: str = "ambient", **simulate: object
 ) -> SimulatedRun:
