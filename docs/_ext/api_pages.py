@@ -5,6 +5,7 @@ The docstrings are plain text with shapes and units, not reStructuredText, so th
 
 import ast
 import textwrap
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
@@ -32,8 +33,14 @@ def public_names() -> list[str]:
     return [f"{name}.{node.name}" for package in PACKAGES for name, path in modules(package).items() for node in _public(path)]
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    """The syntax tree of a source file, made once."""
+    return ast.parse(path.read_text("utf-8"))
+
+
 def _public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
-    body = ast.parse(path.read_text("utf-8")).body
+    body = parsed(path).body
     return [n for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")]
 
 
@@ -46,7 +53,7 @@ def _index() -> str:
     ]
     lines += ["| package | |", "|---|---|"]
     for package in PACKAGES:
-        text = _escaped(_first_line(ast.get_docstring(ast.parse((ROOT / package / "__init__.py").read_text("utf-8")))))
+        text = _escaped(_first_line(ast.get_docstring(parsed(ROOT / package / "__init__.py"))))
         lines.append(f"| [`{package}`]({package}.md) | {text} |")
     names = "\n".join(PACKAGES)
     return "\n".join([*lines, "", f"```{{toctree}}\n:hidden:\n\n{names}\n```", ""])
@@ -55,7 +62,7 @@ def _index() -> str:
 def _package_page(package: str) -> str:
     parts = [f"# {package}", ""]
     for name, path in modules(package).items():
-        tree = ast.parse(path.read_text("utf-8"))
+        tree = parsed(path)
         if name != package:
             parts += [f"## {name}", ""]
         parts += [_block(ast.get_docstring(tree)), ""] if ast.get_docstring(tree) else []

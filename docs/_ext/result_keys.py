@@ -4,6 +4,8 @@ import ast
 from dataclasses import dataclass
 from pathlib import Path
 
+from api_pages import parsed
+
 SCHEMA_KEY = "schema"
 DEEPEST = 4
 
@@ -22,8 +24,7 @@ def documents(sources: dict[str, Path]) -> list[Document]:
     """Every document with a schema of its own that the functions of these modules return, by schema."""
     found: dict[str, Document] = {}
     for module, path in sources.items():
-        tree = ast.parse(path.read_text("utf-8"))
-        reader = _Reader(tree)
+        reader = _Reader(parsed(path))
         for name, function in reader.functions.items():
             keys = reader.returned(function)
             schema = keys.get(SCHEMA_KEY)
