@@ -84,7 +84,8 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
         assert source.rate_hz == whole.rate_hz and jitter(source) == jitter(whole)
         assert_same(source.whole(), whole)
         assert_same(joined(source.pieces()), whole)
-        for start, end in ((5.0, 11.37), (3.0, 3.2), (-1.0, 0.1), (11.0, 99.0), (whole.time_s[592], whole.time_s[594])):
+        spans = [(3.0, 3.2), (whole.time_s[592], whole.time_s[594]), (-1.0, 0.1), (11.0, 99.0), (5.0, 11.37)]
+        for start, end in spans if cut > 2 else spans[:2]:  # about the dropouts; row by row every one costs a second
             assert_same(source.between(start, end), whole.between(start, end))
             assert_same(joined(source.pieces(start, end)), whole.between(start, end))
         assert list(source.pieces(50.0, 60.0)) == []
@@ -202,7 +203,7 @@ def windows(text):
 
 def broken_inside(text):
     lines = text.split(b"\n")
-    lines[700] = b"12.5,abc,0,0,0,0,0"
+    lines[300] = b"12.5,abc,0,0,0,0,0"
     return b"\n".join(lines)
 
 
@@ -216,7 +217,7 @@ def broken_before_the_last(text):
 @pytest.mark.parametrize("packed", [False, True])
 def test_text_says_the_same_in_blocks(tmp_path, change, packed):
     path = tmp_path / "imu.csv"
-    write_columns(path, regular_columns())
+    write_columns(path, regular_columns(400))
     text = change(path.read_bytes())
     path.write_bytes(text)
     if packed:
@@ -224,13 +225,13 @@ def test_text_says_the_same_in_blocks(tmp_path, change, packed):
         data = gzip.compress(text, mtime=0)
         path.write_bytes(data[:-40] if change is cut_off else data)
     whole, _, lines = read_source(path, held_rows=10**6)
-    for block_bytes in (1, 5000, 100_000):
+    for block_bytes in (1, 5000, 33_000):
         source, _, same = read_source(path, block_bytes=block_bytes, piece_rows=300)
         assert same == lines
         assert (source is None) == (whole is None)
         if whole is not None:
             assert_same(source.whole(), whole)
-            assert_same(source.between(7.0, 8.0), whole.between(7.0, 8.0))
+            assert_same(source.between(2.5, 3.5), whole.between(2.5, 3.5))
 
 
 def test_a_line_without_end_is_refused(tmp_path):
