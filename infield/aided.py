@@ -33,7 +33,7 @@ FIT_S = 1800.0  # of log that noise and antenna are fitted on, from the first ti
 PLURAL = {"position": "positions", "velocity": "velocities"}
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
-FLICKER_S = 60.0
+FLICKER_S = 20.0  # with 60 the squared attitude error of a MEMS unit is 1.5 times its variance, with 20 it is 1.0 times
 STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}  # a parked vehicle's own turning; 0: no measurement (a gyrocompass
 # does better with what the gyros read)
 RESET_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}  # a solution that rejects every position for so long is begun anew

@@ -75,6 +75,21 @@ def test_log_that_never_rests_starts_in_motion(technology):
     assert (normalised(made, found.history, slice(60, None)) < 4.0).all()
 
 
+@pytest.mark.parametrize("moving", [False, True])
+@pytest.mark.parametrize("technology", ["mems", "rlg"])
+def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
+    """Twelve flights with the twin's whole noise, from the apron and cut out of the flight: squared error over variance of
+    position, velocity and attitude is one. A flight's rows are not independent; means of other seeds are 0.80 to 1.03."""
+    ratios, twin = [], twin_of(technology)
+    for seed in range(12):
+        made = flown(ideal(PARK_S), twin, 300 + seed)
+        run = cut_run(made.run, PARK_S + 80.0, PARK_S + 400.0) if moving else made.run
+        found = aided(made, run, twin, gyrocompass=technology == "rlg" and not moving)
+        ratios.append(normalised(made, found.history, slice(60, None)))
+    mean = np.mean(ratios, axis=0)
+    assert (mean > 0.55).all() and (mean < 1.35).all()
+
+
 def test_constant_velocity_and_parked_logs_are_refused():
     twin, made = twin_of("mems"), flown(ideal(PARK_S), twin_of("mems"), 1)
     for a, b in ((0.0, 170.0), (PARK_S + 380.0, PARK_S + 420.0)):
