@@ -25,7 +25,7 @@ from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
 from ins.kalman import nis_band
 from ins.mechanization import VerticalChannel, navigate
-from ins.records import ImuLog, ImuSource, NavState, Phase, Site, Span, TwinModel
+from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
@@ -40,6 +40,10 @@ MAX_PASSES = 4
 BIAS_BIN_S = 300.0
 WARM_UP_S = 1800.0
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
+
+
+class NothingStands(InputError):
+    """No step of the rest stands still, so that there is nothing to estimate from."""
 
 
 def solve(
@@ -80,6 +84,9 @@ def solve(
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)
+        if not plan.kind.size:
+            told = f"{rest[1] - rest[0]:.0f} s of rest: once navigated, nothing stands still for a step of the filter"
+            raise NothingStands(f"{told}: it moves, or the unit is much noisier than its noise model ({twin.source})")
         flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
         flt.x[em.ACCEL] = -applied_accel[:2]
         parked = ParkedConstraint(
@@ -152,10 +159,13 @@ def align(
         told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
         return _refused(f"the gyros read {told}: the vehicle turns, or the unit of the gyros is wrong")
     for scale in NOISE_SCALES:
-        solution = solve(
-            imu, site, scaled_noise(twin, scale), prior,
-            rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading,
-        )  # fmt: skip
+        try:
+            solution = solve(
+                imu, site, scaled_noise(twin, scale), prior,
+                rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading,
+            )  # fmt: skip
+        except NothingStands as error:
+            return _refused(str(error))
         result = _attitude(solution, phases)
         if nis_verdict(result.nis_mean, result.dof) is None and rejected_share(solution) < MAX_REJECTED:
             break
