@@ -49,7 +49,7 @@ def assert_is_navigate(flown, run, alone):
         assert np.array_equal(getattr(flown, name)[run], getattr(alone, name)), name
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=24, deadline=None)
 @given(
     seed=st.integers(0, 2**31), runs=st.sampled_from([1, 3, 16, 17]), bins=st.sampled_from([None, 1, 5]), noisy=st.booleans(),
     start_row=st.integers(-1, ROWS - 5), chunk=st.sampled_from([2, 7, 64, 4096]), own_starts=st.booleans(),
