@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import DEG
+from trajectories.readers.clocks import going_on
 from trajectories.readers.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.gps_time import gps_seconds, unix_seconds
 
@@ -29,7 +30,7 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
         return None, [f"{label}: GPS messages without {missing[0] if missing else 'time of the log'}: no gnss stream"]
     if "I" in table:
         table, clock = {k: v[table["I"] == 0] for k, v in table.items()}, clock[table["I"] == 0]
-    course = table["GCrs"] * DEG
+    clock, course = going_on(clock)[0], table["GCrs"] * DEG
     with np.errstate(invalid="ignore"):
         v_n = np.stack([table["Spd"] * np.cos(course), table["Spd"] * np.sin(course), table["VZ"]], axis=1)
         raw = RawFixes(
@@ -62,6 +63,7 @@ def _sigmas(tables: Mapping[str, Table], time_s: NDArray) -> NDArray | None:
         table = tables.get(name, {})
         clock = log_clock(table, ("TimeUS", "TimeMS"))
         if clock is not None and clock.size >= 2 and set(columns) <= set(table):
+            clock = going_on(clock)[0]
             nearest = _nearest(clock, time_s)
             sigmas = np.stack([table[k][nearest] for k in columns])
             return np.where(np.abs(clock[nearest] - time_s) <= MATCH_S, sigmas, np.nan)

@@ -70,6 +70,17 @@ def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
     )  # fmt: skip
 
 
+def largest(values: NDArray) -> float:
+    """The largest size of what is finite; 0 where nothing is."""
+    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+
+
+def may_be_radians(lat: NDArray, lon: NDArray) -> bool:
+    """Whether all positions lie within a quarter and half turn of radians: as degrees, in the Gulf of Guinea, without land."""
+    placed = np.isfinite(lat) & np.isfinite(lon) & ((lat != 0.0) | (lon != 0.0))
+    return bool(placed.any()) and largest(lat[placed]) <= np.pi / 2 and largest(lon[placed]) <= np.pi
+
+
 def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
     """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out.
 
@@ -88,6 +99,8 @@ def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
     with np.errstate(invalid="ignore"):
         dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
     offset = float(np.median(raw.unix_s[dated] - raw.log_s[dated])) if dated.size else None
+    if offset is None and np.isfinite(raw.unix_s[rows]).any():
+        told.append(f"{label}: GPS weeks that give no date (unknown, or modulo 1024)")
     return Fixes(gnss=gnss, unix_less_log_s=offset), notes + told
 
 

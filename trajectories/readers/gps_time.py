@@ -7,7 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 GPS_EPOCH_UNIX_S = 315_964_800.0  # 1980-01-06
 WEEK_S = 604_800.0
-UNIX_S = (915_148_800.0, 4_000_000_000.0)  # 1999 to 2096: a receiver that knows the date
+# 1999-08-22 to 2096: a receiver that knows the date. Weeks before (below 1024) are unknown, or counted modulo 1024.
+UNIX_S = (935_280_000.0, 4_000_000_000.0)
 # GPS time less UTC [s] from a UTC date on (IERS Bulletin C 37, 39, 43, 49, 52); none announced since.
 LEAP_SECONDS = ((1999, 1, 13), (2006, 1, 14), (2009, 1, 15), (2012, 7, 16), (2015, 7, 17), (2017, 1, 18))
 

@@ -70,7 +70,8 @@ def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
         return False
     rows = rows[np.abs(rows).max(axis=1) < PLAUSIBLE]  # NaN falls out too
     steps = np.diff(rows[:, time])
-    if len(rows) < MIN_ROWS or np.mean(steps > 0) < 0.95:
+    steps = steps[steps != 0]  # rows written twice
+    if not steps.size or len(rows) < MIN_ROWS or np.mean(steps > 0) < 0.95:
         return False
     interval = float(np.median(steps))
     force = float(np.median(np.linalg.norm(rows[:, accel : accel + 3], axis=1))) / interval

@@ -21,7 +21,7 @@ from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.column_map import LayoutKeys, StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted
-from trajectories.readers.fixes import RawFixes
+from trajectories.readers.fixes import RawFixes, largest, may_be_radians
 from trajectories.readers.gps_time import dated, gps_seconds, unix_seconds, unwrapped
 from trajectories.readers.increment_rows import are_increments, head_doubles, head_rows, refuse_other_width
 from trajectories.readers.layouts import read_columns, side_file
@@ -83,8 +83,12 @@ def _fixes(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:
     if SPEED[0] in columns:
         notes = [*notes, f"{path.name}: {len(columns)} columns: velocity north, east, down, then sigmas"]
     north, east, down = (columns[name] for name in SIGMA)
-    if np.nanmin([north, east, down]) < 0:
-        raise InputError(f"{path.name}: a sigma of {np.nanmin([north, east, down]):g} m, needed more than 0: a file of fixes?")
+    least = float(np.fmin.reduce([north, east, down], axis=None, initial=np.inf))
+    if least < 0:
+        raise InputError(f"{path.name}: a sigma of {least:g} m, needed more than 0: a file of fixes?")
+    if may_be_radians(columns[PLACE[0]], columns[PLACE[1]]):
+        told = f"{largest(columns[PLACE[0]]):g} and {largest(columns[PLACE[1]]):g}"
+        raise InputError(f"{path.name}: latitudes and longitudes up to {told}, needed degrees: radians?")
     speed = np.sqrt(np.mean([columns.get(name, none) ** 2 for name in SPEED_SIGMA], axis=0))
     unix_s = none if gps_week is None else unix_seconds(gps_seconds(gps_week, time_s))
     return RawFixes(

@@ -20,7 +20,7 @@ from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted
-from trajectories.readers.fixes import RawFixes
+from trajectories.readers.fixes import RawFixes, largest
 from trajectories.readers.layouts import side_file
 from trajectories.readers.mat_columns import Leaves, leaves, shapes
 from trajectories.readers.mat_file import is_mat
@@ -89,8 +89,8 @@ def _with_receiver(log: ConvertedLog, values: Leaves, path: Path, *, wanted: boo
         return replace(log, notes=(*log.notes, f"{path.name}: no gnss struct: no gnss stream (--gnss for another file)"))
     name = receivers[0]
     lat, lon, height, time_s = (values[f"{name}.{k}"].ravel() for k in ("lat", "lon", "h", "t"))
-    if np.nanmax(np.abs(lat)) > np.pi / 2:
-        raise InputError(f"{path.name}: {name}.lat up to {np.nanmax(np.abs(lat)):g}, needed radians: degrees?")
+    if largest(lat) > np.pi / 2:
+        raise InputError(f"{path.name}: {name}.lat up to {largest(lat):g}, needed radians: degrees?")
     n = time_s.size
     v_n = _wide(values, f"{name}.vel", path) if f"{name}.vel" in values else np.full((n, 3), np.nan)
     if not lat.size == lon.size == height.size == len(v_n) == n:

@@ -108,6 +108,8 @@ def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list
         raise InputError(f"{label}: {name} has {rows[0].count(b',') + 1} fields, needed {len(names)}")
     raw = columns([rows[k] for k in whole], names, text=("info",), label=f"{label}: {name}")
     seconds = gps_seconds(raw["week"], raw["seconds"])
+    if not np.isfinite(seconds).any():
+        raise InputError(f"{label}: {name} rows without GPS week and seconds")
     near = np.abs(seconds - np.nanmedian(seconds)) <= MAX_FAR_S
     failed = near & _failed(raw, f"{label}: {name}")
     notes = [f"{name} {row_ranges(np.flatnonzero(out))} dropped: {why}" for out, why in

@@ -22,7 +22,7 @@ from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG
 from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted
-from trajectories.readers.fixes import RawFixes
+from trajectories.readers.fixes import RawFixes, largest
 from trajectories.readers.increment_rows import are_increments, head_rows, is_file_of, refuse_other_width
 from trajectories.readers.layouts import read_columns, side_file
 from trajectories.readers.mat_columns import Leaves, leaves, shapes
@@ -146,8 +146,8 @@ def _matrix(values: Leaves, names: tuple[str, ...], widths: tuple[int, ...], pat
 
 def _fixes(gps: NDArray, label: str) -> RawFixes:
     lat, lon, height, time_s = gps[:, -4:].T
-    if np.nanmax(np.abs(lat)) > np.pi / 2:
-        raise InputError(f"{label}: latitude of a fix {np.nanmax(np.abs(lat)):g} rad, needed radians within pi / 2: degrees?")
+    if largest(lat) > np.pi / 2:
+        raise InputError(f"{label}: latitude of a fix {largest(lat):g} rad, needed radians within pi / 2: degrees?")
     v_n = np.column_stack([gps[:, 1], gps[:, 0], -gps[:, 2]]) if gps.shape[1] == 7 else np.full((time_s.size, 3), np.nan)
     return RawFixes(
         log_s=time_s, is_3d=np.ones(time_s.size, dtype=bool), lat_deg=lat / DEG, lon_deg=lon / DEG, height_m=height,

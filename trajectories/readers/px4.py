@@ -20,6 +20,7 @@ from trajectories.readers.column_map import StretchKeys, column_map, stretch_of
 from trajectories.readers.columns import converted, plausible_degC, second_means
 from trajectories.readers.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.row_cleaning import row_ranges
 from trajectories.readers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
 from trajectories.run_check import MIN_RATE_HZ, RATE_TOLERANCE
 
@@ -28,6 +29,7 @@ BOARD = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z
 GPS = ("vehicle_gps_position", "sensor_gps")
 WANTED = [*SOURCES, "sensor_accel", *GPS]
 FIX_3D = 3
+SLOWEST_ACCEL = 0.45  # of the gyros' rate: slower, and the nearest of its rows is that of another moment
 US = 1e-6
 MAP = {
     "time": {"column": "time"}, "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
@@ -76,7 +78,8 @@ def _best(tables: UlogTables, number: int, label: str) -> str:
     """The first topic that has this IMU at a rate that a run may have."""
     for name in SOURCES:
         topics = [tables.topics.get((k, number - 1)) for k in ((name, "sensor_accel") if name == RAW else (name,))]
-        if all(t is not None and _rate_hz(t) >= MIN_RATE_HZ * (1 - RATE_TOLERANCE) for t in topics):
+        rates = [0.0 if t is None else _rate_hz(t) for t in topics]
+        if min(rates) >= MIN_RATE_HZ * (1 - RATE_TOLERANCE) and rates[-1] > SLOWEST_ACCEL * rates[0]:
             return name
     held = sorted(f"{name} {i + 1}" for name, i in tables.topics if name in SOURCES)
     raise InputError(f"{label}: no IMU {number} at {MIN_RATE_HZ:g} Hz or more, has {', '.join(held) or 'none'} (--imu)")
@@ -84,7 +87,8 @@ def _best(tables: UlogTables, number: int, label: str) -> str:
 
 def _rate_hz(topic: Topic) -> float:
     steps = np.diff(_clock(topic))
-    return float(1.0 / np.median(steps)) if steps.size and np.median(steps) > 0 else 0.0
+    steps = steps[steps > 0]  # 0: a message logged twice
+    return float(1.0 / np.median(steps)) if steps.size else 0.0
 
 
 def _clock(topic: Topic) -> NDArray:
@@ -135,11 +139,22 @@ def _raw(tables: UlogTables, instance: int, label: str) -> tuple[Columns, list[s
     before_s, after_s = accel_s[order][after - 1], accel_s[order][after]
     nearest = order[after - (time_s - before_s < after_s - time_s)]
     apart_s = np.abs(accel_s[nearest] - time_s)
-    usable = apart_s <= 1.0 / _rate_hz(gyro)
+    rate_hz, accel_hz = _rate_hz(gyro), _rate_hz(accel)
+    if not accel_hz > SLOWEST_ACCEL * rate_hz:
+        raise InputError(
+            f"{label}: {rate_hz:.4g} Hz, sensor_accel {accel_hz:.4g} Hz: needed like rates (or another topic in the map)"
+        )
+    usable = apart_s <= 1.0 / rate_hz
+    if np.count_nonzero(usable) < 2:
+        raise InputError(f"{label}: no rows with sensor_accel beside them")
     columns = {"time": time_s} | {f"w{a}": _field(gyro, a, label) for a in AXES}
-    columns |= {f"f{a}": np.where(usable, _field(accel, a, label)[nearest], np.nan) for a in AXES}
-    typical_ms = float(np.median(apart_s[usable])) * 1e3 if usable.any() else np.nan
-    return columns, [f"{label}: each row has the nearest sensor_accel row, {typical_ms:.1f} ms apart (median)"]
+    columns |= {f"f{a}": _field(accel, a, label)[nearest] for a in AXES}
+    alone = np.flatnonzero(~usable)
+    notes = [f"{label}: {row_ranges(alone)} dropped: no sensor_accel beside them (lost)"] if alone.size else []
+    told = (
+        f"{label}: each row has the nearest sensor_accel row, {float(np.median(apart_s[usable])) * 1e3:.1f} ms apart (median)"
+    )
+    return {name: values[usable] for name, values in columns.items()}, [*notes, told]
 
 
 def _integrated(tables: UlogTables, instance: int, label: str) -> tuple[Columns, list[str]]:

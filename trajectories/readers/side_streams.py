@@ -29,7 +29,7 @@ from trajectories.readers.column_map import (
 )
 from trajectories.readers.columns import body_temperatures, plausible_degC, second_means
 from trajectories.readers.fix_velocity import with_velocities
-from trajectories.readers.fixes import MAX_SPEED_M_S, RawFixes, chosen, good_fixes
+from trajectories.readers.fixes import MAX_SPEED_M_S, RawFixes, chosen, good_fixes, may_be_radians
 from trajectories.readers.gps_time import gps_of_unix, unix_seconds
 from trajectories.readers.layouts import read_columns, side_file
 from trajectories.readers.registry import ConvertedLog
@@ -134,10 +134,7 @@ def _fixes(columns: Columns, part: GnssKeys, keys: ColumnMap, label: str) -> Raw
 
 
 def _refuse_unit(lat: NDArray, lon: NDArray, part: GnssKeys, label: str) -> None:
-    """InputError where latitudes are beyond a quarter turn, or where degrees that nobody wrote down look like radians.
-
-    Degrees within a quarter turn of radians are all in the Gulf of Guinea: without land.
-    """
+    """InputError where latitudes are beyond a quarter turn, or where degrees that nobody wrote down look like radians."""
     seen = np.isfinite(lat) & np.isfinite(lon) & ((lat != 0.0) | (lon != 0.0))
     if not seen.any():
         return
@@ -146,8 +143,7 @@ def _refuse_unit(lat: NDArray, lon: NDArray, part: GnssKeys, label: str) -> None
     told = f"{label}: latitudes of {typical:g} (median)"
     if typical > most:
         raise InputError(f"{told}, needed at most {most:g} {place.unit}: {_place_unit(typical)}")
-    radians = np.abs(lat[seen]).max() <= np.pi / 2 and np.abs(lon[seen]).max() <= np.pi
-    if radians and "unit" not in place.model_fields_set:
+    if "unit" not in place.model_fields_set and may_be_radians(lat, lon):
         raise InputError(f'{told}, longitudes within 3.142: degrees or radians? unit = "rad" or "deg" in [gnss] position')
 
 

@@ -1,5 +1,6 @@
 """Columns of text: rows of numbers between commas (or another separator) or white space, plain or in gzip."""
 
+import codecs
 import csv
 import re
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[d
     text, note = read_text(path)
     if text.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputError(f"{path.name}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)")
+    text = text.removeprefix(codecs.BOM_UTF8)
     if b"\n" not in text:
         text = text.replace(b"\r", b"\n")
     if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):
