@@ -175,6 +175,7 @@ def column_map(options: Mapping[str, Any]) -> ColumnMap:
         part = getattr(keys, name)
         if part is not None and part.time is None and (part.file is not None or keys.time is None):
             raise InputError(f"map: {name}.time: needed, the column of its time stamps")
+    _refuse_twice(keys)
     _unit(keys.gyro, "gyro", GYRO_RATES, GYRO_INCREMENTS)
     _unit(keys.accel, "accel", ACCEL_RATES, ACCEL_INCREMENTS)
     M = axis_matrix(keys.axes)
@@ -182,6 +183,22 @@ def column_map(options: Mapping[str, Any]) -> ColumnMap:
         drawn = ", ".join(f'{b} = "{getattr(keys.axes, b)}"' for b in AXES)
         raise InputError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
     return keys
+
+
+def _refuse_twice(keys: ColumnMap) -> None:
+    """InputError where a column stands for two things, or a scale makes nothing of all values."""
+    time = [keys.time.column] if keys.time else []
+    groups = {"gyro and accel": [*time, *keys.gyro.columns, *keys.accel.columns]}
+    if keys.gnss is not None:
+        groups["gnss"] = [*keys.gnss.position.columns, *(keys.gnss.velocity.columns if keys.gnss.velocity else [])]
+    for name, columns in groups.items():
+        twice = [column for column in columns if columns.count(column) > 1]
+        if twice:
+            raise InputError(f"map: {name}: column {twice[0][:100]} is named twice")
+    for name in ("gyro", "accel", "temperature", "odometer"):
+        part = getattr(keys, name)
+        if part is not None and part.scale == 0.0:
+            raise InputError(f"map: {name}.scale: got 0, needed another number")
 
 
 def stretch_of(keys: StretchKeys) -> dict[str, float]:

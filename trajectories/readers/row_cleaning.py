@@ -60,6 +60,9 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
     with np.errstate(invalid="ignore"):
         outside = (time_s < stretch.from_s - stretch.base_s) | (time_s > stretch.to_s - stretch.base_s)
     inside = np.flatnonzero(~outside)
+    if inside.size < 2 <= time_s.size and np.isfinite(time_s).any():
+        span = f"{np.nanmin(time_s) + stretch.base_s:.3f} to {np.nanmax(time_s) + stretch.base_s:.3f} s"
+        raise InputError(f"{label}: {inside.size} rows in the stretch that was asked for (from_s, to_s), the log has {span}")
     if inside.size < time_s.size:
         notes.append(f"{label}: {time_s.size - inside.size} rows outside the stretch that was asked for (from_s, to_s)")
     kept, faults, resorted = _judged(time_s[inside], w[inside], f[inside])

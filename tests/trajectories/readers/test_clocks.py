@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import DATELESS, GPS_LESS_UNIX_S, SECONDS, STEPS, UNIX_S, convert, noisy
@@ -128,3 +130,20 @@ def test_fixes_beyond_the_imu_are_said(tmp_path):
     (tmp_path / "gps.csv").write_text(csv_text({"stamp": 4982.01 + SECONDS, **FIXES}))
     made = convert(tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}})
     assert "gps.csv: 18 of 60 fixes lie before or after the imu: left out" in made.record["notes"]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sampled_from([p for _, p in PERIODS]), st.floats(0, 1), st.integers(0, 2**32 - 1))
+def test_any_wrapped_clock_goes_on(period_s, phase, seed):
+    """From any start, with jitter and lost rows: the differences are those of the true times."""
+    steps = np.random.default_rng(seed).uniform(0.005, 0.05, 6000)
+    t = phase * period_s + np.cumsum(steps)
+    out, found = going_on(t % period_s)
+    np.testing.assert_allclose(np.diff(out), np.diff(t), atol=1e-6)
+    assert len(found) == int(t[-1] // period_s) - int(t[0] // period_s)
+
+
+@pytest.mark.parametrize("keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}])
+def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
+    with pytest.raises(InputError, match=r"0 rows in the stretch .*the log has 5000\.010 to 5060\.000 s"):
+        convert(tmp_path, noisy(), keys)

@@ -204,9 +204,9 @@ def struct_array(*elements: dict) -> np.ndarray:
 def test_matlab_columns_that_are_not_there(tmp_path, column, line):
     columns = rate_table()
     w = np.column_stack([columns["w" + a] for a in "xyz"])
-    savemat(tmp_path / "log.mat", {"log": {"t": OUT.time_s[:, None], "wb": w, "short": np.ones((5, 1))}})
+    savemat(tmp_path / "log.mat", {"log": {"t": OUT.time_s[:, None], "wb": w, "fb": w, "short": np.ones((5, 1))}})
     keys = {"time": {"column": "log.t"}, "gyro": {"columns": [column, "log.wb[1]", "log.wb[2]"], "unit": "deg/h"},
-            "accel": {"columns": ["log.wb[0]", "log.wb[1]", "log.wb[2]"], "unit": "mg"}}  # fmt: skip
+            "accel": {"columns": ["log.fb[0]", "log.fb[1]", "log.fb[2]"], "unit": "mg"}}  # fmt: skip
     with pytest.raises(InputError, match=line):
         convert(tmp_path / "log.mat", keys)
 

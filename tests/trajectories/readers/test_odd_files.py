@@ -171,3 +171,20 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
     assert "log.csv: all 6000 temperatures are 0 degC: a thermometer that is stuck, or missing?" in made.record["notes"]
     with pytest.raises(InputError, match="temperature columns T hold no complete row"):
         convert(tmp_path, noisy() | {"T": WARM * np.nan}, keys)
+
+
+SENSOR = {"unit": "deg/h"}
+MAPS = [
+    ({"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}}, "gyro and accel: column wx is named twice"),
+    ({"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}}, "gyro and accel: column fx is named twice"),
+    ({"gyro": {"columns": ["t", "wy", "wz"], **SENSOR}}, "column t is named twice"),
+    ({"gnss": {"position": {"columns": ["fx", "fx", "fz"]}}}, "gnss: column fx is named twice"),
+    ({"gyro": {"columns": ["wx", "wy", "wz"], "scale": 0.0, **SENSOR}}, r"gyro\.scale: got 0"),
+    ({"temperature": {"columns": ["fx"], "scale": 0.0}}, r"temperature\.scale: got 0"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("keys", "line"), MAPS)
+def test_maps_that_name_a_column_twice_or_make_nothing_of_it(tmp_path, keys, line):
+    with pytest.raises(InputError, match=f"map: .*{line}"):
+        convert(tmp_path, noisy(), keys)
