@@ -19,7 +19,7 @@ errors' means are zero in between. Arrays in, arrays changed in place; SI and ra
 `ins.aided_filter` does that.
 """
 
-from math import cos, exp, log, sin, sqrt, tan
+from math import cos, exp, isfinite, log, sin, sqrt, tan
 
 import numpy as np
 
@@ -59,6 +59,7 @@ O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
 UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3
 POLE_TAN = 1e6
+UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
 
 
@@ -83,8 +84,11 @@ def transition(row, dt, Phi):
     force = row[SUMS + 6 : SUMS + 9]
     Phi[:, :] = 0.0
     put_skew(Phi, P_, P_, en, -dt)
-    put_skew(Phi, V_, V_, 2.0 * ie + en, -dt)
-    put_skew(Phi, T_, T_, ie + en, -dt)
+    both, coriolis = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        both[i], coriolis[i] = ie[i] + en[i], 2.0 * ie[i] + en[i]
+    put_skew(Phi, V_, V_, coriolis, -dt)
+    put_skew(Phi, T_, T_, both, -dt)
     put_skew(Phi, V_, T_, force, -1.0)
     put_skew(Phi, P_, T_, force, -0.5 * dt)
     pull = gravity(s, height) / radius
@@ -249,8 +253,9 @@ def take_fix(state, row, fix, late_s, carry, settings, x, P, bias, H, K, out):
     arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
     delay = bias[B_DELAY]
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
-    off = state[R : R + 3] - fix[0:3]
-    z = np.zeros(6)
+    off, z = np.zeros(3), np.zeros(6)
+    for i in range(3):
+        off[i] = state[R + i] - fix[i]
     for i in range(3):
         a = (row[V_N + i] - carry[V_BEFORE + i]) / carry[DT]
         z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
@@ -259,27 +264,33 @@ def take_fix(state, row, fix, late_s, carry, settings, x, P, bias, H, K, out):
         z[3 + i] = moves + late_s * a - delay * smooth - fix[3 + i]
         H[i, D_] = -moves + delay * smooth
         H[3 + i, D_] = -smooth
+    seen = np.zeros(6)
     lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
-    if lost and np.isfinite(z[0]):
-        restart(P, np.where(np.isfinite(z), z, 10.0))
+    if lost and isfinite(z[0]):
+        for i in range(6):
+            seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
+        restart(P, seen)
     used = False
     for kind in range(2):
         a = 3 * kind
-        if not np.isfinite(z[a]):
+        if not isfinite(z[a]):
             continue
         for i in range(3):
-            s = fix[6 + a + i]
+            s, y = fix[6 + a + i], z[a + i]
             for j in range(N):
+                y -= H[a + i, j] * x[j]
                 for k in range(N):
                     s += H[a + i, j] * P[j, k] * H[a + i, k]
-            out[F_RESIDUAL + a + i] = z[a + i] - np.dot(H[a + i], x)
+            out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
         nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, settings[CONSIDER] > 0.0)
         out[F_NIS + kind] = nis
         if nis <= settings[GATE] or lost:
-            x[:] = x_new
-            P[:, :] = P_new
+            for i in range(N):
+                x[i] = x_new[i]
+                for j in range(N):
+                    P[i, j] = P_new[i, j]
             out[F_USED + kind] = RESET if lost else USED
             out[F_LOGLIK + kind] = loglik
             used = True
@@ -337,7 +348,8 @@ def emit(state, bias, P, out):
         out[V_N + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
         for j in range(3):
             out[C_NB + 3 * i + j] = C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
-    out[O_BIAS : O_BIAS + 6] = bias[:6]
+    for i in range(6):
+        out[O_BIAS + i] = bias[i]
     for i in range(MOTION):
         out[O_VAR + i] = P[i, i]
     radius = SEMI_MAJOR_AXIS_M + frame[4]
@@ -379,14 +391,15 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
                 turned[l, i] = dtheta[l, i] - bias[i] * dt[l]
                 pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
                 carry[RATE + i] = turned[l, i] / dt[l]
-        out[:, :] = 0.0
-        out[0, :] = opened
+        for i in range(COLUMNS):
+            out[0, i], out[1, i] = opened[i], 0.0
         end[0] = last - first
         integrate(dt[first:last], turned[first:last], pushed[first:last], flat[first:last], gains, look_s, LOOK_ROWS,
                   end if k < ends.size else none, state, out)  # fmt: skip
         first = last
         if k == ends.size:
-            opened[:] = out[0]
+            for i in range(COLUMNS):
+                opened[i] = out[0, i]
             break
         opened[:] = 0.0
         step_s = carry[DT]
@@ -409,7 +422,9 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
         if emits[k]:
             emit(state, bias, P, rows_out[written])
             if P_out.shape[0] > 0:
-                P_out[written] = P[:MOTION, :MOTION]
+                for i in range(MOTION):
+                    for l in range(MOTION):
+                        P_out[written, i, l] = P[i, l]
             written += 1
         C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
         for i in range(3):
