@@ -8,7 +8,7 @@ the accelerometers does not.
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.records import ImuLog
+from ins.records import PIECE_ROWS, ImuLog
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.run_check import Findings
 
@@ -49,14 +49,20 @@ class _Blocks:
     def __init__(self, imu: ImuLog) -> None:
         self.rows = max(5, round(BLOCK_S * imu.rate_hz))
         self.count = imu.rows // self.rows
-        w, f = imu.dtheta_rad / imu.dt_s[:, None], imu.dv_m_s / imu.dt_s[:, None]
-        changes = [np.abs(np.diff(v, axis=0, append=v[-1:])) for v in (w, f)]
-        self.size_f = self._medians(np.linalg.norm(f, axis=1))
-        self.noise_w, self.noise_f = (self._medians(change.sum(axis=1)) for change in changes)
-        self.same = np.all([np.all(d <= SAME * np.abs(v), axis=1) for d, v in zip(changes, (w, f))], axis=0)[:-1]
+        whole = max(PIECE_ROWS // self.rows, 1) * self.rows  # a long log a piece at a time, of whole blocks
+        parts = [self._part(imu, a, min(a + whole, imu.rows)) for a in range(0, imu.rows, whole)]
+        self.size_f, self.noise_w, self.noise_f, self.same = (np.concatenate(column) for column in zip(*parts))
+        self.same = self.same[:-1]  # the last row has none behind it
 
-    def _medians(self, values: NDArray) -> NDArray:
-        return np.asarray(np.median(values[: self.count * self.rows].reshape(self.count, self.rows), axis=1))
+    def _part(self, imu: ImuLog, a: int, b: int) -> tuple[NDArray, ...]:
+        """The medians over the blocks of rows a to b, and which rows the next one repeats, (b - a,)."""
+        part = slice(a, min(b + 1, imu.rows))
+        rates = [values[part] / imu.dt_s[part, None] for values in (imu.dtheta_rad, imu.dv_m_s)]
+        changes = [np.abs(np.diff(v, axis=0, append=v[-1:]))[: b - a] for v in rates]
+        same = np.all([np.all(d <= SAME * np.abs(v[: b - a]), axis=1) for d, v in zip(changes, rates)], axis=0)
+        used = ((b - a) // self.rows) * self.rows
+        sizes = np.linalg.norm(rates[1][:used], axis=1), *(d[:used].sum(axis=1) for d in changes)
+        return *(np.median(v.reshape(-1, self.rows), axis=1) for v in sizes), same
 
     def ratio(self, values: NDArray, k: int) -> float:
         """Of the blocks after block k to those before it, medians; NaN where either is nought."""

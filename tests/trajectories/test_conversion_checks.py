@@ -7,6 +7,8 @@ from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import convert, noisy
 from tests.trajectories.readers.known_motion import GIVEN, at_rest
 from tests.trajectories.readers.test_maps import N
+from trajectories import conversion_checks
+from trajectories.conversion_checks import _Blocks
 
 GYROS, FORCES = ("wx", "wy", "wz"), ("fx", "fy", "fz")
 CHANGES = [
@@ -62,6 +64,16 @@ def test_a_log_that_stands_still_is_said(tmp_path, a, b):
     lines = [f.text for f in convert(tmp_path, columns).findings]
     span = f"{0.01 * (a + 1):.1f} to {0.01 * b:.1f} s"
     assert lines == [f"log.csv: all six values stand still from {span}: a logger that hangs?"]
+
+
+def test_a_long_log_is_looked_at_in_pieces(tmp_path, monkeypatch):
+    """The same blocks however it is cut."""
+    imu = convert(tmp_path, noisy()).run.imu
+    whole = _Blocks(imu)
+    monkeypatch.setattr(conversion_checks, "PIECE_ROWS", 730)
+    cut = _Blocks(imu)
+    for name in ("size_f", "noise_w", "noise_f", "same"):
+        np.testing.assert_array_equal(getattr(cut, name), getattr(whole, name))
 
 
 def test_coarse_values_do_not_stand_still(tmp_path):

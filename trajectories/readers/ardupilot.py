@@ -97,9 +97,14 @@ def _units(tables: Tables, message: str, table: Mapping[str, NDArray], label: st
     formats, declared = tables.get("FMT", {}), tables.get("FMTU", {})
     kinds = [t for t, name in zip(formats.get("Type", ()), formats.get("Name", ())) if name == message]
     letters = {t: str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ()))}
+    said = {str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ())) if t in kinds[:1]}
     units = tables.get("UNIT", {})
     ids = _numbers(units).get("Id", np.empty(0))
     labels = {chr(int(k) % 256): str(v) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)}
+    used = {text[list(table).index(name)] for text in said for name in UNITS if list(table).index(name) < len(text)}
+    told = {(chr(int(k) % 256), str(v)) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)}
+    if len(said) > 1 or any(sum(k == letter for k, _ in told) > 1 for letter in used):
+        raise InputError(f"{label}: its units are declared twice, differently (FMTU, UNIT): logs of two firmwares joined?")
     found = {"GyrX": "rad/s", "AccX": "m/s2"}
     for name, known in UNITS.items():
         text, place = letters.get(kinds[0], "") if kinds else "", list(table).index(name)

@@ -97,6 +97,24 @@ def test_ardupilot_temperatures_that_are_none(tmp_path):
     assert any("temperatures are 400 to 400 degC, needed -60 to 125: left out" in note for note in made.record["notes"])
 
 
+@pytest.mark.parametrize(("letters", "labels"), [("s#FFFooo--O--ZZ", ()), ("s#EEEooo--O--ZZ", (("E", "deg/s"),))])
+def test_ardupilot_that_declares_its_units_twice(tmp_path, letters, labels):
+    """Logs of two firmwares, joined: the second FMTU names another unit, or the second UNIT calls the same letter otherwise."""
+    forms = {"FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"), "UNIT": (137, "QbZ", "TimeUS,Id,Label")}
+    extra = [ap.fmt(kind, name, kinds, columns) for name, (kind, kinds, columns) in forms.items()]
+    extra += [
+        ap.message(forms["UNIT"], 0, ord(k), text) for k, text in (("E", "rad/s"), ("F", "deg/s"), ("o", "m/s/s"), *labels)
+    ]
+    first = ap.message(forms["FMTU"], 0, ap.NEW["IMU"][0], "s#EEEooo--O--ZZ", "F-000000-------")
+    second = ap.message(forms["FMTU"], 0, ap.NEW["IMU"][0], letters, "F-000000-------")
+    messages = ap.new_messages(rows=200)
+    assert ardupilot(tmp_path, messages[:6] + extra[:5] + [first, first] + messages[6:]).run.imu.rows == 200
+    with pytest.raises(
+        InputError, match=r"IMU 1: its units are declared twice, differently \(FMTU, UNIT\): logs of two firmwares"
+    ):
+        ardupilot(tmp_path, messages[:6] + extra + [first, second] + messages[6:])
+
+
 def in_week(lines: list[str], week) -> list[str]:
     """NovAtel lines with another week, and the check that goes with it."""
     bodies = [text[1:].rsplit("*", 1)[0].replace(f",{test_novatel.WEEK},", f",{week},").replace(
