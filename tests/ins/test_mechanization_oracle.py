@@ -3,7 +3,6 @@
 The increments come by way of the inertial frame (inertial_truth.py): no Coriolis term, no transport rate there.
 """
 
-import time
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +30,6 @@ from .inertial_truth import (
     true_state,
 )
 from .test_increments import residual_factor
-from .test_mechanization import at_rest
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ONE_CM = 0.01
@@ -277,18 +275,3 @@ def test_pyins_agrees(seconds, position_m, velocity_m_s, attitude_arcsec):
     assert np.abs(rotation_vector_from_dcm(C_nb @ h.C_nb[-1].T)).max() < attitude_arcsec * ARCSEC
     assert theirs.alt.iloc[30000] == pytest.approx(h.height_m[30], abs=0.1)
     assert sizes(h, level_flight)[0] < ONE_CM < np.abs(offset).max()
-
-
-# ------------------------------------------------------------------------------------------------ speed
-
-
-def test_speed():
-    """An hour at 100 Hz: 0.06 s on one core when quiet; bound 1 microsecond a step, plain Python needs more than 20."""
-    imu, state = at_rest(45.0, duration_s=3600, dt=0.01)
-    navigate(imu.between(0.0, 1.0), state)
-    taken = []
-    for _ in range(5):
-        start = time.perf_counter()
-        navigate(imu, state)
-        taken.append((time.perf_counter() - start) / imu.time_s.size)
-    assert min(taken) < 1e-6
