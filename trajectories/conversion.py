@@ -10,6 +10,7 @@ import numpy as np
 
 from ins.records import ImuLog, InputError, ReferenceLog, Run
 from trajectories.conversion_checks import check_rows
+from trajectories.conversion_streams import check_streams
 from trajectories.imu_scan import RateScan
 from trajectories.physics_gates import check_physics
 from trajectories.readers.registry import ConvertedLog, read_log
@@ -56,6 +57,7 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     findings.error(*rate.lines)
     check_rows(log.imu, time_shift_s=log.time_shift_s, label=label, findings=findings)
     check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
+    check_streams(log.gnss, log.odometer, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])
     findings.warn(*_lost(log.imu, label))
