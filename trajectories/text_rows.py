@@ -3,6 +3,7 @@
 What is said of a row does not depend on how the text was cut into blocks.
 """
 
+import codecs
 import csv
 import re
 import zlib
@@ -41,7 +42,18 @@ def read_text(path: Path) -> tuple[bytes, str]:
 
 
 def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) -> Iterator[bytes]:
-    """The text in parts of about `block_bytes`, gunzipped as far as it goes; what is wrong with the gzip goes to `notes`."""
+    """The text in parts of about `block_bytes`, gunzipped as far as it goes; what is wrong with the gzip goes to `notes`.
+
+    A byte order mark in front is no text.
+    """
+    parts = _parts(path, notes, block_bytes)
+    first = next(parts, b"").removeprefix(codecs.BOM_UTF8)
+    if first:
+        yield first
+    yield from parts
+
+
+def _parts(path: Path, notes: list[str], block_bytes: int) -> Iterator[bytes]:
     if path.stat().st_size > MAX_TEXT_BYTES:
         raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_TEXT_BYTES}")
     if path.name.endswith(".gz"):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ins.records import InputError
 from trajectories.readers.dataflash import LISTED, TEXT_FIELDS, Tables
+from trajectories.readers.increment_rows import is_file_of
 from trajectories.text_rows import is_number, read_text
 
 Formats = dict[str, tuple[str, list[str]]]  # name -> letters, columns
@@ -17,9 +18,7 @@ Formats = dict[str, tuple[str, list[str]]]  # name -> letters, columns
 
 def is_dataflash_text(path: Path) -> bool:
     """Whether the first line is the FMT line that describes FMT."""
-    with path.open("rb") as file:
-        words = [w.strip() for w in file.readline(1000).split(b",")]
-    return words[:2] == [b"FMT", b"128"] and b"FMT" in words[2:]
+    return is_file_of(path, rb"\A\s*FMT *, *128 *,[^\r\n]*\bFMT\b")
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:

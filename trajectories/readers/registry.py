@@ -81,6 +81,8 @@ def _refuse_no_log(path: Path) -> None:
     for magic, what in PACKED.items():
         if head.startswith(magic):
             raise InputError(f"{path}: a {what} file: unpack it first and give the log in it")
+    if (head.startswith(b"\xff\xfe") and head[3::2] == bytes(3)) or (head.startswith(b"\xfe\xff") and head[2::2] == bytes(3)):
+        raise InputError(f"{path}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)")
     if head.startswith(GZIP) and path.suffix != ".gz":
         raise InputError(f"{path}: a gzip file without .gz in its name: unpack it first, or name it so (text only)")
 

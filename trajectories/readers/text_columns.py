@@ -1,6 +1,5 @@
 """Columns of text: rows of numbers between commas (or another separator) or white space, plain or in gzip."""
 
-import codecs
 import csv
 import re
 from collections.abc import Sequence
@@ -21,9 +20,6 @@ SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map wri
 def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
     """The used columns by name, and what was dropped. Columns that are not used may hold anything."""
     text, note = read_text(path)
-    if text.startswith((b"\xff\xfe", b"\xfe\xff")):
-        raise InputError(f"{path.name}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)")
-    text = text.removeprefix(codecs.BOM_UTF8)
     if b"\n" not in text:
         text = text.replace(b"\r", b"\n")
     if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):

@@ -1,5 +1,6 @@
 """What goes wrong in logs of one maker: weeks that are not known, sensors of two rates, packets lost or doubled, wraps."""
 
+import gzip
 import struct
 
 import numpy as np
@@ -113,6 +114,23 @@ def test_ardupilot_that_declares_its_units_twice(tmp_path, letters, labels):
         InputError, match=r"IMU 1: its units are declared twice, differently \(FMTU, UNIT\): logs of two firmwares"
     ):
         ardupilot(tmp_path, messages[:6] + extra + [first, second] + messages[6:])
+
+
+def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
+    """A byte order mark, old line ends, gzip: known by content and read. UTF-16: refused, with what would help."""
+    ap.write_text(tmp_path / "a.log", rows=200)
+    test_psins.simu_file(tmp_path / "a.imu", parked(seconds=20.0))
+    test_novatel.write(tmp_path / "a.asc", test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0)))
+    for name, rows in (("a.log", 200), ("a.imu", 2000), ("a.asc", 4000)):
+        data = (tmp_path / name).read_bytes()
+        given = {} if name == "a.log" else GIVEN
+        (tmp_path / f"marked-{name}").write_bytes(b"\xef\xbb\xbf" + data)
+        (tmp_path / f"{name}.gz").write_bytes(gzip.compress(data))
+        for other in (f"marked-{name}", f"{name}.gz"):
+            assert convert_log(tmp_path / other, {}, given).run.imu.rows == rows
+        (tmp_path / name).write_bytes(data.decode().encode("utf-16"))
+        with pytest.raises(InputError, match=rf"{name}: text in UTF-16, needed UTF-8"):
+            convert_log(tmp_path / name, {}, given)
 
 
 def in_week(lines: list[str], week) -> list[str]:
