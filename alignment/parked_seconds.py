@@ -1,4 +1,4 @@
-"""The first parked stretch of a log by its raw seconds alone, for gyros whose drift no navigation solution survives.
+"""Parked stretches of a log by its raw seconds alone, for gyros whose drift no navigation solution survives.
 
 A navigation solution of a gyro that is off by 100 deg/h is no baseline to judge rest against. Here a second is quiet
 where it scatters no more than this unit's own quiet seconds do; what drifts slowly (a warm-up) is quiet. All limits are
@@ -67,14 +67,12 @@ class ParkedSeconds:
         return np.asarray(spread * np.sqrt(float(np.median(self.dt_s))))
 
 
-def longest_quiet(imu: ImuSource, start_s: float, end_s: float, *, least_s: float) -> tuple[float, float] | None:
-    """The first quiet stretch of at least `least_s`, else the longest one there is; None where nothing is quiet."""
+def quiet_stretches(imu: ImuSource, start_s: float, end_s: float) -> tuple[tuple[float, float], ...]:
+    """Start and end [s] of every quiet stretch of a span, however short."""
     seconds = in_seconds(imu, start_s, end_s)
     if seconds is None:
-        return None
-    stretches = _stretches(seconds, _quiet(_sums(seconds) / (seconds.end_s - seconds.start_s)[:, None]))
-    long = [s for s in stretches if s[1] - s[0] >= least_s]
-    return long[0] if long else max(stretches, key=lambda s: s[1] - s[0], default=None)
+        return ()
+    return tuple(_stretches(seconds, _quiet(_sums(seconds) / (seconds.end_s - seconds.start_s)[:, None])))
 
 
 def parked_seconds(imu: ImuSource, start_s: float, end_s: float) -> ParkedSeconds | None:
@@ -82,23 +80,37 @@ def parked_seconds(imu: ImuSource, start_s: float, end_s: float) -> ParkedSecond
 
     None where less than a minute is left.
     """
+    return _first_place(imu, start_s, end_s)[0]
+
+
+def parked_places(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSeconds, ...]:
+    """The same, and what follows each turn or tilt as a place of its own, where that is a minute or more."""
+    found = []
+    while np.isfinite(start_s) and start_s < end_s:
+        place, start_s = _first_place(imu, start_s, end_s)
+        found += [] if place is None else [place]
+    return tuple(found)
+
+
+def _first_place(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSeconds | None, float]:
+    """Seconds up to the first turn or tilt, None below a minute, and from when on the unit stands again (NaN: never)."""
     seconds = in_seconds(imu, start_s, end_s)
     if seconds is None:
-        return None
+        return None, float("nan")
     sums, still = _sums(seconds), ~seconds.touched
-    moved, last = "", still.size
+    moved, last, again_s = "", still.size, float("nan")
     for a, b in _runs(~still, seconds):
         turn, tilt = _change(sums, seconds, a, b)
         if max(turn, tilt) > NEW_PLACE_RAD:
             moved = f"{PLACE} from {seconds.start_s[a]:.0f} s on: turned by {turn:.2g} rad, tilted by {tilt:.2g} rad"
-            last = a
+            last, again_s = a, float(seconds.end_s[b - 1]) + GUARD_S
             break
     guard = int(np.ceil(GUARD_S))
     near = np.convolve(~still, np.ones(2 * guard + 1), "same") > 0
     rows = slice(0, last)
     if last < QUIET_S:
-        return None
-    return ParkedSeconds(seconds.start_s[rows], seconds.end_s[rows], sums[rows], ~near[rows], moved)
+        return None, again_s
+    return ParkedSeconds(seconds.start_s[rows], seconds.end_s[rows], sums[rows], ~near[rows], moved), again_s
 
 
 def _sums(seconds: Seconds) -> NDArray:

@@ -137,8 +137,9 @@ def _excluded(session: SessionResult) -> list[dict[str, Any]]:
     if session.temperature is not None:
         spans += list(session.temperature.spans())
     if session.estimate is not None:
-        parked = session.estimate.parked is not None
+        parked = session.estimate.parked
         spans += list(session.estimate.motion.excluded() if parked else excluded_spans(session.estimate.navigated))
+        spans += list(parked.left_out) if parked else []
     run_id = session.run.header.run_id
     return [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id} for s in spans]
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +20,7 @@ from infield.hysteresis import (
     with_terms,
 )
 from infield.merge import hold_common, merge_posterior
-from infield.session import SessionSettings, make_bins
+from infield.session import SessionSettings, rebinned
 from infield.table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES, TwinModel
 
@@ -35,12 +34,10 @@ def likelihood_of(
     """What a session measured, its bins on the given table."""
     estimate, temperature = session.estimate, session.temperature
     assert estimate is not None and temperature is not None
-    edges = estimate.bins.edges_s
-    settings = replace(settings, bin_s=float(estimate.bins.duration_s.mean()))  # a parked session has bins of its own
-    bins = make_bins(table, temperature, twin, settings, start_s=float(edges[0]), end_s=float(edges[-1]))
+    bins = rebinned(estimate.bins, table, temperature, twin, settings)
     information, vector = measurement_information(estimate.bins, estimate)
     along = heating_sense(temperature.temperature_degC)
-    sense = np.stack([temperature.mean_rows(a, b) @ along for a, b in pairwise(edges)])
+    sense = np.stack([temperature.mean_rows(a, b) @ along for a, b in zip(bins.start_s, bins.end_s)])
     return SessionLikelihood(bins, information, vector, estimate.bins.table_deg_h, sense)
 
 

@@ -17,7 +17,8 @@ from infield.disagreement import SessionEvidence, Step, find_steps, session_evid
 from infield.hysteresis import ThermalTerm
 from infield.joint_update import with_thermal_terms
 from infield.merge import MergeResult, SessionPoints, merge_posterior
-from infield.parked_rates import estimate_parked, find_parked, no_heading
+from infield.parked_rates import estimate_parked, no_heading
+from infield.parked_stretches import find_rests
 from infield.session import (
     SessionEstimate,
     SessionSettings,
@@ -216,17 +217,18 @@ def _estimated(
     run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings, end_s: float
 ) -> SessionEstimate | Verdict:
     """The session's biases: through navigation, or for gyros that find no heading from the parked rates themselves."""
-    parked = no_heading(run, table, temperature, twin)
-    rest, why = find_parked(run) if parked else (find_rest(run), NEVER_RESTS)
+    rests = find_rests(run) if no_heading(run, table, temperature, twin) else None
+    rest, why = (find_rest(run), NEVER_RESTS) if rests is None else (next(iter(rests.stretches), None), rests.why)
     level = (LEVEL_REMOVED,) if run.header.level_removed else ()
     if rest is None or level:
         return acceptance.refuse(*level, *((why,) if rest is None else ()))
-    known = temperature.covered(rest[0], rest[1] if parked else end_s).max()
+    spans = [(rest[0], end_s)] if rests is None else rests.stretches
+    known = max(temperature.covered(*span).max() for span in spans)
     if known < LEAST_COVERED:
         reason = f"gyro temperature is known for {100 * known:.0f} % of the session, needed {100 * LEAST_COVERED:.0f} %"
         return acceptance.refuse(reason, *map(words, temperature.faults))
-    if parked:
-        found = estimate_parked(run, table, temperature, twin, settings, stretch=rest)
+    if rests is not None:
+        found = estimate_parked(run, table, temperature, twin, settings, rests=rests)
         return acceptance.refuse(found) if isinstance(found, str) else found
     try:
         return estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)

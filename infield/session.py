@@ -30,7 +30,7 @@ from ins.records import PARKED_PHASES, ImuLog, ImuSource, InputError, Run, TwinM
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 if TYPE_CHECKING:
-    from infield.parked_rates import ParkedEvidence
+    from infield.parked_evidence import ParkedEvidence
 
 BIN_S = 300.0
 BIN_FLOOR_DEG_H = 1e-4  # spread of a bin's mean about every model of it; keeps the joint covariance invertible
@@ -56,13 +56,15 @@ class SessionSettings:
 class SessionBins:
     """Time bins of a session and how they hang on the table.
 
-    edges_s (N + 1,); temperature, rate (N, 3): bin means; H (3N, n): rows of the table averaged over the bin, order
-    x, y, z of bin 0, then bin 1 ...; table_deg_h (3N,): the table there; prior (3N, 3N) [(deg/h)^2] = H P H' + T.
+    start_s, end_s (N,): in order, not always without gaps; temperature, rate (N, 3): bin means; H (3N, n): rows of the
+    table averaged over the bin, order x, y, z of bin 0, then bin 1 ...; table_deg_h (3N,): the table there; prior
+    (3N, 3N) [(deg/h)^2] = H P H' + T.
     own: T, what the session adds; thermometer: the part of T that the temperatures' own errors make, their covariance
     times the table's slope. tied (N, 3): the bin has a temperature; where not, its row of H is zero.
     """
 
-    edges_s: NDArray
+    start_s: NDArray
+    end_s: NDArray
     temperature_degC: NDArray
     rate_degC_min: NDArray
     H: NDArray
@@ -76,12 +78,27 @@ class SessionBins:
     gradient_degC: NDArray | None = None
 
     @property
+    def edges_s(self) -> NDArray:
+        """(N + 1,): where bins begin, and where the last one ends."""
+        return np.append(self.start_s, self.end_s[-1])
+
+    @property
     def centre_s(self) -> NDArray:
-        return 0.5 * (self.edges_s[1:] + self.edges_s[:-1])
+        return 0.5 * (self.end_s + self.start_s)
 
     @property
     def duration_s(self) -> NDArray:
-        return np.diff(self.edges_s)
+        return np.asarray(self.end_s - self.start_s)
+
+    def only(self, kept: NDArray) -> "SessionBins":
+        """The bins kept (N,) bool, the others' biases left out of the joint prior: as if nobody had asked for them."""
+        k = np.repeat(kept, 3)
+        return SessionBins(
+            self.start_s[kept], self.end_s[kept], self.temperature_degC[kept], self.rate_degC_min[kept], self.H[k],
+            self.table_deg_h[k], self.prior[np.ix_(k, k)], self.own[np.ix_(k, k)], self.thermometer[np.ix_(k, k)],
+            self.tied[kept], self.sigma_temperature_degC[kept], self.sigma_rate_degC_min[kept],
+            None if self.gradient_degC is None else self.gradient_degC[kept],
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,7 @@ class SessionEstimate:
     @property
     def motion(self) -> Motion:
         """When the vehicle stood, by the solution or by the parked seconds."""
-        return self.navigated.motion if self.parked is None else self.parked.seconds.motion
+        return self.navigated.motion if self.parked is None else self.parked.motion
 
     @property
     def navigated(self) -> Solution:
@@ -167,8 +184,27 @@ def make_bins(
     *, start_s: float, end_s: float,
 ) -> SessionBins:  # fmt: skip
     """Equal bins of about `bin_s`; a bin without a gyro temperature teaches the table nothing."""
-    count = max(round((end_s - start_s) / settings.bin_s), 1)
-    edges = np.linspace(start_s, end_s, count + 1)
+    return bins_between(table, temperature, twin, settings, equal_edges(start_s, end_s, settings.bin_s))
+
+
+def equal_edges(start_s: float, end_s: float, bin_s: float) -> NDArray:
+    """Edges (N + 1,) of equal bins of about `bin_s`."""
+    return np.linspace(start_s, end_s, max(round((end_s - start_s) / bin_s), 1) + 1)
+
+
+def rebinned(
+    bins: SessionBins, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings
+) -> SessionBins:
+    """The same bins on another table."""
+    edges = np.unique(np.concatenate([bins.start_s, bins.end_s]))
+    return bins_between(table, temperature, twin, settings, edges).only(np.isin(edges[:-1], bins.start_s))
+
+
+def bins_between(
+    table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings, edges: NDArray
+) -> SessionBins:
+    """Bins between edges (N + 1,) [s]."""
+    count, end_s = len(edges) - 1, float(edges[-1])
     T, rate, H = np.empty((count, 3)), np.empty((count, 3)), np.empty((3 * count, table.n_parameters))
     tied = np.array([temperature.covered(a, b) for a, b in pairwise(edges)]) >= TIED_SHARE
     tied[:, ["xyz".index(name) for name in temperature.unusable]] = False
@@ -195,7 +231,7 @@ def make_bins(
     thermometer = _thermometer_covariance(table, T, of_T * (tied.T[:, :, None] & tied.T[:, None, :]))
     own += thermometer
     return SessionBins(
-        edges, T, rate, H, table_deg_h, H @ table.covariance @ H.T + own, own, thermometer, tied,
+        edges[:-1], edges[1:], T, rate, H, table_deg_h, H @ table.covariance @ H.T + own, own, thermometer, tied,
         np.sqrt(np.diagonal(of_T, axis1=1, axis2=2).T), temperature.rate_sigma(edges), gradient,
     )  # fmt: skip
 

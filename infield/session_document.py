@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.stillness import detect_phases
+from infield import parked_document
 from infield.bias_points import UNSEEN_SIGMA
 from infield.claim_chain import ClaimChain
 from infield.pipeline import SessionResult
@@ -13,7 +14,7 @@ from infield.session import SessionEstimate
 from infield.taxi_heading import heading_source
 from infield.thermometer import words
 from ins.attitude import euler_from_dcm
-from ins.records import AXES
+from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 
 HEATING_DEG_C_MIN = 0.05
@@ -56,12 +57,12 @@ def _estimate(session: SessionResult) -> dict[str, Any]:
         "alignment": _alignment(e),
         "heading_error": heading_error(session),
         "observability": {a.axis: vars(a) for a in session.seen},
-        "phases": [vars(p) for p in session.run.phases or detect_phases(e.motion)],
+        "phases": [vars(p) for p in session.run.phases or _detected(e)],
         "points_covariance_deg_h2": session.points.covariance.tolist() if session.points else None,
         "coverage": _coverage(session),
         "residuals": _residuals(session),
         "heating_cooling": _heating_cooling(session),
-        **(_navigated(session, e) if e.parked is None else _parked(e)),
+        **(_navigated(session, e) if e.parked is None else parked_document.of_session(e)),
     }
 
 
@@ -81,6 +82,12 @@ def _alignment(e: SessionEstimate) -> dict[str, Any]:
     }
 
 
+def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
+    """Phases by the motion; what lies between the stretches of a parked unit is nobody's to name."""
+    several = e.parked is not None and len(e.parked.stretches) > 1
+    return parked_document.phases(e) if several else detect_phases(e.motion)
+
+
 def _navigated(session: SessionResult, e: SessionEstimate) -> dict[str, Any]:
     """Of a session with a navigation solution."""
     tally = e.navigated.filter.tally
@@ -92,32 +99,6 @@ def _navigated(session: SessionResult, e: SessionEstimate) -> dict[str, Any]:
         "smoothing": _smoothing(e),
         "velocity": _velocity(session),
         "claim_chain": _chain(session.chain, session),
-    }
-
-
-def _parked(e: SessionEstimate) -> dict[str, Any]:
-    """Of a session without one: what its parked seconds gave."""
-    p = e.parked
-    assert p is not None
-    nis = {"zero rate over time": {"nis_mean": e.nis_mean, "dof": e.dof}} if e.dof else {}
-    return {
-        "measurements": nis,
-        "parked_jitter_m": None,
-        "smoothing": {},
-        "velocity": None,
-        "claim_chain": None,
-        "zero_rate": {
-            "seconds": float(p.used_s.sum()),
-            "start_s": float(p.seconds.start_s[0]),
-            "end_s": float(p.seconds.end_s[-1]),
-            "ended_because": p.seconds.moved,
-            "angle_random_walk_deg_sqrt_h": p.walk_deg_sqrt_h.tolist(),
-            "noise_over_model": p.noise_scale,
-            "earth_rate_sigma_deg_h": np.sqrt(np.diag(p.earth_covariance)).tolist(),
-            "heading_known": p.heading_deg_h == 0.0,
-            "bin_s": float(e.bins.duration_s.mean()),
-            "bins": len(e.bins.duration_s),
-        },
     }
 
 
@@ -136,8 +117,10 @@ def _coverage(session: SessionResult) -> list[dict[str, Any]]:
     """Seconds of the session in each 5 degC band, per axis."""
     T = session.temperature
     assert T is not None and session.estimate is not None
-    edges_s = session.estimate.bins.edges_s
-    rows = T.between(edges_s[0], edges_s[-1])
+    bins = session.estimate.bins
+    apart = np.flatnonzero(bins.start_s[1:] > bins.end_s[:-1])
+    spans = zip(bins.start_s[np.append(0, apart + 1)], bins.end_s[np.append(apart, -1)])
+    rows = np.concatenate([np.arange(T.time_s.size)[T.between(a, b)] for a, b in spans])
     step = float(np.median(np.diff(T.time_s)))
     found = []
     for k, axis in enumerate(AXES):

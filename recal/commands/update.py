@@ -278,6 +278,11 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
         from infield.parked_document import effect_words
 
         lines.append(f"  {effect_words(document['zero_rate_effect'])}")
+    for session in document["sessions"]:
+        if session.get("zero_rate"):
+            from infield.parked_document import stretch_words
+
+            lines += [f"  {session['run_id']} {line}" for line in stretch_words(session["zero_rate"])]
     effect = document["predicted_effect"]
     if effect:
         change, drift = effect["level_change_deg_h"], effect["drift_removed_nm_h"]

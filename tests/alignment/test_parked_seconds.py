@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from alignment.parked_seconds import longest_quiet, parked_seconds
+from alignment.parked_seconds import parked_seconds, quiet_stretches
 from alignment.stillness import DISTURBED, STILL
 from ins.records import ImuLog
 from ins.units import DEG_PER_HOUR
@@ -38,7 +38,7 @@ def shaken(t, rate, force):
 
 def test_the_rest_is_found_between_motion():
     imu = log(600, np.random.default_rng(1), edit=shaken)
-    start, end = longest_quiet(imu, 0.0, 600.0, least_s=60.0)
+    start, end = quiet_stretches(imu, 0.0, 600.0)[0]
     assert start == pytest.approx(100, abs=12) and end == pytest.approx(400, abs=12)
     seconds = parked_seconds(imu, start, end)
     assert seconds.still.mean() > 0.9 and seconds.moved == ""
@@ -51,7 +51,7 @@ def test_the_rest_is_found_between_motion():
 def test_a_warm_up_of_a_consumer_unit_is_rest():
     """600 deg/h in 160 s, as the real log apm_fixedwing_TestLog2 shows, is no motion."""
     imu = log(400, np.random.default_rng(2), drift_deg_h_s=(3.3, 4.6, 2.8))
-    assert longest_quiet(imu, 0.0, 400.0, least_s=60.0) == pytest.approx((0.0, 400.0), abs=3)
+    assert quiet_stretches(imu, 0.0, 400.0)[0] == pytest.approx((0.0, 400.0), abs=3)
     assert parked_seconds(imu, 0.0, 400.0).still.mean() > 0.97
 
 
@@ -99,5 +99,5 @@ def test_what_never_rests_is_none():
         rate += 0.1 * np.cumsum(rng.standard_normal((t.size, 3)), axis=0) / np.sqrt(t.size)
         force += 1.5 * rng.standard_normal((t.size, 3)) * np.sqrt(RATE_HZ)
 
-    assert longest_quiet(log(300, rng, edit=flying), 0.0, 300.0, least_s=60.0) is None
-    assert longest_quiet(log(30, rng), 0.0, 30.0, least_s=60.0) is None
+    assert quiet_stretches(log(300, rng, edit=flying), 0.0, 300.0) == ()
+    assert quiet_stretches(log(30, rng), 0.0, 30.0) == ()

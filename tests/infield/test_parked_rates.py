@@ -167,7 +167,7 @@ def test_the_rest_is_looked_for_in_the_named_phases():
     run = first()[0].run
     stretch, why = find_parked(run)
     assert why == "" and stretch[0] < 5.0 and stretch[1] > 2390.0
-    assert isinstance(first()[1].sessions[0].estimate.parked.seconds, ParkedSeconds)
+    assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
     assert SessionSettings().bin_s == 300.0  # of navigated sessions; a parked one has bins of a minute
 
 
