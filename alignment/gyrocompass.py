@@ -30,6 +30,7 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
+LEVEL_SHARE = 0.3  # of level Earth rate: gyros known worse than this find no heading
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # tried in turn where the residuals exceed the model
@@ -153,7 +154,8 @@ def align(
         f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
         "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit"
     )
-    if twin.gyro_technology == "mems" and levelling.too_uncertain(level_sigma, rest):
+    no_use = level_sigma > LEVEL_SHARE * earth_level
+    if no_use and twin.gyro_technology == "mems":  # its solution drifts too fast for rest to be seen in it
         return levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
     if (rate := float(np.linalg.norm(means.omega_ib_b))) > stillness.PIVOT_RAD_S:
         told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
@@ -180,7 +182,7 @@ def align(
             result,
             reasons=(f"the unit is noisier than its noise model ({twin.source}): taken {scale:g} times as large",),
         )
-    if level_sigma > 0.3 * earth_level:
+    if no_use:
         return replace(result, verdict="level_only", reasons=(*result.reasons, no_heading))
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 

@@ -229,7 +229,7 @@ def test_level_gyros_too_coarse_are_refused():
     mems = replace(run, header=replace(run.header, gyro_technology="mems"))
     table = default_table(imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z")
     result = replay(mems, choices(table), TwinModel(gyro_technology="mems"))
-    assert result.verdict == "refused" and "heading cannot be found" in result.reasons[-1]
+    assert result.verdict == "refused" and "heading cannot be found" in result.reasons[0]
     assert result.tables[0].history is None
 
 
