@@ -2,7 +2,7 @@
 
 Rates less the straight line from the zero rate before to the zero rate after are multiplied up to a rotation; gravity
 on either side says where down was. The angle that down fails to close by is the integral's own witness: what it lost
-about two axes, it may have lost about the third.
+about two axes, it may have lost about the third. A sensor at the end of its range loses what no closure shows.
 Source: Savage, Strapdown Analytics (2007), sec. 7.1 (rotation vectors); coning between rows is left to the closure.
 """
 
@@ -11,12 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.imu_seconds import in_seconds
 from alignment.parked_seconds import ParkedSeconds
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, wrap_pi
 from ins.records import GyroNoise, ImuSource
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 TOLD_RAD = 0.35  # a turn known to better is used, 20 deg; of a variance that both stands share 6 % is lost to it
+LOST_RAD = 0.1  # of turn in a dropout of the log, over which the last rate is held, 1 sigma
 BESIDE_S = 60.0  # of rest on either side, for the zero rate
 CURVED = 1.0 / 3.0  # of a bias change: what its mean may be off a straight line; 0.16 in a warm-up over two time constants
 
@@ -59,8 +61,16 @@ def turn_between(imu: ImuSource, before: ParkedSeconds, after: ParkedSeconds, gy
     closure = float(np.arctan2(np.hypot(K[0, 2], K[1, 2]), K[2, 2]))
     drift = np.hypot(CURVED * np.linalg.norm(w1 - w0), gyro.bias_instability_deg_h * DEG_PER_HOUR) * (t1 - t0)
     white = gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(t1 - t0)
-    sigma = np.sqrt(drift**2 + white**2 + (sigma_scale * np.linalg.norm(turned)) ** 2 + closure**2)
-    return Turn(float(wrap_pi(heading)), float(sigma), closure)
+    sigma = np.sqrt(drift**2 + white**2 + (sigma_scale * np.linalg.norm(turned)) ** 2 + closure**2 + _lost(imu, t0, t1) ** 2)
+    return Turn(float(wrap_pi(heading)), float(min(sigma, np.pi)), closure)
+
+
+def _lost(imu: ImuSource, start_s: float, end_s: float) -> float:
+    """What dropouts of the log and a sensor at the end of its range may have lost of a turn, 1 sigma [rad]."""
+    seconds = in_seconds(imu, start_s, end_s)
+    if seconds is None:
+        return 0.0
+    return float(np.pi if seconds.stuck.any() else LOST_RAD * np.sqrt(np.count_nonzero(seconds.lost)))
 
 
 def _product(C: NDArray) -> NDArray:

@@ -99,6 +99,25 @@ def test_an_untold_turn_takes_the_larger_uncertainty_of_both(monkeypatch):
     assert mean >= 0.5 * LEVEL**2 * 0.998 and change >= 2.0 * LEVEL**2 * 0.998  # unchanged; half a turn
 
 
+def test_a_clipped_gyro_or_dropouts_do_not_tell_the_turn():
+    """Cut at the end of the range about the vertical alone, which down never shows; some rows lost and held over."""
+    run = first()[0].run
+    away = np.flatnonzero((run.imu.time_s > COLD_S) & (run.imu.time_s < run.imu.end_s - WARM_S))
+    rate = run.imu.dtheta_rad.copy()
+    rate[away, 2] = np.clip(rate[away, 2], None, np.sort(rate[away, 2])[-40])
+    rate[away[2000:2005], 2] = rate[away, 2].max()
+    clipped = estimate_of(replace(run, imu=replace(run.imu, dtheta_rad=rate))).parked
+    assert len(clipped.stretches) == 2 and not clipped.turns[0].told
+    kept = np.ones(run.imu.time_s.size, bool)
+    for k in range(200, 8200, 400):
+        kept[away[k] : away[k] + 4] = False
+    t = run.imu.time_s[kept]
+    dt = np.diff(t, prepend=t[0] - 0.1)
+    held = replace(run.imu, time_s=t, dt_s=dt, dtheta_rad=run.imu.dtheta_rad[kept] * (dt / 0.1)[:, None],
+                   dv_m_s=run.imu.dv_m_s[kept] * (dt / 0.1)[:, None])  # fmt: skip
+    assert not estimate_of(replace(run, imu=held)).parked.turns[0].told
+
+
 def test_a_surveyed_heading_follows_the_turn_and_no_further(monkeypatch):
     simulated = flight(5, heading_deg=120.0, turn_deg=90.0)
     run = with_header(simulated.run, survey=Survey(heading_rad=120.0 * DEG, sigma_heading_rad=2.0 * DEG))
