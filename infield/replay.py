@@ -29,7 +29,7 @@ from infield.session import (
     make_bins,
     session_end,
 )
-from infield.stops import StopSpeed, find_stops, first_roll, stop_speed
+from infield.stops import Stop, StopSpeed, find_stops, first_roll, stop_speed
 from infield.table import ThermalTable
 from infield.thermometer import GyroTemperature, gyro_temperature, too_short, words
 from ins.earth import EARTH_RATE_RAD_S
@@ -228,7 +228,7 @@ def _vertical(run: Run) -> tuple[VerticalChannel, str]:
 
 
 def _scored(
-    flown: TableReplay, run: Run, twin: TwinModel, span: Where, parked_s: float, stops: Sequence[Where],
+    flown: TableReplay, run: Run, twin: TwinModel, span: Where, parked_s: float, stops: Sequence[Stop],
     reference: ReferenceLog | None,
 ) -> TableReplay:  # fmt: skip
     """The flight with its measures."""
@@ -252,7 +252,7 @@ def _scored(
         flown,
         parked=parked,
         predicted=predicted,
-        stops=tuple(stop_speed(history, where) for where in stops),
+        stops=tuple(stop_speed(history, stop) for stop in stops),
         gnss=None if run.gnss is None else drift_against(history, run.gnss, lever, parked_s),
         reference=None if reference is None else drift_against(history, reference, np.zeros(3), parked_s),
         heading_error_rad=heading_error,

@@ -11,8 +11,10 @@
                                 mean over the span), rule_of_thumb_nm_h = 60 NM/h per deg/h of it; seen_over_sigma
       schuler                   period_min with sigma_period_min and amplitude_m_s of the parked velocity's swing, null with a
                                 reason where it cannot be fitted; expected_period_min = 2 pi sqrt(R/g)
-      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s, realign
+      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s, realign, seen_by
+                                ("gnss", "odometer"; "imu": neither covers it, it may be a steady roll)
       realign                   any residual ground speed above 5 kt while standing
+      realign_at                where that was: "parked", or seen_by of the stops
       gnss                      a drift against GNSS after the parked span, null where none is logged
       scoring_only              reference: a drift against it after the parked span; heading_error_mrad, in sigmas too
     difference                  active less previous: NM/h, heading, and what the tables' own difference predicts of the
@@ -100,7 +102,9 @@ def _parked_span(result: ReplayResult) -> dict[str, float] | None:
 
 
 def _table(t: TableReplay, result: ReplayResult) -> dict[str, Any]:
-    end_kt = [] if t.parked is None else [float(t.parked.speed_m_s[-1])]
+    fast = {s.seen_by for s in t.stops if s.realign}
+    if t.parked is not None and t.parked.speed_m_s[-1] > REALIGN_M_S:
+        fast.add("parked")
     return {
         "role": t.choice.role,
         "origin": t.choice.origin,
@@ -113,7 +117,8 @@ def _table(t: TableReplay, result: ReplayResult) -> dict[str, Any]:
         "predicted": _predicted(t),
         "schuler": _schuler(t, result.run),
         "stops": [_stop(s) for s in t.stops],
-        "realign": any(v > REALIGN_M_S for v in [*end_kt, *(s.median_m_s for s in t.stops)]),
+        "realign": bool(fast),
+        "realign_at": sorted(fast),
         "gnss": _drift(t.gnss),
         "scoring_only": _scoring(t),
     }
@@ -173,7 +178,7 @@ def _schuler(t: TableReplay, run: Run) -> dict[str, Any] | None:
 def _stop(s: StopSpeed) -> dict[str, Any]:
     return {
         "start_s": s.start_s, "end_s": s.end_s, "ground_speed_m_s": s.median_m_s,
-        "ground_speed_kt": s.median_m_s / KNOT, "max_m_s": s.max_m_s, "realign": s.realign,
+        "ground_speed_kt": s.median_m_s / KNOT, "max_m_s": s.max_m_s, "realign": s.realign, "seen_by": s.seen_by,
     }  # fmt: skip
 
 

@@ -42,7 +42,7 @@ def find_stands(imu: ImuSource, fixes: Fixes) -> tuple[Where, ...]:
     found = []
     for a, b in zip(edges[::2], edges[1::2]):
         start, end = float(ends[a]) + EDGE_S, float(ends[b - 1]) - EDGE_S
-        if end - start >= SHORTEST_S and _goes_nowhere(fixes, start, end):
+        if end - start >= SHORTEST_S and goes_nowhere(fixes.time_s, fixes.v_n_m_s, start, end):
             found.append((start, end))
     return tuple(found)
 
@@ -61,10 +61,9 @@ def _quiet_seconds(imu: ImuSource) -> tuple[NDArray, NDArray]:
     return np.concatenate(ends), np.asarray(quiet & (np.linalg.norm(mean[:, 3:], axis=1) < TURN_RAD_S))
 
 
-def _goes_nowhere(fixes: Fixes, start_s: float, end_s: float) -> bool:
-    """Whether the mean velocity stays within its noise, as it is seen."""
-    rows = np.flatnonzero((fixes.time_s >= start_s) & (fixes.time_s <= end_s))
-    v = fixes.v_n_m_s[rows]
+def goes_nowhere(time_s: NDArray, v_n_m_s: NDArray, start_s: float, end_s: float) -> bool:
+    """Whether the mean of a receiver's velocities (n, 3) stays within its noise over a stretch, as it is seen."""
+    v = v_n_m_s[(time_s >= start_s) & (time_s <= end_s)]
     v = v[np.isfinite(v[:, 0])]
     if len(v) < 2:
         return False

@@ -95,9 +95,7 @@ def replay(
     return document
 
 
-def _choices(
-    run: "Run", unit: "UnitInputs", database: "TableStore | None"
-) -> tuple[list["TableChoice"], tuple[str, ...]]:
+def _choices(run: "Run", unit: "UnitInputs", database: "TableStore | None") -> tuple[list["TableChoice"], tuple[str, ...]]:
     """The tables to fly with, active first, and what there is to say of them."""
     from infield.replay import TableChoice
 
@@ -110,9 +108,7 @@ def _choices(
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
     found = [("active", database.active(*key)), ("previous", database.previous(*key))]
     tables = [
-        TableChoice(
-            role=role, table=r.table, origin=f"revision {r.number} ({r.kind})", sha256=r.sha256, revision=r.number
-        )
+        TableChoice(role=role, table=r.table, origin=f"revision {r.number} ({r.kind})", sha256=r.sha256, revision=r.number)
         for role, r in found
         if r is not None
     ]
@@ -170,7 +166,7 @@ def summary(document: dict[str, Any]) -> list[str]:
         expected = f" (predicted 1 sigma {predicted['sigma_nm_h']:.3f})" if predicted else ""
         lines.append(
             line + f"{drift['rate_nm_h']:.3f} NM/h{expected}, RMS rate {drift['rms_rate_nm_h']:.3f} NM/h, "
-            f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{', REALIGN' if t['realign'] else ''}"
+            f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{_realign(t)}"
         )
         if (schuler := t["schuler"]) and not schuler["reason"]:
             lines.append(f"           Schuler period {schuler['period_min']:.1f} +- {schuler['sigma_period_min']:.1f} min")
@@ -182,6 +178,12 @@ def summary(document: dict[str, Any]) -> list[str]:
             f"heading {difference['heading_mrad']:+.2f} mrad"
         )
     return lines + _aided_lines(document["aided"])
+
+
+def _realign(table: dict[str, Any]) -> str:
+    if not table["realign"]:
+        return ""
+    return ", REALIGN" + (" by a stop that the IMU alone sees" if table["realign_at"] == ["imu"] else "")
 
 
 def _aided_lines(aided: dict[str, Any] | None) -> list[str]:

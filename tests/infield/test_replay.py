@@ -29,9 +29,7 @@ from trajectories.unit_truth import aged_unit
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 NO_NOISE = TwinModel(
-    gyro=GyroNoise(
-        arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0
-    ),
+    gyro=GyroNoise(arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0),
     accel=AccelNoise(vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0, turn_on_ug=0.0),
     vehicle=VehicleNoise(sway_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, lateral_noise_m_s=0.0),
 )
@@ -214,6 +212,33 @@ def test_stops_and_outside_tracks_agree_with_truth():
     assert flown.reference.radial_m[-1] > 50.0
     for kind, tolerance in (("position_m", 0.3), ("velocity_m_s", 0.1)):  # rate and arm: means over an epoch
         np.testing.assert_allclose(getattr(flown.gnss, kind), getattr(flown.reference, kind), atol=tolerance)
+
+
+@pytest.mark.parametrize("outside", ["gnss", "positions", "odometer", "imu"])
+def test_a_steady_roll_is_no_stop_where_anything_else_looks(outside):
+    """5 m/s over the taxiway for three minutes: rest to inertial sensors, and 9.7 kt on them; then a stop."""
+    flown = replay(steady_roll(outside), choices(flat()), QUIET, aided=False)
+    active = flown.tables[0]
+    table = replay_document(flown, QUIET, store=None, version="1")["tables"][0]
+    page = replay_html(replay_document(flown, QUIET, store=None, version="1"), flown)
+    assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
+    if outside == "imu":  # nothing can tell the roll: said so
+        assert active.stops[0].median_m_s == pytest.approx(5.0, abs=0.1) and table["realign_at"] == ["imu"]
+        assert "at a stop that the IMU alone sees" in page and "may be a steady roll" in page
+        return
+    assert [round(s.end_s - s.start_s, -1) for s in active.stops] == [60.0]
+    assert active.stops[0].median_m_s < 0.3 and not table["realign"] and "realign: above" not in page
+
+
+def steady_roll(outside: str) -> Run:
+    """Park 12 min, roll at 5 m/s, stop for a minute; with positions and velocities, positions only, wheels or nothing."""
+    motion = lay([Park(duration_s=720.0), Straight(duration_s=180.0, speed_m_s=5.0), Stop(duration_s=60.0)])
+    twin = replace(QUIET, gnss=DEFAULT_TWIN.gnss)
+    streams = {"with_gnss": outside in ("gnss", "positions"), "with_odometer": outside == "odometer"}
+    run = simulated(motion, 4, heading_deg=70.0, twin=twin, with_phases=False, **streams).run
+    if outside != "positions":
+        return run
+    return replace(run, gnss=replace(run.gnss, v_n_m_s=np.full_like(run.gnss.v_n_m_s, np.nan)))
 
 
 def test_track_that_ends_before_is_no_track():
