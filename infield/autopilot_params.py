@@ -12,12 +12,13 @@ libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp, Tools/scripts/tempcal
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.cubic_fit import stated_fit
 from ins.records import AXES, InputError
 from ins.units import DEG_PER_HOUR
 
@@ -35,7 +36,8 @@ class AutopilotCubic:
     """Thermal parameters of one IMU as an autopilot holds them, in recal's units.
 
     coefficients (3, 4): x, y, z; constant first [deg/h per degC^k] about reference_degC; ArduPilot: the constant is 0.
-    number: in the parameter names, from 0 (PX4) or 1 (ArduPilot). device_id: PX4's sensor id.
+    number: in the parameter names, from 0 (PX4) or 1 (ArduPilot). device_id: PX4's sensor id. stated_error_deg_h,
+    stated_sigma_deg_h (3,): what the file's comments tell of its fit and of its table, 0 where nothing.
     """
 
     autopilot: str
@@ -45,6 +47,8 @@ class AutopilotCubic:
     reference_degC: float
     coefficients: NDArray
     device_id: int = 0
+    stated_error_deg_h: NDArray = field(default_factory=lambda: np.zeros(3))
+    stated_sigma_deg_h: NDArray = field(default_factory=lambda: np.zeros(3))
 
     def rounded(self) -> "AutopilotCubic":
         """What is left of it on board, every value a float32."""
@@ -97,14 +101,8 @@ def read_parameters(path: Path) -> dict[str, float]:
 
     Lines of other forms and # comments are passed over. InputError where the file cannot be read or gives one name twice.
     """
-    try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_BYTES}")
-        text = path.read_text(encoding="utf-8-sig", errors="replace")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
     found: dict[str, float] = {}
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(_text(path).splitlines(), start=1):
         cells = re.split(r"[\s,=]+", line.split("#")[0].strip())
         name, value = (cells[2], cells[3]) if len(cells) == 5 and cells[0].isdecimal() else (cells + ["", ""])[:2]
         if not re.fullmatch(r"(TC_G\d|INS_TCAL\d)_\w+", name):
@@ -121,6 +119,15 @@ def read_parameters(path: Path) -> dict[str, float]:
     return found
 
 
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_BYTES}")
+        return path.read_text(encoding="utf-8-sig", errors="replace")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
+
+
 def read_cubic(path: Path, *, autopilot: str | None = None, number: int | None = None) -> AutopilotCubic:
     """The thermal parameters of one IMU in a file; which one must be said where several are in use."""
     values = read_parameters(path)
@@ -135,7 +142,9 @@ def read_cubic(path: Path, *, autopilot: str | None = None, number: int | None =
         raise InputError(f"{path}: no thermal gyro parameters in use{wanted} ({off or 'none named'})")
     if len(held) > 1:
         raise InputError(f"{path}: several: {', '.join(f'{p} {n}' for p, n in held)}; needed one (--from, --imu)")
-    return cubic_of(values, *held[0], name=str(path))
+    comments = ((k, line.partition("#")[2]) for k, line in enumerate(_text(path).splitlines(), start=1))
+    error, sigma = stated_fit(comments, file=str(path))
+    return replace(cubic_of(values, *held[0], name=str(path)), stated_error_deg_h=error, stated_sigma_deg_h=sigma)
 
 
 def cubic_of(values: Mapping[str, float], autopilot: str, number: int, *, name: str) -> AutopilotCubic:

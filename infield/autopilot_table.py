@@ -4,18 +4,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from infield.autopilot_params import ARDUPILOT, ARDUPILOT_REFERENCE_DEGC, PX4, AutopilotCubic, file_text
-from infield.cubic_fit import CubicFit, fit_cubics, valid_range
+from infield.cubic_fit import FORCED, CubicFit, fit_cubics, valid_range
 from infield.table import ThermalTable
 from infield.table_prior import COMMON_FRACTION, prior_covariance
 from ins.earth import EARTH_RATE_RAD_S
+from ins.records import AXES
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
 
 FIT_LIMIT_SIGMAS = 1.0  # of the table: a cubic that is further off anywhere is refused
 FREE_LEVEL_DEG_H = 3600.0  # zero-rate offset of an autopilot's gyro, +-1 deg/s
 SPACING_DEGC = 10.0  # of the nodes that an imported cubic is laid on; Hermite, so exact between them too
+MISFIT_LENGTH = 0.1  # of the range: what a cubic leaves changes sign five times or more over it
 TITLES = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 
 
@@ -50,7 +53,7 @@ class CubicExport:
 
     def text(self, *, unit: str, revision: int, sha256: str) -> str:
         """The file, its comments telling what it is, how well it fits, and what else must be set."""
-        forced = [f"WRITTEN ALTHOUGH TOO STIFF: {reason}" for reason in self.too_stiff]
+        forced = [f"{FORCED}: {reason}" for reason in self.too_stiff]
         head = f"Thermal gyro parameters for {TITLES[self.cubic.autopilot]}, from recal's table of {unit}, revision {revision}"
         return file_text(self.cubic, [
             head, f"table sha256 {sha256}", *forced, *self.fit_lines(), *self._advice(),
@@ -107,28 +110,30 @@ def table_of_cubic(
     cubic: AutopilotCubic, *, imu_serial: str, gyro_technology: str, created_utc: str, gyro_mode: str = "",
     sigma_deg_h: float | None = None, file: str = "", file_sha256: str = "",
 ) -> tuple[ThermalTable, list[str]]:  # fmt: skip
-    """The parameters as a Hermite table (a cubic needs no more), and notes on its sigma, which no such file states."""
+    """The parameters as a Hermite table (a cubic needs no more), and notes on its sigma.
+
+    Sigma: as given or that of one calibration, the table's that the file states where that is larger; and with it, as
+    errors of their own, what the file says that its cubic is off that table.
+    """
     count = max(2, int(np.ceil((cubic.high_degC - cubic.low_degC) / SPACING_DEGC)) + 1)
     nodes = np.linspace(cubic.low_degC, cubic.high_degC, count)
     slope = np.polynomial.polynomial.polyder(cubic.coefficients.T)
     slopes = np.polynomial.polynomial.polyval(nodes - cubic.reference_degC, slope).T
     sigma, why = (sigma_deg_h, "as given") if sigma_deg_h is not None else _sigma(cubic, gyro_technology)
     relative = cubic.autopilot == ARDUPILOT
-    P = prior_covariance(
-        (nodes,) * 3, (np.full(count, sigma * np.sqrt(1.0 - COMMON_FRACTION) if relative else sigma),) * 3, hermite=True,
-        common_fraction=0.0 if relative else COMMON_FRACTION,
-    )  # fmt: skip
+    own = sigma * np.sqrt(1.0 - COMMON_FRACTION) if relative else sigma
+    P = _covariance(cubic, nodes, own)
     notes = [f"sigma {sigma:.3g} deg/h, {why}"]
     if relative:
         for axis in range(3):
             values = slice(axis * count, (axis + 1) * count)
             P[values, values] += FREE_LEVEL_DEG_H**2
-        shape = sigma * np.sqrt(1.0 - COMMON_FRACTION)
         notes = [
-            f"the shape over temperature is known to {shape:.3g} deg/h, 30 % of the variance of {sigma:.3g} deg/h, {why}",
+            f"the shape over temperature is known to {own:.3g} deg/h, 30 % of the variance of {sigma:.3g} deg/h, {why}",
             f"no constant in the file: the table is relative (0 at 35 degC), its level +- {FREE_LEVEL_DEG_H:g} deg/h (1 deg/s, "
             "a usual zero-rate offset)",
         ]  # fmt: skip
+    notes += _stated(cubic, own)
     origin = {"autopilot": cubic.autopilot, "imu": cubic.number, "device_id": cubic.device_id, "file": file,
               "file_sha256": file_sha256, "relative": relative}  # fmt: skip
     table = ThermalTable(
@@ -140,12 +145,41 @@ def table_of_cubic(
     return table, notes
 
 
+def _covariance(cubic: AutopilotCubic, nodes: NDArray, own_deg_h: float) -> NDArray:
+    """Of the imported values and slopes; the cubic's own misfit changes sign faster than any drift of a gyro."""
+    relative, count = cubic.autopilot == ARDUPILOT, nodes.size
+
+    def each(sigma: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        return np.full(count, sigma[0]), np.full(count, sigma[1]), np.full(count, sigma[2])
+
+    gyros = each(np.maximum(own_deg_h, cubic.stated_sigma_deg_h))
+    P = prior_covariance((nodes,) * 3, gyros, hermite=True, common_fraction=0.0 if relative else COMMON_FRACTION)
+    length = MISFIT_LENGTH * (cubic.high_degC - cubic.low_degC)
+    misfit = each(cubic.stated_error_deg_h)
+    return P + prior_covariance((nodes,) * 3, misfit, hermite=True, common_fraction=0.0, length_degC=length)
+
+
+def _stated(cubic: AutopilotCubic, own_deg_h: float) -> list[str]:
+    """What the file's comments made of the sigma."""
+
+    def listed(values: NDArray) -> str:
+        return ", ".join(f"{axis} {value:.3g}" for axis, value in zip(AXES, values))
+
+    notes, error, sigma = [], cubic.stated_error_deg_h, cubic.stated_sigma_deg_h
+    if (sigma > own_deg_h).any():
+        notes.append(f"the file states a table sigma of {listed(sigma)} deg/h: taken where it is larger")
+    if (error > 0).any():
+        notes.append(f"widened by what the file states that its cubic is off the table: {listed(error)} deg/h at most")
+    return notes
+
+
 def _sigma(cubic: AutopilotCubic, technology: str) -> tuple[float, str]:
     """Sigma of one autopilot calibration: one power-on, Earth rate left in, on an unknown heading."""
     turn_on = default_twin(technology).gyro.turn_on_deg_h
     earth = EARTH_RATE_RAD_S / DEG_PER_HOUR / np.sqrt(3.0)
-    why = (
-        f"since the file states none: one calibration holds one turn-on ({turn_on:g} deg/h, defaults of {technology}) and the "
+    why = "that of" if cubic.stated_sigma_deg_h.any() else "since the file states none:"
+    why += (
+        f" one calibration, which holds one turn-on ({turn_on:g} deg/h, defaults of {technology}) and the "
         f"Earth rate that {TITLES[cubic.autopilot]}'s fit leaves in ({earth:.1f} deg/h an axis); --sigma sets another"
     )  # fmt: skip
     return float(np.hypot(turn_on, earth)), why

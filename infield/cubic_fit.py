@@ -7,6 +7,8 @@ with rows H of the table: S = H P H' + D. D is MISFIT of each variance as indepe
 smooth by its prior has nearly no variance in its rough directions, and without D the fit would follow those alone.
 """
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +22,14 @@ MISFIT = 0.1  # of each variance, taken as independent errors of the cubic
 KNOWN = 3.0  # the valid range: where an axis is known at most this many times worse than where it is known best
 LEAST_DEG_H = 1e-3  # of sigma: below it no autopilot's gyro shows a difference
 SHORTEST_DEGC = 5.0
+FORCED = "WRITTEN ALTHOUGH TOO STIFF"  # before a fit's words in a file that was forced
 ROUNDING = 1e-12  # of the largest term at the end of the range: a smaller one is none
+_NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
+_TELLS = re.compile(r"gyro [xyz]: (?:cubic less table|the cubic is the table)")
+_FIT = re.compile(
+    rf"gyro (?P<axis>[xyz]): cubic less table at most (?P<error>{_NUMBER}) deg/h.*table sigma of (?P<sigma>{_NUMBER}) deg/h"
+)
+_EXACT = re.compile(rf"gyro (?P<axis>[xyz]): the cubic is the table .*table sigma (?P<sigma>{_NUMBER}) deg/h")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,6 +60,25 @@ class CubicFit:
             f"RMS {self.rms_error_deg_h:.3g}, against a table sigma of {self.rms_sigma_deg_h:.3g} deg/h RMS; "
             f"at worst {self.worst_sigmas:.2g} sigma (at {self.worst_degC:.1f} degC)"
         )
+
+
+def stated_fit(comments: Iterable[tuple[int, str]], *, file: str) -> tuple[NDArray, NDArray]:
+    """Largest error and table sigma (3,) [deg/h] that `words` told in a file's comments (line number, text), 0 where none.
+
+    InputError where a comment tells of a fit, but not its numbers.
+    """
+    error_deg_h, sigma_deg_h = np.zeros((2, len(AXES)))
+    for number, text in comments:
+        if not (FORCED in text or _TELLS.search(text)):
+            continue
+        told = _FIT.search(text) or _EXACT.search(text)
+        if told is None:
+            needed = 'needed "gyro x: cubic less table at most E deg/h ..., against a table sigma of S deg/h RMS"'
+            raise InputError(f"{file}: line {number}: the fit error cannot be read: got {text[:60]!r}, {needed}")
+        found, axis = told.groupdict(), AXES.index(told["axis"])
+        error_deg_h[axis] = max(error_deg_h[axis], float(found.get("error") or 0.0))
+        sigma_deg_h[axis] = max(sigma_deg_h[axis], float(found["sigma"]))
+    return error_deg_h, sigma_deg_h
 
 
 def valid_range(table: ThermalTable) -> tuple[float, float]:

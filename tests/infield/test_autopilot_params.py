@@ -139,6 +139,40 @@ def test_round_trip(tmp_path, autopilot, number, ending):
     assert np.abs(difference).max() < 1e-3
 
 
+@pytest.mark.parametrize(("autopilot", "number"), [("px4", 0), ("ardupilot", 1)])
+@pytest.mark.parametrize("curve", [
+    lambda T: [20 * np.sin(T / 4), 0 * T, 3.0 * T],
+    lambda T: [400.0 / (1 + np.exp(25 - T)), 0 * T, np.where(T > 30, 300.0, 0.0)],
+])  # fmt: skip
+def test_a_forced_stiff_cubic_comes_back_as_uncertain_as_it_is_wrong(tmp_path, autopilot, number, curve):
+    """Errors against the table that went out, at all its nodes, within three of the sigmas that come back; with ArduPilot,
+    which has no constant, those of the change since 35 degC."""
+    held = table(curve, sigma=1.5)
+    made = export_cubic(held, autopilot, number=number, device_id=7 if autopilot == "px4" else 0, span_degC=(-10.0, 60.0))
+    assert made.too_stiff and max(fit.max_error_deg_h for fit in made.fits) > 10.0
+    path = tmp_path / "forced.params"
+    path.write_text(made.text(unit="u", revision=1, sha256="s"))
+    back, notes = table_of_cubic(read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC)
+    assert any("its cubic is off the table" in note for note in notes)
+    T = held.temperature_degC[0]
+    for axis, fit in zip("xyz", made.fits):
+        error, rows = back.bias_deg_h(axis, T) - held.bias_deg_h(axis, T), back.basis(axis, T)
+        if autopilot == "ardupilot":
+            error, rows = error - error[T == 35.0], rows - rows[T == 35.0]
+        sigma = np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", rows, back.covariance, rows), 0.0))
+        assert np.abs(error).max() >= 0.3 * fit.max_error_deg_h
+        assert np.all(np.abs(error) <= 3.0 * sigma + 1e-6)
+        assert back.sigma_deg_h(axis, T).max() < 4000.0
+
+
+def test_the_stated_table_sigma_is_taken_where_it_is_larger(tmp_path):
+    path = tmp_path / "wide.params"
+    path.write_text(export_cubic(table(curved, sigma=80.0), "px4", number=0, device_id=7).text(unit="", revision=1, sha256=""))
+    back, notes = table_of_cubic(read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC)
+    assert back.sigma_deg_h("x", 20.0)[0] == pytest.approx(80.0, rel=0.02)
+    assert any("the file states a table sigma of x 7" in note for note in notes)
+
+
 def test_the_fit_weighs_by_the_table():
     """Where the table is known poorly the cubic may miss it; where it is known well it may not."""
     held = table(lambda T: [np.where(T > 45, 40.0, 0.0) + 0 * T] * 3, sigma=1.0)
