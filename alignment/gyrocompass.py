@@ -108,9 +108,7 @@ def solve(
     return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
 
 
-def _less_found(
-    pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray
-) -> Iterator[ImuLog]:
+def _less_found(pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray) -> Iterator[ImuLog]:
     """The pieces of a log less what was found: gyro biases (N, 3) over the bins, accelerometer biases (3,)."""
     for piece in pieces:
         bias = gyro_rad_s[bin_of(edges_s, piece.time_s)]
@@ -154,12 +152,13 @@ def align(
         f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
         "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit"
     )
+    turns = levelling.turns(means)
     no_use = level_sigma > LEVEL_SHARE * earth_level
     if no_use and twin.gyro_technology == "mems":  # its solution drifts too fast for rest to be seen in it
-        return levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
-    if (rate := float(np.linalg.norm(means.omega_ib_b))) > stillness.PIVOT_RAD_S:
-        told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
-        return _refused(f"the gyros read {told}: the vehicle turns, or the unit of the gyros is wrong")
+        found = levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
+        return replace(found, reasons=(*found.reasons, f"{turns}, or it is all bias")) if turns else found
+    if turns:
+        return _refused(turns)
     for scale in NOISE_SCALES:
         try:
             solution = solve(

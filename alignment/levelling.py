@@ -6,12 +6,24 @@ a taxi and then a flight to whoever looks for rest in it; gyros that find no hea
 
 import numpy as np
 
+from alignment.coarse import RestMeans
 from alignment.result import Alignment
-from ins.earth import gravity_magnitude
+from alignment.stillness import PIVOT_RAD_S
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import ImuSource, Phase, Site, TwinModel
-from ins.units import DEG, MICRO_G
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 
 LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
+
+
+def turns(means: RestMeans) -> str:
+    """What gyros that read far beyond Earth rate at rest may mean, in words; empty where they do not."""
+    rate = float(np.linalg.norm(means.omega_ib_b))
+    if rate <= PIVOT_RAD_S:
+        return ""
+    told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    unit = f"the unit of the gyros is wrong (deg/s read as rad/s: {rate * DEG / DEG_PER_HOUR:.3g} deg/h in truth)"
+    return f"the gyros read {told}: the vehicle turns, or {unit}"
 
 
 def level(

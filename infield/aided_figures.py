@@ -36,8 +36,8 @@ if TYPE_CHECKING:
 
 STYLES: dict[str, dict[str, Any]] = {
     "gnss": {"color": GREY, "linewidth": 3.5, "alpha": 0.45, "label": "GNSS"},
-    "previous": {"color": OLD, "linestyle": "--", "label": "free-inertial, previous table"},
-    "active": {"color": NEW, "label": "free-inertial, active table"},
+    "previous": {"color": OLD, "linestyle": ":", "zorder": 3, "label": "free-inertial, previous table"},
+    "active": {"color": NEW, "linestyle": "--", "zorder": 3, "label": "free-inertial, active table"},
     "aided": {"color": GREEN, "linewidth": 1.8, "label": "aided by GNSS"},
 }
 BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0.0}

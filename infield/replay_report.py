@@ -11,7 +11,7 @@ from infield.replay import ReplayResult, TableReplay
 from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text, thinned
 from infield.report_page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
-from ins.units import DEG, HOUR, KNOT, NAUTICAL_MILE
+from ins.units import DEG, KNOT, NAUTICAL_MILE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 COLOURS = {"previous": OLD, "active": NEW}
 LINES = {"previous": "--", "active": "-"}
 RAW = "raw gyro output"
+SHORT_NM = 0.1  # a drift of less is drawn in metres
+LEAST_M = 0.01  # half the width of a drawing of less: no axis in 1e-5 m
 BANNERS = {"replayed": "good", "refused": "none", "inconsistent": "bad"}
 FIGURES = ("radial", "velocity", "wander", "attitude", "gnss", "reference")
 
@@ -85,23 +87,31 @@ def _style(t: TableReplay) -> dict[str, Any]:
 def _radial(flown: list[TableReplay]) -> Markup:
     """Radial error while parked, with the predicted sigma of each table and the drift classes where they come near."""
     figure, axes = new_figure(height=3.4)
-    ax, top = axes[0, 0], 0.0
+    parked = [t.parked for t in flown if t.parked is not None]
+    predicted = [t.predicted for t in flown if t.predicted is not None]
+    top = max(float(p.radial_m.max()) for p in parked)
+    top = max([top, *(float(p.sigma_radial_m.max()) for p in predicted)])
+    unit, name = _unit_of(top)
+    ax = axes[0, 0]
     for t in flown:
         if t.parked is None:
             continue
-        hours, radial = thinned(t.parked.time_s / HOUR, t.parked.radial_m / NAUTICAL_MILE)
-        ax.plot(60 * hours, radial, **_style(t))
-        top = max(top, float(radial.max()))
+        minutes, radial = thinned(t.parked.time_s / 60, t.parked.radial_m / unit)
+        ax.plot(minutes, radial, **_style(t))
         if t.predicted is not None:
-            minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / NAUTICAL_MILE)
+            minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / unit)
             ax.plot(minutes, sigma, color=COLOURS[t.choice.role], linestyle=":", linewidth=1.2,
                     label=f"predicted 1 sigma, {_label(t)}")  # fmt: skip
-            top = max(top, float(sigma.max()))
-    _draw_classes(ax, top)
-    ax.set_ylim(0.0, 1.08 * top)
-    axis_text(ax, title="Radial position error while parked", x="time since navigation began [min]", y="error [NM]")
+    _draw_classes(ax, top / NAUTICAL_MILE)
+    ax.set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
+    axis_text(ax, title="Radial position error while parked", x="time since navigation began [min]", y=f"error [{name}]")
     ax.legend(loc="upper left")
     return svg_text(figure, "Radial position error while parked over time, by table")
+
+
+def _unit_of(top_m: float) -> tuple[float, str]:
+    """Unit [m] of a drawing of drifts up to `top_m`, and its name."""
+    return (NAUTICAL_MILE, "NM") if top_m > SHORT_NM * NAUTICAL_MILE else (1.0, "m")
 
 
 def _draw_classes(ax: "Axes", top: float) -> None:
@@ -149,7 +159,7 @@ def _wander(flown: list[TableReplay]) -> Markup:
 def _square(ax: "Axes") -> None:
     """Equal scales, and a field that is not a sliver."""
     (x0, x1), (y0, y1) = ax.get_xlim(), ax.get_ylim()
-    half = 0.5 * max(x1 - x0, y1 - y0)
+    half = max(0.5 * max(x1 - x0, y1 - y0), LEAST_M)
     ax.set_xlim(0.5 * (x0 + x1) - half, 0.5 * (x0 + x1) + half)
     ax.set_ylim(0.5 * (y0 + y1) - half, 0.5 * (y0 + y1) + half)
     ax.set_aspect("equal")
@@ -174,18 +184,18 @@ def _attitude(flown: list[TableReplay]) -> Markup:
 def _against(flown: list[TableReplay], name: str) -> Markup:
     """Radial and speed error against an outside track after the parked span."""
     figure, axes = new_figure(1, 2, height=3.0)
-    what, top = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name], 0.0
-    for t in flown:
-        drift = getattr(t, name)
-        if drift is not None:
-            minutes, radial, speed = thinned(drift.time_s / 60, drift.radial_m / NAUTICAL_MILE, drift.speed_m_s / KNOT)
-            axes[0, 0].plot(minutes, radial, **_style(t))
-            axes[0, 1].plot(minutes, speed, **_style(t))
-            top = max(top, float(radial.max()))
-    _draw_classes(axes[0, 0], top)
-    axes[0, 0].set_ylim(0.0, 1.08 * top)
+    what = {"gnss": "GNSS", "reference": "the reference (scoring only)"}[name]
+    drifts = [(t, d) for t in flown if (d := getattr(t, name)) is not None]
+    top = max(float(d.radial_m.max()) for _, d in drifts)
+    unit, short = _unit_of(top)
+    for t, drift in drifts:
+        minutes, radial, speed = thinned(drift.time_s / 60, drift.radial_m / unit, drift.speed_m_s / KNOT)
+        axes[0, 0].plot(minutes, radial, **_style(t))
+        axes[0, 1].plot(minutes, speed, **_style(t))
+    _draw_classes(axes[0, 0], top / NAUTICAL_MILE)
+    axes[0, 0].set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
     axes[0, 1].set_ylim(bottom=0.0)
-    axis_text(axes[0, 0], title=f"Radial error against {what}", x="time since navigation began [min]", y="error [NM]")
+    axis_text(axes[0, 0], title=f"Radial error against {what}", x="time since navigation began [min]", y=f"error [{short}]")
     axis_text(axes[0, 1], title="Velocity error, horizontal", x="time since navigation began [min]", y="error [kt]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, f"Radial and velocity error against {what} after the parked span, by table")

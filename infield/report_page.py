@@ -35,6 +35,13 @@ def decimals_for(sigmas: list[float | None]) -> int:
     return min(max(1 - math.floor(math.log10(min(found))), 0), 6) if found else 4
 
 
+def significant(value: float | None, digits: int = 3) -> str:
+    """A number with so many significant digits, never with an exponent: a small sigma is not zero."""
+    if not isinstance(value, int | float) or not math.isfinite(value) or value == 0.0:
+        return number(value, digits - 1)
+    return number(value, min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), 12))
+
+
 def duration(seconds: float | None) -> str:
     """Seconds in words that people read: `82.8 min`, `45 s`."""
     if not isinstance(seconds, int | float) or not math.isfinite(seconds):
@@ -62,5 +69,5 @@ def _environment() -> Environment:
         loader=PackageLoader("infield", "templates"), autoescape=True, undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
-    found.filters.update({f.__name__: f for f in (number, duration, heading, short_hash)})
+    found.filters.update({f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)})
     return found

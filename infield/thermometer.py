@@ -5,6 +5,7 @@ without a trustworthy reading leaves its bins out, a coarse or noisy thermometer
 (`temperature_covariance`, times the slope of the table there), and a run without any gyro temperature is refused.
 """
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -122,15 +123,14 @@ def too_short(log: TemperatureLog | None) -> str:
     rows, span = log.time_s.size, float(log.time_s[-1] - log.time_s[0])
     if rows >= FEWEST_ROWS and span >= SHORTEST_S:
         return ""
+    seen = math.floor(10.0 * span) / 10.0  # 59.97 is not 60
     return (
-        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {span:.0f} s, needed at least {FEWEST_ROWS} rows "
+        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {seen:g} s, needed at least {FEWEST_ROWS} rows "
         f"over {SHORTEST_S:.0f} s"
     )
 
 
-def gyro_temperature(
-    log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC
-) -> GyroTemperature:
+def gyro_temperature(log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC) -> GyroTemperature:
     """Check the thermometers and smooth what can be trusted; one row is held for ever."""
     checked = check_thermometers(log.time_s, _columns(log), plausible_degC=plausible_degC)
     nodes = nodes_of(log.time_s)

@@ -156,7 +156,9 @@ def _rate_size(means: QuietMeans, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.w_rad_s)), W_TOLERANCE_DEG_H[technology]
     if abs(size - EARTH_RATE_RAD_S) <= tolerance * DEG_PER_HOUR:
         return ""
-    return f"{_rate_seen(size)}, needed within {tolerance:g} of it ({technology}): turning, a large bias, or a unit?"
+    read, factor = ("deg/s read as rad/s", DEG) if size > EARTH_RATE_RAD_S else ("rad/s read as deg/s", 1 / DEG)
+    unit = f"a unit ({read}: it would be {size * factor / DEG_PER_HOUR:.3g} deg/h)"
+    return f"{_rate_seen(size)}, needed within {tolerance:g} of it ({technology}): turning, a large bias, or {unit}?"
 
 
 def _rate_seen(size_rad_s: float) -> str:

@@ -200,6 +200,6 @@ def _aided_lines(aided: dict[str, Any] | None) -> list[str]:
         f"    from {start['time_s']:.1f} s by {start['method']}; {fixes['used_position']} fixes used, "
         f"{fixes['rejected_position']} positions and {fixes['rejected_velocity']} velocities rejected",
         f"    NIS position {nis['position']['nis_mean']:.2f}, velocity {nis['velocity']['nis_mean']:.2f}; at the end 1 sigma "
-        f"{level:.2f} m level, roll {end['sigma_roll_deg']:.3f}, pitch {end['sigma_pitch_deg']:.3f}, "
-        f"heading {end['sigma_heading_deg']:.3f} deg",
+        f"{level:.3g} m level, roll {end['sigma_roll_deg']:.3g}, pitch {end['sigma_pitch_deg']:.3g}, "
+        f"heading {end['sigma_heading_deg']:.3g} deg",
     ]

@@ -35,6 +35,7 @@ def test_level_of_a_mems_unit_whose_gyros_drift_by_hundreds_of_deg_h(roll_deg, p
     assert result.verdict == "level_only"
     assert "heading cannot be found at rest" in result.reasons[0]
     assert "level from the accelerometers alone" in result.reasons[1]
+    assert "deg/s read as rad/s: 1" in result.reasons[2] and "or it is all bias" in result.reasons[2]
     assert result.roll_rad / DEG == pytest.approx(roll_deg, abs=1e-9)
     assert result.pitch_rad / DEG == pytest.approx(pitch_deg, abs=1e-9)
     assert np.isnan(result.heading_rad) and np.isnan(result.sigma_heading_rad)

@@ -338,3 +338,16 @@ def test_page_shows_both_tables_and_is_the_same_twice():
     assert "http" not in page.replace("http://www.w3.org", "")
     rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in document["tables"]]
     assert all(rate in page for rate in rates)
+    assert "Aligned heading" in page and "error [NM]" in page
+
+
+def test_a_small_drift_is_drawn_in_metres():
+    """Without a table, so without a prediction; a true bias stands in for the table's error."""
+    run = parked(1200.0).run
+    bias = np.array([0.001, 0.0, 0.0]) * DEG_PER_HOUR
+    raw = [TableChoice(role="active", table=None, origin="none")]
+    run = replace(run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None]))
+    result = replay(run, raw, TwinModel())
+    page = replay_html(replay_document(result, TwinModel(), store=None, version="1"), result)
+    assert 0.1 < result.tables[0].parked.radial_m.max() < 50.0
+    assert "error [m]" in page and "error [NM]" not in page

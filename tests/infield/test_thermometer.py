@@ -106,4 +106,7 @@ def test_a_wrong_scale_leaves_the_axis_out(scale, word):
 def test_one_row_is_held():
     found = gyro_temperature(log_of(np.array([[20.0, 21.0, 22.0]]), np.array([5.0])))
     assert found.at(np.array([0.0, 100.0])) == pytest.approx(np.tile([20.0, 21.0, 22.0], (2, 1)))
+    assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in too_short(
+        log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12))
+    )
     assert "1 row over 0 s, needed at least 10 rows over 60 s" in too_short(log_of(np.ones((1, 3)), np.array([5.0])))
