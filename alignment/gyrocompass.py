@@ -153,12 +153,15 @@ def align(
         "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit"
     )
     turns = levelling.turns(means)
-    no_use = level_sigma > LEVEL_SHARE * earth_level
-    if no_use and twin.gyro_technology == "mems":  # its solution drifts too fast for rest to be seen in it
-        found = levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
-        return replace(found, reasons=(*found.reasons, f"{turns}, or it is all bias")) if turns else found
-    if turns:
+    if turns and twin.gyro_technology != "mems":
         return _refused(turns)
+    if level_sigma > LEVEL_SHARE * earth_level:  # the solution drifts too fast for rest to be seen in it
+        reasons = [f"{turns}, or it is all bias"] if turns else []
+        if bias_sigma_deg_h is None and twin.gyro_technology != "mems":
+            twin, like = levelling.like_mems(twin, float(sigma[0]), UNKNOWN_BIAS_DEG_H[twin.gyro_technology])
+            reasons.append(like)
+        found = levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
+        return replace(found, reasons=(*found.reasons, *reasons))
     for scale in NOISE_SCALES:
         try:
             solution = solve(
@@ -181,8 +184,6 @@ def align(
             result,
             reasons=(f"the unit is noisier than its noise model ({twin.source}): taken {scale:g} times as large",),
         )
-    if no_use:
-        return replace(result, verdict="level_only", reasons=(*result.reasons, no_heading))
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 
 

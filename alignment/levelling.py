@@ -4,6 +4,8 @@ A gyro error e bends the computed velocity by g e t^2 / 2: at 20 deg/h 1.7 m/s a
 a taxi and then a flight to whoever looks for rest in it; gyros that find no heading need no such solution.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from alignment.coarse import RestMeans
@@ -11,6 +13,7 @@ from alignment.result import Alignment
 from alignment.stillness import PIVOT_RAD_S
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import ImuSource, Phase, Site, TwinModel
+from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 
 LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
@@ -24,6 +27,13 @@ def turns(means: RestMeans) -> str:
     told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
     unit = f"the unit of the gyros is wrong (deg/s read as rad/s: {rate * DEG / DEG_PER_HOUR:.3g} deg/h in truth)"
     return f"the gyros read {told}: the vehicle turns, or {unit}"
+
+
+def like_mems(twin: TwinModel, gyro_deg_h: float, usual_deg_h: float) -> tuple[TwinModel, str]:
+    """The twin with the accelerometers of a MEMS unit, where gyros that far off belie their technology, and why."""
+    told = f"the gyros are {gyro_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for {twin.gyro_technology}"
+    why = f"{told}: another technology or a fault; the level is taken to be as good as that of a mems unit"
+    return replace(twin, accel=default_twin("mems").accel), why
 
 
 def level(

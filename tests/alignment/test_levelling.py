@@ -73,6 +73,19 @@ def test_a_mems_bias_of_any_size_gets_one_and_the_same_answer(axes, seed):
         assert abs(result.pitch_rad + 2.0 * DEG) < 4 * result.sigma_pitch_rad
 
 
+@pytest.mark.parametrize("technology", ["rlg", "fog"])
+@pytest.mark.parametrize("bias_deg_h", [12.0, 35.0, 110.0])
+def test_a_biased_unit_of_any_technology_is_neither_taxied_nor_flown(technology, bias_deg_h):
+    twin = default_twin(technology)
+    log = parked(roll_deg=1.0, seconds=600.0, bias_deg_h=np.array([bias_deg_h, 0.0, 0.0]))
+    result = align(log, SITE, twin)
+    assert result.verdict == "level_only" and [p.phase for p in result.phases] == ["alignment"]
+    assert f"is usual for {technology}" in result.reasons[-1]
+    assert result.sigma_roll_rad > 2e-3 and result.roll_rad / DEG == pytest.approx(1.0, abs=1e-9)
+    known = align(log, SITE, twin, bias_sigma_deg_h=np.full(3, bias_deg_h))
+    assert known.verdict == "level_only" and len(known.reasons) == 2 and known.sigma_roll_rad < 1e-3
+
+
 def _noisy(log: ImuLog, seed: int) -> ImuLog:
     rng = np.random.default_rng(seed)
     arw, vrw = MEMS.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR, MEMS.accel.vrw_ug_sqrt_hz * MICRO_G
