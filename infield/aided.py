@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.gyrocompass import MAX_REJECTED, UNKNOWN_BIAS_DEG_H, nis_verdict
-from infield.aided_antenna import SeenAntenna, antenna_sigmas, fit_model
+from infield.aided_antenna import SeenAntenna, fit_model
+from infield.aided_checks import mounting_note, site_note, without_repeats
 from infield.aided_noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.aided_start import FoundStart, moving_start, parked_start
+from infield.aided_words import antenna_words, scaled_words, unbelieved
 from infield.stands import Where, find_stands, joined
 from ins.aided_filter import KINDS, AidedHistory, AidedNavigator, AidedNoise, Antenna, Fixes, fixes_of
 from ins.records import ImuLog, ImuSource, Run, TwinModel
@@ -114,6 +116,7 @@ def navigate_aided(
         run.gnss, horizontal_m=twin.gnss.sigma_horizontal_m, vertical_m=twin.gnss.sigma_vertical_m,
         velocity_m_s=twin.gnss.sigma_velocity_m_s,
     )  # fmt: skip
+    fixes, repeats = without_repeats(fixes)
     inside = (fixes.time_s > imu.start_s) & (fixes.time_s <= imu.end_s) & np.isfinite(fixes.r_e_m[:, 0])
     if inside.sum() < FEWEST_FIXES:
         reason = f"{int(inside.sum())} satellite fixes within the imu log, needed {FEWEST_FIXES}"
@@ -130,16 +133,17 @@ def navigate_aided(
             return moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
         return parked_start(imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
 
-    position_m = twin.gnss.sigma_horizontal_m, twin.gnss.sigma_vertical_m
-    flights = _Flights(imu, fixes, aided_noise(twin), position_m, stands, header.gyro_technology, begin)
-    fitted = fit_model(flights, antenna, position_m[0])
+    declared_m = twin.gnss.sigma_horizontal_m, twin.gnss.sigma_vertical_m, twin.gnss.sigma_velocity_m_s
+    flights = _Flights(imu, fixes, aided_noise(twin), declared_m, stands, header.gyro_technology, begin)
+    fitted = fit_model(flights, antenna, declared_m[0])
     if fitted is None:
         reason = str(flights.start(antenna))
         return AidedResult(verdict="refused", reasons=(reason,), role=role, fixes=fixes, stands=stands)
     history, scales = fitted.history, fitted.model.scales
-    reasons, found = judged(history), flights.start(fitted.model.antenna)
+    reasons, found = judged(history) + unbelieved(scales, header.gyro_technology), flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
-    notes = _antenna_words(fitted.antenna, antenna) + ((_scaled_words(scales, twin),) if scales.fitted else ())
+    notes = repeats + site_note(fixes, stands, header.site, imu.start_s) + mounting_note(history)
+    notes += antenna_words(fitted.antenna, antenna) + ((scaled_words(scales, twin),) if scales.fitted else ())
     return AidedResult(
         verdict="inconsistent" if reasons else "aided", reasons=reasons, role=role, found=found, history=history, fixes=fixes,
         notes=notes, scales=scales, antenna=fitted.antenna, stands=stands, outages=find_outages(history),
@@ -155,7 +159,7 @@ class _Flights:
     imu: ImuSource
     fixes: Fixes
     noise: AidedNoise
-    position_m: tuple[float, float]
+    declared_m: tuple[float, float, float]
     stands: tuple[Where, ...]
     technology: str
     begin: Callable[[Fixes, NDArray], FoundStart | str]
@@ -163,26 +167,26 @@ class _Flights:
     held: list[ImuLog] = field(default_factory=list)
 
     def start(self, antenna: Antenna) -> FoundStart | str:
-        key = antenna.delay_s, *antenna.lever_arm_m
+        key = antenna.velocity_delay_s, *antenna.lever_arm_m
         if key not in self.starts:
-            self.starts[key] = self.begin(self.fixes.earlier(antenna.delay_s), antenna.lever_arm_m)
+            self.starts[key] = self.begin(self.fixes.earlier(antenna.velocity_delay_s), antenna.lever_arm_m)
         return self.starts[key]
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
         found = self.start(model.antenna)
         if isinstance(found, str):
             return None
-        start_s, base_s = found.start.state.time_s, model.antenna.delay_s
+        start_s, base_s = found.start.state.time_s, min(model.antenna.delay_s, model.antenna.velocity_delay_s)
         fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
         navigator = AidedNavigator(
-            found.start, model.scales.of(self.noise, *self.position_m), fixes, stands=self.stands,
-            antenna=replace(model.antenna, delay_s=0.0), stand_sigma_m_s=STAND_SIGMA_M_S,
+            found.start, model.scales.of(self.noise, *self.declared_m), fixes, stands=self.stands,
+            antenna=model.antenna.later(-base_s), stand_sigma_m_s=STAND_SIGMA_M_S,
             stand_rate_rad_s=STAND_RATE_RAD_S[self.technology], reset_s=RESET_S[self.technology],
         )  # fmt: skip
         for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)
         history = navigator.finish()
-        return replace(history, antenna=replace(history.antenna, delay_s=base_s + history.antenna.delay_s))
+        return replace(history, antenna=history.antenna.later(base_s))
 
     def _pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
         """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in memory if it is not long."""
@@ -195,44 +199,6 @@ class _Flights:
         if not self.held:
             self.held.append(self.imu.between(self.imu.start_s, end_s))
         return self.held[0].pieces(first_s, end_s)
-
-
-def _antenna_words(seen: SeenAntenna, declared: Antenna) -> tuple[str, ...]:
-    """What was taken of the antenna, against what was declared."""
-    now, sigma, words = seen.antenna, antenna_sigmas(seen.antenna), []
-    if seen.freed.arm:
-        arm = ", ".join(f"{v:.2f} +- {s:.2f}" for v, s in zip(now.lever_arm_m, sigma))
-        given = ", ".join(f"{v:g}" for v in declared.lever_arm_m)
-        words.append(
-            f"the fixes are not of an antenna at the lever arm ({given}) m of run.json: taken ({arm}) m, which the fixes show "
-            f"({seen.gain_nats:.0f} nats); its sigma is in the solution's"
-        )
-    if seen.freed.delay:
-        age = "older" if now.delay_s > 0 else "younger"
-        words.append(
-            f"fixes are {1e3 * abs(now.delay_s):.0f} +- {max(1e3 * sigma[3], 1.0):.0f} ms {age} than their time: taken so "
-            f"({seen.gain_nats:.0f} nats)"
-        )
-    return tuple(words)
-
-
-def _scaled_words(scales: NoiseScales, twin: TwinModel) -> str:
-    parts = [
-        f"{what} {_factor(value)} times" for what, value in (
-            ("white noise of the sensors", scales.white), ("walks of their biases", scales.walk),
-            ("satellite position", scales.position), ("satellite velocity", scales.velocity),
-        ) if _factor(value) != "1"
-    ]  # fmt: skip
-    told = "taken " + ", ".join(parts) + " as large" if parts else "noise as declared"
-    if scales.slow:
-        level, down = scales.slow * twin.gnss.sigma_horizontal_m, scales.slow * twin.gnss.sigma_vertical_m
-        told += f", and a slow error of the positions of {level:.2g} m level, {down:.2g} m down over {scales.slow_s:.0f} s"
-    most = " (the largest that is tried)" if scales.capped else ""
-    return f"the innovations exceed the noise model ({twin.source}): {told}{most}; NIS is no test then"
-
-
-def _factor(value: float) -> str:
-    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
 
 
 def nis_of(history: AidedHistory, kind: int) -> tuple[float, int]:

@@ -1,6 +1,6 @@
 """Whether the fixes of a log are of the antenna that its run.json names: its lever arm, and how late their times are.
 
-Four flights are compared by the likelihood of their innovations: antenna as declared; delay free; lever arm free; both free.
+Four flights are compared by the likelihood of their innovations: antenna as declared; delays free; lever arm free; both free.
 What is free is a state of the filter with a wide prior, so a free flight pays for its freedom, and under the declared antenna a
 gain of g nats has a probability below exp(-g) (Markov's inequality on the likelihood ratio). A lever arm is taken only where it
 is also off by more than the slow errors of a receiver can make it, ARM_FLOOR of a fix's sigma. What is taken enters the last
@@ -24,10 +24,11 @@ PASSES = 4  # of a free flight, each begun where the last one ended
 SETTLED_S, SETTLED_M = 0.003, 0.1
 LEAST_DELAY_S = 0.01
 ARM_FLOOR, LEAST_ARM_M = 0.3, 0.03  # of the sigma of a position; of structures that bend
+FILTERED_M_S = 1.5  # where velocities are older than positions, a filter made them so, and a filter is no pure delay
 DELAY_FLOOR_S = 0.005  # of stamps that jitter
 ARM_PROBABILITY = 1e-4
 WIDE = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)  # in which no large bias hides the antenna
-ARM, DELAY = slice(0, 3), 3
+ARM, DELAYS = slice(0, 3), slice(3, 5)
 
 
 class Freed(NamedTuple):
@@ -125,7 +126,8 @@ def _settled(fly: Fly, base: Model, freed: Freed, *, refit: bool = False) -> Flo
             return None
         end = at.history.antenna
         off_m = float(np.abs(end.lever_arm_m - start.lever_arm_m).max())
-        if abs(end.delay_s - start.delay_s) < SETTLED_S and off_m < SETTLED_M:
+        off_s = max(abs(end.delay_s - start.delay_s), abs(end.velocity_delay_s - start.velocity_delay_s))
+        if off_s < SETTLED_S and off_m < SETTLED_M:
             break
         start = _free(base.antenna, end, freed)
         at = flown(replace(base, antenna=start), fly)
@@ -134,21 +136,26 @@ def _settled(fly: Fly, base: Model, freed: Freed, *, refit: bool = False) -> Flo
 
 def _free(declared: Antenna, at: Antenna, freed: Freed) -> Antenna:
     """The filter's prior: wide about where it begins, for what is free."""
-    sigma = np.array([PRIOR_ARM_M * freed.arm] * 3 + [PRIOR_DELAY_S * freed.delay])
+    sigma = np.array([PRIOR_ARM_M * freed.arm] * 3 + [PRIOR_DELAY_S * freed.delay] * 2)
+    late = at if freed.delay else declared
     return Antenna(
         lever_arm_m=at.lever_arm_m if freed.arm else declared.lever_arm_m,
-        delay_s=at.delay_s if freed.delay else declared.delay_s, covariance=np.diag(sigma**2), estimated=True,
+        delay_s=late.delay_s, velocity_delay_s=late.velocity_delay_s, covariance=np.diag(sigma**2), estimated=True,
     )  # fmt: skip
 
 
 def _floor_m(flight: Flown, sigma_position_m: float) -> float:
-    return max(ARM_FLOOR * sigma_position_m * flight.model.scales.position, LEAST_ARM_M)
+    """What a receiver's slow errors, and the filter of its velocities, can make of a lever arm [m]."""
+    end = flight.history.antenna
+    filtered = FILTERED_M_S * abs(end.velocity_delay_s - end.delay_s)
+    return float(np.hypot(max(ARM_FLOOR * sigma_position_m * flight.model.scales.position, LEAST_ARM_M), filtered))
 
 
 def _material(flight: Flown, declared: Antenna, freed: Freed, sigma_position_m: float) -> bool:
     """Whether what was freed is off what was declared by more than its sigma and what does not matter."""
     end = flight.history.antenna
-    if freed.delay and abs(end.delay_s - declared.delay_s) < LEAST_DELAY_S:
+    late_s = max(abs(end.delay_s - declared.delay_s), abs(end.velocity_delay_s - declared.velocity_delay_s))
+    if freed.delay and late_s < LEAST_DELAY_S:
         return False
     if not freed.arm:
         return True
@@ -164,10 +171,10 @@ def _floored(flight: Flown, sigma_position_m: float, freed: Freed) -> Antenna:
     if freed.arm:
         P[ARM, ARM] += _floor_m(flight, sigma_position_m) ** 2 * np.eye(3)
     if freed.delay:
-        P[DELAY, DELAY] += DELAY_FLOOR_S**2
+        P[DELAYS, DELAYS] += DELAY_FLOOR_S**2 * np.eye(2)
     return replace(end, covariance=P, estimated=False)
 
 
 def antenna_sigmas(antenna: Antenna) -> NDArray:
-    """Sigmas (4,) of the lever arm [m] and the delay [s]."""
+    """Sigmas (5,) of the lever arm [m] and the delays of positions and velocities [s]."""
     return np.sqrt(np.diag(antenna.covariance))

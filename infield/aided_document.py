@@ -103,6 +103,7 @@ def _noise(result: AidedResult) -> dict[str, Any]:
     return {
         "fitted": s.fitted, "white_factor": s.white, "walk_factor": s.walk, "position_factor": s.position,
         "velocity_factor": s.velocity, "slow_factor": s.slow, "slow_s": s.slow_s if s.slow else None,
+        "slow_velocity_factor": s.slow_velocity, "slow_velocity_s": s.slow_velocity_s if s.slow_velocity else None,
         "at_largest": list(s.capped),
         "declared_nis": {"position": result.declared_nis[0], "velocity": result.declared_nis[1]},
     }  # fmt: skip
@@ -121,7 +122,7 @@ def _arm(antenna: Antenna) -> dict[str, Any]:
     sigma = [float(v) for v in antenna_sigmas(antenna)]
     return {
         "lever_arm_m": [float(v) for v in antenna.lever_arm_m], "sigma_lever_arm_m": sigma[:3], "delay_s": antenna.delay_s,
-        "sigma_delay_s": sigma[3],
+        "sigma_delay_s": sigma[3], "velocity_delay_s": antenna.velocity_delay_s, "sigma_velocity_delay_s": sigma[4],
     }  # fmt: skip
 
 

@@ -20,16 +20,19 @@ from ins.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, AidedNoise
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
 GAIN_NATS = 5.0  # of likelihood that a change must bring
 STEPS = (4.0, 2.0)
-LARGEST = {"white": 1024.0, "walk": 1024.0, "slow": 64.0, "slow_s": 800.0}
-LEAST = {"white": 1.0, "walk": 1.0, "slow": 0.5, "slow_s": 200.0}
-SLOW = ("slow", "slow_s")
+LARGEST = {"white": 1024.0, "walk": 1024.0, "slow": 64.0, "slow_s": 800.0, "slow_velocity": 64.0, "slow_velocity_s": 48.0}
+LEAST = {"white": 1.0, "walk": 1.0, "slow": 0.5, "slow_s": 100.0, "slow_velocity": 0.5, "slow_velocity_s": 0.75}
+OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
+SLOW = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
+BELIEVED = {"mems": 1024.0, "fog": 32.0, "rlg": 32.0}  # factors on sensors from which on no noise explains a log
 GNSS_PASSES = 3
 MAX_OUTLIERS = 0.1  # share of rejected fixes up to which they are the receiver's outliers
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseScales:
-    """Factors on declared sigmas; slow: on those of a position, for its slow error of time constant slow_s [s]."""
+    """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for slow errors of time constants
+    slow_s, slow_velocity_s [s]."""
 
     white: float = 1.0
     walk: float = 1.0
@@ -37,32 +40,36 @@ class NoiseScales:
     velocity: float = 1.0
     slow: float = 0.0
     slow_s: float = 200.0
+    slow_velocity: float = 0.0
+    slow_velocity_s: float = 3.0
 
     @property
     def fitted(self) -> bool:
-        return (self.white, self.walk, self.position, self.velocity, self.slow) != (1.0, 1.0, 1.0, 1.0, 0.0)
+        factors = self.white, self.walk, self.position, self.velocity, self.slow, self.slow_velocity
+        return factors != (1.0, 1.0, 1.0, 1.0, 0.0, 0.0)
 
     @property
     def capped(self) -> tuple[str, ...]:
         """Names of the factors that stand at the largest that is tried."""
-        return tuple(name for name, most in LARGEST.items() if name != "slow_s" and getattr(self, name) >= most)
+        return tuple(name for name, most in LARGEST.items() if name not in OF_WHAT and getattr(self, name) >= most)
 
-    def of(self, noise: AidedNoise, level_m: float, down_m: float) -> AidedNoise:
-        """The noise under these factors; level_m, down_m: declared sigmas of a position."""
+    def of(self, noise: AidedNoise, level_m: float, down_m: float, velocity_m_s: float) -> AidedNoise:
+        """The noise under these factors, from the declared sigmas of a position and a velocity."""
         return AidedNoise(
             arw=self.white * noise.arw, vrw=self.white * noise.vrw, gyro_walk=self.walk * noise.gyro_walk,
             accel_walk=self.walk * noise.accel_walk, slow_level_m=self.slow * level_m,
             slow_down_m=self.slow * down_m, slow_s=self.slow_s,
+            slow_velocity_m_s=self.slow_velocity * velocity_m_s, slow_velocity_s=self.slow_velocity_s,
         )  # fmt: skip
 
     def other(self, name: str, step: float) -> "NoiseScales":
         """One factor times a step, within its bounds; the slow error comes at its declared sigma and goes below LEAST."""
         value = step * getattr(self, name)
-        if name == "slow" and value < LEAST[name]:
-            value = float(self.slow == 0.0 and step > 1.0)
+        if name in OF_WHAT.values() and value < LEAST[name]:
+            value = float(getattr(self, name) == 0.0 and step > 1.0)
         else:
             value = float(np.clip(value, LEAST[name], LARGEST[name]))
-        return self if name == "slow_s" and self.slow == 0.0 else replace(self, **{name: value})
+        return self if getattr(self, OF_WHAT.get(name, name)) == 0.0 and name in OF_WHAT else replace(self, **{name: value})
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,8 @@ REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three 
 class AidedNoise:
     """Densities, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)], walks of the biases [rad/s/sqrt(s)], [m/s^2/sqrt(s)].
 
-    slow_level_m, slow_down_m: sigmas of the receiver's slow error, beside the fixes' own; slow_s: its time constant.
+    slow_level_m, slow_down_m, slow_velocity_m_s: sigmas of the receiver's slow errors, beside the fixes' own; slow_s,
+    slow_velocity_s: their time constants.
     """
 
     arw: float
@@ -36,6 +37,8 @@ class AidedNoise:
     slow_level_m: float = 0.0
     slow_down_m: float = 0.0
     slow_s: float = 200.0
+    slow_velocity_m_s: float = 0.0
+    slow_velocity_s: float = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,13 +54,19 @@ class AidedStart:
 
 @dataclass(frozen=True, kw_only=True)
 class Antenna:
-    """What the fixes are of: lever arm (3,) from the IMU [m], delay [s] by which they are older than their time, and the
-    covariance (4, 4) of both errors. estimated: by the filter; else considered: as they are, with what that costs."""
+    """What the fixes are of: lever arm (3,) from the IMU [m], delays [s] by which positions and velocities are older than their
+    time, and the covariance (5, 5) of these errors. estimated: by the filter; else considered: as they are, with what that
+    costs."""
 
     lever_arm_m: NDArray
     delay_s: float = 0.0
-    covariance: NDArray = field(default_factory=lambda: np.zeros((4, 4)))
+    velocity_delay_s: float = 0.0
+    covariance: NDArray = field(default_factory=lambda: np.zeros((5, 5)))
     estimated: bool = False
+
+    def later(self, seconds: float) -> "Antenna":
+        """Both delays longer by so much."""
+        return replace(self, delay_s=self.delay_s + seconds, velocity_delay_s=self.velocity_delay_s + seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -159,16 +168,21 @@ class AidedNavigator:
         P = np.zeros((kernel.N, kernel.N))
         P[: kernel.MOTION, : kernel.MOTION] = _covariance(start.covariance, kernel.MOTION, "AidedStart.covariance")
         slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
-        P[kernel.B_ : kernel.L_, kernel.B_ : kernel.L_] = np.diag(slow_m**2)
-        P[kernel.L_ :, kernel.L_ :] = _covariance(antenna.covariance, 4, "Antenna.covariance")
+        P[kernel.B_ : kernel.W_, kernel.B_ : kernel.W_] = np.diag(slow_m**2)
+        P[kernel.W_ : kernel.L_, kernel.W_ : kernel.L_] = noise.slow_velocity_m_s**2 * np.eye(3)
+        P[kernel.L_ :, kernel.L_ :] = _covariance(antenna.covariance, 5, "Antenna.covariance")
         self._kernel, self._start, self._before = kernel, start.state, slice(BEFORE, U)
         self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(COLUMNS)
         self._state[:CORRECTION] = earth_frame_state(start.state)
         biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
-        self._bias = np.concatenate([*biases, np.zeros(3), antenna.lever_arm_m, [antenna.delay_s]]).astype(float)
+        delays = antenna.delay_s, antenna.velocity_delay_s
+        self._bias = np.concatenate([*biases, np.zeros(6), antenna.lever_arm_m, delays]).astype(float)
+        self._trail = np.zeros((kernel.TRAIL_ROWS, kernel.TRAIL))
         self._x, self._P, self._carry = np.zeros(kernel.N), P, np.zeros(kernel.CARRY)
         self._carry[kernel.V_BEFORE : kernel.V_BEFORE + 3] = start.state.v_n_m_s
-        self._noise = np.array([noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk, *slow_m[1:], noise.slow_s])
+        self._carry[kernel.STEPS] = 1.0  # the first row of the trail is the start
+        slow = *slow_m[1:], noise.slow_s, noise.slow_velocity_m_s, noise.slow_velocity_s
+        self._noise = np.array([noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk, *slow])
         self._settings = np.array([chi2.isf(REJECT_PROBABILITY, 3), stand_sigma_m_s, reset_s, stand_rate_rad_s,
                                    float(not antenna.estimated)])  # fmt: skip
         self._antenna, self._fixes = antenna, fixes
@@ -198,7 +212,7 @@ class AidedNavigator:
         P_rows = np.zeros((len(rows) if self._keep else 0, 15, 15))
         self._kernel.run(
             dt, dtheta, dv, ends, fix_of, late_s, stands, emits, self._state, self._opened, self._carry, self._bias, self._x,
-            self._P, self._noise, self._settings, self._fix_rows, self._fix_out, rows, P_rows,
+            self._P, self._noise, self._settings, self._trail, self._fix_rows, self._fix_out, rows, P_rows,
         )  # fmt: skip
         self._rows.append(rows)
         self._P_rows.append(P_rows)
@@ -236,7 +250,7 @@ class AidedNavigator:
             stand_nis=float(self._carry[k.STAND_NIS]), stand_dof=int(self._carry[k.STOOD]),
             antenna=replace(
                 self._antenna, lever_arm_m=self._bias[k.B_LEVER : k.B_DELAY].copy(), delay_s=float(self._bias[k.B_DELAY]),
-                covariance=self._P[k.L_ :, k.L_ :].copy(),
+                velocity_delay_s=float(self._bias[k.B_VELOCITY_DELAY]), covariance=self._P[k.L_ :, k.L_ :].copy(),
             ),
         )  # fmt: skip
 

@@ -1,7 +1,7 @@
 """The compiled loop of the satellite-aided filter: navigation, covariance and updates, no Python in between. Import lazily.
 
-Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is, three of the
-receiver and four of its antenna:
+Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is, six of the
+receiver and five of its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
     V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N, -p_E, 2 p_D) + C del
@@ -9,11 +9,13 @@ receiver and four of its antenna:
     G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a random walk
     A 12-14  the same of the accelerometers, del [m/s^2]
     B 15-17  slow error of the positions [m], north, east, down: a first-order Gauss-Markov process
-    L 18-20  lever arm, IMU to antenna [m], body axes; stands still
-    D 21     delay of the fixes, how much older than their time they are [s]; stands still
+    W 18-20  slow error of the velocities [m/s], the same with a time constant of its own
+    L 21-23  lever arm, IMU to antenna [m], body axes; stands still
+    D 24     delay of the positions, how much older than their time they are [s]; stands still
+    E 25     delay of the velocities
 
 theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section 14.2.2 (ECEF), with the
-signs of CONVENTIONS.md. The antenna's four may be estimated, or considered: they then widen what is estimated and are left
+signs of CONVENTIONS.md. The antenna's five may be estimated, or considered: they then widen what is estimated and are left
 as they are (Schmidt's filter; Jazwinski 1970, section 8.2). What an update finds is taken off the solution at once, so the
 errors' means are zero in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
 `ins.aided_filter` does that.
@@ -44,15 +46,18 @@ from ins.strapdown_kernel import (
 )
 from ins.strapdown_loop import integrate
 
-MOTION, N = 15, 22  # errors that move or drive what moves; all of them
-P_, V_, T_, G_, A_, B_, L_, D_ = 0, 3, 6, 9, 12, 15, 18, 21
+MOTION, N = 15, 26  # errors that move or drive what moves; all of them
+P_, V_, T_, G_, A_, B_, W_, L_, D_, E_ = 0, 3, 6, 9, 12, 15, 18, 21, 24, 25
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
-SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6  # of the noise: sigmas and time constant of the slow error
+SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6  # of the noise: sigmas and time constant of the slow error of positions
+SLOW_V, SLOW_V_S = 7, 8  # and of velocities
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4  # of the settings; CONSIDER: the antenna is, if above 0
-# what a step carries over the end of a piece: NIS and count of the standing updates so far; last, a smoothed acceleration
-DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, SMOOTH_A, CARRY = 0, 1, 4, 7, 8, 9, 10, 13
-SMOOTH_S = 0.2
-B_SLOW, B_LEVER, B_DELAY = 6, 9, 12  # of what is taken off: biases of gyros and accelerometers, slow error, lever arm, delay
+# what a step carries over the end of a piece: NIS and count of the standing updates so far; seconds and steps so far
+DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = 0, 1, 4, 7, 8, 9, 10, 11, 12
+# of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
+B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
+# the trail, one row a step: time, velocity, what velocity and position have gained since the start, angular rate (NED)
+TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL, TRAIL_ROWS = 0, 1, 4, 7, 10, 13, 256
 # of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of the NED attitude error
 O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 # of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each; log likelihood of each
@@ -114,8 +119,8 @@ def transition(row, dt, Phi):
 
 @jit
 def predict(P, Phi, dt, noise, M):
-    """P to Phi P Phi' + Q in place; M (22, 22) is room to work in. Phi is of the first fifteen; biases stand still, so its
-    rows 9-14 are unit, and so are those of the antenna; the slow error fades."""
+    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in. Phi is of the first fifteen; biases stand still, so its
+    rows 9-14 are unit, and so are those of the antenna; slow errors fade."""
     for i in range(N):
         for j in range(N):
             M[i, j] = P[i, j]
@@ -135,9 +140,9 @@ def predict(P, Phi, dt, noise, M):
                 total = M[i, j]
             P[i, j] = total
             P[j, i] = total
-    fades = exp(-dt / noise[SLOW_S])
     for i in range(B_, L_):
-        sigma = noise[SLOW_DOWN] if i == L_ - 1 else noise[SLOW_LEVEL]
+        fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
+        sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if i == W_ - 1 else noise[SLOW_LEVEL]
         for j in range(N):
             P[i, j] *= fades
         for j in range(N):
@@ -155,26 +160,27 @@ def predict(P, Phi, dt, noise, M):
 
 
 @jit
-def update(x, P, H, z, variance, K, consider):
-    """One after the other, scalar measurements z (m,) with rows H (m, 22), in place: NIS of all of them together, and
-    the log likelihood. variance (m,): independent errors. K (22,): room to work in. consider: leave the antenna as it is."""
+def update(x, P, H, z, variance, K, first):
+    """One after the other, scalar measurements z (m,) with rows H (m, 26), in place: NIS of all of them together, and
+    the log likelihood. variance (m,): independent errors. K (26,): room to work in. Errors from `first` on are considered
+    and left as they are."""
     nis, loglik = 0.0, 0.0
-    free = L_ if consider else N
     for m in range(z.size):
         s, y = variance[m], z[m]
+        K[:] = 0.0
+        for j in range(N):
+            if H[m, j] != 0.0:
+                for i in range(N):
+                    K[i] += P[j, i] * H[m, j]
         for i in range(N):
-            total = 0.0
-            for j in range(N):
-                total += P[i, j] * H[m, j]
-            K[i] = total
-            s += H[m, i] * total
+            s += H[m, i] * K[i]
             y -= H[m, i] * x[i]
         nis += y * y / s
         loglik -= 0.5 * (log(s) + y * y / s)
         for i in range(N):
-            if i < free:
+            if i < first:
                 x[i] += K[i] * y / s
-            for j in range(min(i + 1, free)):
+            for j in range(min(i + 1, first)):
                 P[i, j] -= K[i] * K[j] / s
                 P[j, i] = P[i, j]
     return nis, loglik
@@ -182,7 +188,7 @@ def update(x, P, H, z, variance, K, consider):
 
 @jit
 def correct(state, bias, x):
-    """Take the errors x (22,) off the solution and make them zero: Earth-frame position, velocity, attitude, `bias` (13,)."""
+    """Take the errors x (26,) off the solution and make them zero: Earth-frame position, velocity, attitude, `bias` (17,)."""
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
     turn = np.zeros(3)
@@ -198,7 +204,7 @@ def correct(state, bias, x):
     state[3] = a * r + b * q - c * p + d * w
     for i in range(6):
         bias[i] += x[G_ + i]
-    for i in range(7):
+    for i in range(N - B_):
         bias[B_SLOW + i] -= x[B_ + i]
     x[:] = 0.0
     state[COUNT] = state[LIMIT] = 0.0  # gravity is looked up anew from here
@@ -206,7 +212,8 @@ def correct(state, bias, x):
 
 @jit
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 22) of antenna position and velocity, NED; the arm and its swing (6,). The delay's column is the caller's."""
+    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,). Delays and what the lever
+    arm does to the velocity are the caller's."""
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
     spin = np.array([
@@ -216,7 +223,7 @@ def rows_of_fix(row, rate_b, lever_b, H):
     ])  # fmt: skip
     for i in range(3):
         H[i, P_ + i] = H[i, B_ + i] = 1.0
-        H[3 + i, V_ + i] = 1.0
+        H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
         for j in range(3):
             arm[i] += row[C_NB + 3 * i + j] * lever_b[j]
             swing[i] += row[C_NB + 3 * i + j] * spin[j]
@@ -225,9 +232,6 @@ def rows_of_fix(row, rate_b, lever_b, H):
         H[3 + i, G_ + 1] = -(cz * lever_b[0] - cx * lever_b[2])
         H[3 + i, G_ + 2] = -(cx * lever_b[1] - cy * lever_b[0])
         H[i, L_], H[i, L_ + 1], H[i, L_ + 2] = cx, cy, cz
-        H[3 + i, L_] = cy * rate_b[2] - cz * rate_b[1]  # C (rate x)
-        H[3 + i, L_ + 1] = cz * rate_b[0] - cx * rate_b[2]
-        H[3 + i, L_ + 2] = cx * rate_b[1] - cy * rate_b[0]
     put_skew(H, 0, T_, arm, -1.0)
     put_skew(H, 3, T_, swing, -1.0)
     return arm, swing
@@ -245,25 +249,70 @@ def restart(P, seen):
 
 
 @jit
-def take_fix(state, row, fix, late_s, carry, settings, x, P, bias, H, K, out):
+def leave_trail(trail, carry, row):
+    """Write the step that ends now: row (36,) is the strapdown output there."""
+    k, last = int(carry[STEPS]) % TRAIL_ROWS, int(carry[STEPS] - 1) % TRAIL_ROWS
+    carry[CLOCK] += carry[DT]
+    trail[k, TRAIL_T] = carry[CLOCK]
+    for i in range(3):
+        v, before = row[V_N + i], carry[V_BEFORE + i]
+        trail[last, TRAIL_V + i] = before  # as corrected where that step began
+        trail[k, TRAIL_V + i] = v
+        trail[k, TRAIL_DV + i] = trail[last, TRAIL_DV + i] + v - before
+        trail[k, TRAIL_DR + i] = trail[last, TRAIL_DR + i] + 0.5 * (v + before) * carry[DT]
+        trail[k, TRAIL_W + i] = 0.0
+        for j in range(3):
+            trail[k, TRAIL_W + i] += row[C_NB + 3 * i + j] * carry[RATE + j]
+    carry[STEPS] += 1.0
+
+
+@jit
+def past(trail, carry, time_s, out):
+    """What the solution moved since a time: out (12,) = velocity and position gained since, acceleration and angular rate there
+    (NED). From the trail, linear in velocity within a step; before the oldest row at that step's acceleration."""
+    now = int(carry[STEPS] - 1)
+    k = now
+    for _ in range(min(now, TRAIL_ROWS - 1)):
+        k -= 1
+        if trail[k % TRAIL_ROWS, TRAIL_T] <= time_s:
+            break
+    a, b, end = trail[k % TRAIL_ROWS], trail[(k + 1) % TRAIL_ROWS], trail[now % TRAIL_ROWS]
+    h, u = b[TRAIL_T] - a[TRAIL_T], time_s - a[TRAIL_T]
+    for i in range(3):
+        force = (b[TRAIL_DV + i] - a[TRAIL_DV + i]) / h
+        out[i] = end[TRAIL_DV + i] - a[TRAIL_DV + i] - force * u
+        out[3 + i] = end[TRAIL_DR + i] - a[TRAIL_DR + i] - (a[TRAIL_V + i] + 0.5 * force * u) * u
+        out[6 + i] = force
+        out[9 + i] = a[TRAIL_W + i] + (b[TRAIL_W + i] - a[TRAIL_W + i]) * u / h
+
+
+@jit
+def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, out):
     """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the solution's own time (< 0).
 
-    Back over late_s, within the step, at its own acceleration; back over the delay at a smoothed one.
+    Compared with the solution where it was then, less the delay: the trail leads back there.
     """
     arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
-    delay = bias[B_DELAY]
+    at_position, at_velocity, swings, swung = np.zeros(12), np.zeros(12), np.zeros(3), np.zeros(3)
+    back_s = bias[B_DELAY] - late_s
+    past(trail, carry, carry[CLOCK] - back_s, at_position)
+    past(trail, carry, carry[CLOCK] + late_s - bias[B_VELOCITY_DELAY], at_velocity)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        swings[i] = at_position[9 + j] * arm[k] - at_position[9 + k] * arm[j]
+        swung[i] = at_velocity[9 + j] * arm[k] - at_velocity[9 + k] * arm[j]
+        for m in range(3):  # the lever arm turned at that rate
+            H[3 + i, L_ + m] = at_velocity[9 + j] * row[C_NB + 3 * k + m] - at_velocity[9 + k] * row[C_NB + 3 * j + m]
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
     off, z = np.zeros(3), np.zeros(6)
     for i in range(3):
         off[i] = state[R + i] - fix[i]
     for i in range(3):
-        a = (row[V_N + i] - carry[V_BEFORE + i]) / carry[DT]
         z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
-        moves, smooth = row[V_N + i] + swing[i], carry[SMOOTH_A + i]
-        z[i] += arm[i] + bias[B_SLOW + i] + late_s * (moves + 0.5 * late_s * a) - delay * (moves - 0.5 * delay * smooth)
-        z[3 + i] = moves + late_s * a - delay * smooth - fix[3 + i]
-        H[i, D_] = -moves + delay * smooth
-        H[3 + i, D_] = -smooth
+        z[i] += arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
+        z[3 + i] = row[V_N + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
+        H[i, D_] = -(row[V_N + i] - at_position[i] + swings[i])
+        H[3 + i, E_] = -at_velocity[6 + i]
     seen = np.zeros(6)
     lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
     if lost and isfinite(z[0]):
@@ -284,7 +333,8 @@ def take_fix(state, row, fix, late_s, carry, settings, x, P, bias, H, K, out):
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
-        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, settings[CONSIDER] > 0.0)
+        first = L_ if settings[CONSIDER] > 0.0 else N
+        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, first)
         out[F_NIS + kind] = nis
         if nis <= settings[GATE] or lost:
             for i in range(N):
@@ -312,8 +362,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
-    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K,
-                    settings[CONSIDER] > 0.0)  # fmt: skip
+    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_)
     if settings[STAND_RATE] > 0.0:
         ie, z = np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]), np.zeros(3)
         H[:, :] = 0.0
@@ -326,8 +375,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
                 k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
                 H[i, T_ + m] -= C_ji * ie[k]
                 H[i, T_ + k] += C_ji * ie[m]
-        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K,
-               settings[CONSIDER] > 0.0)  # fmt: skip
+        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K, L_)
     correct(state, bias, x)
     return nis
 
@@ -369,7 +417,7 @@ def emit(state, bias, P, out):
 
 
 @jit
-def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings,
+def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings, trail,
         fixes, fix_out, rows_out, P_out):  # fmt: skip
     """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last end stay open.
 
@@ -407,9 +455,8 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
         predict(P, Phi, step_s, noise, M)
         for i in range(3):
             bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
-        for i in range(3):
-            a = (out[0, V_N + i] - carry[V_BEFORE + i]) / step_s
-            carry[SMOOTH_A + i] += min(step_s / SMOOTH_S, 1.0) * (a - carry[SMOOTH_A + i])
+            bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
+        leave_trail(trail, carry, out[0])
         if stands[k]:
             carry[STAND_NIS] += stand(state, out[0], step_s, noise, settings, x, P, bias, H, K)
             carry[STOOD] += 3.0
@@ -418,7 +465,7 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
             if stands[k]:
                 end[0] = 0
                 integrate(dt[:0], turned[:0], pushed[:0], flat[:0], gains, look_s, LOOK_ROWS, end, state, out)
-            take_fix(state, out[0], fixes[j], late_s[k], carry, settings, x, P, bias, H, K, fix_out[j])
+            take_fix(state, out[0], fixes[j], late_s[k], carry, trail, settings, x, P, bias, H, K, fix_out[j])
         if emits[k]:
             emit(state, bias, P, rows_out[written])
             if P_out.shape[0] > 0:

@@ -1,0 +1,107 @@
+"""Logs that speak against themselves or their header in aided replay: said, left out, or `inconsistent`."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from infield.aided import navigate_aided
+from infield.aided_antenna import antenna_sigmas
+from infield.session import find_rest
+from ins.records import Run, Site
+from tests.infield.aided_cases import SITE, errors, flown, ideal, twin_of
+
+PARK_S = 180.0
+
+
+def fly(run: Run, technology: str):
+    rest = find_rest(run) if technology == "rlg" else None
+    return navigate_aided(run, run.imu, twin_of(technology), rest=rest, gyro_sigma_deg_h=None)
+
+
+def turned(run: Run, C: np.ndarray, lever_arm_m=(0.0, 0.0, 0.0)) -> Run:
+    """The run of a unit whose axes are C of the vehicle's."""
+    imu = replace(run.imu, dtheta_rad=run.imu.dtheta_rad @ C.T, dv_m_s=run.imu.dv_m_s @ C.T)
+    arm = tuple(float(v) for v in C @ np.asarray(run.header.gnss_lever_arm_m))
+    return replace(run, imu=imu, header=replace(run.header, gnss_lever_arm_m=arm))
+
+
+def correlated(run: Run, seed: int, sigma_m_s: float, time_s: float) -> Run:
+    """The run with a Gauss-Markov error on its velocities beside the white one."""
+    gnss, rng = run.gnss, np.random.default_rng([seed, 79])
+    e = sigma_m_s * rng.standard_normal((gnss.time_s.size, 3))
+    for k, fade in enumerate(np.exp(-np.diff(gnss.time_s) / time_s)):
+        e[k + 1] = fade * e[k] + np.sqrt(1.0 - fade**2) * e[k + 1]
+    return replace(run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + e))
+
+
+@pytest.mark.parametrize("technology", ["mems", "rlg"])
+def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
+    """0.1 m/s over 6 s on velocities of 0.03 m/s: white noise alone left velocity errors of three sigmas and more."""
+    ratios = []
+    for seed in range(4):
+        made = flown(ideal(PARK_S), twin_of(technology), 400 + seed)
+        found = fly(correlated(made.run, seed, 0.1, 6.0), technology)
+        assert found.verdict == "aided" and found.scales.slow_velocity > 1.0
+        assert "slow error of the velocities" in found.notes[-1]
+        ratio = errors(made, found.history)[200:] ** 2 / found.history.variance[200:]
+        ratios.append(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
+    assert (np.mean(ratios, axis=0) < 1.8).all()
+
+
+def test_velocities_older_than_positions_are_told_apart():
+    """A receiver whose velocity is 0.4 s late and whose position is not: no lever arm is made of it."""
+    made = flown(ideal(PARK_S), twin_of("rlg"), 7)
+    gnss, reference = made.run.gnss, made.reference
+    arm = np.array(made.run.header.gnss_lever_arm_m)
+    from ins.attitude import dcm_from_euler
+
+    C_nb = dcm_from_euler(reference.roll_rad, reference.pitch_rad, reference.heading_rad)
+    v_n = reference.v_n_m_s + np.gradient(C_nb @ arm, reference.time_s, axis=0)
+    was, late = (
+        np.stack([np.interp(gnss.time_s - t, reference.time_s, v) for v in v_n.T], axis=1) for t in (0.0, 0.4)
+    )  # fmt: skip
+    found = fly(replace(made.run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + late - was)), "rlg")
+    antenna = found.antenna.antenna
+    assert found.antenna.freed == (False, True) and "velocities are 40" in found.notes[0]
+    off = np.array([antenna.delay_s, antenna.velocity_delay_s - 0.4]) / antenna_sigmas(antenna)[3:]
+    assert np.abs(off).max() < 3.0
+    assert np.mean(errors(made, found.history)[200:, :3] ** 2 / found.history.variance[200:, :3]) < 2.0
+
+
+def test_left_handed_and_wrong_scale_units_are_inconsistent():
+    made = flown(ideal(PARK_S), twin_of("mems"), 3)
+    mirrored = fly(turned(made.run, np.diag([1.0, -1.0, 1.0])), "mems")
+    assert mirrored.verdict in ("inconsistent", "refused")
+    made = flown(ideal(PARK_S), twin_of("rlg"), 3)
+    scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.02 * made.run.imu.dtheta_rad))
+    found = fly(scaled, "rlg")
+    assert found.verdict == "inconsistent" and any("scale factor" in reason for reason in found.reasons)
+
+
+def test_unit_turned_about_the_vertical_is_told():
+    made = flown(ideal(PARK_S), twin_of("mems"), 2)
+    assert not any("off the track" in note for note in fly(made.run, "mems").notes)
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # body x to the left: heading - track = -90
+    notes = fly(turned(made.run, quarter), "mems").notes
+    assert any("-90 deg off the track" in note for note in notes)
+
+
+def test_site_elsewhere_is_told():
+    made = flown(ideal(PARK_S), twin_of("mems"), 2)
+    away = Site(lat_rad=SITE.lat_rad + 500.0 / 6.37e6, lon_rad=SITE.lon_rad, height_m=SITE.height_m)
+    notes = fly(replace(made.run, header=replace(made.run.header, site=away)), "mems").notes
+    assert [note for note in notes if "from the site of run.json" in note and "50" in note]
+
+
+def test_stuck_receiver_is_left_out():
+    """Thirty seconds of the same fix at speed: rejected for long, it used to be taken for a new start."""
+    made = flown(ideal(PARK_S), twin_of("mems"), 5)
+    gnss = made.run.gnss
+    held = np.where((gnss.time_s > 420.0) & (gnss.time_s <= 450.0), np.searchsorted(gnss.time_s, 420.0 + 1e-6) - 1,
+                    np.arange(gnss.time_s.size))  # fmt: skip
+    stuck = replace(gnss, lat_rad=gnss.lat_rad[held], lon_rad=gnss.lon_rad[held], height_m=gnss.height_m[held],
+                    v_n_m_s=gnss.v_n_m_s[held])  # fmt: skip
+    found = fly(replace(made.run, gnss=stuck), "mems")
+    assert found.verdict == "aided" and "30 fixes from 421.0 to 450.0 s are left out" in found.notes[0]
+    assert np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0
