@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from infield.aided_noise import SLOW, Flown, Fly, Model, NoiseScales, flown, misfits, raised_noise, with_gnss
+from infield.aided_noise import COARSE, FINE, SLOW, Flown, Fly, Model, NoiseScales, flown, misfits, raised_noise, with_gnss
 from ins.aided_filter import AidedHistory, Antenna
 
 PRIOR_ARM_M = 2.0
@@ -75,14 +75,10 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
         return None
     found = choose(fly, first, sigma_position_m, refit=False)
     if found is not None:
-        slow = raised_noise(found[0], fly, SLOW)
-        if slow.model.scales.fitted:
-            found = choose(fly, replace(first, scales=slow.model.scales), sigma_position_m, refit=False) or found
-    if found is not None and misfits(found[0].history):
-        wide = _settled(fly, replace(first, scales=WIDE), BOTH)
-        if wide is not None:
-            noise = raised_noise(wide, fly).model.scales
-            found = choose(fly, replace(first, scales=noise), sigma_position_m, refit=True) or found
+        loud = misfits(found[0].history)
+        scales = _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
+        if scales.fitted:
+            found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     if found is None:
         return Fitted(model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared)
     best, seen = found
@@ -94,6 +90,16 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     if model.scales.fitted and misfits(history):
         last = with_gnss(last, fly, whole=True, lower=False)
     return Fitted(model=last.model, antenna=seen, history=last.history, declared=declared)
+
+
+def _all_noise(fly: Fly, first: Model, found: Flown) -> NoiseScales:
+    """The likeliest factors where the innovations do not fit, looked for from noise as declared and from WIDE noise: a slow
+    error of the receiver explains much of what noisy sensors do, and the other way round."""
+    starts = found, _settled(fly, replace(first, scales=WIDE), BOTH)
+    low, wide = (None if start is None else raised_noise(start, fly, steps=(COARSE,)) for start in starts)
+    assert low is not None
+    better = wide if wide is not None and wide.over(low) > 0.0 else low
+    return raised_noise(better, fly, steps=(FINE,)).model.scales
 
 
 def choose(fly: Fly, base: Model, sigma_position_m: float, *, refit: bool) -> tuple[Flown, SeenAntenna] | None:

@@ -19,13 +19,13 @@ from ins.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, AidedNoise
 
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
 GAIN_NATS = 5.0  # of likelihood that a change must bring
-STEPS = (4.0, 2.0)
+COARSE, FINE = 4.0, 2.0  # steps of a factor
 LARGEST = {"white": 1024.0, "walk": 1024.0, "slow": 64.0, "slow_s": 800.0, "slow_velocity": 64.0, "slow_velocity_s": 48.0}
 LEAST = {"white": 1.0, "walk": 1.0, "slow": 0.5, "slow_s": 100.0, "slow_velocity": 0.5, "slow_velocity_s": 0.75}
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SLOW = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
 BELIEVED = {"mems": 1024.0, "fog": 32.0, "rlg": 32.0}  # factors on sensors from which on no noise explains a log
-GNSS_PASSES = 3
+GNSS_PASSES, SEARCH_PASSES = 3, 1
 MAX_OUTLIERS = 0.1  # share of rejected fixes up to which they are the receiver's outliers
 
 
@@ -104,30 +104,39 @@ def flown(model: Model, fly: Fly) -> Flown | None:
     return None if history is None else Flown(model, history)
 
 
-def raised_noise(start: Flown, fly: Fly, names: tuple[str, ...] = tuple(LARGEST)) -> Flown:
-    """The likeliest factors of these names, antenna as in `start`; from there one after the other, up and down. The sigmas of
-    the fixes go with them where white noise does."""
+def raised_noise(
+    start: Flown, fly: Fly, names: tuple[str, ...] = tuple(LARGEST), *, steps: tuple[float, ...] = (COARSE, FINE)
+) -> Flown:
+    """The likeliest factors of these names, antenna as in `start`; from there one after the other, up and down, in each of the
+    steps in turn. The sigmas of the fixes go with them where white noise does."""
     refit = "white" in names
     best = with_gnss(start, fly) if refit else start
-    for factor in STEPS:
-        improved = True
-        while improved:
-            improved = False
-            for name in names:
-                for step in (factor, 1.0 / factor):
-                    scales = best.model.scales.other(name, step)
-                    if scales == best.model.scales:
-                        continue
-                    other = flown(replace(best.model, scales=scales), fly)
-                    other = with_gnss(other, fly) if refit and other is not None else other
-                    if other is not None and other.over(best) > GAIN_NATS:
-                        best, improved = other, True
+    moves = [(name, move) for factor in steps for name in names for move in (factor, 1.0 / factor)]
+    count, idle = 2 * len(names), 0
+    for block in range(len(steps)):
+        idle, k = 0, 0
+        while idle < count:  # round and round until no move of this step brings anything
+            name, move = moves[block * count + k % count]
+            other = _moved(best, fly, name, move, refit=refit)
+            if other is not None and other.over(best) > GAIN_NATS:
+                best, idle = other, 0
+            else:
+                idle, k = idle + 1, k + 1
     return best
 
 
-def with_gnss(at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True) -> Flown:
+def _moved(at: Flown, fly: Fly, name: str, move: float, *, refit: bool) -> Flown | None:
+    """The flight with one factor moved; None where it cannot be."""
+    scales = at.model.scales.other(name, move)
+    if scales == at.model.scales:
+        return None
+    other = flown(replace(at.model, scales=scales), fly)
+    return with_gnss(other, fly, passes=SEARCH_PASSES) if refit and other is not None else other
+
+
+def with_gnss(at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True, passes: int = GNSS_PASSES) -> Flown:
     """The satellite sigmas at which the NIS of each kind is one, not below declared; `lower` False: raised at most."""
-    for _ in range(GNSS_PASSES):
+    for _ in range(passes):
         scales = at.model.scales
         factor = [np.sqrt(capped_nis(at.history, k)) for k in range(2)]
         if not lower:

@@ -113,7 +113,7 @@ def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology,
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         result = fly(made, technology, slow_error(made.run, seed, sigma_m, 100.0))
         scales = result.scales
-        assert scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6) and (scales.white, scales.walk) == (1.0, 1.0)
+        assert scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6) and scales.white <= 4.0 and scales.walk == 1.0
         assert result.antenna.freed == (False, False) and "slow error" in result.notes[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0

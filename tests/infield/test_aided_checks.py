@@ -74,7 +74,7 @@ def test_left_handed_and_wrong_scale_units_are_inconsistent():
     mirrored = fly(turned(made.run, np.diag([1.0, -1.0, 1.0])), "mems")
     assert mirrored.verdict in ("inconsistent", "refused")
     made = flown(ideal(PARK_S), twin_of("rlg"), 3)
-    scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.02 * made.run.imu.dtheta_rad))
+    scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.01 * made.run.imu.dtheta_rad))
     found = fly(scaled, "rlg")
     assert found.verdict == "inconsistent" and any("scale factor" in reason for reason in found.reasons)
 
