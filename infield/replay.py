@@ -81,7 +81,8 @@ class TableReplay:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayResult:
-    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's alignment is).
+    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's alignment is, or the aided
+    flight where that is all there is).
 
     alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls; aided: None without GNSS, or
     where it was not asked for.
@@ -155,7 +156,9 @@ def _with_aided(
     if result.verdict != "refused" or aided.history is None:
         return replace(result, aided=aided)
     kept = tuple(f"no free-inertial flight: {reason}" for reason in result.reasons)
-    return replace(result, aided=aided, verdict="replayed", reasons=(), notes=result.notes + kept)
+    verdict = "inconsistent" if aided.verdict == "inconsistent" else "replayed"
+    reasons = tuple(f"aided by GNSS: {reason}" for reason in aided.reasons)
+    return replace(result, aided=aided, verdict=verdict, reasons=reasons, notes=result.notes + kept)
 
 
 def _with_scores(

@@ -168,6 +168,10 @@ def test_replay_of_a_unit_that_only_gnss_can_fly():
     assert found.verdict == "replayed" and found.aided.verdict == "aided"
     assert any("no free-inertial flight: " in note for note in found.notes)
     assert replay(run, table, twin, aided=False).verdict == "refused"
+    gnss = run.gnss
+    leap = np.where(gnss.time_s > 400.0, 300.0 / 6.4e6, 0.0)
+    leaps = replay(replace(run, gnss=replace(gnss, lat_rad=gnss.lat_rad + leap)), table, twin)
+    assert leaps.verdict == leaps.aided.verdict == "inconsistent" and "begun anew" in leaps.reasons[-1]
     moving = replay(never_rests(cut_run(run, 0.0, 160.0, site=SITE)), table, twin)
     assert moving.verdict == "refused" and moving.aided.verdict == "refused"
 
