@@ -327,9 +327,10 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         for i in range(3):
             s, y = fix[6 + a + i], z[a + i]
             for j in range(N):
-                y -= H[a + i, j] * x[j]
-                for k in range(N):
-                    s += H[a + i, j] * P[j, k] * H[a + i, k]
+                if H[a + i, j] != 0.0:
+                    y -= H[a + i, j] * x[j]
+                    for k in range(N):
+                        s += H[a + i, j] * P[j, k] * H[a + i, k]
             out[F_RESIDUAL + a + i] = y
             out[F_SIGMA + a + i] = sqrt(s)
         x_new, P_new = x.copy(), P.copy()
