@@ -41,6 +41,11 @@ def rest_means(imu: ImuLog) -> RestMeans:
     )
 
 
+def level_angles(f_b: NDArray) -> tuple[float, float]:
+    """Roll and pitch [rad] of a resting unit from its specific force (3,). Groves (2013), section 5.6.1."""
+    return float(np.arctan2(-f_b[1], -f_b[2])), float(np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2])))
+
+
 def gyrocompass_dcm(means: RestMeans) -> NDArray:
     """C_nb (3, 3) of a resting unit: down against the specific force, north along the level part of the rate.
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from alignment.coarse import RestMeans
+from alignment.coarse import RestMeans, level_angles
 from alignment.result import Alignment
 from alignment.stillness import PIVOT_RAD_S
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -52,9 +52,10 @@ def level(
     sigma = float(np.linalg.norm([twin.accel.turn_on_ug * MICRO_G, excess, noise])) / gravity
     turn_deg = gyro_sigma_rad_s * (rest[1] - rest[0]) / DEG
     told = f"level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the {rest[1] - rest[0]:.0f} s"
+    roll, pitch = level_angles(f_b)
     return Alignment(
         verdict="level_only", reasons=(reason, told), time_s=rest[1],
-        roll_rad=float(np.arctan2(-f_b[1], -f_b[2])), pitch_rad=float(np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2]))),
+        roll_rad=roll, pitch_rad=pitch,
         sigma_roll_rad=sigma, sigma_pitch_rad=sigma, duration_s=rest[1] - rest[0],
         phases=(Phase(phase="alignment", start_s=rest[0], end_s=rest[1]),),
     )  # fmt: skip

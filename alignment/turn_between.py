@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.coarse import level_angles
 from alignment.imu_seconds import in_seconds
 from alignment.parked_seconds import ParkedSeconds
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, wrap_pi
@@ -39,9 +40,7 @@ class Turn:
 
 def levelled(seconds: ParkedSeconds) -> NDArray:
     """Rows (3, 3): forward, right and down of a level frame at heading zero, in body axes, by gravity."""
-    f_b = seconds.means(-np.inf, np.inf)[0][:3]
-    roll, pitch = np.arctan2(-f_b[1], -f_b[2]), np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2]))
-    return dcm_from_euler(roll, pitch, 0.0)
+    return dcm_from_euler(*level_angles(seconds.means(-np.inf, np.inf)[0][:3]), 0.0)
 
 
 def turn_between(imu: ImuSource, before: ParkedSeconds, after: ParkedSeconds, gyro: GyroNoise, *, sigma_scale: float) -> Turn:

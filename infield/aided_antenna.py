@@ -73,19 +73,19 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     declared = fly(first, whole=True)
     if declared is None:
         return None
+    as_declared = Fitted(model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared)
     found = choose(fly, first, sigma_position_m, refit=False)
-    if found is not None:
-        loud = misfits(found[0].history)
-        scales = _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
-        if scales.fitted:
-            found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     if found is None:
-        return Fitted(model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared)
+        return as_declared
+    loud = misfits(found[0].history)
+    scales = _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
+    if scales.fitted:
+        found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     best, seen = found
     model = replace(best.model, antenna=seen.antenna)
     history = declared if model.scales == first.scales and seen.freed == NOTHING else fly(model, whole=True)
     if history is None:
-        return Fitted(model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared)
+        return as_declared
     last = Flown(model, history)
     if model.scales.fitted and misfits(history):
         last = with_gnss(last, fly, whole=True, lower=False)

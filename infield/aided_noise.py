@@ -111,17 +111,15 @@ def raised_noise(
     steps in turn. The sigmas of the fixes go with them where white noise does."""
     refit = "white" in names
     best = with_gnss(start, fly) if refit else start
-    moves = [(name, move) for factor in steps for name in names for move in (factor, 1.0 / factor)]
-    count, idle = 2 * len(names), 0
-    for block in range(len(steps)):
-        idle, k = 0, 0
-        while idle < count:  # round and round until no move of this step brings anything
-            name, move = moves[block * count + k % count]
-            other = _moved(best, fly, name, move, refit=refit)
+    for factor in steps:
+        moves = [(name, move) for name in names for move in (factor, 1.0 / factor)]
+        vain = 0
+        while vain < len(moves):  # round and round until no move of this step brings anything
+            other = _moved(best, fly, *moves[0], refit=refit)
             if other is not None and other.over(best) > GAIN_NATS:
-                best, idle = other, 0
+                best, vain = other, 0  # the same move once more
             else:
-                idle, k = idle + 1, k + 1
+                moves, vain = [*moves[1:], moves[0]], vain + 1
     return best
 
 

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.coarse import level_angles
 from alignment.parked_seconds import ParkedSeconds
 from alignment.turn_between import Turn, levelled
 from infield.session import SessionSettings
@@ -78,8 +79,7 @@ def stretch_earth(
     if heading is None:
         sigma = float(north / np.sqrt(2.0))
         return StretchEarth(-up * down, covariance + 0.5 * north**2 * level, sigma, down, float(tilt))
-    roll, pitch = np.arctan2(-f_b[1], -f_b[2]), np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2]))
-    C_nb = dcm_from_euler(roll, pitch, heading[0])
+    C_nb = dcm_from_euler(*level_angles(f_b), heading[0])
     east = C_nb[1]
     covariance = covariance + (north * heading[1]) ** 2 * np.outer(east, east)
     return StretchEarth(north * C_nb[0] - up * C_nb[2], covariance, 0.0, down, float(tilt))

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import levelling
+from alignment.gyrocompass import LEVEL_SHARE
 from alignment.parked_seconds import ParkedSeconds, parked_places, parked_seconds
 from alignment.turn_between import turn_between
 from infield.parked_earth import SessionEarth, session_earth
@@ -40,7 +41,6 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
 
 SHORTEST_BIN_S, MOST_BINS = 60.0, 60
 USED_SHARE = 0.5  # of a bin that must be still
-LEVEL_SHARE = 0.3  # of level Earth rate: gyros known worse than this find no heading (as alignment.gyrocompass.align)
 NOISIER = 1.2  # times the twin's white noise: worth saying
 TOO_NOISY = 10.0
 FREE_LEVEL = 1e3  # in sigmas of the innovations: nothing believed of the level

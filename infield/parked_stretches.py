@@ -11,7 +11,7 @@ import numpy as np
 
 from alignment.parked_seconds import quiet_stretches
 from infield.session import session_end
-from infield.stands import CORRELATED_S, CREEP_M_S, MOST_CREEP_M_S, SLOW_M_S
+from infield.stands import SLOW_M_S, Where, joined, mean_speed
 from infield.standstill import MIN_S
 from ins.records import PARKED_PHASES, Run, Span
 
@@ -19,8 +19,6 @@ MIN_PARKED_S = 60.0
 SHORT_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
 LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
-
-Where = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -57,21 +55,12 @@ def parked_windows(run: Run) -> tuple[Where, ...]:
     imu = run.imu
     named = [(p.start_s, p.end_s) for p in run.phases if p.phase in PARKED_PHASES]
     if not named:
-        airborne = _joined(sorted((p.start_s, p.end_s) for p in run.phases if p.phase in AIRBORNE_PHASES), 0.0)
+        airborne = joined(*((p.start_s, p.end_s) for p in run.phases if p.phase in AIRBORNE_PHASES))
         between = [(a[1], b[0]) for a, b in pairwise([*airborne, (imu.end_s, imu.end_s)])]
         return tuple((a, b) for a, b in [(imu.start_s, session_end(run)), *between] if b > a)
-    return tuple((max(a, imu.start_s), min(b, imu.end_s)) for a, b in _joined(named, 1.0) if b > imu.start_s and a < imu.end_s)
-
-
-def _joined(spans: list[Where], gap_s: float) -> list[Where]:
-    """Spans as they come, those less than a gap apart made one."""
-    found: list[Where] = []
-    for start, end in spans:
-        if found and start <= found[-1][1] + gap_s:
-            found[-1] = (found[-1][0], max(found[-1][1], end))
-        else:
-            found.append((start, end))
-    return found
+    return tuple(
+        (max(a, imu.start_s), min(b, imu.end_s)) for a, b in joined(*named, gap_s=1.0) if b > imu.start_s and a < imu.end_s
+    )
 
 
 def _moves(run: Run, start_s: float, end_s: float) -> str:
@@ -89,12 +78,10 @@ def _moves(run: Run, start_s: float, end_s: float) -> str:
     if moving_s >= MIN_S:
         said = f"GNSS says up to {speed.max():.1f} m/s for {moving_s:.0f} s while the sensors rest"
         return f"{said}: a steady roll, a circle or a hover taken for rest"
-    noise = float(np.hypot(*v[:, :2].std(axis=0)))
-    allowed = CREEP_M_S + 3.0 * noise / np.sqrt(min(max((end_s - start_s) / CORRELATED_S, 1.0), len(v)))
-    mean = float(np.linalg.norm(v[:, :2].mean(axis=0)))
-    if mean <= min(allowed, MOST_CREEP_M_S):
+    mean, allowed = mean_speed(v, end_s - start_s)
+    if mean <= allowed:
         return ""
-    return f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {min(allowed, MOST_CREEP_M_S):.2f} at most"
+    return f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {allowed:.2f} at most"
 
 
 def _never_quiet(start_s: float, end_s: float) -> Span:

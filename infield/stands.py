@@ -67,16 +67,22 @@ def goes_nowhere(time_s: NDArray, v_n_m_s: NDArray, start_s: float, end_s: float
     v = v[np.isfinite(v[:, 0])]
     if len(v) < 2:
         return False
-    sigma = float(np.hypot(*v[:, :2].std(axis=0)))
-    allowed = CREEP_M_S + 3.0 * sigma / np.sqrt(min(max((end_s - start_s) / CORRELATED_S, 1.0), len(v)))
-    return bool(np.linalg.norm(v[:, :2].mean(axis=0)) <= min(allowed, MOST_CREEP_M_S))
+    mean, allowed = mean_speed(v, end_s - start_s)
+    return mean <= allowed
 
 
-def joined(*spans: Where) -> tuple[Where, ...]:
-    """Spans in order, those that meet made one."""
+def mean_speed(v_n_m_s: NDArray, seconds: float) -> tuple[float, float]:
+    """Level speed of the mean of a receiver's velocities (n, 3) over so many seconds, and what it may be where it stands."""
+    sigma = float(np.hypot(*v_n_m_s[:, :2].std(axis=0)))
+    allowed = CREEP_M_S + 3.0 * sigma / np.sqrt(min(max(seconds / CORRELATED_S, 1.0), len(v_n_m_s)))
+    return float(np.linalg.norm(v_n_m_s[:, :2].mean(axis=0))), float(min(allowed, MOST_CREEP_M_S))
+
+
+def joined(*spans: Where, gap_s: float = 0.0) -> tuple[Where, ...]:
+    """Spans in order, those that meet, or lie no more than a gap apart, made one."""
     found: list[Where] = []
     for start, end in sorted(spans):
-        if found and start <= found[-1][1]:
+        if found and start <= found[-1][1] + gap_s:
             found[-1] = (found[-1][0], max(found[-1][1], end))
         else:
             found.append((start, end))

@@ -20,7 +20,6 @@ from ins.records import GnssLog, ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MILLIRADIAN, PPM
 
 BIN_S, WARM_UP_S = 300.0, 1800.0
-LEVEL_SHARE = 0.3  # of level Earth rate: a gyro bias beyond it hides the heading
 SETTINGS = SessionSettings()
 
 
@@ -60,7 +59,7 @@ def _sees_earth_rate(run: Run, twin: TwinModel, means: coarse.RestMeans, unknown
     level = EARTH_RATE_RAD_S * np.cos(run.header.site.lat_rad)
     noise = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR / np.sqrt(means.seconds)
     uncertain = np.hypot(unknown_deg_h, twin.gyro.turn_on_deg_h) * DEG_PER_HOUR + noise
-    return bool(uncertain < LEVEL_SHARE * level and abs(run.header.site.lat_rad) < gyrocompass.MAX_LATITUDE_RAD)
+    return bool(uncertain < gyrocompass.LEVEL_SHARE * level and abs(run.header.site.lat_rad) < gyrocompass.MAX_LATITUDE_RAD)
 
 
 def _navigated(run: Run, imu: ImuSource, twin: TwinModel, rest: tuple[float, float], unknown_deg_h: float) -> Solution:

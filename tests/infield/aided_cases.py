@@ -78,6 +78,31 @@ def motion_errors(reference: ReferenceLog, history: AidedHistory) -> np.ndarray:
     return np.hstack([np.einsum("kji,kj->ki", C_en, e) for e in (r, v, theta)])
 
 
+def normalised(made: SimulatedRun, history: AidedHistory, first: int) -> np.ndarray:
+    """Mean squared error over variance of position, velocity, attitude (3,), over the rows from `first` on."""
+    ratio = errors(made, history)[first:] ** 2 / history.variance[first:]
+    return np.asarray(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
+
+
+def gauss_markov(time_s: np.ndarray, rng: np.random.Generator, sigma: float, fades_s: float) -> np.ndarray:
+    """Three first-order Gauss-Markov errors (n, 3) at these times."""
+    e = sigma * rng.standard_normal((time_s.size, 3))
+    for k, fade in enumerate(np.exp(-np.diff(time_s) / fades_s)):
+        e[k + 1] = fade * e[k] + np.sqrt(1.0 - fade**2) * e[k + 1]
+    return e
+
+
+def late_velocities(made: SimulatedRun, time_s: np.ndarray, v_n_m_s: np.ndarray, seconds: float) -> np.ndarray:
+    """The velocities of a flight's fixes, noise and all, moved to be so much older than their time."""
+    ref = made.reference
+    C_nb = dcm_from_euler(ref.roll_rad, ref.pitch_rad, ref.heading_rad)
+    antenna = ref.v_n_m_s + np.gradient(C_nb @ np.array(LEVER_M), ref.time_s, axis=0)
+    was, late = (
+        np.stack([np.interp(t, ref.time_s, v) for v in antenna.T], axis=1) for t in (time_s, time_s - seconds)
+    )  # fmt: skip
+    return np.asarray(v_n_m_s - was + late)
+
+
 def nees(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
     """Normalised error squared over fifteen states at each row (k,)."""
     e = errors(made, history)

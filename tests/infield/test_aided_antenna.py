@@ -11,7 +11,7 @@ from infield.aided_antenna import antenna_sigmas
 from infield.aided_document import aided_document
 from infield.session import find_rest
 from ins.records import Run
-from tests.infield.aided_cases import LEVER_M, SITE, errors, flown, ideal, twin_of
+from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
 from trajectories.segments import Straight
 
 PARK_S = 180.0
@@ -34,19 +34,10 @@ def off_of(antenna, delay_s: float) -> np.ndarray:
     return np.asarray(off) / antenna_sigmas(antenna)
 
 
-def normalised(made, history, first: int) -> np.ndarray:
-    """Mean squared error over variance of position, velocity, attitude (3,)."""
-    ratio = errors(made, history)[first:] ** 2 / history.variance[first:]
-    return np.asarray(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
-
-
 def slow_error(run: Run, seed: int, sigma_m: float, time_s: float) -> Run:
     """The run with a Gauss-Markov error on its positions."""
-    gnss, rng = run.gnss, np.random.default_rng([seed, 78])
-    e = sigma_m * rng.standard_normal((gnss.time_s.size, 3))
-    fades = np.exp(-np.diff(gnss.time_s) / time_s)
-    for k, fade in enumerate(fades):
-        e[k + 1] = fade * e[k] + np.sqrt(1.0 - fade**2) * e[k + 1]
+    gnss = run.gnss
+    e = gauss_markov(gnss.time_s, np.random.default_rng([seed, 78]), sigma_m, time_s)
     lat, lon = gnss.lat_rad + e[:, 0] / 6.37e6, gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad)
     return replace(run, gnss=replace(gnss, lat_rad=lat, lon_rad=lon, height_m=gnss.height_m - e[:, 2]))
 

@@ -9,7 +9,7 @@ from infield.aided import navigate_aided
 from infield.aided_antenna import antenna_sigmas
 from infield.session import find_rest
 from ins.records import Run, Site
-from tests.infield.aided_cases import SITE, errors, flown, ideal, twin_of
+from tests.infield.aided_cases import SITE, errors, flown, gauss_markov, ideal, late_velocities, normalised, twin_of
 
 PARK_S = 180.0
 
@@ -28,10 +28,8 @@ def turned(run: Run, C: np.ndarray, lever_arm_m=(0.0, 0.0, 0.0)) -> Run:
 
 def correlated(run: Run, seed: int, sigma_m_s: float, time_s: float) -> Run:
     """The run with a Gauss-Markov error on its velocities beside the white one."""
-    gnss, rng = run.gnss, np.random.default_rng([seed, 79])
-    e = sigma_m_s * rng.standard_normal((gnss.time_s.size, 3))
-    for k, fade in enumerate(np.exp(-np.diff(gnss.time_s) / time_s)):
-        e[k + 1] = fade * e[k] + np.sqrt(1.0 - fade**2) * e[k + 1]
+    gnss = run.gnss
+    e = gauss_markov(gnss.time_s, np.random.default_rng([seed, 79]), sigma_m_s, time_s)
     return replace(run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + e))
 
 
@@ -44,24 +42,16 @@ def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
         found = fly(correlated(made.run, seed, 0.1, 6.0), technology)
         assert found.verdict == "aided" and found.scales.slow_velocity > 1.0
         assert "slow error of the velocities" in found.notes[-1]
-        ratio = errors(made, found.history)[200:] ** 2 / found.history.variance[200:]
-        ratios.append(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
+        ratios.append(normalised(made, found.history, 200))
     assert (np.mean(ratios, axis=0) < 1.8).all()
 
 
 def test_velocities_older_than_positions_are_told_apart():
     """A receiver whose velocity is 0.4 s late and whose position is not: no lever arm is made of it."""
     made = flown(ideal(PARK_S), twin_of("rlg"), 7)
-    gnss, reference = made.run.gnss, made.reference
-    arm = np.array(made.run.header.gnss_lever_arm_m)
-    from ins.attitude import dcm_from_euler
-
-    C_nb = dcm_from_euler(reference.roll_rad, reference.pitch_rad, reference.heading_rad)
-    v_n = reference.v_n_m_s + np.gradient(C_nb @ arm, reference.time_s, axis=0)
-    was, late = (
-        np.stack([np.interp(gnss.time_s - t, reference.time_s, v) for v in v_n.T], axis=1) for t in (0.0, 0.4)
-    )  # fmt: skip
-    found = fly(replace(made.run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + late - was)), "rlg")
+    gnss = made.run.gnss
+    late = replace(gnss, v_n_m_s=late_velocities(made, gnss.time_s, gnss.v_n_m_s, 0.4))
+    found = fly(replace(made.run, gnss=late), "rlg")
     antenna = found.antenna.antenna
     assert found.antenna.freed == (False, True) and "velocities are 40" in found.notes[0]
     off = np.array([antenna.delay_s, antenna.velocity_delay_s - 0.4]) / antenna_sigmas(antenna)[3:]

@@ -26,7 +26,17 @@ from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dc
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.records import InputError, NavState, Site
 from ins.units import DEG_PER_HOUR, MICRO_G
-from tests.infield.aided_cases import LEVER_M, errors, flown, ideal, motion_errors, nees, twin_of
+from tests.infield.aided_cases import (
+    LEVER_M,
+    errors,
+    flown,
+    gauss_markov,
+    ideal,
+    late_velocities,
+    motion_errors,
+    nees,
+    twin_of,
+)
 
 SILENT = AidedNoise(arw=0.0, vrw=0.0, gyro_walk=0.0, accel_walk=0.0)
 START_S = 1.0
@@ -240,18 +250,6 @@ def test_fix_within_a_long_row_is_met_at_its_own_time():
     assert np.abs(found.residual[rolling, :3]).max() < 0.06 and np.abs(found.residual[rolling, 3:]).max() < 0.05
 
 
-def late_velocities(made, fixes, seconds: float) -> np.ndarray:
-    """The velocities of fixes of a flight, noise and all, moved to be this much older than the positions."""
-    ref, arm = made.reference, np.array(LEVER_M)
-    C_nb = dcm_from_euler(ref.roll_rad, ref.pitch_rad, ref.heading_rad)
-    v_n = ref.v_n_m_s + np.gradient(C_nb @ arm, ref.time_s, axis=0)
-
-    def at(t):
-        return np.stack([np.interp(t, ref.time_s, v) for v in v_n.T], axis=1)
-
-    return np.asarray(fixes.v_n_m_s - at(fixes.time_s) + at(fixes.time_s - seconds))
-
-
 @pytest.mark.parametrize("estimated", [True, False])
 def test_antenna_and_slow_error_are_in_the_covariance(estimated):
     """Ten flights with lever arm (1 m), delays (0.1 s) and slow error (1 m, 200 s) drawn: NEES of the 15 states, of the
@@ -267,13 +265,10 @@ def test_antenna_and_slow_error_are_in_the_covariance(estimated):
         start = AidedStart(state=truth_at(made, error=error), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
                            covariance=np.diag(wide**2))  # fmt: skip
         fixes = fixes_from(made, twin)
-        slow = np.empty((fixes.time_s.size, 3))
-        slow[0] = rng.standard_normal(3)
-        for k, fade in enumerate(np.exp(-np.diff(fixes.time_s) / 200.0)):
-            slow[k + 1] = fade * slow[k] + np.sqrt(1 - fade**2) * rng.standard_normal(3)
+        slow = gauss_markov(fixes.time_s, rng, 1.0, 200.0)
         C = dcm_en(made.run.header.site.lat_rad, made.run.header.site.lon_rad)
-        fixes = replace(fixes, r_e_m=fixes.r_e_m + slow @ C.T, v_n_m_s=late_velocities(made, fixes, off[4] - off[3]))
-        fixes = replace(fixes, time_s=fixes.time_s + off[3])
+        v_n = late_velocities(made, fixes.time_s, fixes.v_n_m_s, off[4] - off[3])
+        fixes = replace(fixes, time_s=fixes.time_s + off[3], r_e_m=fixes.r_e_m + slow @ C.T, v_n_m_s=v_n)
         antenna = Antenna(lever_arm_m=LEVER_M + off[:3], covariance=np.diag(sigma**2), estimated=estimated)
         navigator = AidedNavigator(start, noise, fixes, antenna=antenna, keep_covariance=True)
         navigator.feed(made.run.imu)
