@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse, imu_faults, levelling, stillness
+from alignment import coarse, levelling
+from alignment.motion import imu_faults, stillness
 from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
@@ -19,13 +20,13 @@ from alignment.navigation_filter import (
     views_of,
 )
 from alignment.result import Alignment, BiasPrior, Solution
-from ins import error_model as em
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
+from ins.filters import error_model as em
 from ins.kalman import nis_band
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from alignment.coarse import RestMeans, level_angles
+from alignment.motion.stillness import PIVOT_RAD_S
 from alignment.result import Alignment
-from alignment.stillness import PIVOT_RAD_S
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import ImuSource, Phase, Site, TwinModel
 from ins.twin_file import default_twin

@@ -1,8 +1,8 @@
 """The navigation-mode filter: what a free-running solution shows while the vehicle stands and rolls.
 
-One sweep over a navigation solution: errors propagate by `ins.error_model`; a standing vehicle has no velocity
+One sweep over a navigation solution: errors propagate by `ins.filters.error_model`; a standing vehicle has no velocity
 (its displacement since the stop) and keeps its heading up to a slow creep (parked-attitude
-constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.taxi_heading`).
+constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.session.taxi_heading`).
 All of it is laid down as a `FilterProgram` first, with numpy over the whole run, and worked through in one go.
 """
 
@@ -13,12 +13,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.stillness import AIRBORNE, DISTURBED, ROLLING, STILL, Motion
-from ins import error_model as em
+from alignment.motion.stillness import AIRBORNE, DISTURBED, ROLLING, STILL, Motion
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
-from ins.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filter_program import FilterProgram, Row, Steps
+from ins.filters import error_model as em
+from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
+from ins.filters.program import FilterProgram, Row, Steps
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
 

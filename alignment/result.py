@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from numpy.typing import NDArray
 
+from alignment.motion.stillness import Motion
 from alignment.navigation_filter import StepPlan
-from alignment.stillness import Motion
-from ins.error_filter import ErrorFilter
+from ins.filters.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
 
 

@@ -12,16 +12,16 @@ import numpy as np
 
 from benchmarks.cramer_rao import Sights, Spread, bias_bound
 from benchmarks.navigation_response import navigation_response
-from infield.acceptance import judge_estimate
-from infield.bias_points import observability
-from infield.session import SessionSettings
+from infield.session.acceptance import judge_estimate
+from infield.session.navigated import SessionSettings
+from infield.session.points import observability
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
 from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, Outcome, estimated, simulated_session
-from trajectories.motions import PARKED_S, reference_motion
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
+from trajectories.simulator.motions import PARKED_S, reference_motion
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
 
 SIGMA_DEG_H = 0.01
 SPREAD = Spread(common_deg_h=SIGMA_DEG_H * np.sqrt(0.7), shape_deg_h=SIGMA_DEG_H * np.sqrt(0.3))

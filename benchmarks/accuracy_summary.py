@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from infield.bias_points import OBSERVED, WEAK
+from infield.session.points import OBSERVED, WEAK
 
 CONFIDENCE = 0.95
 GOAL = 1.15  # RMS over bound, issue 3

@@ -13,14 +13,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.aided import AidedResult, nis_of, rejected_rows
-from infield.replay import TableChoice, replay
-from ins.aided_filter import level_sigmas
+from infield.replay.aided.flight import AidedResult, nis_of, rejected_rows
+from infield.replay.free_inertial import TableChoice, replay
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
+from ins.filters.aided_filter import level_sigmas
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.conversion import convert_log
-from trajectories.readers import ardupilot_mat, dataflash
+from trajectories.readers.containers import dataflash
+from trajectories.readers.conversion import convert_log
+from trajectories.readers.formats import ardupilot_mat
 
 FLYING_M_S = 5.0
 

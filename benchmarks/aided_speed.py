@@ -13,16 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from infield.aided import navigate_aided
-from infield.session import find_rest
-from ins.mechanization import navigate
+from infield.replay.aided.flight import navigate_aided
+from infield.session.navigated import find_rest
 from ins.records import NavState
+from ins.strapdown.mechanization import navigate
 from ins.twin_file import default_twin
 from tests.infield.aided_cases import FLIGHT, SITE, flown
-from trajectories.motions import lay
-from trajectories.segments import Cruise, Park
-from trajectories.sensors import ideal_sensors
-from trajectories.truth import build_truth
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Cruise, Park
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.truth import build_truth
 
 RATE_HZ = 200.0
 

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table import ThermalTable
+from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
 CUBIC = 3

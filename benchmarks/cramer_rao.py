@@ -3,8 +3,8 @@
 Bayesian form (Van Trees 1968, section 2.4): for jointly Gaussian unknowns and data linear in them the bound is the
 posterior covariance (H' Sigma^-1 H + P0^-1)^-1; here by recursion over epochs of one second.
 
-Kept apart from the estimator on purpose, so that a common mistake cannot hide: nothing comes from `ins.error_model`,
-`ins.error_filter`, `alignment` or `infield`. A solution's errors answer by finite differences of the nonlinear
+Kept apart from the estimator on purpose, so that a common mistake cannot hide: nothing comes from `ins.filters.error_model`,
+`ins.filters.error_filter`, `alignment` or `infield`. A solution's errors answer by finite differences of the nonlinear
 mechanization (`benchmarks.navigation_response`); vehicle, sensors and unit are the simulator's own (`trajectories`),
 second by second, sway as the oscillator it is. A filter sigma below the bound is a defect of one of the two.
 
@@ -25,11 +25,11 @@ from scipy.linalg import expm
 from benchmarks.navigation_response import ERRORS, NavigationResponse
 from ins.records import GyroNoise, TwinModel, VehicleNoise
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
-from trajectories.imperfections import SLOW_RATE_HZ
-from trajectories.sensors import IdealSensors
-from trajectories.simulate import GNSS_HZ
-from trajectories.unit_truth import SHAPE_LENGTH_DEGC
-from trajectories.vehicle import ROLLING_M_S, SIDE_NOISE_TAU_S
+from trajectories.simulator.imperfections import SLOW_RATE_HZ
+from trajectories.simulator.sensors import IdealSensors
+from trajectories.simulator.session import GNSS_HZ
+from trajectories.simulator.unit_truth import SHAPE_LENGTH_DEGC
+from trajectories.simulator.vehicle import ROLLING_M_S, SIDE_NOISE_TAU_S
 
 START_SIGMA = np.array([10.0, 10.0, 0.1, 0.1, 0.01, 0.01, 0.1])  # diffuse beside what a minute of rest shows
 WAY_FLOOR_M, TURN_FLOOR_RAD = 1e-5, 3e-8  # what is seen exactly gets this much noise, for the digits' sake

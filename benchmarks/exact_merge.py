@@ -4,7 +4,7 @@
     what the session alone says of d_k              information L_k, vector l_k (L_k may leave directions open)
 
 With t_k integrated out, (I + L T)^-1 L and (I + L T)^-1 l take the place of L and l; all sessions are summed and solved
-once. Written apart from infield.merge: information form, no gain, no gate, no order.
+once. Written apart from infield.table.merge: information form, no gain, no gate, no order.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table import ThermalTable
+from infield.table.thermal_table import ThermalTable
 
 
 @dataclass(frozen=True, kw_only=True)

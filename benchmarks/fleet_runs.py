@@ -18,17 +18,17 @@ from typing import Any
 
 import numpy as np
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from ins.records import AXES, Run, Site, TwinModel
 from ins.units import DEG
-from trajectories.motions import lay
-from trajectories.run import write_run
-from trajectories.segments import Park, Segment, Stop, Straight, Turn
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import STARTS, thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import UnitTruth, aged_unit
+from trajectories.runs.directory import write_run
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import STARTS, thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 
 RATE_HZ = 10.0
 HEADINGS_DEG = np.arange(0.0, 360.0, 45.0)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 
 LEVEL = ("x", "y")
 

@@ -16,20 +16,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import gyrocompass
-from infield.drift import drift_against
-from infield.session import SessionSettings, compensated_imu, make_bins
-from infield.table import ThermalTable
-from infield.thermometer import gyro_temperature
-from ins.mechanization import VerticalChannel, navigate
+from infield.replay.drift import drift_against
+from infield.session.navigated import SessionSettings, compensated_imu, make_bins
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import NavState, Site, TwinModel
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, MILLIRADIAN
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Park, Segment, Stop, Straight, TakeOff, Turn, TurnFlight
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import SimulatedRun, simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import UnitTruth
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Park, Segment, Stop, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import UnitTruth
 
 ALIGNMENT_S = 3600.0
 HOUR_S = 3600.0

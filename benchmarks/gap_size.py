@@ -10,9 +10,9 @@ import numpy as np
 from scipy.fft import dct
 
 from benchmarks.gap_trials.trial import Trial
-from infield.table_file import table_from_dict
-from simreal.evidence import SENSORS, Evidence
-from simreal.run_view import RunView, view_run
+from infield.table.file import table_from_dict
+from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.whitened import SENSORS, Evidence
 
 NOISY = ("gyro_angle_random_walk", "gyro_bias_instability", "gyro_rate_random_walk", "gyro_gauss_markov", "gyro_quantization",
          "gyro_noise_thermal", "accel_noise", "platform_sway", "odometer_quantization")  # fmt: skip

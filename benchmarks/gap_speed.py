@@ -17,10 +17,10 @@ from pathlib import Path
 from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.__main__ import write_trial
 from benchmarks.gap_trials.trial import draw_trial
-from infield.table_file import read_table
+from infield.table.file import read_table
 from ins.twin_file import read_twin
-from simreal.diagnosis import diagnose
-from trajectories.run import read_run
+from simreal.inference.diagnosis import diagnose
+from trajectories.runs.directory import read_run
 
 
 def main() -> None:

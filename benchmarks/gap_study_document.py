@@ -18,7 +18,7 @@ Written by `python -m benchmarks.gap_study`; figures as measured, whether they r
 
 Each trial draws an effect, its target, its parameters and the noise by seed (`benchmarks/gap_trials`, which shares no code
 with `simreal`), brings it to its size (norm of the whitened difference of the runs with and without it, within 25 %) and
-hands the runs, the twin and its table to `simreal.diagnosis.diagnose`. Four runs of an hour parked and a taxi (cold, ambient,
+hands the runs, the twin and its table to `simreal.inference.diagnosis.diagnose`. Four runs of an hour parked and a taxi (cold, ambient,
 hot, cooling; four headings) unless said; "pyins" simulates with that program instead of ours. The diagnosis was mended
 while trials were run, from earlier trials of other seeds; those below come from the commits named, their seeds not used
 before them.

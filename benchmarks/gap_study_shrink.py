@@ -3,7 +3,7 @@
     S_true = 1 - |s - d|^2 / |s|^2
 
 s: whitened rows of the runs with the planted effect less those without it (and less what the other causes explain); d: the
-cause as fitted on the rows not held. Folds, fit and subspace are those of `simreal.addback`, given s on the held rows in
+cause as fitted on the rows not held. Folds, fit and subspace are those of `simreal.inference.addback`, given s on the held rows in
 place of the data: there N = 2 d's - |d|^2 and D + m = |s|^2.
 """
 
@@ -13,11 +13,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from simreal import addback
-from simreal.attribute import Attribution, Slot
-from simreal.causes import Cause
-from simreal.diagnosis import Diagnosis
-from simreal.scoring import fit
+from simreal.inference import addback
+from simreal.inference.attribute import Attribution, Slot
+from simreal.inference.causes import Cause
+from simreal.inference.diagnosis import Diagnosis
+from simreal.inference.scoring import fit
 
 BY_RUN = "leave one run out"
 NOTHING = 1e-9

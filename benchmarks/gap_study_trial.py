@@ -10,11 +10,11 @@ import numpy as np
 from benchmarks.gap_size import scaled, views_of
 from benchmarks.gap_study_shrink import true_shrink
 from benchmarks.gap_trials.trial import Planted, Trial, draw_noise_trial, draw_trial
-from infield.table_file import table_from_dict
-from simreal.causes import Cause
-from simreal.diagnosis import DEFAULT_ALPHA, Diagnosis, diagnose
+from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
-from simreal.evidence import CHANNELS, Evidence
+from simreal.evidence.whitened import CHANNELS, Evidence
+from simreal.inference.causes import Cause
+from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, diagnose
 
 REACHED = 0.25  # a trial whose size is further off the wanted one is not diagnosed
 MOST_PLACES = 3

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.document_azimuths import document_angles
-from infield.fog_azimuths import level_rate_deg_h, measure_misalignment, north_to_west_rad
-from infield.report_figures import BLACK, BLUE, VERMILLION, axis_text, in_style, new_figure, svg_text
+from infield.misalignment.closed_forms import document_angles
+from infield.misalignment.harmonic_fit import level_rate_deg_h, measure_misalignment, north_to_west_rad
+from infield.reports.figures import BLACK, BLUE, VERMILLION, axis_text, in_style, new_figure, svg_text
 from ins.units import ARCSEC, DEG
 
 RATE = level_rate_deg_h(39.9 * DEG)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from ins.attitude import dcm_from_rotation_vector, rotation_vector_from_dcm
 from ins.earth import geodetic_from_ecef, radii_of_curvature
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, NavHistory, NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR, MICRO_G
-from trajectories.sensors import IdealSensors
+from trajectories.simulator.sensors import IdealSensors
 
 ERRORS = 7  # position N, E [m]; velocity N, E [m/s]; rotation computed - true, NED [rad]
 SHOWN = 3  # what a vehicle shows within an epoch: way along body x, y [m], turn about down [rad]

@@ -19,18 +19,18 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment import stillness
+from alignment.motion import stillness
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
 from ins import earth
-from ins import error_model as em
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm, rotation_vector_from_dcm
-from ins.batch import navigate_batch
 from ins.compensation import compensate
-from ins.error_filter import ErrorFilter
-from ins.filter_program import FilterProgram
-from ins.mechanization import VerticalChannel, navigate
+from ins.filters import error_model as em
+from ins.filters.error_filter import ErrorFilter
+from ins.filters.program import FilterProgram
 from ins.records import ImuLog, NavState, Site
-from ins.sensor_errors import SensorErrors
+from ins.strapdown.batch import navigate_batch
+from ins.strapdown.mechanization import VerticalChannel, navigate
+from ins.strapdown.sensor_errors import SensorErrors
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 
 HOUR_S, DT_S, STEP_S = 3600.0, 0.005, 0.1

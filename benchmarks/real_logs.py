@@ -15,9 +15,9 @@ import numpy as np
 from ins.json_file import read_toml
 from ins.records import Run
 from ins.units import DEG_PER_HOUR
-from trajectories.conversion import convert_log
-from trajectories.run import write_run
-from trajectories.run_cut import cut_run
+from trajectories.readers.conversion import convert_log
+from trajectories.runs.cut import cut_run
+from trajectories.runs.directory import write_run
 
 ROOT = Path(__file__).parents[1]
 PLANE, COPTER = "apm_fixedwing_TestLog2.mat", "ardupilot_log171.bin"

@@ -20,21 +20,21 @@ from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour
-from infield.bias_points import measurement_information
-from infield.merge import merge_posterior, session_covariance
-from infield.pipeline import SessionResult, UpdateResult, update_calibration
-from infield.session import BIN_FLOOR_DEG_H
-from infield.table import ThermalTable
-from infield.table_file import table_from_dict, table_sha256, table_to_dict
-from infield.table_prior import smooth_kernel
+from infield.session.navigated import BIN_FLOOR_DEG_H
+from infield.session.pipeline import SessionResult, UpdateResult, update_calibration
+from infield.session.points import measurement_information
+from infield.table.file import table_from_dict, table_sha256, table_to_dict
+from infield.table.merge import merge_posterior, session_covariance
+from infield.table.prior import smooth_kernel
+from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, AccelNoise, GyroNoise, Site, TwinModel, VehicleNoise
 from ins.units import DEG
-from trajectories.motions import reference_motion
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import STARTS, ThermalHistory, thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import UnitTruth, aged_unit
+from trajectories.simulator.motions import reference_motion
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 
 SESSIONS = 5
 HEADINGS_DEG = np.arange(0.0, 360.0, 15.0)
@@ -200,7 +200,7 @@ def hermite_factory(unit: UnitTruth) -> ThermalTable:
 
 
 def merge_evidence(table: ThermalTable, e: Evidence) -> ThermalTable:
-    """One session into any kind of table by infield.merge, from its evidence instead of a filter run of its own."""
+    """One session into any kind of table by infield.table.merge, from its evidence instead of a filter run of its own."""
     table = table.extended_to(*e.span_degC)
     H = e.rows(table)
     C = H @ table.covariance @ H.T + e.own + BIN_FLOOR_DEG_H**2 * np.eye(len(H))

@@ -17,19 +17,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from infield.gradient_fit import five_minute_means
-from infield.gradient_runs import gradient_run
-from infield.gradient_terms import TERMS
-from infield.report_figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text
-from infield.rlg_document import rlg_document
-from infield.rlg_gradient import fit_gradients
-from infield.rlg_held_out import RlgHeldOut, held_out_run
-from infield.rlg_model import model_from_document
+from infield.reports.documents.rlg import rlg_document
+from infield.reports.figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text
+from infield.thermal.gradient_fit import five_minute_means
+from infield.thermal.gradient_runs import gradient_run
+from infield.thermal.gradient_terms import TERMS
+from infield.thermal.held_out import RlgHeldOut, held_out_run
+from infield.thermal.rlg_gradient import fit_gradients
+from infield.thermal.rlg_model import model_from_document
 from ins.records import AXES, TemperatureNoise
 from tests.infield.gradient_cases import TWIN, Unit, case
-from trajectories.scenario import Scenario, read_scenario, scenario_ideal, scenario_unit
-from trajectories.simulate import SimulatedRun, simulate_run
-from trajectories.unit_truth import RATE_CENTRE_DEGC, UnitTruth
+from trajectories.simulator.scenario import Scenario, read_scenario, scenario_ideal, scenario_unit
+from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.unit_truth import RATE_CENTRE_DEGC, UnitTruth
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE, PICTURE = DOCS / "rlg_gradient.md", DOCS / "rlg_gradient.svg"

@@ -11,9 +11,9 @@ import tempfile
 import time
 from pathlib import Path
 
-from infield.store import TableStore
-from recal.commands.demo import demo
-from recal.commands.update import update
+from infield.store.table_store import TableStore
+from recal.cli.demo import demo
+from recal.cli.update import update
 from recal.web.settings import token_of
 from tests.recal.chromium import chromium
 from tests.recal.serving import TOKEN, put_unit, serving

@@ -18,13 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from infield.table_file import json_text
+from infield.table.file import json_text
 from ins.records import ImuLog
-from trajectories import imperfections
-from trajectories.run import write_run
-from trajectories.run_schema import INCREMENTS
-from trajectories.scenario import Scenario, scenario_from_dict, scenario_ideal, simulate_scenario
-from trajectories.sensors import ideal_sensors
+from trajectories.runs.directory import write_run
+from trajectories.runs.schema import INCREMENTS
+from trajectories.simulator import imperfections
+from trajectories.simulator.scenario import Scenario, scenario_from_dict, scenario_ideal, simulate_scenario
+from trajectories.simulator.sensors import ideal_sensors
 
 RATE_HZ = 200.0
 PIECE_S = 300.0

@@ -10,10 +10,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermometer import GyroTemperature, gyro_temperature
+from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
 from ins.records import AXES, TemperatureLog
 from ins.thermometer_faults import check_thermometers
-from trajectories.thermal import STARTS, thermal_history
+from trajectories.simulator.thermal import STARTS, thermal_history
 
 HOUR_S = 4200.0
 WINDOW_S = 121  # of the moving average that the smoother is compared with

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.thermal_sessions import SETTINGS, TWIN, aged_table, bins_of, draw, drawn_session, evidence_of, take, templates
-from infield.disagreement import find_steps
-from infield.hysteresis import SessionLikelihood, joint_posterior
-from infield.joint_update import with_thermal_terms
-from infield.merge import SessionPoints, merge_points, session_covariance
-from infield.pipeline import SessionResult, update_calibration
-from infield.store import MergedRun, RunAlreadyMerged, TableStore
-from infield.table import ThermalTable, default_table
-from infield.table_file import table_to_dict
-from infield.table_prior import prior_covariance
+from infield.session.disagreement import find_steps
+from infield.session.hysteresis import SessionLikelihood, joint_posterior
+from infield.session.joint_update import with_thermal_terms
+from infield.session.pipeline import SessionResult, update_calibration
+from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
+from infield.table.file import table_to_dict
+from infield.table.merge import SessionPoints, merge_points, session_covariance
+from infield.table.prior import prior_covariance
+from infield.table.thermal_table import ThermalTable, default_table
 from ins.records import AXES
 
 POINT_DEG_H = 0.0069  # ARW / sqrt(5 min), the floor of one five-minute point (requirements.md, head)

@@ -13,24 +13,24 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.acceptance import judge_merge
-from infield.bias_points import session_points
-from infield.disagreement import SessionEvidence, session_evidence
-from infield.hysteresis import SessionLikelihood, posterior_with
-from infield.joint_update import likelihood_of
-from infield.merge import merge_posterior
-from infield.pipeline import SessionResult, update_calibration
-from infield.session import SessionSettings
-from infield.table import ThermalTable, default_table
-from infield.table_prior import smooth_kernel
+from infield.session.acceptance import judge_merge
+from infield.session.disagreement import SessionEvidence, session_evidence
+from infield.session.hysteresis import SessionLikelihood, posterior_with
+from infield.session.joint_update import likelihood_of
+from infield.session.navigated import SessionSettings
+from infield.session.pipeline import SessionResult, update_calibration
+from infield.session.points import session_points
+from infield.table.merge import merge_posterior
+from infield.table.prior import smooth_kernel
+from infield.table.thermal_table import ThermalTable, default_table
 from ins.records import Site, TwinModel
 from ins.units import DEG
-from trajectories.motions import reference_motion
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import STARTS, thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import reference_motion
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import STARTS, thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 TWIN = TwinModel(imu_serial="SN-0042")
 SETTINGS = SessionSettings()

@@ -15,16 +15,16 @@ from numpy.typing import NDArray
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from infield.store import TableStore  # noqa: E402
-from infield.table_file import table_from_dict  # noqa: E402
+from infield.store.table_store import TableStore  # noqa: E402
+from infield.table.file import table_from_dict  # noqa: E402
 from ins.attitude import dcm_from_rotation_vector  # noqa: E402
-from ins.mechanization import navigate  # noqa: E402
 from ins.records import AXES, ImuLog, NavState  # noqa: E402
+from ins.strapdown.mechanization import navigate  # noqa: E402
 from ins.units import DEG_PER_HOUR  # noqa: E402
-from recal.commands.update import update  # noqa: E402
-from trajectories.run import write_run  # noqa: E402
-from trajectories.scenario import read_scenario, scenario_from_dict, scenario_ideal, simulate_scenario  # noqa: E402
-from trajectories.thermal import thermal_history  # noqa: E402
+from recal.cli.update import update  # noqa: E402
+from trajectories.runs.directory import write_run  # noqa: E402
+from trajectories.simulator.scenario import read_scenario, scenario_from_dict, scenario_ideal, simulate_scenario  # noqa: E402
+from trajectories.simulator.thermal import thermal_history  # noqa: E402
 
 OUT = Path(__file__).parent / "figures"
 RATE_HZ = 20.0

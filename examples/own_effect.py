@@ -16,7 +16,7 @@ import numpy as np
 
 from ins.units import DEG_PER_HOUR
 from simreal.effects.base import GYROS, CatalogueEffect, Coefficient, Shape
-from simreal.telemetry import Telemetry, Trace, on_axis
+from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ accelerometers alike: attitude and velocity stay consistent with each other, onl
 Rate and specific force are modelled as linear in time over the previous and the current interval, of lengths Tp, T:
 with d = 2 (x/T - xp/Tp) / (T + Tp) the slope of either. An interval longer than MAX_INTERVAL_RATIO times the one
 before it (a gap) and the first row are taken as constant: no slope, no coning, no sculling.
-Units are SI and radians. ins.strapdown_kernel holds the same formulas for the loop; a test pins one to the other.
+Units are SI and radians. ins.strapdown.kernel holds the same formulas for the loop; a test pins one to the other.
 Source: Savage, J. Guidance 21(1), 1998, pp. 19-28 and 21(2), 1998, pp. 208-221 (previous and current increment),
 derived here for unequal intervals.
 """

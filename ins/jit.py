@@ -79,7 +79,7 @@ def cache_folder(package: Path) -> Path | None:
 def source_hash(*folders: Path) -> str:
     """16 hexadecimal digits over the names and bytes of the Python files in these folders."""
     digest = hashlib.sha256()
-    for path in sorted({path for folder in folders for path in folder.glob("*.py")}):
+    for path in sorted({path for folder in folders for path in folder.rglob("*.py")}):
         source = path.read_bytes()
         digest.update(f"{path.name} {len(source)}\n".encode() + source)
     return digest.hexdigest()[:16]

@@ -22,7 +22,7 @@ def main() -> None:
 def _run() -> int:
     """The exit code of the command that the arguments ask for."""
     try:
-        from recal.cli import app
+        from recal.cli.app import app
 
         app()
     except SystemExit as end:

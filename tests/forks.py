@@ -86,15 +86,15 @@ def recal(arguments: list[str]) -> None:
 
 
 def plain_page(document: dict) -> str:
-    """A page in the place of `infield.report.update_html`, of its size without its figures: they take 0.85 of an update."""
+    """A page in the place of `infield.reports.update_page.update_html`, of its size without its figures: they take 0.85 of an update."""
     return f"<html>{document['verdict']}{' ' * 300_000}</html>"
 
 
 def recal_plain(arguments: list[str]) -> None:
     """The command line, its page without figures."""
-    import infield.report
+    import infield.reports.update_page
 
-    infield.report.update_html = plain_page
+    infield.reports.update_page.update_html = plain_page
     recal(arguments)
 
 
@@ -186,7 +186,7 @@ def _fork(request: dict, jobs: dict[int, _Job], folder: Path) -> int:
 
 def _child(function, arguments: list, mark: int) -> None:
     """Runs the job and ends the process; says when its first write transaction begins."""
-    from infield.store_database import Database
+    from infield.store.database import Database
 
     begin, code = Database.write, 1
 

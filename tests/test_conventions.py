@@ -9,8 +9,8 @@ from scipy.linalg import expm
 
 from ins import attitude, earth
 from ins.compensation import compensate
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 
 LAT = 45 * DEG

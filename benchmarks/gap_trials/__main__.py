@@ -7,7 +7,7 @@ from pathlib import Path
 from benchmarks.gap_trials.runs import PLANS
 from benchmarks.gap_trials.trial import SOURCES, Trial, draw_noise_trial, draw_trial
 from ins.twin_file import twin_to_dict
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 
 def main() -> None:

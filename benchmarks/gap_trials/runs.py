@@ -14,13 +14,13 @@ from benchmarks.gap_trials.seen import Seen
 from ins.records import AXES, InputError, Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.motions import Motion, lay
-from trajectories.segments import Park, Segment, Stop, Straight, Turn
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import ThermalHistory, thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import Motion, lay
+from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import ThermalHistory, thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SERIAL = "SN-0042"
 RATE_HZ = 10.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
 from ins.records import AXES, GnssLog, ImuLog, OdometerLog, Run, RunHeader, TemperatureLog, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
-from trajectories.run import run_sha256
+from trajectories.runs.directory import run_sha256
 
 Vector = tuple[float, float, float]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import typer
 
-from recal import console
-from recal.cli import app
+from recal.cli import console
+from recal.cli.app import app
 
 PYTHON_TYPES: dict[Any, str] = {bool: "", str: "TEXT", int: "WHOLE NUMBER", float: "NUMBER", Path: "PATH"}
 WORDS = {

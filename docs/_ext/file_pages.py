@@ -10,17 +10,17 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from result_keys import documents
 
-import trajectories.run_schema as run_schema
-from infield import table_file
+import trajectories.runs.schema as run_schema
+from infield.table import file as table_file
 from ins import twin_file
-from recal import config
+from recal.service import config
 from simreal.effects.catalogue import catalogue
-from trajectories import scenario
-from trajectories.readers import column_map
-from trajectories.segments import SEGMENTS
-from trajectories.thermal import ThermalHistory
-from trajectories.truth_file import TruthSection
-from trajectories.vehicle import EVENTS
+from trajectories.readers.rows import column_map
+from trajectories.simulator import scenario
+from trajectories.simulator.segments import SEGMENTS
+from trajectories.simulator.thermal import ThermalHistory
+from trajectories.simulator.truth_file import TruthSection
+from trajectories.simulator.vehicle import EVENTS
 
 HEAD = ["| key | type | needed or default |", "|---|---|---|"]
 BOUNDS = {Ge: ("ge", ">="), Gt: ("gt", ">"), Le: ("le", "<="), Lt: ("lt", "<"), MinLen: ("min_length", "length >="),
@@ -172,8 +172,8 @@ def _sources(package: str) -> dict[str, Any]:
     """Modules of a package, those of commands too."""
     from api_pages import ROOT
 
-    commands = sorted((ROOT / package / "commands").glob("*.py")) if package == "recal" else []
-    return modules(package) | {f"recal.commands.{p.stem}": p for p in commands}
+    commands = sorted((ROOT / package / "cli").glob("*.py")) if package == "recal" else []
+    return modules(package) | {f"recal.cli.{p.stem}": p for p in commands}
 
 
 def _model_rows(model: type[BaseModel], prefix: str = "") -> list[str]:

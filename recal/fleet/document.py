@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from infield.document import NM_H_PER_DEG_H
-from infield.store import TableStore, store_exists
-from infield.store_database import store_name
-from infield.store_rows import UnitKey
+from infield.reports.documents.update import NM_H_PER_DEG_H
+from infield.store.database import store_name
+from infield.store.rows import UnitKey
+from infield.store.table_store import TableStore, store_exists
 from recal.fleet.records import MERGED, OUTCOMES, RunOutcome
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
-from recal.output import program_version
+from recal.service.output import program_version
 
 MAX_POINTS = 2000
 VERDICTS = ("committed", "proposed", "up_to_date", "inconsistent", "refused", "bad_input", "failed")

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.report_figures import (
+from infield.reports.figures import (
     BLUE,
     GREEN,
     GREY,

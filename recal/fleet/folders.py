@@ -4,8 +4,8 @@ import hashlib
 import re
 from datetime import UTC
 
-from infield.disagreement import utc
-from infield.store_rows import UnitKey
+from infield.session.disagreement import utc
+from infield.store.rows import UnitKey
 from recal.fleet.records import PlannedRun
 
 LONGEST = 80  # characters kept of a name

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from infield.disagreement import utc
-from infield.store_rows import UnitKey
+from infield.session.disagreement import utc
+from infield.store.rows import UnitKey
 from ins.json_file import read_json_object
 from ins.records import InputError, RunHeader
 from recal.fleet.manifest import Listed
 from recal.fleet.records import PlannedRun, RunOutcome, outcome_of
-from trajectories.run_schema import header_from_json
+from trajectories.runs.schema import header_from_json
 
 CLOCK_FROM = datetime(1990, 1, 1, tzinfo=UTC)  # older than any log: the clock was never set
 CLOCK_AHEAD = timedelta(days=1)

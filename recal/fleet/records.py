@@ -5,7 +5,7 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-from infield.store_rows import UnitKey
+from infield.store.rows import UnitKey
 
 MERGED = ("committed", "proposed")
 OUTCOMES = {  # outcome of a run: what it means, in the order of the report

@@ -5,8 +5,8 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 
-from infield import report_page
-from infield.report_page import decimals_for
+from infield.reports import page as report_page
+from infield.reports.page import decimals_for
 from recal.fleet import figures
 from recal.fleet.records import OUTCOMES
 

@@ -2,7 +2,7 @@
 
 import os
 
-from infield.store_database import parsed_url
+from infield.store.database import parsed_url
 
 
 def absolute_store(url: str) -> tuple[str, str | None]:

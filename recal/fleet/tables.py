@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
-from infield.disagreement import utc
-from infield.store import TableStore, UnitRecord
+from infield.session.disagreement import utc
+from infield.store.table_store import TableStore, UnitRecord
 
 STALE_DAYS = 365.0
 STALE_SHARE = 0.5  # of the sigma of a unit without a table

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.document import level_change
-from infield.report import update_html
-from infield.table import ThermalTable
-from infield.table_file import table_from_dict
+from infield.reports.documents.update import level_change
+from infield.reports.update_page import update_html
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable
 from ins.json_file import read_json_object
 from ins.records import InputError
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
-from recal.output import write_text
+from recal.service.output import write_text
 
 LEVEL = ("x", "y")
 DRAWN = {"last": 1, "all": None, "none": 0}  # pages of a unit: the last of each kind of outcome, of every run, none

@@ -14,21 +14,21 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from infield.store import TableStore, store_exists
-from infield.store_database import store_name
-from infield.store_rows import UnitKey
-from recal.console import result_text
-from recal.fleet.dispatch import UnitQueue, run_all
+from infield.store.database import store_name
+from infield.store.rows import UnitKey
+from infield.store.table_store import TableStore, store_exists
+from recal.cli.console import result_text
 from recal.fleet.document import Timing, fleet_document
 from recal.fleet.folders import run_folder, unit_folder
-from recal.fleet.journal import Journal
-from recal.fleet.local_pool import LocalPool, Pool
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
+from recal.fleet.pools.dispatch import UnitQueue, run_all
+from recal.fleet.pools.journal import Journal
+from recal.fleet.pools.local_pool import LocalPool, Pool
 from recal.fleet.records import PlannedRun, RunOutcome, RunTask, outcome_of
 from recal.fleet.report import fleet_html
 from recal.fleet.store_url import absolute_store
-from recal.output import output_directory, program_version, write_files
+from recal.service.output import output_directory, program_version, write_files
 
 MODES = ("commit", "propose", "dry")  # into the table; kept in the store for review; nothing stored
 
@@ -110,7 +110,7 @@ def _work(
 def _pool(request: FleetRequest, queues: Sequence[UnitQueue], store_file: str | None) -> Pool:
     if not request.cluster:
         return LocalPool(max(1, min(request.workers, len(queues))))
-    from recal.fleet.dask_pool import DaskPool, sample_paths
+    from recal.fleet.pools.dask_pool import DaskPool, sample_paths
 
     runs = [run.path for queue in queues for run in queue.runs]
     return DaskPool(request.cluster, sample_paths(request.output, runs, store_file), sqlite=store_file is not None)

@@ -6,9 +6,9 @@ from urllib.parse import parse_qs, urlsplit
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from infield.store_proposals import signed_note
+from infield.store.proposals import signed_note
 from ins.records import InputError
-from recal.commands.stored_tables import change_between
+from recal.cli.table.stored_tables import change_between
 from recal.web import views
 from recal.web.app import SignInFirst, Site
 from recal.web.door import SESSION_S, Session, same

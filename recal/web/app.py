@@ -15,8 +15,8 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup
 from starlette.exceptions import HTTPException
 
-from infield import report_page
-from infield.store import RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
+from infield.reports import page as report_page
+from infield.store.table_store import RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
 from ins.records import InputError
 from recal.web import views
 from recal.web.door import Door, Session, TooManyGuesses

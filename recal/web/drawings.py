@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.report_figures import GREY, NEW, OLD, PANEL_WIDTH, axis_text, in_style, new_figure, robust_limits, svg_text
-from infield.table import ThermalTable
+from infield.reports.figures import GREY, NEW, OLD, PANEL_WIDTH, axis_text, in_style, new_figure, robust_limits, svg_text
+from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
 MOST_KEPT = 64

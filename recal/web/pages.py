@@ -6,10 +6,10 @@ from typing import Annotated, Any, Literal
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
-from infield.report import update_html
-from infield.store import FullProposal, Revision, TableStore
+from infield.reports.update_page import update_html
+from infield.store.table_store import FullProposal, Revision, TableStore
 from ins.records import InputError
-from recal.commands.stored_tables import change_between
+from recal.cli.table.stored_tables import change_between
 from recal.web import views
 from recal.web.app import Site
 from recal.web.drawings import Line
@@ -206,7 +206,7 @@ def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
 
 
 def _summary(document: dict[str, Any]) -> list[str]:
-    from simreal.diagnosis_document import summary
+    from simreal.report.diagnosis_document import summary
 
     try:
         return summary(document) if document else []

@@ -6,10 +6,10 @@ from urllib.parse import quote, urlencode
 
 import numpy as np
 
-from infield.disagreement import SessionEvidence
-from infield.report_page import decimals_for
-from infield.store import Proposal, Revision, UnitKey, UnitSummary
-from infield.table import ThermalTable
+from infield.reports.page import decimals_for
+from infield.session.disagreement import SessionEvidence
+from infield.store.table_store import Proposal, Revision, UnitKey, UnitSummary
+from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
 SORTS = ("serial", "technology", "changed", "proposals", "contradictions")

@@ -9,12 +9,12 @@ from ins.attitude import skew
 from ins.records import InputError
 from ins.units import HOUR, MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import ACCELS, AXIS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect, OutOfReach, with_parts
-from simreal.effects.gyro_effect import one, several
-from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC, swing
-from simreal.effects.play import heating_sense
-from simreal.effects.recordings import brakes, flies, has_accel_temperatures, lacking, needs_turns, over, span, turns
-from simreal.telemetry import Telemetry, Trace, on_axis
+from simreal.effects.parts.formula import FormulaEffect, OutOfReach, with_parts
+from simreal.effects.parts.gyro_effect import one, several
+from simreal.effects.parts.gyro_needs import TEMPERATURE_CHANGE_degC, swing
+from simreal.effects.parts.play import heating_sense
+from simreal.effects.parts.recordings import brakes, flies, has_accel_temperatures, lacking, needs_turns, over, span, turns
+from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 REFERENCE_degC = 25.0
 CHANGING_m_s2 = 0.5  # a specific force that changes less shows no scale factor or cross axis

@@ -12,7 +12,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from simreal.telemetry import Telemetry, Trace
+from simreal.effects.telemetry import Telemetry, Trace
 
 GYROS = ("gyro_x", "gyro_y", "gyro_z")
 ACCELS = ("accel_x", "accel_y", "accel_z")

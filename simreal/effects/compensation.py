@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 from simreal.effects.base import AXIS, GYROS, Coefficient, Effect, Shape
-from simreal.effects.formula import with_parts
-from simreal.effects.gyro_effect import gyro_effect, on_gyro, one
-from simreal.effects.gyro_needs import gyro_degC, gyro_degC_min, lacks_temperature_rate
-from simreal.telemetry import Telemetry, Trace
+from simreal.effects.parts.formula import with_parts
+from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one
+from simreal.effects.parts.gyro_needs import gyro_degC, gyro_degC_min, lacks_temperature_rate
+from simreal.effects.telemetry import Telemetry, Trace
 
 WHOLE_LOG_PRIOR = -1.0  # a blunder is -2, -1 or 1 times the table; any other share is a drift that looks like it
 LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR  # a table that moves by less over the runs has no temperature in it

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 from ins.units import PPM
 from simreal.effects.base import ACCELS, AXIS, GYROS, AddedNoise, Shape
-from simreal.effects.formula import FormulaEffect, OutOfReach
-from simreal.effects.gyro_effect import one, several
-from simreal.effects.recordings import brakes, flies, lacking, needs_turns
+from simreal.effects.parts.formula import FormulaEffect, OutOfReach
+from simreal.effects.parts.gyro_effect import one, several
+from simreal.effects.parts.recordings import brakes, flies, lacking, needs_turns
+from simreal.effects.telemetry import Telemetry, Trace, on_axis
 from simreal.effects.wheels import MILLISECOND
-from simreal.telemetry import Telemetry, Trace, on_axis
 
 GROSS_LOG_PRIOR = -8.0  # a swapped axis is thousands of nats, or is none: it must not rival a scale factor of 10 ppm
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR, HOUR
 from simreal.effects.base import GYROS, Effect, Shape
-from simreal.effects.formula import OutOfReach
-from simreal.effects.gyro_effect import gyro_effect, on_gyro, one
+from simreal.effects.parts.formula import OutOfReach
+from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one
 from simreal.effects.platform import ONSET
-from simreal.telemetry import Telemetry, Trace
+from simreal.effects.telemetry import Telemetry, Trace
 
 
 def constant(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:

@@ -9,10 +9,10 @@ import numpy as np
 
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR
 from simreal.effects.base import AddedNoise, Effect, Shape, ShapeParameter
-from simreal.effects.gyro_effect import gyro_effect, one
-from simreal.effects.gyro_needs import gyro_degC_min, lacks_temperature_rate
 from simreal.effects.gyro_thermal import above_reference
-from simreal.telemetry import Telemetry
+from simreal.effects.parts.gyro_effect import gyro_effect, one
+from simreal.effects.parts.gyro_needs import gyro_degC_min, lacks_temperature_rate
+from simreal.effects.telemetry import Telemetry
 
 WARMTH_degC = 20.0  # over which noise that grows with temperature grows e-fold in variance
 

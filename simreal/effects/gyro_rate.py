@@ -6,10 +6,11 @@ import numpy as np
 
 from ins.units import DEG_PER_HOUR, MILLIRADIAN, PPM, STANDARD_GRAVITY
 from simreal.effects.base import AXIS, Coefficient, Effect, Shape, ShapeParameter
-from simreal.effects.formula import FormulaEffect, with_parts
-from simreal.effects.gyro_effect import gyro_effect, on_gyro, one, several
 from simreal.effects.gyro_events import constant
-from simreal.effects.gyro_needs import (
+from simreal.effects.gyro_thermal import above_reference
+from simreal.effects.parts.formula import FormulaEffect, with_parts
+from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one, several
+from simreal.effects.parts.gyro_needs import (
     lacks_cross_turns,
     lacks_force_changes,
     lacks_headings,
@@ -17,8 +18,7 @@ from simreal.effects.gyro_needs import (
     lacks_turns_at_two_temperatures,
     lacks_turns_or_earth_rate,
 )
-from simreal.effects.gyro_thermal import above_reference
-from simreal.telemetry import Telemetry, Trace
+from simreal.effects.telemetry import Telemetry, Trace
 
 HORIZONTAL_FIELD_GAUSS = 0.2  # of the Earth in middle latitudes (0.1 to 0.4); towards true north
 DITHER_LOG_S = 0.002  # dither lies at 300 to 600 Hz

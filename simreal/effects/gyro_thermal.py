@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from ins.units import DEG_PER_HOUR
 from simreal.effects.base import Coefficient, Effect, Shape, ShapeParameter
-from simreal.effects.formula import sharing_prior
-from simreal.effects.gyro_effect import gyro_effect, on_gyro, one, several
-from simreal.effects.gyro_needs import (
+from simreal.effects.parts.formula import sharing_prior
+from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one, several
+from simreal.effects.parts.gyro_needs import (
     gradient_degC,
     gyro_degC,
     gyro_degC_min,
@@ -22,9 +22,9 @@ from simreal.effects.gyro_needs import (
     lacks_temperature,
     lacks_temperature_rate,
 )
-from simreal.effects.play import heating_sense
-from simreal.effects.thermal_memory import lagged
-from simreal.telemetry import Telemetry, Trace
+from simreal.effects.parts.play import heating_sense
+from simreal.effects.parts.thermal_memory import lagged
+from simreal.effects.telemetry import Telemetry, Trace
 
 REFERENCE_degC = 25.0
 
@@ -140,7 +140,7 @@ GYRO_THERMAL: tuple[Effect, ...] = (
         shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
         formula=hysteresis, need=lacks_heating_and_cooling,
         rivals=("gyro_turn_on_bias", "gyro_thermal_lag"),
-        source="simreal.effects.play",
+        source="simreal.effects.parts.play",
     ),
     gyro_effect(
         "gyro_warmup_transient", coefficients=one("deg/h", 5e-3, 0.05),

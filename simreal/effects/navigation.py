@@ -6,11 +6,11 @@ import numpy as np
 
 from ins.earth import omega_ie_n
 from simreal.effects.base import GYROS, Coefficient, Shape
-from simreal.effects.formula import FormulaEffect, OutOfReach, with_parts
-from simreal.effects.gyro_effect import one, several
-from simreal.effects.recordings import brakes, has_gnss, lacking, turns
+from simreal.effects.parts.formula import FormulaEffect, OutOfReach, with_parts
+from simreal.effects.parts.gyro_effect import one, several
+from simreal.effects.parts.recordings import brakes, has_gnss, lacking, turns
+from simreal.effects.telemetry import Telemetry, Trace
 from simreal.effects.wheels import MILLISECOND
-from simreal.telemetry import Telemetry, Trace
 
 
 def gnss_antenna(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:

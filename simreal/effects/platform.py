@@ -13,11 +13,11 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, gravity_n, radii_of_c
 from ins.records import InputError
 from ins.units import ARCSEC, HOUR, MICRO_G
 from simreal.effects.base import ACCELS, AddedNoise, Coefficient, Shape, ShapeParameter
-from simreal.effects.formula import EachAlone, FormulaEffect, sharing_prior, with_parts
-from simreal.effects.gyro_effect import one, several
-from simreal.effects.gyro_needs import TEMPERATURE_CHANGE_degC
-from simreal.effects.recordings import lacking, over, span
-from simreal.telemetry import Telemetry, Trace, on_axis
+from simreal.effects.parts.formula import EachAlone, FormulaEffect, sharing_prior, with_parts
+from simreal.effects.parts.gyro_effect import one, several
+from simreal.effects.parts.gyro_needs import TEMPERATURE_CHANGE_degC
+from simreal.effects.parts.recordings import lacking, over, span
+from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 ARCMIN = 60.0 * ARCSEC
 MILLIGAL = 1e-5  # [m/s^2]

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from ins.units import MILLIRADIAN, PPM
 from simreal.effects.base import AddedNoise, Shape
-from simreal.effects.formula import FormulaEffect, with_parts
-from simreal.effects.gyro_effect import one, several
-from simreal.effects.platform import integral
-from simreal.effects.recordings import (
+from simreal.effects.parts.formula import FormulaEffect, with_parts
+from simreal.effects.parts.gyro_effect import one, several
+from simreal.effects.parts.recordings import (
     MOVES_m_s,
     has_gnss,
     lacking,
@@ -22,7 +21,8 @@ from simreal.effects.recordings import (
     odometer_taxi,
     taxi,
 )
-from simreal.telemetry import AIRBORNE, Telemetry, Trace
+from simreal.effects.platform import integral
+from simreal.effects.telemetry import AIRBORNE, Telemetry, Trace
 
 MILLISECOND = 1e-3
 CENTIMETRE_PER_S = 0.01

@@ -5,17 +5,17 @@ from functools import lru_cache
 import numpy as np
 
 from alignment import coarse
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
 from tests.scenarios.study import DEFAULT_TWIN, table_to_zero
-from trajectories.motions import lay
-from trajectories.segments import Park
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 PRIOR_DEG_H = 0.01
 OFFSET, SHAPE = PRIOR_DEG_H * np.sqrt(0.7), PRIOR_DEG_H * np.sqrt(0.3)

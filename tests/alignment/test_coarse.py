@@ -10,8 +10,8 @@ from ins.records import ImuLog
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
 from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.vehicle import Boarding, Bump, Gust
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.vehicle import Boarding, Bump, Gust
 
 
 def resting(lat_deg, *, roll=0.0, pitch=0.0, heading=0.0, gyro=(0, 0, 0), accel=(0, 0, 0), seconds=120.0, dt=0.1):

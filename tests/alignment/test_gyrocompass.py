@@ -15,8 +15,8 @@ from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from tests.alignment.parked import PRIOR_DEG_H, attitude_error, ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
-from trajectories.segments import Park, Straight, Turn
-from trajectories.vehicle import Boarding, Bump, Gust
+from trajectories.simulator.segments import Park, Straight, Turn
+from trajectories.simulator.vehicle import Boarding, Bump, Gust
 
 RUNS = 10
 SIGMA_DEG_H = np.full(3, np.hypot(PRIOR_DEG_H, DEFAULT_TWIN.gyro.turn_on_deg_h))

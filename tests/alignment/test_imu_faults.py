@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from alignment import imu_faults
+from alignment.motion import imu_faults
 from tests.alignment.parked import ideal_of, simulate
 from tests.infield.sessions import PARKED as HALF_HOUR
 from tests.infield.sessions import estimate_of, simulated
 from tests.scenarios.gate_study import swaying
-from trajectories.faults import clipped_accelerometer, stuck_at_full_scale
-from trajectories.imu_stream import imu_log
-from trajectories.segments import Park, Stop, Straight
-from trajectories.vehicle import Boarding, Bump, Gust, Push
+from trajectories.runs.imu_stream import imu_log
+from trajectories.simulator.faults import clipped_accelerometer, stuck_at_full_scale
+from trajectories.simulator.segments import Park, Stop, Straight
+from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
 
 PARK = (Park(duration_s=600.0),)
 

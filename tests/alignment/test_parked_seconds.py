@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from alignment.parked_seconds import parked_seconds, quiet_stretches
-from alignment.stillness import DISTURBED, STILL
+from alignment.motion.parked_seconds import parked_seconds, quiet_stretches
+from alignment.motion.stillness import DISTURBED, STILL
 from ins.records import ImuLog
 from ins.units import DEG_PER_HOUR
 

@@ -6,15 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from alignment import stillness
-from alignment.stillness import AIRBORNE, DISTURBED, ROLLING, STILL
+from alignment.motion import stillness
+from alignment.motion.stillness import AIRBORNE, DISTURBED, ROLLING, STILL
 from ins.records import Phase
 from ins.units import ARCSEC
 from tests.alignment.parked import ideal_of, parked_history, simulate
 from tests.scenarios.study import DEFAULT_TWIN
-from trajectories.scenario import read_scenario, simulate_scenario
-from trajectories.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn
-from trajectories.vehicle import Boarding, Bump, Gust, Push
+from trajectories.simulator.scenario import read_scenario, simulate_scenario
+from trajectories.simulator.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn
+from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
 
 QUARTER_HOUR = (Park(duration_s=900.0),)
 EDGE_S = 3.0  # epochs of a second, and starts that creep away

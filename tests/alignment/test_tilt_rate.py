@@ -8,7 +8,7 @@ import pytest
 from alignment.tilt_rate import WALK_FACTOR, tilt_rates
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from tests.alignment.parked import ideal_of, parked_history, simulate
-from trajectories.segments import Park
+from trajectories.simulator.segments import Park
 
 HALF_HOUR = (Park(duration_s=1800.0),)
 ARW = 0.002 * DEG_PER_SQRT_HOUR

@@ -11,7 +11,7 @@ from alignment.tilt_smoother import smoothed_tilt_rates
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 from tests.alignment.parked import ideal_of, parked_history, simulate
 from tests.scenarios.study import REFERENCE_TWIN
-from trajectories.segments import Park
+from trajectories.simulator.segments import Park
 
 HOUR_PARKED = (Park(duration_s=3600.0),)
 ARW = 0.002 * DEG_PER_SQRT_HOUR

@@ -7,8 +7,8 @@ from benchmarks.gap_trials import outside
 from benchmarks.gap_trials.processes import flicker
 from benchmarks.gap_trials.seen import turned_back
 from ins.earth import gravity_magnitude, omega_ie_n
-from ins.mechanization import navigate
 from ins.records import ImuLog, NavState, Site
+from ins.strapdown.mechanization import navigate
 from ins.units import DEG_PER_HOUR, MICRO_G
 from tests.gap_trials.cases import SHORT_S
 

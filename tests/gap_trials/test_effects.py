@@ -12,8 +12,8 @@ from benchmarks.gap_trials.trial import draw_trial
 from ins.records import VehicleNoise
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
 from tests.gap_trials.cases import SHORT_S, change, planted
-from trajectories.thermal import STARTS
-from trajectories.vehicle import disturb
+from trajectories.simulator.thermal import STARTS
+from trajectories.simulator.vehicle import disturb
 
 
 def test_a_temperature_slope_follows_the_true_temperature(short):
@@ -122,7 +122,7 @@ def test_a_wrong_site_is_in_the_header_only(short):
 
 
 def test_a_unit_set_askew_is_a_crab_of_the_vehicle():
-    """Against trajectories.vehicle, which lays a crab over a run by its own formulas: 0.02 of 700 micro-g."""
+    """Against trajectories.simulator.vehicle, which lays a crab over a run by its own formulas: 0.02 of 700 micro-g."""
     ideal = runs.ideal_run(90.0, 1, SHORT_S, True)
     crab = VehicleNoise(crab_mrad=5.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0)
     theirs = disturb(ideal, crab, (), np.random.default_rng(0))

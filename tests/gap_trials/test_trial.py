@@ -11,11 +11,11 @@ from benchmarks.gap_trials import runs
 from benchmarks.gap_trials.__main__ import write_trial
 from benchmarks.gap_trials.effects import EFFECTS
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
-from infield.table_file import table_from_dict
+from infield.table.file import table_from_dict
 from ins.records import InputError
 from ins.twin_file import read_twin
 from tests.gap_trials.cases import SHORT_S, change, planted
-from trajectories.run import read_run
+from trajectories.runs.directory import read_run
 
 
 def test_the_same_seed_makes_the_same_trial():

@@ -5,20 +5,20 @@ from functools import lru_cache
 
 import numpy as np
 
-from ins.aided_filter import AidedHistory
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic
+from ins.filters.aided_filter import AidedHistory
 from ins.records import ReferenceLog, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from tests.scenarios.study import table_to_zero
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Park, Segment, Straight, TakeOff, Turn, TurnFlight
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import SimulatedRun, simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Park, Segment, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 LEVER_M = (2.0, -0.5, -1.0)
@@ -55,7 +55,7 @@ def flown(base: IdealSensors, twin: TwinModel, seed: int) -> SimulatedRun:
 
 
 def errors(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
-    """Errors (k, 15) of a solution, order and signs of `ins.aided_kernel`."""
+    """Errors (k, 15) of a solution, order and signs of `ins.filters.aided_kernel`."""
     motion = motion_errors(made.reference, history)
     gyro, accel = (
         np.stack([np.interp(history.time_s, made.bias_time_s, axis) for axis in bias.T], axis=1)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from infield.gradient_runs import GradientRun
-from infield.ramp_runs import RampRun
+from infield.thermal.gradient_runs import GradientRun
+from infield.thermal.ramp_runs import RampRun
 from ins.records import GyroNoise, TwinModel
 from tests.infield.ramp_cases import flicker
 

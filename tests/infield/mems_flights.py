@@ -8,11 +8,11 @@ import numpy as np
 from ins.records import Phase, Site
 from ins.units import DEG
 from tests.infield.mems_sessions import LAT_RAD, TWIN, WARM_UP, unit
-from trajectories.motions import lay
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.truth import build_truth
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.truth import build_truth
 
 COLD_S, WARM_S = 180.0, 120.0
 VIBRATION_RAD, VIBRATION_M_S = 1e-3, 0.1  # of the angle and velocity from row to row while it does not stand

@@ -5,19 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from infield.pipeline import update_calibration
-from infield.table import default_table
-from infield.table_file import table_to_dict
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_to_dict
+from infield.table.thermal_table import default_table
 from ins.records import AccelNoise, GyroNoise, Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.motions import lay
-from trajectories.segments import Park
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SIGMA_DEG_H = 30.0  # of the blank table: 70 % of the variance common, 30 % smooth (formats.md, section 2)
 GYRO = GyroNoise(arw_deg_sqrt_h=0.2, bias_instability_deg_h=5.0, rate_random_walk_deg_h_sqrt_h=5.0, turn_on_deg_h=100.0)

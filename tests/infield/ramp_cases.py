@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from infield.ramp_runs import Leg, RampRun
+from infield.thermal.ramp_runs import Leg, RampRun
 from ins.records import GyroNoise, TwinModel
 
 TWIN = TwinModel(gyro_technology="fog", gyro=GyroNoise())

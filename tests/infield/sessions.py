@@ -6,20 +6,20 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.session import SessionSettings, estimate_session, find_rest, session_end
-from infield.table import ThermalTable
-from infield.table_file import table_from_dict
-from infield.thermometer import gyro_temperature
+from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Site
 from ins.units import DEG
 from tests.scenarios.study import DEFAULT_TWIN
-from trajectories.motions import lay
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 TWIN = DEFAULT_TWIN
 TAXI = (

@@ -1,6 +1,6 @@
 """What a writer process of the concurrency tests does."""
 
-from infield.store import StoreConflict, TableStore
+from infield.store.table_store import StoreConflict, TableStore
 from tests.infield.stores import commit
 
 STEP_DEG_H = 1e-6

@@ -14,9 +14,9 @@ from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 from sqlalchemy.schema import CreateSchema, DropSchema
 
-from infield.store import MergedRun, TableStore
-from infield.table import default_table
-from infield.table_file import table_to_dict
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
+from infield.table.thermal_table import default_table
 
 UTC = "2026-03-01T05:00:00Z"
 DATABASES = ("sqlite", "postgresql")

@@ -6,19 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from infield.aided import aided_noise, flicker_walk, navigate_aided
-from infield.aided_noise import capped_nis
-from infield.replay import TableChoice, replay
-from infield.session import find_rest
-from infield.stands import find_stands
-from infield.velocity_match import match_velocity
-from ins.aided_filter import fixes_of, level_sigmas
+from alignment.motion.stands import find_stands
+from infield.replay.aided.flight import aided_noise, flicker_walk, navigate_aided
+from infield.replay.aided.noise import capped_nis
+from infield.replay.aided.velocity_match import match_velocity
+from infield.replay.free_inertial import TableChoice, replay
+from infield.session.navigated import find_rest
+from ins.filters.aided_filter import fixes_of, level_sigmas
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR
 from tests.infield.aided_cases import LEVER_M, SITE, errors, flown, ideal, normalised, twin_of
 from tests.infield.test_replay import choices, flat, never_rests
-from trajectories.run_cut import cut_run
-from trajectories.segments import Park, Stop, Straight, Turn
+from trajectories.runs.cut import cut_run
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
 
 PARK_S = 180.0
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.aided import navigate_aided
-from infield.aided_antenna import antenna_sigmas
-from infield.aided_document import aided_document
-from infield.session import find_rest
+from infield.replay.aided.antenna import antenna_sigmas
+from infield.replay.aided.flight import navigate_aided
+from infield.reports.documents.aided import aided_document
+from infield.session.navigated import find_rest
 from ins.records import Run
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
-from trajectories.segments import Straight
+from trajectories.simulator.segments import Straight
 
 PARK_S = 180.0
 

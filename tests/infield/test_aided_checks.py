@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.aided import navigate_aided
-from infield.aided_antenna import antenna_sigmas
-from infield.session import find_rest
+from infield.replay.aided.antenna import antenna_sigmas
+from infield.replay.aided.flight import navigate_aided
+from infield.session.navigated import find_rest
 from ins.records import Run, Site
 from tests.infield.aided_cases import SITE, errors, flown, gauss_markov, ideal, late_velocities, normalised, twin_of
 

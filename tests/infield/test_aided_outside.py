@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from infield.aided import navigate_aided
-from ins.aided_filter import level_sigmas
+from infield.replay.aided.flight import navigate_aided
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
+from ins.filters.aided_filter import level_sigmas
 from ins.records import GnssLog, ImuLog, Run, RunHeader, Site
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 from tests.infield.aided_cases import twin_of

@@ -1,6 +1,6 @@
 """Exported parameters, evaluated as the autopilots' own documentation has it, in float32, on a simulated raw gyro.
 
-The evaluations below are written from those documents (docs/bridges.md), not from infield.autopilot_params.
+The evaluations below are written from those documents (docs/bridges.md), not from infield.table.autopilot_params.
 """
 
 import re
@@ -8,11 +8,11 @@ import re
 import numpy as np
 import pytest
 
-from infield.autopilot_params import read_cubic, read_parameters
-from infield.autopilot_table import FREE_LEVEL_DEG_H, export_cubic, table_of_cubic
-from infield.cubic_fit import fit_cubics, valid_range
-from infield.table import default_table
-from infield.table_prior import prior_covariance
+from infield.table.autopilot_params import read_cubic, read_parameters
+from infield.table.autopilot_table import FREE_LEVEL_DEG_H, export_cubic, table_of_cubic
+from infield.table.cubic_fit import fit_cubics, valid_range
+from infield.table.prior import prior_covariance
+from infield.table.thermal_table import default_table
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.bias_points import mean_rows, measurement_information, observability, session_points
+from infield.session.points import mean_rows, measurement_information, observability, session_points
 from tests.infield.sessions import PARKED, estimate, estimate_of, factory, shifted, simulated, true_bias
 
 

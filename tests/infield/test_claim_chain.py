@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.claim_chain import run_claim_chain
-from infield.session import compensated_imu, session_end
-from infield.thermometer import gyro_temperature
+from infield.session.claim_chain import run_claim_chain
+from infield.session.navigated import compensated_imu, session_end
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from tests.infield.sessions import PARKED, TAXI, TWIN, estimate, factory, simulated
@@ -90,7 +90,7 @@ def test_without_a_taxi_the_east_axis_stays_relative():
 
 def test_a_straight_taxi_is_blind():
     """physics.md 6.5: the chain says so instead of giving a number."""
-    from trajectories.segments import Park, Straight
+    from trajectories.simulator.segments import Park, Straight
 
     chain = chain_of(1, (Park(duration_s=1800.0), Straight(duration_s=200.0)))
     assert np.isnan(chain.psi_rad)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from infield.document import update_document
-from infield.pipeline import update_calibration
-from infield.table_file import table_from_dict, table_sha256
+from infield.reports.documents.update import update_document
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_from_dict, table_sha256
 from ins.units import MILLIRADIAN
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, simulated
 
@@ -72,7 +72,7 @@ def test_types_and_words_of_the_contract():
 
 
 def test_it_is_strict_json_once_nan_is_null():
-    from recal.console import result_text
+    from recal.cli.console import result_text
 
     text = json.dumps(json.loads(result_text(document())), allow_nan=False)
     assert json.loads(text)["schema"] == "recal.update/1"

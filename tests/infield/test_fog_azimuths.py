@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from infield.document_azimuths import document_angles, document_compensation
-from infield.fog_azimuths import (
+from infield.misalignment.closed_forms import document_angles, document_compensation
+from infield.misalignment.harmonic_fit import (
     azimuth_columns,
     azimuth_geometry,
     fit_azimuths,

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from infield.fog_document import admissible_slow_rate, fit_models
-from infield.fog_model import FogModel, shifted
-from infield.fog_ramps import document_subtraction, exact_separation, separate, up_down
-from infield.piecewise import piecewise_pair
+from infield.reports.documents.fog import admissible_slow_rate, fit_models
+from infield.thermal.fog_model import FogModel, shifted
+from infield.thermal.fog_ramps import document_subtraction, exact_separation, separate, up_down
+from infield.thermal.piecewise import piecewise_pair
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 FEW, MANY = 20, 200  # units in the normal suite, and of R20

@@ -9,15 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session import SessionSettings, estimate_session, find_rest, session_end
-from infield.thermometer import gyro_temperature
-from ins import error_model as em
-from ins import filter_kernel as fk
-from ins.filter_program import FilterProgram
+from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.filters import error_kernel as fk
+from ins.filters import error_model as em
+from ins.filters.program import FilterProgram
 from ins.units import MILLIRADIAN
 from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, score
-from trajectories.segments import Park, Straight, Turn
+from trajectories.simulator.segments import Park, Straight, Turn
 
 STRAIGHT = (Park(duration_s=1500.0), Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0))
 TURNED = (Park(duration_s=1500.0), Turn(angle_deg=90.0), Straight(duration_s=300.0, speed_m_s=10.0))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from benchmarks.thermal_sessions import SETTINGS, TWIN, aged_table, bins_of, draw, drawn_session, take, templates
-from infield.hysteresis import ThermalTerm, heating_sense, joint_posterior, posterior_with, with_terms
-from infield.joint_update import with_thermal_terms
-from infield.merge import merge_posterior
+from infield.session.hysteresis import ThermalTerm, heating_sense, joint_posterior, posterior_with, with_terms
+from infield.session.joint_update import with_thermal_terms
+from infield.table.merge import merge_posterior
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
 

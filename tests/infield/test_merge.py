@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from infield.merge import (
+from infield.table.merge import (
     AXIS_Z_LIMIT,
     SessionPoints,
     flicker_covariance,
@@ -16,8 +16,8 @@ from infield.merge import (
     random_walk_covariance,
     session_covariance,
 )
-from infield.table import default_table
-from infield.table_prior import prior_covariance
+from infield.table.prior import prior_covariance
+from infield.table.thermal_table import default_table
 from ins.records import GyroNoise, InputError
 
 UTC = "2026-03-01T05:00:00Z"

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from infield.merge import SessionPoints, merge_points, merge_posterior, session_covariance
-from infield.table import default_table
-from infield.table_prior import smooth_kernel
+from infield.table.merge import SessionPoints, merge_points, merge_posterior, session_covariance
+from infield.table.prior import smooth_kernel
+from infield.table.thermal_table import default_table
 from ins.records import GyroNoise
 
 UTC = "2026-03-01T05:00:00Z"

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.azimuth_biases import KnownAzimuths
-from infield.azimuth_levelling import level_offsets
-from infield.azimuth_runs import Stop, between_turns, find_stops
-from infield.misalignment import AzimuthSettings, corrected_twin, study_runs
-from infield.misalignment_document import misalignment_document
-from infield.misalignment_report import misalignment_html
-from infield.pipeline import update_calibration
-from infield.session import SessionSettings, estimate_session, find_rest, misalignment_sigma_mrad, session_end
-from infield.table_file import table_sha256, table_to_dict
-from infield.thermometer import gyro_temperature
+from infield.misalignment.azimuth_biases import KnownAzimuths
+from infield.misalignment.azimuth_levelling import level_offsets
+from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
+from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
+from infield.reports.documents.misalignment import misalignment_document
+from infield.reports.misalignment_page import misalignment_html
+from infield.session.navigated import SessionSettings, estimate_session, find_rest, misalignment_sigma_mrad, session_end
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_sha256, table_to_dict
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, InputError
 from ins.units import ARCSEC, DEG, MICRO_G
@@ -29,7 +29,7 @@ from tests.infield.azimuth_cases import (
     simulated,
     table,
 )
-from trajectories.motions import Park, Pivot, Straight
+from trajectories.simulator.motions import Park, Pivot, Straight
 
 TRUE = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"), TRUE_MRAD)) | {"xy+yx": TRUE_MRAD[0] + TRUE_MRAD[2]}
 FOUR_DEG = (0.0, 90.0, 180.0, 270.0)
@@ -152,7 +152,7 @@ def test_refusals_say_why(runs, options, told):
 
 
 def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
-    from infield.table import default_table
+    from infield.table.thermal_table import default_table
 
     wide = default_table(imu_serial="SN-0042", gyro_technology="fog", created_utc="2026-01-01T00:00:00Z", sigma_deg_h=30.0)
     runs = [parked_run(h).run for h in FOUR_DEG]

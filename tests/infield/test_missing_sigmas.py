@@ -6,14 +6,14 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.replay import replay
-from infield.taxi_heading import GnssAid
-from ins.aided_filter import fixes_of
+from infield.replay.free_inertial import replay
+from infield.session.taxi_heading import GnssAid
+from ins.filters.aided_filter import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.test_replay import choices, flat
-from trajectories.run import inspect_run, read_run, write_run
-from trajectories.run_schema import SIGMAS
+from trajectories.runs.directory import inspect_run, read_run, write_run
+from trajectories.runs.schema import SIGMAS
 
 TWIN = twin_of("rlg")
 DECLARED = dict(zip(SIGMAS, (TWIN.gnss.sigma_horizontal_m, TWIN.gnss.sigma_vertical_m, TWIN.gnss.sigma_velocity_m_s)))

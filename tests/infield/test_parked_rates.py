@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment.parked_seconds import ParkedSeconds
-from infield.document import update_document
-from infield.parked_rates import find_parked, no_heading, unknown_sigma_deg_h
-from infield.report import update_html
-from infield.session import SessionSettings
-from infield.table import default_table
-from infield.table_file import table_sha256, table_to_dict
-from infield.thermometer import gyro_temperature
+from alignment.motion.parked_seconds import ParkedSeconds
+from infield.reports.documents.update import update_document
+from infield.reports.update_page import update_html
+from infield.session.navigated import SessionSettings
+from infield.session.parked_rates import find_parked, no_heading, unknown_sigma_deg_h
+from infield.table.file import table_sha256, table_to_dict
+from infield.table.thermal_table import default_table
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import Survey
 from ins.twin_file import default_twin

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment import turn_between
-from infield.document import update_document
-from infield.parked_rates import unknown_sigma_deg_h
-from infield.parked_stretches import find_rests, parked_windows
-from infield.report import update_html
-from infield.session import SessionSettings, make_bins
-from infield.table_file import table_to_dict
-from infield.thermometer import gyro_temperature
+from alignment.motion import turn_between
+from infield.reports.documents.update import update_document
+from infield.reports.update_page import update_html
+from infield.session.navigated import SessionSettings, make_bins
+from infield.session.parked_rates import unknown_sigma_deg_h
+from infield.session.parked_stretches import find_rests, parked_windows
+from infield.table.file import table_to_dict
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import GnssLog, Phase, Survey
 from ins.units import DEG, DEG_PER_HOUR

@@ -7,10 +7,10 @@ import pytest
 
 from alignment.tilt_rate import tilt_rates
 from ins import earth
-from ins import error_model as em
 from ins.attitude import dcm_from_euler
-from ins.mechanization import VerticalChannel, navigate
+from ins.filters import error_model as em
 from ins.records import NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN
 from tests.ins.nonlinear_errors import Errors, error_states, run_errors, straight_roll
 

@@ -6,12 +6,12 @@ import subprocess
 import numpy as np
 import pytest
 
-from infield.coefficient_curves import AxisBlocks, Reduced
-from infield.fixed_point import RATE_BITS, TEMPERATURE_BITS, fixed_table, to_c_header, to_csv, worst_error_deg_h
-from infield.fog_document import fit_models, fixed_tables, worst_rounding
-from infield.fog_model import FogModel
-from infield.fog_ramps import separate
-from infield.piecewise import Piecewise, piecewise_pair
+from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
+from infield.thermal.coefficient_curves import AxisBlocks, Reduced
+from infield.thermal.fixed_point import RATE_BITS, TEMPERATURE_BITS, fixed_table, to_c_header, to_csv, worst_error_deg_h
+from infield.thermal.fog_model import FogModel
+from infield.thermal.fog_ramps import separate
+from infield.thermal.piecewise import Piecewise, piecewise_pair
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 

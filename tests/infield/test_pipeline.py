@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.acceptance import judge_estimate
-from infield.bias_points import observability
-from infield.pipeline import update_calibration
-from infield.table_file import table_sha256
+from infield.session.acceptance import judge_estimate
+from infield.session.pipeline import update_calibration
+from infield.session.points import observability
+from infield.table.file import table_sha256
 from ins.compensation import compensate
 from ins.records import InputError, Site, TemperatureLog
 from ins.units import DEG, DEG_PER_HOUR
@@ -26,9 +26,9 @@ from tests.infield.sessions import (
     with_header,
 )
 from tests.scenarios.study import prior_table
-from trajectories.segments import Park, Turn
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
+from trajectories.simulator.segments import Park, Turn
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
 
 PARENT = table_sha256(factory_dict())
 
@@ -179,8 +179,8 @@ def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
 def applied_run(table):
     """The same flight with the gyro output already compensated by a table."""
     run = simulated(1).run
-    from infield.session import table_series
-    from infield.thermometer import gyro_temperature
+    from infield.session.navigated import table_series
+    from infield.thermometer.gyro_temperature import gyro_temperature
 
     bias = table_series(table, gyro_temperature(run.temperature))(run.imu.time_s)
     raw = replace(run, imu=compensate(run.imu, gyro_bias_rad_s=bias * DEG_PER_HOUR))

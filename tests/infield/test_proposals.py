@@ -5,10 +5,10 @@ import threading
 
 import pytest
 
-from infield.store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
-from infield.store_proposals import AlreadyRejected, signed_note
-from infield.table import default_table
-from infield.table_file import canonical_json, table_sha256, table_to_dict
+from infield.store.proposals import AlreadyRejected, signed_note
+from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
+from infield.table.file import canonical_json, table_sha256, table_to_dict
+from infield.table.thermal_table import default_table
 from ins.records import InputError
 from tests.infield import stores
 from tests.infield.stores import tamper

@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.drift import REALIGN_M_S, Drift, drift_against
-from infield.drift_prediction import predict_parked
-from infield.pipeline import update_calibration
-from infield.replay import StopSpeed, TableChoice, heading_change, replay
-from infield.replay_document import replay_document
-from infield.replay_report import replay_html
-from infield.table import ThermalTable, default_table
-from infield.table_file import table_from_dict
+from infield.replay.drift import REALIGN_M_S, Drift, drift_against
+from infield.replay.drift_prediction import predict_parked
+from infield.replay.free_inertial import StopSpeed, TableChoice, heading_change, replay
+from infield.reports.documents.replay import replay_document
+from infield.reports.replay_page import replay_html
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable, default_table
 from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
-from trajectories.motions import Park, Pivot, Stop, Straight, Turn, lay
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import SimulatedRun, simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 NO_NOISE = TwinModel(

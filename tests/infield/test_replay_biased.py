@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.replay import TableChoice, replay
-from infield.replay_document import replay_document
-from infield.replay_report import replay_html
-from infield.report_page import significant
+from infield.replay.free_inertial import TableChoice, replay
+from infield.reports.documents.replay import replay_document
+from infield.reports.page import significant
+from infield.reports.replay_page import replay_html
 from ins.units import DEG_PER_HOUR
 from tests.infield.aided_cases import flown, ideal, twin_of
 

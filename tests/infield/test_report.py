@@ -16,16 +16,17 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from infield import report_page, update_figures
-from infield.document import update_document
-from infield.pipeline import update_calibration
-from infield.report import update_html
-from infield.report_figures import MAX_POINTS, PANEL_WIDTH, in_style, new_figure, robust_limits, svg_text, thinned
-from infield.table_file import table_from_dict, table_sha256
+from infield.reports import page as report_page
+from infield.reports import update_figures
+from infield.reports.documents.update import update_document
+from infield.reports.figures import MAX_POINTS, PANEL_WIDTH, in_style, new_figure, robust_limits, svg_text, thinned
+from infield.reports.update_page import update_html
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_from_dict, table_sha256
 from ins.records import TwinModel
 from tests.undrawn import figures_left_out
-from trajectories.scenario import read_scenario, simulate_scenario
-from trajectories.segments import Park
+from trajectories.simulator.scenario import read_scenario, simulate_scenario
+from trajectories.simulator.segments import Park
 
 KINDS = ("proposed", "committed", "refused", "inconsistent")
 PAGE_LIMIT_BYTES = 600_000
@@ -327,5 +328,5 @@ def test_commands_are_quoted_for_the_shell(documents):
 
 
 def test_importing_the_report_does_not_load_matplotlib():
-    code = "import infield.report, sys; sys.exit('matplotlib' in sys.modules)"
+    code = "import infield.reports.update_page, sys; sys.exit('matplotlib' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

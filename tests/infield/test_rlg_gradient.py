@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.gradient_terms import TERMS, Gram, columns, condition_number, hold_apart
-from infield.rlg_document import about_zero, rlg_document
-from infield.rlg_gradient import fit_gradients
-from infield.rlg_model import model_from_document
+from infield.reports.documents.rlg import about_zero, rlg_document
+from infield.thermal.gradient_terms import TERMS, Gram, columns, condition_number, hold_apart
+from infield.thermal.rlg_gradient import fit_gradients
+from infield.thermal.rlg_model import model_from_document
 from tests.infield.gradient_cases import NAMES, TWIN, Unit, case, three_runs
 
 FEW = 12  # units of three gyros in the normal suite

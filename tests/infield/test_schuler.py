@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from infield.drift import Drift
-from infield.replay import replay
-from infield.schuler import expected_period_s, fit_schuler
+from infield.replay.drift import Drift
+from infield.replay.free_inertial import replay
+from infield.replay.schuler import expected_period_s, fit_schuler
 from ins.records import TwinModel
 from tests.infield.test_replay import SITE, choices, flat, parked
 

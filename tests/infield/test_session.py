@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session import (
+from infield.session.navigated import (
     SessionSettings,
     compensated_imu,
     find_rest,
@@ -13,7 +13,7 @@ from infield.session import (
     own_information_floor_deg_h,
     session_end,
 )
-from infield.thermometer import gyro_temperature
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Phase, TemperatureLog
 from ins.units import DEG_PER_HOUR
 from tests.infield.sessions import (

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from infield.document import update_document
-from infield.pipeline import update_calibration
-from infield.report import update_html
-from infield.standstill import speed_disagreement
-from infield.table_file import table_sha256, table_to_dict
+from alignment.motion.standstill import speed_disagreement
+from infield.reports.documents.update import update_document
+from infield.reports.update_page import update_html
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
 from tests.undrawn import figures_left_out

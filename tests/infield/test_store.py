@@ -5,9 +5,9 @@ import threading
 
 import pytest
 
-from infield.store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit, store_exists
-from infield.store_database import Database
-from infield.table_file import canonical_json, table_sha256, table_to_dict
+from infield.store.database import Database
+from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit, store_exists
+from infield.table.file import canonical_json, table_sha256, table_to_dict
 from ins.records import GyroNoise, InputError, TwinModel
 from tests.infield.stores import commit, rows, table, tamper
 
@@ -176,8 +176,8 @@ def test_migration_makes_the_declared_schema(store, url):
     from alembic.migration import MigrationContext
     from alembic.script import ScriptDirectory
 
-    from infield.store_database import alembic_config
-    from infield.store_schema import SCHEMA_REVISION, metadata
+    from infield.store.database import alembic_config
+    from infield.store.schema import SCHEMA_REVISION, metadata
 
     with Database(url, create=False).reading() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []

@@ -7,8 +7,8 @@ import sqlite3
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
-from infield import store_database
-from infield.store import StoreConflict, TableStore
+from infield.store import database as store_database
+from infield.store.table_store import StoreConflict, TableStore
 from ins.records import InputError
 from tests.infield.stores import commit, factory, read_only, small_disk, updated
 

@@ -8,9 +8,9 @@ from alembic import command
 from sqlalchemy import create_engine, insert
 from sqlalchemy.pool import NullPool
 
-from infield.store import TableStore
-from infield.store_database import alembic_config
-from infield.store_schema import SCHEMA_REVISION, metadata
+from infield.store.database import alembic_config
+from infield.store.schema import SCHEMA_REVISION, metadata
+from infield.store.table_store import TableStore
 from ins.records import InputError
 from tests.infield.stores import commit, rows, tamper
 
@@ -61,7 +61,7 @@ def test_writing_upgrades_it_and_keeps_every_row(old):
 def test_an_upgrade_that_fails_leaves_the_old_schema(old, monkeypatch):
     """All of it in one transaction, on both databases."""
     before = kept(old)
-    monkeypatch.setattr("infield.store_database.SCHEMA_REVISION", "0005")  # never reached
+    monkeypatch.setattr("infield.store.database.SCHEMA_REVISION", "0005")  # never reached
     tamper(old, "CREATE TABLE recal_proposal (in_the_way INTEGER)")
     with pytest.raises(InputError, match=r"not written: .*recal_proposal.*already exists"):
         TableStore.open(old, create=True)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from tests.forks import ForkServer
 from tests.infield.store_writer import STEP_DEG_H
 from tests.infield.stores import factory

@@ -11,9 +11,9 @@ from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 
 import infield
-from infield.disagreement import SessionEvidence
-from infield.store import MergedRun, TableStore
-from infield.table_file import table_to_dict
+from infield.session.disagreement import SessionEvidence
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
 from tests.infield.stores import commit, database_url, factory, rows, table, tamper, updated
 

@@ -5,9 +5,9 @@ from contextlib import contextmanager
 import pytest
 from sqlalchemy import text
 
-from infield.store import MergedRun, TableStore
-from infield.store_database import require_folder
-from infield.table_file import table_to_dict
+from infield.store.database import require_folder
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
 from ins.records import InputError
 from tests.infield.stores import commit, factory, rows, table, tamper, updated
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.disagreement import SessionEvidence
-from infield.store import MergedRun, TableStore
-from infield.store_rows import record_sha256
-from infield.table_file import table_to_dict
+from infield.session.disagreement import SessionEvidence
+from infield.store.rows import record_sha256
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
 from ins.records import InputError, TwinModel
 from tests.infield.stores import commit, factory, rows, table, tamper, updated
 
@@ -186,7 +186,7 @@ def test_proposals_are_checked_too(store, url):
 def test_a_unit_with_proposals_alone_is_intact(store):
     new = table("NEW")
     first = table_to_dict(new)
-    from infield.table_file import table_sha256
+    from infield.table.file import table_sha256
 
     proposed = new.replaced(parameters=new.parameters + 1e-3, provenance={"parent_sha256": table_sha256(first), "runs": []})
     store.propose(table_sha256(first), proposed, [], "{}", first_table=first, by="A", note="new unit")

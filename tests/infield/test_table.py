@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
-from infield.table import AgeingModel, ThermalTable, default_table
-from infield.table_prior import prior_covariance, smooth_kernel
+from infield.table.prior import prior_covariance, smooth_kernel
+from infield.table.thermal_table import AgeingModel, ThermalTable, default_table
 from ins.records import InputError
 
 UTC = "2026-03-01T05:00:00Z"

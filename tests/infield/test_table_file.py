@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from infield.table import default_table
-from infield.table_file import (
+from infield.table.file import (
     canonical_json,
     csv_text,
     json_text,
@@ -21,6 +20,7 @@ from infield.table_file import (
     table_sha256,
     table_to_dict,
 )
+from infield.table.thermal_table import default_table
 from ins.records import InputError
 
 UTC = "2026-03-01T05:00:00Z"

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from alignment.motion.stillness import ROLLING, STILL
 from alignment.navigation_filter import StepPlan, views_of
-from alignment.stillness import ROLLING, STILL
-from infield.taxi_heading import (
+from infield.session.taxi_heading import (
     CentreLineAid,
     GnssAid,
     LateralAid,
@@ -16,22 +16,22 @@ from infield.taxi_heading import (
     SurveyedHeadingAid,
     heading_source,
 )
-from ins import error_model as em
 from ins.attitude import dcm_from_rotation_vector
 from ins.earth import geodetic_from_ecef
-from ins.mechanization import VerticalChannel, navigate
+from ins.filters import error_model as em
 from ins.records import NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, MILLIRADIAN
 from tests.ins.filter_steps import dense
 from tests.ins.nonlinear_errors import Errors, error_states, perturbed_imu, perturbed_state
 from tests.scenarios.study import REFERENCE_TWIN, table_to_zero
-from trajectories.motions import lay
-from trajectories.segments import Park, Straight, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Straight, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 WHEEL = (-4.0, 1.5, 1.2)  # from the IMU to the no-slip point
 ANTENNA = (3.0, -2.0, -1.5)
@@ -222,7 +222,7 @@ def test_a_fix_within_the_step_is_taken_to_its_own_time(ago):
     t = STRAIGHT_S - ago
     row = int(np.argmin(np.abs(simulated.reference.time_s - t)))
     ref = simulated.reference
-    from trajectories.simulate import GnssLog, dcm_en, ecef_from_geodetic
+    from trajectories.simulator.session import GnssLog, dcm_en, ecef_from_geodetic
 
     C_nb = dcm_from_rotation_vector([0.0, 0.0, ref.heading_rad[row]])
     r_e = ecef_from_geodetic(ref.lat_rad[row], ref.lon_rad[row], ref.height_m[row])

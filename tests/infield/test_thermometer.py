@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from infield.thermometer import gyro_temperature, too_short
+from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import TemperatureLog
-from trajectories.thermal import thermal_history
+from trajectories.simulator.thermal import thermal_history
 
 HOUR = np.arange(4200.0)
 

@@ -8,8 +8,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from infield.replay import replay
-from infield.track_kml import MOST_POINTS, NAMES, track_kml, tracks_of
+from infield.replay.free_inertial import replay
+from infield.reports.track_kml import MOST_POINTS, NAMES, track_kml, tracks_of
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.test_replay import choices, flat
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from ins import earth
-from ins import error_model as em
-from ins.filter_program import FilterProgram, Steps
+from ins.filters import error_model as em
+from ins.filters.program import FilterProgram, Steps
 from ins.units import DEG
 
 LAT = 45 * DEG

@@ -1,4 +1,4 @@
-"""Errors of the nonlinear navigation, exactly: perturb a solution and read the states of `ins.error_model` back.
+"""Errors of the nonlinear navigation, exactly: perturb a solution and read the states of `ins.filters.error_model` back.
 
 Independent of the linear model: attitude and position errors are taken in the Earth frame, the velocity error in body
 axes, so that theta, p and w need no small-angle formula.
@@ -18,8 +18,8 @@ from ins.earth import (
     omega_ie_n,
     radii_of_curvature,
 )
-from ins.mechanization import navigate
 from ins.records import ImuLog, NavState, Site
+from ins.strapdown.mechanization import navigate
 
 STATES = ("w_N", "w_E", "p_N", "p_E", "theta_N", "theta_E", "theta_D", "accel_x", "accel_y", "scale_z",
           "gyro_x", "gyro_y", "gyro_z")  # fmt: skip

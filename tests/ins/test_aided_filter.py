@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from infield.aided import aided_noise
+from infield.replay.aided.flight import aided_noise
 from ins import kalman
-from ins.aided_filter import (
+from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
+from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
+from ins.filters.aided_filter import (
     ACCEL,
     GYRO,
     POS,
@@ -22,8 +24,6 @@ from ins.aided_filter import (
     fixes_of,
     level_sigmas,
 )
-from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
-from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.records import InputError, NavState, Site
 from ins.units import DEG_PER_HOUR, MICRO_G
 from tests.infield.aided_cases import (
@@ -130,7 +130,7 @@ def test_covariance_follows_the_nonlinear_solution(state):
 
 
 def test_scalar_updates_are_filterpys_joint_update():
-    from ins import aided_kernel as kernel
+    from ins.filters import aided_kernel as kernel
 
     rng = np.random.default_rng(4)
     root = rng.standard_normal((26, 26))

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins import batch
 from ins.attitude import dcm_from_euler
-from ins.batch import navigate_batch
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import InputError, NavState, Site
-from ins.sensor_errors import SensorErrors
+from ins.strapdown import batch
+from ins.strapdown.batch import navigate_batch
+from ins.strapdown.mechanization import VerticalChannel, navigate
+from ins.strapdown.sensor_errors import SensorErrors
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 
 from .test_mechanization import HOLD, at_rest

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from ins import earth, kalman
-from ins import error_model as em
-from ins import filter_kernel as fk
 from ins.attitude import dcm_from_euler
-from ins.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filter_program import FilterProgram
+from ins.filters import error_kernel as fk
+from ins.filters import error_model as em
+from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
+from ins.filters.program import FilterProgram
 from ins.units import DEG
 from tests.ins.filter_steps import advance, dense, measure, only, steps_of
 

@@ -8,10 +8,10 @@ import pytest
 from scipy.linalg import expm
 
 from ins import earth
-from ins import error_model as em
 from ins.attitude import dcm_from_euler, skew
-from ins.mechanization import VerticalChannel, navigate
+from ins.filters import error_model as em
 from ins.records import NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR
 from tests.ins.nonlinear_errors import (
     STATES,

@@ -11,7 +11,8 @@ import numba
 import pytest
 
 import ins
-from ins import jit, strapdown_kernel
+from ins import jit
+from ins.strapdown import kernel as strapdown_kernel
 
 PROBE = """
 import json

@@ -10,8 +10,8 @@ from scipy.linalg import expm
 
 from ins import earth
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, InputError, NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G
 
 SCHULER = tomllib.loads((Path(__file__).parent.parent / "vectors" / "schuler.toml").read_text())

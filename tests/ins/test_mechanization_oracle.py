@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from ins import earth
 from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm
-from ins.mechanization import VerticalChannel, navigate
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC
 
 from .inertial_truth import (

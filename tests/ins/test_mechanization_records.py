@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ins import earth
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, InputError, NavState, Site
+from ins.strapdown.mechanization import VerticalChannel, navigate
 
 from .test_mechanization import HOLD, TILTED, offsets_ned
 

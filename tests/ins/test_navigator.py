@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.mechanization import Navigator, VerticalChannel, navigate
 from ins.records import ImuLog, InputError, NavHistory, NavState
+from ins.strapdown.mechanization import Navigator, VerticalChannel, navigate
 
 from .test_mechanization_records import random_walk
 

@@ -8,10 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ins import earth, increments, strapdown_kernel
+from ins import earth, increments
 from ins.attitude import dcm_from_rotation_vector
-from ins.mechanization import navigate
 from ins.records import ImuLog
+from ins.strapdown import kernel as strapdown_kernel
+from ins.strapdown.mechanization import navigate
 
 from .inertial_truth import ideal_imu, true_state
 from .test_mechanization_oracle import edges, flight
@@ -123,7 +124,7 @@ import sys
 {before}
 import numpy as np
 from ins import strapdown_loop
-from ins.mechanization import navigate
+from ins.strapdown.mechanization import navigate
 from ins.records import ImuLog, NavState, Site
 rng = np.random.default_rng(3)
 n, dt = 300, 0.02

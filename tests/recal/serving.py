@@ -10,9 +10,9 @@ from contextlib import contextmanager
 import httpx
 import uvicorn
 
-from infield.store import MergedRun, TableStore
-from infield.table import default_table
-from infield.table_file import table_to_dict
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
+from infield.table.thermal_table import default_table
 from recal.web.app import build_app
 from recal.web.settings import ServeSettings, token_of
 

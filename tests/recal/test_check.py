@@ -7,7 +7,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from recal.commands.check import check, command
+from recal.cli.check import check, command
 from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, scale_columns, set_cell
 
 app = typer.Typer()

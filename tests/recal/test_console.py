@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 import recal
 from ins.records import InputError
-from recal.cli import COMMANDS, app
-from recal.console import EXIT_CODES
-from recal.output import write_files
+from recal.cli.app import COMMANDS, app
+from recal.cli.console import EXIT_CODES
+from recal.service.output import write_files
 
 ROOT = Path(recal.__file__).parent.parent
 TABLE = get_command(app).commands["table"].commands
@@ -26,7 +26,7 @@ HEAVY = {
 }  # fmt: skip
 HELPS = """
 import json, os, sys
-import recal.cli  # what all commands share, once
+import recal.cli.app  # what all commands share, once
 from recal.__main__ import main
 for words in json.loads(sys.argv[1]):
     sys.stdout.flush()
@@ -109,7 +109,7 @@ def test_bad_input_is_one_line_exit_3_and_one_json_object(words, tmp_path, monke
 
 
 def test_a_disk_that_the_system_refuses_is_bad_input(monkeypatch, tmp_path):
-    from recal.commands import check
+    from recal.cli import check
 
     def full(*arguments, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "run/imu.parquet")
@@ -139,7 +139,7 @@ def test_every_verdict_has_its_exit_code():
 def test_a_reader_that_leaves_early_is_no_fault(tmp_path):
     """More than a pipe holds, to a reader that takes one line."""
     code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['recal', '--help']\nfrom recal.__main__ import main"
-    long = f"{code}\nimport recal.cli\nrecal.cli.app = lambda: print('x' * 1_000_000)\nmain()"
+    long = f"{code}\nimport recal.cli.app\nrecal.cli.app = lambda: print('x' * 1_000_000)\nmain()"
     for program in (f"{code}\nmain()", long):
         with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
             process.stdout.close()

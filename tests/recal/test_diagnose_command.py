@@ -11,13 +11,13 @@ import typer
 from typer.testing import CliRunner
 
 from benchmarks.gap_trials.__main__ import write_trial
-from infield.table_file import table_sha256
+from infield.table.file import table_sha256
 from ins.records import InputError
 from ins.twin_file import read_twin
-from recal.commands import diagnose
-from simreal.twin_effects import parse_effects
+from recal.cli import diagnose
+from simreal.declared.twin_effects import parse_effects
 from tests.simreal.diagnosed import trial
-from trajectories.run import read_run, write_run
+from trajectories.runs.directory import read_run, write_run
 
 app = typer.Typer()
 app.command()(diagnose.command)

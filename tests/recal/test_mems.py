@@ -5,12 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from recal.commands.align import align
-from recal.commands.update import summary, update
+from recal.cli.align import align
+from recal.cli.update import summary, update
 from tests.infield.mems_flights import flight
-from trajectories.conversion import convert_log
-from trajectories.run import write_run
-from trajectories.scenario import read_scenario, simulate_scenario
+from trajectories.readers.conversion import convert_log
+from trajectories.runs.directory import write_run
+from trajectories.simulator.scenario import read_scenario, simulate_scenario
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 TWIN = {

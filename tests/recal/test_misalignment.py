@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from ins.records import InputError
 from ins.twin_file import read_twin, twin_to_dict
-from recal.cli import app
+from recal.cli.app import app
 from tests.infield.azimuth_cases import TWIN, one_power_on, unit
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 HEADER = "north_to_west_deg,bias_x_deg_h,bias_y_deg_h,bias_z_deg_h"
 ROWS = ("0,0.01,-0.02,0.03577", "90,0.00654,-0.02,0.03", "180,0.01,-0.02,0.02423", "270,0.01346,-0.02,0.03")

@@ -8,9 +8,9 @@ from typer.testing import CliRunner
 from ins.records import InputError, Site
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import DEG
-from recal.cli import app
-from simreal.plan_recordings import Recording, RecordingMaker
-from trajectories.run import write_run
+from recal.cli.app import app
+from simreal.plan.recordings import Recording, RecordingMaker
+from trajectories.runs.directory import write_run
 
 TWO = ("--separate", "gyro_thermal_linear,gyro_warmup_transient", "--without", "taxi")
 
@@ -19,7 +19,7 @@ TWO = ("--separate", "gyro_thermal_linear,gyro_warmup_transient", "--without", "
 def folder(tmp_path, monkeypatch):
     """A few recordings to choose from: the whole list takes ten seconds."""
     few = [Recording(start=start) for start in ("cold", "ambient", "cooling", "hot_restart")]
-    monkeypatch.setattr("simreal.plan.candidates", lambda without: tuple(few))
+    monkeypatch.setattr("simreal.plan.study.candidates", lambda without: tuple(few))
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -15,11 +15,11 @@ from ins.earth import gravity_magnitude
 from ins.records import InputError
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
-from recal.commands.align import align
-from recal.commands.check import check
-from recal.commands.convert import command
-from trajectories.conversion import convert_log
-from trajectories.run import read_run
+from recal.cli.align import align
+from recal.cli.check import check
+from recal.cli.convert import command
+from trajectories.readers.conversion import convert_log
+from trajectories.runs.directory import read_run
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 COPTER, PLANE = DATA / "ardupilot_log171.bin", DATA / "apm_fixedwing_TestLog2.mat"

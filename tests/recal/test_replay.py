@@ -11,16 +11,16 @@ import typer
 from pyarrow import csv
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from infield.table import default_table
-from infield.table_file import table_sha256, table_to_dict
+from infield.store.table_store import TableStore
+from infield.table.file import table_sha256, table_to_dict
+from infield.table.thermal_table import default_table
 from ins.records import InputError
 from ins.units import DEG
-from recal.commands import replay
+from recal.cli import replay
 from tests.infield.test_replay import never_rests, simulated
-from trajectories.motions import Park, Stop, Straight, lay
-from trajectories.run import write_run
-from trajectories.simulate import SimulatedRun
+from trajectories.runs.directory import write_run
+from trajectories.simulator.motions import Park, Stop, Straight, lay
+from trajectories.simulator.session import SimulatedRun
 
 app = typer.Typer()
 app.command()(replay.command)

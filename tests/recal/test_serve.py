@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from recal.web import pages
 from tests.infield import stores
 from tests.recal.serving import NAMED_TOKEN, Visitor, put_unit, serving
@@ -83,7 +83,7 @@ def test_one_unit_shows_table_plot_history_and_proposals(visitor):
 
 
 def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
-    from infield.disagreement import SessionEvidence
+    from infield.session.disagreement import SessionEvidence
 
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url)
@@ -223,9 +223,9 @@ def test_a_wrong_form_is_a_readable_line_and_changes_nothing(untouched, change, 
 
 
 def test_a_first_table_waits_without_one_in_use(tmp_path):
-    from infield.store import MergedRun
-    from infield.table import default_table
-    from infield.table_file import table_sha256, table_to_dict
+    from infield.store.table_store import MergedRun
+    from infield.table.file import table_sha256, table_to_dict
+    from infield.table.thermal_table import default_table
 
     url = f"sqlite:///{tmp_path}/recal.db"
     old = default_table(imu_serial="NEW", gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z", high_degC=20)
@@ -263,7 +263,7 @@ def test_a_damaged_row_is_told_and_nothing_else_fails(tmp_path):
 def test_hundreds_of_units_come_in_pages(tmp_path):
     from sqlalchemy import insert
 
-    from infield.store_schema import revision, tag, unit
+    from infield.store.schema import revision, tag, unit
 
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url, "A-000", updates=0, proposals=0)

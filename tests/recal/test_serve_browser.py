@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from recal.web import pages
 from tests.recal.chromium import chromium, find_chromium
 from tests.recal.serving import TOKEN, put_unit, serving

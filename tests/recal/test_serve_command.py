@@ -18,7 +18,7 @@ pytest.importorskip("fastapi")
 
 import recal
 from ins.records import InputError
-from recal.cli import app
+from recal.cli.app import app
 from tests.recal.serving import TOKEN, Visitor, put_unit
 
 URL = "sqlite:///recal.db"

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("fastapi")
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from ins.records import InputError
 from recal.web import guard, pages
 from recal.web.actions import local_path

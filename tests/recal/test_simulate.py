@@ -6,10 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from infield.table_file import read_table_dict
+from infield.table.file import read_table_dict
 from ins.records import InputError
-from recal.commands.simulate import simulate
-from trajectories.run import read_reference, read_run
+from recal.cli.simulate import simulate
+from trajectories.runs.directory import read_reference, read_run
 
 SCENARIO = """
 schema = "recal.scenario/1"

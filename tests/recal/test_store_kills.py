@@ -14,11 +14,11 @@ import pytest
 from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from tests.forks import ForkServer
 from tests.infield.sessions import PARKED, factory_dict, simulated
 from tests.infield.stores import database_url
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 QUICKEST_S, LATEST_S = 0.0003, 0.04  # of computing after the write began
 

@@ -7,12 +7,12 @@ from sqlalchemy import create_engine, make_url, text
 from sqlalchemy.pool import NullPool
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from recal.cli import app
+from infield.store.table_store import TableStore
+from recal.cli.app import app
 from tests.forks import plain_page
 from tests.infield.sessions import PARKED, factory_dict, simulated
 from tests.infield.stores import database_url
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 SECRET = "hunter2Q%41z"  # in a URL: %25 for the percent sign
 IN_URL = "hunter2Q%2541z"
@@ -74,7 +74,7 @@ def with_password(url, name):
 
 def test_a_store_that_works_and_one_that_takes_no_write(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("infield.report.update_html", lambda document: plain_page(document) + json.dumps(document))
+    monkeypatch.setattr("infield.reports.update_page.update_html", lambda document: plain_page(document) + json.dumps(document))
     table = tmp_path / "table.json"
     table.write_text(json.dumps(factory_dict()))
     with database_url("postgresql", tmp_path) as owner:

@@ -6,15 +6,15 @@ from functools import partial
 import pytest
 
 from benchmarks.streaming_memory import LIMIT_MB, make_run, measure
-from infield.store import TableStore
-from recal.commands import align, check, replay, update
-from recal.console import result_text
+from infield.store.table_store import TableStore
+from recal.cli import align, check, replay, update
+from recal.cli.console import result_text
 from tests.infield.sessions import TAXI, factory_dict, simulated
-from trajectories import run as run_module
-from trajectories import stream_files
-from trajectories.imu_stream import ImuFile, load_imu
-from trajectories.run import read_run, write_run
-from trajectories.segments import Climb, Cruise, TakeOff
+from trajectories.runs import directory as run_module
+from trajectories.runs import stream_files
+from trajectories.runs.directory import read_run, write_run
+from trajectories.runs.imu_stream import ImuFile, load_imu
+from trajectories.simulator.segments import Climb, Cruise, TakeOff
 
 FLIGHT = (*TAXI, TakeOff(lift_off_speed_m_s=70.0), Climb(height_m=200.0), Cruise(duration_s=60.0))
 

@@ -5,12 +5,12 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import MergedRun, TableStore
-from infield.table import default_table
-from infield.table_file import json_text, table_sha256, table_to_dict
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import json_text, table_sha256, table_to_dict
+from infield.table.thermal_table import default_table
 from ins.records import InputError, TwinModel
 from ins.twin_file import twin_to_dict
-from recal.commands.table import app
+from recal.cli.table.app import app
 
 UTC = "2026-03-01T05:00:00Z"
 

@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
-from infield.table import default_table
-from infield.table_file import json_text, table_to_dict
-from infield.table_prior import prior_covariance
-from recal.console import REFUSED
+from infield.table.file import json_text, table_to_dict
+from infield.table.prior import prior_covariance
+from infield.table.thermal_table import default_table
+from recal.cli.console import REFUSED
 from tests.recal.test_table import ok, refused, run
 
 

@@ -5,14 +5,14 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import MergedRun, TableStore
-from infield.table import default_table
-from infield.table_file import table_to_dict
+from infield.store.table_store import MergedRun, TableStore
+from infield.table.file import table_to_dict
+from infield.table.thermal_table import default_table
 from ins.records import InputError
-from recal.cli import app
-from recal.commands.update import update
+from recal.cli.app import app
+from recal.cli.update import update
 from tests.infield.sessions import factory_dict, simulated
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
 
@@ -81,10 +81,10 @@ def test_an_inconsistent_update_is_not_proposed(folder):
 
 
 def test_a_proposal_is_written_as_files(folder, monkeypatch):
-    from infield import report
+    from infield.reports import update_page as report
 
     monkeypatch.setattr(report, "update_html", lambda document: f"proposal {document['proposal']}")
-    monkeypatch.setattr("recal.commands.update.summary", lambda document: [])
+    monkeypatch.setattr("recal.cli.update.summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
     assert json.loads((folder / "again/update.json").read_text()) == {"verdict": "proposed", "proposal": 1}

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from recal.cli import app
+from infield.store.table_store import TableStore
+from recal.cli.app import app
 from tests.infield.stores import commit, factory, tamper
 
 URL = "sqlite:///recal.db"

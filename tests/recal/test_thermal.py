@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.causal_rate import CausalRate, causal_rates
-from infield.fog_model import model_from_document
-from infield.ramp_runs import ramp_run
-from infield.thermal_compensation import compensate_batch, compensate_causal
-from infield.thermometer import gyro_temperature
+from infield.thermal.compensation import compensate_batch, compensate_causal
+from infield.thermal.fog_model import model_from_document
+from infield.thermal.ramp_runs import ramp_run
+from infield.thermometer.causal_rate import CausalRate, causal_rates
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
-from recal.cli import app
-from recal.commands.simulate import simulate
-from trajectories.run import read_run
-from trajectories.scenario import read_scenario, scenario_unit
+from recal.cli.app import app
+from recal.cli.simulate import simulate
+from trajectories.runs.directory import read_run
+from trajectories.simulator.scenario import read_scenario, scenario_unit
 
 SCENARIO = """
 schema = "recal.scenario/1"

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.gradient_runs import gradient_lines, gradient_run
+from infield.thermal.gradient_runs import gradient_lines, gradient_run
 from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
-from recal.cli import app
-from recal.commands.simulate import simulate
-from trajectories.run import read_run, write_run
-from trajectories.scenario import read_scenario, scenario_unit
-from trajectories.thermal import first_order_rise
+from recal.cli.app import app
+from recal.cli.simulate import simulate
+from trajectories.runs.directory import read_run, write_run
+from trajectories.simulator.scenario import read_scenario, scenario_unit
+from trajectories.simulator.thermal import first_order_rise
 
 SCENARIO = """
 schema = "recal.scenario/1"

@@ -7,25 +7,25 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from infield.fog_document import fit_models, fog_document
-from infield.fog_ramps import separate
-from infield.rlg_document import rlg_document
-from infield.rlg_gradient import fit_gradients
-from infield.store import TableStore
-from infield.table import default_table
-from infield.thermal_use import prepared, read_thermal_model, removal, seeded_table, with_model_sigma, without_rates
+from infield.reports.documents.fog import fit_models, fog_document
+from infield.reports.documents.rlg import rlg_document
+from infield.store.table_store import TableStore
+from infield.table.thermal_table import default_table
+from infield.thermal.fog_ramps import separate
+from infield.thermal.rlg_gradient import fit_gradients
+from infield.thermal.stored_model import prepared, read_thermal_model, removal, seeded_table, with_model_sigma, without_rates
 from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
-from recal.cli import app
-from recal.commands.simulate import simulate
-from recal.console import result_text
+from recal.cli.app import app
+from recal.cli.console import result_text
+from recal.cli.simulate import simulate
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
 from tests.infield.ramp_cases import TWIN as FOG_TWIN
 from tests.infield.ramp_cases import Truth, ramp
 from tests.undrawn import figures_left_out
-from trajectories.run import read_run
-from trajectories.scenario import read_scenario, scenario_unit
+from trajectories.runs.directory import read_run
+from trajectories.simulator.scenario import read_scenario, scenario_unit
 
 RATE, SLOPE, GRADIENT = [0.035, -0.028, 0.04], [0.0006, 0.0, -0.0007], [0.03, 0.025, -0.02]
 SCENARIO = f"""

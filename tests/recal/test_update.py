@@ -6,12 +6,12 @@ import shlex
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import TableStore
+from infield.store.table_store import TableStore
 from ins.records import InputError
-from recal.cli import app
-from recal.commands import update as update_command
+from recal.cli import update as update_command
+from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
 

@@ -5,19 +5,19 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from recal.cli import app
+from infield.store.table_store import TableStore
+from recal.cli.app import app
 from tests.forks import ForkServer, plain_page
 from tests.infield.sessions import factory_dict, simulated
 from tests.infield.stores import commit, database_url
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 SEEDS = (1, 2)
 
 
 @pytest.fixture(autouse=True)
 def without_figures(monkeypatch):
-    monkeypatch.setattr("infield.report.update_html", plain_page)
+    monkeypatch.setattr("infield.reports.update_page.update_html", plain_page)
 
 
 @pytest.fixture(scope="module")

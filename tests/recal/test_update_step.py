@@ -7,11 +7,11 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from infield.table_file import table_from_dict, table_sha256, table_to_dict
-from recal.commands.update import command
+from infield.store.table_store import TableStore
+from infield.table.file import table_from_dict, table_sha256, table_to_dict
+from recal.cli.update import command
 from tests.infield.sessions import TWIN, factory_dict, shifted, simulated, unit
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 app = typer.Typer()
 app.command()(command)
@@ -86,7 +86,7 @@ def test_runs_given_together_agree_without_a_store(stepped, tmp_path):
 
 
 def test_a_store_that_cannot_be_written_still_answers(stepped, tmp_path, monkeypatch):
-    monkeypatch.setattr("infield.store_database.LOCK_WAIT_S", 0.2)
+    monkeypatch.setattr("infield.store.database.LOCK_WAIT_S", 0.2)
     url, runs, _ = stepped
     (tmp_path / "recal.db").chmod(0o444)
     with sqlite3.connect(tmp_path / "recal.db") as db:  # root writes what it likes: lock the file instead

@@ -5,19 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from infield.azimuth_biases import KnownAzimuths
-from infield.misalignment import study_runs
-from infield.table_file import table_from_dict
+from infield.misalignment.azimuth_biases import KnownAzimuths
+from infield.misalignment.study import study_runs
+from infield.table.file import table_from_dict
 from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG
-from trajectories.motions import lay
-from trajectories.segments import Park, Pivot
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Pivot
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SITE = Site(lat_rad=39.9 * DEG, lon_rad=116.4 * DEG, height_m=50.0)
 TWIN = default_twin("fog")

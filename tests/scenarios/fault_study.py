@@ -6,18 +6,18 @@ from functools import lru_cache
 import numpy as np
 
 from alignment import gyrocompass
-from infield.bias_points import mean_rows
-from infield.session import SessionSettings, estimate_session, find_rest, session_end
-from infield.thermometer import gyro_temperature
+from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.session.points import mean_rows
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AXES, Run, TwinModel
 from ins.units import DEG
 from tests.alignment.parked import PRIOR_DEG_H, TEN_MINUTES, ideal_of, simulate
 from tests.scenarios.gate_study import GUARD_S, log_uniform
 from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, ideal, prior_table, table_to_zero
-from trajectories.faults import stuck_at_full_scale
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.faults import stuck_at_full_scale
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.unit_truth import aged_unit
 
 LATITUDES_DEG = (-60.0, -30.0, 0.0, 30.0, 45.0, 60.0, 75.0)
 TWINS = {"reference": REFERENCE_TWIN, "default": DEFAULT_TWIN}

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from alignment import coarse, gyrocompass, stillness
-from alignment.stillness import DISTURBED, STILL, Motion
-from ins.mechanization import VerticalChannel, navigate
+from alignment import coarse, gyrocompass
+from alignment.motion import stillness
+from alignment.motion.stillness import DISTURBED, STILL, Motion
 from ins.records import NavHistory, NavState, Run, TwinModel
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
-from trajectories.segments import Park
-from trajectories.vehicle import Boarding, Bump, Event, Gust, Push
+from trajectories.simulator.segments import Park
+from trajectories.simulator.vehicle import Boarding, Bump, Event, Gust, Push
 
 RUN_S = 900.0
 PARK = (Park(duration_s=RUN_S),)

@@ -6,19 +6,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.bias_points import mean_rows, observability, session_points
-from infield.session import SessionEstimate, SessionSettings, estimate_session, find_rest, session_end
-from infield.table import ThermalTable
-from infield.table_file import table_from_dict
-from infield.thermometer import gyro_temperature
+from infield.session.navigated import SessionEstimate, SessionSettings, estimate_session, find_rest, session_end
+from infield.session.points import mean_rows, observability, session_points
+from infield.table.file import table_from_dict
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG
-from trajectories.motions import reference_motion
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.simulate import SimulatedRun, simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import reference_motion
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 QUIET_GYRO = GyroNoise(bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0)
 REFERENCE_ACCEL = AccelNoise(bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0, turn_on_ug=50.0)

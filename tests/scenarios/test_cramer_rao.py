@@ -11,15 +11,15 @@ from scipy.linalg import block_diag
 
 from benchmarks.cramer_rao import Epoch, Sights, Spread, bias_bound, posterior_covariance
 from benchmarks.navigation_response import NavigationResponse, navigation_response
-from infield.session import SessionSettings
+from infield.session.navigated import SessionSettings
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G
 from tests.scenarios.study import REFERENCE_TWIN, ideal, session
-from trajectories.motions import Park, Stop, Straight, Turn, lay
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
+from trajectories.simulator.motions import Park, Stop, Straight, Turn, lay
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
 
 ONE_PERCENT, TEN_PERCENT = 0.01, 0.10
 ARW = REFERENCE_TWIN.gyro.arw_deg_sqrt_h  # deg/sqrt(h)
@@ -55,7 +55,7 @@ def test_the_bound_knows_nothing_of_the_filter():
     """Neither the bound nor what it imports loads a module of the estimator."""
     code = "import sys, benchmarks.cramer_rao; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
-    shared = {"ins.error_model", "ins.error_filter", "ins.filter_kernel", "ins.kalman", "alignment", "infield"}
+    shared = {"ins.filters.error_model", "ins.filters.error_filter", "ins.filters.error_kernel", "ins.kalman", "alignment", "infield"}
     assert "benchmarks.navigation_response" in loaded
     assert not shared & set(loaded)
 

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from infield.acceptance import judge_estimate
-from infield.bias_points import observability
-from infield.merge import merge_posterior
-from infield.session import SessionSettings, own_information_floor_deg_h
+from infield.session.acceptance import judge_estimate
+from infield.session.navigated import SessionSettings, own_information_floor_deg_h
+from infield.session.points import observability
+from infield.table.merge import merge_posterior
 from ins.records import Survey
 from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, ideal, parked_session, prior_table, session
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from infield.pipeline import update_calibration
-from infield.table_file import table_sha256, table_to_dict
+from infield.session.pipeline import update_calibration
+from infield.table.file import table_sha256, table_to_dict
 from tests.infield.sessions import PARKED, ideal_of, unit
 from tests.scenarios.gate_study import KINDS, gate
 from tests.scenarios.study import DEFAULT_TWIN, prior_table
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.vehicle import Bump
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.vehicle import Bump
 
 SWAYS_M_S = (0.001, 0.02)
 

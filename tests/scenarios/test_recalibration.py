@@ -11,13 +11,13 @@ from benchmarks.baselines import BASELINES, GlobalCubic, IndependentVariance, Ne
 from benchmarks.exact_merge import Evidence, exact_merge
 from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, Flown, fly, ideal
 from benchmarks.recalibration_unit import EXACT, HERMITE, OLD, OURS, PERFECT, TWINS, UnitResult, study_unit, true_prior
-from infield.merge import merge_posterior
-from infield.table import ThermalTable, default_table
+from infield.table.merge import merge_posterior
+from infield.table.thermal_table import ThermalTable, default_table
 from ins.earth import EARTH_RATE_RAD_S, ecef_from_geodetic, radii_of_curvature
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import AccelNoise, GyroNoise, ImuLog, NavState, VehicleNoise
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.unit_truth import aged_unit
 
 NODES = np.arange(-10.0, 51.0, 10.0)
 SCHULER_RAD_S = 1.2407e-3  # physics.md 6.1
@@ -75,7 +75,7 @@ def test_independent_variance_is_the_inverse_variance_mean_at_a_node():
 
 
 def test_exact_merge_is_the_sequential_merge_of_the_same_evidence():
-    """Two routes to one Gaussian posterior: information form in a batch, gain form in turn (infield.merge)."""
+    """Two routes to one Gaussian posterior: information form in a batch, gain form in turn (infield.table.merge)."""
     rng, table = np.random.default_rng(29), flat_table(0.01)
     evidence, merged = [], table
     for low in (0.0, 22.0):

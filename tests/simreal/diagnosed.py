@@ -3,9 +3,9 @@
 from functools import lru_cache
 
 from benchmarks.gap_trials.trial import draw_trial
-from infield.table_file import table_from_dict, table_sha256
-from simreal.diagnosis import Diagnosis, diagnose
+from infield.table.file import table_from_dict, table_sha256
 from simreal.effects.catalogue import catalogue
+from simreal.inference.diagnosis import Diagnosis, diagnose
 
 NAMES = (
     "gyro_thermal_rate",

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ins.earth import omega_ie_n
 from ins.units import STANDARD_GRAVITY
-from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
+from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 
 LAT_RAD = np.deg2rad(45.0)
 

@@ -5,17 +5,17 @@ from functools import lru_cache
 
 import numpy as np
 
-from infield.table_file import table_from_dict
+from infield.table.file import table_from_dict
 from ins.records import Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Descend, Landing, Park, Stop, Straight, TakeOff, Turn, TurnFlight
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Descend, Landing, Park, Stop, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 PARKED_S = 1200.0
 TAXI = (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simreal.addback import fieller
+from simreal.inference.addback import fieller
 
 
 def held_out(rng, s, d):

@@ -7,10 +7,10 @@ import pytest
 
 from benchmarks.gap_size import scaled
 from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
-from infield.table_file import table_from_dict
-from simreal.attribute import tail_probability, tail_quantile
-from simreal.diagnosis import Diagnosis, diagnose
+from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
+from simreal.inference.attribute import tail_probability, tail_quantile
+from simreal.inference.diagnosis import Diagnosis, diagnose
 
 
 def diagnosed(trial, **how) -> Diagnosis:

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.table_file import table_from_dict
+from infield.table.file import table_from_dict
 from ins.attitude import euler_from_dcm
 from ins.records import ImuLog, InputError, Run
 from ins.units import DEG
-from simreal.dead_channels import dead_columns
-from simreal.diagnosis import diagnose
 from simreal.effects.catalogue import catalogue
-from simreal.run_view import RunView, view_run
+from simreal.evidence.dead_channels import dead_columns
+from simreal.evidence.run_view import RunView, view_run
+from simreal.inference.diagnosis import diagnose
 from tests.simreal import diagnosed
 from tests.simreal.runs import simulated, table, twin_of
-from trajectories.run import read_run, write_run
+from trajectories.runs.directory import read_run, write_run
 
 NAMES = [f"{kind}_{axis}" for kind in ("gyro", "accel") for axis in "xyz"]
 

@@ -7,20 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.table_file import table_from_dict
+from infield.table.file import table_from_dict
 from ins.twin_file import read_twin, twin_from_dict
-from recal.console import result_text
-from simreal.causes import Cause, Rival, Value
-from simreal.diagnosis_curves import fitted_trace, overlays
-from simreal.diagnosis_document import diagnosis_document, refused_document, summary
-from simreal.diagnosis_report import diagnosis_html, value_text
-from simreal.generic import OF_RUN, OF_TEMPERATURE
-from simreal.overlap import overlapping
-from simreal.record_next import record_next
-from simreal.telemetry import Trace
-from simreal.twin_effects import parse_effects, twin_traces
-from simreal.twin_out import effect_items, processes_of, twin_with_causes
-from simreal.user_level import user_level
+from recal.cli.console import result_text
+from simreal.declared.generic import OF_RUN, OF_TEMPERATURE
+from simreal.declared.twin_effects import parse_effects, twin_traces
+from simreal.effects.telemetry import Trace
+from simreal.evidence.overlap import overlapping
+from simreal.inference.causes import Cause, Rival, Value
+from simreal.inference.user_level import user_level
+from simreal.plan.record_next import record_next
+from simreal.report.diagnosis_curves import fitted_trace, overlays
+from simreal.report.diagnosis_document import diagnosis_document, refused_document, summary
+from simreal.report.diagnosis_page import diagnosis_html, value_text
+from simreal.twin.write_back import effect_items, processes_of, twin_with_causes
 from tests.simreal.diagnosed import diagnosed, trial
 
 MINUTE_SIGMA_deg_h = 0.002 * 60.0 / np.sqrt(60.0)  # one-minute mean under the twin's angle random walk

@@ -7,13 +7,13 @@ import pytest
 from scipy.stats import chi2
 
 from benchmarks.gap_trials.trial import draw_trial
-from infield.table_file import table_from_dict
+from infield.table.file import table_from_dict
 from ins.records import Run, TwinModel
-from simreal.bank import Bank
 from simreal.effects.catalogue import effects_named
-from simreal.evidence import CHANNELS, SENSORS, Evidence
-from simreal.noise_hypotheses import Squares
-from simreal.run_view import RunView, view_run
+from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence
+from simreal.inference.bank import Bank
+from simreal.inference.noise_hypotheses import Squares
 
 FALSE_ALARM = 1e-4  # of each two-sided bound below, on seeds that are fixed
 

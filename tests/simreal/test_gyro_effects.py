@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from infield.thermometer import gyro_temperature
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import InputError, TemperatureLog
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, STANDARD_GRAVITY
@@ -17,10 +17,10 @@ from simreal.effects.gyro_events import GYRO_EVENTS
 from simreal.effects.gyro_noise import GYRO_NOISE
 from simreal.effects.gyro_rate import GYRO_RATE
 from simreal.effects.gyro_thermal import GYRO_THERMAL
-from simreal.effects.thermal_memory import lagged
-from simreal.telemetry import total
+from simreal.effects.parts.thermal_memory import lagged
+from simreal.effects.telemetry import total
 from tests.simreal.effects_fixture import bare, cooling_run, flight_run, parked_run, taxi_run
-from trajectories.imperfections import sensitivity
+from trajectories.simulator.imperfections import sensitivity
 
 EFFECTS = {e.id: e for e in GYRO_EVENTS + GYRO_THERMAL + GYRO_RATE + GYRO_NOISE + COMPENSATION}
 TURN_RAD_S = 90 * DEG / 60  # of the taxi
@@ -252,7 +252,7 @@ def test_misalignment_is_the_twins(axis, names):
 
 
 def test_scale_and_misalignment_are_those_of_the_simulator():
-    """Against the matrix of trajectories.imperfections, rate by rate."""
+    """Against the matrix of trajectories.simulator.imperfections, rate by rate."""
     run, entries = flight_run(), np.array([0.1, -0.2, 0.3, 0.05, -0.07, 0.02])
     expected = run.rate_rad_s @ (sensitivity([5.0, -7.0, 11.0], entries) - np.eye(3)).T
     scale = [t.scaled(k) for k, g in zip((5.0, -7.0, 11.0), GYROS) for t in EFFECTS["gyro_scale_factor"].traces(run, g, {})]

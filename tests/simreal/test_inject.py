@@ -8,25 +8,25 @@ import pytest
 
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import displacement_ned
-from ins.mechanization import VerticalChannel, navigate
 from ins.records import ImuLog, NavState, Site, VehicleNoise
+from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
-from simreal import run_view
-from simreal.bank import shapes_of
+from simreal.declared.twin_effects import TwinEffect
 from simreal.effects.catalogue import catalogue
-from simreal.effects.formula import PartEffect
-from simreal.evidence import Evidence
-from simreal.inject import inject, injector, lowered
-from simreal.inject_truth import inject_simulated, telemetry_of_simulated
-from simreal.noise_hypotheses import Squares, term_of
-from simreal.twin import replicate, twin_basis
-from simreal.twin_effects import TwinEffect
+from simreal.effects.parts.formula import PartEffect
+from simreal.evidence import run_view
+from simreal.evidence.whitened import Evidence
+from simreal.inference.bank import shapes_of
+from simreal.inference.noise_hypotheses import Squares, term_of
+from simreal.twin.inject import inject, injector, lowered
+from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
+from simreal.twin.replicate import replicate, twin_basis
 from tests.simreal import runs
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.simulate import reference_of, simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.vehicle import Boarding, disturb
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.session import reference_of, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.vehicle import Boarding, disturb
 
 TWIN = default_twin("rlg")
 DRIVE = (

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from simreal.evidence import CHANNELS
-from simreal.locate import Leftover, cells_of, locate, measure_cells
-from simreal.noise_hypotheses import Squares
+from simreal.evidence.whitened import CHANNELS
+from simreal.inference.locate import Leftover, cells_of, locate, measure_cells
+from simreal.inference.noise_hypotheses import Squares
 from tests.simreal.test_evidence import null_evidence
 
 REPLICATES = 250

@@ -9,10 +9,10 @@ from scipy.stats import chi2
 
 from ins.records import GyroNoise, TwinModel, VehicleNoise
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
-from simreal.evidence import BANDS, block_freedom, block_spectrum
-from simreal.noise_model import ChannelNoise, channel_noises
-from trajectories import imperfections
-from trajectories.vehicle import sway_velocity
+from simreal.evidence.noise_model import ChannelNoise, channel_noises
+from simreal.evidence.whitened import BANDS, block_freedom, block_spectrum
+from trajectories.simulator import imperfections
+from trajectories.simulator.vehicle import sway_velocity
 
 LEVEL = np.eye(3)
 

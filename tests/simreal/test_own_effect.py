@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from ins.records import InputError
-from simreal.bank import Bank
 from simreal.effects import catalogue as module
 from simreal.effects.base import Effect
+from simreal.inference.bank import Bank
 from tests.simreal.test_evidence import null_evidence
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "own_effect.py"

@@ -1,4 +1,4 @@
-"""`simreal.plan`: sums of Gram matrices against whole banks, the table of gap.md, and the search for recordings."""
+"""`simreal.plan.study`: sums of Gram matrices against whole banks, the table of gap.md, and the search for recordings."""
 
 from dataclasses import replace
 
@@ -8,15 +8,15 @@ import pytest
 from ins.records import InputError, Site
 from ins.twin_file import default_twin
 from ins.units import DEG
-from simreal.attribute import Attributor
-from simreal.bank import Bank
 from simreal.effects.catalogue import catalogue, effects_named
-from simreal.evidence import Evidence
-from simreal.plan import NULL_NATS, Planner, seen_sizes
-from simreal.plan_advice import advice
-from simreal.plan_gram import ODDS_NATS, Contender, RunGrams, told
-from simreal.plan_pairs import CLASSICAL, Pair, contender, judge, read_pair
-from simreal.plan_recordings import Recording, RecordingMaker, candidates
+from simreal.evidence.whitened import Evidence
+from simreal.inference.attribute import Attributor
+from simreal.inference.bank import Bank
+from simreal.plan.advice import advice
+from simreal.plan.gram import ODDS_NATS, Contender, RunGrams, told
+from simreal.plan.pairs import CLASSICAL, Pair, contender, judge, read_pair
+from simreal.plan.recordings import Recording, RecordingMaker, candidates
+from simreal.plan.study import NULL_NATS, Planner, seen_sizes
 
 TWIN = default_twin("rlg")
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from simreal.effects.play import heating_sense, play
+from simreal.effects.parts.play import heating_sense, play
 
 
 def step_by_step(values, half_width):

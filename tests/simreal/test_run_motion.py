@@ -9,10 +9,10 @@ import pytest
 from ins.attitude import wrap_pi
 from ins.earth import dcm_en, displacement_ned, geodetic_from_ecef
 from ins.records import ImuLog, InputError
-from simreal.run_motion import estimate_motion
+from simreal.twin.run_motion import estimate_motion
 from tests.simreal.runs import FLIGHT, PARKED, PARKED_S, TAXI, simulated, table, twin_of
-from trajectories.conversion import convert_log
-from trajectories.vehicle import Boarding, Bump, Gust, Push
+from trajectories.readers.conversion import convert_log
+from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push
 
 DATA, PLANE = Path(__file__).parents[3] / "shared" / "data", "apm_fixedwing_TestLog2.mat"
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from simreal.bank import SIZES, Group, Hypothesis, size_weights
 from simreal.effects.base import CatalogueEffect, Coefficient
-from simreal.scoring import Scorer, condition, fit
+from simreal.inference.bank import SIZES, Group, Hypothesis, size_weights
+from simreal.inference.scoring import Scorer, condition, fit
 
 
 def bank_of(U, z, *, low=1e-3, high=1e3):

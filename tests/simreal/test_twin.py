@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from scipy.stats import f as f_distribution
 
-from infield.session import SessionSettings, estimate_session, find_rest, session_end
-from infield.thermometer import gyro_temperature
+from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import ImuLog, InputError
-from simreal.run_motion import estimate_motion
-from simreal.twin import replicate, replicates, simulate_twin, twin_basis
+from simreal.twin.replicate import replicate, replicates, simulate_twin, twin_basis
+from simreal.twin.run_motion import estimate_motion
 from tests.simreal.runs import PARKED_S, TAXI, simulated, table, twin_of
-from trajectories.run import read_run, write_run
-from trajectories.run_cut import cut_run
+from trajectories.runs.cut import cut_run
+from trajectories.runs.directory import read_run, write_run
 
 DEG_H, MICRO_G = np.pi / 180 / 3600, 9.80665e-6
 PARKED_SPAN = (5.0, PARKED_S - 15.0)

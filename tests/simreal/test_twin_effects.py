@@ -8,10 +8,10 @@ import pytest
 from ins.records import InputError
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared_noise import without_excess
+from simreal.declared.declared_noise import without_excess
+from simreal.declared.twin_effects import parse_effects, twin_extra_noise, twin_traces
 from simreal.effects.catalogue import catalogue
-from simreal.effects.formula import OutOfReach
-from simreal.twin_effects import parse_effects, twin_extra_noise, twin_traces
+from simreal.effects.parts.formula import OutOfReach
 from tests.simreal.effects_fixture import parked_run
 
 

@@ -14,11 +14,11 @@ from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.base import ACCELS, GYROS, Effect
 from simreal.effects.catalogue import catalogue
 from simreal.effects.data import DATA
-from simreal.effects.formula import OutOfReach, PartEffect, no_trace
 from simreal.effects.navigation import NAVIGATION
+from simreal.effects.parts.formula import OutOfReach, PartEffect, no_trace
 from simreal.effects.platform import PLATFORM
+from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from simreal.effects.wheels import WHEELS
-from simreal.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from tests.simreal.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still, warm
 
 ALL = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION + DATA

@@ -11,13 +11,13 @@ from ins.units import ARCSEC, DEG
 from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.navigation import NAVIGATION
 from simreal.effects.platform import PLATFORM
+from simreal.effects.telemetry import PARKED, ROLLING, Telemetry, Trace, total
 from simreal.effects.wheels import WHEELS
-from simreal.telemetry import PARKED, ROLLING, Telemetry, Trace, total
-from trajectories.motions import lay
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.sensors import IdealSensors, ideal_sensors
-from trajectories.truth import build_truth
-from trajectories.vehicle import Boarding, disturb
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.vehicle import Boarding, disturb
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 TAXI = [

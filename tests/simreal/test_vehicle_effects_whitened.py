@@ -12,12 +12,12 @@ import pytest
 from ins.twin_file import default_twin
 from ins.units import ARCSEC, PPM
 from simreal.effects.catalogue import catalogue
-from simreal.evidence import Evidence
-from simreal.run_view import view_run
+from simreal.evidence.run_view import view_run
+from simreal.evidence.whitened import Evidence
 from tests.simreal import runs
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.vehicle import Boarding
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.vehicle import Boarding
 
 BY_ID = {effect.id: effect for effect in catalogue()}
 TWIN = default_twin("rlg")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ins.attitude import dcm_from_euler
 from ins.earth import gravity_n, omega_ie_n
-from simreal.telemetry import PARKED, ROLLING, Telemetry
+from simreal.effects.telemetry import PARKED, ROLLING, Telemetry
 
 LATITUDE_rad = np.deg2rad(45.0)
 SPEEDS = np.array([(0, 0), (600, 0), (610, 10), (690, 10), (700, 5), (760, 5), (770, 0), (870, 0)]).T  # s, m/s

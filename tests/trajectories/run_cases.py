@@ -18,7 +18,7 @@ from ins.records import (
     Survey,
     TemperatureLog,
 )
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 SITE = Site(lat_rad=np.radians(30.0), lon_rad=np.radians(7.0), height_m=250.0)
 W_B = omega_ie_n(SITE.lat_rad)  # level, heading 0: body axes are north-east-down

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from ins.records import InputError
-from trajectories.chamber import ChamberProfile
-from trajectories.scenario import packaged_scenarios, read_scenario
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator.chamber import ChamberProfile
+from trajectories.simulator.scenario import packaged_scenarios, read_scenario
+from trajectories.simulator.unit_truth import aged_unit
 
 PROFILE = ChamberProfile(start_degC=-10.0, end_degC=30.0, rate_degC_min=2.0, soak_s=900.0)
 

@@ -7,8 +7,8 @@ from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import convert, noisy
 from tests.trajectories.readers.known_motion import GIVEN, at_rest
 from tests.trajectories.readers.test_maps import N
-from trajectories import conversion_checks
-from trajectories.conversion_checks import _Blocks
+from trajectories.readers import conversion_checks
+from trajectories.readers.conversion_checks import _Blocks
 
 GYROS, FORCES = ("wx", "wy", "wz"), ("fx", "fy", "fz")
 CHANGES = [

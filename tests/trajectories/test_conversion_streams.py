@@ -8,8 +8,8 @@ import pytest
 from ins.earth import displacement_ned
 from ins.records import GnssLog, OdometerLog
 from tests.infield.aided_cases import flown, ideal, twin_of
-from trajectories.conversion_streams import _pairs, check_streams
-from trajectories.run_check import Findings
+from trajectories.readers.conversion_streams import _pairs, check_streams
+from trajectories.runs.checks import Findings
 
 TIME_S = np.arange(1.0, 121.0)
 

@@ -17,20 +17,20 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from infield.table_file import read_table_csv, read_table_dict
+from infield.table.file import read_table_csv, read_table_dict
 from ins.json_file import MAX_DEPTH, MAX_TEXT_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
-from recal.commands import check as check_module
-from recal.commands.check import check, report_lines
-from recal.commands.diagnose import command as diagnose_command
-from recal.console import result_text
-from recal.unit_inputs import TwinModel
+from recal.cli import check as check_module
+from recal.cli.check import check, report_lines
+from recal.cli.console import result_text
+from recal.cli.diagnose import command as diagnose_command
+from recal.service.unit_inputs import TwinModel
 from tests.trajectories.readers import damage
 from tests.trajectories.run_cases import csv_run, full_run, imu_log, reference_log
-from trajectories import text_rows
-from trajectories.run import read_run, write_run
-from trajectories.scenario import packaged_scenarios, read_scenario
+from trajectories.runs import text_rows
+from trajectories.runs.directory import read_run, write_run
+from trajectories.simulator.scenario import packaged_scenarios, read_scenario
 
 NORMAL, LONG = 5, 300  # mutations of each file
 FORMATS = ("csv", "parquet", "csv.gz")
@@ -246,7 +246,7 @@ def test_scenarios_with_anything_in_them(tmp_path):
     path, refused = tmp_path / "a.toml", 0
     for k in range(60):
         name = packaged_scenarios()[k % len(packaged_scenarios())]
-        data = (resources.files("trajectories") / "scenarios" / f"{name}.toml").read_bytes()
+        data = (resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml").read_bytes()
         path.write_bytes(damage.damaged(data, np.random.default_rng([8, k])))
         try:
             read_scenario(path)

@@ -14,8 +14,8 @@ from ins.records import (
     TemperatureNoise,
 )
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
-from trajectories import imperfections
-from trajectories.imperfections import (
+from trajectories.simulator import imperfections
+from trajectories.simulator.imperfections import (
     accel_output,
     accel_session_bias,
     flicker,

@@ -13,14 +13,14 @@ from alignment.coarse import first_rest
 from ins.compensation import CorrectedImu, compensate, corrected
 from ins.records import ImuLog, InputError
 from tests.trajectories.run_cases import csv_run, full_run, imu_log
-from trajectories import run as run_module
-from trajectories import stream_files
-from trajectories.imu_scan import Intervals
-from trajectories.imu_stream import ImuFile, jitter, load_imu
-from trajectories.run import FORMATS, read_run, run_sha256, write_run
-from trajectories.run_check import Findings
-from trajectories.run_schema import INCREMENTS, RATES
-from trajectories.stream_files import StreamFile, write_columns
+from trajectories.runs import directory as run_module
+from trajectories.runs import stream_files
+from trajectories.runs.checks import Findings
+from trajectories.runs.directory import FORMATS, read_run, run_sha256, write_run
+from trajectories.runs.imu_scan import Intervals
+from trajectories.runs.imu_stream import ImuFile, jitter, load_imu
+from trajectories.runs.schema import INCREMENTS, RATES
+from trajectories.runs.stream_files import StreamFile, write_columns
 
 ROWS = 1200
 CUTS = [1, 2, 3, 101, 593, 1183]  # rows a piece of 1184: leftovers of one row among them

@@ -5,8 +5,8 @@ import pytest
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.motions import REFERENCE_MOTIONS, lay, reference_motion
-from trajectories.segments import (
+from trajectories.simulator.motions import REFERENCE_MOTIONS, lay, reference_motion
+from trajectories.simulator.segments import (
     Climb,
     Cruise,
     Descend,

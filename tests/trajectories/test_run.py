@@ -26,10 +26,10 @@ from tests.trajectories.run_cases import (
     reference_log,
     set_cell,
 )
-from trajectories import run as run_module
-from trajectories.run import FORMATS, read_reference, read_run, write_run
-from trajectories.run_schema import INCREMENTS, RATES, degrees_exact
-from trajectories.stream_files import StreamFile, write_columns
+from trajectories.runs import directory as run_module
+from trajectories.runs.directory import FORMATS, read_reference, read_run, write_run
+from trajectories.runs.schema import INCREMENTS, RATES, degrees_exact
+from trajectories.runs.stream_files import StreamFile, write_columns
 
 
 def same(a, b) -> bool:

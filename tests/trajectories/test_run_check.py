@@ -8,7 +8,7 @@ import pytest
 
 from ins.records import InputError
 from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, scale_columns, set_cell
-from trajectories.run import inspect_run, read_run
+from trajectories.runs.directory import inspect_run, read_run
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ import pytest
 
 from ins.records import ImuLog, InputError, Site, Span
 from tests.trajectories.run_cases import F_B, W_B, full_run
-from trajectories.run import read_run, write_run
-from trajectories.run_cut import cut_run
+from trajectories.runs.cut import cut_run
+from trajectories.runs.directory import read_run, write_run
 
 
 @pytest.fixture

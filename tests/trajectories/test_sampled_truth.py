@@ -5,11 +5,11 @@ import pytest
 
 from ins.earth import ecef_from_geodetic
 from ins.records import InputError, Site
-from trajectories.motions import lay
-from trajectories.sampled_truth import SampledMove, SampledStand, truth_from_samples
-from trajectories.segments import Park, Stop, Straight, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.truth import build_truth
+from trajectories.simulator.motions import lay
+from trajectories.simulator.sampled_truth import SampledMove, SampledStand, truth_from_samples
+from trajectories.simulator.segments import Park, Stop, Straight, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.truth import build_truth
 
 SITE = Site(lat_rad=0.8, lon_rad=0.1, height_m=250.0)
 LEVER = (-6.0, 0.3, 2.0)

@@ -9,8 +9,8 @@ import pytest
 
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.motions import reference_motion
-from trajectories.scenario import (
+from trajectories.simulator.motions import reference_motion
+from trajectories.simulator.scenario import (
     SECTIONS,
     packaged_scenarios,
     read_scenario,
@@ -19,7 +19,7 @@ from trajectories.scenario import (
     scenario_unit,
     simulate_scenario,
 )
-from trajectories.vehicle import EVENTS
+from trajectories.simulator.vehicle import EVENTS
 
 
 def small(**changes):
@@ -46,7 +46,7 @@ def test_packaged_scenarios_are_read(name):
 
 
 def packaged(name):
-    return tomllib.loads((resources.files("trajectories") / "scenarios" / f"{name}.toml").read_text())
+    return tomllib.loads((resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml").read_text())
 
 
 def test_cold_parked_taxi_is_the_realistic_taxi():

@@ -14,13 +14,13 @@ from ins.earth import (
     omega_ie_n,
     radii_of_curvature,
 )
-from ins.mechanization import navigate
 from ins.records import ImuLog, InputError, NavState, Site
+from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Descend, Landing, Park, Stop, Straight, TakeOff, Turn, TurnFlight
-from trajectories.sensors import _body_rate, ideal_sensors
-from trajectories.truth import build_truth, rate_from_euler
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Descend, Landing, Park, Stop, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.sensors import _body_rate, ideal_sensors
+from trajectories.simulator.truth import build_truth, rate_from_euler
 
 NANO_G = 1e-8  # m/s^2
 FLIGHT = [
@@ -114,7 +114,7 @@ def test_ten_samples_at_100_hz_make_one_at_10_hz():
 def test_body_rate_of_a_cone_is_exact_to_the_order_of_the_collocation():
     """Coning at 2 Hz, 0.05 rad: halving the sample divides the error by at least 2^5."""
     from ins.attitude import dcm_from_rotation_vector
-    from trajectories.sensors import NODES, WEIGHTS
+    from trajectories.simulator.sensors import NODES, WEIGHTS
 
     def attitude(t):
         w = 2 * np.pi * 2.0
@@ -133,7 +133,7 @@ def test_body_rate_of_a_cone_is_exact_to_the_order_of_the_collocation():
 
 @pytest.mark.parametrize("lat_deg", [-45.0, 70.0])
 def test_a_flight_navigates_back_to_itself(lat_deg):
-    """Through ins.mechanization, which shares only Earth and rotations with the simulator: 1 cm, 0.01 arcsec."""
+    """Through ins.strapdown.mechanization, which shares only Earth and rotations with the simulator: 1 cm, 0.01 arcsec."""
     truth = truth_at(FLIGHT, lat_deg=lat_deg, lon_deg=179.9, heading_rad=1.0, wheel_reference_m=(5.0, 0.5, -1.0))
     ideal = ideal_sensors(truth, 50.0)
     imu = ImuLog(

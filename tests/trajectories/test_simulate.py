@@ -7,14 +7,14 @@ from ins.attitude import dcm_from_euler, wrap_pi
 from ins.earth import ecef_from_geodetic, gravity_n, omega_ie_n
 from ins.records import AccelNoise, GnssNoise, GyroNoise, InputError, OdometerNoise, Site, TwinModel, VehicleNoise
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
-from trajectories import faults
-from trajectories.motions import lay
-from trajectories.segments import Park, Pivot, Stop, Straight, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.simulate import simulate_run
-from trajectories.thermal import thermal_history
-from trajectories.truth import build_truth
-from trajectories.unit_truth import aged_unit
+from trajectories.simulator import faults
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park, Pivot, Stop, Straight, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.session import simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 MOTION = [

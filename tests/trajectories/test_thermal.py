@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ins.records import InputError
-from trajectories.thermal import STARTS, ThermalHistory, thermal_history
+from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 
 T = np.arange(0.0, 20_000.0, 1.0)
 

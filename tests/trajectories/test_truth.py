@@ -7,9 +7,9 @@ from ins.attitude import dcm_from_euler
 from ins.earth import dcm_en, displacement_ned, geodetic_from_ecef
 from ins.records import Site
 from ins.units import DEG
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn, TurnFlight
-from trajectories.truth import build_truth, rate_from_euler
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.truth import build_truth, rate_from_euler
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 TAXI = [
@@ -87,7 +87,7 @@ def test_wheel_reference_point_stands_while_the_vehicle_pivots():
 
 def test_a_turn_in_flight_is_coordinated():
     """No side force in body axes but Coriolis (2 Omega V = 0.02 m/s^2 at 150 m/s)."""
-    from trajectories.sensors import ideal_sensors
+    from trajectories.simulator.sensors import ideal_sensors
 
     turn = TurnFlight(angle_deg=180.0, bank_deg=25.0)
     motion = lay([TakeOff(), Climb(height_m=500.0), turn, Cruise(duration_s=20.0)])

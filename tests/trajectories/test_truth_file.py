@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from ins.earth import radii_of_curvature
-from ins.mechanization import navigate
 from ins.records import ImuLog, InputError, NavState, Site
+from ins.strapdown.mechanization import navigate
 from ins.units import DEG
-from trajectories.scenario import scenario_from_dict, scenario_ideal, scenario_truth, simulate_scenario
-from trajectories.truth_file import COLUMNS, departure
+from trajectories.simulator.scenario import scenario_from_dict, scenario_ideal, scenario_truth, simulate_scenario
+from trajectories.simulator.truth_file import COLUMNS, departure
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 ONE_MM, ONE_CM = 1e-3, 1e-2

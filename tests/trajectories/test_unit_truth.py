@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from ins.records import InputError
-from trajectories.unit_truth import GRID_DEGC, NODES_DEGC, aged_unit
+from trajectories.simulator.unit_truth import GRID_DEGC, NODES_DEGC, aged_unit
 
 
 def ageing(seed, temperatures, **sizes):
@@ -40,7 +40,7 @@ def test_factory_table_is_the_curve_without_its_ageing():
 
 def test_factory_table_is_a_valid_table_and_errs_little_between_its_nodes():
     """The curve is not straight between nodes, but its bend there is small beside the ageing."""
-    from infield.table_file import table_from_dict
+    from infield.table.file import table_from_dict
 
     errors = []
     for seed in range(30):

@@ -6,14 +6,14 @@ from scipy import stats
 
 from ins.attitude import dcm_from_euler, euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import radii_of_curvature
-from ins.mechanization import navigate
 from ins.records import ImuLog, InputError, NavState, Site, VehicleNoise
+from ins.strapdown.mechanization import navigate
 from ins.units import ARCSEC, DEG, MILLIRADIAN
-from trajectories.motions import lay
-from trajectories.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
-from trajectories.sensors import ideal_sensors
-from trajectories.truth import build_truth
-from trajectories.vehicle import Boarding, Bump, Gust, Push, disturb, gauss_markov, sway_velocity
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
+from trajectories.simulator.sensors import ideal_sensors
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push, disturb, gauss_markov, sway_velocity
 
 QUIET = {"crab_mrad": 0.0, "lateral_noise_m_s": 0.0, "yaw_creep_arcsec_sqrt_h": 0.0, "sway_m_s": 0.0}
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)

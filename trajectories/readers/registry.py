@@ -60,7 +60,7 @@ class Reader:
 
 def readers() -> tuple[Reader, ...]:
     """All known formats, those that can be recognised first."""
-    modules = (importlib.import_module(f"trajectories.readers.{name}") for name in MODULES)
+    modules = (importlib.import_module(f"trajectories.readers.formats.{name}") for name in MODULES)
     return tuple(reader for module in modules for reader in module.READERS)
 
 
@@ -93,7 +93,7 @@ def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]
     known = tuple(reader for reader in readers() if reader.folder or path.is_file())
     name = options.get("format")
     if name is None and path.is_file() and {"gyro", "accel"} & set(options):  # a column map says itself what it is
-        name = importlib.import_module("trajectories.readers.layouts").content_format(path)
+        name = importlib.import_module("trajectories.readers.columns.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]
         if not chosen and name in (r.name for r in readers()):

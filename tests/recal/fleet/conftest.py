@@ -4,8 +4,8 @@ import hashlib
 
 import pytest
 
-from infield import pipeline
-from infield.table_file import canonical_json, table_to_dict
+from infield.session import pipeline
+from infield.table.file import canonical_json, table_to_dict
 from recal.fleet import update as spine
 from tests.recal.fleet.made_fleet import InlinePool, copy_fleet, write_fleet
 

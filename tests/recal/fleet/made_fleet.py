@@ -4,12 +4,12 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from infield.store import TableStore
-from recal.fleet.local_pool import Done, Lost
+from infield.store.table_store import TableStore
+from recal.fleet.pools.local_pool import Done, Lost
+from recal.fleet.pools.work import perform
 from recal.fleet.records import Task
-from recal.fleet.work import perform
 from tests.infield.sessions import factory_dict, simulated
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 SERIALS = ("SN-A", "SN-B", "SN-C")
 STARTS = (("ambient", "2026-03-01T05:00:00Z"), ("cold", "2026-04-01T05:00:00Z"))

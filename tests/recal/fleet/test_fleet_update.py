@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from infield.store import TableStore
-from infield.table_file import table_from_dict, table_to_dict
-from recal.cli import app
-from recal.commands.update import update
-from recal.fleet import work
+from infield.store.table_store import TableStore
+from infield.table.file import table_from_dict, table_to_dict
+from recal.cli.app import app
+from recal.cli.update import update
+from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
 from tests.infield.sessions import factory_dict, shifted
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history, run_of
-from trajectories.run import write_run
+from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
 MISSING = "runs/SN-A/flight-9"

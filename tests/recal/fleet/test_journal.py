@@ -3,7 +3,7 @@
 import pytest
 
 from ins.records import InputError
-from recal.fleet.journal import Journal
+from recal.fleet.pools.journal import Journal
 from recal.fleet.records import RunOutcome
 
 SETTINGS = {"store": "sqlite:///a.db", "mode": "commit"}

@@ -13,7 +13,7 @@ import pytest
 
 import recal
 from ins.records import InputError
-from recal.fleet import dask_pool
+from recal.fleet.pools import dask_pool
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history
 
 ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(recal.__file__).parent.parent), "OMP_NUM_THREADS": "1"}

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from infield.store_rows import UnitKey
+from infield.store.rows import UnitKey
 from ins.records import InputError
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs

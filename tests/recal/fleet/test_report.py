@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from infield.store_rows import UnitKey
-from recal.console import EXIT_CODES
+from infield.store.rows import UnitKey
+from recal.cli.console import EXIT_CODES
 from recal.fleet.document import MAX_POINTS, VERDICTS, Timing, fleet_document, fleet_verdict, plain_reason
 from recal.fleet.figures import progress_drawing
 from recal.fleet.records import RunOutcome

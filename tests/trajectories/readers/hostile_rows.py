@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.trajectories.readers.known_motion import GIVEN
 from tests.trajectories.readers.test_maps import FIXES, GNSS, MAP, N, csv_text, rate_table
-from trajectories.conversion import Conversion, convert_log
+from trajectories.readers.conversion import Conversion, convert_log
 
 DATELESS = {k: v for k, v in GIVEN.items() if k != "start_utc"}
 PLACELESS = {k: v for k, v in GIVEN.items() if not k.endswith(("_deg", "_m"))}

@@ -12,8 +12,8 @@ from ins.records import InputError
 from ins.units import DEG
 from tests.trajectories.readers import ardupilot_logs as logs
 from tests.trajectories.run_cases import F_B
-from trajectories.conversion import convert_log
-from trajectories.readers.dataflash import read_tables
+from trajectories.readers.containers.dataflash import read_tables
+from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import read_log
 
 DT_S = 0.02

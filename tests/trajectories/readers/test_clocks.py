@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import DATELESS, GPS_LESS_UNIX_S, SECONDS, STEPS, UNIX_S, convert, noisy
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.readers.clocks import beside, going_on
-from trajectories.readers.gps_time import gps_of_unix, unix_seconds
+from trajectories.readers.rows.clocks import beside, going_on
+from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 
 PERIODS = [
     ("32 bits of microseconds", 4294.967296), ("32 bits of milliseconds", 4_294_967.296), ("GPS week", 604_800.0),

@@ -6,7 +6,8 @@ import pytest
 from ins.records import InputError
 from ins.units import DEG, DEG_PER_HOUR
 from tests.trajectories.run_cases import F_B, W_B
-from trajectories.readers.column_map import (
+from trajectories.readers.columns.imu_columns import converted
+from trajectories.readers.rows.column_map import (
     ACCEL_INCREMENTS,
     ACCEL_RATES,
     GYRO_INCREMENTS,
@@ -16,8 +17,7 @@ from trajectories.readers.column_map import (
     binary_type,
     column_map,
 )
-from trajectories.readers.columns import converted
-from trajectories.readers.row_cleaning import row_ranges
+from trajectories.readers.rows.row_cleaning import row_ranges
 
 N, DT_S = 200, 0.01
 

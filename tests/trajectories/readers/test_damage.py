@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from ins.records import InputError
 from tests.trajectories.readers import damage
 from tests.trajectories.readers.damage import SAMPLES, Sample
-from trajectories.conversion import convert_log
-from trajectories.readers.column_map import column_map
-from trajectories.readers.columns import converted
+from trajectories.readers.columns.imu_columns import converted
+from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import ConvertedLog, read_log, readers
+from trajectories.readers.rows.column_map import column_map
 
 NORMAL, LONG = 30, 3000  # mutations of each sample
 IDS = [s.name for s in SAMPLES]

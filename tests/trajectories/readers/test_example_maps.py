@@ -12,7 +12,7 @@ from ins.json_file import read_toml
 from tests.recal.test_convert import MAPS
 from tests.trajectories.readers import test_kfgins, test_navego, test_novatel, test_psins
 from tests.trajectories.readers.known_motion import HEIGHT_M, LAT_DEG, LON_DEG, at_rest, parked
-from trajectories.conversion import convert_log
+from trajectories.readers.conversion import convert_log
 
 DEG_H, MG = np.pi / 180 / 3600, 9.80665e-3
 UNIX_S = 1_772_341_200.0  # 2026-03-01T05:00:00Z

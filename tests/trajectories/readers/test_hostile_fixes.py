@@ -7,7 +7,7 @@ from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import PLACELESS, SECONDS, convert, noisy, with_fixes
 from tests.trajectories.readers.known_motion import LAT_DEG, LON_DEG
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
-from trajectories.run import read_run, write_run
+from trajectories.runs.directory import read_run, write_run
 
 FIRST = SECONDS < 20
 

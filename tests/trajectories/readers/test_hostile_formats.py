@@ -12,7 +12,7 @@ from tests.trajectories.readers import ardupilot_logs as ap
 from tests.trajectories.readers import ros_bags, test_kfgins, test_navego, test_novatel, test_psins, test_px4
 from tests.trajectories.readers.known_motion import GIVEN, LAT_DEG, LON_DEG, PLACELESS, Output, parked
 from tests.trajectories.readers.test_navego import gnss as navego_gnss
-from trajectories.conversion import convert_log
+from trajectories.readers.conversion import convert_log
 
 DATELESS = {k: v for k, v in GIVEN.items() if k != "start_utc"}
 ROWS = 2000

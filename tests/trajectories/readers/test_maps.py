@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from ins.records import InputError
 from tests.trajectories.readers.known_motion import GIVEN, LAT_DEG, LON_DEG, check_parked, parked
-from trajectories.conversion import convert_log
+from trajectories.readers.conversion import convert_log
 
 OUT = parked(start_s=5000.0)
 N = OUT.rows

@@ -8,8 +8,8 @@ import pytest
 from scipy.io import loadmat, savemat
 
 from ins.records import InputError
-from trajectories.readers.mat_file import read_variables, variable_names
-from trajectories.readers.unpacking import MAX_BLOCK_BYTES, MAX_GROWTH
+from trajectories.readers.containers.mat_file import read_variables, variable_names
+from trajectories.readers.containers.unpacking import MAX_BLOCK_BYTES, MAX_GROWTH
 
 
 def variables() -> dict:

@@ -20,9 +20,9 @@ from tests.trajectories.readers.known_motion import (
     parked,
     parked_and_turned,
 )
-from trajectories.conversion import convert_log
-from trajectories.readers.novatel_lines import crc32
-from trajectories.readers.novatel_types import TYPES, imu_type
+from trajectories.readers.containers.novatel_lines import crc32
+from trajectories.readers.conversion import convert_log
+from trajectories.readers.formats.novatel_types import TYPES, imu_type
 
 # Examples of docs.novatel.com/OEM7, each on the page of its log.
 DOCUMENTED = """\

@@ -12,7 +12,7 @@ from ins.records import InputError
 from tests.trajectories.readers.hostile_rows import convert, noisy
 from tests.trajectories.readers.known_motion import GIVEN
 from tests.trajectories.readers.test_maps import MAP, N, csv_text
-from trajectories.conversion import convert_log
+from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import readers
 
 TEXT = csv_text({k: v[:3000] for k, v in noisy().items()})

@@ -21,7 +21,7 @@ from tests.trajectories.readers.known_motion import (
     parked,
     parked_and_turned,
 )
-from trajectories.conversion import convert_log
+from trajectories.readers.conversion import convert_log
 
 OUT = parked()
 RFU_MAP = {  # what somebody would write who takes the columns for forward, right, down

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from ins.records import InputError
 from ins.units import DEG
 from tests.trajectories.run_cases import F_B
-from trajectories.conversion import convert_log
+from trajectories.readers.containers.ulog_file import read_ulog
+from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import read_log
-from trajectories.readers.ulog_file import read_ulog
 
 W, DT_S, ROWS = np.array([0.01, -0.02, 0.03]), 0.01, 1000
 OFFSET = np.array([0.001, 0.002, -0.003])  # [rad/s] that the autopilot takes off; in the raw topic still

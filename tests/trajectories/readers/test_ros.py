@@ -12,8 +12,9 @@ import pytest
 from ins.attitude import dcm_from_euler
 from ins.records import InputError
 from ins.units import DEG
-from trajectories.conversion import convert_log
-from trajectories.readers import ros, unpacking
+from trajectories.readers.containers import unpacking
+from trajectories.readers.conversion import convert_log
+from trajectories.readers.formats import ros
 from trajectories.readers.registry import read_log
 
 pytest.importorskip("rosbags", reason="rosbags (extra `ros`) writes the bags")

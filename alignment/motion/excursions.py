@@ -1,0 +1,138 @@
+"""Excursions of the computed velocity from what it does at rest: a shake, a tug's push, or a taxi.
+
+A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that follows the computed
+velocity while the vehicle stands.
+"""
+
+from math import hypot
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
+
+STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
+GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
+LEAD_S, TAIL_S = 5.0, 5.0  # an event begins before it passes the limit, and falls below it before it ends
+ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
+PUSHED_M = 0.3  # net way after which the parked heading is a new one
+PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0  # a tug's push; what is farther, faster or longer is a taxi
+FRESH, LONGEST_LINE = 30, 90  # epochs of rest before the line through them may have a slope, and of the line
+STOP_WINDOW_S = 8
+STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
+STOP_DRIFT_M_S2 = 5e-4
+PUSHED = "tug push"
+
+
+def velocity_noise(v: NDArray) -> float:
+    second = np.diff(v, n=2, axis=0)
+    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) + 1e-6
+
+
+class _Baseline:
+    """Straight line through the velocity of the last still epochs, refitted every fifth. In floats: numpy's calls on
+    two numbers would take most of the time."""
+
+    def __init__(self, t: NDArray, v: NDArray) -> None:
+        self._t, self._v = t, v
+        self._time, self._north, self._east = t.tolist(), v[:, 0].tolist(), v[:, 1].tolist()
+        self._first = self._end = 0  # the still epochs that count
+        self._misses: list[float] = []
+        self._mean, self._slope, self._centre = (0.0, 0.0), (0.0, 0.0), 0.0
+        self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
+
+    @property
+    def fresh(self) -> bool:
+        return self._end - self._first < FRESH
+
+    def miss(self, k: int) -> float:
+        """Distance of epoch k's velocity from the line [m/s]."""
+        s = self._time[k] - self._centre
+        (north, east), (slope_n, slope_e) = self._mean, self._slope
+        return hypot(self._north[k] - north - slope_n * s, self._east[k] - east - slope_e * s)
+
+    def add(self, k: int, miss: float) -> None:
+        """Count epoch k, the one after the last."""
+        if not self.fresh:
+            self._misses.append(miss)
+            if len(self._misses) % 30 == 0 and len(self._misses) >= 60:
+                self.gate = 8.0 * float(np.median(self._misses[-300:]))
+        self._end = k + 1
+        self._first = max(self._first, self._end - LONGEST_LINE)
+        count = self._end - self._first
+        if k % 5 == 0 or count < 10 or count == FRESH:
+            self._fit(self._v[self._first : self._end])
+
+    def restart(self, k: int, v: NDArray) -> None:
+        """Begin anew at epoch k with v (m, 2) as what rest looks like."""
+        self._first, self._end = k, k + 1
+        self._fit(v)
+
+    def _fit(self, v: NDArray) -> None:
+        T = self._t[self._first : self._end]
+        self._centre, self._mean, self._slope = float(T.mean()), tuple(v.mean(axis=0).tolist()), (0.0, 0.0)
+        if not self.fresh:
+            s = T - self._centre
+            self._slope = tuple((s @ v / (s @ s)).tolist())
+
+    def at(self, t: NDArray) -> NDArray:
+        return np.array(self._mean) + np.array(self._slope) * (t[:, None] - self._centre)
+
+
+def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDArray, list[int]]:
+    """Sequential classification of the epochs into still, disturbed, rolling; cause; ends of pushes."""
+    kind, cause, pushed = np.full(len(t), STILL), np.full(len(t), "", dtype=object), []
+    gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
+    base = _Baseline(t, v)
+    base.restart(0, v[: min(len(t), 20)])
+    k, guard_until, name = 0, -np.inf, ""
+    while k < len(t):
+        limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
+        miss = base.miss(k)
+        if miss <= limit:
+            if t[k] < guard_until:
+                kind[k], cause[k] = DISTURBED, name
+            base.add(k, miss)
+            k += 1
+            continue
+        end, way, rolled = _excursion(t, v, k, base, limit, sigma)
+        if way > PUSHED_M and not rolled:
+            pushed.append(min(end, len(t) - 1))
+        name = PUSHED if pushed and pushed[-1] == end else "motion"
+        kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
+        cause[max(k - 2, 0) : end] = "" if rolled else name
+        if not rolled:
+            begun = slice(max(k - round(LEAD_S), 0), k)
+            cause[begun] = np.where(kind[begun] == STILL, name, cause[begun])
+            kind[begun] = np.maximum(kind[begun], DISTURBED)
+        if end < len(t):
+            base.restart(end, v[end : end + STOP_WINDOW_S])
+        guard_until = t[min(end, len(t) - 1)] + (2.0 if rolled else GUARD_S + TAIL_S)
+        k = end
+    return kind, cause, pushed
+
+
+def _excursion(
+    t: NDArray, v: NDArray, k: int, base: _Baseline, gate: float, sigma: float
+) -> tuple[int, float, bool]:
+    """End of the excursion that begins at epoch k, its net way [m], and whether it is a taxi (not a shake or a push)."""
+    rest = base.at(t[k:])
+    deviation = v[k:] - rest
+    way = np.linalg.norm(np.cumsum(deviation * np.gradient(t)[k:, None], axis=0), axis=1)
+    fastest = np.maximum.accumulate(np.linalg.norm(deviation, axis=1))
+    last = len(deviation) - 1
+    for j in range(1, last + 1):
+        elapsed = t[k + j] - t[k]
+        window = v[k + j : k + j + STOP_WINDOW_S]
+        if len(window) < STOP_WINDOW_S:
+            break
+        slow = elapsed <= PUSH_S and fastest[j] <= PUSH_SPEED_M_S
+        near = (gate if slow else STOP_SPEED_M_S) + STOP_DRIFT_M_S2 * elapsed
+        if way[j] <= ROLLED_M and elapsed <= PUSH_S:
+            near = gate
+        level = np.linalg.norm(window.mean(axis=0) - rest[j]) <= near
+        if level and np.ptp(window, axis=0).max() <= max(8.0 * sigma, 0.03):
+            shaken = way[j] <= ROLLED_M and elapsed <= PUSH_S
+            return k + j, float(way[j]), not (shaken or (slow and way[j] <= PUSH_M))
+    short = t[-1] - t[k] <= PUSH_S and way[last] <= ROLLED_M
+    return len(t), float(way[last]), not short

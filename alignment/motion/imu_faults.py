@@ -1,0 +1,237 @@
+"""What a sensor says that a parked vehicle cannot have done: clipping, shocks, and gaps that were bridged.
+
+A shake of a parked vehicle leaves no velocity behind, and what the gyros turn the accelerometers tilt. A transient of
+the raw rows that breaks either rule is no motion: what it left is measured by straight lines through 20 s of the
+integrated rows on either side, and taken out. Sigmas come from the same lines laid across the quiet rest of the log.
+Only up to the first real motion: a taxi begins with a velocity that stays, and takes longer than a shock.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.imu_seconds import Seconds, in_seconds
+from ins.compensation import corrected
+from ins.records import ImuLog, ImuSource
+from ins.units import STANDARD_GRAVITY
+
+WINDOW = 20  # seconds on either side
+FEWEST = 8
+LONGEST_S = 5  # of a shock, in touched seconds; a vehicle that starts to move accelerates for longer
+RETURN_S = 900.0  # a push or a slow tow comes to rest again within this time
+JUMP_SIGMAS = 4.5  # only transients are asked: a handful in a session
+SMALLEST_JUMP_M_S = 0.003
+SMALLEST_TILT_RAD = 2e-5
+EARTH_WINDOW = 300  # seconds on either side: did the vehicle turn against Earth rate?
+SMALLEST_TURN_RAD = 3e-4  # about down, within a shock; smaller is what loading does
+SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehicle
+
+
+@dataclass(frozen=True)
+class ImuFault:
+    """A stretch that was repaired, and the sigmas of what may be left in velocity [m/s] and attitude [rad].
+
+    reason "": a shake that was recorded rightly as far as can be seen; nothing is excluded for it here.
+    """
+
+    start_s: float
+    end_s: float
+    reason: str
+    velocity_sigma_m_s: float
+    turn_sigma_rad: float
+
+
+@dataclass(frozen=True)
+class _Jump:
+    """Steps of the lines at the middle (6,), and of their slopes (6,): velocity and angle, force and rate."""
+
+    value: NDArray
+    slope: NDArray
+
+
+@dataclass(frozen=True)
+class _Edit:
+    """Rows that end in (start_s, end_s] read these rates (6,) instead, where not NaN."""
+
+    start_s: float
+    end_s: float
+    rate: NDArray
+
+
+def repair(
+    imu: ImuSource, start_s: float, end_s: float
+) -> tuple[ImuSource, tuple[ImuFault, ...]]:
+    """The log without what clipping and shocks left behind while the vehicle was parked, and the list of them.
+
+    Looked at from start_s, where the vehicle rests, to end_s. The log itself where nothing is found.
+    """
+    seconds = in_seconds(imu, start_s, end_s)
+    quiet = _quiet_jumps(seconds) if seconds is not None else None
+    if seconds is None or quiet is None:
+        return imu, ()
+    faults: list[ImuFault] = []
+    edits: list[_Edit] = []
+    groups = _groups(seconds.touched)
+    jumps = [_jump(seconds, a, b) for a, b in groups]
+    k = 0
+    while k < len(groups):
+        (a, b), jump = groups[k], jumps[k]
+        end = _returns(seconds, groups, jumps, k, quiet)
+        if jump is None or (end is None and b - a > LONGEST_S):
+            break  # nothing to compare with, or the vehicle drives off
+        if end is None or end == k or seconds.lost[a:b].any():
+            fault, edit = _judge(seconds, (a, b), jump, quiet, stays=end is None)
+            faults.append(fault)
+            edits += [edit] if np.isfinite(edit.rate).any() else []
+        k = k + 1 if end is None else end + 1
+    return (corrected(imu, partial(_edited, edits=tuple(edits))) if edits else imu), tuple(faults)
+
+
+def _edited(imu: ImuLog, edits: Sequence[_Edit]) -> ImuLog:
+    columns = [np.array(imu.dv_m_s), np.array(imu.dtheta_rad)]
+    for edit in edits:
+        rows = slice(*np.searchsorted(imu.time_s, [edit.start_s + 1e-6, edit.end_s + 1e-6]))
+        for axis in np.flatnonzero(np.isfinite(edit.rate)):
+            columns[axis // 3][rows, axis % 3] = edit.rate[axis] * imu.dt_s[rows]
+    return replace(imu, dv_m_s=columns[0], dtheta_rad=columns[1])
+
+
+def _judge(
+    seconds: Seconds, group: tuple[int, int], jump: _Jump, quiet: _Jump, *, stays: bool
+) -> tuple[ImuFault, _Edit]:
+    """What one transient was, and the rates that take out what the bad axes left."""
+    a, b = group
+    stuck, lost, short = seconds.stuck[a:b].any(), seconds.lost[a:b].any(), b - a <= LONGEST_S
+    bad = _contradiction(jump, quiet, b - a) if stays else np.zeros(6, bool)
+    turned = _turned(seconds, a, b, jump) if short else None
+    if stuck:
+        bad |= np.abs(jump.value) > JUMP_SIGMAS * quiet.value
+    bad |= lost
+    bad[5] |= turned is False
+    total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
+    length = float(seconds.end_s[b - 1] - seconds.start_s[a])
+    edit = _Edit(
+        float(seconds.start_s[a]), float(seconds.end_s[b - 1]),
+        np.where(bad, seconds.level + (total - jump.value) / length, np.nan),
+    )  # fmt: skip
+    reason = "dropout" if lost else "clipping" if stuck else "shock" if bad.any() else ""
+    fault = _fault(seconds, a, b, reason, jump, quiet)
+    alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
+    if turned is None and alone and not bad[5]:  # the vertical gyro turned, no other sensor felt it
+        fault = replace(fault, reason=reason or "shock", turn_sigma_rad=abs(float(jump.value[5])))
+    return fault, edit
+
+
+def _groups(touched: NDArray) -> list[tuple[int, int]]:
+    """[a, b) of touched seconds, those closer than 3 s together."""
+    near = np.convolve(touched, np.ones(3), "same") > 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], near, [False])).astype(int)))
+    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2])]
+
+
+def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
+    """Value at a time and slope of the line through the integrals of some seconds, both (6,)."""
+    centre = float(seconds.end_s[rows].mean())
+    s = seconds.end_s[rows] - centre
+    slope = s @ seconds.integral[rows] / (s @ s)
+    return seconds.integral[rows].mean(axis=0) + slope * (at - centre), slope
+
+
+def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
+    """Quiet seconds next to [a, b): before and after, up to the next touched one; None where there are too few."""
+    before, after = np.arange(max(a - window, 0), a), np.arange(b, min(b + window, len(seconds.touched)))
+    hit_before, hit_after = np.flatnonzero(seconds.touched[before]), np.flatnonzero(seconds.touched[after])
+    before = before[hit_before[-1] + 1 :] if hit_before.size else before
+    after = after[: hit_after[0]] if hit_after.size else after
+    return None if min(len(before), len(after)) < FEWEST else (before, after)
+
+
+def _jump(seconds: Seconds, a: int, b: int) -> _Jump | None:
+    beside = _beside(seconds, a, b, WINDOW)
+    if beside is None:
+        return None
+    middle = 0.5 * float(seconds.start_s[a] + seconds.end_s[b - 1])
+    (v0, s0), (v1, s1) = (_line(seconds, rows, middle) for rows in beside)
+    return _Jump(v1 - v0, s1 - s0)
+
+
+def _quiet_jumps(seconds: Seconds) -> _Jump | None:
+    """Spreads of the jumps across stretches where nothing happens; None for a log too short to tell."""
+    n, found = len(seconds.touched), []
+    for a in range(WINDOW, n - WINDOW - 3, 7):
+        if not seconds.touched[a - WINDOW : a + WINDOW + 3].any():
+            found.append(_jump(seconds, a, a + 3))
+    jumps = [j for j in found if j is not None]
+    if len(jumps) < 5:
+        return None
+    value, slope = (1.4826 * np.median(np.abs([getattr(j, k) for j in jumps]), axis=0) for k in ("value", "slope"))
+    return _Jump(value, slope)
+
+
+def _velocity_limit(jump: _Jump, quiet: _Jump, length: int) -> NDArray:
+    """Velocity (3,) that may seem to stay: noise, and a real change of tilt at an unknown time within the group."""
+    noise = np.maximum(JUMP_SIGMAS * quiet.value[:3], SMALLEST_JUMP_M_S)
+    return np.asarray(noise + 0.5 * length * np.abs(jump.slope[:3]))
+
+
+def _contradiction(jump: _Jump, quiet: _Jump, length: int) -> NDArray:
+    """Which of dv x, y, z and dtheta x, y cannot be: a velocity that stays, a turn that gravity does not show."""
+    bad = np.zeros(6, bool)
+    bad[:3] = np.abs(jump.value[:3]) > _velocity_limit(jump, quiet, length)
+    limit = np.maximum(JUMP_SIGMAS * quiet.slope[1::-1] / STANDARD_GRAVITY, SMALLEST_TILT_RAD)
+    bad[3:5] = np.abs(jump.value[3:5] - _tilted(jump)) > limit
+    return bad
+
+
+def _tilted(jump: _Jump) -> NDArray:
+    """Turn about x, y (2,) [rad] of a roughly level unit that a change of its specific force shows: df = -turn x f."""
+    return np.array([-jump.slope[1], jump.slope[0]]) / STANDARD_GRAVITY
+
+
+def _returns(
+    seconds: Seconds, groups: list[tuple[int, int]], jumps: list[_Jump | None], k: int, quiet: _Jump
+) -> int | None:
+    """The group with which the velocity of group k is back at rest (k itself: it never left); None: it stays."""
+    total, limit = np.zeros(2), np.zeros(2)
+    start_s = seconds.start_s[groups[k][0]]
+    for m in range(k, len(groups)):
+        jump, (a, b) = jumps[m], groups[m]
+        if jump is None or seconds.start_s[a] - start_s > RETURN_S:
+            return None
+        if m == k and _contradiction(jump, quiet, b - a)[2:5].any():
+            return None
+        total = total + jump.value[:2]
+        limit = np.hypot(limit, _velocity_limit(jump, quiet, b - a)[:2])
+        if np.all(np.abs(total) <= limit):
+            return m
+    return None
+
+
+def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
+    """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells; None: it cannot."""
+    turn, beside = jump.value[5], _beside(seconds, a, b, EARTH_WINDOW)
+    if abs(turn) < SMALLEST_TURN_RAD or beside is None:
+        return None
+    before, after = (
+        seconds.level[3:5] + (seconds.integral[rows[-1], 3:5] - seconds.integral[rows[0], 3:5]) / (len(rows) - 1)
+        for rows in beside
+    )
+    c, s = np.cos(turn), np.sin(turn)
+    expected = np.array([c * before[0] + s * before[1], -s * before[0] + c * before[1]])  # body axes turn by +turn
+    steps = np.diff(seconds.integral[beside[0], 3:5], axis=0)
+    noise = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0))) * np.sqrt(sum(1.0 / len(r) for r in beside))
+    if np.linalg.norm(expected - before) < 2.0 * JUMP_SIGMAS * noise:
+        return None
+    return bool(np.linalg.norm(after - expected) < np.linalg.norm(after - before))
+
+
+def _fault(seconds: Seconds, a: int, b: int, reason: str, jump: _Jump, quiet: _Jump) -> ImuFault:
+    unknown = 0.5 * (b - a) * float(np.max(np.abs(jump.slope[:2]))) if reason else 0.0
+    return ImuFault(
+        start_s=float(seconds.start_s[a]), end_s=float(seconds.end_s[b - 1]), reason=reason,
+        velocity_sigma_m_s=float(np.max(quiet.value[:2])) + unknown,
+        turn_sigma_rad=float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD)) if reason else 0.0,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""Gyro misalignment from parked stops on several azimuths."""

@@ -1,0 +1,69 @@
+"""Accelerometer offsets from stops on several azimuths: the two-position levelling, for all positions at once.
+
+The tilt of what the unit stands on keeps its place in the room while the unit turns, its accelerometers' biases turn
+with it:
+
+    f_x(H) = o_x + p cosH + q sinH,     f_y(H) = o_y - p sinH + q cosH
+
+From two stops 180 deg apart o = (f(H) + f(H + 180)) / 2. o is the bias and g times the angle between the unit's base
+and the axis it is turned about: the two cannot be told apart at one attitude, so a bias is only stated where the
+mounting is. Source: Groves (2013), section 5.6.1, for the level; the two-position mean is elementary.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2 as chi_square
+
+from infield.misalignment.azimuth_runs import Stop
+from ins.earth import gravity_magnitude
+from ins.records import AccelNoise, Site
+from ins.units import HOUR, MICRO_G
+
+CONFIDENCE = 0.999
+FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a table's bearing
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelOffsets:
+    """offset_ug, sigma_ug (2,): x and y, bias and mounting together, mean over the power-ons; tilt_rad (2,): slope of
+    the ground to north and east (p, q over g); chi2 with dof: that the ground was the same under all stops."""
+
+    offset_ug: NDArray
+    sigma_ug: NDArray
+    tilt_rad: NDArray
+    chi2: float
+    dof: int
+
+    @property
+    def same_ground(self) -> bool:
+        return self.chi2 <= chi_square.ppf(CONFIDENCE, self.dof)
+
+
+def level_offsets(stops: Sequence[Stop], heading_rad: NDArray, accel: AccelNoise, site: Site) -> LevelOffsets | None:
+    """Least squares over all stops; None where their headings do not tell offset from tilt. `accel`: noise of the unit,
+    its nominal bias being off the stops' means already; it is added back."""
+    m = len(stops)
+    cos, sin = np.cos(heading_rad), np.sin(heading_rad)
+    one, zero = np.ones(m), np.zeros(m)
+    A = np.vstack([np.column_stack([one, zero, cos, sin]), np.column_stack([zero, one, -sin, cos])])
+    if m < 2 or np.linalg.cond(A) > 10.0:
+        return None
+    f = np.array([s.f_m_s2 for s in stops])[:, :2].T.ravel() / MICRO_G
+    same_run = np.equal.outer([s.run for s in stops], [s.run for s in stops])
+    hours = np.array([s.end_s for s in stops]) / HOUR
+    used = np.array([s.used_s for s in stops])
+    steady = accel.bias_instability_ug**2 + FLOOR_UG**2
+    own = steady + accel.rate_random_walk_ug_sqrt_h**2 * hours + accel.vrw_ug_sqrt_hz**2 / used
+    R = np.kron(np.eye(2), accel.turn_on_ug**2 * same_run + np.diag(own))
+    W = np.linalg.inv(np.linalg.cholesky(R))
+    P = np.linalg.inv(A.T @ W.T @ W @ A)
+    x = P @ A.T @ W.T @ W @ f
+    left = W @ (f - A @ x)
+    g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
+    return LevelOffsets(
+        offset_ug=x[:2] + np.asarray(accel.bias_ug)[:2], sigma_ug=np.sqrt(np.diag(P)[:2]), tilt_rad=x[2:] / g_ug,
+        chi2=float(left @ left), dof=2 * m - 4,
+    )  # fmt: skip

@@ -1,0 +1,1 @@
+"""A logged session navigated again: free-inertially with each of several tables, and aided by satellites."""

@@ -1,0 +1,74 @@
+"""What a log of fixes says against itself or its header: fixes that repeat, a site elsewhere, a unit that looks sideways."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.stands import Where
+from ins.attitude import euler_from_dcm, wrap_pi
+from ins.earth import ecef_from_geodetic
+from ins.filters.aided_filter import AidedHistory, Fixes
+from ins.records import Site
+from ins.units import DEG
+
+MOVING_M_S = 0.5  # faster than that no two good fixes are the same
+ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
+OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
+SITE_M, SITE_SIGMAS = 30.0, 5.0
+SOON_S = 60.0
+
+
+def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[str, ...]]:
+    """The fixes less those whose position is, bit for bit, that of the one before while the receiver says that it moves."""
+    r_e, speed = fixes.r_e_m, np.linalg.norm(fixes.v_n_m_s, axis=1)
+    same = np.zeros(len(r_e), dtype=bool)
+    same[1:] = (r_e[1:] == r_e[:-1]).all(axis=1) & (speed[1:] > MOVING_M_S)
+    if not same.any():
+        return fixes, ()
+    rows = np.flatnonzero(same)
+    first, last = fixes.time_s[rows[0]], fixes.time_s[rows[-1]]
+    hole = np.where(same[:, None], np.nan, 0.0)
+    note = (
+        f"{rows.size} fixes from {first:.1f} to {last:.1f} s are left out: their position is that of the fix before, to the "
+        f"last digit, at {float(np.median(speed[rows])):.1f} m/s (a receiver that is stuck, or a log that repeats it)"
+    )
+    return replace(fixes, r_e_m=r_e + hole, v_n_m_s=fixes.v_n_m_s + hole), (note,)
+
+
+def site_note(fixes: Fixes, stands: tuple[Where, ...], site: Site, start_s: float) -> tuple[str, ...]:
+    """Whether a log that begins parked has its first fixes where the header says that it stands."""
+    parked = next((s for s in stands if s[0] < start_s + SOON_S), None)
+    if parked is None:
+        return ()
+    rows = np.flatnonzero((fixes.time_s >= parked[0]) & (fixes.time_s <= parked[1]) & np.isfinite(fixes.r_e_m[:, 0]))
+    if not rows.size:
+        return ()
+    off = np.median(fixes.r_e_m[rows], axis=0) - ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
+    off_m, sigma_m = float(np.linalg.norm(off)), float(np.linalg.norm(fixes.sigma_position_m[rows[0]]))
+    if off_m < max(SITE_M, SITE_SIGMAS * sigma_m):
+        return ()
+    return (f"the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes by the fixes",)
+
+
+def mounting_note(history: AidedHistory) -> tuple[str, ...]:
+    """Whether body x keeps off the track: a unit turned about the vertical is navigated right, and its heading is its own."""
+    v_n = history.v_n_m_s
+    rows = np.linalg.norm(v_n[:, :2], axis=1) > ON_TRACK_M_S
+    if rows.sum() < ON_TRACK_ROWS:
+        return ()
+    off = wrap_pi(euler_from_dcm(history.C_nb[rows])[2] - np.arctan2(v_n[rows, 1], v_n[rows, 0]))
+    mean = _middle(off)
+    spread = float(np.median(np.abs(wrap_pi(off - mean))))
+    if abs(mean) < OFF_TRACK_RAD or spread > SPREAD_RAD:
+        return ()
+    return (
+        f"body x points {mean / DEG:+.0f} deg off the track (median; half of the rows within {spread / DEG:.1f} deg): where "
+        "that is no crab, the unit is mounted turned, and roll, pitch and heading are its own",
+    )
+
+
+def _middle(angles: NDArray) -> float:
+    """Median of angles [rad] about their mean direction."""
+    around = np.arctan2(np.sin(angles).mean(), np.cos(angles).mean())
+    return float(wrap_pi(around + np.median(wrap_pi(angles - around))))

@@ -1,0 +1,1 @@
+"""Report pages, each one self-contained HTML file drawn from its document; the drawings they share."""

@@ -1,0 +1,181 @@
+"""What `update.json` says of sessions without a heading (zero-rate biases of a parked unit): budget, assumptions, effect."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.session.navigated import SessionEstimate
+from infield.session.pipeline import SessionResult, UpdateResult
+from infield.table.merge import random_walk_covariance
+from ins.earth import EARTH_RATE_RAD_S
+from ins.records import AXES, Phase
+from ins.units import DEG, DEG_PER_HOUR, HOUR
+
+METHOD = "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate removed, joint merge"
+
+
+def parked_sessions(result: UpdateResult) -> list[SessionResult]:
+    """The sessions that were estimated without a heading."""
+    return [s for s in result.sessions if s.estimate is not None and s.estimate.parked is not None]
+
+
+def of_session(e: SessionEstimate) -> dict[str, Any]:
+    """Of a session without a navigation solution: what its parked seconds gave."""
+    p = e.parked
+    assert p is not None
+    nis = {"zero rate over time": {"nis_mean": e.nis_mean, "dof": e.dof}} if e.dof else {}
+    first, last = p.stretches[0].seconds, p.stretches[-1].seconds
+    return {
+        "measurements": nis,
+        "parked_jitter_m": None,
+        "smoothing": {},
+        "velocity": None,
+        "claim_chain": None,
+        "zero_rate": {
+            "seconds": float(p.used_s.sum()),
+            "start_s": float(first.start_s[0]),
+            "end_s": float(last.end_s[-1]),
+            "ended_because": last.moved,
+            "angle_random_walk_deg_sqrt_h": p.walk_deg_sqrt_h.tolist(),
+            "noise_over_model": p.noise_scale,
+            "earth_rate_sigma_deg_h": np.sqrt(p.of_mean(p.earth.covariance)).tolist(),
+            "heading_known": bool((p.earth.heading_deg_h == 0.0).all()),
+            "bin_s": float(e.bins.duration_s.mean()),
+            "bins": len(e.bins.duration_s),
+            **({"stretches": _stretches(e)} if len(p.stretches) > 1 else {}),
+            **({"left_out": [vars(span) for span in p.left_out]} if p.left_out else {}),
+        },
+    }
+
+
+def _stretches(e: SessionEstimate) -> list[dict[str, Any]]:
+    """Every stretch of rest: when, how long, how warm, and how far the unit was turned since the one before."""
+    p, found = e.parked, []
+    assert p is not None
+    for k, stretch in enumerate(p.stretches):
+        T, turn = e.bins.temperature_degC[p.stretch == k], p.turns[k - 1] if k else None
+        start_s, end_s = float(stretch.seconds.start_s[0]), float(stretch.seconds.end_s[-1])
+        found.append({
+            "start_s": start_s, "duration_s": end_s - start_s, "still_s": stretch.still_s,
+            "bins": int(np.count_nonzero(p.stretch == k)), "temperature_degC": [float(T.min()), float(T.max())],
+            "turned_deg": None if turn is None else turn.heading_rad / DEG,
+            "sigma_turned_deg": None if turn is None else turn.sigma_rad / DEG,
+            "turn_told": None if turn is None else turn.told,
+        })  # fmt: skip
+    return found
+
+
+def phases(e: SessionEstimate) -> tuple[Phase, ...]:
+    """The first stretch of rest as the alignment, the others as parked."""
+    assert e.parked is not None
+    spans = [(float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in e.parked.stretches]
+    names = ["alignment", *["parked"] * (len(spans) - 1)]
+    return tuple(Phase(phase=name, start_s=a, end_s=b) for name, (a, b) in zip(names, spans))
+
+
+def stretch_words(zero_rate: dict[str, Any]) -> list[str]:
+    """The stretches of one run and what was left out, a line each; none for a run of one stretch and nothing else."""
+    lines = []
+    for k, s in enumerate(zero_rate.get("stretches", [])):
+        low, high = s["temperature_degC"]
+        turned = (
+            "" if s["turned_deg"] is None
+            else f"; turned by {s['turned_deg']:+.0f} +- {s['sigma_turned_deg']:.0f} deg since the one before" if s["turn_told"]
+            else f"; how far it was turned is not known (+- {min(s['sigma_turned_deg'], 180.0):.0f} deg)"
+        )  # fmt: skip
+        lines.append(
+            f"stretch {k + 1}: {s['duration_s']:.0f} s from {s['start_s']:.0f} s on, {low:.1f} to {high:.1f} degC{turned}"
+        )
+    return lines + [f"left out: {s['start_s']:.0f} to {s['end_s']:.0f} s: {s['reason']}" for s in zero_rate.get("left_out", [])]
+
+
+def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
+    """Terms of the session's mean bias, each alone, one sigma."""
+    assert session.estimate is not None and session.estimate.parked is not None
+    p, gyro = session.estimate.parked, result.twin.gyro
+    seconds = float(p.used_s.sum())
+    walk = gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    heading = np.sqrt(p.of_mean(p.earth.of_heading))
+    if len(p.stretches) == 1:
+        heading = p.earth.heading_deg_h[0] * np.sqrt(np.maximum(1.0 - p.earth.down_b[0] ** 2, 0.0))
+    rest = np.sqrt(np.maximum(p.of_mean(p.earth.covariance) - heading**2, 0.0))
+    rows = []
+    for k, axis in enumerate(AXES):
+        terms = {
+            "angle random walk": p.walk_deg_sqrt_h[k] / np.sqrt(seconds / HOUR),
+            "Earth rate on an unknown heading": heading[k],
+            "Earth rate: level, scale factor": rest[k],
+            "turn-on, this session against the mean": gyro.turn_on_deg_h,
+            "bias instability": 0.664 * gyro.bias_instability_deg_h,
+            "rate random walk": float(np.sqrt(walk[0, 0])),
+        }
+        rows += [{"axis": axis, "term": term, "sigma_deg_h": float(s)} for term, s in terms.items() if s > 0]
+    return rows
+
+
+def assumptions(result: UpdateResult) -> list[str]:
+    """What a reader must believe for these numbers to hold."""
+    twin, found = result.twin, [s.estimate.parked for s in parked_sessions(result) if s.estimate is not None]
+    north = max((float(p.earth.heading_deg_h.max()) for p in found if p is not None), default=0.0)
+    several = any(len(p.stretches) > 1 for p in found if p is not None)
+    common = (
+        "one common error of all points of a stretch of rest, the turns between the stretches of a run as the gyros tell them"
+        if several else "one common error of all points of a session"
+    )  # fmt: skip
+    heading = (
+        f"no heading is known: the level part of Earth rate is {common}, {north:.1f} deg/h "
+        "(1 sigma) on a level axis; headings of different sessions are taken as unrelated, so a unit that always parks the "
+        "same way keeps that part in its table (a surveyed heading in run.json takes it out)"
+    ) if north else "the surveyed heading takes the level part of Earth rate out"  # fmt: skip
+    if not found:
+        heading = "the heading of the parked unit need not be known; what it leaves of Earth rate is one error of a session"
+    noisiest = max((p.noise_scale for p in found if p is not None), default=0.0)
+    said = f", the log's own where larger (at most {noisiest:.2g} times the model)" if found else ""
+    return [
+        heading,
+        f"level by gravity, accelerometers within {twin.accel.turn_on_ug:g} ug (1 sigma); vertical Earth rate is removed",
+        "the unit stands: a turn at one steady rate all along would be taken for a bias",
+        f"noise of the unit from {twin.source}{said}",
+        f"each power-on departs from the table by {twin.gyro.turn_on_deg_h:g} deg/h (1 sigma, turn-on)",
+        f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
+        f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",
+    ]
+
+
+def effect(result: UpdateResult) -> dict[str, Any] | None:
+    """The change of the table over the temperatures of the last merged session, its level and its shape apart."""
+    merged = [s for s in parked_sessions(result) if s.merged is not None]
+    if not merged or not result.merged_runs or merged[-1].estimate is None:
+        return None
+    T = merged[-1].estimate.bins.temperature_degC
+    change: list[NDArray] = []
+    level_left: list[float] = []
+    shape_left: list[float] = []
+    for k in range(3):
+        change.append(result.after.bias_deg_h(k, T[:, k]) - result.before.bias_deg_h(k, T[:, k]))
+        rows = result.after.basis(k, T[:, k])
+        P = rows @ result.after.covariance @ rows.T
+        level_left.append(float(P.mean()))
+        shape_left.append(float(np.mean(np.diag(P)) - P.mean()))
+    of_gyro = np.stack(change)
+    shape = of_gyro - of_gyro.mean(axis=1, keepdims=True)
+    return {
+        "level_change_deg_h": float(np.sqrt(np.mean(of_gyro.mean(axis=1) ** 2))),
+        "shape_change_deg_h": float(np.sqrt(np.mean(shape**2))),
+        "level_left_sigma_deg_h": float(np.sqrt(np.mean(level_left))),
+        "shape_left_sigma_deg_h": float(np.sqrt(max(float(np.mean(shape_left)), 0.0))),
+        "turn_on_deg_h": result.twin.gyro.turn_on_deg_h,
+        "earth_rate_deg_h": EARTH_RATE_RAD_S / DEG_PER_HOUR,
+        "temperature_degC": [float(T.min()), float(T.max())],
+    }
+
+
+def effect_words(found: dict[str, Any]) -> str:
+    """One line of it for people."""
+    low, high = found["temperature_degC"]
+    return (
+        f"over {low:.0f} to {high:.0f} degC the table's level moves by {found['level_change_deg_h']:.3g} deg/h (left: "
+        f"{found['level_left_sigma_deg_h']:.3g}), its shape by {found['shape_change_deg_h']:.3g} deg/h (left: "
+        f"{found['shape_left_sigma_deg_h']:.3g}), RMS over the gyros; each start adds its turn-on of {found['turn_on_deg_h']:g}"
+    )

@@ -1,0 +1,265 @@
+"""The result of an update as the plain document of formats.md section 5 (`update.json`), with all a report shows.
+
+Everything is computed here; `infield.reports.update_page` only draws it.
+"""
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.gyrocompass import excluded_spans
+from alignment.navigation_filter import LATERAL_TIME_S
+from infield.reports.documents import parked as parked_document
+from infield.reports.documents.session import heading_error, session_document
+from infield.session.acceptance import DECISION_RULE, PARKED_RULE
+from infield.session.navigated import misalignment_sigma_mrad
+from infield.session.pipeline import SessionResult, UpdateResult
+from infield.session.points import AxisObservability
+from infield.table.file import table_sha256, table_to_dict
+from infield.table.merge import AXIS_Z_LIMIT, random_walk_covariance
+from infield.table.thermal_table import ThermalTable
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.kalman import nis_band
+from ins.records import AXES
+from ins.twin_file import twin_to_dict
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
+
+NM_H_PER_DEG_H = 60.0  # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
+METHOD = "in-field recalibration after US 5,527,003: navigation-mode error filter, joint merge with full covariance"
+
+
+def update_document(
+    result: UpdateResult, *, committed: bool, store: str | None, version: str, table_before: dict[str, Any],
+    revision: int | None = None, rollback_command: str | None = None, thermal_model: dict[str, Any] | None = None,
+) -> dict[str, Any]:  # fmt: skip
+    """update.json. table_before: the dict as stored, so that its hash is the stored one.
+
+    thermal_model: what `thermal_use.use_document` says of the model that left the log before the table.
+    """
+    verdict = {"accepted": "committed" if committed else "proposed"}.get(result.outcome, result.outcome)
+    estimated = [s for s in result.sessions if s.estimate is not None]
+    best = estimated[-1] if estimated else None
+    without_heading = parked_document.parked_sessions(result)
+    parked = len(without_heading) == len(estimated) and result.before.gyro_technology == "mems"
+    after = table_to_dict(result.after) if result.merged_runs else table_before
+    return {
+        "schema": "recal.update/1",
+        "verdict": verdict,
+        "reasons": list(result.reasons),
+        "imu_serial": result.before.imu_serial,
+        "gyro_technology": result.before.gyro_technology,
+        "runs": [{"run_id": s.run.header.run_id, "sha256": s.run.sha256} for s in result.sessions],
+        "heading_error": heading_error(best),
+        "observability": _observability(estimated),
+        "points": [point for s in estimated for point in _points(s)],
+        "excluded": [span for s in result.sessions for span in _excluded(s)],
+        "consistency": _consistency(estimated),
+        "table_before": table_before,
+        "table_after": after,
+        "uncertainty_budget": _budget(best, result) if best else [],
+        "table_before_sha256": table_sha256(table_before),
+        "table_after_sha256": table_sha256(after),
+        "method": {"name": parked_document.METHOD if parked else METHOD, "program": "recal", "version": version},
+        "issued_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "store": store,
+        "revision": revision,
+        "rollback_command": rollback_command,
+        "decision_rule": PARKED_RULE if parked else DECISION_RULE,
+        "noise_model": {"source": result.twin.source, **twin_to_dict(result.twin)},
+        "assumptions": parked_document.assumptions(result) if parked else _assumptions(result),
+        "predicted_effect": None if parked else _predicted_effect(result),
+        **({"zero_rate_effect": parked_document.effect(result)} if parked else {}),
+        "changes": _changes(result.before, result.after),
+        "hysteresis": [
+            {"axis": t.axis, "kind": t.kind, "value": t.value, "sigma": t.sigma, "z": t.z, "action": t.action,
+             "unit": "deg/h per degC/min" if t.kind == "rate" else "deg/h", "text": t.words()} for t in result.terms
+        ],
+        "disagreement": {"steps": [vars(s) for s in result.steps], "accepted": result.step_accepted},
+        "sessions": [session_document(s) for s in result.sessions],
+        **({} if thermal_model is None else {"thermal_model": thermal_model}),
+    }
+
+
+def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
+    """Per axis, the session that saw it best."""
+    found: dict[str, Any] = {}
+    for k, axis in enumerate(AXES):
+        seen = [s.seen[k] for s in sessions if s.seen]
+        if not seen:
+            continue
+        best: AxisObservability = min(seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h)
+        refused = all(s.verdict.outcome == "refused" for s in sessions)
+        found[axis] = {
+            "sigma_before_deg_h": best.sigma_before_deg_h,
+            "sigma_after_deg_h": best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
+            "verdict": "not_observable" if refused else best.verdict,
+            "advice": "the session was refused, see the reasons" if refused else best.advice,
+        }
+    return found
+
+
+def _points(session: SessionResult) -> list[dict[str, Any]]:
+    p = session.points
+    if p is None:
+        return []
+    verdicts = {a.axis: a.verdict for a in session.seen}
+    return [
+        {
+            "axis": AXES[axis],
+            "time_s": float(p.time_s[k]),
+            "temperature_degC": float(p.temperature_degC[k]),
+            "bias_deg_h": float(p.bias_deg_h[k]),
+            "sigma_deg_h": float(p.sigma_deg_h[k]),
+            "temperature_rate_degC_min": float(p.temperature_rate_degC_min[k]),
+            "start_s": float(p.time_s[k] - 0.5 * p.duration_s[k]),
+            "duration_s": float(p.duration_s[k]),
+            "gradient_degC": _number(p.gradient_degC, k),
+            "sigma_temperature_degC": _number(p.sigma_temperature_degC, k),
+            "sigma_temperature_rate_degC_min": _number(p.sigma_rate_degC_min, k),
+            "run_id": p.run_id,
+            "run_sha256": p.run_sha256,
+            "applied_table_sha256": p.applied_table_sha256,
+            "observability": verdicts.get(AXES[axis], "not_observable"),
+        }
+        for k, axis in enumerate(p.axis_index)
+    ]
+
+
+def _number(values: NDArray | None, k: int) -> float | None:
+    return None if values is None or not np.isfinite(values[k]) else float(values[k])
+
+
+def _excluded(session: SessionResult) -> list[dict[str, Any]]:
+    spans = list(session.run.faults)
+    if session.temperature is not None:
+        spans += list(session.temperature.spans())
+    if session.estimate is not None:
+        parked = session.estimate.parked
+        spans += list(session.estimate.motion.excluded() if parked else excluded_spans(session.estimate.navigated))
+        spans += list(parked.left_out) if parked else []
+    run_id = session.run.header.run_id
+    return [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id} for s in spans]
+
+
+def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
+    dof = sum(s.estimate.dof for s in sessions if s.estimate)
+    total = sum(s.estimate.nis_mean * s.estimate.dof for s in sessions if s.estimate)
+    band = nis_band(dof, 0.95)
+    return {
+        "nis_mean": total / dof if dof else None,
+        "dof": dof,
+        "band_95": [band[0], band[1]] if dof else None,
+        "band_999": list(nis_band(dof, 0.999)) if dof else None,
+        "merge": [
+            {"run_id": s.run.header.run_id, "nis": s.merged.nis, "dof": s.merged.dof, "band_999": list(s.merged.band),
+             "axis_shift_sigmas": s.merged.axis_z.tolist(), "axis_shift_limit_sigmas": AXIS_Z_LIMIT}
+            for s in sessions if s.merged
+        ],
+    }  # fmt: skip
+
+
+def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
+    """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and its head)."""
+    e, twin = session.estimate, result.twin
+    assert e is not None
+    if e.parked is not None:
+        return parked_document.budget(session, result)
+    seconds = float(e.bins.edges_s[-1] - e.bins.edges_s[0])
+    lat, heading = session.run.header.site.lat_rad, e.alignment.heading_rad
+    east = {"x": abs(np.sin(heading)), "y": abs(np.cos(heading)), "z": 0.0}
+    g = float(gravity_magnitude(lat, session.run.header.site.height_m))
+    tilt = twin.accel.turn_on_ug * MICRO_G / g
+    omega = EARTH_RATE_RAD_S / DEG_PER_HOUR
+    walk = twin.gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG / np.sqrt(seconds / HOUR)
+    misalignment = misalignment_sigma_mrad(twin, result.settings)
+    rows = []
+    for axis in AXES:
+        level = axis != "z"
+        terms = {
+            "angle random walk": twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR),
+            "accelerometer bias (tilt)": omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat)),
+            "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
+            "yaw creep of the airframe": 0.0 if level else creep,
+            "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
+            "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
+            "bias instability": 0.664 * twin.gyro.bias_instability_deg_h,
+            "rate random walk": float(np.sqrt(walk[0, 0])),
+        }
+        rows += [{"axis": axis, "term": term, "sigma_deg_h": float(s)} for term, s in terms.items() if s > 0]
+    return rows
+
+
+def _assumptions(result: UpdateResult) -> list[str]:
+    s, twin = result.settings, result.twin
+    misaligned = ", ".join(f"{sigma:.3g}" for sigma in misalignment_sigma_mrad(twin, s))
+    hold = f"the parked airframe keeps its heading up to {twin.vehicle.yaw_creep_arcsec_sqrt_h:g} arcsec/sqrt(h)"
+    return [
+        hold if s.hold_heading else "no parked-attitude constraint: the vertical gyro rests on its prior",
+        f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within {s.sigma_lever_arm_m:g} m (1 sigma), both estimated",
+        f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over {LATERAL_TIME_S:g} s",
+        f"gyro misalignment within {misaligned} mrad for x, y, z (1 sigma)",
+        f"noise of the unit from {twin.source}",
+        f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
+        f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",
+    ]
+
+
+def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
+    """What the change means at the temperatures visited, the new table taken as the better one."""
+    session = next((s for s in reversed(result.sessions) if s.merged is not None and s.estimate is not None), None)
+    if session is None or session.estimate is None or not result.merged_runs:
+        return None
+    T = session.estimate.bins.temperature_degC
+    change = level_change(result.before, result.after, (T[:, 0], T[:, 1]))
+    coupling = EARTH_RATE_RAD_S * np.cos(session.run.header.site.lat_rad) / DEG_PER_HOUR
+    return {
+        "level_change_deg_h": change.level_deg_h,
+        "drift_removed_nm_h": change.drift_removed_nm_h,
+        "drift_left_sigma_nm_h": change.drift_left_nm_h,
+        "heading_removed_mrad": change.level_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "heading_left_sigma_mrad": change.left_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        "temperature_degC": [float(T[:, :2].min()), float(T[:, :2].max())],
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelChange:
+    """RMS length of the level gyros' change (x, y) between two tables, and of what the new one leaves unknown [deg/h]."""
+
+    level_deg_h: float
+    left_deg_h: float
+
+    @property
+    def drift_removed_nm_h(self) -> float:
+        return NM_H_PER_DEG_H * self.level_deg_h
+
+    @property
+    def drift_left_nm_h(self) -> float:
+        """One sigma."""
+        return NM_H_PER_DEG_H * self.left_deg_h
+
+
+def level_change(before: ThermalTable, after: ThermalTable, temperature_degC: tuple[NDArray, NDArray]) -> LevelChange:
+    """The change at temperatures of gyros x and y, (n,) and (m,)."""
+    change = [after.bias_deg_h(k, T) - before.bias_deg_h(k, T) for k, T in enumerate(temperature_degC)]
+    sigma = [after.sigma_deg_h(k, T) for k, T in enumerate(temperature_degC)]
+    level, left = (float(np.sqrt(sum(np.mean(v**2) for v in values))) for values in (change, sigma))
+    return LevelChange(level_deg_h=level, left_deg_h=left)
+
+
+def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:
+    """Every node of the new table beside the old table at its temperature."""
+    rows = []
+    for k, axis in enumerate(AXES):
+        T = after.temperature_degC[k]
+        columns = (T, before.bias_deg_h(k, T), before.sigma_deg_h(k, T), after.bias_deg_h(k, T), after.sigma_deg_h(k, T))
+        for t, b0, s0, b1, s1 in zip(*columns):
+            rows.append({
+                "axis": axis, "temperature_degC": float(t), "before_deg_h": float(b0), "U_before_k2_deg_h": 2 * float(s0),
+                "after_deg_h": float(b1), "U_after_k2_deg_h": 2 * float(s1), "change_deg_h": float(b1 - b0),
+            })  # fmt: skip
+    return rows

@@ -1,0 +1,132 @@
+"""Sessions of one update taken together: is there a heating-cooling term, and what is the table when there is one?"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from infield.session.acceptance import judge_merge
+from infield.session.hysteresis import (
+    VAGUE,
+    MOVED_degC_min,
+    SessionLikelihood,
+    ThermalTerm,
+    find_terms,
+    heating_sense,
+    joint_posterior,
+    posterior_with,
+    with_terms,
+)
+from infield.session.navigated import SessionSettings, rebinned
+from infield.session.points import measurement_information
+from infield.table.merge import hold_common, merge_posterior
+from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
+from ins.records import AXES, TwinModel
+
+if TYPE_CHECKING:
+    from infield.session.pipeline import SessionResult
+
+
+def likelihood_of(
+    session: "SessionResult", table: ThermalTable, twin: TwinModel, settings: SessionSettings
+) -> SessionLikelihood:
+    """What a session measured, its bins on the given table."""
+    estimate, temperature = session.estimate, session.temperature
+    assert estimate is not None and temperature is not None
+    bins = rebinned(estimate.bins, table, temperature, twin, settings)
+    information, vector = measurement_information(estimate.bins, estimate)
+    along = heating_sense(temperature.temperature_degC)
+    sense = np.stack([temperature.mean_rows(a, b) @ along for a, b in zip(bins.start_s, bins.end_s)])
+    return SessionLikelihood(bins, information, vector, estimate.bins.table_deg_h, sense)
+
+
+def with_thermal_terms(
+    sessions: Sequence["SessionResult"], table: ThermalTable, twin: TwinModel, settings: SessionSettings
+) -> tuple[tuple[ThermalTerm, ...], list["SessionResult"], ThermalTable | None]:
+    """Terms, the sessions judged again and the merged table; (terms, sessions as they were, None) where none is found.
+
+    Where sessions contradict the table, a term may explain them only if it shows inside the sessions, each with a free
+    level of its own, and if it brings every one into agreement: neither a wrong session nor a step of the unit is a
+    rate term. Else it is looked for in the sessions that agree, and one that would explain the others is named.
+
+    One session alone names a term and acts on none: a real one repeats, and of healthy units 3 to 6 % show one by chance.
+    """
+    merged = [s for s in sessions if s.merged is not None]
+    agreeing = [s for s in merged if s.verdict.accepted]
+    terms: tuple[ThermalTerm, ...] = ()
+    for chosen in [merged, agreeing] if len(agreeing) < len(merged) else [agreeing]:
+        if not chosen:
+            continue
+        wide = _covering(table, chosen)
+        data = [likelihood_of(s, wide, twin, settings) for s in chosen]
+        terms = find_terms(wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data])
+        if len(chosen) == 1:
+            terms = tuple(replace(term, action="seen in one session") if term.found else term for term in terms)
+        if not any(term.found for term in terms):
+            continue
+        again, after = _merged_again(chosen, wide, terms, twin, settings)
+        if all(s.verdict.accepted for s in again):
+            new = {id(old): s for old, s in zip(chosen, again)}
+            return terms, [new.get(id(s), s) for s in sessions], after
+        terms = tuple(replace(term, action="does not explain the data") if term.found else term for term in terms)
+    if len(agreeing) < len(merged):
+        wide = _covering(table, merged)
+        terms = _or_a_wrong_session(terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged])
+    return terms, list(sessions), None
+
+
+def _or_a_wrong_session(
+    terms: Sequence[ThermalTerm], table: ThermalTable, data: Sequence[SessionLikelihood]
+) -> tuple[ThermalTerm, ...]:
+    """Where sessions contradict: a split between those that warm and those that cool is named, but not acted upon."""
+    plain, named = find_terms(table, data), list(terms or ())
+    for k, term in enumerate(plain):
+        rates = np.concatenate([np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data])
+        both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
+        if both and term.found and named:
+            named[k] = replace(term, action="a split, or a wrong session")
+    return tuple(named)
+
+
+def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionLikelihood:
+    """The session with nothing believed of each gyro's level: only changes within it are left as evidence."""
+    level = (VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]) ** 2
+    count = len(session.bins.centre_s)
+    own = session.bins.own + level * np.kron(np.ones((count, count)), np.eye(3))
+    return replace(session, bins=replace(session.bins, own=own))
+
+
+def _covering(table: ThermalTable, sessions: Sequence["SessionResult"]) -> ThermalTable:
+    """The table with nodes over all temperatures of the sessions."""
+    seen = [s.temperature.temperature_degC for s in sessions if s.temperature is not None]
+    return table.extended_to(float(min(T.min() for T in seen)), float(max(T.max() for T in seen)))
+
+
+def _merged_again(
+    sessions: Sequence["SessionResult"], table: ThermalTable, terms: Sequence[ThermalTerm], twin: TwinModel,
+    settings: SessionSettings,
+) -> tuple[list["SessionResult"], ThermalTable]:  # fmt: skip
+    """Each session judged with the terms in its prior, one after the other; then the table from all of them at once."""
+    current, again, joint = table, [], []
+    for session in sessions:
+        held = [a.axis for a in session.seen if a.verdict == "not_observable"]
+        data = likelihood_of(session, current, twin, settings)
+        m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
+        merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
+        again.append(replace(session, merged=merged, verdict=judge_merge(merged, session.estimate)))
+        current = merged.table
+        joint.append(_with_widened(likelihood_of(session, table, twin, settings), terms))
+    fitted = [term.action == "rate term fitted" for term in terms]
+    if not any(fitted):
+        return again, current
+    found = joint_posterior(table, joint, "rate", fitted)
+    unseen = [a for k, a in enumerate(AXES) if all(s.seen[k].verdict == "not_observable" for s in sessions)]
+    change, P = hold_common(table, unseen, found.change, found.covariance)
+    return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
+
+
+def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> SessionLikelihood:
+    """The session with the terms that are not fitted in its own covariance."""
+    _, wider = with_terms(session, [t if t.kind == "sense" else replace(t, action="none found") for t in terms])
+    return replace(session, bins=replace(session.bins, own=session.bins.own + wider))

@@ -1,0 +1,75 @@
+"""What the parked seconds of a session without a heading said: its stretches of rest, their rates, and what they share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.excursions import AIRBORNE
+from alignment.motion.parked_seconds import ParkedSeconds
+from alignment.motion.stillness import Motion
+from alignment.motion.turn_between import Turn
+from infield.session.parked_earth import SessionEarth
+from ins.records import Span
+
+
+@dataclass(frozen=True)
+class ParkedStretch:
+    """A stretch of rest: white noise taken (3,), the larger of twin and log; noise_scale: of the log over the twin."""
+
+    seconds: ParkedSeconds
+    walk_deg_sqrt_h: NDArray
+    noise_scale: float
+
+    @property
+    def still_s(self) -> float:
+        return float(self.seconds.dt_s[self.seconds.still].sum())
+
+
+@dataclass(frozen=True)
+class ParkedEvidence:
+    """What the parked seconds said: rates less table and known Earth rate (N, 3) [deg/h], NaN where a bin was not still.
+
+    stretch (N,): which of `stretches` a bin is of; used_s (N,): still seconds of each bin; earth: what of Earth rate is
+    known and the covariance of the rest over all stretches; turns: between one stretch and the next; left_out: other
+    rests and why. Against the table with nothing believed of each gyro's level, sums of squares: shape_nis,
+    shape_nis_compensated (as if the table had been taken out of the log before), shape_dof.
+    """
+
+    stretches: tuple[ParkedStretch, ...]
+    stretch: NDArray
+    rate_deg_h: NDArray
+    used_s: NDArray
+    earth: SessionEarth
+    turns: tuple[Turn, ...]
+    left_out: tuple[Span, ...]
+    shape_dof: int
+    shape_nis: float
+    shape_nis_compensated: float
+
+    @property
+    def motion(self) -> Motion:
+        """The stretches as one motion; what lies between them counts as movement."""
+        first, *others = (s.seconds.motion for s in self.stretches)
+        time_s, kind, cause = [first.time_s], [first.kind], [first.cause]
+        for other in others:
+            time_s.append(other.time_s)
+            kind.append(np.append(AIRBORNE, other.kind[1:]))
+            cause.append(other.cause)
+        together = np.concatenate(kind)
+        return Motion(np.concatenate(time_s), together, np.zeros(together.size), float("nan"), np.concatenate(cause))
+
+    @property
+    def walk_deg_sqrt_h(self) -> NDArray:
+        """White noise (3,), of the noisiest stretch."""
+        return np.asarray(np.max([s.walk_deg_sqrt_h for s in self.stretches], axis=0))
+
+    @property
+    def noise_scale(self) -> float:
+        return max(s.noise_scale for s in self.stretches)
+
+    def of_mean(self, covariance: NDArray) -> NDArray:
+        """Variance (3,) that a covariance over stretches (3S, 3S) leaves in the session's mean, by their seconds."""
+        share = np.bincount(self.stretch, self.used_s, len(self.stretches)) / self.used_s.sum()
+        rows = np.kron(share, np.eye(3))
+        return np.asarray(np.diag(rows @ covariance @ rows.T))

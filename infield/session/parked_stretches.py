@@ -1,0 +1,99 @@
+"""Where a unit without a heading stands, all along a log: every rest of a minute and more, and what is left out and why.
+
+A quiet second is judged on the sensors (`alignment.motion.parked_seconds`); where satellite velocity is logged it must agree,
+for a steady roll, a slow circle and a smooth hover are quiet too.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from alignment.motion.parked_seconds import quiet_stretches
+from alignment.motion.stands import SLOW_M_S, Where, joined, mean_speed
+from alignment.motion.standstill import MIN_S
+from infield.session.navigated import session_end
+from ins.records import PARKED_PHASES, Run, Span
+
+MIN_PARKED_S = 60.0
+SHORT_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
+LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
+AIRBORNE_PHASES = ("takeoff", "flight", "landing")
+
+
+@dataclass(frozen=True)
+class Rests:
+    """stretches: start and end [s] in order; left_out: other rests and why; why: empty, or why there is none.
+
+    from_first: the first stretch is the first rest of a minute in the log, which a surveyed heading is of.
+    """
+
+    stretches: tuple[Where, ...]
+    left_out: tuple[Span, ...]
+    why: str
+    from_first: bool
+
+
+def find_rests(run: Run) -> Rests:
+    """Every rest of MIN_PARKED_S or more."""
+    quiet = [(window, quiet_stretches(run.imu, *window)) for window in parked_windows(run)]
+    found = [stretch for _, stretches in quiet for stretch in stretches]
+    long = [s for s in found if s[1] - s[0] >= MIN_PARKED_S]
+    said = {s: _moves(run, *s) for s in long}
+    kept = tuple(s for s in long if not said[s])
+    short = [Span(start_s=a, end_s=b, reason=f"a rest of {b - a:.0f} s, needed {MIN_PARKED_S:.0f} s")
+             for a, b in found if SHORT_S <= b - a < MIN_PARKED_S]  # fmt: skip
+    moving = [Span(start_s=s[0], end_s=s[1], reason=reason) for s, reason in said.items() if reason]
+    named = any(p.phase in PARKED_PHASES for p in run.phases)
+    lost = [_never_quiet(*window) for window, stretches in quiet if named and not stretches and found]
+    left_out = tuple(sorted([*short, *moving, *lost], key=lambda span: span.start_s))
+    return Rests(kept, left_out, "" if kept else _why_none(found, moving), bool(kept) and kept[0] == long[0])
+
+
+def parked_windows(run: Run) -> tuple[Where, ...]:
+    """Where rests may lie: the phases named as parked, those that meet taken as one; else all that is not named airborne."""
+    imu = run.imu
+    named = [(p.start_s, p.end_s) for p in run.phases if p.phase in PARKED_PHASES]
+    if not named:
+        airborne = joined(*((p.start_s, p.end_s) for p in run.phases if p.phase in AIRBORNE_PHASES))
+        between = [(a[1], b[0]) for a, b in pairwise([*airborne, (imu.end_s, imu.end_s)])]
+        return tuple((a, b) for a, b in [(imu.start_s, session_end(run)), *between] if b > a)
+    return tuple(
+        (max(a, imu.start_s), min(b, imu.end_s)) for a, b in joined(*named, gap_s=1.0) if b > imu.start_s and a < imu.end_s
+    )
+
+
+def _moves(run: Run, start_s: float, end_s: float) -> str:
+    """Why satellite velocity says that this is no rest; empty where it stands, or where none is logged."""
+    if run.gnss is None:
+        return ""
+    inside = (run.gnss.time_s >= start_s) & (run.gnss.time_s <= end_s) & np.isfinite(run.gnss.v_n_m_s).all(axis=1)
+    v, declared = run.gnss.v_n_m_s[inside], run.gnss.sigma_velocity_m_s
+    if len(v) < 2:
+        return ""
+    sigma = 0.0 if declared is None else float(np.nanmedian(declared[inside]))
+    limit = max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
+    speed = np.linalg.norm(v[:, :2], axis=1)
+    moving_s = float(np.count_nonzero(speed > limit) * np.median(np.diff(run.gnss.time_s[inside])))
+    if moving_s >= MIN_S:
+        said = f"GNSS says up to {speed.max():.1f} m/s for {moving_s:.0f} s while the sensors rest"
+        return f"{said}: a steady roll, a circle or a hover taken for rest"
+    mean, allowed = mean_speed(v, end_s - start_s)
+    if mean <= allowed:
+        return ""
+    return f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {allowed:.2f} at most"
+
+
+def _never_quiet(start_s: float, end_s: float) -> Span:
+    """A phase named as parked of which nothing can be used."""
+    said = "too short" if end_s - start_s < MIN_PARKED_S else "but the sensors do not rest"
+    reason = f"named as parked, {said}: {end_s - start_s:.0f} s, needed {MIN_PARKED_S:.0f} s of rest"
+    return Span(start_s=start_s, end_s=end_s, reason=reason)
+
+
+def _why_none(found: list[Where], moving: list[Span]) -> str:
+    if moving:
+        return f"no rest: {moving[0].start_s:.0f} to {moving[0].end_s:.0f} s: {moving[0].reason}"
+    longest = max(found, key=lambda s: s[1] - s[0], default=None)
+    told = "none" if longest is None else f"{longest[1] - longest[0]:.0f} s, from {longest[0]:.0f} to {longest[1]:.0f} s"
+    return f"longest rest found: {told}; needed {MIN_PARKED_S:.0f} s, and 10 min or more of warm-up to show a slope"

@@ -1,0 +1,121 @@
+"""Bias-temperature points of a session, and how well each gyro was seen."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh, solve_triangular
+
+from infield.session.navigated import SessionBins, SessionEstimate
+from infield.table.merge import SessionPoints
+from ins.records import AXES, Run
+
+VAGUE = 100.0  # prior of the points: this many times the table's sigma, so that they are the session's own
+OBSERVED, WEAK = 0.5, 0.9  # sigma_after / sigma_before, formats.md section 5
+UNSEEN_SIGMA = WEAK  # of a heading sigma to its prior: above it the session did not show the heading
+
+
+@dataclass(frozen=True)
+class AxisObservability:
+    """Sigma of the session's mean bias on one axis before and after [deg/h], and the verdict on it."""
+
+    axis: str
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+    verdict: str
+    advice: str
+
+
+def measurement_information(bins: SessionBins, estimate: SessionEstimate) -> tuple[NDArray, NDArray]:
+    """Information matrix (m, m) and vector (m,) of the session alone about its biases beyond the table.
+
+    P1^-1 - C^-1, worked where C = I so that nearly equal bins do not cost digits: with C = L L' and
+    L^-1 P1 L^-T = U diag(e) U', it is L^-T U diag(1/e - 1) U' L^-1.
+    """
+    L = np.linalg.cholesky(bins.prior)
+    inner = solve_triangular(L, solve_triangular(L, estimate.covariance, lower=True).T, lower=True)
+    e, U = eigh(0.5 * (inner + inner.T))
+    e = np.clip(e, 1e-12, 1.0)
+    A = solve_triangular(L.T, U)
+    information = (A * (1.0 / e - 1.0)) @ A.T
+    vector = A @ ((U.T @ solve_triangular(L, estimate.mean_deg_h, lower=True)) / e)
+    return information, vector
+
+
+def session_points(run: Run, estimate: SessionEstimate) -> SessionPoints:
+    """Total bias of each gyro over each bin, the stored table not used but as the point of linearisation.
+
+    A direction that the session does not show (an east gyro before a turn) keeps a sigma of about 100 times the
+    table's: such a point says nothing of its own, and its sigma says so.
+    """
+    bins = estimate.bins
+    information, vector = measurement_information(bins, estimate)
+    count, m = len(bins.centre_s), bins.table_deg_h.size
+    sigma = VAGUE * np.sqrt(np.diag(bins.prior))
+    shared = np.outer(sigma, sigma) * (np.arange(m)[:, None] % 3 == np.arange(m)[None, :] % 3)
+    vague = shared + np.diag(sigma**2)
+    alone = np.linalg.inv(information + np.linalg.inv(vague))
+    covariance = alone + bins.thermometer  # a point stands at its temperature, which is itself measured
+    return SessionPoints(
+        axis_index=np.tile(np.arange(3), count),
+        time_s=np.repeat(bins.centre_s, 3),
+        duration_s=np.repeat(bins.duration_s, 3),
+        temperature_degC=bins.temperature_degC.ravel(),
+        temperature_rate_degC_min=bins.rate_degC_min.ravel(),
+        bias_deg_h=bins.table_deg_h + alone @ vector,
+        covariance=0.5 * (covariance + covariance.T),
+        H=bins.H,
+        gradient_degC=None if bins.gradient_degC is None else bins.gradient_degC.ravel(),
+        sigma_temperature_degC=bins.sigma_temperature_degC.ravel(),
+        sigma_rate_degC_min=bins.sigma_rate_degC_min.ravel(),
+        run_id=run.header.run_id,
+        run_sha256=run.sha256,
+        applied_table_sha256=run.header.applied_table_sha256,
+    )
+
+
+def mean_rows(estimate: SessionEstimate) -> NDArray:
+    """Rows (3, 3N) that average the bins of each axis over the session."""
+    weight = estimate.bins.duration_s / estimate.bins.duration_s.sum()
+    rows = np.zeros((3, estimate.mean_deg_h.size))
+    for axis in range(3):
+        rows[axis, axis::3] = weight
+    return rows
+
+
+def observability(
+    estimate: SessionEstimate, *, hold_heading: bool, unusable: Mapping[str, str] = MappingProxyType({})
+) -> tuple[AxisObservability, ...]:
+    """Verdict per axis from the variance that the session removed from its mean bias; unusable: axis -> what is wrong
+    with its thermometer."""
+    A = mean_rows(estimate)
+    before = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.bins.prior, A))
+    after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
+    found = []
+    for axis, b, a in zip(AXES, before, after):
+        ratio = a / b
+        verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
+        advice = _advice(axis, verdict, hold_heading) if estimate.parked is None else _parked_advice(verdict)
+        if axis in unusable:
+            verdict, advice = "not_observable", f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature"
+        found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
+    return tuple(found)
+
+
+def _parked_advice(verdict: str) -> str:
+    return "" if verdict == "observed" else "park longer, from a cold start: noise still hides the bias, or the table knows it"
+
+
+def _advice(axis: str, verdict: str, hold_heading: bool) -> str:
+    if verdict == "observed":
+        return ""
+    if axis == "z":
+        if not hold_heading:
+            return "allow the parked-attitude constraint, or park on a second heading for 20 min"
+        return "park longer: the vertical gyro shows only against an airframe that does not turn"
+    return (
+        "turn by 90 to 180 deg and stop for 60 s or more on the new heading before the run ends, "
+        "or log GNSS or an odometer in the taxi, or give a surveyed heading"
+    )

@@ -1,0 +1,1 @@
+"""The table store: append-only revisions, proposals, contradictions, verification, on SQLite or PostgreSQL."""

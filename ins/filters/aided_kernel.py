@@ -1,0 +1,482 @@
+"""The compiled loop of the satellite-aided filter: navigation, covariance and updates, no Python in between. Import lazily.
+
+Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is, six of the
+receiver and five of its antenna:
+
+    P 0-2    position [m]             p'     = v - omega_en x p
+    V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N, -p_E, 2 p_D) + C del
+    T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta + C eps
+    G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a random walk
+    A 12-14  the same of the accelerometers, del [m/s^2]
+    B 15-17  slow error of the positions [m], north, east, down: a first-order Gauss-Markov process
+    W 18-20  slow error of the velocities [m/s], the same with a time constant of its own
+    L 21-23  lever arm, IMU to antenna [m], body axes; stands still
+    D 24     delay of the positions, how much older than their time they are [s]; stands still
+    E 25     delay of the velocities
+
+theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section 14.2.2 (ECEF), with the
+signs of CONVENTIONS.md. The antenna's five may be estimated, or considered: they then widen what is estimated and are left
+as they are (Schmidt's filter; Jazwinski 1970, section 8.2). What an update finds is taken off the solution at once, so the
+errors' means are zero in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+`ins.filters.aided_filter` does that.
+"""
+
+from math import cos, exp, isfinite, log, sin, sqrt, tan
+
+import numpy as np
+
+from ins.earth import EARTH_RATE_RAD_S, SEMI_MAJOR_AXIS_M
+from ins.jit import jit
+from ins.strapdown.kernel import (
+    C_NB,
+    C_NB_DT,
+    COLUMNS,
+    COUNT,
+    LIMIT,
+    LOOK_ROWS,
+    LOOK_S,
+    SUMS,
+    V_N,
+    R,
+    V,
+    dcm_ne,
+    gravity,
+    local_frame,
+    rotation_quaternion,
+)
+from ins.strapdown.loop import integrate
+
+MOTION, N = 15, 26  # errors that move or drive what moves; all of them
+P_, V_, T_, G_, A_, B_, W_, L_, D_, E_ = 0, 3, 6, 9, 12, 15, 18, 21, 24, 25
+ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
+SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6  # of the noise: sigmas and time constant of the slow error of positions
+SLOW_V, SLOW_V_S = 7, 8  # and of velocities
+GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4  # of the settings; CONSIDER: the antenna is, if above 0
+# what a step carries over the end of a piece: NIS and count of the standing updates so far; seconds and steps so far
+DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = 0, 1, 4, 7, 8, 9, 10, 11, 12
+# of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
+B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
+# the trail, one row a step: time, velocity, what velocity and position have gained since the start, angular rate (NED)
+TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL, TRAIL_ROWS = 0, 1, 4, 7, 10, 13, 256
+# of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of the NED attitude error
+O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
+# of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each; log likelihood of each
+F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
+UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3
+POLE_TAN = 1e6
+UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
+RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew
+
+
+@jit
+def put_skew(M, i, j, a, k):
+    """Block (i, j) of M to k skew(a)."""
+    M[i, j + 1], M[i, j + 2] = -k * a[2], k * a[1]
+    M[i + 1, j], M[i + 1, j + 2] = k * a[2], -k * a[0]
+    M[i + 2, j], M[i + 2, j + 1] = -k * a[1], k * a[0]
+
+
+@jit
+def transition(row, dt, Phi):
+    """Phi (15, 15) of a step of dt; row (36,): the strapdown output at its end, with what the step added up."""
+    lat, height, v = row[0], row[2], row[V_N : V_N + 3]
+    radius = SEMI_MAJOR_AXIS_M + height
+    t = min(max(tan(lat), -POLE_TAN), POLE_TAN)
+    s = t / sqrt(1.0 + t * t)
+    c = 1.0 / sqrt(1.0 + t * t)
+    ie = np.array([EARTH_RATE_RAD_S * c, 0.0, -EARTH_RATE_RAD_S * s])
+    en = np.array([v[1] / radius, -v[0] / radius, -v[1] * t / radius])
+    force = row[SUMS + 6 : SUMS + 9]
+    Phi[:, :] = 0.0
+    put_skew(Phi, P_, P_, en, -dt)
+    both, coriolis = np.zeros(3), np.zeros(3)
+    for i in range(3):
+        both[i], coriolis[i] = ie[i] + en[i], 2.0 * ie[i] + en[i]
+    put_skew(Phi, V_, V_, coriolis, -dt)
+    put_skew(Phi, T_, T_, both, -dt)
+    put_skew(Phi, V_, T_, force, -1.0)
+    put_skew(Phi, P_, T_, force, -0.5 * dt)
+    pull = gravity(s, height) / radius
+    for i in range(3):
+        gradient = 2.0 * pull if i == 2 else -pull
+        Phi[P_ + i, V_ + i] = dt
+        Phi[V_ + i, P_ + i] += dt * gradient
+        Phi[P_ + i, P_ + i] += 0.5 * dt * dt * gradient
+        Phi[V_ + i, V_ + i] += 0.5 * dt * dt * gradient
+        for j in range(3):
+            C_dt = row[C_NB_DT + 3 * i + j]
+            Phi[T_ + i, G_ + j] = C_dt
+            Phi[V_ + i, A_ + j] = C_dt
+            Phi[P_ + i, A_ + j] = 0.5 * dt * C_dt
+    for i in range(3):
+        for j in range(3):
+            for k in range(3):
+                Phi[V_ + i, G_ + j] += 0.5 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
+                Phi[P_ + i, G_ + j] += dt / 6.0 * Phi[V_ + i, T_ + k] * Phi[T_ + k, G_ + j]
+    for i in range(MOTION):
+        Phi[i, i] += 1.0
+
+
+@jit
+def predict(P, Phi, dt, noise, M):
+    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in. Phi is of the first fifteen; biases stand still, so its
+    rows 9-14 are unit, and so are those of the antenna; slow errors fade."""
+    for i in range(N):
+        for j in range(N):
+            M[i, j] = P[i, j]
+    for i in range(G_):
+        for j in range(N):
+            total = 0.0
+            for k in range(MOTION):
+                total += Phi[i, k] * P[k, j]
+            M[i, j] = total
+    for i in range(N):
+        for j in range(i + 1):
+            if j < G_:
+                total = 0.0
+                for k in range(MOTION):
+                    total += M[i, k] * Phi[j, k]
+            else:
+                total = M[i, j]
+            P[i, j] = total
+            P[j, i] = total
+    for i in range(B_, L_):
+        fades = exp(-dt / (noise[SLOW_S] if i < W_ else noise[SLOW_V_S]))
+        sigma = noise[SLOW_V] if i >= W_ else noise[SLOW_DOWN] if i == W_ - 1 else noise[SLOW_LEVEL]
+        for j in range(N):
+            P[i, j] *= fades
+        for j in range(N):
+            P[j, i] *= fades
+        P[i, i] += sigma * sigma * (1.0 - fades * fades)
+    vrw2 = noise[VRW] ** 2
+    for i in range(3):
+        P[P_ + i, P_ + i] += vrw2 * dt**3 / 3.0
+        P[P_ + i, V_ + i] += vrw2 * dt**2 / 2.0
+        P[V_ + i, P_ + i] += vrw2 * dt**2 / 2.0
+        P[V_ + i, V_ + i] += vrw2 * dt
+        P[T_ + i, T_ + i] += noise[ARW] ** 2 * dt
+        P[G_ + i, G_ + i] += noise[GYRO_WALK] ** 2 * dt
+        P[A_ + i, A_ + i] += noise[ACCEL_WALK] ** 2 * dt
+
+
+@jit
+def update(x, P, H, z, variance, K, first):
+    """One after the other, scalar measurements z (m,) with rows H (m, 26), in place: NIS of all of them together, and
+    the log likelihood. variance (m,): independent errors. K (26,): room to work in. Errors from `first` on are considered
+    and left as they are."""
+    nis, loglik = 0.0, 0.0
+    for m in range(z.size):
+        s, y = variance[m], z[m]
+        K[:] = 0.0
+        for j in range(N):
+            if H[m, j] != 0.0:
+                for i in range(N):
+                    K[i] += P[j, i] * H[m, j]
+        for i in range(N):
+            s += H[m, i] * K[i]
+            y -= H[m, i] * x[i]
+        nis += y * y / s
+        loglik -= 0.5 * (log(s) + y * y / s)
+        for i in range(N):
+            if i < first:
+                x[i] += K[i] * y / s
+            for j in range(min(i + 1, first)):
+                P[i, j] -= K[i] * K[j] / s
+                P[j, i] = P[i, j]
+    return nis, loglik
+
+
+@jit
+def correct(state, bias, x):
+    """Take the errors x (26,) off the solution and make them zero: Earth-frame position, velocity, attitude, `bias` (17,)."""
+    frame = local_frame((state[R], state[R + 1], state[R + 2]))
+    C = dcm_ne(frame)
+    turn = np.zeros(3)
+    for i in range(3):  # C_en is C_ne transposed
+        state[R + i] -= C[i] * x[0] + C[3 + i] * x[1] + C[6 + i] * x[2]
+        state[V + i] -= C[i] * x[3] + C[3 + i] * x[4] + C[6 + i] * x[5]
+        turn[i] = -(C[i] * x[6] + C[3 + i] * x[7] + C[6 + i] * x[8])
+    a, b, c, d = rotation_quaternion((turn[0], turn[1], turn[2]), False)
+    w, p, q, r = state[0], state[1], state[2], state[3]
+    state[0] = a * w - b * p - c * q - d * r
+    state[1] = a * p + b * w + c * r - d * q
+    state[2] = a * q - b * r + c * w + d * p
+    state[3] = a * r + b * q - c * p + d * w
+    for i in range(6):
+        bias[i] += x[G_ + i]
+    for i in range(N - B_):
+        bias[B_SLOW + i] -= x[B_ + i]
+    x[:] = 0.0
+    state[COUNT] = state[LIMIT] = 0.0  # gravity is looked up anew from here
+
+
+@jit
+def rows_of_fix(row, rate_b, lever_b, H):
+    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,). Delays and what the lever
+    arm does to the velocity are the caller's."""
+    H[:, :] = 0.0
+    arm, swing = np.zeros(3), np.zeros(3)
+    spin = np.array([
+        rate_b[1] * lever_b[2] - rate_b[2] * lever_b[1],
+        rate_b[2] * lever_b[0] - rate_b[0] * lever_b[2],
+        rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0],
+    ])  # fmt: skip
+    for i in range(3):
+        H[i, P_ + i] = H[i, B_ + i] = 1.0
+        H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
+        for j in range(3):
+            arm[i] += row[C_NB + 3 * i + j] * lever_b[j]
+            swing[i] += row[C_NB + 3 * i + j] * spin[j]
+        cx, cy, cz = row[C_NB + 3 * i], row[C_NB + 3 * i + 1], row[C_NB + 3 * i + 2]
+        H[3 + i, G_] = -(cy * lever_b[2] - cz * lever_b[1])  # eps x lever = -lever x eps
+        H[3 + i, G_ + 1] = -(cz * lever_b[0] - cx * lever_b[2])
+        H[3 + i, G_ + 2] = -(cx * lever_b[1] - cy * lever_b[0])
+        H[i, L_], H[i, L_ + 1], H[i, L_ + 2] = cx, cy, cz
+    put_skew(H, 0, T_, arm, -1.0)
+    put_skew(H, 3, T_, swing, -1.0)
+    return arm, swing
+
+
+@jit
+def restart(P, seen):
+    """Position and velocity known no better than they were seen to be off; the attitude within RESET_TILT_RAD."""
+    for i in range(6):
+        P[i, :] = 0.0
+        P[:, i] = 0.0
+        P[i, i] = seen[i] ** 2 + 1.0
+    for i in range(3):
+        P[T_ + i, T_ + i] += RESET_TILT_RAD**2
+
+
+@jit
+def leave_trail(trail, carry, row):
+    """Write the step that ends now: row (36,) is the strapdown output there."""
+    k, last = int(carry[STEPS]) % TRAIL_ROWS, int(carry[STEPS] - 1) % TRAIL_ROWS
+    carry[CLOCK] += carry[DT]
+    trail[k, TRAIL_T] = carry[CLOCK]
+    for i in range(3):
+        v, before = row[V_N + i], carry[V_BEFORE + i]
+        trail[last, TRAIL_V + i] = before  # as corrected where that step began
+        trail[k, TRAIL_V + i] = v
+        trail[k, TRAIL_DV + i] = trail[last, TRAIL_DV + i] + v - before
+        trail[k, TRAIL_DR + i] = trail[last, TRAIL_DR + i] + 0.5 * (v + before) * carry[DT]
+        trail[k, TRAIL_W + i] = 0.0
+        for j in range(3):
+            trail[k, TRAIL_W + i] += row[C_NB + 3 * i + j] * carry[RATE + j]
+    carry[STEPS] += 1.0
+
+
+@jit
+def past(trail, carry, time_s, out):
+    """What the solution moved since a time: out (12,) = velocity and position gained since, acceleration and angular rate there
+    (NED). From the trail, linear in velocity within a step; before the oldest row at that step's acceleration."""
+    now = int(carry[STEPS] - 1)
+    k = now
+    for _ in range(min(now, TRAIL_ROWS - 1)):
+        k -= 1
+        if trail[k % TRAIL_ROWS, TRAIL_T] <= time_s:
+            break
+    a, b, end = trail[k % TRAIL_ROWS], trail[(k + 1) % TRAIL_ROWS], trail[now % TRAIL_ROWS]
+    h, u = b[TRAIL_T] - a[TRAIL_T], time_s - a[TRAIL_T]
+    for i in range(3):
+        force = (b[TRAIL_DV + i] - a[TRAIL_DV + i]) / h
+        out[i] = end[TRAIL_DV + i] - a[TRAIL_DV + i] - force * u
+        out[3 + i] = end[TRAIL_DR + i] - a[TRAIL_DR + i] - (a[TRAIL_V + i] + 0.5 * force * u) * u
+        out[6 + i] = force
+        out[9 + i] = a[TRAIL_W + i] + (b[TRAIL_W + i] - a[TRAIL_W + i]) * u / h
+
+
+@jit
+def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, out):
+    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the solution's own time (< 0).
+
+    Compared with the solution where it was then, less the delay: the trail leads back there.
+    """
+    arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
+    at_position, at_velocity, swings, swung = np.zeros(12), np.zeros(12), np.zeros(3), np.zeros(3)
+    back_s = bias[B_DELAY] - late_s
+    past(trail, carry, carry[CLOCK] - back_s, at_position)
+    past(trail, carry, carry[CLOCK] + late_s - bias[B_VELOCITY_DELAY], at_velocity)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        swings[i] = at_position[9 + j] * arm[k] - at_position[9 + k] * arm[j]
+        swung[i] = at_velocity[9 + j] * arm[k] - at_velocity[9 + k] * arm[j]
+        for m in range(3):  # the lever arm turned at that rate
+            H[3 + i, L_ + m] = at_velocity[9 + j] * row[C_NB + 3 * k + m] - at_velocity[9 + k] * row[C_NB + 3 * j + m]
+    C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
+    off, z = np.zeros(3), np.zeros(6)
+    for i in range(3):
+        off[i] = state[R + i] - fix[i]
+    for i in range(3):
+        z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
+        z[i] += arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
+        z[3 + i] = row[V_N + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
+        H[i, D_] = -(row[V_N + i] - at_position[i] + swings[i])
+        H[3 + i, E_] = -at_velocity[6 + i]
+    seen = np.zeros(6)
+    lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
+    if lost and isfinite(z[0]):
+        for i in range(6):
+            seen[i] = z[i] if isfinite(z[i]) else UNSEEN_OFF
+        restart(P, seen)
+    used = False
+    for kind in range(2):
+        a = 3 * kind
+        if not isfinite(z[a]):
+            continue
+        for i in range(3):
+            s, y = fix[6 + a + i], z[a + i]
+            for j in range(N):
+                if H[a + i, j] != 0.0:
+                    y -= H[a + i, j] * x[j]
+                    for k in range(N):
+                        s += H[a + i, j] * P[j, k] * H[a + i, k]
+            out[F_RESIDUAL + a + i] = y
+            out[F_SIGMA + a + i] = sqrt(s)
+        x_new, P_new = x.copy(), P.copy()
+        first = L_ if settings[CONSIDER] > 0.0 else N
+        nis, loglik = update(x_new, P_new, H[a : a + 3], z[a : a + 3], fix[6 + a : 9 + a], K, first)
+        out[F_NIS + kind] = nis
+        if nis <= settings[GATE] or lost:
+            for i in range(N):
+                x[i] = x_new[i]
+                for j in range(N):
+                    P[i, j] = P_new[i, j]
+            out[F_USED + kind] = RESET if lost else USED
+            out[F_LOGLIK + kind] = loglik
+            used = True
+            if kind == 0:
+                carry[REJECTED_SINCE] = 0.0
+        else:
+            out[F_USED + kind] = REJECTED
+            out[F_LOGLIK + kind] = loglik + 0.5 * (nis - settings[GATE])
+    if used:
+        correct(state, bias, x)
+
+
+@jit
+def stand(state, row, dt, noise, settings, x, P, bias, H, K):
+    """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's; NIS of the first.
+
+    The rate: dtheta/dt - C_bn omega_ie = eps - C_bn (omega_ie x theta), noise ARW^2/dt + STAND_RATE^2.
+    """
+    H[:, :] = 0.0
+    for i in range(3):
+        H[i, V_ + i] = 1.0
+    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_)
+    if settings[STAND_RATE] > 0.0:
+        ie, z = np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]), np.zeros(3)
+        H[:, :] = 0.0
+        for i in range(3):
+            H[i, G_ + i] = 1.0
+            z[i] = row[SUMS + 9 + i] / dt
+            for j in range(3):
+                C_ji = row[C_NB + 3 * j + i]
+                z[i] -= C_ji * ie[j]
+                k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
+                H[i, T_ + m] -= C_ji * ie[k]
+                H[i, T_ + k] += C_ji * ie[m]
+        update(x, P, H[0:3], z, np.full(3, noise[ARW] ** 2 / dt + settings[STAND_RATE] ** 2), K, L_)
+    correct(state, bias, x)
+    return nis
+
+
+@jit
+def emit(state, bias, P, out):
+    """Write an output row: the solution as it is now, biases, variances."""
+    frame = local_frame((state[R], state[R + 1], state[R + 2]))
+    C = dcm_ne(frame)
+    w, p, q, r = state[0], state[1], state[2], state[3]
+    B = (
+        w * w + p * p - q * q - r * r, 2 * (p * q - w * r), 2 * (p * r + w * q),
+        2 * (p * q + w * r), w * w - p * p + q * q - r * r, 2 * (q * r - w * p),
+        2 * (p * r - w * q), 2 * (q * r + w * p), w * w - p * p - q * q + r * r,
+    )  # fmt: skip
+    out[0], out[1], out[2] = np.arctan2(frame[0], frame[1]), np.arctan2(frame[2], frame[3]), frame[4]
+    for i in range(3):
+        out[V_N + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+        for j in range(3):
+            out[C_NB + 3 * i + j] = C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
+    for i in range(6):
+        out[O_BIAS + i] = bias[i]
+    for i in range(MOTION):
+        out[O_VAR + i] = P[i, i]
+    radius = SEMI_MAJOR_AXIS_M + frame[4]
+    rows = np.zeros((3, MOTION))  # NED attitude error from theta and position: phi_N = theta_N - p_E/R ... (CONVENTIONS.md)
+    for i in range(3):
+        rows[i, T_ + i] = 1.0
+    rows[0, 1], rows[1, 0] = -1.0 / radius, 1.0 / radius
+    rows[2, 1] = min(max(frame[0] / max(frame[1], 1e-9), -POLE_TAN), POLE_TAN) / radius
+    for i in range(3):
+        for j in range(3):
+            total = 0.0
+            for k in range(MOTION):
+                for m in range(MOTION):
+                    if rows[i, k] != 0.0 and rows[j, m] != 0.0:
+                        total += rows[i, k] * P[k, m] * rows[j, m]
+            out[O_PHI + 3 * i + j] = total
+
+
+@jit
+def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings, trail,
+        fixes, fix_out, rows_out, P_out):  # fmt: skip
+    """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last end stay open.
+
+    fix_of (k,): the fix to use at a step's end, -1 for none; late_s (k,): by how much it is after the step's end (<= 0);
+    stands, emits (k,): whether the vehicle stands, whether a row is put out. P_out: (0, 15, 15) where it is not asked for.
+    """
+    Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
+    out, end, none = np.zeros((2, COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
+    turned, pushed, flat = np.empty_like(dtheta), np.empty_like(dv), np.zeros(dt.size)
+    gains, look_s = (0.0, 0.0, 0.0), LOOK_S
+    first, written = 0, 0
+    for k in range(ends.size + 1):
+        last = ends[k] if k < ends.size else dt.size
+        if k == ends.size and last == first:
+            break
+        for l in range(first, last):
+            carry[DT] += dt[l]
+            for i in range(3):
+                turned[l, i] = dtheta[l, i] - bias[i] * dt[l]
+                pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
+                carry[RATE + i] = turned[l, i] / dt[l]
+        for i in range(COLUMNS):
+            out[0, i], out[1, i] = opened[i], 0.0
+        end[0] = last - first
+        integrate(dt[first:last], turned[first:last], pushed[first:last], flat[first:last], gains, look_s, LOOK_ROWS,
+                  end if k < ends.size else none, state, out)  # fmt: skip
+        first = last
+        if k == ends.size:
+            for i in range(COLUMNS):
+                opened[i] = out[0, i]
+            break
+        opened[:] = 0.0
+        step_s = carry[DT]
+        transition(out[0], step_s, Phi)
+        predict(P, Phi, step_s, noise, M)
+        for i in range(3):
+            bias[B_SLOW + i] *= exp(-step_s / noise[SLOW_S])
+            bias[B_SLOW + 3 + i] *= exp(-step_s / noise[SLOW_V_S])
+        leave_trail(trail, carry, out[0])
+        if stands[k]:
+            carry[STAND_NIS] += stand(state, out[0], step_s, noise, settings, x, P, bias, H, K)
+            carry[STOOD] += 3.0
+        j = fix_of[k]
+        if j >= 0:
+            if stands[k]:
+                end[0] = 0
+                integrate(dt[:0], turned[:0], pushed[:0], flat[:0], gains, look_s, LOOK_ROWS, end, state, out)
+            take_fix(state, out[0], fixes[j], late_s[k], carry, trail, settings, x, P, bias, H, K, fix_out[j])
+        if emits[k]:
+            emit(state, bias, P, rows_out[written])
+            if P_out.shape[0] > 0:
+                for i in range(MOTION):
+                    for l in range(MOTION):
+                        P_out[written, i, l] = P[i, l]
+            written += 1
+        C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
+        for i in range(3):
+            carry[V_BEFORE + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+        carry[DT] = 0.0
+        if carry[REJECTED_SINCE] > 0.0 or (j >= 0 and fix_out[j, F_USED] == REJECTED):
+            carry[REJECTED_SINCE] += step_s

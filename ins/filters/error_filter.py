@@ -1,0 +1,134 @@
+"""Kalman filter over the errors of a navigation solution, with the gyro bias as constants over time bins.
+
+State: the base states of `ins.filters.error_model`, then the gyro bias of each time bin in body axes [rad/s]
+(bin 0 x, y, z, bin 1 x, ...). The bins are static and start with their full joint covariance, so the last posterior
+of every bin is its smoothed estimate; no backward pass is needed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.filters import error_model as em
+from ins.filters.program import BIN, LOST, MEASURE, REFUSED, USED, Compiled, FilterProgram
+
+GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, not used
+
+
+@dataclass
+class Tally:
+    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate left out.
+
+    normalised: innovations over their sigmas, (k, r) by kind; heading_gain: log of the ratio in variance of the
+    cloned heading, by kind.
+    """
+
+    nis: dict[str, float] = field(default_factory=dict)
+    dof: dict[str, int] = field(default_factory=dict)
+    rejected: list[tuple[float, str]] = field(default_factory=list)
+    normalised: dict[str, NDArray] = field(default_factory=dict)
+    heading_gain: dict[str, float] = field(default_factory=dict)
+
+
+class ErrorFilter:
+    """x (n,), P (n, n), n = 24 + 3 bins. `sigma0` gives the base states' prior sigmas by name of `error_model`.
+
+    bias_mean (3 bins,) and bias_covariance (3 bins, 3 bins) [rad/s, (rad/s)^2]: the prior of the gyro bias.
+    filtered (bins, 2, 3): bias and variance of each bin as they stood when its time was over.
+    """
+
+    def __init__(
+        self,
+        *,
+        sigma0: Mapping[str, float],
+        noise: em.ProcessNoise,
+        bias_mean: NDArray,
+        bias_covariance: NDArray,
+    ) -> None:
+        n = em.BASE + bias_mean.size
+        self.noise = noise
+        self.x, self.P = np.zeros(n), np.zeros((n, n))
+        for name, sigma in sigma0.items():
+            index = getattr(em, name)
+            for i in range(index.start, index.stop) if isinstance(index, slice) else (index,):
+                self.P[i, i] = sigma**2
+        self.x[em.BASE :] = bias_mean
+        self.P[em.BASE :, em.BASE :] = bias_covariance
+        self.filtered = np.full((bias_mean.size // 3, 2, 3), np.nan)
+        self.clone_start()
+        self.tally = Tally()
+
+    def clone_start(self) -> None:
+        """Copy theta as it stands now into its clone at the start, fully correlated with it."""
+        M = np.eye(self.x.size)
+        M[em.THETA_START] = 0.0
+        M[em.THETA_START, em.THETA] = np.eye(3)
+        self.x, self.P = M @ self.x, M @ self.P @ M.T
+
+    def widen_prior(self, index: int, sigma: float) -> None:
+        """Give one state a fresh, independent prior of mean zero."""
+        self.x[index], self.P[index], self.P[:, index] = 0.0, 0.0, 0.0
+        self.P[index, index] = sigma**2
+
+    def withdraw_prior(self, index: int, sigma: float) -> None:
+        """Take back what the prior N(0, sigma^2) of a static state said: the update of that state with variance
+        -sigma^2. Exact; needs the posterior of the state to be well inside its prior, else nothing is done.
+        """
+        S = self.P[index, index] - sigma**2
+        if S > -0.5 * sigma**2:
+            return
+        gain = self.P[:, index] / S
+        self.x = self.x - gain * self.x[index]
+        P = self.P - np.outer(gain, self.P[index, :])
+        self.P = 0.5 * (P + P.T)
+
+    def run(self, program: FilterProgram) -> None:
+        """Work through a program, in place.
+
+        Raises ArithmeticError where the covariance loses its digits, ValueError where a value is not finite, both
+        with the kind of measurement and the time.
+        """
+        from ins.filters import error_kernel as filter_kernel
+
+        c = program.compiled()
+        if c.flags.size and c.flags[:, BIN].max() >= len(self.filtered):
+            raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
+        count = len(c.ops)
+        outcome, gain, normalised = np.zeros(count, dtype=np.int64), np.full(count, np.nan), np.zeros(len(c.z))
+        self.x, self.P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
+        stopped = filter_kernel.run(
+            self.x, self.P, c.steps, c.flags, self.noise.values(), c.ops, c.index, c.value, c.z, c.variance,
+            c.gate, outcome, normalised, gain, self.filtered,
+        )  # fmt: skip
+        if stopped >= 0:
+            where = f"{c.names[c.name[stopped]]} at {c.time_s[stopped]:.1f} s"
+            if outcome[stopped] == LOST:
+                raise ArithmeticError(f"{where}: the covariance has lost its digits")
+            raise ValueError(f"{where}: measurement, state or covariance is not finite")
+        self._book(c, outcome, normalised, gain)
+
+    def _book(self, c: Compiled, outcome: NDArray, normalised: NDArray, gain: NDArray) -> None:
+        """Enter what became of the measurements into the tally."""
+        tally, measured = self.tally, c.ops[:, 0] == MEASURE
+        for number, name in enumerate(c.names):
+            of_kind = measured & (c.name == number)
+            used = np.flatnonzero(of_kind & (outcome == USED))
+            if used.size:
+                rows = c.ops[used, 2][:, None] + np.arange(c.ops[used[0], 3])
+                seen = normalised[rows]
+                tally.nis[name] = tally.nis.get(name, 0.0) + float(np.sum(seen**2))
+                tally.dof[name] = tally.dof.get(name, 0) + seen.size
+                before = tally.normalised.get(name)
+                tally.normalised[name] = seen if before is None else np.concatenate([before, seen])
+                gained = gain[used][np.isfinite(gain[used])]  # NaN before the clone was made
+                if gained.size:
+                    tally.heading_gain[name] = tally.heading_gain.get(name, 0.0) + float(np.sum(gained))
+        refused = np.flatnonzero(measured & (outcome == REFUSED))
+        tally.rejected.extend((float(c.time_s[k]), c.names[c.name[k]]) for k in refused)
+
+    @property
+    def bias(self) -> tuple[NDArray, NDArray]:
+        """Mean (3 bins,) and covariance of the gyro bias bins."""
+        return self.x[em.BASE :].copy(), self.P[em.BASE :, em.BASE :].copy()

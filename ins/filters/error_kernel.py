@@ -1,0 +1,313 @@
+"""The compiled loop of the error filter: propagation and scalar updates without Python in between. Import lazily.
+
+Every compiled function of the filter lives here (numba does not see a change in another file's callee). Arrays in,
+arrays changed in place; SI and radians, silent; nothing is checked: `ins.filters.error_filter` does that.
+
+Core order, sixteen states that move or drive: W 0-1, POS 2-3, THETA 4-6, S 7-8, LATERAL 9 (these ten move), then
+ACCEL 10-11, SCALE_Z 12 and the bias of the step's bin 13-15, which only drive. All others stand still.
+"""
+
+from math import sqrt
+
+import numpy as np
+
+from ins.filters.program import (
+    ADD,
+    ADVANCE,
+    BIN,
+    KEEP,
+    LOST,
+    MEASURE,
+    MOVING,
+    NOT_FINITE,
+    REFUSED,
+    ROLLING,
+    USED,
+)
+from ins.jit import jit
+
+# columns of a step
+DT, C_NB, V_N, OMEGA_IE, TRANSPORT, GRAVITY, RADIUS, TURN = 0, 1, 10, 13, 16, 19, 20, 21
+JUMP_YAW, JUMP_W, JUMP_THETA, STEP_COLUMNS = 22, 23, 24, 25
+ARW, VRW, ACCEL_RRW, YAW_CREEP, LATERAL_RMS, LATERAL_TIME = 0, 1, 2, 3, 4, 5  # of the noise
+MOVE, CORE, NOISY = 10, 16, 12
+BASE = 24  # ins.filters.error_model.BASE, pinned by tests/ins/test_error_filter.py
+W, POS, THETA, S, ACCEL, LATERAL, YAW, SCALE_Z = 0, 2, 4, 7, 9, 13, 14, 16  # first index of each, as in ins.filters.error_model
+CLONE_DOWN = 23
+POSITIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 13, 9, 10, 16)  # of the core states, but the bias, in the full state
+
+
+@jit
+def system(step, lateral_time_s, A):
+    """Fill A (16, 16) with the rates of the core states (equations: ins.filters.error_model)."""
+    A[:, :] = 0.0
+    vx, vy, vz = step[V_N], step[V_N + 1], step[V_N + 2]
+    ix, iy, iz = step[OMEGA_IE], step[OMEGA_IE + 1], step[OMEGA_IE + 2]
+    ex, ey, ez = step[TRANSPORT] * vy, -step[TRANSPORT + 1] * vx, -step[TRANSPORT + 2] * vy
+    g, R = step[GRAVITY], step[RADIUS]
+    coriolis = 2.0 * iz + ez
+    A[0, 1], A[1, 0] = coriolis, -coriolis
+    A[0, 2] = A[1, 3] = -g / R
+    v_dot_i = vx * ix + vy * iy + vz * iz  # v x (omega_ie x theta) = omega_ie (v . theta) - theta (v . omega_ie)
+    A[0, 4], A[0, 5], A[0, 6] = ix * vx - v_dot_i, ix * vy - g, ix * vz
+    A[1, 4], A[1, 5], A[1, 6] = iy * vx + g, iy * vy - v_dot_i, iy * vz
+    A[2, 0] = A[3, 1] = 1.0
+    A[2, 3], A[3, 2] = ez, -ez
+    A[2, 5], A[2, 6] = vz, -vy  # theta x v
+    A[3, 4], A[3, 6] = -vz, vx
+    x, y, z = ix + ex, iy + ey, iz + ez
+    A[4, 5], A[4, 6], A[5, 4], A[5, 6], A[6, 4], A[6, 5] = z, -y, -z, x, y, -x
+    for i in range(2):
+        for j in range(2):
+            A[i, 10 + j] = step[C_NB + 3 * i + j]
+            A[7 + i, j] = step[C_NB + 3 * j + i]
+    A[8, 9] = 1.0
+    A[9, 9] = -1.0 / lateral_time_s
+    rate = step[TURN] / step[DT]
+    for j in range(3):
+        cx, cy, cz = step[C_NB + j], step[C_NB + 3 + j], step[C_NB + 6 + j]
+        A[0, 13 + j], A[1, 13 + j] = vy * cz - vz * cy, vz * cx - vx * cz  # v x eps
+        A[4, 13 + j], A[5, 13 + j], A[6, 13 + j] = cx, cy, cz
+    for i in range(MOVE):
+        A[i, 12] = A[i, 15] * rate
+
+
+@jit
+def product(A, B, out):
+    """A B of two matrices whose last six rows are zero."""
+    for i in range(MOVE):
+        for j in range(CORE):
+            out[i, j] = 0.0
+        for k in range(MOVE):
+            a = A[i, k]
+            if a != 0.0:
+                for j in range(CORE):
+                    out[i, j] += a * B[k, j]
+
+
+@jit
+def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
+    """Phi (16, 16) and Q (12, 12) of a step: exponential to third order, Simpson's rule (ins.filters.error_model.discretize)."""
+    system(step, noise[LATERAL_TIME], A)
+    product(A, A, A2)
+    product(A2, A, A3)
+    dt = step[DT]
+    h = 0.5 * dt
+    for i in range(CORE):
+        for j in range(CORE):
+            one = 1.0 if i == j else 0.0
+            Phi[i, j] = one
+            half[i, j] = one
+            if i < MOVE:
+                Phi[i, j] += dt * (A[i, j] + dt * (A2[i, j] / 2.0 + dt * A3[i, j] / 6.0))
+                half[i, j] += h * (A[i, j] + h * (A2[i, j] / 2.0 + h * A3[i, j] / 6.0))
+    density(A, flags[ROLLING] != 0, noise, q)
+    for i in range(NOISY):
+        for j in range(i + 1):
+            Q[i, j] = dt / 6.0 * q[i, j]
+    spread(half, q, 4.0 * dt / 6.0, Q)
+    spread(Phi, q, dt / 6.0, Q)
+    if flags[KEEP] == 0:
+        Phi[7, 7] = Phi[8, 8] = 0.0  # the displacement of a step starts at zero
+    if flags[ROLLING] == 0:
+        Phi[9, 9] = Phi[8, 9] = 0.0
+        Q[9, 9] = noise[LATERAL_RMS] ** 2
+    for i in range(2):
+        Q[i, i] += step[JUMP_W]
+    for i in range(4, 7):
+        Q[i, i] += step[JUMP_THETA]
+
+
+@jit
+def density(A, rolling, noise, q):
+    """Spectral density q (12, 12): gyro noise enters theta and, through v x C_nb, w, just as the bias does."""
+    q[:, :] = 0.0
+    for i in range(7):
+        for j in range(7):
+            q[i, j] = noise[ARW] ** 2 * (A[i, 13] * A[j, 13] + A[i, 14] * A[j, 14] + A[i, 15] * A[j, 15])
+    for i in range(2):
+        q[i, i] += noise[VRW] ** 2
+        q[10 + i, 10 + i] = noise[ACCEL_RRW] ** 2
+    if rolling:
+        q[9, 9] = 2.0 * noise[LATERAL_RMS] ** 2 / noise[LATERAL_TIME]
+
+
+@jit
+def spread(M, q, weight, Q):
+    """Add the lower triangle of weight M q M' to Q."""
+    row = np.empty(NOISY)
+    for i in range(NOISY):
+        for k in range(NOISY):
+            row[k] = 0.0
+        for j in range(NOISY):
+            m = M[i, j]
+            if m != 0.0:
+                for k in range(NOISY):
+                    row[k] += m * q[j, k]
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(NOISY):
+                total += row[k] * M[j, k]
+            Q[i, j] += weight * total
+
+
+@jit
+def propagate(x, P, core, Phi, Q, jump_yaw, T, block):
+    """x = F x, P = F P F' + Q, touching only the ten rows and columns that move. T (10, n), block (10, 10): scratch."""
+    n = x.size
+    for i in range(MOVE):
+        block[i, 0] = 0.0
+        for j in range(n):
+            T[i, j] = 0.0
+        for k in range(CORE):
+            f = Phi[i, k]
+            if f != 0.0:
+                c = core[k]
+                block[i, 0] += f * x[c]
+                for j in range(n):
+                    T[i, j] += f * P[c, j]
+    for i in range(MOVE):
+        x[core[i]] = block[i, 0]
+    for i in range(MOVE):
+        for j in range(i + 1):
+            total = Q[i, j]
+            for k in range(CORE):
+                total += T[i, core[k]] * Phi[j, k]
+            block[i, j] = total
+    for i in range(MOVE, NOISY):
+        for j in range(i + 1):
+            if j < MOVE:
+                T[j, core[i]] += Q[i, j]
+            else:
+                P[core[i], core[j]] += Q[i, j]
+                if i != j:
+                    P[core[j], core[i]] = P[core[i], core[j]]
+    for i in range(MOVE):
+        for j in range(n):
+            P[core[i], j] = T[i, j]
+            P[j, core[i]] = T[i, j]
+    for i in range(MOVE):
+        for j in range(i + 1):
+            P[core[i], core[j]] = block[i, j]
+            P[core[j], core[i]] = block[i, j]
+    P[YAW, YAW] += jump_yaw
+
+
+@jit
+def expected(x, P, index, value, R, v):
+    """v = P h; returns h x and h P h' + R of a sparse row h."""
+    n = x.size
+    for j in range(n):
+        v[j] = 0.0
+    hx = 0.0
+    for k in range(index.size):
+        c, a = index[k], value[k]
+        if a != 0.0:
+            hx += a * x[c]
+            for j in range(n):
+                v[j] += a * P[c, j]
+    variance = R
+    for k in range(index.size):
+        variance += value[k] * v[index[k]]
+    return hx, variance
+
+
+@jit
+def correct(x, P, v, residual, variance):
+    """x += v residual / S, P -= v v' / S: the optimal update by one scalar, symmetric to the last bit."""
+    n = x.size
+    root = sqrt(variance)
+    for j in range(n):
+        v[j] /= root
+    y = residual / root
+    for i in range(n):
+        a = v[i]
+        x[i] += a * y
+        if a != 0.0:
+            for j in range(n):
+                P[i, j] -= a * v[j]
+    return y
+
+
+@jit
+def measure(x, P, index, value, z, R, gate, v, normalised):
+    """Rows (m) with independent noise, one after another; all or none pass the gate. Returns what became of them."""
+    for r in range(z.size):
+        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        residual = z[r] - hx
+        if not (residual - residual == 0.0 and variance - variance == 0.0):
+            return NOT_FINITE
+        if variance < 0.9 * R[r] or variance <= 0.0:
+            return LOST
+        if residual * residual > gate * gate * variance:
+            return REFUSED
+    for r in range(z.size):
+        hx, variance = expected(x, P, index[r], value[r], R[r], v)
+        if variance < 0.9 * R[r] or variance <= 0.0:
+            return LOST
+        normalised[r] = correct(x, P, v, z[r] - hx, variance)
+    return USED
+
+
+@jit
+def assign(x, P, target, index, value, variance, v):
+    """State `target` becomes a combination of states plus independent noise (no entries: a fresh prior)."""
+    hx, total = expected(x, P, index, value, 0.0, v)
+    x[target] = hx
+    for j in range(x.size):
+        P[target, j] = v[j]
+        P[j, target] = v[j]
+    P[target, target] = total + variance
+
+
+@jit
+def run(x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, normalised, gain, filtered):
+    """Work through a program. x (n,), P (n, n) change in place.
+
+    ops (m, 4): kind of operation, step or target, first row, rows. outcome (m,), gain (m,): what became of each and
+    the log of the ratio in variance of the cloned heading; normalised (rows,): innovations over their sigma;
+    filtered (bins, 2, 3): bias and variance of each bin when it ended. Stops at the first LOST or NOT_FINITE.
+    """
+    n = x.size
+    core = np.empty(CORE, np.int64)
+    for k in range(13):
+        core[k] = POSITIONS[k]
+    for k in range(3):
+        core[13 + k] = BASE + k
+    A, A2, A3 = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, CORE))
+    half, Phi = np.zeros((CORE, CORE)), np.zeros((CORE, CORE))
+    q, Q = np.zeros((NOISY, NOISY)), np.zeros((NOISY, NOISY))
+    T, block, v = np.zeros((MOVE, n)), np.zeros((MOVE, MOVE)), np.zeros(n)
+    step = np.empty(STEP_COLUMNS)
+    for m in range(ops.shape[0]):
+        kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
+        outcome[m] = USED
+        if kind == ADVANCE:
+            for k in range(STEP_COLUMNS):  # step[:] = ... compiles text handling for an error message, 3 s
+                step[k] = steps[which, k]
+            if flags[which, MOVING] != 0:  # errors are linearised about the velocity less its error
+                step[V_N] -= x[W]
+                step[V_N + 1] -= x[W + 1]
+            for k in range(3):
+                core[13 + k] = BASE + 3 * flags[which, BIN] + k
+            transition(step, flags[which], noise, A, A2, A3, half, Phi, q, Q)
+            creep = noise[YAW_CREEP] ** 2 * step[DT]
+            propagate(x, P, core, Phi, Q, creep + step[JUMP_YAW], T, block)
+        elif kind == MEASURE:
+            before = P[CLONE_DOWN, CLONE_DOWN]
+            rows = slice(first, first + count)
+            outcome[m] = measure(x, P, index[rows], value[rows], z[rows], R[rows], gate[m], v, normalised[rows])
+            if outcome[m] < 0:
+                return m
+            if before > 0.0 and outcome[m] == USED:
+                gain[m] = np.log(before / P[CLONE_DOWN, CLONE_DOWN])
+        elif kind == ADD:
+            P[which, which] += R[first]
+        else:
+            assign(x, P, which, index[first], value[first], R[first], v)
+        if kind == ADVANCE or kind == MEASURE:
+            for k in range(3):
+                b = core[13 + k]
+                filtered[(core[13] - BASE) // 3, 0, k] = x[b]
+                filtered[(core[13] - BASE) // 3, 1, k] = P[b, b]
+    return -1

@@ -1,0 +1,134 @@
+"""Errors of a strapdown solution, linear, in a form that is regular and free of the specific force.
+
+States are errors computed - true of a free-running navigation solution, NED, horizontal channels:
+
+    w      velocity error against the true velocity resolved in the computed frame, w = dv - theta x v
+    p      position error [m]
+    theta  attitude error less the rotation that belongs to p ("drift angle", psi-angle)
+
+With omega_ie, omega_en at the computed position, g down and eps = C_nb (gyro bias), del = C_nb (accelerometer bias):
+
+    w'     = -theta x g - g p/R + del - (2 omega_ie + omega_en) x w + v x (omega_ie x theta) + v x eps
+    p'     = w + theta x v - omega_en x p
+    theta' = -(omega_ie + omega_en) x theta + eps
+
+Derived from the psi-angle error equations (Benson 1975; Groves 2013, ch. 14) by w = dv - theta x v; physics.md 6.2
+and 6.5 are the parked and level-taxi cases. A heading error does not enter w: that is the cancellation of 6.5, exact
+here by construction, and the measured velocity in body axes is C_bn w.
+
+Ground-vehicle nuisances ride along: displacement error S over the current step, or since the vehicle stopped, in body x, y,
+accelerometer biases, crab ratio, lever arm along x, lateral velocity (Gauss-Markov), parked heading, odometer scale,
+vertical-gyro scale factor, centre-line azimuth, and two clones of theta (at the start and at a time the caller chooses).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+W = slice(0, 2)
+POS = slice(2, 4)
+THETA = slice(4, 7)
+S = slice(7, 9)
+ACCEL = slice(9, 11)
+KAPPA = 11  # lateral over forward velocity at the no-slip point (-crab) [rad]
+LEVER_X = 12  # error of the lever arm from the no-slip point to the IMU along body x [m]
+LATERAL = 13  # lateral velocity of the vehicle beyond crab and lever arm [m/s]
+YAW = 14  # parked heading less its nominal value [rad]
+ODOMETER = 15  # odometer scale error, reads high [-]
+SCALE_Z = 16  # vertical gyro scale factor error [-]
+CENTRE_LINE = 17  # error of the surveyed centre-line azimuth [rad]
+THETA_START = slice(18, 21)
+THETA_CLONE = slice(21, 24)
+BASE = 24  # gyro bias bins follow, three to a bin
+
+
+@dataclass(frozen=True)
+class Step:
+    """One filter step along the navigation solution: means over dt_s, except where named otherwise.
+
+    C_nb (3, 3), v_n (3,), omega_ie_n (3,), omega_en_n (3,); gravity [m/s^2]; radius [m];
+    turn_rad: rotation seen by the vertical gyro over the step, Earth rate included.
+    """
+
+    dt_s: float
+    C_nb: NDArray
+    v_n: NDArray
+    omega_ie_n: NDArray
+    omega_en_n: NDArray
+    gravity: float
+    radius_m: float
+    turn_rad: float
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """White-noise densities driving the errors, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)],
+    accel_rrw [m/s^2/sqrt(s)], yaw_creep [rad/sqrt(s)], lateral RMS [m/s] with its correlation time [s]."""
+
+    arw: float
+    vrw: float
+    accel_rrw: float
+    yaw_creep: float
+    lateral_rms: float
+    lateral_time_s: float
+
+    def values(self) -> NDArray:
+        """The six in the order above."""
+        return np.array([self.arw, self.vrw, self.accel_rrw, self.yaw_creep, self.lateral_rms, self.lateral_time_s])
+
+
+def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
+    """Continuous F (24, 24) of the base states and B (24, 3) from gyro bias in body axes."""
+    from ins.filters import error_kernel as fk
+
+    A = np.zeros((fk.CORE, fk.CORE))
+    fk.system(_row(step), lateral_time_s, A)
+    return _in_full(A, np.zeros((BASE, BASE)))
+
+
+def discretize(
+    step: Step, noise: ProcessNoise, *, rolling: bool, keep_displacement: bool = False
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Transition Phi (24, 24), bias input Gamma (24, 3), process noise Q (24, 24) over the step.
+
+    Phi and Gamma to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 = 1.3e-5 of it at 10 s),
+    Q by Simpson's rule.
+    keep_displacement: S goes on from the step before (a standing vehicle) instead of starting at zero.
+    While not rolling the lateral velocity takes no part and is held at its stationary spread.
+    """
+    from ins.filters import error_kernel as fk
+
+    square = np.zeros((6, fk.CORE, fk.CORE))
+    Phi, Q_noisy = square[4], np.zeros((fk.NOISY, fk.NOISY))
+    flags = np.array([0, rolling, keep_displacement, 0], dtype=np.int64)
+    fk.transition(
+        _row(step), flags, noise.values(), square[0], square[1], square[2], square[3], Phi,
+        np.zeros((fk.NOISY, fk.NOISY)), Q_noisy,
+    )  # fmt: skip
+    Phi_full, Gamma = _in_full(Phi, np.eye(BASE))
+    at = np.array(fk.POSITIONS[: fk.NOISY])
+    Q = np.zeros((BASE, BASE))
+    Q[np.ix_(at, at)] = np.tril(Q_noisy) + np.tril(Q_noisy, -1).T
+    Q[YAW, YAW] = noise.yaw_creep**2 * step.dt_s
+    return Phi_full, Gamma, Q
+
+
+def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
+    """The core states' matrix (16, 16) placed in the base states' (24, 24), and the part (24, 3) of the bias."""
+    from ins.filters import error_kernel as fk
+
+    at, bias = np.array(fk.POSITIONS), len(fk.POSITIONS)
+    full[np.ix_(at, at)] = core[:bias, :bias]
+    B = np.zeros((BASE, 3))
+    B[at] = core[:bias, bias:]
+    return full, B
+
+
+def _row(step: Step) -> NDArray:
+    """The step as `filter_kernel` takes it. The transport rate is given, not worked out from v_n: east and north
+    rates over v_E and v_N, where there is a velocity."""
+    v_n, (north, east, down) = step.v_n, step.omega_en_n
+    over = [a / b if b != 0.0 else 0.0 for a, b in ((north, v_n[1]), (-east, v_n[0]), (-down, v_n[1]))]
+    parts = [step.dt_s], np.ravel(step.C_nb), v_n, step.omega_ie_n, over, [step.gravity, step.radius_m, step.turn_rad]
+    return np.concatenate([*parts, np.zeros(3)]).astype(float)

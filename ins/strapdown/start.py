@@ -1,0 +1,102 @@
+"""What navigation needs before its loop: valid rows and a valid start, the kernel's state, and where epochs end."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.attitude import quaternion_from_dcm, wrap_pi
+from ins.earth import dcm_en, ecef_from_geodetic
+from ins.records import ImuLog, InputError, NavState
+
+ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude
+
+
+class EpochEnds:
+    """Which rows of a log, fed in parts, are nearest to start_s + k epoch_s (epoch_s None: every row)."""
+
+    def __init__(self, start_s: float, epoch_s: float | None) -> None:
+        if epoch_s is not None and not 0 < epoch_s < np.inf:
+            raise InputError(f"epoch_s {epoch_s}, needed above 0")
+        self._start_s, self._epoch_s = start_s, epoch_s
+        self._before_last_s = self.last_s = start_s  # the last two times seen
+        self._passed, self._ended = 0, True  # multiples of epoch_s passed; whether an epoch ended at last_s
+
+    def settle(self, time_s: NDArray) -> NDArray:
+        """Rows of this part used up at each epoch end that it settles; 0: one that ended with the last part."""
+        ends = np.arange(1, time_s.size + 1) if self._epoch_s is None else self._nearest(time_s, self._epoch_s)
+        self._before_last_s, self.last_s = float(time_s[-2] if time_s.size > 1 else self.last_s), float(time_s[-1])
+        self._ended = bool(ends.size and ends[-1] == time_s.size)
+        return ends
+
+    def _nearest(self, time_s: NDArray, epoch_s: float) -> NDArray:
+        last = int((time_s[-1] - self._start_s) / epoch_s) + 1
+        targets = self._start_s + epoch_s * np.arange(self._passed + 1, last + 1)
+        targets = targets[targets <= time_s[-1]]
+        self._passed += targets.size
+        row = np.searchsorted(time_s, targets)  # the first not before the target
+        before_s = np.where(row > 0, time_s[row - 1], self.last_s)
+        ends = np.unique(row + 1 - (targets - before_s < time_s[row] - targets))
+        return ends[1:] if self._ended and ends.size and ends[0] == 0 else ends
+
+    def last_row_ends_one(self) -> bool:
+        """Whether, if no part follows, one more epoch ends at the last row: half an interval of grace."""
+        if self._ended or self._epoch_s is None:
+            return False
+        reach_s = self.last_s + 0.5 * (self.last_s - self._before_last_s) - self._start_s
+        return int(np.floor(reach_s / self._epoch_s + 1e-9)) > self._passed
+
+
+def earth_frame_state(initial: NavState) -> NDArray:
+    """q, v, r of the kernel (10,)."""
+    site = initial.site
+    C_en = dcm_en(site.lat_rad, site.lon_rad)
+    r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
+    return np.concatenate([quaternion_from_dcm(C_en @ initial.C_nb), C_en @ initial.v_n_m_s, r_e])
+
+
+def initial_row(initial: NavState) -> NDArray:
+    """Row 0 of the output (1, COLUMNS): the state as given, sums zero."""
+    from ins.strapdown import kernel
+
+    row, site = np.zeros((1, kernel.COLUMNS)), initial.site
+    row[0, : kernel.C_NB_DT] = np.concatenate(
+        [[site.lat_rad, wrap_pi(site.lon_rad), site.height_m], initial.v_n_m_s, initial.C_nb.ravel()]
+    )
+    return row
+
+
+def interval_at(imu: ImuLog, row: int) -> NDArray | None:
+    """dtheta, dv, dt of a row (7,); None where it is not valid."""
+    interval = np.concatenate([imu.dtheta_rad[row], imu.dv_m_s[row], imu.dt_s[row : row + 1]])
+    return interval if np.isfinite(interval).all() and interval[-1] > 0 else None
+
+
+def check_rows(imu: ImuLog, first: int, fed_rows: int) -> None:
+    """Raise InputError unless the rows from `first` on are finite, with intervals above zero."""
+    dtheta, dv, dt = imu.dtheta_rad[first:], imu.dv_m_s[first:], imu.dt_s[first:]
+    if np.isfinite(dtheta).all() and np.isfinite(dv).all() and dt.min() > 0 and dt.max() < np.inf:
+        return
+    finite = np.isfinite(dtheta).all(axis=1) & np.isfinite(dv).all(axis=1) & (dt > 0) & (dt < np.inf)
+    k = int(np.argmin(finite))
+    raise InputError(
+        f"imu: row {fed_rows + first + k} at {imu.time_s[first + k]:.6g} s, "
+        "needed finite increments and a finite dt_s above 0"
+    )
+
+
+def check_start(imu: ImuLog, first: int, initial: NavState) -> None:
+    """Raise InputError unless row `first` starts at the initial state."""
+    dt = imu.dt_s[first:]
+    late = imu.time_s[first] - dt[0] - initial.time_s
+    if late > dt[0]:
+        raise InputError(
+            f"imu: first row starts {late:.6g} s after the initial state at {initial.time_s:.6g} s, needed at it"
+        )
+
+
+def check_initial(initial: NavState) -> None:
+    """Raise InputError unless the attitude is a rotation, and the velocity finite."""
+    C = initial.C_nb
+    if not (np.abs(C.T @ C - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(C) > 0):
+        raise InputError("initial C_nb is not a rotation matrix")
+    if not np.isfinite(initial.v_n_m_s).all():
+        raise InputError(f"initial v_n_m_s {initial.v_n_m_s}, needed finite")

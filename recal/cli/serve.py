@@ -1,0 +1,126 @@
+"""`recal serve`: the review page of a store, in a browser."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, emit_json, say
+
+if TYPE_CHECKING:
+    import socket
+
+    from recal.web.settings import ServeSettings
+
+NEEDS_EXTRA = "serve needs FastAPI and uvicorn: pip install strapdown-recal[web]"
+
+
+def command(
+    store: StoreUrl = DEFAULT_STORE,
+    host: Annotated[
+        str, typer.Option("--host", help="Address to listen on; any but this machine's own needs a token.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")] = 8000,
+    reports: Annotated[Path | None, typer.Option("--reports", help="Directory to find diagnosis reports below.")] = None,
+    token_file: Annotated[
+        Path | None, typer.Option("--token-file", help="A line each: TOKEN, or NAME TOKEN; else RECAL_SERVE_TOKEN is used.")
+    ] = None,
+    allow_host: Annotated[
+        list[str] | None, typer.Option("--allow-host", help="A further name that browsers may use, as behind a proxy.")
+    ] = None,
+    https: Annotated[bool, typer.Option("--https", help="A proxy adds TLS: cookies are for https only.")] = False,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Look at a store in a browser: tables, proposed updates, reports; approve, reject, roll back.
+
+    Example: recal serve --store sqlite:///recal.db --reports diagnoses
+    """
+    try:
+        import fastapi  # noqa: F401
+        import uvicorn  # noqa: F401
+    except ModuleNotFoundError:
+        from ins.records import InputError
+
+        raise InputError(NEEDS_EXTRA) from None
+    from recal.web.app import build_app
+
+    settings, made = _settings(store, host, port, reports, token_file, allow_host or [], https)
+    app = build_app(settings)
+    listener = _listen(settings)
+    url = _url(settings, listener)
+    if as_json:
+        emit_json({"schema": "recal.serve/1", "verdict": "ok", "url": url, "read_only": not settings.tokens})
+        sys.stdout.flush()
+    _greet(settings, url, made, quiet=quiet)
+    _run(app, listener, log=verbose)
+
+
+def _settings(
+    store: str, host: str, port: int, reports: Path | None, token_file: Path | None, names: list[str], https: bool
+) -> tuple[ServeSettings, str]:
+    """What to serve, and the token if one was made for this start: only on this machine, only shown on a terminal."""
+    import secrets
+
+    from recal.web.settings import ServeSettings, is_loopback, read_tokens, token_of, too_open
+
+    tokens, made = read_tokens(token_file), ""
+    if token_file is not None and too_open(token_file):
+        say(f"recal: warning: {token_file} can be read by every user of this machine (chmod 600)")
+    if not tokens and is_loopback(host) and not (names or https) and sys.stderr.isatty():
+        made = secrets.token_urlsafe(24)
+        tokens = (token_of(made, source="serve"),)
+    hosts = tuple(name.lower() for name in names)
+    return ServeSettings(store_url=store, host=host, port=port, reports=reports, tokens=tokens, hosts=hosts, https=https), made
+
+
+def _listen(settings: ServeSettings) -> socket.socket:
+    """A socket that listens; InputError where the address cannot be had."""
+    import socket
+
+    from ins.records import InputError
+
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((settings.host, settings.port), family=family, backlog=100)
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise InputError(f"serve: cannot listen on {settings.host} port {settings.port} ({why})") from None
+
+
+def _url(settings: ServeSettings, listener: socket.socket) -> str:
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
+    return f"http://{host}:{listener.getsockname()[1]}/"
+
+
+def _greet(settings: ServeSettings, url: str, made: str, *, quiet: bool) -> None:
+    from recal.web.settings import is_loopback
+
+    say(f"serving on {url} (Ctrl-C ends it)", quiet=quiet)
+    if made:
+        say(f"token of this start, to sign in with: {made}")
+    elif not is_loopback(settings.host) and not settings.https:
+        say("recal: warning: no TLS: whoever can listen on this network reads the token and the pages (see docs/serve.md)")
+    elif not settings.tokens:
+        say("read only: no token was given (--token-file or RECAL_SERVE_TOKEN)", quiet=quiet)
+
+
+def _run(app: Any, listener: socket.socket, *, log: bool) -> None:
+    """Serve until interrupted; requests are logged on standard error with -v."""
+    import copy
+
+    import uvicorn
+
+    logging = copy.deepcopy(uvicorn.config.LOGGING_CONFIG)
+    logging["handlers"]["access"]["stream"] = "ext://sys.stderr"
+    config = uvicorn.Config(
+        app, log_config=logging, log_level="info" if log else "warning", access_log=log, server_header=False,
+        proxy_headers=False, ws="none", lifespan="off", timeout_keep_alive=5, limit_concurrency=100,
+        timeout_graceful_shutdown=5, h11_max_incomplete_event_size=32_768,
+    )  # fmt: skip
+    uvicorn.Server(config).run(sockets=[listener])

@@ -1,0 +1,155 @@
+"""`recal table proposals|approve|reject`: updates kept for review, decided without the page of `recal serve`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from recal.cli.console import (
+    DEFAULT_STORE,
+    Command,
+    JsonFlag,
+    NoSeed,
+    OutputPath,
+    Quiet,
+    StoreUrl,
+    Verbose,
+    answer,
+    finish,
+    login_name,
+    result_text,
+    say,
+)
+from recal.cli.table.app import ModeOption, SerialOption, TechnologyOption
+
+if TYPE_CHECKING:
+    from infield.store.table_store import FullProposal, Proposal
+
+app = typer.Typer()
+
+NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)]
+ByOption = Annotated[str | None, typer.Option("--by", help="Who decides; default: your login name.")]
+ReasonOption = Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")]
+STATES = ("open", "out of date", "approved", "rejected")
+StateOption = Annotated[str | None, typer.Option("--state", help="Only those that are: " + ", ".join(STATES) + ".")]
+
+
+@app.command(cls=Command)
+def proposals(
+    number: Annotated[int | None, typer.Argument(metavar="[NUMBER]", help="One of them, in full.", min=1)] = None,
+    store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
+    mode: ModeOption = None, state: StateOption = None, output: OutputPath = None, as_json: JsonFlag = False,
+    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
+) -> None:  # fmt: skip
+    """Updates kept for review and what was decided; with NUMBER and -o, its update.json and update.html.
+
+    Example: recal table proposals 3 --serial SN-0042 -o review
+    """
+    from infield.store.table_store import TableStore
+
+    if state not in (None, *STATES):
+        raise typer.BadParameter(f"{state!r}, needed one of {', '.join(STATES)}", param_hint="--state")
+    if output is not None and number is None:
+        raise typer.BadParameter("needs the NUMBER of the proposal to write", param_hint="-o")
+    with TableStore.open(store) as opened:
+        if number is not None:
+            full = opened.proposal(number, serial, technology, mode)
+            _show(full, output, as_json=as_json, verbose=verbose, quiet=quiet)
+            return
+        found = opened.proposals(serial, technology, mode, state=state)
+    result = {"store": opened.name, "proposals": [_about(p) for p in found]}
+    if answer(result, as_json=as_json, verbose=verbose) or quiet:
+        return
+    for k, p in enumerate(found):
+        if k == 0 or p.unit != found[k - 1].unit:
+            print(p.unit)
+        print("\n".join("  " + line for line in _lines(p)))
+
+
+@app.command(cls=Command)
+def approve(
+    number: NumberArgument, reason: ReasonOption, by: ByOption = None, store: StoreUrl = DEFAULT_STORE,
+    serial: SerialOption = None, technology: TechnologyOption = None, mode: ModeOption = None, as_json: JsonFlag = False,
+    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
+) -> None:  # fmt: skip
+    """A proposed table becomes the active one; refused where the active table has moved since.
+
+    Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC covered"
+    """
+    _decide("approved", number, (serial, technology, mode), by, reason, store, as_json=as_json, verbose=verbose, quiet=quiet)
+
+
+@app.command(cls=Command)
+def reject(
+    number: NumberArgument, reason: ReasonOption, by: ByOption = None, store: StoreUrl = DEFAULT_STORE,
+    serial: SerialOption = None, technology: TechnologyOption = None, mode: ModeOption = None, as_json: JsonFlag = False,
+    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
+) -> None:  # fmt: skip
+    """A proposed table is turned down; the active one stays, the proposal and the reason are kept.
+
+    Example: recal table reject 3 --serial SN-0042 --reason "the aircraft was towed at minute 12"
+    """
+    _decide("rejected", number, (serial, technology, mode), by, reason, store, as_json=as_json, verbose=verbose, quiet=quiet)
+
+
+def _decide(
+    verdict: str, number: int, unit: tuple[str | None, str | None, str | None], by: str | None, reason: str, url: str, *,
+    as_json: bool, verbose: bool, quiet: bool,
+) -> None:  # fmt: skip
+    from infield.store.table_store import RunAlreadyMerged, StoreConflict, TableStore
+
+    with TableStore.open(url) as opened:
+        try:
+            decided = opened.decide(number, verdict, *unit, by=login_name() if by is None else by, reason=reason)
+            result: dict[str, Any] = {"schema": "recal.decision/1", "verdict": verdict, "reasons": [], **_about(decided)}
+        except (StoreConflict, RunAlreadyMerged) as error:
+            result = {"schema": "recal.decision/1", "verdict": "refused", "reasons": [str(error)]}
+    answer(result, as_json=as_json, verbose=verbose)
+    if result["verdict"] == "refused":
+        say(f"refused: {result['reasons'][0]}", quiet=quiet)
+    else:
+        became = f", revision {decided.decision.revision_number}" if decided.decision and verdict == "approved" else ""
+        say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)
+    finish(result)
+
+
+def _show(full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool) -> None:
+    """One proposal with the lines of its report; the report itself where -o says."""
+    from infield.reports.update_page import update_html
+    from recal.cli.update import summary
+    from recal.service.output import output_directory, write_files
+
+    document = {**full.report, "proposal": full.number}
+    if output is not None:
+        directory = output_directory(output, "table")
+        texts = {"update.json": result_text(document), "update.html": update_html(document)}
+        write_files({directory / name: text for name, text in texts.items()})
+    if answer({**_about(full), "report": document}, as_json=as_json, verbose=verbose) or quiet:
+        return
+    print("\n".join([str(full.unit), *_lines(full), *summary(document)]))
+
+
+def _about(p: Proposal) -> dict[str, Any]:
+    """A proposal without its texts."""
+    decided = p.decision
+    return {
+        **vars(p.unit), "proposal": p.number, "state": p.state, "proposed_utc": p.proposed_utc, "proposed_by": p.proposed_by,
+        "parent_sha256": p.parent_sha256, "sha256": p.sha256, "note": p.note, "runs": [vars(run) for run in p.runs],
+        "decision": None if decided is None else {
+            "verdict": decided.verdict, "decided_utc": decided.decided_utc, "by": decided.decided_by,
+            "reason": decided.reason, "revision": decided.revision_number,
+        },
+    }  # fmt: skip
+
+
+def _lines(p: Proposal) -> list[str]:
+    """A proposal for people."""
+    who = f"  by {p.proposed_by}" if p.proposed_by else ""
+    lines = [f"proposal {p.number}  {p.state:11}  {p.proposed_utc}  {p.sha256[:12]}  {len(p.runs)} run(s){who}"]
+    lines += [f"     {p.note}"] if p.note else []
+    if p.decision is not None:
+        became = f", revision {p.decision.revision_number}" if p.decision.revision_number else ""
+        lines.append(f"     {p.decision.words()}{became}")
+    return lines

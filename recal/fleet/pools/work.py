@@ -1,0 +1,176 @@
+"""What a worker does: take a task, call `recal update` on it, say what became of each run. Nothing it meets stops the fleet.
+
+The worker commits by itself, in the one transaction of `recal update`: killed before it, nothing has happened; killed after
+it, the store holds the run, and whoever takes the task again finds that out.
+"""
+
+import os
+import socket
+import threading
+import time
+import traceback
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from infield.store.table_store import StoreConflict, TableStore, store_exists
+from ins.records import InputError
+from recal.cli.update import update
+from recal.fleet.records import MERGED, PlannedRun, RunOutcome, RunTask, Task, outcome_of
+from recal.fleet.unit_summary import summarise_unit
+from recal.service.output import write_text
+
+CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
+CONFLICT_WORDS = ("update again", "try again")  # how infield.store.table_store ends a StoreConflict
+STORE_FAULT = ("store ", "no store")  # how its InputErrors begin: not the run's fault, worth another call
+AGAIN = "again"  # not told yet: to be taken again without the runs that are
+Pair = tuple[PlannedRun, str]  # a run and the folder of its report
+_ONE_AT_A_TIME = threading.Lock()  # a Dask worker may have several threads; drawing and migrations are one per process
+
+
+def perform(task: Task) -> Any:
+    """RunTask: the outcomes of its runs, in order. UnitTask: the unit's summary."""
+    with _ONE_AT_A_TIME:
+        return take_runs(task) if isinstance(task, RunTask) else summarise_unit(task)
+
+
+def worker_name() -> str:
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+def take_runs(task: RunTask) -> tuple[RunOutcome, ...]:
+    """One update over the task's runs; with several, those that stand in the way of the others are left out of it."""
+    started, cpu = time.perf_counter(), time.process_time()
+    found = dict(_outcomes(task, list(zip(task.runs, task.folders))))
+    share = len(task.runs)
+    spent: dict[str, Any] = {
+        "seconds": round((time.perf_counter() - started) / share, 4),
+        "cpu_s": round((time.process_time() - cpu) / share, 4), "worker": worker_name(), "attempts": task.attempt,
+    }  # fmt: skip
+    return tuple(replace(found[run.path], **spent) for run in task.runs)
+
+
+def _outcomes(task: RunTask, runs: list[Pair]) -> Iterator[tuple[str, RunOutcome]]:
+    """Outcomes by path. A run that cannot be read, or contradicts, is told and the rest taken again without it."""
+    while runs:
+        told = [o for o in _one_update(task, runs) if o.outcome != AGAIN]
+        yield from ((outcome.path, outcome) for outcome in told)
+        gone = {outcome.path for outcome in told}
+        runs = [pair for pair in runs if pair[0].path not in gone]
+
+
+def _one_update(task: RunTask, runs: Sequence[Pair]) -> list[RunOutcome]:
+    """One call of `recal update`, its document as outcomes; whatever it raises is an outcome too. At least one is not AGAIN."""
+    try:
+        document = _update(task, runs)
+        return list(_told(task, runs, document))
+    except Exception as error:
+        if len(runs) == 1:
+            return [_failed(runs[0], error)]
+    failures = [failure for pair in runs if (failure := _failure_alone(task, pair))]
+    if failures:
+        bad = {failure.path for failure in failures}
+        return failures + [outcome_of(run, AGAIN) for run, _ in runs if run.path not in bad]
+    return [outcome_of(run, "crashed", "breaks down together with the other runs of this unit") for run, _ in runs]
+
+
+def _failure_alone(task: RunTask, pair: Pair) -> RunOutcome | None:
+    """Whether a run, not committed, breaks an update by itself."""
+    try:
+        _update(replace(task, commit=False, propose=None), [pair])
+    except Exception as error:
+        return _failed(pair, error)
+    return None
+
+
+def _failed(pair: Pair, error: Exception) -> RunOutcome:
+    """The outcome of a run on which an update raised."""
+    run, folder = pair
+    if not Path(run.path).is_dir():
+        return outcome_of(run, "bad_input", f"{run.path}: no such run directory on {socket.gethostname()}, where the worker is")
+    text = f"{error.filename or run.path}: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+    if isinstance(error, InputError | OSError) and not text.startswith(STORE_FAULT):
+        return outcome_of(run, "bad_input", text)
+    if isinstance(error, InputError | StoreConflict):
+        return outcome_of(run, "crashed", text)
+    return outcome_of(run, "crashed", _crash_words(error), folder=folder, notes=(*run.notes, *_keep_trace(folder)))
+
+
+def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
+    """The update document; tried again where another writer was faster on this unit."""
+    first = runs[0][0]
+    for attempt in range(CONFLICT_TRIES):
+        document = update(
+            [Path(run.path) for run, _ in runs], store_url=task.store_url, commit=task.commit, propose=task.propose,
+            html=False,
+            twin=None if first.twin is None else Path(first.twin), config=None if task.config is None else Path(task.config),
+            output=Path(runs[0][1]),
+        )  # fmt: skip
+        if not _conflicted(document):
+            return document
+        time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
+    raise StoreConflict(document["reasons"][0])
+
+
+def _conflicted(document: dict[str, Any]) -> bool:
+    reasons = document["reasons"]
+    return document["verdict"] == "refused" and len(reasons) == 1 and reasons[0].endswith(CONFLICT_WORDS)
+
+
+def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iterator[RunOutcome]:
+    """The document's sessions as outcomes, one a run; AGAIN for those that only stand beside one that contradicts."""
+    verdict, merged = document["verdict"], dict(task.merged)
+    rest = {"committed": "committed", "proposed": "proposed", "inconsistent": AGAIN}.get(verdict, "refused")
+    remembered = document.get("remembered", "")
+    for (run, _), session in zip(runs, document["sessions"], strict=True):
+        outcome = rest if session["outcome"] == "accepted" else AGAIN if rest == AGAIN else session["outcome"]
+        outcome = "inconsistent" if session["outcome"] == "inconsistent" else outcome
+        notes = (*run.notes, remembered) if outcome == "inconsistent" and remembered else run.notes
+        told = outcome_of(
+            run, outcome, *(session["reasons"] or (document["reasons"] if outcome == "refused" else ())), notes=notes,
+            sha256=session["sha256"], folder=runs[0][1], revision=document["revision"] if outcome == "committed" else None,
+            proposal=document.get("proposal") if outcome == "proposed" else None,
+        )  # fmt: skip
+        told = _if_held(task, told, merged.get(told.sha256)) if outcome == "refused" else told
+        if told.outcome in MERGED:
+            merged[told.sha256] = told.path
+        yield told
+
+
+def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOutcome:
+    """A refused run that the table holds is no refusal: merged under another path, before, or by a worker that was killed."""
+    if original is not None:
+        return replace(outcome, outcome="already", reasons=(f"the same recording as {original}",))
+    key = task.unit
+    if not store_exists(task.store_url):
+        return outcome
+    with TableStore.open(task.store_url) as store:
+        if not store.has_run(outcome.sha256, key.imu_serial):
+            return outcome
+        history = store.history(key.imu_serial, key.gyro_technology, key.gyro_mode)
+    by = next((r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None)
+    if by is None:
+        return replace(outcome, outcome="already", reasons=("came with the table",))
+    if by.number <= task.head or not by.report_json:
+        words = f"merged as revision {by.number} on {by.created_utc[:10]}"
+        return replace(outcome, outcome="already", reasons=(words,), revision=by.number)
+    write_text(Path(outcome.folder) / "update.json", by.report_json)
+    note = "committed before its worker or the call was stopped; found in the store"
+    return replace(outcome, outcome="committed", reasons=(), revision=by.number, notes=(*outcome.notes, note))
+
+
+def _crash_words(error: Exception) -> str:
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {str(error)[:300]} ({Path(frame.filename).name}, line {frame.lineno})"
+
+
+def _keep_trace(folder: str) -> tuple[str, ...]:
+    """The traceback beside where the report would be."""
+    path = Path(folder) / "crash.txt"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_text(path, traceback.format_exc())
+    except (OSError, InputError):
+        return ()
+    return (f"traceback in {path.name} of its report folder",)

@@ -1,0 +1,97 @@
+"""Table and noise model of a unit: from the command line, from the store, or from the technology's defaults."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from alignment import coarse, gyrocompass
+from infield.session.navigated import find_rest
+from infield.session.parked_rates import unknown_sigma_deg_h
+from infield.store.table_store import TableStore, UnknownUnit, store_exists
+from infield.table.file import table_to_dict
+from infield.table.thermal_table import ThermalTable, default_table
+from infield.thermal.stored_model import prepared, read_thermal_model, seeded_table, use_document, with_model_sigma
+from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from ins.records import InputError, Run, TwinModel
+from ins.twin_file import default_twin, read_twin
+
+
+@dataclass(frozen=True)
+class UnitInputs:
+    """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the unit, at `revision`."""
+
+    table: ThermalTable
+    table_dict: dict[str, Any]
+    twin: TwinModel
+    known: bool
+    revision: int = 0
+
+
+def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> UnitInputs:
+    """What is believed of the unit that made this run."""
+    header = run.header
+    key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
+    twin = read_twin(twin_path) if twin_path else None
+    if store is not None:
+        try:
+            revision = store.active(*key)
+            twin = twin or store.twin(*key)
+            return UnitInputs(
+                revision.table, revision.table_dict,
+                _checked(twin or default_twin(header.gyro_technology), run), True, revision.number,
+            )  # fmt: skip
+        except UnknownUnit:
+            pass
+    twin = _checked(twin or default_twin(header.gyro_technology), run)
+    table = table_of_unknown_unit(run, twin)
+    return UnitInputs(table, table_to_dict(table), twin, False)
+
+
+def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
+    """No table for a unit: bias 0 and its technology's sigma, widened by what |omega| of the parked log shows."""
+    header, rest = run.header, find_rest(run)
+    sigma = gyrocompass.UNKNOWN_BIAS_DEG_H[header.gyro_technology]
+    if rest is not None:
+        sigma = gyrocompass.unknown_bias_sigma_deg_h(twin, coarse.rest_means(run.imu.between(*rest)))
+    if header.gyro_technology == "mems":  # its warm-up shows too, and it may rest where a gyrocompass sees none
+        temperature = None if too_short(run.temperature) or run.temperature is None else gyro_temperature(run.temperature)
+        sigma = unknown_sigma_deg_h(run, twin, temperature, sigma)
+    return default_table(
+        imu_serial=header.imu_serial, gyro_technology=header.gyro_technology, gyro_mode=header.gyro_mode,
+        created_utc=header.start_utc, sigma_deg_h=sigma,
+    )  # fmt: skip
+
+
+def with_thermal_model(
+    unit: UnitInputs, runs: list[Run], path: Path | None
+) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], dict[str, Any] | None]]:
+    """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of it beside a table."""
+    stored = None if path is None else read_thermal_model(path)
+    runs, removed = prepared(runs, stored)
+    if stored is None:
+        return unit, runs, lambda table: None
+    learnt_with = {**unit.table.provenance, "thermal_model_sha256": stored.sha256}  # goes into the table that is merged
+    unit = replace(unit, twin=with_model_sigma(unit.twin, removed), table=unit.table.replaced(provenance=learnt_with))
+    if not unit.known:
+        table = seeded_table(unit.table, stored)
+        unit = replace(unit, table=table, table_dict=table_to_dict(table))
+    return unit, runs, lambda table: use_document(stored, removed, table)
+
+
+def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> TableStore | None:
+    """The store, None where a command that only reads finds none."""
+    if not create and not store_exists(url):
+        return None
+    return TableStore.open(url, create=create, any_clock=any_clock)
+
+
+def _checked(twin: TwinModel, run: Run) -> TwinModel:
+    header = run.header
+    if twin.imu_serial and twin.imu_serial != header.imu_serial:
+        raise InputError(f"twin {twin.source}: imu_serial {twin.imu_serial}, run {header.run_id} is of {header.imu_serial}")
+    if twin.gyro_technology != header.gyro_technology:
+        raise InputError(
+            f"twin {twin.source}: gyro_technology {twin.gyro_technology}, run {header.run_id} is of {header.gyro_technology}"
+        )
+    return twin

@@ -1,0 +1,139 @@
+"""Answers without a name: free functions of temperature, its rate, time or run on one channel, as competitors.
+
+Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with its few parameters
+beats them where it fits, and loses where nothing named does.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from simreal.effects.base import ACCELS, AXIS, GYROS
+from simreal.effects.telemetry import Telemetry, Trace, on_axis
+
+OF_TEMPERATURE = "unknown_function_of_temperature"
+OF_RATE = "unknown_function_of_temperature_rate"
+OF_TIME = "unknown_function_of_time"
+OF_RUN = "unknown_function_of_run"
+UNKNOWN = "unknown"  # of the motion, on a channel that only moving vehicles have
+MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}  # m/s, m/s, m at 10 m/s: what would matter there
+Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
+Quantity = Callable[[Telemetry, str], NDArray | None]
+
+
+@dataclass(frozen=True)
+class Generic:
+    """One free function on one channel: `traces(run)` gives its p columns."""
+
+    name: str
+    target: str
+    resolution: int
+    hats: Hats
+    nodes: tuple[float, ...] = ()
+
+    @property
+    def key(self) -> tuple[str, str, int]:
+        return self.name, self.target, self.resolution
+
+    def traces(self, run: Telemetry) -> tuple[Trace, ...]:
+        columns = self.hats(run).T
+        if self.target == "odometer":
+            return tuple(Trace(odometer_m_s=c) for c in columns)
+        if self.target == "vehicle":
+            return tuple(Trace(lateral_m_s=c) for c in columns)
+        if self.target == "gnss":
+            return tuple(_fix_error(run, c) for c in (*columns, *(1j * columns)))
+        axis = AXIS[self.target]
+        gyro = self.target in GYROS
+        return tuple(Trace(gyro_rad_s=on_axis(c, axis)) if gyro else Trace(accel_m_s2=on_axis(c, axis)) for c in columns)
+
+
+def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
+    """All free functions that the runs' telemetry allows, for each gyro and accelerometer."""
+    out: list[Generic] = []
+    for target in (*GYROS, *ACCELS):
+        for name, quantity in ((OF_TEMPERATURE, _temperature), (OF_RATE, _rate)):
+            values = [quantity(run, target) for run in runs]
+            if any(v is None for v in values):
+                continue
+            for nodes in (4, 8, 16) if name == OF_TEMPERATURE else (4, 8):
+                out.append(_hats(name, target, quantity, _nodes(values, nodes)))
+        for nodes in (4, 8, 16):
+            out.append(_hats(OF_TIME, target, _time, _nodes([_time(r, target) for r in runs], nodes)))
+        if len(runs) > 1:
+            out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
+    return (*out, *motion_functions(runs))
+
+
+def motion_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
+    """Free functions of the motion on odometer, side slip and GNSS: of speed, its square, acceleration and turn rate."""
+    out = []
+    if any(run.rolling.any() for run in runs):
+        out.append(Generic(UNKNOWN, "vehicle", 4, _of_motion))
+        if any(run.has_odometer for run in runs):
+            out.append(Generic(UNKNOWN, "odometer", 4, _of_motion))
+    if any(run.has_gnss for run in runs):
+        out.append(Generic(UNKNOWN, "gnss", 5, _of_fixes))
+    return tuple(out)
+
+
+def _of_motion(run: Telemetry) -> NDArray:
+    v, a, turn = run.speed_m_s, run.acceleration_m_s2, run.turn_rad_s
+    columns = np.stack([v / 10.0, (v / 10.0) ** 2, a, v * turn], axis=1)
+    return np.asarray(columns * (run.rolling | (np.abs(v) > 0.5))[:, None])
+
+
+def _of_fixes(run: Telemetry) -> NDArray:
+    return np.column_stack([np.ones(run.n), _of_motion(run)])
+
+
+def _fix_error(run: Telemetry, column: NDArray) -> Trace:
+    """A position error along (real) or across (imaginary) the heading, with the velocity error that goes with it not read."""
+    heading = run.heading_rad
+    along = np.stack([np.cos(heading), np.sin(heading), np.zeros(run.n)], axis=1)
+    across = np.stack([-np.sin(heading), np.cos(heading), np.zeros(run.n)], axis=1)
+    return Trace(gnss_position_m=np.real(column)[:, None] * along + np.imag(column)[:, None] * across)
+
+
+def _hats(name: str, target: str, quantity: Quantity, nodes: NDArray) -> Generic:
+    return Generic(name, target, nodes.size, _over(quantity, target, nodes), tuple(float(n) for n in nodes))
+
+
+def _temperature(run: Telemetry, target: str) -> NDArray | None:
+    T = run.temperature_degC if target in GYROS else run.accel_degC
+    return None if T is None else T[:, AXIS[target]]
+
+
+def _rate(run: Telemetry, target: str) -> NDArray | None:
+    rate = run.temperature_rate_degC_min
+    return None if rate is None else rate[:, AXIS[target]]
+
+
+def _time(run: Telemetry, target: str) -> NDArray:
+    return run.time_s
+
+
+def _nodes(values: Sequence[NDArray | None], count: int) -> NDArray:
+    low = min(float(np.min(v)) for v in values if v is not None)
+    high = max(float(np.max(v)) for v in values if v is not None)
+    return np.linspace(low, max(high, low + 1e-6), count)
+
+
+def _over(quantity: Quantity, target: str, nodes: NDArray) -> Hats:
+    def hats(run: Telemetry) -> NDArray:
+        values = quantity(run, target)
+        assert values is not None
+        return np.stack([np.interp(values, nodes, row) for row in np.eye(nodes.size)], axis=1)
+
+    return hats
+
+
+def _of_run(count: int) -> Hats:
+    def hats(run: Telemetry) -> NDArray:
+        out = np.zeros((run.n, count))
+        out[:, run.run_index] = 1.0
+        return out
+
+    return hats

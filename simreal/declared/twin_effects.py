@@ -1,0 +1,210 @@
+"""The `effects` of a twin (formats.md, section 3): read, checked against the catalogue, and what they add to a run.
+
+Parameters are the effect's coefficients and shape parameters by name, each a number in the declared unit or as in
+diagnosis.json, {"value": 0.03, "sigma": 0.004, "unit": "deg/h per degC/min"}, so that a cause can be pasted. `run_id`
+ties an item to one run; without it, it is in every run. A negative coefficient of a noise effect means that much less
+than the twin declares: its square is subtracted.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from itertools import pairwise
+from math import isfinite
+from typing import Any, NoReturn, TypeGuard
+
+from ins.records import InputError, TwinModel
+from simreal.declared.generic import OF_RUN
+from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
+from simreal.effects.base import ACCELS, GYROS, Effect
+from simreal.effects.catalogue import catalogue, effects_named
+from simreal.effects.parts.formula import FormulaEffect, OutOfReach, no_noise
+from simreal.effects.telemetry import Telemetry, Trace, total
+from simreal.evidence.whitened import ExtraNoise
+
+SLOW = "slow_variation"
+PROCESS, RUN_ID = "process", "run_id"
+EACH = "coefficient["  # then a run id and "]": a coefficient of its own in each run (turn-on biases)
+
+
+@dataclass(frozen=True)
+class TwinEffect:
+    """One item: coefficients in the effect's declared order and units. run_id "": of every run."""
+
+    effect: Effect
+    target: str
+    coefficients: tuple[float, ...]
+    shape: Mapping[str, float] = field(default_factory=dict)
+    run_id: str = ""
+
+    @property
+    def square(self) -> float:
+        """Of a noise effect: its coefficient squared, negative where there is less noise than declared."""
+        return self.coefficients[0] * abs(self.coefficients[0])
+
+    @property
+    def is_noise(self) -> bool:
+        if isinstance(self.effect, FormulaEffect):
+            return self.effect.noise_formula is not no_noise
+        return self.effect.repeats == "S"
+
+    def in_run(self, run_id: str) -> bool:
+        return self.run_id in ("", run_id)
+
+    def trace(self, run: Telemetry) -> Trace:
+        """What it adds to a run; an empty trace for noise."""
+        if self.is_noise:
+            return Trace()
+        unit = self.effect.traces(run, self.target, self.shape)
+        return total(trace.scaled(c) for trace, c in zip(unit, self.coefficients, strict=True))
+
+
+def twin_traces(effects: Sequence[TwinEffect], run: Telemetry, run_id: str) -> Trace:
+    """The sum of the deterministic effects of a run, at the instants of its telemetry."""
+    return total(item.trace(run) for item in effects if item.in_run(run_id))
+
+
+def twin_extra_noise(effects: Sequence[TwinEffect], run_id: str | None = None) -> list[ExtraNoise]:
+    """The noise effects as the diagnosis takes them; of one run, where it is given."""
+    items = [item for item in effects if item.is_noise and (run_id is None or item.in_run(run_id))]
+    return [ExtraNoise(item.effect, item.target, item.shape, item.square) for item in items]
+
+
+def parse_effects(twin: TwinModel) -> tuple[TwinEffect, ...]:
+    """The checked `effects` of a twin. InputError names the twin file, the item and the key, what was got and needed."""
+    items = (_Item(f"{twin.source}: effects[{k}]", item).parsed() for k, item in enumerate(twin.effects))
+    return tuple(effect for effects in items for effect in effects)
+
+
+@dataclass(frozen=True)
+class _Item:
+    """One raw item; `where` begins each error line."""
+
+    where: str
+    data: Mapping[str, Any]
+
+    def parsed(self) -> tuple[TwinEffect, ...]:
+        """One effect; of a function of run one for each run."""
+        name, target = str(self.data.get("effect", "")), str(self.data.get("target", ""))
+        parameters = self.data.get("parameters", {})
+        if not isinstance(parameters, Mapping):
+            self._fail("parameters", parameters, "an object of names and numbers")
+        given = dict(parameters)
+        run_id = given.pop(RUN_ID, "")
+        if not isinstance(run_id, str):
+            self._fail(f"parameters.{RUN_ID}", run_id, "the id of a run")
+        if name in FUNCTIONS:
+            return self._function(name, target, given, run_id)
+        by_run = {key[len(EACH) : -1]: value for key, value in given.items() if key.startswith(EACH) and key.endswith("]")}
+        if by_run and not run_id:
+            rest = {key: value for key, value in given.items() if not key.startswith(EACH)}
+            each = [{**rest, EACH[:-1]: value, RUN_ID: run} for run, value in by_run.items()]
+            return tuple(e for one in each for e in _Item(self.where, {**self.data, "parameters": one}).parsed())
+        effect = self._chosen(name, target, given)
+        given.pop(PROCESS, None)
+        known = _names(effect)
+        for key in given:
+            if key not in known:
+                self._fail(f"parameters.{key}", key, _nearest(key, known))
+        coefficients = tuple(self._number(given, c.name, c.unit) for c in effect.coefficients)
+        shape = {p.name: self._number(given, p.name, p.unit, positive=p.low > 0) for p in effect.shape}
+        return (TwinEffect(effect, target, coefficients, shape, run_id),)
+
+    def _chosen(self, name: str, target: str, given: Mapping[str, Any]) -> Effect:
+        """The one effect that name, target, process and parameters mean."""
+        named = effects_named(name)
+        if not named:
+            self._fail("effect", name, _nearest(name, sorted({e.name for e in catalogue()} | set(FUNCTIONS))))
+        fits = [e for e in named if target in e.targets]
+        if not fits:
+            self._fail("target", target, _nearest(target, sorted({t for e in named for t in e.targets})))
+        if name == SLOW:
+            ids, process = [e.id for e in fits], given.get(PROCESS)
+            if process not in ids:
+                self._fail(f"parameters.{PROCESS}", process, f"one of {', '.join(ids)}")
+            fits = [e for e in fits if e.id == process]
+        elif PROCESS in given and any(given[PROCESS] != e.id for e in fits):
+            self._fail(f"parameters.{PROCESS}", given[PROCESS], f"no process, or {fits[0].id}")
+        fits.sort(key=lambda e: _misfit(e, given))
+        if len(fits) > 1 and _misfit(fits[0], given) == _misfit(fits[1], given):
+            kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)
+            self._fail("parameters", ", ".join(given) or None, f"coefficients of one kind: {kinds}")
+        if isinstance(fits[0], OutOfReach):
+            self._fail("effect", name, f"an effect that a log of this format shows (this one: {fits[0].need})")
+        return fits[0]
+
+    def _function(self, name: str, target: str, given: dict[str, Any], run_id: str) -> tuple[TwinEffect, ...]:
+        if target not in (*GYROS, *ACCELS):
+            self._fail("target", target, _nearest(target, [*GYROS, *ACCELS]))
+        known = ["nodes", "values", "unit"]
+        for key in known:
+            if key not in given:
+                self._fail(f"parameters.{key}", None, f"{', '.join(known)}")
+        for key in given:
+            if key not in known:
+                self._fail(f"parameters.{key}", key, _nearest(key, known))
+        if given["unit"] != unit_of(target):
+            self._fail("parameters.unit", given["unit"], unit_of(target))
+        values = self._numbers("values", given["values"])
+        if name == OF_RUN:
+            return self._of_run(target, given["nodes"], values, run_id)
+        nodes = self._numbers("nodes", given["nodes"])
+        if len(nodes) != len(values) or any(b <= a for a, b in pairwise(nodes)):
+            self._fail("parameters.nodes", given["nodes"], f"{len(values)} increasing numbers, one for each value")
+        return (TwinEffect(_function(name, target, nodes, values), target, (1.0,), {}, run_id),)
+
+    def _of_run(self, target: str, runs: Any, values: tuple[float, ...], run_id: str) -> tuple[TwinEffect, ...]:
+        if not (isinstance(runs, list) and len(runs) == len(values) and all(isinstance(r, str) and r for r in runs)):
+            self._fail("parameters.nodes", runs, "run ids, one for each value")
+        if run_id:
+            self._fail(f"parameters.{RUN_ID}", run_id, "none: the nodes are the runs")
+        return tuple(TwinEffect(_function(OF_RUN, target, (), (v,)), target, (1.0,), {}, r) for r, v in zip(runs, values))
+
+    def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
+        if not (isinstance(given, list) and given and all(_is_number(v) for v in given)):
+            self._fail(f"parameters.{key}", given, "a list of numbers")
+        return tuple(float(v) for v in given)
+
+    def _number(self, given: Mapping[str, Any], name: str, unit: str, *, positive: bool = False) -> float:
+        """A plain number, or one with sigma and unit as in diagnosis.json."""
+        key, needed = f"parameters.{name}", f"a number [{unit}]"
+        value = given.get(name)
+        if isinstance(value, Mapping):
+            if strange := sorted(set(value) - {"value", "sigma", "unit"}):
+                self._fail(f"{key}.{strange[0]}", value[strange[0]], "value, sigma and unit only")
+            if value.get("unit", unit) != unit:
+                self._fail(f"{key}.unit", value["unit"], repr(unit))
+            value = value.get("value")
+        if not _is_number(value):
+            self._fail(key, value, needed)
+        if positive and not value > 0:
+            self._fail(key, value, f"{needed} above 0")
+        return float(value)
+
+    def _fail(self, key: str, got: Any, needed: str) -> NoReturn:
+        said = "nothing" if got is None else repr(got)[:60]
+        raise InputError(f"{self.where}: {key}: got {said}, needed {needed}")
+
+
+def _function(name: str, target: str, nodes: tuple[float, ...], values: tuple[float, ...]) -> NodeFunction:
+    return NodeFunction(id=name, name=name, targets=(target,), coefficients=(), nodes=nodes, values=values)
+
+
+def _misfit(effect: Effect, given: Mapping[str, Any]) -> tuple[int, int]:
+    """Parameters given that the effect has not, and those of its own that are not given: kinds of one name differ so."""
+    own, said = set(_names(effect)), set(given) - {PROCESS}
+    return len(said - own), len(own - said)
+
+
+def _names(effect: Effect) -> list[str]:
+    return [c.name for c in effect.coefficients] + [p.name for p in effect.shape]
+
+
+def _is_number(value: Any) -> TypeGuard[int | float]:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _nearest(got: str, known: Sequence[str]) -> str:
+    """The names that are meant, or all of them where they are few."""
+    close = get_close_matches(got, known, n=3)
+    return f"one of {', '.join(close or (known if len(known) < 12 else known[:8]))}"

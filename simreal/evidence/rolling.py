@@ -1,0 +1,322 @@
+"""What follows the parked stretch: innovations of the navigation-mode filter, whitened, for the data and every signature.
+
+The nominal solution starts at the end of the parked stretch; its errors obey `ins.filters.error_model`, and the wheels (no side
+slip), odometer, GNSS and stops measure them as in `infield.session.taxi_heading`. The filter is linear, so its gains are worked
+out once and then replayed: a column is the data, or what an effect would add to them.
+
+    e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
+
+e: state that the effect makes less what the filter makes of it; u: sensor errors over the step; m: the effect's own part
+in the measurement.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.stillness import AIRBORNE as AIR
+from alignment.motion.stillness import DISTURBED, STILL, Motion
+from alignment.motion.stillness import ROLLING as ROLL
+from alignment.navigation_filter import (
+    Aid,
+    ParkedConstraint,
+    StepViews,
+    filter_steps,
+    hold_heading,
+    hold_position,
+    plan_steps,
+    process_noise,
+    views_of,
+)
+from infield.session.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
+from ins.filters import error_model as em
+from ins.filters.program import ADD, ADVANCE, MEASURE, FilterProgram, Steps
+from ins.records import TwinModel
+from ins.units import ARCSEC, DEG_PER_HOUR, MILLIRADIAN, PPM
+from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Trace
+from simreal.evidence.noise_model import oscillator
+from simreal.evidence.parked import Handoff
+from simreal.evidence.parked_fixes import ParkedFixes
+from simreal.evidence.run_view import RunView
+
+GYRO = slice(em.BASE, em.BASE + 3)
+STATES = em.BASE + 3
+YAW_JITTER_RAD = 0.1 * ARCSEC
+STOP_EDGE = 5  # seconds at both ends of a stop in which the vehicle may still roll
+CHANNEL = {"lateral": "vehicle", "odometer": "odometer", "gnss": "gnss", "still": "vehicle", "stop": "vehicle",
+           "heading held": "gyro_z"}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RollingRows:
+    """Labels of the whitened rows (k): time, channel ("vehicle", "odometer", "gnss", "gyro_z"), kind as in Telemetry."""
+
+    time_s: NDArray
+    channel: NDArray
+    kind: NDArray
+    variance: NDArray
+
+
+class RollingBlock:
+    """Whitening of what a run shows after its parked stretch."""
+
+    def __init__(self, view: RunView, twin: TwinModel, start: Handoff, fixes: ParkedFixes) -> None:
+        self.views, self.program = _lay_down(view, twin)
+        self.compiled = self.program.compiled()
+        self.seconds = _step_seconds(view, self.views)
+        self._noise = process_noise(twin)
+        self._x0, self._P0 = _start(twin, start, fixes, view.C_nb)
+        self._walk = _bias_walk(twin)
+        self._work_out()
+
+    @property
+    def rows(self) -> int:
+        return len(self.labels.time_s)
+
+    def _work_out(self) -> None:
+        """Transition and gains of every step, once: the covariance does not depend on data."""
+        c, P, steps = self.compiled, self._P0.copy(), self.program.steps
+        self._steps: list[tuple[NDArray, NDArray]] = []
+        self._rows: list[tuple[NDArray, NDArray, float]] = []
+        labels, now = [], 0
+        for number, (kind, which, first, count) in enumerate(c.ops):
+            if kind == ADVANCE:
+                now = int(which)
+                Phi, Gamma, Q = _transition(steps, now, self._noise)
+                P = Phi @ P @ Phi.T + Q
+                P[np.diag_indices(STATES)] += self._walk * steps.dt_s[now]
+                self._steps.append((Phi, Gamma))
+            elif kind == ADD:
+                P[which, which] += c.variance[first]
+            elif kind == MEASURE:
+                for r in range(first, first + count):
+                    h = _row(c.index[r], c.value[r])
+                    v = P @ h
+                    root = float(np.sqrt(h @ v + c.variance[r]))
+                    P -= np.outer(v, v / root**2)
+                    self._rows.append((h, v / root, root))
+                    labels.append(
+                        (steps.end_s[now], CHANNEL[c.names[c.name[number]]], KIND[int(self.views.kind[now])], root**2)
+                    )
+            else:
+                M = np.eye(STATES)
+                M[which] = _row(c.index[first], c.value[first])
+                P = M @ P @ M.T
+                P[which, which] += c.variance[first]
+        time_s, channel, kinds, variance = zip(*labels) if labels else ((), (), (), ())
+        self.labels = RollingRows(np.array(time_s), np.array(channel, dtype=object), np.array(kinds), np.array(variance))
+
+    def whiten_data(self) -> NDArray:
+        """Innovations of the run itself over their sigmas (rows,)."""
+        c = self.compiled
+        return self._replay(-self._x0[:, None], None, None, lambda r, _: c.z[r])[:, 0]
+
+    def whiten(self, traces: list[Trace], start: Handoff, site_m: NDArray) -> NDArray:
+        """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked stretch made of them."""
+        m = len(traces)
+        imu = np.zeros((len(self.seconds), 6, m))
+        own = np.zeros((len(self.seconds), 6, m))  # lateral, odometer, GNSS north, east, velocity north, east
+        for k, trace in enumerate(traces):
+            for array, at, values in (
+                (imu, slice(0, 3), trace.gyro_rad_s), (imu, slice(3, 6), trace.accel_m_s2),
+                (own, slice(0, 1), trace.lateral_m_s),
+                (own, slice(1, 2), trace.odometer_m_s), (own, slice(2, 4), trace.gnss_position_m),
+                (own, slice(4, 6), trace.gnss_velocity_m_s),
+            ):  # fmt: skip
+                if values is not None:
+                    width = at.stop - at.start
+                    fixes = array is own and at.start >= 2  # read at the end of a step, the others over it
+                    array[:, at, k] = self._ends(values) if fixes else self._means(values, width)
+        e = np.zeros((STATES, m))
+        _set_start(e, -start.mean)
+        e[em.POS] = -site_m
+        dt = self.program.steps.dt_s
+        names, names_of = self.compiled.names, self._name_of_row()
+
+        def measured(r: int, step: int) -> NDArray:
+            name, first_state = names[names_of[r]], int(self.compiled.index[r][0])
+            if name == "lateral":
+                return own[step, 0] * dt[step]
+            if name == "odometer":
+                return -own[step, 1] * dt[step]
+            if name == "gnss":
+                return -own[step, 2 + first_state - em.POS.start if first_state >= em.POS.start else 4 + first_state]
+            return np.zeros(m)
+
+        return self._replay(e, imu[:, :3], imu[:, 3:], measured)
+
+    def _name_of_row(self) -> NDArray:
+        c = self.compiled
+        out = np.zeros(len(c.z), dtype=int)
+        for number, (_, _, first, count) in enumerate(c.ops):
+            out[first : first + count] = c.name[number]
+        return out
+
+    def _replay(
+        self, e: NDArray, gyro: NDArray | None, accel: NDArray | None, measured: Callable[[int, int], NDArray | float]
+    ) -> NDArray:
+        c, steps = self.compiled, self.program.steps
+        out = np.zeros((len(self._rows), e.shape[1]))
+        row, now = 0, 0
+        for kind, which, first, count in c.ops:
+            if kind == ADVANCE:
+                now = int(which)
+                Phi, Gamma = self._steps[now]
+                e = Phi @ e
+                if gyro is not None and accel is not None:
+                    e += Gamma @ gyro[now] + Phi[:, em.ACCEL] @ accel[now, :2]
+                    e[em.ACCEL] -= accel[now, :2]
+                    e[em.W] += np.outer(steps.C_nb[now][:2, 2] * steps.dt_s[now], accel[now, 2])
+            elif kind == MEASURE:
+                for r in range(first, first + count):
+                    h, gain, root = self._rows[row]
+                    nu = (h @ e + measured(r, now)) / root
+                    e -= gain[:, None] * nu
+                    out[row] = nu
+                    row += 1
+            elif kind != ADD:
+                e[which] = _row(c.index[first], c.value[first]) @ e
+        return out
+
+    def _means(self, values: NDArray, width: int) -> NDArray:
+        """Means of the first columns of a trace over the steps (K, width)."""
+        columns = np.reshape(values, (len(values), -1))[self.seconds[0, 0] :, :width]
+        sums = np.vstack([np.zeros((1, width)), np.cumsum(columns, axis=0)])
+        first, last = self.seconds.T - self.seconds[0, 0]
+        return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
+
+    def _ends(self, values: NDArray) -> NDArray:
+        """North and east of a trace at the ends of the steps (K, 2): between the middles of the seconds."""
+        last = self.seconds[:, 1]
+        after = np.minimum(last, len(values) - 1)
+        return np.asarray(0.5 * (values[np.maximum(last - 1, 0), :2] + values[after, :2]))
+
+
+KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}
+
+
+def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]:
+    """The filter's steps and measurements over the solution, as `alignment.navigation_filter.sweep` lays them down."""
+    history = view.history
+    assert history is not None
+    codes = {PARKED: STILL, ROLLING: ROLL, AIRBORNE: AIR}
+    at = np.clip(np.searchsorted(view.seconds.end_s, history.time_s - 1e-6), 0, view.seconds.end_s.size - 1)
+    kind = np.array([codes[int(k)] for k in view.telemetry.kind[at]])
+    rolls = np.convolve(kind == ROLL, np.ones(2 * STOP_EDGE + 1), mode="same") > 0.5
+    kind[rolls & (kind == STILL)] = ROLL  # the wheels do not slip while they stand either
+    motion = Motion(history.time_s, kind.copy(), np.zeros(len(kind)), 0.0)
+    airborne = np.flatnonzero(kind == AIR)
+    with_gnss = view.run.gnss is not None
+    until = history.time_s[airborne[0]] - 0.5 if airborne.size and not with_gnss else np.inf
+    motion.kind[kind == AIR] = ROLL  # one epoch a step; the wheels are left out below
+    edges = np.array([history.time_s[0], history.time_s[-1] + 1.0])
+    plan = plan_steps(motion, edges, until_s=until)
+    sway = twin.vehicle.sway_m_s / (2.0 * np.pi * max(twin.vehicle.sway_hz, 1e-3))
+    views = _level(views_of(history, plan, sway))
+    flying = np.zeros(len(views.end_s), bool)
+    flying[:] = kind[plan.last] == AIR
+    program = FilterProgram(filter_steps(views))
+    parked = ParkedConstraint(displacement_sigma_m=sway, yaw_jitter_rad=YAW_JITTER_RAD)
+    hold_position(program, views, parked)
+    hold_heading(program, views, parked)
+    on_wheels = replace(views, kind=np.where(flying, AIR, views.kind), jitter_m=_sway_way(twin))
+    for aid in _aids(view, twin):
+        aid.measure(program, views if isinstance(aid, GnssAid) else on_wheels)
+    return on_wheels, program
+
+
+def _level(views: StepViews) -> StepViews:
+    """The way in body axes by the level velocity alone: the vertical loop's own velocity, seen through the unit's tilt, is
+
+    no way of the wheels (on a slope s of the ground this leaves s^2 of the way).
+    """
+    down = views.C_mean[:, 2, :] * views.displacement_n_m[:, 2:3]
+    return replace(views, displacement_b_m=views.displacement_b_m - down)
+
+
+def _aids(view: RunView, twin: TwinModel) -> list[Aid]:
+    header, run = view.run.header, view.run
+    aids: list[Aid] = [LateralAid(header.wheel_reference_m)]
+    if run.odometer is not None and run.odometer.time_s.size > 1:
+        n = max(round(1.0 / float(np.median(np.diff(run.odometer.time_s)))), 1)
+        # the way of n intervals of 1/n s by trapezoids; the aid takes n - 1 independent samples
+        noise_m_s = twin.odometer.noise_m_s * (np.sqrt((n - 0.5) * (n - 1)) / n if n > 1 else 1.0)
+        aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m))
+    if run.gnss is not None and run.gnss.time_s.size > 1:
+        noise = twin.gnss
+        bare = replace(run.gnss, sigma_horizontal_m=None, sigma_vertical_m=None, sigma_velocity_m_s=None)
+        aids.append(GnssAid(bare, header.gnss_lever_arm_m, noise.sigma_horizontal_m, noise.sigma_velocity_m_s))
+    return aids
+
+
+def _sway_way(twin: TwinModel) -> float:
+    """The jitter that gives a step of a second the variance that sway gives its way (`taxi_heading._way_variance`)."""
+    v = twin.vehicle
+    w = 2.0 * np.pi * max(v.sway_hz, 1e-3)
+    fine = np.arange(-20, 20) / 20.0 + 0.025  # way over 1 s: integral of the velocity's autocorrelation, triangle weight
+    way = v.sway_m_s**2 * float(np.mean((1.0 - np.abs(fine)) * oscillator(np.abs(fine), w, v.sway_damping))) * 2.0
+    return float(np.sqrt(max(0.5 * (way - LATERAL_FLOOR_M**2), 0.0)))
+
+
+def _step_seconds(view: RunView, views: StepViews) -> NDArray:
+    """First and last row (K, 2) of the seconds that each step holds."""
+    end = view.seconds.end_s
+    return np.stack([np.searchsorted(end, views.start_s + 1e-6), np.searchsorted(end, views.end_s + 1e-6)], axis=1)
+
+
+def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, NDArray, NDArray]:
+    """Phi, Gamma (of a gyro error over the step), Q with the gyro biases appended as constants."""
+    v = steps.v_n[k]
+    east, north, down = steps.transport[k]
+    step = em.Step(
+        dt_s=float(steps.dt_s[k]), C_nb=steps.C_nb[k], v_n=v, omega_ie_n=steps.omega_ie_n[k],
+        omega_en_n=np.array([east * v[1], -north * v[0], -down * v[1]]), gravity=float(steps.gravity[k]),
+        radius_m=float(steps.radius_m[k]), turn_rad=float(steps.turn_rad[k]),
+    )  # fmt: skip
+    Phi, Gamma, Q = em.discretize(step, noise, rolling=bool(steps.rolling[k]), keep_displacement=bool(steps.keep[k]))
+    full, noise_full = np.eye(STATES), np.zeros((STATES, STATES))
+    full[: em.BASE, : em.BASE], full[: em.BASE, GYRO] = Phi, Gamma
+    noise_full[: em.BASE, : em.BASE] = Q
+    return full, full[:, GYRO] * (np.arange(STATES) < em.BASE)[:, None], noise_full
+
+
+def _row(index: NDArray, value: NDArray) -> NDArray:
+    h = np.zeros(STATES)
+    np.add.at(h, index, value)
+    return h
+
+
+def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -> tuple[NDArray, NDArray]:
+    """State and covariance at the end of the parked stretch (column 0 of the handoff is the data)."""
+    x, P = np.zeros((STATES, 1)), np.zeros((STATES, STATES))
+    _set_start(x, start.mean[:, :1])
+    x[em.KAPPA] = -twin.vehicle.crab_mrad * MILLIRADIAN
+    x[em.ODOMETER] = twin.odometer.scale_ppm * PPM
+    at = _start_states()
+    P[np.ix_(at, at)] = start.covariance[:8, :8]
+    P[em.W, em.W] = np.eye(2) * max(twin.vehicle.sway_m_s, 1e-4) ** 2
+    x[em.POS, 0] = fixes.whiten_data()[1]
+    P[em.POS, em.POS] = np.eye(2) * fixes.site_variance_m2
+    tilt = np.arccos(min(abs(float(C_nb[2, 2])), 1.0))  # of the unit on its wheels: body axes are not quite the wheels'
+    P[em.ODOMETER, em.ODOMETER] = P[em.KAPPA, em.KAPPA] = (0.5 * tilt**2) ** 2
+    P[em.LATERAL, em.LATERAL] = max(twin.vehicle.lateral_noise_m_s, 1e-3) ** 2
+    return x[:, 0], P
+
+
+def _start_states() -> list[int]:
+    """Where phi, the gyro biases and the level accelerometer biases sit."""
+    return [*range(em.THETA.start, em.THETA.stop), *range(GYRO.start, GYRO.stop), *range(em.ACCEL.start, em.ACCEL.stop)]
+
+
+def _set_start(e: NDArray, mean: NDArray) -> None:
+    e[_start_states()] = mean[:8]
+
+
+def _bias_walk(twin: TwinModel) -> NDArray:
+    """Variance per second by which the gyro biases wander: random walk and a walk that reaches the flicker in an hour."""
+    walk = np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h) * DEG_PER_HOUR / 60.0
+    out = np.zeros(STATES)
+    out[GYRO] = walk**2
+    return out

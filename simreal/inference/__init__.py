@@ -1,0 +1,1 @@
+"""Which effects explain the gap: bank of hypotheses, scoring, attribution, shrink on held-out data."""

@@ -1,0 +1,454 @@
+"""Which effects explain the gap: forward selection of single effects, refined, swept, and reported as credible sets.
+
+Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see `scoring`). The
+threshold comes from replicates of the twin's own noise on the very same runs.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import logsumexp
+
+from ins.records import TwinModel
+from simreal.effects.base import Effect
+from simreal.effects.telemetry import Trace
+from simreal.evidence.run_view import RunView
+from simreal.evidence.whitened import Evidence, ExtraNoise
+from simreal.inference.bank import Bank, Group, Hypothesis, limits
+from simreal.inference.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses, observed
+from simreal.inference.scoring import Scorer, fit
+
+MOST_EFFECTS = 6
+REPLICATES = 300
+TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn
+SWEEPS = 3
+REFINEMENTS = 3
+FINE = 9  # points of one refinement
+PAIR_CANDIDATES = 40
+MOST_MISSING = 0.99  # of a declared noise
+ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
+NO_COLUMNS = np.zeros(0, dtype=int)
+
+AnyHypothesis = Hypothesis | NoiseHypothesis
+
+
+@dataclass
+class Slot:
+    """One found effect: the chosen hypothesis with its group (refined) or its noise, its log posterior odds, and
+
+    `posterior`: probability of every hypothesis of the scan, in the order of `Attribution.hypotheses`.
+    """
+
+    hypothesis: AnyHypothesis
+    group: Group | None = None
+    extra: ExtraNoise | None = None
+    log_odds: float = 0.0
+    posterior: NDArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def columns(self) -> NDArray:
+        return NO_COLUMNS if self.group is None else self.group.columns
+
+
+def columns_of(slots: Iterable[Slot]) -> NDArray:
+    """The bank's columns of slots, in their order."""
+    return np.concatenate([NO_COLUMNS, *(s.columns for s in slots)])
+
+
+@dataclass
+class Attribution:
+    """The slots, the state they were judged in, and the null threshold."""
+
+    slots: list[Slot]
+    evidence: Evidence
+    bank: Bank
+    squares: Squares
+    hypotheses: list[AnyHypothesis]
+    threshold: float
+    log_odds_before: NDArray
+    replicate_max: NDArray
+    plain_evidence: Evidence
+    plain_squares: Squares
+    plain_residual: NDArray
+    replicate_z: NDArray
+    replicate_ratio: NDArray
+    not_testable: list[tuple[str, str, str]]
+
+    @property
+    def columns(self) -> NDArray:
+        return columns_of(self.slots)
+
+    def residual(self) -> NDArray:
+        """Whitened rows less what the slots explain."""
+        columns = self.columns
+        if not columns.size:
+            return self.evidence.z
+        coefficients, _ = fit(self.bank, columns)
+        return self.evidence.z - self.bank.signature(columns, coefficients)
+
+
+class Attributor:
+    """The search over one set of runs under one twin."""
+
+    def __init__(
+        self, views: Sequence[RunView], twin: TwinModel, effects: Sequence[Effect], *, alpha: float,
+        rng: np.random.Generator, replicates: int = REPLICATES, extra: Sequence[ExtraNoise] = (),
+        known: Sequence[Trace | None] | None = None,
+    ) -> None:  # fmt: skip
+        self.views, self.twin, self.effects = views, twin, effects
+        self._extra, self._known = tuple(extra), known  # what the twin lists already
+        self._set(self._under(()))
+        self.plain, self.plain_squares, self.not_testable = self.evidence, self.squares, list(self.bank.not_testable)
+        self._replicates(rng, replicates)
+        self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
+        self.slots: list[Slot] = []
+
+    def _set(self, evidence: Evidence) -> None:
+        """A new noise model: everything is whitened again, found columns included."""
+        self.evidence, self.bank = evidence, Bank(evidence, self.effects)
+        self.scorer, self.squares = Scorer(self.bank), Squares(evidence)
+        self.noises = noise_hypotheses(evidence, self.squares, self.effects)
+        self.hypotheses: list[AnyHypothesis] = [*self.bank.hypotheses, *self.noises]
+
+    def _under(self, noise: Sequence[ExtraNoise]) -> Evidence:
+        """The evidence under the twin with more noise."""
+        return Evidence(self.views, self.twin, (*self._extra, *noise), self._known)
+
+    def _replicates(self, rng: np.random.Generator, count: int) -> None:
+        self.replicate_z = rng.standard_normal((self.evidence.size, count))
+        lp, _ = self.scorer.log_posterior(NO_COLUMNS, self.bank.replicate_scores(self.replicate_z))
+        self.replicate_ratio = self.squares.ratio(self.replicate_z, rng)
+        noise = [self._noise_odds(h, self.replicate_ratio, self.replicate_z) for h in self.noises]
+        self.replicate_max = np.max(np.vstack([lp, *noise]), axis=0)
+
+    def _noise_odds(self, hypothesis: NoiseHypothesis, ratio: NDArray, z: NDArray) -> NDArray:
+        scores, _ = log_bf(hypothesis, self.squares, ratio, z)
+        return np.asarray(logsumexp(scores, axis=0) - np.log(len(scores)) + hypothesis.log_prior)
+
+    def explain(self) -> Attribution:
+        """Forward selection, sweeps, pruning."""
+        first = self._odds([])[0]
+        self._forward()
+        self._noise_instead()
+        self._finish()
+        return Attribution(
+            self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max,
+            self.plain, self.plain_squares, self._plain_residual(), self.replicate_z, self.replicate_ratio,
+            self.not_testable,
+        )  # fmt: skip
+
+    def _forward(self, *, pairs: bool = True) -> float:
+        """Add effects until none reaches the threshold; the evidence gained, less what each slot costs."""
+        total = 0.0
+        while self._room():
+            found = self._best(self.slots, pairs=pairs)
+            if found is None:
+                break
+            total += found.log_odds - self.threshold
+            self._enter(len(self.slots), found)
+            for _ in range(SWEEPS):
+                if not self._sweep():
+                    break
+        self.gained = total
+        return total
+
+    def _room(self) -> bool:
+        """Noise has as many places of its own: a unit of another grade needs one on each channel."""
+        noise = sum(s.extra is not None for s in self.slots)
+        return noise < MOST_EFFECTS and len(self.slots) - noise < MOST_EFFECTS
+
+    def _noise_instead(self) -> None:
+        """A slow noise beside named effects on one channel: would the noise alone have done?
+
+        A drifting path can be drawn by two smooth named effects; the noise found after them is then too small to tell.
+        """
+        slow = [s for s in self.slots if s.hypothesis.name == "slow_variation"]
+        channels = {s.hypothesis.target for s in slow}
+        if not any(s.extra is None and s.hypothesis.target in channels for s in self.slots):
+            return
+        kept, gained = list(self.slots), self.gained
+        self.slots = []
+        self._set(self._under(()))
+        odds, _ = self._odds([])
+        noise = [k for k, h in enumerate(self.noises) if h.name == "slow_variation" and h.target in channels]
+        first = len(self.bank.hypotheses)
+        best = max(noise, key=lambda k: odds[first + k])
+        slot = self._noise_slot(self.noises[best], float(odds[first + best]))
+        slot.posterior = np.exp(odds - logsumexp(odds))
+        self._enter(0, slot)
+        total = slot.log_odds - self.threshold + self._forward(pairs=False)
+        if total >= gained:
+            return
+        self.slots = []
+        self._set(self._under([s.extra for s in kept if s.extra is not None]))
+        for s in kept:
+            if s.group is not None:
+                self._restore(s)
+        self.slots = kept
+
+    def _plain_residual(self) -> NDArray:
+        """Rows under the twin's own noise less the named effects, for judging noise."""
+        out, columns = self.plain.z.copy(), columns_of(self.slots)
+        if not columns.size:
+            return out
+        beta, _ = fit(self.bank, columns)
+        for r, run in enumerate(self.plain.runs):
+            traces = [self.bank.traces_of(int(c), r) for c in columns]
+            here = np.array([t is not None for t in traces])
+            out[self.plain.rows_of(r)] -= run.whiten([t for t in traces if t is not None]) @ beta[here]
+        return out
+
+    def _odds(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
+        """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of all groups."""
+        columns = columns_of(others)
+        lp, groups = self.scorer.log_posterior(columns, self.bank.score[:, None])
+        z = self.evidence.z
+        if columns.size:
+            z = z - self.bank.signature(columns, fit(self.bank, columns)[0])
+        ratio = self.squares.ratio(z[:, None])
+        noise = [float(self._noise_odds(h, ratio, z[:, None])[0]) for h in self.noises]
+        taken = {s.hypothesis.key for s in others if s.extra is not None}
+        noise = [-np.inf if h.key in taken else v for h, v in zip(self.noises, noise)]
+        self._ratio, self._z = ratio, z[:, None]
+        return np.concatenate([lp[:, 0], noise]), groups[:, 0]
+
+    def _best(self, others: Sequence[Slot], *, pairs: bool = True) -> Slot | None:
+        """The best new effect given others, refined; None where nothing reaches the threshold."""
+        odds, groups = self._odds(others)
+        best = int(np.argmax(odds))
+        if odds[best] < self.threshold:
+            return None
+        known = len(self.bank.hypotheses)
+        events = np.array([h.run is not None for h in self.bank.hypotheses])
+        event = int(np.argmax(np.where(events, odds[:known], -np.inf)))
+        if best >= known and events[event] and odds[event] > self.threshold:
+            self._slot(event, odds, groups, others)  # a sharp event off its grid looks like noise: refine it first
+            odds, groups = self._odds(others)
+            best = int(np.argmax(odds))
+        slot = self._slot(best, odds, groups, others)
+        hypothesis = slot.hypothesis
+        generic = not hypothesis.named or hypothesis.name == "slow_variation"
+        if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
+            pair = self._pair(slot, others)
+            if pair is not None:
+                return pair
+        return slot
+
+    def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
+        if number >= len(self.bank.hypotheses):
+            slot = self._noise_slot(self.noises[number - len(self.bank.hypotheses)], float(odds[number]))
+            slot.posterior = np.exp(odds - logsumexp(odds))  # as it is before its own noise is in
+            return slot
+        hypothesis = self.bank.hypotheses[number]
+        mine = self.scorer.groups_of(number)
+        group = hypothesis.groups[int(np.argmax(groups[mine]))]
+        slot = Slot(hypothesis, self._refined(hypothesis, group, others), None, float(odds[number]))
+        return self._at_onset(slot, others)
+
+    def _at_onset(self, slot: Slot, others: Sequence[Slot]) -> Slot:
+        """The other events of this run at the onset found: a scan in steps of minutes misses what lasts seconds."""
+        assert slot.group is not None
+        onset = slot.group.shape.get("onset_s")
+        if onset is None:
+            return slot
+        best, numbers = slot, []
+        for number, h in enumerate(self.bank.hypotheses):
+            if h.effect is None or h.run != slot.hypothesis.run or h is slot.hypothesis:
+                continue
+            if any(p.name == "onset_s" for p in h.effect.shape):
+                near = min(h.groups, key=lambda g: abs(g.shape["onset_s"] - onset))
+                shapes = [{**near.shape, "onset_s": onset + d} for d in ONSET_OFFSETS_S]
+                columns = columns_of(others)
+                groups = self.bank.append(h.effect, h.target, shapes, h.run)
+                fits = Scorer(self.bank, [replace(h, groups=groups)]).groups_log_bf(columns, self.bank.score[:, None])[:, 0]
+                h.refine(groups[int(np.argmax(fits))])
+                numbers.append(number)
+        if not numbers:
+            return slot
+        self.scorer = Scorer(self.bank)
+        odds, groups_bf = self._odds(others)
+        number = max(numbers, key=lambda k: odds[k])
+        own = next(k for k, h in enumerate(self.bank.hypotheses) if h is slot.hypothesis)
+        if odds[number] > odds[own]:
+            h = self.bank.hypotheses[number]
+            group = h.groups[int(np.argmax(groups_bf[self.scorer.groups_of(number)]))]
+            best = Slot(h, self._refined(h, group, others), None, float(odds[number]))
+        return best
+
+    def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
+        scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
+        at = int(np.argmax(scores[:, 0]))
+        square = _refined_level(float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z))
+        if square < 0:
+            square = max(square, -MOST_MISSING * hypothesis.declared)
+        extra = ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run)
+        return Slot(hypothesis, None, extra, odds)
+
+    def _refined(self, hypothesis: Hypothesis, group: Group, others: Sequence[Slot]) -> Group:
+        """Continuous shape parameters: finer and finer grids about the best, one parameter at a time."""
+        effect = hypothesis.effect
+        if effect is None or not effect.shape:
+            return group
+        run = None if hypothesis.run is None else self.bank.telemetry[hypothesis.run]
+        columns = columns_of(others)
+        shape, best = dict(group.shape), group
+        for parameter in effect.shape:
+            low, high = limits(parameter, run)
+            if parameter.steps < 2 or high <= low:
+                continue
+            log = parameter.spread == "log"
+            width = (np.log(high / low) if log else high - low) / (parameter.steps - 1)
+            for _ in range(REFINEMENTS):
+                offsets = width * np.linspace(-1.0, 1.0, FINE)
+                centre = shape[parameter.name]
+                tried = centre * np.exp(offsets) if log else centre + offsets
+                tried = np.unique(np.clip(tried, low, high))
+                shapes = [{**shape, parameter.name: float(v)} for v in tried]
+                groups = self.bank.append(effect, hypothesis.target, shapes, hypothesis.run)
+                scorer = Scorer(self.bank, [replace(hypothesis, groups=groups)])
+                fits = scorer.groups_log_bf(columns, self.bank.score[:, None])[:, 0]
+                best = groups[int(np.argmax(fits))]
+                shape, width = dict(best.shape), width / 4.0
+        entered = hypothesis.refine(best)
+        self.scorer = Scorer(self.bank)
+        return entered
+
+    def _pair(self, single: Slot, others: Sequence[Slot]) -> Slot | None:
+        """Two named effects on the channel of a generic answer, where together they explain it better.
+
+        The better of them is returned; the other is found in the next round.
+        """
+        target = single.hypothesis.target
+        on_channel = [k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target]
+        if not on_channel:
+            return None
+        base = columns_of(others)
+        mine = Scorer(self.bank, [self.bank.hypotheses[k] for k in on_channel])
+        _, groups = mine.log_posterior(base, self.bank.score[:, None])
+        order = np.argsort(-groups[:, 0])[:PAIR_CANDIDATES]
+        best, chosen = single.log_odds + self.threshold, None  # two slots cost more than one
+        for k in order:
+            group = mine.groups[k]
+            hypothesis = mine.hypotheses[mine.owner[k]]
+            rest, _ = mine.log_posterior(np.concatenate([base, group.columns]), self.bank.score[:, None])
+            rest[mine.owner[k]] = -np.inf
+            total = groups[k, 0] + group.log_weight + hypothesis.log_prior + float(rest[:, 0].max())
+            if float(rest[:, 0].max()) > self.threshold and total > best:
+                best, chosen = total, (hypothesis, group)
+        if chosen is None:
+            return None
+        return Slot(chosen[0], self._refined(*chosen, others), None, single.log_odds)
+
+    def _enter(self, place: int, slot: Slot) -> None:
+        """Put a slot in its place; noise changes the whitening, and all columns are made anew."""
+        before = [s.extra for s in self.slots if s.extra is not None]
+        if place < len(self.slots):
+            self.slots[place] = slot
+        else:
+            self.slots.append(slot)
+        after = [s.extra for s in self.slots if s.extra is not None]
+        if [id(e) for e in before] != [id(e) for e in after]:
+            self._set(self._under(after))
+            for s in self.slots:
+                if s.group is not None:
+                    self._restore(s)
+
+    def _restore(self, slot: Slot) -> None:
+        """The slot's hypothesis and columns in a new bank."""
+        old = slot.hypothesis
+        found = next(h for h in self.bank.hypotheses if h.key == old.key)
+        slot.hypothesis = found
+        assert slot.group is not None
+        if found.effect is not None:
+            slot.group = found.refine(self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0])
+            self.scorer = Scorer(self.bank)
+        else:
+            slot.group = next(g for g in found.groups if g.shape == slot.group.shape)
+
+    def _sweep(self) -> bool:
+        """Judge each slot again given the others; True where one changed."""
+        changed = False
+        for place in range(len(self.slots)):
+            slot = self.slots[place]
+            if slot.extra is not None or len(self.slots) < 2:
+                continue
+            others = [s for k, s in enumerate(self.slots) if k != place]
+            odds, groups = self._odds(others)
+            best = int(np.argmax(odds[: len(self.bank.hypotheses)]))
+            hypothesis = self.bank.hypotheses[best]
+            if hypothesis.key == slot.hypothesis.key:
+                slot.group = self._refined(hypothesis, self._start(best, groups), others)
+                continue
+            self.slots[place] = self._slot(best, odds, groups, others)
+            changed = True
+        return changed
+
+    def _start(self, number: int, groups: NDArray) -> Group:
+        mine = self.scorer.groups_of(number)
+        return self.bank.hypotheses[number].groups[int(np.argmax(groups[mine]))]
+
+    def _finish(self) -> None:
+        """Drop slots that no longer earn their place; the posterior of each given the others."""
+        place = 0
+        while place < len(self.slots):
+            slot = self.slots[place]
+            others = [s for k, s in enumerate(self.slots) if k != place]
+            if slot.extra is None:
+                odds, groups = self._odds(others)
+                likelier = self._likelier_name(slot, odds)
+                if likelier is not None:
+                    slot = self.slots[place] = self._slot(likelier, odds, groups, others)
+                    odds, _ = self._odds(others)
+                own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
+                slot.log_odds = float(odds[own])
+                if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
+                    del self.slots[place]
+                    continue
+                slot.posterior = np.exp(odds - logsumexp(odds))
+            place += 1
+
+    def _likelier_name(self, slot: Slot, odds: NDArray) -> int | None:
+        """The best hypothesis of the name whose parts are together likelier than the slot's own name; None: it is that."""
+        names: dict[tuple[str, str], list[int]] = {}
+        for number, h in enumerate(self.bank.hypotheses):
+            names.setdefault((h.name, h.target), []).append(number)
+        together = {key: float(logsumexp(odds[numbers])) for key, numbers in names.items()}
+        best = max(together, key=lambda key: together[key])
+        if together[best] <= together[slot.hypothesis.name, slot.hypothesis.target]:
+            return None
+        return max(names[best], key=lambda number: odds[number])
+
+
+def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> float:
+    """The coefficient squared of most likelihood, between its neighbours of the scan."""
+    from scipy.optimize import minimize_scalar
+
+    y = ratio[:, 0]
+
+    def loss(factor: float) -> float:
+        s = np.maximum(1.0 + factor * square * a, 1e-3)
+        return -float(np.sum(0.5 * n * (y * (1.0 - 1.0 / s) - np.log(s))))
+
+    high = 4.0 if square > 0 else min(4.0, 0.99 / (-square * float(a.max())))
+    found = minimize_scalar(loss, bounds=(0.25, high), method="bounded", options={"xatol": 1e-3})
+    return float(found.x) * square
+
+
+def tail_quantile(values: NDArray, level: float) -> float:
+    """The value that maxima exceed with probability `level`: exponential tail through the upper TAIL of replicates."""
+    start = float(np.quantile(values, 1.0 - TAIL))
+    beyond = values[values > start] - start
+    if level >= TAIL or not beyond.size:
+        return float(np.quantile(values, 1.0 - level))
+    return start + float(beyond.mean()) * float(np.log(TAIL / level))
+
+
+def tail_probability(values: NDArray, seen: float) -> float:
+    """Probability that a replicate reaches what was seen, by the same tail."""
+    start = float(np.quantile(values, 1.0 - TAIL))
+    beyond = values[values > start] - start
+    if seen <= start or not beyond.size:
+        return float((1 + np.sum(values >= seen)) / (1 + values.size))
+    return TAIL * float(np.exp(-(seen - start) / beyond.mean()))

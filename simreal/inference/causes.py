@@ -1,0 +1,266 @@
+"""A found effect in words and numbers: probability, what it cannot be told from, coefficients with sigma and usual size."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ins.units import DEG_PER_HOUR, MICRO_G
+from simreal.effects.base import GYROS, Effect
+from simreal.inference.addback import Shrink
+from simreal.inference.attribute import Attribution, Slot, columns_of
+from simreal.inference.bank import Hypothesis, unit_scale
+from simreal.inference.noise_hypotheses import NoiseHypothesis
+from simreal.inference.scoring import Scorer, condition, fit
+
+CREDIBLE = 0.95
+SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
+UNLISTED = ("unknown", "")
+OUTSIDE, ROOM_SIGMA = 0.15, 25.0
+UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}  # of free functions of motion
+LEAST = 0.01  # probability below which an answer is not listed
+ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
+
+
+@dataclass(frozen=True)
+class Value:
+    """A parameter with its sigma (NaN: not estimated), unit and usual range (None: no such thing)."""
+
+    value: float
+    sigma: float
+    unit: str
+    usual: tuple[float, float] | None = None
+
+    @property
+    def unusual(self) -> bool:
+        """Larger than such an effect is as a rule."""
+        return self.usual is not None and abs(self.value) > ABSURD * self.usual[1]
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another answer: its probability in this slot and how alike its signature is (|cos|, NaN: noise)."""
+
+    effect: str
+    target: str
+    probability: float
+    cosine: float
+
+
+@dataclass(frozen=True)
+class Cause:
+    """One found effect.
+
+    probability: of this name on this target. rivals: the rest of the 95 % credible set and what cannot be told apart.
+    run_id: of an event. size: norm of the whitened effect. rms: of the effect per channel while parked, SI.
+    id: which of the effects of that name. nodes, values: of a free function.
+    """
+
+    effect: str
+    target: str
+    id: str
+    probability: float
+    rivals: tuple[Rival, ...]
+    parameters: Mapping[str, Value]
+    run_id: str | None
+    size: float
+    shrink: Shrink | None = None
+    named: bool = True
+    nodes: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+    rms: Mapping[str, float] = field(default_factory=dict)
+    class_: str = "R"
+
+    @property
+    def resolved(self) -> bool:
+        return self.probability >= CREDIBLE * (1.0 - unlisted(self.size)) or not self.rivals
+
+
+def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Cause:
+    """The slot as a cause."""
+    slot = attribution.slots[number]
+    h = slot.hypothesis
+    shares = shares_of(attribution, slot)
+    probability = shares.get((h.name, h.target), 0.0)
+    views = attribution.evidence.views
+    run_id = None if h.run is None else views[h.run].name
+    effect = h.effect
+    parameters, nodes, values = _parameters(attribution, slot)
+    return Cause(
+        effect=h.name, target=h.target, id=h.name if effect is None else effect.id, probability=probability,
+        rivals=_rivals(attribution, slot, shares), parameters=parameters, run_id=run_id, size=_size(attribution, slot),
+        shrink=shrink, named=effect is not None, nodes=nodes, values=values, rms=_rms(attribution, slot),
+        class_="R" if effect is None else effect.repeats,
+    )  # fmt: skip
+
+
+def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
+    """Posterior by name and target, largest first."""
+    shares: dict[tuple[str, str], float] = {}
+    for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
+        key = hypothesis.name, hypothesis.target
+        shares[key] = shares.get(key, 0.0) + float(p)
+    alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))  # what it adds to the others: two may cancel
+    shares = {key: (1.0 - alien) * p for key, p in shares.items()}
+    shares[UNLISTED] = alien
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+def unlisted(size: float) -> float:
+    """Probability that the cause is none of the catalogue's and only looks like one of them.
+
+    No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many sigmas leaves less room for a
+    look-alike, whose difference would show.
+    """
+    return OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
+
+
+def _rivals(attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], float]) -> tuple[Rival, ...]:
+    own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
+    cosines = _cosines(attribution, slot)
+    total = shares.get(own, 0.0) + shares.get(UNLISTED, 0.0)
+    for key, p in shares.items():
+        if key in (own, UNLISTED):
+            continue
+        cosine = cosines.get(key, float("nan"))
+        if total < CREDIBLE and p > LEAST:
+            out.append(Rival(*key, p, cosine))
+            total += p
+        elif cosine > SAME_COSINE and not key[0].startswith("unknown"):
+            out.append(Rival(*key, p, cosine))
+    return tuple(out)
+
+
+def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
+    """Largest |cos| of the slot's fitted signature with each other hypothesis's span, the other slots projected out."""
+    if slot.group is None:
+        return {}
+    bank = attribution.bank
+    others = columns_of(s for s in attribution.slots if s is not slot)
+    gram, score = condition(bank.gram, bank.score[:, None], others)
+    own = slot.columns
+    beta = np.linalg.pinv(gram[np.ix_(own, own)], hermitian=True) @ score[own, 0]
+    norm = float(beta @ gram[np.ix_(own, own)] @ beta)
+    out: dict[tuple[str, str], float] = {}
+    for h in bank.hypotheses:
+        for group in h.groups:
+            c = group.columns
+            if c.size > own.size:  # a wider effect holds many others; its probability says whether it is one
+                continue
+            cross = gram[np.ix_(c, own)] @ beta
+            G = gram[np.ix_(c, c)]
+            if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
+                continue
+            scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
+            inner = (cross * scale) @ np.linalg.pinv(G * np.outer(scale, scale), rcond=1e-6, hermitian=True) @ (cross * scale)
+            key = h.name, h.target
+            out[key] = max(out.get(key, 0.0), float(np.sqrt(np.clip(inner / norm, 0.0, 1.0))))
+    return out
+
+
+def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value], tuple[float, ...], tuple[float, ...]]:
+    h = slot.hypothesis
+    if isinstance(h, NoiseHypothesis):
+        return _noise_parameters(attribution, slot), (), ()
+    columns = attribution.columns
+    beta, covariance = fit(attribution.bank, columns)
+    at = np.flatnonzero(np.isin(columns, slot.columns))
+    value, sigma = beta[at], np.sqrt(np.maximum(np.diag(covariance)[at], 0.0))
+    if h.effect is None:
+        assert slot.group is not None and h.generic is not None
+        unit, si = UNITS.get(h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G))
+        values = tuple(float(v) / si for v in value)
+        nodes = attribution.bank.generic_of(h, slot.group).nodes
+        return {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)}, nodes, values
+    scale = unit_scale(h.effect, h.target, attribution.evidence)
+    out = {}
+    for k, c in enumerate(h.effect.coefficients):
+        usual = (scale * c.low, scale * c.high)
+        if h.effect.repeats == "P":
+            for r, view in enumerate(attribution.evidence.views):
+                out[f"{c.name}[{view.name}]"] = Value(float(value[r]), float(sigma[r]), c.unit, usual)
+        else:
+            out[c.name] = Value(float(value[k]), float(sigma[k]), c.unit, usual)
+    assert slot.group is not None
+    for p in h.effect.shape:
+        v = float(slot.group.shape[p.name])
+        out[p.name] = Value(v, _shape_sigma(attribution, slot, h.effect, p.name), p.unit)
+    return out, (), ()
+
+
+def _shape_sigma(attribution: Attribution, slot: Slot, effect: Effect, name: str) -> float:
+    """From the curvature of the fit about its best: three points, two of them a few per cent away."""
+    assert isinstance(slot.hypothesis, Hypothesis) and slot.group is not None
+    bank, h = attribution.bank, slot.hypothesis
+    centre = float(slot.group.shape[name])
+    of_time = next(p for p in effect.shape if p.name == name).of_time
+    step = 15.0 if of_time else 0.05 * abs(centre)
+    if step <= 0:
+        return float("nan")
+    shapes = [{**slot.group.shape, name: centre + k * step} for k in (-1, 0, 1)]
+    groups = bank.append(effect, h.target, shapes, h.run)
+    others = columns_of(s for s in attribution.slots if s is not slot)
+    scorer = Scorer(bank, [Hypothesis(h.name, h.target, effect, run=h.run, groups=groups)])
+    f = scorer.groups_log_bf(others, bank.score[:, None])[:, 0]
+    curvature = (2.0 * f[1] - f[0] - f[2]) / step**2
+    return float(1.0 / np.sqrt(curvature)) if curvature > 0 else float("nan")
+
+
+def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, Value]:
+    h, extra = slot.hypothesis, slot.extra
+    assert isinstance(h, NoiseHypothesis) and extra is not None
+    squares = attribution.plain_squares
+    at = h.shapes.index(dict(extra.shape)) if dict(extra.shape) in h.shapes else 0
+    term = h.terms[at]
+    s = 1.0 + extra.square * term.factor
+    information = float(np.sum(0.5 * squares.dof[term.index] * (term.factor / s) ** 2)) if term.index.size else 0.0
+    value = float(np.sign(extra.square) * np.sqrt(abs(extra.square)))
+    sigma = 0.5 / max(abs(value), 1e-30) / np.sqrt(information) if information > 0 else float("nan")
+    c = h.effect.coefficients[-1]
+    scale = unit_scale(h.effect, h.target, attribution.evidence)
+    out = {c.name: Value(value, float(sigma), c.unit, (scale * c.low, scale * c.high))}
+    for p in h.effect.shape:
+        out[p.name] = Value(float(extra.shape[p.name]), float("nan"), p.unit)
+    return out
+
+
+def _size(attribution: Attribution, slot: Slot) -> float:
+    """Norm of the whitened effect as fitted; for noise that of equal information."""
+    if slot.group is None:
+        return float(np.sqrt(2.0 * max(slot.log_odds, 0.0)))
+    columns = attribution.columns
+    beta, _ = fit(attribution.bank, columns)
+    at = np.isin(columns, slot.columns)
+    G = attribution.bank.gram[np.ix_(slot.columns, slot.columns)]
+    return float(np.sqrt(max(beta[at] @ G @ beta[at], 0.0)))
+
+
+def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
+    """RMS of the effect on the gyros [rad/s] and accelerometers [m/s^2] over all parked seconds, where it is not zero."""
+    if slot.group is None:
+        return {}
+    columns = attribution.columns
+    beta, _ = fit(attribution.bank, columns)
+    total = np.zeros((6,))
+    count = 0
+    for r, view in enumerate(attribution.evidence.views):
+        series = np.zeros((view.telemetry.n, 6))
+        for c in slot.columns:
+            trace = attribution.bank.traces_of(int(c), r)
+            value = beta[int(np.flatnonzero(columns == c)[0])]
+            if trace is not None and trace.gyro_rad_s is not None:
+                series[:, :3] += value * trace.gyro_rad_s
+            if trace is not None and trace.accel_m_s2 is not None:
+                series[:, 3:] += value * trace.accel_m_s2
+        parked = view.telemetry.parked
+        total += np.sum(series[parked] ** 2, axis=0)
+        count += int(parked.sum())
+    names = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+    rms = np.sqrt(total / max(count, 1))
+    return {n: float(v) for n, v in zip(names, rms) if v > 0}
+
+
+def posterior_bars(attribution: Attribution, slot: Slot, most: int = 8) -> list[tuple[str, str, float]]:
+    """The most probable answers of a slot."""
+    shares = shares_of(attribution, slot)
+    return [(name, target, p) for (name, target), p in list(shares.items())[:most]]

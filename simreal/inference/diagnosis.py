@@ -1,0 +1,352 @@
+"""diagnose(runs, twin): where simulator and logs disagree, which effect causes it, how far the gap shrinks with it.
+
+runs -> views -> whitened evidence -> cells -> attribution -> what is left -> shrink on held-out data -> twin with effects
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.table.thermal_table import ThermalTable
+from ins.records import InputError, Run, TwinModel
+from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
+from simreal.effects.base import Effect
+from simreal.effects.catalogue import catalogue
+from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
+from simreal.evidence.run_view import RunView, view_run
+from simreal.evidence.whitened import CHANNELS, Evidence, ExtraNoise
+from simreal.inference.addback import HeldOut, shrink_of
+from simreal.inference.attribute import Attribution, Attributor, Slot, tail_probability
+from simreal.inference.bank import silent
+from simreal.inference.causes import Cause, cause_of, posterior_bars
+from simreal.inference.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
+from simreal.inference.noise_hypotheses import NoiseHypothesis, Squares, term_of
+from simreal.inference.scoring import fit
+
+DEFAULT_ALPHA = 0.01
+MOST_PLACES = 8
+SPAN = (0.05, 0.95)  # of the energy, for the stretch of time and temperature that a place names
+LEAST_SHARE = 0.02
+PHASES = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a part of the gap lies; share of the total excess. temperature: None where there is none."""
+
+    channel: str
+    phase: str
+    temperature_degC: tuple[float, float] | None
+    frequency_hz: tuple[float, float]
+    time_s: tuple[float, float]
+    share: float
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """Everything that the document and the report say; they compute nothing.
+
+    score, score_after: mean squared normalised residual in the located cells (all, if none), floor the twin's own.
+    bars: the most probable answers of each cause. cells: before; cells_after. unused: runs that could not be looked at.
+    """
+
+    verdict: str
+    sentence: str
+    score: float
+    floor: float
+    p_value: float
+    score_after: float
+    p_value_after: float
+    where: tuple[Place, ...]
+    causes: tuple[Cause, ...]
+    bars: tuple[tuple[tuple[str, str, float], ...], ...]
+    left_present: bool
+    left_share: float
+    looks_like: str
+    not_testable: tuple[tuple[str, str, str], ...]
+    cells: CellTable
+    cells_after: CellTable
+    views: tuple[RunView, ...]
+    unused: tuple[tuple[str, str], ...]
+    twin: TwinModel
+    alpha: float
+    threshold: float
+    replicates: int
+    attribution: Attribution
+    notes: tuple[str, ...] = field(default=())
+
+
+def diagnose(
+    runs: Sequence[Run], twin: TwinModel, table: ThermalTable | None, *, alpha: float = DEFAULT_ALPHA, seed: int = 0,
+    effects: Sequence[Effect] | None = None, table_sha256: str = "", hold_out: Sequence[str] = (), replicates: int = 300,
+) -> Diagnosis:  # fmt: skip
+    """The sim-to-real gap of runs of one unit.
+
+    Parameters
+    ----------
+    runs : power-on sessions of the twin's unit. table : the twin's, exact; None: it has none.
+    alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is left".
+    effects : the catalogue to choose from. hold_out : run ids that only judge the shrink.
+
+    Raises InputError where a run is of another unit, no run can be looked at, or a run to hold out is not among them.
+    """
+    rng = np.random.default_rng(seed)
+    views, unused = _views(runs, twin, table, table_sha256)
+    chosen = catalogue() if effects is None else tuple(effects)
+    views, held = _split(views, hold_out)
+    listed = parse_effects(twin)
+    known = [twin_traces(listed, v.telemetry, v.name) if listed else None for v in [*views, *held]]
+    extra = [e for k, v in enumerate(views) for e in _listed_noise(listed, v.name, k)]
+    attribution = Attributor(
+        views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates, extra=extra, known=known[: len(views)]
+    ).explain()
+    apart = HeldOut(attribution, [*views, *held], len(views), known) if held else None
+    return _diagnosed(attribution, [*views, *held], unused, twin, alpha, replicates, apart)
+
+
+def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
+    """Noise that the twin lists: what is in every run once, with the first; events with their own."""
+    always = twin_extra_noise([item for item in listed if not item.run_id]) if number == 0 else []
+    events = twin_extra_noise([item for item in listed if item.run_id == run_id])
+    return [*always, *(replace(e, run=number) for e in events)]
+
+
+def _split(views: Sequence[RunView], hold_out: Sequence[str]) -> tuple[list[RunView], list[RunView]]:
+    """Runs to attribute on, numbered anew, and those held out."""
+    if strangers := [name for name in hold_out if name not in {v.name for v in views}]:
+        raise InputError(f"hold out {strangers[0]!r}: not among the runs ({', '.join(v.name for v in views)})")
+    kept = [v for v in views if v.name not in hold_out]
+    if not kept:
+        raise InputError("hold out: no run is left to diagnose")
+    ordered = [*kept, *(v for v in views if v.name in hold_out)]
+    numbered = [replace(v, telemetry=replace(v.telemetry, run_index=k)) for k, v in enumerate(ordered)]
+    return numbered[: len(kept)], numbered[len(kept) :]
+
+
+def _views(
+    runs: Sequence[Run], twin: TwinModel, table: ThermalTable | None, table_sha256: str
+) -> tuple[list[RunView], list[tuple[str, str]]]:
+    views: list[RunView] = []
+    unused: list[tuple[str, str]] = []
+    for run in runs:
+        header = run.header
+        if twin.imu_serial and header.imu_serial != twin.imu_serial:
+            raise InputError(f"run {header.run_id}: imu_serial {header.imu_serial}, the twin is of {twin.imu_serial}")
+        if header.gyro_technology != twin.gyro_technology:
+            raise InputError(
+                f"run {header.run_id}: gyro_technology {header.gyro_technology}, the twin is {twin.gyro_technology}"
+            )
+        view = view_run(run, len(views), table, twin, table_sha256=table_sha256)
+        if isinstance(view, str):
+            unused.append((header.run_id, view))
+        else:
+            views.append(view)
+    if not views:
+        raise InputError("; ".join(f"run {name}: {why}" for name, why in unused))
+    return views, unused
+
+
+def _diagnosed(
+    attribution: Attribution, views: Sequence[RunView], unused: Sequence[tuple[str, str]], twin: TwinModel, alpha: float,
+    replicates: int, apart: HeldOut | None = None,
+) -> Diagnosis:  # fmt: skip
+    evidence, squares = attribution.plain_evidence, attribution.plain_squares
+    cells = cells_of(evidence, squares)
+    _, _, null = measure_cells(cells, squares.dof, attribution.replicate_ratio)
+    threshold = float(np.quantile(null.max(axis=0), 1.0 - 0.5 * alpha))
+    ratio = squares.ratio(evidence.z[:, None])[:, 0]
+    before = locate(cells, squares, ratio, threshold)
+    leftover = Leftover(evidence, cells, squares)
+    statistics = leftover.statistics(attribution.replicate_z, attribution.replicate_ratio)
+    p_before, _ = leftover.judge(evidence.z, ratio, statistics)
+    residual = attribution.residual()  # under the noise that was found
+    after_squares = attribution.squares
+    ratio_after = after_squares.ratio(residual[:, None])[:, 0]
+    after = locate(cells, after_squares, ratio_after, threshold)
+    p_after, looks_like = leftover.judge(residual, ratio_after, statistics)
+    causes = tuple(cause_of(attribution, k, shrink_of(attribution, k, apart)) for k in range(len(attribution.slots)))
+    bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
+    p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
+    present = p_after < 0.5 * alpha
+    where, marked = _places(attribution, before, after)
+    inside = marked if marked.any() else np.ones(len(cells), bool)
+    verdict = _verdict(causes, present)
+    order = np.argsort([-c.probability for c in causes], kind="stable")
+    return Diagnosis(
+        verdict=verdict, sentence=_sentence(verdict, causes, where, looks_like if present else ""),
+        score=_score(before, inside),
+        floor=_floor(cells, squares, attribution, inside), p_value=min(2.0 * min(p_max, p_before), 1.0),
+        score_after=_score(after, inside), p_value_after=p_after, where=where,
+        causes=tuple(causes[k] for k in order), bars=tuple(bars[k] for k in order), left_present=bool(present),
+        left_share=_left_share(before, after), looks_like=looks_like if present else "",
+        not_testable=_not_testable(attribution), cells=before, cells_after=after, views=tuple(views),
+        unused=tuple(unused), twin=twin, alpha=alpha, threshold=attribution.threshold, replicates=replicates,
+        attribution=attribution, notes=tuple(f"{v.name}: {n}" for v in views for n in v.notes),
+    )  # fmt: skip
+
+
+def _score(table: CellTable, inside: NDArray) -> float:
+    return float((table.rho * table.dof)[inside].sum() / table.dof[inside].sum())
+
+
+def _floor(cells: Sequence[Cell], squares: Squares, attribution: Attribution, inside: NDArray) -> float:
+    rho, n, _ = measure_cells(cells, squares.dof, attribution.replicate_ratio)
+    return float(((rho * n[:, None])[inside].sum(axis=0) / n[inside].sum()).mean())
+
+
+def _left_share(before: CellTable, after: CellTable) -> float:
+    """Excess information left, of what there was."""
+    total = float(np.maximum(before.nats, 0.0).sum())
+    return float(np.clip(np.maximum(after.nats, 0.0).sum() / total, 0.0, 1.0)) if total > 0 else 0.0
+
+
+def _verdict(causes: Sequence[Cause], present: bool) -> str:
+    named = [c for c in causes if c.named]
+    if not causes:
+        return "unexplained" if present else "no_gap"
+    if not named:
+        return "unexplained"
+    return "partly_explained" if present or len(named) < len(causes) else "explained"
+
+
+def _sentence(verdict: str, causes: Sequence[Cause], where: Sequence[Place], looks_like: str) -> str:
+    """The verdict in one sentence (words of gap.md section 3.6)."""
+    if verdict == "no_gap":
+        return "No gap beyond the noise floor."
+    said = []
+    for cause in causes:
+        others = sorted({r.effect if r.target == cause.target else f"{r.effect} on {r.target}" for r in cause.rivals})
+        what = f"{cause.effect} on {cause.target}"
+        if cause.effect == "slow_variation":
+            what = f"a slow variation on {cause.target}, not tied to any logged quantity"
+        elif not cause.named:
+            what = f"an {cause.effect.replace('_', ' ')} on {cause.target}"
+        if others and not cause.resolved:
+            what += f" (not unique: or {', '.join(others[:4])})"
+        said.append(what)
+    place = where[0] if where else None
+    if verdict == "unexplained" and not causes:
+        at = f", mostly in {place.channel}" if place else ""
+        return f"A gap that no known effect explains{at}: it shows in {looks_like}."
+    head = {
+        "explained": "Explained by",
+        "partly_explained": "Partly explained by",
+        "unexplained": "Not explained by a named effect:",
+    }
+    tail = "; something is left" if verdict == "partly_explained" and looks_like else ""
+    return f"{head[verdict]} {' and '.join(said)}{tail}."
+
+
+def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tuple[tuple[Place, ...], NDArray]:
+    """Channels by their share of the gap, with band, time and temperature; and the cells that are located.
+
+    A found effect counts where it enters: on its target if that is a channel (a gyro's drift also shows in GNSS), else on
+    the channels that hold its energy. What is left counts in the cells that still stand out.
+    """
+    evidence, squares = attribution.plain_evidence, attribution.plain_squares
+    channels = np.array([CHANNELS.index(c.channel) for c in cells.cells])
+    by_cell, by_channel = np.zeros(len(cells.cells)), np.zeros(len(CHANNELS))
+    explained = np.zeros(evidence.size)
+    for slot in attribution.slots:
+        if slot.extra is not None:
+            energy = 2.0 * max(slot.log_odds, 0.0) * _noise_cells(attribution, slot, cells)
+        else:
+            signature = _signature(attribution, slot)
+            explained += signature
+            ratio = squares.ratio(signature[:, None])[:, 0]
+            for quick in squares.quick.values():
+                ratio[quick] = 0.0
+            energy = np.array([float((squares.dof[c.index] * ratio[c.index]).sum()) for c in cells.cells])
+        target = slot.hypothesis.target
+        if target in CHANNELS and target != "vehicle":  # as a target it is the vehicle, as a channel its side slip
+            own = energy * (channels == CHANNELS.index(target))
+            energy = own * (energy.sum() / own.sum()) if own.sum() > 0 else energy
+        by_cell += energy
+    by_cell += np.where(after.located, 2.0 * np.maximum(after.nats, 0.0), 0.0)
+    if not attribution.slots:
+        by_cell = np.where(cells.located, 2.0 * np.maximum(cells.nats, 0.0), 0.0)
+    np.add.at(by_channel, channels, by_cell)
+    total = float(by_channel.sum())
+    marked = cells.located | (by_cell > 0.1 * max(total, 1e-300)) & (by_cell > 1.0)
+    places = []
+    for number in np.flatnonzero(by_channel > LEAST_SHARE * max(total, 1e-300)):
+        mine = channels == number
+        largest = float(by_cell[mine].max())
+        own = [cells.cells[k] for k in np.flatnonzero(mine & (by_cell > 0.1 * largest))]
+        places.append(_place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total)))
+    places.sort(key=lambda p: -p.share)
+    return tuple(places[:MOST_PLACES]), marked
+
+
+def _signature(attribution: Attribution, slot: Slot) -> NDArray:
+    """Whitened rows of one found effect as fitted with the others."""
+    columns = attribution.columns
+    beta, _ = fit(attribution.bank, columns)
+    return attribution.bank.signature(slot.columns, beta[np.isin(columns, slot.columns)])
+
+
+def _noise_cells(attribution: Attribution, slot: Slot, cells: CellTable) -> NDArray:
+    """Shares of the cells (k,) in what a found noise changes."""
+    factor = np.zeros(attribution.plain_squares.dof.size)
+    h = slot.hypothesis
+    assert isinstance(h, NoiseHypothesis) and slot.extra is not None
+    term = term_of(attribution.plain_evidence, attribution.plain_squares, h.effect, h.target, dict(slot.extra.shape), h.run)
+    factor[term.index] = np.abs(slot.extra.square) * term.factor
+    dof = attribution.plain_squares.dof
+    change = np.array([float((dof[c.index] * factor[c.index] ** 2).sum()) for c in cells.cells])
+    return np.asarray(change / max(change.sum(), 1e-300))
+
+
+def _place(evidence: Evidence, channel: str, cells: Sequence[Cell], explained: NDArray, share: float) -> Place:
+    rows = evidence.rows
+    at = np.flatnonzero(rows.channel == CHANNELS.index(channel))
+    e = explained[at] ** 2 if np.any(explained[at]) else (evidence.z[at] ** 2 if at.size else np.zeros(0))
+    if not at.size:
+        span, kind, warm = (evidence.views[0].start_s, evidence.views[0].end_s), PARKED, None
+    else:
+        kind = int(np.bincount(rows.kind[at], weights=e, minlength=3).argmax())
+        inside = rows.kind[at] == kind
+        span = _span(rows.time_s[at][inside], e[inside]) or (0.0, 0.0)
+        T = rows.temperature_degC[at][inside]
+        warm = _span(T[np.isfinite(T)], e[inside][np.isfinite(T)])
+    low = min(c.frequency_hz[0] for c in cells)
+    high = max(min(c.frequency_hz[1], 1e3) for c in cells)
+    return Place(channel, _phase_name(evidence, kind, span), warm, (float(low), float(high)), span, share)
+
+
+def _span(values: NDArray, weights: NDArray) -> tuple[float, float] | None:
+    if not values.size or not weights.sum() > 0:
+        return None
+    order = np.argsort(values)
+    total = np.cumsum(weights[order]) / weights.sum()
+    a, b = np.searchsorted(total, SPAN)
+    return float(values[order][min(a, values.size - 1)]), float(values[order][min(b, values.size - 1)])
+
+
+def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str:
+    """The logged phase that holds the middle of the span, else the kind of motion in words of formats.md."""
+    middle = 0.5 * (span[0] + span[1])
+    for view in evidence.views:
+        for phase in view.run.phases:
+            if phase.start_s <= middle <= phase.end_s:
+                return str(phase.phase)
+    if kind == PARKED and not any(v.run.phases for v in evidence.views):
+        return "parked"
+    return PHASES[kind]
+
+
+def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:
+    """Effects that no target of these runs can show, with what they need, each once; those that only a silent sensor
+
+    cannot show come with it as the target (else "").
+    """
+    tested = {h.name for h in attribution.hypotheses}
+    out: dict[tuple[str, str], str] = {}
+    for name, target, needs in attribution.not_testable:
+        if name not in tested:
+            out.setdefault((name, ""), needs)
+        elif needs == silent(target):
+            out[name, target] = needs
+    return tuple((name, needs, target) for (name, target), needs in sorted(out.items()))

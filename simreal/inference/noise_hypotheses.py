@@ -1,0 +1,297 @@
+"""Noise beyond (or below) what the twin declares, as hypotheses on sums of squares.
+
+Each kind of noise multiplies the expected squares of the whitened data by 1 + q a: a from the twin's own covariance,
+q the square of the coefficient, unknown, log-uniform over the usual range and beyond, or negative where the twin declares
+more than there is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import dct
+from scipy.linalg import solve_triangular
+from scipy.special import logsumexp
+
+from simreal.declared.declared_noise import declared_square
+from simreal.effects.base import AddedNoise, Effect
+from simreal.evidence.noise_model import ChannelNoise
+from simreal.evidence.parked import BIN_S, cholesky_of
+from simreal.evidence.whitened import BANDS, CHANNELS, SENSORS, Evidence, RunEvidence, block_spectrum
+from simreal.inference.bank import shapes_of, unit_scale
+
+LEVELS = 28
+BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
+SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
+COMPONENTS = 120  # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
+COARSE = 12  # blocks of ten seconds that are summed for noise that is not steady
+
+
+@dataclass(frozen=True)
+class Basis:
+    """Principal components of a slow noise in a channel's whitened parked rows: first row, vectors (bins, k), values (k,)."""
+
+    first: int
+    vectors: NDArray
+    values: NDArray
+
+
+@dataclass(frozen=True)
+class Term:
+    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of each.
+
+    bases: of a slow noise, whose own principal components see more of it than the cosine transform does; they stand for
+    the entries marked `slow` (k,).
+    """
+
+    index: NDArray
+    factor: NDArray
+    slow: NDArray
+    bases: tuple[Basis, ...] = ()
+
+
+@dataclass
+class NoiseHypothesis:
+    """A noise effect on a target; one term set for each grid point of its shape."""
+
+    name: str
+    target: str
+    effect: Effect
+    log_prior: float
+    shapes: list[dict[str, float]]
+    terms: list[Term]
+    levels: NDArray  # q tried
+    run: int | None = None
+    named: bool = True
+    usual: float = np.inf  # upper end of the usual coefficient, squared
+    declared: float = 0.0  # what the twin declares of this noise, squared: the most that can be missing
+
+    @property
+    def key(self) -> tuple[str, str, int | None]:
+        return self.effect.id, self.target, self.run
+
+    def tried(self) -> tuple[NDArray, NDArray]:
+        """Squares of the coefficient tried and their log weights; beyond the usual size they fall as its inverse."""
+        below = -self.declared * np.array(BELOW) if self.declared > 0 else np.zeros(0)
+        up = len(self.levels)
+        weights = np.log((0.8 if below.size else 1.0) / up) - 0.5 * np.log(np.maximum(self.levels / self.usual, 1.0))
+        return np.concatenate([self.levels, below]), np.concatenate([weights, np.full(below.size, np.log(0.2 / len(BELOW)))])
+
+
+class Squares:
+    """All sums of squares of an evidence: `ratio` (k,) over expectation with `dof` (k,).
+
+    First the cosine transform of each sensor's whitened parked rows, run after run, then scatter within ten seconds summed
+    over COARSE blocks, then single rows of odometer, GNSS and vehicle.
+    """
+
+    def __init__(self, evidence: Evidence) -> None:
+        self.evidence = evidence
+        self.slow: dict[tuple[int, int], NDArray] = {}
+        self.quick: dict[tuple[int, int, int], NDArray] = {}
+        self.single: dict[tuple[int, int], tuple[NDArray, NDArray]] = {}
+        dof, at = [], 0
+        for r, run in enumerate(evidence.runs):
+            bins = run.parked.bins
+            for c in range(SENSORS):
+                if run.parked.live[c]:
+                    self.slow[r, c] = at + np.arange(bins)
+                    dof.append(np.ones(bins))
+                    at += bins
+            for c in range(SENSORS + 1):
+                for b in range(len(BANDS) + 1):
+                    freedom = _coarse(run.scatter.dof[c, b])
+                    if freedom.sum() > 0:
+                        self.quick[r, c, b] = at + np.arange(freedom.size)
+                        dof.append(freedom)
+                        at += freedom.size
+            own = np.arange(run.z.size) + int(evidence.offsets[r])
+            rest = own[SENSORS * bins :]
+            for c in range(SENSORS + 1, len(CHANNELS)):
+                rows = rest[(evidence.rows.channel[rest] == c) & evidence.rows.steady[rest]]
+                if rows.size:
+                    self.single[r, c] = (at + np.arange(rows.size), rows)
+                    dof.append(np.ones(rows.size))
+                    at += rows.size
+        self.dof = np.concatenate(dof) if dof else np.zeros(0)
+
+    def ratio(self, z: NDArray, rng: np.random.Generator | None = None) -> NDArray:
+        """Ratios (k, reps) of rows (rows, reps); the scatter is the data's, or drawn where an rng is given."""
+        out = np.ones((self.dof.size, z.shape[1]))
+        for (r, c), index in self.slow.items():
+            first = int(self.evidence.offsets[r]) + c * index.size
+            out[index] = dct(z[first : first + index.size], axis=0, norm="ortho") ** 2
+        for (r, c, b), index in self.quick.items():
+            if rng is None:
+                scatter = self.evidence.runs[r].scatter
+                total = _coarse(scatter.ratio[c, b] * scatter.dof[c, b])
+                out[index] = (total / np.maximum(self.dof[index], 1e-9))[:, None]
+            else:
+                freedom = self.dof[index][:, None]
+                out[index] = rng.chisquare(np.maximum(freedom, 1e-9), (index.size, z.shape[1])) / np.maximum(freedom, 1e-9)
+        for index, rows in self.single.values():
+            out[index] = z[rows] ** 2
+        return out
+
+
+def _coarse(values: NDArray) -> NDArray:
+    starts = np.arange(0, values.size, COARSE)
+    return np.asarray(np.add.reduceat(values, starts)) if values.size else values
+
+
+@lru_cache(maxsize=128)
+def slow_basis(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> tuple[NDArray, NDArray]:
+    """Principal components (bins, k) and values (k,) of unit added noise in whitened ten-second means."""
+    C = _whitened(noise, added, bins, start_s)
+    values, vectors = np.linalg.eigh(0.5 * (C + C.T))
+    keep = np.argsort(-values)[:COMPONENTS]
+    return np.ascontiguousarray(vectors[:, keep]), np.maximum(values[keep], 0.0)
+
+
+def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    L = cholesky_of(noise, bins, start_s)
+    half = solve_triangular(L, noise.only(added).covariance(bins, BIN_S, start_s), lower=True)
+    return np.asarray(solve_triangular(L, half.T, lower=True))
+
+
+@lru_cache(maxsize=512)
+def slow_factor(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
+    """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second means."""
+    C = _whitened(noise, added, bins, start_s)
+    return np.asarray(np.diag(dct(dct(C, axis=0, norm="ortho"), axis=1, norm="ortho")))
+
+
+@lru_cache(maxsize=512)
+def quick_factor(noise: ChannelNoise, added: AddedNoise, rows: int, row_dt_s: float) -> NDArray:
+    """a (bands,) of the scatter within ten seconds."""
+    more, base = block_spectrum(noise.only(added)), block_spectrum(noise)
+    bands = [float((more[a:b] / base[a:b]).mean()) for a, b in BANDS]
+    scatter, _ = noise.scatter(rows, row_dt_s)
+    return np.array([*bands, noise.only(added).scatter(rows, row_dt_s)[0] / scatter if scatter > 0 else 0.0])
+
+
+def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Effect]) -> list[NoiseHypothesis]:
+    """All stochastic effects that these runs can show."""
+    out = []
+    telemetry = [view.telemetry for view in evidence.views]
+    for effect in effects:
+        for target in effect.targets:
+            if effect.needs(telemetry, target):
+                continue
+            if not effect.noise(telemetry[0], target, shapes_of(effect, telemetry[0])[0]):
+                continue
+            coefficient = effect.coefficients[-1]
+            scale = unit_scale(effect, target, evidence)
+            levels = np.geomspace(0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
+            event = effect.repeats == "E"
+            prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(len(telemetry))
+            for run in range(len(telemetry)) if event else (None,):
+                shapes = shapes_of(effect, telemetry[run or 0])
+                terms = [term_of(evidence, squares, effect, target, shape, run) for shape in shapes]
+                usual = float((scale * coefficient.high) ** 2)
+                declared = declared_square(evidence.twin, effect.id)
+                out.append(NoiseHypothesis(
+                    effect.name, target, effect, float(prior), shapes, terms, levels, run, usual=usual, declared=declared
+                ))  # fmt: skip
+    return out
+
+
+def term_of(
+    evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float], only: int | None = None
+) -> Term:
+    """Where a noise effect shows and how much, per unit of its coefficient squared; only: the run of an event."""
+    index, factor, slow, bases = [], [], [], []
+    for r, run in enumerate(evidence.runs):
+        for added in () if only not in (None, r) else effect.noise(run.view.telemetry, target, shape):
+            basis = _basis(evidence, squares, r, added)
+            bases += [] if basis is None else [basis]
+            for part, (where, a) in enumerate(_factors(squares, r, run, added)):
+                index.append(where)
+                factor.append(a)
+                slow.append(np.full(where.size, basis is not None and part == 0))
+    if not index:
+        return Term(np.zeros(0, int), np.zeros(0), np.zeros(0, bool))
+    return Term(np.concatenate(index), np.concatenate(factor), np.concatenate(slow), tuple(bases))
+
+
+def _basis(evidence: Evidence, squares: Squares, r: int, added: AddedNoise) -> Basis | None:
+    """Principal components of noise that is slow: flicker, random walk, Markov."""
+    c, parked = CHANNELS.index(added.channel), evidence.runs[r].parked
+    if not (added.flicker or added.walk or added.markov) or (r, c) not in squares.slow:
+        return None
+    vectors, values = slow_basis(parked.noise[c], added, parked.bins, parked.start_s)
+    return Basis(int(evidence.offsets[r]) + c * parked.bins, vectors, values)
+
+
+def observed(term: Term, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """Degrees of freedom (k,), squares over expectation (k, reps) and factors (k,) of a noise; z (rows, reps)."""
+    rest = ~term.slow if term.bases else np.ones(term.index.size, bool)
+    n, y, a = [squares.dof[term.index[rest]]], [ratio[term.index[rest]]], [term.factor[rest]]
+    for basis in term.bases:
+        rows = z[basis.first : basis.first + len(basis.vectors)]
+        y.append((basis.vectors.T @ rows) ** 2)
+        a.append(basis.values)
+        n.append(np.ones(basis.values.size))
+    return np.concatenate(n), np.concatenate(y), np.concatenate(a)
+
+
+def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> list[tuple[NDArray, NDArray]]:
+    c = CHANNELS.index(added.channel)
+    out = []
+    if c >= SENSORS:
+        if (r, c) in squares.single:
+            index, rows = squares.single[r, c]
+            variance = run.rows(r).variance[rows - int(squares.evidence.offsets[r])]
+            out.append((index, added.sample / (_samples(run, added.channel) * variance)))
+        if (r, c, 0) in squares.quick:  # the thermometer
+            read = run.twin.temperature
+            a = added.sample / (read.noise_degC**2 + read.resolution_degC**2 / 12.0)
+            index = squares.quick[r, c, 0]
+            out.append((index, np.full(index.size, a)))
+        return out
+    noise, steady = run.parked.noise[c], AddedNoise(**{**added.__dict__, "profile": None})
+    start_s = run.parked.start_s
+    mean_profile, coarse = 1.0, None
+    if added.profile is not None:
+        blocks = added.profile[run.parked.seconds].reshape(run.parked.bins, -1).mean(axis=1)
+        mean_profile = float(blocks.mean())
+        coarse = _coarse(blocks) / np.maximum(_coarse(np.ones(blocks.size)), 1)
+    if (r, c) in squares.slow:
+        index = squares.slow[r, c]
+        out.append((index, mean_profile * slow_factor(noise, steady, index.size, start_s)))
+    bands = quick_factor(noise, steady, int(np.median(run.view.seconds.rows)), run.view.seconds.row_dt_s)
+    for b, a in enumerate(bands):
+        if (r, c, b) in squares.quick:
+            index = squares.quick[r, c, b]
+            out.append((index, a * (np.ones(index.size) if coarse is None else coarse)))
+    return out
+
+
+def _samples(run: RunEvidence, channel: str) -> float:
+    """Samples of a stream in a second: a row of the odometer is a way over one."""
+    log = run.view.run.odometer if channel == "odometer" else None
+    return 1.0 if log is None else max(1.0 / float(np.median(np.diff(log.time_s))), 1.0)
+
+
+def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
+    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z (rows, reps)."""
+    scores, best = [], []
+    tried, weights = hypothesis.tried()
+    for term in hypothesis.terms:
+        n, y, a = observed(term, squares, ratio, z)
+        if not a.size or hypothesis.levels[-1] * float(a.max()) < 1e-3:
+            scores.append(np.zeros(ratio.shape[1]))
+            best.append(np.zeros(ratio.shape[1]))
+            continue
+        fits = _fits(n, y, 1.0 + np.outer(tried, a))
+        scores.append(logsumexp(fits + weights[:, None], axis=0))
+        best.append(tried[np.argmax(fits, axis=0)])
+    return np.array(scores), np.array(best)
+
+
+def _fits(n: NDArray, y: NDArray, s: NDArray) -> NDArray:
+    """Log likelihood ratios (levels, reps) of scaling the expected squares by s (levels, k): n/2 (y (1 - 1/s) - ln s)."""
+    s = np.maximum(s, 1e-3)
+    return np.asarray((0.5 * n * (1.0 - 1.0 / s)) @ y - 0.5 * (np.log(s) @ n)[:, None])

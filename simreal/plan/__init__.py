@@ -1,0 +1,1 @@
+"""Which recordings would separate rival effects."""

@@ -1,0 +1,1 @@
+"""The documents and pages of `recal diagnose` and `recal plan`."""

@@ -1,0 +1,71 @@
+"""twin.json with the found effects in its `effects` (formats.md, section 3), ready to be simulated and diagnosed again.
+
+Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape parameters as plain numbers in the
+effect's units; `run_id` for what belongs to one run, `process` for a slow variation, nodes, values and unit for a free
+function. The table is copied beside the twin, so the file needs nothing else.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ins.records import TwinModel
+from ins.twin_file import twin_to_dict
+from simreal.declared.generic import OF_RUN, UNKNOWN
+from simreal.declared.node_function import unit_of
+from simreal.declared.twin_effects import PROCESS, RUN_ID, SLOW
+from simreal.effects.catalogue import effects_named
+from simreal.inference.causes import Cause
+
+TABLE_NAME = "table.json"
+
+
+def twin_with_causes(twin: TwinModel, causes: Sequence[Cause], run_ids: Sequence[str], *, with_table: bool) -> dict[str, Any]:
+    """The twin as a plain dict, the causes after the effects that it has already.
+
+    run_ids : of the runs, in the order of the diagnosis. with_table : a table is written beside it, as TABLE_NAME.
+    """
+    added = tuple(item for cause in causes for item in effect_items(cause, run_ids))
+    return twin_to_dict(replace(twin, table=TABLE_NAME if with_table else None, effects=(*twin.effects, *added)))
+
+
+def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
+    """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of its own."""
+    if cause.effect == UNKNOWN:  # of the motion: found, but nothing that a simulator can make
+        return []
+    if not cause.named:
+        return [_item(cause, _function(cause, run_ids))]
+    if cause.class_ == "P":
+        return [_item(cause, {**own, RUN_ID: run_id}) for run_id, own in _by_run(cause).items()]
+    parameters: dict[str, Any] = {name: float(p.value) for name, p in cause.parameters.items()}
+    if cause.effect == SLOW:
+        parameters[PROCESS] = cause.id
+    if cause.run_id is not None:
+        parameters[RUN_ID] = cause.run_id
+    return [_item(cause, parameters)]
+
+
+def processes_of(cause: Cause) -> tuple[str, ...]:
+    """Names of the processes that a slow variation may be on its target, the found one first."""
+    if cause.effect != SLOW:
+        return ()
+    others = [e.id for e in effects_named(SLOW) if cause.target in e.targets and e.id != cause.id]
+    return (cause.id, *others)
+
+
+def _item(cause: Cause, parameters: dict[str, Any]) -> dict[str, Any]:
+    return {"effect": cause.effect, "target": cause.target, "parameters": parameters}
+
+
+def _function(cause: Cause, run_ids: Sequence[str]) -> dict[str, Any]:
+    nodes = list(run_ids) if cause.effect == OF_RUN else [float(n) for n in cause.nodes]
+    return {"nodes": nodes, "values": [float(v) for v in cause.values], "unit": unit_of(cause.target)}
+
+
+def _by_run(cause: Cause) -> dict[str, dict[str, float]]:
+    """Coefficients of each run, from names like `coefficient[run-1]`."""
+    out: dict[str, dict[str, float]] = {}
+    for key, parameter in cause.parameters.items():
+        name, _, run_id = key.partition("[")
+        out.setdefault(run_id.removesuffix("]"), {})[name] = float(parameter.value)
+    return out

@@ -1,0 +1,30 @@
+"""Columns of raw binary rows: the same fixed numbers again and again, after an optional header."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.records import InputError
+from trajectories.readers.rows.column_map import LayoutKeys, binary_type
+from trajectories.runs.text_rows import MAX_ROWS
+
+
+def binary_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
+    """All columns by `columns`, `dtype` (one for all or one each) and `header_bytes`; a row cut off at the end is dropped."""
+    if layout.columns is None:
+        raise InputError("map: key columns is missing: a binary log has no names of its own")
+    if len(set(layout.columns)) != len(layout.columns):
+        raise InputError("map: columns: a name appears twice")
+    types = [layout.dtype] * len(layout.columns) if isinstance(layout.dtype, str) else layout.dtype
+    if len(types) != len(layout.columns):
+        raise InputError(f"map: dtype: got {len(types)} types, needed one or {len(layout.columns)}")
+    row = np.dtype([(name, binary_type(text)) for name, text in zip(layout.columns, types)])
+    size = path.stat().st_size - layout.header_bytes
+    count, rest = divmod(max(size, 0), row.itemsize)
+    if not 2 <= count <= MAX_ROWS:
+        raise InputError(f"{path.name}: {count} rows of {row.itemsize} bytes, needed 2 to {MAX_ROWS}")
+    data = np.fromfile(path, dtype=row, count=count, offset=layout.header_bytes)
+    columns = {name: data[name].astype(np.float64) for name in layout.columns}
+    return columns, [f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"] if rest else []

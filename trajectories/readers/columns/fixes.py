@@ -1,0 +1,149 @@
+"""Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from ins.records import GnssLog
+from ins.units import DEG
+from trajectories.readers.registry import ConvertedLog
+from trajectories.readers.rows.gps_time import UNIX_S, utc_text
+from trajectories.readers.rows.row_cleaning import row_ranges
+from trajectories.runs.schema import SIGMAS
+
+MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
+MAX_JUMP_S = 10.0
+MAX_SPEED_M_S, MAX_HEIGHT_M = 1000.0, 30_000.0
+LOST = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawFixes:
+    """What a log says of its fixes, shape (n,) each, on its own clock; v_n_m_s (n, 3).
+
+    is_3d: has a position; unix_s: UTC, NaN where unknown; sigmas (3, n): horizontal, vertical [m], velocity [m/s].
+    """
+
+    log_s: NDArray
+    is_3d: NDArray
+    lat_deg: NDArray
+    lon_deg: NDArray
+    height_m: NDArray
+    v_n_m_s: NDArray
+    unix_s: NDArray
+    sigmas: NDArray | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixes:
+    """The good fixes on the log's own clock [s], and UTC (since 1970) less log seconds (None where unknown)."""
+
+    gnss: GnssLog
+    unix_less_log_s: float | None
+
+    def header(self, log: ConvertedLog) -> dict[str, Any]:
+        """run.json keys: the first fix from the log's start on (the last where all are earlier), and start_utc."""
+        k = min(int(np.searchsorted(self.gnss.time_s, log.time_shift_s)), self.gnss.time_s.size - 1)
+        place = (self.gnss.lat_rad[k] / DEG, self.gnss.lon_rad[k] / DEG, self.gnss.height_m[k])
+        site = {name: round(float(v), 7) for name, v in zip(("lat_deg", "lon_deg", "height_m"), place)}
+        if self.unix_less_log_s is None:
+            return {"site": site}
+        return {"site": site, "start_utc": utc_text(self.unix_less_log_s + log.time_shift_s)}
+
+    def on_run_time(self, log: ConvertedLog) -> GnssLog | None:
+        """The fixes beside the log's imu rows, on run time; None where there is none."""
+        time_s = self.gnss.time_s - log.time_shift_s
+        rows = (time_s >= 0) & (time_s <= log.imu.end_s)
+        columns: dict[str, Any] = {k: None if v is None else v[rows] for k, v in vars(self.gnss).items()}
+        return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
+
+
+def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
+    """Some of the fixes, by index or by mask (n,)."""
+    return RawFixes(
+        log_s=raw.log_s[rows], is_3d=raw.is_3d[rows], lat_deg=raw.lat_deg[rows], lon_deg=raw.lon_deg[rows],
+        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], unix_s=raw.unix_s[rows],
+        sigmas=None if raw.sigmas is None else raw.sigmas[:, rows],
+    )  # fmt: skip
+
+
+def largest(values: NDArray) -> float:
+    """The largest size of what is finite; 0 where nothing is."""
+    return float(np.max(np.abs(values[np.isfinite(values)]), initial=0.0))
+
+
+def may_be_radians(lat: NDArray, lon: NDArray) -> bool:
+    """Whether all positions lie within a quarter and half turn of radians: as degrees, in the Gulf of Guinea, without land."""
+    placed = np.isfinite(lat) & np.isfinite(lon) & ((lat != 0.0) | (lon != 0.0))
+    return bool(placed.any()) and largest(lat[placed]) <= np.pi / 2 and largest(lon[placed]) <= np.pi
+
+
+def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
+    """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out.
+
+    A fix at 0 N 0 E exactly is none. Longitudes of 180 to 360 deg are west.
+    """
+    raw = replace(raw, lon_deg=np.where(raw.lon_deg > 180.0, raw.lon_deg - 360.0, raw.lon_deg))
+    rows, left_out = _good_rows(raw)
+    sigmas, told = _sigmas(raw.sigmas, rows, label)
+    notes = [f"{label}: GPS {row_ranges(r)} left out: {why}" for why, r in left_out.items() if r.size]
+    if not rows.size:
+        return None, [*notes, f"{label}: no 3D fix: no gnss stream"]
+    gnss = GnssLog(
+        time_s=raw.log_s[rows], lat_rad=raw.lat_deg[rows] * DEG, lon_rad=raw.lon_deg[rows] * DEG,
+        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], **sigmas,
+    )  # fmt: skip
+    with np.errstate(invalid="ignore"):
+        dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
+    offset = float(np.median(raw.unix_s[dated] - raw.log_s[dated])) if dated.size else None
+    if offset is None and np.isfinite(raw.unix_s[rows]).any():
+        told.append(f"{label}: GPS weeks that give no date (unknown, or modulo 1024)")
+    return Fixes(gnss=gnss, unix_less_log_s=offset), notes + told
+
+
+def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
+    columns = np.stack([raw.log_s, raw.lat_deg, raw.lon_deg, raw.height_m, *raw.v_n_m_s.T])
+    finite = np.isfinite(columns).all(axis=0)
+    with np.errstate(invalid="ignore"):
+        sane = (np.abs(raw.lat_deg) <= 90) & (np.abs(raw.lon_deg) <= 180) & (np.abs(raw.height_m) < MAX_HEIGHT_M)
+        sane &= (np.abs(raw.v_n_m_s) < MAX_SPEED_M_S).all(axis=1)
+    nowhere = raw.is_3d & (raw.lat_deg == 0.0) & (raw.lon_deg == 0.0)
+    lost = np.zeros(nowhere.size, dtype=bool) if raw.sigmas is None else np.any(raw.sigmas >= LOST, axis=0)
+    rows = np.flatnonzero(raw.is_3d & finite & sane & ~nowhere & ~lost)
+    near = (_jump(raw.lat_deg[rows]) <= MAX_JUMP_DEG) & (_jump(raw.lon_deg[rows]) <= MAX_JUMP_DEG)
+    near &= _jump(raw.log_s[rows]) <= MAX_JUMP_S
+    placed = rows[near]
+    later = raw.log_s[placed] > np.concatenate([[-np.inf], np.maximum.accumulate(raw.log_s[placed])[:-1]])
+    return placed[later], {
+        "no 3D fix": np.flatnonzero(~raw.is_3d),
+        "0 N 0 E: no fix": np.flatnonzero(nowhere),
+        "not finite or beyond any aircraft": np.flatnonzero(raw.is_3d & ~(finite & sane) & ~nowhere),
+        f"the receiver's own sigma is {LOST:g} or more": np.flatnonzero(raw.is_3d & finite & sane & lost & ~nowhere),
+        "time or position jumps and comes back": rows[~near],
+        "time repeats or goes back": placed[~later],
+    }
+
+
+def _jump(values: NDArray) -> NDArray:
+    """Distance of each value from the median of the five around it."""
+    return np.abs(values - median_filter(values, size=5, mode="mirror")) if values.size else values
+
+
+def _sigmas(sigmas: NDArray | None, rows: NDArray, label: str) -> tuple[dict[str, NDArray], list[str]]:
+    """The receiver's own accuracies under the names of `GnssLog`, NaN in a fix without, and notes on those.
+
+    One that no fix has is left out.
+    """
+    out, notes = {}, []
+    for name, values in zip(SIGMAS, sigmas[:, rows] if sigmas is not None else ()):
+        with np.errstate(invalid="ignore"):
+            given = values > 0
+        if given.any():
+            out[name] = np.where(given, values, np.nan)
+        if given.any() and not given.all():
+            which = row_ranges(rows[~given])
+            notes.append(f"{label}: GPS {which} without {name}: the declared one of the twin counts there")
+    return out, notes

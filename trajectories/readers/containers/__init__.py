@@ -1,0 +1,1 @@
+"""Files as their makers lay them out: DataFlash, ULog, MATLAB, ROS bags, MCAP, NovAtel lines; bounded reading."""

@@ -1,0 +1,96 @@
+"""Lines of a NovAtel ASCII log: `#NAMEA,header;fields*crc` and, with a short header, `%NAMEA,week,seconds;fields*crc`.
+
+The check is a CRC32 over all between the first sign and the star, begun with 0 and not inverted (OEM7, "32-Bit CRC"). A log
+caught from a port may begin within a line, and hold other things between the lines: only what has the sign of a wanted log
+and fails is told.
+"""
+
+import re
+import zlib
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.records import InputError
+from trajectories.readers.rows.row_cleaning import row_ranges
+from trajectories.runs.text_rows import line_blocks, text_parts
+
+LINE = re.compile(rb"[#%]([A-Z0-9_]+)A,([^;*#%]*);([^*#%]*)\*([0-9a-fA-F]{8})")
+BINARY = (b"\xaa\x44\x12", b"\xaa\x44\x13")  # long and short header
+
+
+Logs = dict[str, list[tuple[bytes, bytes]]]  # by name: header and fields of each line, both between commas
+
+
+@dataclass
+class Lines:
+    """The good lines of a file, and notes on the rest."""
+
+    logs: Logs = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+
+def crc32(text: bytes) -> int:
+    """The check of a line: polynomial 0xEDB88320, begun with 0, not inverted."""
+    return zlib.crc32(text, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+
+def read_lines(path: Path, wanted: Collection[str]) -> Lines:
+    """The good lines of the wanted logs. InputError where there is none but binary logs."""
+    out, bad, cut = Lines(), [], []
+    looked_for = re.compile(rb"[#%](" + "|".join(wanted).encode() + rb")A,")
+    binary = False
+    for k, line in enumerate(_lines(path, out.notes)):
+        binary = binary or any(sign in line for sign in BINARY)
+        begins = looked_for.search(line)
+        if begins is None:
+            continue
+        found = LINE.match(line, begins.start())
+        if found is None:
+            cut.append(k)
+        elif crc32(line[begins.start() + 1 : found.start(4) - 1]) != int(found[4], 16):
+            bad.append(k)
+        else:
+            out.logs.setdefault(found[1].decode(), []).append((found[2], found[3]))
+    for rows, why in ((cut, "cut off or garbled"), (bad, "wrong CRC")):
+        if rows:
+            out.notes.append(f"{path.name}: {row_ranges(np.array(rows)).replace('row', 'line')} dropped: {why}")
+    if not out.logs and binary:
+        raise InputError(f"{path.name}: binary NovAtel logs, needed ASCII ones (NovAtel Convert, or log rawimusxa)")
+    return out
+
+
+def columns(rows: Sequence[bytes], names: Sequence[str], *, text: Collection[str] = (), label: str) -> dict[str, NDArray]:
+    """The fields of lines by name (an empty name: not wanted), numbers as float64, those of `text` as words.
+
+    Lines of another number of fields are left out by the caller (`of_width`).
+    """
+    import pyarrow as pa
+    from pyarrow import csv as arrow_csv
+
+    keys = [f"{k} {name}" for k, name in enumerate(names)]
+    wanted = {key: pa.string() if name in text else pa.float64() for key, name in zip(keys, names) if name}
+    try:
+        table = arrow_csv.read_csv(
+            pa.BufferReader(b"\n".join(rows) + b"\n"),
+            read_options=arrow_csv.ReadOptions(column_names=keys),
+            convert_options=arrow_csv.ConvertOptions(column_types=wanted, include_columns=list(wanted)),
+        )
+    except pa.ArrowException as error:
+        raise InputError(f"{label}: {' '.join(str(error).split())[:200]}") from None
+    return {key.partition(" ")[2]: table.column(key).to_numpy() for key in wanted}
+
+
+def of_width(rows: Sequence[bytes], fields: int) -> list[int]:
+    """Which lines have so many fields."""
+    return [k for k, row in enumerate(rows) if row.count(b",") == fields - 1]
+
+
+def _lines(path: Path, notes: list[str]) -> Iterator[bytes]:
+    packed: list[str] = []
+    for block, _ in line_blocks(text_parts(path, packed), label=path.name):
+        yield from block.split(b"\n")[: None if not block.endswith(b"\n") else -1]
+    notes += [f"{path.name}: {note}" for note in packed]

@@ -1,0 +1,112 @@
+"""A flight log to a run: choose the reader, complete the header, check what came out."""
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ins.records import ImuLog, InputError, ReferenceLog, Run
+from trajectories.readers.conversion_checks import check_rows
+from trajectories.readers.conversion_streams import check_streams
+from trajectories.readers.registry import ConvertedLog, read_log
+from trajectories.runs.checks import DROPOUT, Finding, Findings
+from trajectories.runs.directory import run_sha256
+from trajectories.runs.imu_scan import RateScan
+from trajectories.runs.physics_gates import check_physics
+from trajectories.runs.schema import SCHEMA, header_from_json
+
+OPTIONS = {
+    "imu_serial": "--serial", "gyro_technology": "--technology", "start_utc": "--start-utc",
+    "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
+}  # fmt: skip
+MANY_LOST = 0.01  # of all rows
+# Words of the notes that may say why a key of the header is missing.
+TELLING = {"": ("damaged", "garbled", "cut off"), "lat_deg": ("left out:", "no gnss stream"), "start_utc": ("no date",)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Conversion:
+    """A run made from a log; `record` goes into its run.json and says where it came from.
+
+    `reference` is what the log says of the truth, kept beside the run for scoring only.
+    """
+
+    run: Run
+    record: dict[str, Any]
+    findings: tuple[Finding, ...]
+    reference: ReferenceLog | None = None
+
+
+def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:
+    """The run in a log file.
+
+    `options` is the map, `given` run.json keys from the command line (flat: lat_deg, lon_deg, height_m for the site);
+    they override those of the map, which override what the log itself says. InputError names what is missing or wrong.
+    """
+    path = Path(path)
+    name, log = read_log(path, options)
+    findings, label = Findings(), path.name
+    header, errors, unknown = header_from_json(_header(log, given, path), name="options and map [run]")
+    if header is None or unknown:
+        raise InputError((errors + unknown)[0])
+    rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
+    rate.feed(log.imu.time_s)
+    findings.error(*rate.lines)
+    check_rows(log.imu, time_shift_s=log.time_shift_s, label=label, findings=findings)
+    check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
+    check_streams(log.gnss, log.odometer, label=label, findings=findings)
+    if findings.errors:
+        raise InputError(findings.errors[0])
+    findings.warn(*_lost(log.imu, label))
+    run = Run(header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults)
+    record = {
+        "source": path.name, "source_sha256": _file_sha256(path), "format": name, "time_shift_s": log.time_shift_s,
+        "notes": list(log.notes), "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
+    }  # fmt: skip
+    if log.other_files:
+        record["other_sources"] = [{"source": p.name, "source_sha256": _file_sha256(p)} for p in log.other_files]
+    return Conversion(
+        run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items), reference=log.reference
+    )
+
+
+def _lost(imu: ImuLog, label: str) -> list[str]:
+    """A line where more than a few rows are missing: the rate is held over each hole, as a run's reader does."""
+    intervals = np.round(imu.dt_s * imu.rate_hz)
+    lost = int(np.sum(intervals - 1, where=imu.dt_s * imu.rate_hz > DROPOUT))
+    if lost <= MANY_LOST * imu.rows:
+        return []
+    return [f"{label}: {lost} of {imu.rows + lost} rows lost ({lost / (imu.rows + lost):.0%}): each hole has the rate of the "
+            "row after it; what moved meanwhile is not known (spans: repaired)"]  # fmt: skip
+
+
+def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """run.json from the log, the map and the command line, the last one winning."""
+    known = {k: v for k, v in given.items() if v is not None}
+    position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}
+    header = {
+        "schema": SCHEMA, "run_id": path.name.split(".")[0], "tail": "", "lever_arms_m": {},
+        "applied_table_sha256": None, **log.header, **known,
+    }  # fmt: skip
+    site = header.get("site", {})
+    header["site"] = {**site, **position} if isinstance(site, dict) else site
+    if isinstance(header["site"], dict):
+        missing = [k for k in OPTIONS if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)]
+        if missing:
+            told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
+            words = [word for key in ("", *missing) for word in TELLING.get(key, ())]
+            why = next((f" ({n})" for n in log.notes if any(word in n for word in words)), "")
+            raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}{why}")
+    return header
+
+
+def _file_sha256(path: Path) -> str:
+    """Of a file; of a folder, over the names and hashes of its files."""
+    if path.is_dir():
+        parts = [f"{p.name} {_file_sha256(p)}\n" for p in sorted(path.iterdir()) if p.is_file()]
+        return hashlib.sha256("".join(parts).encode()).hexdigest()
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,1 @@
+"""One module a log format: from its containers to columns of an IMU and what stands beside it."""

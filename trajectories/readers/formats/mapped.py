@@ -1,0 +1,78 @@
+"""Logs by a column map: separated values, white space, raw binary rows, Parquet and MATLAB files.
+
+A CSV or Parquet file whose columns already have the names of formats.md needs no map.
+"""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ins.records import InputError
+from trajectories.readers.columns.imu_columns import converted
+from trajectories.readers.columns.layouts import content_format, read_columns
+from trajectories.readers.columns.mat_columns import leaves, shapes
+from trajectories.readers.columns.parquet_columns import flat_names
+from trajectories.readers.columns.side_streams import with_side_streams
+from trajectories.readers.columns.text_columns import header_names
+from trajectories.readers.containers.mat_file import is_matlab
+from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.rows.column_map import column_map, used_columns
+from trajectories.runs.schema import GYRO_DEGC, INCREMENTS, RATES
+
+OWN_UNITS = (("rad/s", "m/s2", RATES), ("rad", "m/s", INCREMENTS))
+
+
+def read(path: Path, options: Mapping[str, Any], *, name: str) -> ConvertedLog:
+    """A log by its map, and the streams that the map names beside the imu."""
+    if not (options.get("gyro") or options.get("accel")):
+        options = _own_map(path, options, name)
+    keys = column_map({**options, "format": name})
+    columns, notes = read_columns(path, keys, used_columns(keys))
+    return with_side_streams(converted(columns, keys, label=path.name, notes=notes), columns, keys, path)
+
+
+def _detect_own(path: Path, *, name: str) -> bool:
+    return content_format(path) == name and _own(_names(path, name)) is not None
+
+
+def _names(path: Path, name: str) -> list[str]:
+    return {"csv": header_names, "parquet": flat_names}[name](path)
+
+
+def _own(names: Sequence[str]) -> dict[str, Any] | None:
+    """The map of a file that names the imu columns of formats.md; None where it does not."""
+    for gyro, accel, columns in OWN_UNITS:
+        if {*columns, "time_s"} <= set(names):
+            own: dict[str, Any] = {"gyro": {"columns": list(columns[:3]), "unit": gyro}, "time": {"column": "time_s"}}
+            own["accel"] = {"columns": list(columns[3:]), "unit": accel}
+            return {**own, "temperature": {"columns": list(GYRO_DEGC)}} if set(GYRO_DEGC) <= set(names) else own
+    return None
+
+
+def _own_map(path: Path, options: Mapping[str, Any], name: str) -> dict[str, Any]:
+    if name == "mat":
+        values, notes = leaves(path)
+        why = f" ({notes[0]})" if notes else ""
+        raise InputError(f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}")
+    own = _own(_names(path, name)) if name in ("csv", "parquet") else None
+    if own is None:
+        where = "line 1 does" if name in ("csv", "text") else "its columns do"
+        raise InputError(f"{path.name}: {where} not name the imu columns, needed [gyro] and [accel] in the map")
+    return {**own, **options}
+
+
+def _never(path: Path) -> bool:
+    return False
+
+
+READERS = tuple(
+    Reader(name=name, about=about, detect=detect, read=partial(read, name=name), gnss_file=True)
+    for name, about, detect in (
+        ("csv", "separated values; without a map only under the names of a run's imu stream", partial(_detect_own, name="csv")),
+        ("text", "columns between white space, needs a map", _never),
+        ("parquet", "Parquet; without a map as csv", partial(_detect_own, name="parquet")),
+        ("binary", "rows of raw numbers, needs a map", _never),
+        ("mat", "any other MATLAB file of version 5 to 7.2, needs a map", is_matlab),
+    )
+)

@@ -1,0 +1,190 @@
+"""ROS bags to a log: one IMU, its temperature, fixes with their velocity, and UTC from the stamps.
+
+ROS 1 (.bag), ROS 2 in SQLite or MCAP (a file, or the folder of a bag) and plain MCAP, known by content. Body axes are
+those of REP-103 (x forward, y left, z up) unless the map has [axes]; times are the stamps of the headers.
+"""
+
+import mmap
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ins.json_file import parse, refuse_non_finite
+from ins.records import AXES, InputError
+from ins.units import STANDARD_GRAVITY
+from trajectories.readers.columns.imu_columns import converted
+from trajectories.readers.containers import mcap_file, ros1_bag, ros2_sqlite
+from trajectories.readers.containers.ros_messages import IMU, NS, Bag, Topic
+from trajectories.readers.formats.ros_streams import chosen, temperature, with_gnss
+from trajectories.readers.registry import ConvertedLog, Reader
+from trajectories.readers.rows.column_map import AxesKeys, StretchKeys, axis_matrix, column_map, stretch_of
+from trajectories.readers.rows.gps_time import UNIX_S, utc_text
+
+FLU = AxesKeys(x="x", y="-y", z="-z")  # REP-103: x forward, y left, z up
+MAP = {
+    "time": {"column": "time"}, "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
+    "accel": {"columns": [f"f{a}" for a in AXES], "unit": "m/s2"},
+}  # fmt: skip
+UNKNOWN = -1.0  # first element of a covariance: the message has no such value
+MAX_FILES = 10_000
+
+
+class RosKeys(StretchKeys):
+    """Map keys of a bag. `stamp`: whose time stamps; `temperature_topics`: one, or three in the order of the IMU's axes."""
+
+    format: str | None = None
+    imu: Annotated[int, Field(ge=1, le=99)] | None = None
+    imu_topic: str | None = None
+    temperature_topics: Annotated[list[str], Field(max_length=3)] | None = None
+    fix_topic: str | None = None
+    velocity_topic: str | None = None
+    stamp: Literal["header", "receive"] = "header"
+    axes: AxesKeys = FLU
+    run: dict[str, Any] = Field(default_factory=dict)
+
+
+def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+    """The log of one Imu topic. InputError where there is none, several and none chosen, or its values are no rates."""
+    refuse_non_finite(dict(options), name="map")
+    keys = parse(RosKeys, dict(options), name="map")
+    bag = read_bag(path)
+    topic = _imu_topic(bag, keys, path.name)
+    label = f"{path.name}: {topic.name}"
+    clock = _Clock(topic, keys.stamp, label, bag)
+    columns = {"time": clock.seconds(topic)} | _columns(topic, label)
+    keys_of_columns = {**MAP, "axes": vars(keys.axes), **stretch_of(keys)}
+    log = converted(columns, column_map(keys_of_columns), label=label, notes=[], base_s=clock.base_s)
+    gyro_degC = temperature(bag, keys.temperature_topics, topic, keys.axes, clock.seconds, log, path.name)
+    topics = chosen(bag, keys.fix_topic, keys.velocity_topic, path.name)
+    log = replace(log, temperature=gyro_degC, notes=(*bag.notes, *log.notes, *_frame_notes(topic, keys, log, label)))
+    log = with_gnss(log, bag, topics, clock.seconds, clock.base_s, path.name)
+    shift_s = log.time_shift_s + clock.base_s
+    header = {"run_id": path.name.split(".")[0], **log.header, **_start(shift_s), **keys.run}
+    return replace(log, time_shift_s=shift_s, header=header)
+
+
+class _Clock:
+    """Time stamps as seconds after `base_s`, a whole second [s since 1970, or of a simulated clock].
+
+    Seconds since 1970 have 0.2 microseconds as float64; what is left has a thousandth of that.
+    """
+
+    def __init__(self, topic: Topic, stamp: str, label: str, bag: Bag) -> None:
+        if stamp == "header" and not any(topic.stamp_ns):
+            bag.note(f"{label}: headers without stamps: times are those of the receiver")
+            stamp = "receive"
+        self._name = "stamp_ns" if stamp == "header" else "receive_ns"
+        self._base_ns = int(np.median(np.frombuffer(getattr(topic, self._name), dtype=np.int64))) // 10**9 * 10**9
+        self.base_s = self._base_ns / 10**9
+
+    def seconds(self, topic: Topic) -> NDArray:
+        return (np.frombuffer(getattr(topic, self._name), dtype=np.int64) - self._base_ns) * NS
+
+
+def _imu_topic(bag: Bag, keys: RosKeys, label: str) -> Topic:
+    """The Imu topic asked for, or the only one."""
+    held = bag.of_kind(IMU)
+    shown = ", ".join(f"{k} {t.name}" for k, t in enumerate(held, start=1))[:200]
+    if keys.imu_topic is not None:
+        held = [t for t in held if t.name == keys.imu_topic]
+    elif keys.imu is not None:
+        held = held[keys.imu - 1 : keys.imu]
+    if not held:
+        asked = keys.imu_topic or (f"IMU {keys.imu}" if keys.imu else "topic of sensor_msgs/Imu")
+        told = f" ({bag.notes[0]})" if bag.notes and not shown else ""
+        raise InputError(f"{label}: no {asked}, has {shown or 'none'}{told}"[:400])
+    if len(held) > 1:
+        raise InputError(f"{label}: several topics of sensor_msgs/Imu: {shown}: needed --imu or imu_topic in the map")
+    return held[0]
+
+
+def _columns(topic: Topic, label: str) -> dict[str, NDArray]:
+    values = topic.values
+    for name, column in (("angular velocity", 3), ("linear acceleration", 7)):
+        if np.all(values[:, column] == UNKNOWN):
+            raise InputError(f"{label}: has no {name} (its covariance begins with -1), needed both sensors in one topic")
+    names = [f"{kind}{a}" for kind in "wf" for a in AXES]
+    return dict(zip(names, values[:, [0, 1, 2, 4, 5, 6]].T))
+
+
+def _frame_notes(topic: Topic, keys: RosKeys, log: ConvertedLog, label: str) -> list[str]:
+    """What the axes were taken for. InputError where the unit would not stand upright in the axes of REP-103."""
+    told = "as REP-103 (x forward, y left, z up)" if keys.axes == FLU else "as [axes] of the map says"
+    lines = [f"{label}: frame_id {topic.frame_id!r:.80}: axes taken {told}"]
+    f = np.median(log.imu.whole().dv_m_s / log.imu.whole().dt_s[:, None], axis=0)
+    k = int(np.argmax(np.abs(f)))
+    if keys.axes == FLU and abs(f[k]) > 0.8 * STANDARD_GRAVITY and not (k == 2 and f[2] < 0):
+        raw = f[k] * axis_matrix(FLU)[k, k]
+        told = ' (forward, right, down is x = "x", y = "y", z = "z")' if k == 2 else ""
+        raise InputError(
+            f"{label}: the messages (frame_id {topic.frame_id!r:.80}) read {raw:+.2f} m/s2 on {AXES[k]}, REP-103 has +9.8 on "
+            f"z: needed [axes] in the map{told}"
+        )
+    return lines
+
+
+def _start(start_s: float) -> dict[str, str]:
+    """UTC of the stamps where they can be that (no simulated clock, no time since boot)."""
+    return {"start_utc": utc_text(start_s)} if UNIX_S[0] < start_s < UNIX_S[1] else {}
+
+
+def read_bag(path: Path) -> Bag:
+    """All messages of the kinds that make a run, of a file or of the files of a folder."""
+    bag = Bag()
+    for file in _files(path):
+        label = file.name if file == path else f"{path.name}/{file.name}"
+        read_file = format_of(file)
+        if read_file is None:
+            bag.note(f"{label}: not a bag, not read")
+            continue
+        read_file(file, bag, label)
+    for topic in bag.topics.values():
+        bag.note(f"{path.name}: {topic.name}: {topic.damaged} messages damaged, dropped" if topic.damaged else "")
+    return bag
+
+
+def _files(path: Path) -> list[Path]:
+    """The files of a bag in the order of their numbers; the file itself where it is one."""
+    if not path.is_dir():
+        return [path]
+    names = [p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".bag", ".zstd") and p.is_file()]
+    if packed := [p.name for p in names if p.suffix == ".zstd"]:
+        raise InputError(f"{path}: {packed[0]} is packed as a whole: unpack it first (zstd -d)")
+    if outside := [p.name for p in names if not p.resolve().is_relative_to(path.resolve())]:
+        raise InputError(f"{path}: {outside[0]}: a link that leaves the folder of the bag")
+    return sorted(names[:MAX_FILES], key=lambda p: [int(n) for n in re.findall(r"\d{1,9}", p.name)])
+
+
+def format_of(path: Path) -> Callable[[Path, Bag, str], None] | None:
+    """The reader for the content of a file; None where it is no bag."""
+    with path.open("rb") as file:
+        head = file.read(16)
+    if head.startswith(ros1_bag.MAGIC):
+        return lambda p, bag, label: _mapped(p, bag, label, ros1_bag.read_ros1)
+    if head.startswith(mcap_file.MAGIC):
+        return lambda p, bag, label: _mapped(p, bag, label, mcap_file.read_mcap)
+    return ros2_sqlite.read_sqlite if head == ros2_sqlite.MAGIC else None
+
+
+def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, str], None]) -> None:
+    """A file read through a map of memory: of a long bag, only what is looked at. The map ends with its last reader."""
+    with path.open("rb") as file:
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    read(memoryview(data), bag, label)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a file, or the files of a folder, are bags."""
+    files: Sequence[Path] = [path] if path.is_file() else [p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".zstd")]
+    return any(p.suffix == ".zstd" or format_of(p) is not None for p in files if p.is_file())
+
+
+READERS = (
+    Reader(name="ros", about="ROS 1 .bag, ROS 2 .db3 or .mcap, a file or a folder", detect=is_bag, read=read, folder=True),
+)

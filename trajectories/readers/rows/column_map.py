@@ -1,0 +1,249 @@
+"""Column maps: a TOML file that says what the columns of a log mean (examples in examples/maps).
+
+Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments. A column is named as in the
+file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)` (trajectories.readers.columns.mat_columns).
+"""
+
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator
+
+from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.records import AXES, InputError
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
+from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
+
+FOOT = 0.3048  # international foot [m]
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+GYRO_RATES = {
+    "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "deg/h": DEG_PER_HOUR, "arcsec/s": ARCSEC,
+}  # fmt: skip
+GYRO_INCREMENTS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": DEG, "arcsec": ARCSEC}
+ACCEL_RATES = {
+    "m/s2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "ft/s2": FOOT, "g": STANDARD_GRAVITY, "mg": 1e3 * MICRO_G, "ug": MICRO_G,
+}  # fmt: skip
+ACCEL_INCREMENTS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": FOOT}
+SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600}
+ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
+HEIGHTS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT}
+CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
+
+_Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
+_Three = Annotated[list[str], Field(min_length=3, max_length=3)]
+
+
+class LayoutKeys(StrictModel):
+    """How rows and columns lie in a file; `format` by the file's content where not given.
+
+    Text: names are in line `names_line` of `header_lines`, the last of them by default, unless `columns` gives them; lines
+    that begin with `comment` count nowhere. Binary: `header_bytes`, then rows of `dtype`.
+    """
+
+    format: Literal["csv", "text", "binary", "parquet", "mat"] | None = None
+    columns: Annotated[list[str], Field(min_length=1)] | None = None
+    header_lines: Annotated[int, Field(ge=0, le=10_000)] | None = None
+    names_line: Annotated[int, Field(ge=1, le=10_000)] | None = None
+    delimiter: Annotated[str, Field(min_length=1, max_length=1)] = ","
+    decimal: Literal[".", ","] = "."
+    comment: Annotated[str, Field(min_length=1, max_length=10)] | None = None
+    header_bytes: Annotated[int, Field(ge=0)] = 0
+    dtype: str | list[str] = "<f8"
+
+
+class TimeKeys(StrictModel):
+    """The column of time stamps; `epoch`: what they count from, where that gives the date (UTC or GPS time)."""
+
+    column: str
+    unit: Literal["s", "ms", "us", "ns"] = "s"
+    epoch: Literal["unix", "gps"] | None = None
+
+
+class FileKeys(StrictModel):
+    """Another file (relative to the log's folder) on the same clock, and how it is laid out; none: the log itself."""
+
+    file: str | None = None
+    layout: LayoutKeys | None = None
+    time: TimeKeys | None = None
+
+
+class SensorKeys(StrictModel):
+    """Three columns in the log's own axes x, y, z: value = raw * scale [unit]; the unit says increments or rates."""
+
+    columns: _Three
+    unit: str
+    scale: float = 1.0
+    kind: Literal["increments", "rates"] | None = None
+
+
+class TemperatureKeys(FileKeys):
+    """One column for all gyros or three in the log's own axes."""
+
+    columns: Annotated[list[str], Field(min_length=1, max_length=3)]
+    unit: Literal["degC", "K", "degF"] = "degC"
+    scale: float = 1.0
+
+    @field_validator("columns")
+    @classmethod
+    def _one_or_three(cls, columns: list[str]) -> list[str]:
+        if len(columns) == 2:
+            raise ValueError("one column or three")
+        return columns
+
+
+class AxesKeys(StrictModel):
+    """Which raw axis, with its sign, is each body axis (x forward, y right, z down)."""
+
+    x: _Axis = "x"
+    y: _Axis = "y"
+    z: _Axis = "z"
+
+
+class PositionKeys(StrictModel):
+    """Latitude, longitude [unit], height above the ellipsoid [height_unit]; sigma [m]: horizontal, vertical or north, east,
+    down."""
+
+    columns: _Three
+    unit: Literal["deg", "rad", "1e-7 deg"] = "deg"
+    height_unit: Literal["m", "cm", "mm", "ft"] = "m"
+    sigma: Annotated[list[str], Field(min_length=2, max_length=3)] | None = None
+
+
+class VelocityKeys(StrictModel):
+    """Three columns in the order of `frame`; sigma: one column for all, or three."""
+
+    columns: _Three
+    frame: Literal["ned", "enu"] = "ned"
+    unit: Literal["m/s", "km/h", "kn"] = "m/s"
+    sigma: Annotated[list[str], Field(min_length=1, max_length=3)] | None = None
+
+
+class FixKeys(StrictModel):
+    """A column that says how good a fix is: rows below `at_least` have none."""
+
+    column: str
+    at_least: float = 3.0
+
+
+class GnssKeys(FileKeys):
+    """Satellite fixes; without velocities these are differences of the positions (their sigma is then needed)."""
+
+    position: PositionKeys
+    velocity: VelocityKeys | None = None
+    fix: FixKeys | None = None
+
+
+class OdometerKeys(FileKeys):
+    """Speed along body x."""
+
+    column: str
+    unit: Literal["m/s", "km/h", "kn"] = "m/s"
+    scale: float = 1.0
+
+
+class StretchKeys(StrictModel):
+    """Every map may say which stretch of the log to take, by the log's own clock [s]."""
+
+    from_s: float = -np.inf
+    to_s: float = np.inf
+
+
+class ColumnMap(LayoutKeys, StretchKeys):
+    """A map file; `run` holds keys for run.json."""
+
+    rate_hz: Annotated[float, Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ)] | None = None
+    time: TimeKeys | None = None
+    gyro: SensorKeys
+    accel: SensorKeys
+    temperature: TemperatureKeys | None = None
+    gnss: GnssKeys | None = None
+    odometer: OdometerKeys | None = None
+    axes: AxesKeys = AxesKeys()
+    run: dict[str, Any] = Field(default_factory=dict)
+
+
+def column_map(options: Mapping[str, Any]) -> ColumnMap:
+    """The map of a plain dict, checked: units, axes of a right-handed set, one source of time."""
+    refuse_non_finite(dict(options), name="map")
+    keys = parse(ColumnMap, dict(options), name="map")
+    if (keys.time is None) == (keys.rate_hz is None):
+        raise InputError("map: needed either a [time] column or rate_hz")
+    for name in ("temperature", "gnss", "odometer"):
+        part = getattr(keys, name)
+        if part is not None and part.time is None and (part.file is not None or keys.time is None):
+            raise InputError(f"map: {name}.time: needed, the column of its time stamps")
+    _refuse_twice(keys)
+    _unit(keys.gyro, "gyro", GYRO_RATES, GYRO_INCREMENTS)
+    _unit(keys.accel, "accel", ACCEL_RATES, ACCEL_INCREMENTS)
+    M = axis_matrix(keys.axes)
+    if round(float(np.linalg.det(M))) != 1:
+        drawn = ", ".join(f'{b} = "{getattr(keys.axes, b)}"' for b in AXES)
+        raise InputError(f"map: axes {drawn}: needed a right-handed set that uses x, y and z once")
+    return keys
+
+
+def _refuse_twice(keys: ColumnMap) -> None:
+    """InputError where a column stands for two things, or a scale makes nothing of all values."""
+    time = [keys.time.column] if keys.time else []
+    groups = {"gyro and accel": [*time, *keys.gyro.columns, *keys.accel.columns]}
+    if keys.gnss is not None:
+        groups["gnss"] = [*keys.gnss.position.columns, *(keys.gnss.velocity.columns if keys.gnss.velocity else [])]
+    for name, columns in groups.items():
+        twice = [column for column in columns if columns.count(column) > 1]
+        if twice:
+            raise InputError(f"map: {name}: column {twice[0][:100]} is named twice")
+    for name in ("gyro", "accel", "temperature", "odometer"):
+        part = getattr(keys, name)
+        if part is not None and part.scale == 0.0:
+            raise InputError(f"map: {name}.scale: got 0, needed another number")
+
+
+def stretch_of(keys: StretchKeys) -> dict[str, float]:
+    """The stretch that a map asks for, as keys of a column map; none where it asks for none."""
+    given = {"from_s": keys.from_s, "to_s": keys.to_s}
+    return {name: value for name, value in given.items() if np.isfinite(value)}
+
+
+def axis_matrix(axes: AxesKeys) -> NDArray:
+    """M with v_body = M @ v_raw, shape (3, 3); entries 0 and +-1."""
+    M = np.zeros((3, 3))
+    for i, name in enumerate(AXES):
+        text = getattr(axes, name)
+        M[i, AXES.index(text[-1])] = -1.0 if text[0] == "-" else 1.0
+    return M
+
+
+def used_columns(keys: ColumnMap) -> list[str]:
+    """The names of the columns that the map reads in the log itself, each once."""
+    names = [*keys.gyro.columns, *keys.accel.columns]
+    names += [keys.time.column] if keys.time else []
+    for part in (keys.temperature, keys.gnss, keys.odometer):
+        names += side_columns(part) if part is not None and part.file is None else []
+    return list(dict.fromkeys(names))
+
+
+def side_columns(part: TemperatureKeys | GnssKeys | OdometerKeys) -> list[str]:
+    """The names of the columns of a stream beside the imu."""
+    names = [part.time.column] if part.time else []
+    if isinstance(part, GnssKeys):
+        names += part.position.columns + (part.position.sigma or []) + ([part.fix.column] if part.fix else [])
+        return names + (part.velocity.columns + (part.velocity.sigma or []) if part.velocity else [])
+    return names + (part.columns if isinstance(part, TemperatureKeys) else [part.column])
+
+
+def _unit(sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]) -> None:
+    if sensor.unit not in rates | increments:
+        raise InputError(f"map: {name}.unit: got {sensor.unit[:40]!r}, needed one of {', '.join(rates | increments)}")
+    kind = "rates" if sensor.unit in rates else "increments"
+    if sensor.kind not in (None, kind):
+        raise InputError(f"map: {name}.kind: got {sensor.kind!r}, but {sensor.unit} is a unit of {kind}")
+
+
+def binary_type(text: str) -> np.dtype:
+    """A plain number type such as "<f8" or ">i2"; nothing that could hold Python objects."""
+    if not re.fullmatch(r"[<>]?(f[48]|[iu][1248])", text):
+        raise InputError(f"map: dtype: got {text[:20]!r}, needed f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 after < or >")
+    return np.dtype(text)

@@ -1,0 +1,280 @@
+"""The streams beside the imu: columns to records and back, and what is odd about a thermometer.
+
+Each loader returns the record (None after an error) and the spans it dropped; lines go to `Findings`.
+"""
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ins.records import (
+    GnssLog,
+    ImuSource,
+    InputError,
+    OdometerLog,
+    Phase,
+    ReferenceLog,
+    Run,
+    RunHeader,
+    Span,
+    TemperatureLog,
+)
+from ins.thermometer_faults import HOLE_S
+from ins.units import DEG
+from trajectories.runs.checks import JITTER_WARNING, MAX_VALUE, Findings, Row, check_increasing, first_beyond
+from trajectories.runs.imu_stream import jitter
+from trajectories.runs.schema import (
+    ACCEL_DEGC,
+    ATTITUDE,
+    GRADIENT_DEGC,
+    GYRO_DEGC,
+    INCREMENTS,
+    POSITION,
+    SIGMAS,
+    VELOCITY,
+    degrees_exact,
+)
+from trajectories.runs.stream_files import StreamFile
+from trajectories.runs.thermometer import check_thermometer
+
+MAX_PHASES = 10_000
+Loaded = tuple[Any, list[Span]]
+
+
+def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
+    """Rows without a gyro temperature are dropped and listed; other temperatures may be missing."""
+    kept, faults = _columns(stream, ("time_s", *GYRO_DEGC), findings)
+    if kept is None:
+        return None, faults
+    columns = kept.columns
+    check_thermometer(columns, stream.label, findings)
+    record = TemperatureLog(
+        time_s=columns["time_s"], gyro_degC=_stack(columns, GYRO_DEGC),
+        accel_degC=_stack(columns, ACCEL_DEGC) if ACCEL_DEGC[0] in columns else None,
+        gradient_degC=_stack(columns, GRADIENT_DEGC) if GRADIENT_DEGC[0] in columns else None,
+        block_degC=columns.get("block_degC"), ambient_degC=columns.get("ambient_degC"),
+    )  # fmt: skip
+    return record, faults
+
+
+def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
+    """Fixes with anything but a sigma missing, and those at 0 N 0 E exactly (no fix), are dropped and listed.
+
+    A sigma that is missing stays NaN (the declared one is taken then); a column of nothing else counts as absent.
+    """
+    kept, faults = _columns(stream, [name for name in stream.names if name not in SIGMAS], findings, no_fix=True)
+    if kept is None or not _check_position(kept, findings):
+        return None, faults
+    sigmas = {name: kept.columns[name] for name in SIGMAS if name in kept.columns}
+    for name, values in list(sigmas.items()):
+        wrong = np.isinf(values) | (values <= 0)
+        if np.isnan(values).all():
+            findings.warn(f"{stream.label}: column {name} has no value: taken as absent")
+            del sigmas[name]
+        elif wrong.any():
+            k = int(np.argmax(wrong))
+            findings.error(f"{kept.row(k)}: column {name}: got {values[k]:g}, needed more than 0")
+            return None, faults
+    return GnssLog(**_place_records(kept.columns), **sigmas), faults
+
+
+def load_odometer(stream: StreamFile, findings: Findings) -> Loaded:
+    """Rows without a speed are dropped and listed."""
+    kept, faults = _columns(stream, stream.names, findings)
+    return (None if kept is None else OdometerLog(**kept.columns)), faults
+
+
+def load_reference(stream: StreamFile, findings: Findings) -> ReferenceLog | None:
+    """The truth; rows with anything missing are dropped."""
+    kept, _ = _columns(stream, stream.names, findings)
+    if kept is None or not _check_position(kept, findings):
+        return None
+    angles = {name.replace("_deg", "_rad"): kept.columns[name] * DEG for name in ATTITUDE}
+    return ReferenceLog(**_place_records(kept.columns), **angles)
+
+
+def load_phases(stream: StreamFile, findings: Findings) -> Loaded:
+    """The phases in order of time; an unknown name or an end before its start is an error naming the row."""
+    phases, errors = [], len(findings.errors)
+    for k, (name, start_s, end_s) in enumerate(_phase_rows(stream)):
+        try:
+            if not (np.isfinite(start_s) and np.isfinite(end_s)):
+                raise InputError(f"start_s {start_s}, end_s {end_s}, needed finite numbers")
+            phases.append(Phase(phase=name, start_s=start_s, end_s=end_s))
+        except InputError as error:
+            findings.error(f"{stream.row(k)}: {error}")
+    phases.sort(key=lambda p: p.start_s)
+    for a, b in pairwise(phases):
+        if b.start_s < a.end_s:
+            findings.warn(f"{stream.label}: {b.phase} starts at {b.start_s:g} s, {a.phase} ends at {a.end_s:g} s")
+    return (None if len(findings.errors) > errors else tuple(phases)), []
+
+
+LOADERS: dict[str, Callable[[StreamFile, Findings], Loaded]] = {
+    "temperature": load_temperature, "gnss": load_gnss, "odometer": load_odometer, "phases": load_phases,
+}  # fmt: skip
+
+
+def tables(run: Run, reference: ReferenceLog | None) -> dict[str, dict[str, Any]]:
+    """The streams of a run as columns of its files; reading them back gives the same records bit for bit."""
+    imu = run.imu.whole()
+    out: dict[str, dict[str, Any]] = {}
+    out["imu"] = {"time_s": imu.time_s, **_spread(INCREMENTS, np.hstack([imu.dtheta_rad, imu.dv_m_s]))}
+    if (t := run.temperature) is not None:
+        out["temperature"] = {
+            "time_s": t.time_s, **_spread(GYRO_DEGC, t.gyro_degC), **_spread(ACCEL_DEGC, t.accel_degC),
+            **_given(block_degC=t.block_degC), **_spread(GRADIENT_DEGC, t.gradient_degC),
+            **_given(ambient_degC=t.ambient_degC),
+        }  # fmt: skip
+    if run.gnss is not None:
+        out["gnss"] = {**_place(run.gnss), **_given(**{name: getattr(run.gnss, name) for name in SIGMAS})}
+    if run.odometer is not None:
+        out["odometer"] = {"time_s": run.odometer.time_s, "speed_m_s": run.odometer.speed_m_s}
+    if run.phases:
+        keys = ("phase", "start_s", "end_s")
+        out["phases"] = {key: [getattr(p, key) for p in run.phases] for key in keys}
+    if reference is not None:
+        angles = {name: degrees_exact(getattr(reference, name.replace("_deg", "_rad"))) for name in ATTITUDE}
+        out["reference"] = {**_place(reference), **angles}
+    return out
+
+
+def check_overlap(imu: ImuSource, optional: dict[str, Any], header: RunHeader, findings: Findings) -> None:
+    """Streams that do not share the imu's time, a late start, a site far from the first fix."""
+    start, end = imu.start_s, imu.end_s
+    if not -1.0 <= start <= 60.0:
+        findings.warn(f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)")
+    if (spread := jitter(imu)) > JITTER_WARNING:
+        findings.warn(f"imu: time stamps jitter by {spread:.0%} of the interval (99th percentile)")
+    for name in ("temperature", "gnss", "odometer"):
+        log = optional.get(name)
+        if log is not None and (log.time_s[0] > end or log.time_s[-1] < start):
+            a, b = log.time_s[0], log.time_s[-1]
+            findings.suspect(f"{name}: time_s {a:.6g} to {b:.6g} s, imu {start:.6g} to {end:.6g} s: other time base?")
+        elif name == "temperature" and log is not None:
+            beyond = [(start, log.time_s[0]), (log.time_s[-1], end)]
+            lines = [f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)" for a, b in beyond if b - a > HOLE_S]
+            findings.warn(*lines)
+    gnss = optional.get("gnss")
+    if gnss is not None:
+        off = np.degrees(np.abs([gnss.lat_rad[0] - header.site.lat_rad, gnss.lon_rad[0] - header.site.lon_rad]))
+        if off[0] > 1 or 1 < off[1] * np.cos(header.site.lat_rad) < 359:
+            findings.warn(f"gnss: first fix is {off[0]:.3f} deg in latitude, {off[1]:.3f} in longitude off the site")
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The rows kept, column by column, and how a message names one of them as it was in the file."""
+
+    columns: dict[str, NDArray]
+    row: Row
+
+
+def _columns(
+    stream: StreamFile, required: Sequence[str], findings: Findings, *, no_fix: bool = False
+) -> tuple[_Rows | None, list[Span]]:
+    """All columns without the rows that lack a required value; None after an error."""
+    columns = {name: stream.column(name) for name in stream.names}
+    if wild := _wild(columns):
+        name, k = wild
+        findings.error(f"{stream.row(k)}: column {name}: got {columns[name][k]:g}, needed within +-{MAX_VALUE:g}")
+        return None, []
+    empty = [name for name in required if not np.isfinite(columns[name]).any()]
+    if empty:
+        findings.error(f"{stream.label}: column {empty[0]} has no finite value")
+        return None, []
+    kept = np.all([np.isfinite(columns[name]) for name in required], axis=0)
+    why = "missing values"
+    if no_fix and np.any(zero := (columns["lat_deg"] == 0) & (columns["lon_deg"] == 0)):
+        kept, why = kept & ~zero, "missing values or position 0, 0"
+    rows = np.flatnonzero(kept)
+    if not rows.size:
+        findings.error(f"{stream.label}: no row is complete")
+        return None, []
+    faults = _dropped(stream.label, columns["time_s"], kept, why)
+    findings.warn(*(f"{stream.label}: {s.reason} ({s.start_s:.3f} to {s.end_s:.3f} s)" for s in faults))
+    part = _Rows(
+        {name: np.ascontiguousarray(values[rows]) for name, values in columns.items()},
+        lambda k: stream.row(int(rows[k])),
+    )
+    wrong = check_increasing(part.columns["time_s"], part.row)
+    findings.error(*wrong)
+    return (None if wrong else part), faults
+
+
+def _wild(columns: dict[str, NDArray]) -> tuple[str, int] | None:
+    """Column and index of the first finite number beyond MAX_VALUE; None where there is none."""
+    for name, values in columns.items():
+        if (k := first_beyond(values)) is not None:
+            return name, k
+    return None
+
+
+def _dropped(label: str, time_s: NDArray, kept: NDArray, why: str) -> list[Span]:
+    """Each run of dropped rows as a span of time."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], kept, [True]]).astype(int)))
+    spans = []
+    for a, b in zip(edges[::2], edges[1::2]):
+        known = time_s[a:b][np.isfinite(time_s[a:b])]
+        start, end = (known[0], known[-1]) if known.size else (np.nan, np.nan)
+        rows = f"row {a + 1}" if b == a + 1 else f"rows {a + 1} to {b}"
+        reason = f"{label.split('.')[0]}: {rows} dropped, {why}"
+        spans.append(Span(start_s=float(start), end_s=float(end), reason=reason))
+    return spans
+
+
+def _check_position(kept: "_Rows", findings: Findings) -> bool:
+    wrong: list[str] = []
+    for name, low, high in (("lat_deg", -90, 90), ("lon_deg", -360, 360), ("height_m", -1000, 30000)):
+        values = kept.columns[name]
+        bad = np.flatnonzero((values < low) | (values > high))
+        wrong += [f"{kept.row(k)}: column {name}: got {values[k]:g}, needed {low} to {high}" for k in bad[:1]]
+    findings.error(*wrong)
+    return not wrong
+
+
+def _phase_rows(stream: StreamFile) -> list[tuple[str, float, float]]:
+    if not stream.is_text:
+        columns = [stream.text_column("phase"), stream.column("start_s").tolist(), stream.column("end_s").tolist()]
+        return list(zip(*columns))
+    order = [stream.names.index(name) for name in ("phase", "start_s", "end_s")]
+    rows = [r for r in csv.reader(stream.text.splitlines()) if r]
+    if len(rows) > MAX_PHASES:
+        raise InputError(f"{stream.label}: {len(rows)} rows, needed at most {MAX_PHASES}")
+    out = []
+    for k, row in enumerate(rows):
+        try:
+            name, start, end = (row[i].strip() for i in order)
+            out.append((name, float(start), float(end)))
+        except (IndexError, ValueError):
+            raise InputError(f"{stream.row(k)}: got {','.join(row)[:60]!r}, needed phase, start_s, end_s") from None
+    return out
+
+
+def _stack(columns: dict[str, NDArray], names: Sequence[str]) -> NDArray:
+    return np.stack([columns[n] for n in names], axis=1)
+
+
+def _spread(names: Sequence[str], values: NDArray | None) -> dict[str, NDArray]:
+    return {} if values is None else {name: values[:, k] for k, name in enumerate(names)}
+
+
+def _given(**columns: NDArray | None) -> dict[str, NDArray]:
+    return {name: values for name, values in columns.items() if values is not None}
+
+
+def _place(log: GnssLog | ReferenceLog) -> dict[str, NDArray]:
+    position = (degrees_exact(log.lat_rad), degrees_exact(log.lon_rad), log.height_m)
+    return {"time_s": log.time_s, **dict(zip(POSITION, position)), **_spread(VELOCITY, log.v_n_m_s)}
+
+
+def _place_records(columns: dict[str, NDArray]) -> dict[str, NDArray]:
+    return {
+        "time_s": columns["time_s"], "lat_rad": columns["lat_deg"] * DEG, "lon_rad": columns["lon_deg"] * DEG,
+        "height_m": columns["height_m"], "v_n_m_s": _stack(columns, VELOCITY),
+    }  # fmt: skip
