@@ -27,6 +27,8 @@ def alignment_document(result: Alignment, run: Run) -> dict[str, Any]:
         "sigma_latitude_deg": result.sigma_latitude_rad / DEG,
         "phases": [{"phase": p.phase, "start_s": p.start_s, "end_s": p.end_s} for p in phases],
         "duration_s": result.duration_s,
-        "excluded": [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in result.excluded],
+        "excluded": [
+            {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in result.excluded
+        ],
         "consistency": {"nis_mean": result.nis_mean, "dof": result.dof},
     }

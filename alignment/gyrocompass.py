@@ -1,4 +1,6 @@
-"""Fine alignment: the navigation-mode filter on the parked stretch, and the loop that linearises it about its result."""
+"""Fine alignment: the navigation-mode filter on the parked stretch, and the loop that linearises it
+about its result.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -34,14 +36,16 @@ MIN_REST_S = 60.0
 LEVEL_SHARE = 0.3  # of level Earth rate: gyros known worse than this find no heading
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
-NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)  # tried in turn where the residuals exceed the model
+# tried in turn where the residuals exceed the model
+NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)
 LEVEL_S = 30.0  # of the rest, for the first level: people who board later tilt the vehicle
 MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
 MAX_PASSES = 4
 BIAS_BIN_S = 300.0
 WARM_UP_S = 1800.0
-UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # formats.md, section 2: no table for a unit
+# formats.md, section 2: no table for a unit
+UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 
 
 class NothingStands(InputError):
@@ -64,31 +68,47 @@ def solve(
     parked_only: bool = False,
     hold_heading: bool = True,
 ) -> Solution:
-    """Navigate from the rest, estimate the errors, correct the start and the biases, and again until it stands.
+    """Navigate from the rest, estimate the errors, correct the start and the biases, and again
+    until it stands.
 
-    imu: compensated with everything known (table, scale factors); rest: (start, end) of the first rest [s];
-    parked_only stops the filter where the vehicle first rolls. Two or three passes as a rule.
+    imu: compensated with everything known (table, scale factors); rest: (start, end) of the first
+    rest [s]; parked_only stops the filter where the vehicle first rolls. Two or three passes as a
+    rule.
     """
     imu, faults = imu_faults.repair(imu, rest[0], min(until_s, imu.end_s))
     first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
-    C_nb = coarse.gyrocompass_dcm(replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b))
+    C_nb = coarse.gyrocompass_dcm(
+        replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b)
+    )
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
     seen = np.zeros(0)
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
         history = navigate(
-            _less_found(imu.pieces(rest[0], min(until_s, imu.end_s)), prior.edges_s, applied, applied_accel), start,
-            epoch_s=1.0, vertical=vertical or VerticalChannel(mode="hold"),
-        )  # fmt: skip
+            _less_found(
+                imu.pieces(rest[0], min(until_s, imu.end_s)), prior.edges_s, applied, applied_accel
+            ),
+            start,
+            epoch_s=1.0,
+            vertical=vertical or VerticalChannel(mode="hold"),
+        )
         if number < MAX_PASSES - 1:
             motion = stillness.classify(history, phases, imu, faults)
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
-        plan = plan_steps(motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s)
+        plan = plan_steps(
+            motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s
+        )
         if not plan.kind.size:
-            told = f"{rest[1] - rest[0]:.0f} s of rest: once navigated, nothing stands still for a step of the filter"
-            raise NothingStands(f"{told}: it moves, or the unit is much noisier than its noise model ({twin.source})")
+            told = (
+                f"{rest[1] - rest[0]:.0f} s of rest: once navigated, nothing stands still for a"
+                " step of the filter"
+            )
+            raise NothingStands(
+                f"{told}: it moves, or the unit is much noisier than its noise model"
+                f" ({twin.source})"
+            )
         flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
         flt.x[em.ACCEL] = -applied_accel[:2]
         parked = ParkedConstraint(
@@ -97,9 +117,15 @@ def solve(
             yaw_jitter_rad=max(yaw_jitter, SMALLEST_YAW_JITTER_RAD),
         )
         sweep(history, plan, flt, parked, aids=aids, clone_at_s=clone_at_s)
-        flt.withdraw_prior(em.THETA_START.stop - 1, diffuse_heading_rad(prior.covariance, level_rate))
+        flt.withdraw_prior(
+            em.THETA_START.stop - 1, diffuse_heading_rad(prior.covariance, level_rate)
+        )
         correction = flt.x[em.THETA_START]
-        if number > 0 and np.linalg.norm(correction) < CONVERGED_RAD and np.array_equal(seen, motion.kind):
+        if (
+            number > 0
+            and np.linalg.norm(correction) < CONVERGED_RAD
+            and np.array_equal(seen, motion.kind)
+        ):
             break
         seen = motion.kind
         if number < MAX_PASSES - 1:
@@ -109,8 +135,12 @@ def solve(
     return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
 
 
-def _less_found(pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray) -> Iterator[ImuLog]:
-    """The pieces of a log less what was found: gyro biases (N, 3) over the bins, accelerometer biases (3,)."""
+def _less_found(
+    pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray
+) -> Iterator[ImuLog]:
+    """The pieces of a log less what was found: gyro biases (N, 3) over the bins, accelerometer
+    biases (3,).
+    """
     for piece in pieces:
         bias = gyro_rad_s[bin_of(edges_s, piece.time_s)]
         yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=accel_m_s2)
@@ -132,64 +162,99 @@ def align(
 ) -> Alignment:
     """Attitude with sigma at the end of the parked time of a log.
 
-    imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left of the gyro
-    biases; None: the unit is unknown, the technology's sigma widened by what the parked rates show.
-    Refusals come back as a verdict with reasons, not as exceptions.
+    imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left
+    of the gyro biases; None: the unit is unknown, the technology's sigma widened by what the parked
+    rates show. Refusals come back as a verdict with reasons, not as exceptions.
     """
     if abs(site.lat_rad) > MAX_LATITUDE_RAD:
-        return _refused(f"latitude {site.lat_rad / DEG:.2f} deg: no gyrocompass alignment above 78.25 deg")
+        return _refused(
+            f"latitude {site.lat_rad / DEG:.2f} deg: no gyrocompass alignment above 78.25 deg"
+        )
     rest = coarse.first_rest(imu)
     if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.BLOCK_S:
-        return _refused("the log never rests for a minute; a parked stretch of 5 to 15 min is needed")
+        return _refused(
+            "the log never rests for a minute; a parked stretch of 5 to 15 min is needed"
+        )
     means = coarse.rest_means(imu.between(*rest))
     arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
-    sigma = np.full(3, np.nan) if bias_sigma_deg_h is None else np.asarray(bias_sigma_deg_h, dtype=float)
+    sigma = (
+        np.full(3, np.nan)
+        if bias_sigma_deg_h is None
+        else np.asarray(bias_sigma_deg_h, dtype=float)
+    )
     if bias_sigma_deg_h is None:
         sigma[:] = unknown_bias_sigma_deg_h(twin, means)
     prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
     no_heading = (
-        f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against {earth_level / DEG_PER_HOUR:.3g} deg/h "
-        "of level Earth rate: heading cannot be found at rest; give a heading or turn the unit"
+        f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against"
+        f" {earth_level / DEG_PER_HOUR:.3g} deg/h of level Earth rate: heading cannot be found at"
+        " rest; give a heading or turn the unit"
     )
     turns = levelling.turns(means)
     if turns and twin.gyro_technology != "mems":
         return _refused(turns)
-    if level_sigma > LEVEL_SHARE * earth_level:  # the solution drifts too fast for rest to be seen in it
+    # the solution drifts too fast for rest to be seen in it
+    if level_sigma > LEVEL_SHARE * earth_level:
         reasons = [f"{turns}, or it is all bias"] if turns else []
         if bias_sigma_deg_h is None and twin.gyro_technology != "mems":
-            twin, like = levelling.like_mems(twin, float(sigma[0]), UNKNOWN_BIAS_DEG_H[twin.gyro_technology])
+            twin, like = levelling.like_mems(
+                twin, float(sigma[0]), UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
+            )
             reasons.append(like)
-        found = levelling.level(imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading)
+        found = levelling.level(
+            imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading
+        )
         return replace(found, reasons=(*found.reasons, *reasons))
     for scale in NOISE_SCALES:
         try:
             solution = solve(
-                imu, site, scaled_noise(twin, scale), prior,
-                rest=rest, phases=phases, parked_only=True, hold_heading=hold_heading,
-            )  # fmt: skip
+                imu,
+                site,
+                scaled_noise(twin, scale),
+                prior,
+                rest=rest,
+                phases=phases,
+                parked_only=True,
+                hold_heading=hold_heading,
+            )
         except NothingStands as error:
             return _refused(str(error))
         result = _attitude(solution, phases)
-        if nis_verdict(result.nis_mean, result.dof) is None and rejected_share(solution) < MAX_REJECTED:
+        if (
+            nis_verdict(result.nis_mean, result.dof) is None
+            and rejected_share(solution) < MAX_REJECTED
+        ):
             break
     else:
         return replace(
             result,
             verdict="refused",
-            reasons=(f"it moves: the rest does not fit even {scale:g} times the noise model ({twin.source})",),
+            reasons=(
+                (
+                    f"it moves: the rest does not fit even {scale:g} times the noise model"
+                    f" ({twin.source})"
+                ),
+            ),
         )
     if scale > 1.0:
         result = replace(
             result,
-            reasons=(f"the unit is noisier than its noise model ({twin.source}): taken {scale:g} times as large",),
+            reasons=(
+                (
+                    f"the unit is noisier than its noise model ({twin.source}): taken {scale:g}"
+                    " times as large"
+                ),
+            ),
         )
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 
 
 def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> BiasPrior:
-    """Gyro biases over five-minute bins, half of each variance constant, half wandering with the warm-up."""
+    """Gyro biases over five-minute bins, half of each variance constant, half wandering with the
+    warm-up.
+    """
     edges = np.linspace(start_s, end_s, max(round((end_s - start_s) / BIAS_BIN_S), 1) + 1)
     centre = 0.5 * (edges[1:] + edges[:-1])
     lag = (centre[:, None] - centre[None, :]) / WARM_UP_S
@@ -198,7 +263,9 @@ def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> Bia
 
 
 def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
-    """Bias sigma of a unit without a table: its technology's, widened by the excess of |omega| over Earth rate."""
+    """Bias sigma of a unit without a table: its technology's, widened by the excess of |omega| over
+    Earth rate.
+    """
     floor = UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
     excess = abs(coarse.latitude_from_rates(means)[1]) / DEG_PER_HOUR
     noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)
@@ -241,7 +308,9 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
     )
 
 
-def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float) -> Alignment:
+def _latitude_test(
+    result: Alignment, site: Site, means: coarse.RestMeans, bias_deg_h: float, arw: float
+) -> Alignment:
     """Compare the entered latitude with the angle between gravity and Earth rate."""
     found, _ = coarse.latitude_from_rates(means)
     rate_noise = max(1.25 * arw / np.sqrt(means.seconds), float(np.max(means.sigma_omega_rad_s)))
@@ -252,8 +321,8 @@ def _latitude_test(result: Alignment, site: Site, means: coarse.RestMeans, bias_
     if abs(off) <= LATITUDE_SIGMAS * sigma:
         return result
     reason = (
-        f"latitude entered {site.lat_rad / DEG:.3f} deg, the gyros say {found / DEG:.3f} +- {sigma / DEG:.3f} deg: "
-        "wrong position, or a gyro bias beyond its sigma"
+        f"latitude entered {site.lat_rad / DEG:.3f} deg, the gyros say {found / DEG:.3f} +-"
+        f" {sigma / DEG:.3f} deg: wrong position, or a gyro bias beyond its sigma"
     )
     return replace(result, verdict="inconsistent", reasons=(*result.reasons, reason))
 
@@ -263,13 +332,18 @@ def nis_verdict(nis_mean: float, dof: int) -> str | None:
     high = nis_band(dof, 0.999)[1]
     if nis_mean <= high:
         return None
-    return f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of freedom, band to {high:.2f}"
+    return (
+        f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of"
+        f" freedom, band to {high:.2f}"
+    )
 
 
 def rejected_share(solution: Solution) -> float:
     """Share of the measurements that the gate left out."""
     tally = solution.filter.tally
-    return len(tally.rejected) / max(len(tally.rejected) + sum(len(v) for v in tally.normalised.values()), 1)
+    return len(tally.rejected) / max(
+        len(tally.rejected) + sum(len(v) for v in tally.normalised.values()), 1
+    )
 
 
 def scaled_noise(twin: TwinModel, scale: float) -> TwinModel:
@@ -291,7 +365,9 @@ def _refused(reason: str) -> Alignment:
 
 
 def excluded_spans(solution: Solution) -> tuple[Span, ...]:
-    """What the filter did not use and why: disturbed stretches and single measurements beyond the gate."""
+    """What the filter did not use and why: disturbed stretches and single measurements beyond the
+    gate.
+    """
     spans = list(solution.motion.excluded())
     for time_s, kind in solution.filter.tally.rejected:
         if spans and spans[-1].reason == f"gate: {kind}" and time_s - spans[-1].end_s < 15.0:

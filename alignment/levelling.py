@@ -1,7 +1,9 @@
-"""Level of a resting unit from its accelerometers alone, for gyros too uncertain to navigate through the rest.
+"""Level of a resting unit from its accelerometers alone, for gyros too uncertain to navigate
+through the rest.
 
-A gyro error e bends the computed velocity by g e t^2 / 2: at 20 deg/h 1.7 m/s after a minute, 171 m/s after ten. That is
-a taxi and then a flight to whoever looks for rest in it; gyros that find no heading need no such solution.
+A gyro error e bends the computed velocity by g e t^2 / 2: at 20 deg/h 1.7 m/s after a minute, 171
+m/s after ten. That is a taxi and then a flight to whoever looks for rest in it; gyros that find no
+heading need no such solution.
 """
 
 from dataclasses import replace
@@ -20,29 +22,52 @@ LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
 
 
 def turns(means: RestMeans) -> str:
-    """What gyros that read far beyond Earth rate at rest may mean, in words; empty where they do not."""
+    """What gyros that read far beyond Earth rate at rest may mean, in words; empty where they do
+    not.
+    """
     rate = float(np.linalg.norm(means.omega_ib_b))
     if rate <= PIVOT_RAD_S:
         return ""
-    told = f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
-    unit = f"the unit of the gyros is wrong (deg/s read as rad/s: {rate * DEG / DEG_PER_HOUR:.3g} deg/h in truth)"
+    told = (
+        f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is"
+        f" {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    )
+    unit = (
+        f"the unit of the gyros is wrong (deg/s read as rad/s: {rate * DEG / DEG_PER_HOUR:.3g}"
+        " deg/h in truth)"
+    )
     return f"the gyros read {told}: the vehicle turns, or {unit}"
 
 
 def like_mems(twin: TwinModel, gyro_deg_h: float, usual_deg_h: float) -> tuple[TwinModel, str]:
-    """The twin with the accelerometers of a MEMS unit, where gyros that far off belie their technology, and why."""
-    told = f"the gyros are {gyro_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for {twin.gyro_technology}"
-    why = f"{told}: another technology or a fault; the level is taken to be as good as that of a mems unit"
+    """The twin with the accelerometers of a MEMS unit, where gyros that far off belie their
+    technology, and why.
+    """
+    told = (
+        f"the gyros are {gyro_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for"
+        f" {twin.gyro_technology}"
+    )
+    why = (
+        f"{told}: another technology or a fault; the level is taken to be as good as that of a mems"
+        " unit"
+    )
     return replace(twin, accel=default_twin("mems").accel), why
 
 
 def level(
-    imu: ImuSource, site: Site, twin: TwinModel, *, rest: tuple[float, float], gyro_sigma_rad_s: float, reason: str
+    imu: ImuSource,
+    site: Site,
+    twin: TwinModel,
+    *,
+    rest: tuple[float, float],
+    gyro_sigma_rad_s: float,
+    reason: str,
 ) -> Alignment:
-    """Roll and pitch at the end of the rest, verdict "level_only" for the `reason` that heading was not found.
+    """Roll and pitch at the end of the rest, verdict "level_only" for the `reason` that heading was
+    not found.
 
-    Sigma: accelerometer turn-on bias and noise of the twin, widened by |f| less gravity, which is an error of theirs
-    that anyone can see. Source: Groves (2013), section 5.6.1.
+    Sigma: accelerometer turn-on bias and noise of the twin, widened by |f| less gravity, which is
+    an error of theirs that anyone can see. Source: Groves (2013), section 5.6.1.
     """
     part = imu.between(max(rest[1] - LEVEL_S, rest[0]), rest[1])
     f_b = part.dv_m_s.sum(axis=0) / part.dt_s.sum()
@@ -51,11 +76,19 @@ def level(
     noise = twin.accel.vrw_ug_sqrt_hz * MICRO_G / np.sqrt(part.dt_s.sum())
     sigma = float(np.linalg.norm([twin.accel.turn_on_ug * MICRO_G, excess, noise])) / gravity
     turn_deg = gyro_sigma_rad_s * (rest[1] - rest[0]) / DEG
-    told = f"level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the {rest[1] - rest[0]:.0f} s"
+    told = (
+        f"level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the"
+        f" {rest[1] - rest[0]:.0f} s"
+    )
     roll, pitch = level_angles(f_b)
     return Alignment(
-        verdict="level_only", reasons=(reason, told), time_s=rest[1],
-        roll_rad=roll, pitch_rad=pitch,
-        sigma_roll_rad=sigma, sigma_pitch_rad=sigma, duration_s=rest[1] - rest[0],
+        verdict="level_only",
+        reasons=(reason, told),
+        time_s=rest[1],
+        roll_rad=roll,
+        pitch_rad=pitch,
+        sigma_roll_rad=sigma,
+        sigma_pitch_rad=sigma,
+        duration_s=rest[1] - rest[0],
         phases=(Phase(phase="alignment", start_s=rest[0], end_s=rest[1]),),
-    )  # fmt: skip
+    )

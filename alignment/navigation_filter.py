@@ -1,9 +1,11 @@
-"""The navigation-mode filter: what a free-running solution shows while the vehicle stands and rolls.
+"""The navigation-mode filter: what a free-running solution shows while the vehicle stands and
+rolls.
 
-One sweep over a navigation solution: errors propagate by `ins.filters.error_model`; a standing vehicle has no velocity
-(its displacement since the stop) and keeps its heading up to a slow creep (parked-attitude
-constraint); what a rolling vehicle shows is added by aids (lateral motion, odometer, GNSS: `infield.session.taxi_heading`).
-All of it is laid down as a `FilterProgram` first, with numpy over the whole run, and worked through in one go.
+One sweep over a navigation solution: errors propagate by `ins.filters.error_model`; a standing
+vehicle has no velocity (its displacement since the stop) and keeps its heading up to a slow creep
+(parked-attitude constraint); what a rolling vehicle shows is added by aids (lateral motion,
+odometer, GNSS: `infield.session.taxi_heading`). All of it is laid down as a `FilterProgram` first,
+with numpy over the whole run, and worked through in one go.
 """
 
 from collections.abc import Sequence
@@ -26,15 +28,18 @@ STILL_STEP_S = 10.0
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 NEW_HEADING_RAD = 1e-3  # a sudden turn beyond this is a new parked heading
-DIFFUSE_HEADING_RAD = 0.05  # wide beside a coarse heading, and at least 20 times what the gyro prior allows
+# wide beside a coarse heading, and at least 20 times what the gyro prior allows
+DIFFUSE_HEADING_RAD = 0.05
 DIFFUSE_TILT_RAD = 0.005
 
 
 @dataclass(frozen=True)
 class StepPlan:
-    """K filter steps: epochs (first, last] of the history, their kind, bias bin and sudden turn [rad], (K,) each.
+    """K filter steps: epochs (first, last] of the history, their kind, bias bin and sudden turn
+    [rad], (K,) each.
 
-    velocity_jump_m_s, turn_jump_rad: sigma of what a repaired fault of the log may have left within the step; None: none.
+    velocity_jump_m_s, turn_jump_rad: sigma of what a repaired fault of the log may have left within
+    the step; None: none.
     """
 
     first: NDArray
@@ -50,10 +55,10 @@ class StepPlan:
 class StepViews:
     """What each step (K) of a plan shows to an aid.
 
-    Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth [rad]; at the
-    step's end C_nb (K, 3, 3), v_n, lat, lon, height, heading; v_start_n at its start; C_mean (K, 3, 3) over it;
-    turn_rad: by the vertical gyro, Earth rate included; kind as in `stillness`; jolt_rad and the jumps: as in the plan;
-    jitter_m: sway of the vehicle's position.
+    Displacements (K, 3) of the solution in body axes and NED [m]; heading change relative to Earth
+    [rad]; at the step's end C_nb (K, 3, 3), v_n, lat, lon, height, heading; v_start_n at its start;
+    C_mean (K, 3, 3) over it; turn_rad: by the vertical gyro, Earth rate included; kind as in
+    `stillness`; jolt_rad and the jumps: as in the plan; jitter_m: sway of the vehicle's position.
     """
 
     kind: NDArray
@@ -95,12 +100,17 @@ class Aid(Protocol):
 
 
 def bin_of(edges_s: NDArray, time_s: NDArray) -> NDArray:
-    """Index of the bias bin that each epoch ending at time_s belongs to; the outer bins reach on."""
-    return np.minimum(np.maximum(np.searchsorted(edges_s, time_s - 1e-6, side="right") - 1, 0), len(edges_s) - 2)
+    """Index of the bias bin that each epoch ending at time_s belongs to; the outer bins reach
+    on.
+    """
+    return np.minimum(
+        np.maximum(np.searchsorted(edges_s, time_s - 1e-6, side="right") - 1, 0), len(edges_s) - 2
+    )
 
 
 def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> StepPlan:
-    """Steps of up to 10 s while standing, one epoch otherwise; ends at the first airborne epoch or `until_s`.
+    """Steps of up to 10 s while standing, one epoch otherwise; ends at the first airborne epoch or
+    `until_s`.
 
     A step never crosses a change of kind or of bias bin (edges_s, (N + 1,)).
     """
@@ -123,7 +133,10 @@ def plan_steps(motion: Motion, edges_s: NDArray, *, until_s: float = np.inf) -> 
             return np.zeros(len(a))
         return np.asarray(np.sqrt(np.add.reduceat(sigma[1:count] ** 2, a)))
 
-    jumps = (root_sum(sigma) for sigma in (motion.jolt_rad, motion.velocity_jump_m_s, motion.turn_jump_rad))
+    jumps = (
+        root_sum(sigma)
+        for sigma in (motion.jolt_rad, motion.velocity_jump_m_s, motion.turn_jump_rad)
+    )
     return StepPlan(a, b, kind[b], bins[b], *jumps)
 
 
@@ -137,37 +150,62 @@ def views_of(history: NavHistory, plan: StepPlan, jitter_m: float = 0.0) -> Step
     heading, none = euler_from_dcm(history.C_nb)[2], np.zeros(len(b))
     start_s, end_s = history.time_s[a], history.time_s[b]
     return StepViews(
-        kind=plan.kind, bin_index=plan.bin_index, jolt_rad=plan.jolt_rad,
+        kind=plan.kind,
+        bin_index=plan.bin_index,
+        jolt_rad=plan.jolt_rad,
         velocity_jump_m_s=none if plan.velocity_jump_m_s is None else plan.velocity_jump_m_s,
-        turn_jump_rad=none if plan.turn_jump_rad is None else plan.turn_jump_rad, start_s=start_s, end_s=end_s,
-        displacement_b_m=summed(history.displacement_b_m), displacement_n_m=summed(history.displacement_n_m),
-        heading_change_rad=wrap_pi(heading[b] - heading[a]), heading_rad=heading[b], C_nb=history.C_nb[b],
-        C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None], v_n=history.v_n_m_s[b],
-        v_start_n=history.v_n_m_s[a], lat_rad=history.lat_rad[b], lon_rad=history.lon_rad[b],
-        height_m=history.height_m[b], turn_rad=summed(history.dtheta_b_rad[:, 2]), jitter_m=jitter_m,
-    )  # fmt: skip
+        turn_jump_rad=none if plan.turn_jump_rad is None else plan.turn_jump_rad,
+        start_s=start_s,
+        end_s=end_s,
+        displacement_b_m=summed(history.displacement_b_m),
+        displacement_n_m=summed(history.displacement_n_m),
+        heading_change_rad=wrap_pi(heading[b] - heading[a]),
+        heading_rad=heading[b],
+        C_nb=history.C_nb[b],
+        C_mean=summed(history.C_nb_dt) / (end_s - start_s)[:, None, None],
+        v_n=history.v_n_m_s[b],
+        v_start_n=history.v_n_m_s[a],
+        lat_rad=history.lat_rad[b],
+        lon_rad=history.lon_rad[b],
+        height_m=history.height_m[b],
+        turn_rad=summed(history.dtheta_b_rad[:, 2]),
+        jitter_m=jitter_m,
+    )
 
 
 def filter_steps(views: StepViews) -> Steps:
-    """Steps for the filter. A vehicle known to stand has no velocity; for the others the filter's velocity error is
-    taken off the computed one. (The computed velocity instead leaves v_error x theta in the position: 0.6 m an hour.)
+    """Steps for the filter. A vehicle known to stand has no velocity; for the others the filter's
+    velocity error is taken off the computed one. (The computed velocity instead leaves v_error x
+    theta in the position: 0.6 m an hour.)
     """
     dt, still = views.dt_s, views.kind == STILL
     v_n = np.where(still[:, None], 0.0, views.displacement_n_m / dt[:, None])
     meridian, transverse = radii_of_curvature(views.lat_rad)
     east, north = 1.0 / (transverse + views.height_m), 1.0 / (meridian + views.height_m)
     return Steps(
-        end_s=views.end_s, dt_s=dt, C_nb=views.C_mean, v_n=v_n, omega_ie_n=omega_ie_n(views.lat_rad),
+        end_s=views.end_s,
+        dt_s=dt,
+        C_nb=views.C_mean,
+        v_n=v_n,
+        omega_ie_n=omega_ie_n(views.lat_rad),
         transport=np.column_stack([east, north, east * np.tan(views.lat_rad)]),
-        gravity=gravity_magnitude(views.lat_rad, views.height_m), radius_m=views.radius_m, turn_rad=views.turn_rad,
-        bin_index=views.bin_index, rolling=views.kind == ROLLING, keep=still & np.append(False, still[:-1]),
-        moving=~still, jump_yaw=views.jolt_rad**2,
-        jump_w=views.velocity_jump_m_s**2, jump_theta=views.turn_jump_rad**2,
-    )  # fmt: skip
+        gravity=gravity_magnitude(views.lat_rad, views.height_m),
+        radius_m=views.radius_m,
+        turn_rad=views.turn_rad,
+        bin_index=views.bin_index,
+        rolling=views.kind == ROLLING,
+        keep=still & np.append(False, still[:-1]),
+        moving=~still,
+        jump_yaw=views.jolt_rad**2,
+        jump_w=views.velocity_jump_m_s**2,
+        jump_theta=views.turn_jump_rad**2,
+    )
 
 
 def process_noise(twin: TwinModel) -> em.ProcessNoise:
-    """Densities of a twin in SI; the accelerometer flicker is carried by a random walk that reaches it in an hour."""
+    """Densities of a twin in SI; the accelerometer flicker is carried by a random walk that reaches
+    it in an hour.
+    """
     accel = twin.accel
     walk = np.hypot(accel.rate_random_walk_ug_sqrt_h, accel.bias_instability_ug)
     return em.ProcessNoise(
@@ -195,8 +233,8 @@ def new_filter(
 ) -> ErrorFilter:
     """A filter at the start of a parked solution: level and heading wide.
 
-    Wider priors than these would cost digits (the parked heading is compared to 1e-12 rad^2); what the heading prior
-    says is withdrawn after the sweep, so that it adds nothing at all.
+    Wider priors than these would cost digits (the parked heading is compared to 1e-12 rad^2); what
+    the heading prior says is withdrawn after the sweep, so that it adds nothing at all.
     """
     base = {
         "W": 0.05,
@@ -219,7 +257,9 @@ def new_filter(
 
 @dataclass(frozen=True)
 class ParkedConstraint:
-    """How the standing vehicle is held: displacement noise [m], whether its heading holds, heading jitter [rad]."""
+    """How the standing vehicle is held: displacement noise [m], whether its heading holds, heading
+    jitter [rad].
+    """
 
     displacement_sigma_m: float
     yaw_jitter_rad: float
@@ -235,7 +275,9 @@ def sweep(
     aids: Sequence[Aid] = (),
     clone_at_s: float = np.inf,
 ) -> None:
-    """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches `clone_at_s`."""
+    """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches
+    `clone_at_s`.
+    """
     views = views_of(history, plan, parked.displacement_sigma_m)
     program = FilterProgram(filter_steps(views))
     hold_position(program, views, parked)
@@ -243,13 +285,16 @@ def sweep(
         hold_heading(program, views, parked)
     for aid in aids:
         aid.measure(program, views)
-    program.clone(np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE)
+    program.clone(
+        np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE
+    )
     flt.run(program)
 
 
 def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
-    """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for the jitter of the
-    standing vehicle about its place. (A zero mean velocity over each step says the same but counts the jitter twice.)
+    """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
+    the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
+    the same but counts the jitter twice.)
     """
     sigma = max(parked.displacement_sigma_m, MIN_DISPLACEMENT_SIGMA_M)
     still = views.kind == STILL
@@ -264,26 +309,41 @@ def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstr
     rolled = np.cumsum(views.kind == ROLLING)[at] > 0
     rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
     for name, where in (("still", ~rolled), ("stop", rolled)):
-        program.measure(name, at[where], moved[where].T, rows, [sigma**2, sigma**2], gate=GATE_SIGMA)
+        program.measure(
+            name, at[where], moved[where].T, rows, [sigma**2, sigma**2], gate=GATE_SIGMA
+        )
 
 
-def heading_error_row(views: StepViews, at: NDArray | int, scale: NDArray | float = 1.0) -> dict[int, NDArray]:
+def heading_error_row(
+    views: StepViews, at: NDArray | int, scale: NDArray | float = 1.0
+) -> dict[int, NDArray]:
     """Row of phi_D = theta_D + p_E tanL / R (physics.md 6.2) at given steps, times `scale`."""
     tan_over_R = np.tan(views.lat_rad[at]) / views.radius_m[at]
-    return {em.THETA.stop - 1: scale * np.ones_like(tan_over_R), em.POS.start + 1: scale * tan_over_R}
+    return {
+        em.THETA.stop - 1: scale * np.ones_like(tan_over_R),
+        em.POS.start + 1: scale * tan_over_R,
+    }
 
 
 def hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
-    """Parked-attitude constraint: the computed turn about down since the stop is error plus creep."""
+    """Parked-attitude constraint: the computed turn about down since the stop is error plus
+    creep.
+    """
     still = np.flatnonzero(views.kind == STILL)
     stay = np.cumsum((views.kind == ROLLING) | (views.jolt_rad > NEW_HEADING_RAD))[still]
     _, first, number = np.unique(stay, return_index=True, return_inverse=True)
     references, held = still[first], np.setdiff1d(still, still[first])
     variance = parked.yaw_jitter_rad**2
     assigned = {index: -value for index, value in heading_error_row(views, references).items()}
-    program.assign(references, em.YAW, assigned, variance)  # the heading at the stop is the reference
+    # the heading at the stop is the reference
+    program.assign(references, em.YAW, assigned, variance)
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
     turn = rotation_vector_from_dcm(views.C_nb[held] @ np.swapaxes(C_ref, 1, 2))[:, 2]
     program.measure(
-        "heading held", held, [turn], [{**heading_error_row(views, held), em.YAW: 1.0}], [variance], gate=GATE_SIGMA
+        "heading held",
+        held,
+        [turn],
+        [{**heading_error_row(views, held), em.YAW: 1.0}],
+        [variance],
+        gate=GATE_SIGMA,
     )

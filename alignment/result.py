@@ -25,7 +25,8 @@ class BiasPrior:
 class Solution:
     """A navigation solution linearised about itself, and the filter's last state of its errors.
 
-    applied_bias_rad_s (N, 3): what the last pass had subtracted beyond the table. `clone_s`: the time of the theta clone.
+    applied_bias_rad_s (N, 3): what the last pass had subtracted beyond the table. `clone_s`: the
+    time of the theta clone.
     """
 
     history: NavHistory
@@ -39,7 +40,9 @@ class Solution:
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:
-        """Posterior mean (3N,) and covariance (3N, 3N) of the gyro bias beyond the table [rad/s]."""
+        """Posterior mean (3N,) and covariance (3N, 3N) of the gyro bias beyond the table
+        [rad/s].
+        """
         mean, covariance = self.filter.bias
         return mean + self.applied_bias_rad_s.ravel(), covariance
 

@@ -1,9 +1,11 @@
-"""Tilt rate of the computed platform from the velocity of a parked solution: claim 1 of US 5,527,003, steps (e) to (g).
+"""Tilt rate of the computed platform from the velocity of a parked solution: claim 1 of US
+5,527,003, steps (e) to (g).
 
-The rate of the acceleration is the tilt rate times g only for minutes; over an hour the Schuler and Coriolis terms
-are as large. The bracket of physics.md 6.3 removes them:
+The rate of the acceleration is the tilt rate times g only for minutes; over an hour the Schuler and
+Coriolis terms are as large. The bracket of physics.md 6.3 removes them:
 
-    u_N = +[ v_E'' + ws^2 v_E - 2 Omega sinL v_N' ] / g        u_E = -[ v_N'' + ws^2 v_N + 2 Omega sinL v_E' ] / g
+    u_N = +[ v_E'' + ws^2 v_E - 2 Omega sinL v_N' ] / g        u_E = -[ v_N'' + ws^2 v_N + 2 Omega
+    sinL v_E' ] / g
 """
 
 from dataclasses import dataclass
@@ -15,12 +17,15 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import NavHistory
 
 WINDOW_S = 300.0
-WALK_FACTOR = 1.2  # variance of a parabola's rate over ARW^2 / window: 6/5 for a random walk of the angle
+# variance of a parabola's rate over ARW^2 / window: 6/5 for a random walk of the angle
+WALK_FACTOR = 1.2
 
 
 @dataclass(frozen=True)
 class TiltRate:
-    """Tilt rate of one window: centre [s], north and east rates [rad/s] with the sigma of each, and the window [s]."""
+    """Tilt rate of one window: centre [s], north and east rates [rad/s] with the sigma of each, and
+    the window [s].
+    """
 
     time_s: float
     window_s: float
@@ -30,19 +35,27 @@ class TiltRate:
 
 
 def tilt_rates(
-    history: NavHistory, still: NDArray, *, arw: float, velocity_sigma_m_s: float, window_s: float = WINDOW_S
+    history: NavHistory,
+    still: NDArray,
+    *,
+    arw: float,
+    velocity_sigma_m_s: float,
+    window_s: float = WINDOW_S,
 ) -> list[TiltRate]:
-    """Tilt rates over successive windows of a parked solution, epochs that are not `still` left out.
+    """Tilt rates over successive windows of a parked solution, epochs that are not `still` left
+    out.
 
-    still: (k,) bool per epoch; arw [rad/sqrt(s)]; velocity_sigma: noise of the one-second velocity [m/s].
-    A window with less than three quarters of its epochs still is skipped.
+    still: (k,) bool per epoch; arw [rad/sqrt(s)]; velocity_sigma: noise of the one-second velocity
+    [m/s]. A window with less than three quarters of its epochs still is skipped.
     """
     found = []
     for start in np.arange(history.time_s[0], history.time_s[-1] - window_s + 1.0, window_s):
         if not enough_still(history, still, start, window_s):
             continue
         rows = _inside(history, start, window_s) & still
-        found.append(_window(history, rows, start + 0.5 * window_s, window_s, arw, velocity_sigma_m_s))
+        found.append(
+            _window(history, rows, start + 0.5 * window_s, window_s, arw, velocity_sigma_m_s)
+        )
     return found
 
 
@@ -59,7 +72,9 @@ def _inside(history: NavHistory, start_s: float, window_s: float) -> NDArray:
 def _window(
     history: NavHistory, rows: NDArray, centre: float, window_s: float, arw: float, sigma_v: float
 ) -> TiltRate:
-    """Parabola through both velocities; velocity, acceleration (e) and acceleration rate (f) at the centre, then (g)."""
+    """Parabola through both velocities; velocity, acceleration (e) and acceleration rate (f) at the
+    centre, then (g).
+    """
     t = history.time_s[rows] - centre
     v, a, jerk = _parabola(t, history.v_n_m_s[rows, :2])
     lat, height = float(history.lat_rad[rows][0]), float(history.height_m[rows][0])

@@ -1,15 +1,17 @@
-"""Tilt rate of the computed platform by a Kalman filter over the parked phase, smoothed over the whole of it.
+"""Tilt rate of the computed platform by a Kalman filter over the parked phase, smoothed over the
+whole of it.
 
-The same tilt rates as `alignment.tilt_rate`, from a filter (US 5,527,003, abstract) instead of windows cut out of the
-velocity, and with what came afterwards: nothing here is real-time. Per 10 s step, errors of a parked solution
-(physics.md 6.2, drift-angle form; theta' = u is autonomous):
+The same tilt rates as `alignment.tilt_rate`, from a filter (US 5,527,003, abstract) instead of
+windows cut out of the velocity, and with what came afterwards: nothing here is real-time. Per 10 s
+step, errors of a parked solution (physics.md 6.2, drift-angle form; theta' = u is autonomous):
 
     v_N' = -g (theta_E + p_N / R_N) - 2 Omega sinL v_E     p' = v     theta' = u + angle random walk
     v_E' =  g (theta_N - p_E / R_E) + 2 Omega sinL v_N                u' = random walk
 
-A point is the turn of theta between two window edges over the time between them: theta at both edges is known from
-the Schuler motion on both sides. Two more states, a clone of theta at the window's start and the angle random walk since
-then, give that turn and the sigma of what it says of the gyros.
+A point is the turn of theta between two window edges over the time between them: theta at both
+edges is known from the Schuler motion on both sides. Two more states, a clone of theta at the
+window's start and the angle random walk since then, give that turn and the sigma of what it says of
+the gyros.
 """
 
 from dataclasses import dataclass
@@ -26,7 +28,8 @@ from ins.units import DEG_PER_HOUR
 STEP_S = 10.0
 V, P, THETA, U, CLONE, WALK = (slice(k, k + 2) for k in range(0, 12, 2))
 SIZE = 12
-UNITS = np.repeat([1e-2, 1.0, 1e-5, 0.01 * DEG_PER_HOUR, 1e-5, 1e-5], 2)  # of the states: m/s, m, rad, rad/s, rad, rad
+# of the states: m/s, m, rad, rad/s, rad, rad
+UNITS = np.repeat([1e-2, 1.0, 1e-5, 0.01 * DEG_PER_HOUR, 1e-5, 1e-5], 2)
 START_SIGMA = np.repeat([0.05, 1e-2, 1e-3, 1.0, 0.0, 1e-6], 2)  # SI; u and the clone are set below
 VAGUE = 10.0  # prior sigma of the rate over what is expected of it
 DRIFT_TIME_S = 1800.0  # time in which the rate changes by what is expected of it: a warm-up
@@ -34,28 +37,41 @@ DRIFT_TIME_S = 1800.0  # time in which the rate changes by what is expected of i
 
 @dataclass(frozen=True)
 class SmoothedTiltRate(TiltRate):
-    """A tilt rate given all of the parked phase; sigma_filtered: of the same window given nothing after its end."""
+    """A tilt rate given all of the parked phase; sigma_filtered: of the same window given nothing
+    after its end.
+    """
 
     sigma_filtered_rad_s: float
 
 
 def smoothed_tilt_rates(
-    history: NavHistory, still: NDArray, *, arw: float, vrw: float, velocity_sigma_m_s: float, rate_sigma_rad_s: float,
+    history: NavHistory,
+    still: NDArray,
+    *,
+    arw: float,
+    vrw: float,
+    velocity_sigma_m_s: float,
+    rate_sigma_rad_s: float,
     window_s: float = WINDOW_S,
-) -> list[SmoothedTiltRate]:  # fmt: skip
-    """Tilt rates over successive windows of a parked solution, epochs that are not `still` not measured.
+) -> list[SmoothedTiltRate]:
+    """Tilt rates over successive windows of a parked solution, epochs that are not `still` not
+    measured.
 
-    still: (k,) bool per epoch; arw [rad/sqrt(s)], vrw [m/s/sqrt(s)]; velocity_sigma: noise of the computed velocity as
-    a measurement of its error (sway) [m/s]; rate_sigma: what the tilt rate may be and may change by in a warm-up
-    [rad/s]. Each sigma holds the angle random walk over its window. A window with less than three quarters of its
-    epochs still is skipped. Left out: drift of the accelerometers, which counts as tilt rate (1 ug/min: 0.0034 deg/h).
+    still: (k,) bool per epoch; arw [rad/sqrt(s)], vrw [m/s/sqrt(s)]; velocity_sigma: noise of the
+    computed velocity as a measurement of its error (sway) [m/s]; rate_sigma: what the tilt rate may
+    be and may change by in a warm-up [rad/s]. Each sigma holds the angle random walk over its
+    window. A window with less than three quarters of its epochs still is skipped. Left out: drift
+    of the accelerometers, which counts as tilt rate (1 ug/min: 0.0034 deg/h).
     """
     edges = np.arange(history.time_s[0], history.time_s[-1] + 0.5, STEP_S)
     rows = np.minimum(np.searchsorted(history.time_s, edges - 1e-6), len(history.time_s) - 1)
     steps_a_window = round(window_s / STEP_S)
-    starts = np.arange(len(edges)) % steps_a_window == 1  # this step's clone is theta at its beginning
+    # this step's clone is theta at its beginning
+    starts = np.arange(len(edges)) % steps_a_window == 1
     F, Q = _steps(history, len(edges), starts, arw, vrw, rate_sigma_rad_s)
-    x, cov = _filter(history.v_n_m_s[rows, :2], still[rows], F, Q, velocity_sigma_m_s, rate_sigma_rad_s)
+    x, cov = _filter(
+        history.v_n_m_s[rows, :2], still[rows], F, Q, velocity_sigma_m_s, rate_sigma_rad_s
+    )
     x_s, cov_s = kalman.rts_smooth(x, cov, F, Q)
     turned, walked = np.zeros((2, SIZE)), np.zeros((2, SIZE))
     turned[:, THETA], turned[:, CLONE], walked[:, WALK] = np.eye(2), -np.eye(2), np.eye(2)
@@ -65,15 +81,23 @@ def smoothed_tilt_rates(
         if not enough_still(history, still, float(edges[end] - window_s), window_s):
             continue
         turn = turned @ x_s[end]
-        sigma, filtered = (_sigma(c[end], turned, walked, arw**2 * window_s) / window_s for c in (cov_s, cov))
+        sigma, filtered = (
+            _sigma(c[end], turned, walked, arw**2 * window_s) / window_s for c in (cov_s, cov)
+        )
         centre = float(edges[end]) - 0.5 * window_s
         north, east = turn / window_s
-        found.append(SmoothedTiltRate(centre, float(window_s), float(north), float(east), float(sigma), float(filtered)))
+        found.append(
+            SmoothedTiltRate(
+                centre, float(window_s), float(north), float(east), float(sigma), float(filtered)
+            )
+        )
     return found
 
 
 def _sigma(cov: NDArray, turned: NDArray, walked: NDArray, walk_variance: float) -> float:
-    """Sigma of the estimated turn as a measure of the rate's own: error of the turn less the walk in it, correlated."""
+    """Sigma of the estimated turn as a measure of the rate's own: error of the turn less the walk
+    in it, correlated.
+    """
     error, both = turned @ cov @ turned.T, turned @ cov @ walked.T
     return float(np.sqrt(np.mean(np.diag(error - 2.0 * both)) + walk_variance))
 
@@ -109,7 +133,12 @@ def _exponential(A: NDArray) -> NDArray:
 
 
 def _filter(
-    v_n_m_s: NDArray, still: NDArray, F: NDArray, Q: NDArray, velocity_sigma: float, rate_sigma: float
+    v_n_m_s: NDArray,
+    still: NDArray,
+    F: NDArray,
+    Q: NDArray,
+    velocity_sigma: float,
+    rate_sigma: float,
 ) -> tuple[NDArray, NDArray]:
     """Estimates and covariances after each step's update, in the units of the states."""
     start = START_SIGMA.copy()

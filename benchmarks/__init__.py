@@ -1,1 +1,3 @@
-"""Studies and timings that stand beside the program: they see truth and estimator both, and are not installed."""
+"""Studies and timings that stand beside the program: they see truth and estimator both, and are not
+installed.
+"""

@@ -1,7 +1,9 @@
-"""One cell of the accuracy study: a row of physics.md 6.7 at a latitude, its bound, and seeded sessions scored.
+"""One cell of the accuracy study: a row of physics.md 6.7 at a latitude, its bound, and seeded
+sessions scored.
 
-A run is simulated once, with satellites, and estimated in four ways: with and without them (taken out of the run), with and
-without the parked-attitude constraint. Rows and seeds are those of the tests (`tests.scenarios.study`).
+A run is simulated once, with satellites, and estimated in four ways: with and without them (taken
+out of the run), with and without the parked-attitude constraint. Rows and seeds are those of the
+tests (`tests.scenarios.study`).
 """
 
 from dataclasses import dataclass, replace
@@ -17,7 +19,13 @@ from infield.session.navigated import SessionSettings
 from infield.session.points import observability
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
-from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, Outcome, estimated, simulated_session
+from tests.scenarios.study import (
+    DEFAULT_TWIN,
+    REFERENCE_TWIN,
+    Outcome,
+    estimated,
+    simulated_session,
+)
 from trajectories.simulator.motions import PARKED_S, reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.thermal import thermal_history
@@ -26,16 +34,22 @@ from trajectories.simulator.truth import build_truth
 SIGMA_DEG_H = 0.01
 SPREAD = Spread(common_deg_h=SIGMA_DEG_H * np.sqrt(0.7), shape_deg_h=SIGMA_DEG_H * np.sqrt(0.3))
 START, RATE_HZ = "ambient", 10.0
-# physics.md 6.7 assumes a crab prior of 1 mrad and 30 mm/s of white lateral noise: 2 s correlated 15 mm/s integrates alike
-ROW_TWIN = replace(REFERENCE_TWIN, vehicle=replace(REFERENCE_TWIN.vehicle, lateral_noise_m_s=0.015, crab_mrad=1.0))
+# physics.md 6.7 assumes a crab prior of 1 mrad and 30 mm/s of white lateral noise: 2 s correlated
+# 15 mm/s integrates alike
+ROW_TWIN = replace(
+    REFERENCE_TWIN, vehicle=replace(REFERENCE_TWIN.vehicle, lateral_noise_m_s=0.015, crab_mrad=1.0)
+)
 LATITUDES_DEG = (0.0, 30.0, 45.0, 60.0, 75.0)
-WAYS = ((False, True), (False, False), (True, True), (True, False))  # satellites, parked-attitude constraint
+# satellites, parked-attitude constraint
+WAYS = ((False, True), (False, False), (True, True), (True, False))
 SURVEY_SEED = 9
 
 
 @dataclass(frozen=True)
 class Row:
-    """A scenario: reference motion, twin, length of the first rest [s], sigma of a surveyed heading [mrad]."""
+    """A scenario: reference motion, twin, length of the first rest [s], sigma of a surveyed heading
+    [mrad].
+    """
 
     motion: str
     twin: TwinModel = ROW_TWIN
@@ -75,14 +89,18 @@ def ideal_run(row: Row, lat_deg: float) -> IdealSensors:
 
 
 def ways(row: Row, lat_deg: float) -> tuple[tuple[bool, bool], ...]:
-    """How a row is estimated at a latitude: all four ways, or what the table of physics.md 6.7 asks for; () for none."""
+    """How a row is estimated at a latitude: all four ways, or what the table of physics.md 6.7 asks
+    for; () for none.
+    """
     if row.every_latitude:
         return WAYS
     return WAYS[:1] if lat_deg == 45.0 else ()
 
 
 def bounds(name: str, lat_deg: float) -> list[dict[str, Any]]:
-    """Bound of each way: sigma of the session-mean bias along north, east (first heading) and down, deg/h."""
+    """Bound of each way: sigma of the session-mean bias along north, east (first heading) and down,
+    deg/h.
+    """
     row = ROWS[name]
     base = ideal_run(row, lat_deg)
     response = navigation_response(base)
@@ -95,25 +113,46 @@ def bounds(name: str, lat_deg: float) -> list[dict[str, Any]]:
         bound = bias_bound(base, response, gyro_degC, row.twin, SPREAD, sights)
         order = _north_east_down(base)
         found.append(
-            {"row": name, "lat_deg": lat_deg, "gnss": gnss, "hold": hold, "bound_deg_h": bound.sigma_deg_h[order].tolist(),
-             "prior_deg_h": bound.sigma_prior_deg_h[order].tolist(), "heading_bound_rad": bound.sigma_heading_rad}
-        )  # fmt: skip
+            {
+                "row": name,
+                "lat_deg": lat_deg,
+                "gnss": gnss,
+                "hold": hold,
+                "bound_deg_h": bound.sigma_deg_h[order].tolist(),
+                "prior_deg_h": bound.sigma_prior_deg_h[order].tolist(),
+                "heading_bound_rad": bound.sigma_heading_rad,
+            }
+        )
     return found
 
 
 def sessions(name: str, lat_deg: float, seeds: range) -> list[dict[str, Any]]:
-    """Scores of each seed and way, as plain values; an estimator that fails is a score with its message."""
+    """Scores of each seed and way, as plain values; an estimator that fails is a score with its
+    message.
+    """
     row = ROWS[name]
     base, found = ideal_run(row, lat_deg), []
     for seed in seeds:
         made = simulated_session(
-            base, seed, twin=row.twin, sigma_deg_h=SIGMA_DEG_H, start=START, with_gnss=True, survey=_survey(row, seed)
+            base,
+            seed,
+            twin=row.twin,
+            sigma_deg_h=SIGMA_DEG_H,
+            start=START,
+            with_gnss=True,
+            survey=_survey(row, seed),
         )
         for gnss, hold in ways(row, lat_deg):
             run = made.run if gnss else replace(made.run, gnss=None)
             head = {"row": name, "lat_deg": lat_deg, "gnss": gnss, "hold": hold, "seed": seed}
             try:
-                outcome = estimated(made, run, row.twin, sigma_deg_h=SIGMA_DEG_H, settings=SessionSettings(hold_heading=hold))
+                outcome = estimated(
+                    made,
+                    run,
+                    row.twin,
+                    sigma_deg_h=SIGMA_DEG_H,
+                    settings=SessionSettings(hold_heading=hold),
+                )
             except (ArithmeticError, ValueError) as error:
                 found.append({**head, "failed": f"{type(error).__name__}: {error}"})
                 continue
@@ -134,14 +173,21 @@ def _scores(outcome: Outcome, order: list[int], hold: bool) -> dict[str, Any]:
     seen = observability(outcome.estimate, hold_heading=hold)
     tally = outcome.estimate.solution.filter.tally
     return {
-        "error_deg_h": outcome.error_deg_h[order].tolist(), "sigma_deg_h": outcome.sigma_deg_h[order].tolist(),
-        "verdicts": [outcome.verdicts[k] for k in order], "outcome": judge_estimate(outcome.estimate, seen).outcome,
-        "nees": outcome.nees, "nis_mean": outcome.nis_mean, "dof": outcome.dof,
+        "error_deg_h": outcome.error_deg_h[order].tolist(),
+        "sigma_deg_h": outcome.sigma_deg_h[order].tolist(),
+        "verdicts": [outcome.verdicts[k] for k in order],
+        "outcome": judge_estimate(outcome.estimate, seen).outcome,
+        "nees": outcome.nees,
+        "nis_mean": outcome.nis_mean,
+        "dof": outcome.dof,
         "nis_by_kind": {kind: [float(tally.nis[kind]), int(tally.dof[kind])] for kind in tally.nis},
-        "heading_normalised": float(outcome.heading_normalised), "sigma_heading_rad": outcome.sigma_heading_rad,
-    }  # fmt: skip
+        "heading_normalised": float(outcome.heading_normalised),
+        "sigma_heading_rad": outcome.sigma_heading_rad,
+    }
 
 
 def _north_east_down(base: IdealSensors) -> list[int]:
-    """Gyros that lie along north, east and down on the first heading (a multiple of 90 deg; signs do not matter)."""
+    """Gyros that lie along north, east and down on the first heading (a multiple of 90 deg; signs
+    do not matter).
+    """
     return [1, 0, 2] if abs(base.C_nb[0, 0, 0]) < 0.5 else [0, 1, 2]

@@ -11,10 +11,17 @@ NAME = "accuracy"
 AXES = ("north", "east", "down")
 FIGURE_LATITUDE_DEG = 45.0
 WAY_NAMES = {
-    (False, True): "wheels, parked heading", (False, False): "wheels", (True, True): "wheels, parked heading, GNSS",
+    (False, True): "wheels, parked heading",
+    (False, False): "wheels",
+    (True, True): "wheels, parked heading, GNSS",
     (True, False): "wheels, GNSS",
-}  # fmt: skip
-COLOURS = {(False, True): "#1b4f9c", (False, False): "#7a7a7a", (True, True): "#c81e1e", (True, False): "#d08a00"}
+}
+COLOURS = {
+    (False, True): "#1b4f9c",
+    (False, False): "#7a7a7a",
+    (True, True): "#c81e1e",
+    (True, False): "#d08a00",
+}
 SHORT = {WORDS[0]: "o", WORDS[1]: "w", WORDS[2]: "n"}
 HEAD = f"""# Accuracy against the Cramer-Rao bound
 
@@ -57,7 +64,14 @@ def write(study: dict[str, Any], folder: Path) -> None:
 def page(study: dict[str, Any]) -> str:
     cells = study["cells"]
     totals = study["totals"]
-    parts = [HEAD, "## In short\n", _totals(totals), _pooled(totals["pooled"]), "## Cells that miss\n", _misses(cells)]
+    parts = [
+        HEAD,
+        "## In short\n",
+        _totals(totals),
+        _pooled(totals["pooled"]),
+        "## Cells that miss\n",
+        _misses(cells),
+    ]
     for lat in sorted({c["lat_deg"] for c in cells}):
         parts += [f"## Latitude {lat:g} deg\n", _table([c for c in cells if c["lat_deg"] == lat])]
     return "\n".join(parts)
@@ -68,29 +82,47 @@ def _totals(t: dict[str, Any]) -> str:
     n = t["observable_axes"]
     lines = [
         f"{t['runs']} sessions estimated in {t['cells']} cells, {t['failed']} failed",
-        f"RMS over bound on the {n} observable axes: {_range(rms)}; {t['within_goal']} within {GOAL}, "
-        f"{t['goal_within_interval']} with {GOAL} inside or above the 95 % interval of the RMS",
+        (
+            f"RMS over bound on the {n} observable axes: {_range(rms)}; {t['within_goal']} within"
+            f" {GOAL}, {t['goal_within_interval']} with {GOAL} inside or above the 95 % interval of"
+            " the RMS"
+        ),
         f"sigma over bound on all axes: {_range(sigma)}; {t['overconfident_axes']} below {BELOW}",
         f"NEES inside its band in {t['nees_inside']} cells of {t['cells']}",
         f"NIS inside its band in {t['nis_inside']} cells of {t['cells']}: {_range(nis)}",
-        "NIS by kind of measurement: " + ", ".join(f"{kind} {nis:.3f}" for kind, (nis, _) in t["nis_by_kind"].items()),
-        f"verdicts agree with the bound's own in {100 * t['verdicts_agreed']:.2f} % of the runs and axes",
+        "NIS by kind of measurement: "
+        + ", ".join(f"{kind} {nis:.3f}" for kind, (nis, _) in t["nis_by_kind"].items()),
+        (
+            f"verdicts agree with the bound's own in {100 * t['verdicts_agreed']:.2f} % of the runs"
+            " and axes"
+        ),
     ]
     return "".join(f"- {line}\n" for line in lines)
 
 
 def _pooled(lines: Sequence[dict[str, Any]]) -> str:
     """The observable axes of all rows and latitudes together."""
-    head = "Over all rows and latitudes, observable axes only:\n\n| seen | axis | cells | RMS / bound | sigma / bound |\n"
-    return head + "|---|---|---|---|---|\n" + "".join(
-        f"| {WAY_NAMES[p['gnss'], p['hold']]} | {AXES[p['axis']]} | {p['cells']} | {p['rms_over_bound']:.3f} | "
-        f"{p['sigma_over_bound']:.3f} |\n"
-        for p in lines
+    head = (
+        "Over all rows and latitudes, observable axes only:\n\n| seen | axis | cells | RMS / bound"
+        " | sigma / bound |\n"
+    )
+    return (
+        head
+        + "|---|---|---|---|---|\n"
+        + "".join(
+            f"| {WAY_NAMES[p['gnss'], p['hold']]} | {AXES[p['axis']]} | {p['cells']} |"
+            f" {p['rms_over_bound']:.3f} | {p['sigma_over_bound']:.3f} |\n"
+            for p in lines
+        )
     )
 
 
 def _range(spread: dict[str, float]) -> str:
-    return f"{spread['least']:.3f} to {spread['largest']:.3f} (RMS {spread['rms']:.3f})" if spread else "none"
+    return (
+        f"{spread['least']:.3f} to {spread['largest']:.3f} (RMS {spread['rms']:.3f})"
+        if spread
+        else "none"
+    )
 
 
 def _misses(cells: Sequence[dict[str, Any]]) -> str:
@@ -102,13 +134,22 @@ def _misses(cells: Sequence[dict[str, Any]]) -> str:
             continue
         for k, axis in enumerate(AXES):
             bound = c["bound_deg_h"][k]
-            low, rms, high = (c[key][k] / bound for key in ("rms_low_deg_h", "rms_deg_h", "rms_high_deg_h"))
+            low, rms, high = (
+                c[key][k] / bound for key in ("rms_low_deg_h", "rms_deg_h", "rms_high_deg_h")
+            )
             if rms > GOAL and bound < 0.9 * c["prior_deg_h"][k]:
-                lines.append(f"{_label(c)}, {axis}: RMS {rms:.2f} of the bound ({low:.2f} to {high:.2f})")
+                lines.append(
+                    f"{_label(c)}, {axis}: RMS {rms:.2f} of the bound ({low:.2f} to {high:.2f})"
+                )
             if c["sigma_deg_h"][k] < BELOW * bound:
-                lines.append(f"{_label(c)}, {axis}: sigma {c['sigma_deg_h'][k] / bound:.3f} of the bound")
+                lines.append(
+                    f"{_label(c)}, {axis}: sigma {c['sigma_deg_h'][k] / bound:.3f} of the bound"
+                )
         if not c["nees_band"][0] < c["nees"] < c["nees_band"][1]:
-            lines.append(f"{_label(c)}: NEES {c['nees']:.2f}, band {c['nees_band'][0]:.2f} to {c['nees_band'][1]:.2f}")
+            lines.append(
+                f"{_label(c)}: NEES {c['nees']:.2f}, band {c['nees_band'][0]:.2f} to"
+                f" {c['nees_band'][1]:.2f}"
+            )
         if c["failed"]:
             lines.append(f"{_label(c)}: {c['failed']} runs failed, {'; '.join(c['messages'])}")
     return "".join(f"- {line}\n" for line in lines) or "None.\n"
@@ -120,16 +161,25 @@ def _label(c: dict[str, Any]) -> str:
 
 def _table(cells: Sequence[dict[str, Any]]) -> str:
     head = "| row | GNSS | held | runs | " + " | ".join(f"{a}: sigma / RMS / bound" for a in AXES)
-    lines = [head + " | worst RMS / bound | NEES | NIS | verdicts |", "|---|---|---|---|" + "---|" * 7]
+    lines = [
+        head + " | worst RMS / bound | NEES | NIS | verdicts |",
+        "|---|---|---|---|" + "---|" * 7,
+    ]
     for c in cells:
         if "rms_deg_h" not in c:
             continue
-        mils = [" / ".join(f"{1e3 * c[key][k]:.2f}" for key in ("sigma_deg_h", "rms_deg_h", "bound_deg_h")) for k in range(3)]
+        mils = [
+            " / ".join(
+                f"{1e3 * c[key][k]:.2f}" for key in ("sigma_deg_h", "rms_deg_h", "bound_deg_h")
+            )
+            for k in range(3)
+        ]
         seen = [k for k in range(3) if c["bound_deg_h"][k] < 0.9 * c["prior_deg_h"][k]]
         worst = max((c["rms_deg_h"][k] / c["bound_deg_h"][k] for k in seen), default=float("nan"))
         lines.append(
-            f"| {c['row']} | {'yes' if c['gnss'] else ''} | {'yes' if c['hold'] else ''} | {c['runs']} | {' | '.join(mils)} | "
-            f"{worst:.2f} | {_flag(c, 'nees')} | {_flag(c, 'nis')} | {_verdicts(c)} |"
+            f"| {c['row']} | {'yes' if c['gnss'] else ''} | {'yes' if c['hold'] else ''} |"
+            f" {c['runs']} | {' | '.join(mils)} | {worst:.2f} | {_flag(c, 'nees')} |"
+            f" {_flag(c, 'nis')} | {_verdicts(c)} |"
         )
     return "\n".join(lines) + "\n"
 
@@ -148,7 +198,9 @@ def _verdicts(c: dict[str, Any]) -> str:
 
 
 def draw(cells: Sequence[dict[str, Any]], path: Path) -> None:
-    """One panel an axis: bound as a bar, sigma as a ring, RMS with its 95 % interval as a dot; log scale."""
+    """One panel an axis: bound as a bar, sigma as a ring, RMS with its 95 % interval as a dot; log
+    scale.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
@@ -162,20 +214,65 @@ def draw(cells: Sequence[dict[str, Any]], path: Path) -> None:
     for k, panel in enumerate(panels):
         for c in shown:
             way = c["gnss"], c["hold"]
-            of_row = [w for w in ways if any((d["row"], d["gnss"], d["hold"]) == (c["row"], *w) for d in shown)]
+            of_row = [
+                w
+                for w in ways
+                if any((d["row"], d["gnss"], d["hold"]) == (c["row"], *w) for d in shown)
+            ]
             y = rows.index(c["row"]) + 0.19 * (of_row.index(way) - 0.5 * (len(of_row) - 1))
             bound, sigma, rms, low, high = (
-                1e3 * c[key][k] for key in ("bound_deg_h", "sigma_deg_h", "rms_deg_h", "rms_low_deg_h", "rms_high_deg_h")
+                1e3 * c[key][k]
+                for key in (
+                    "bound_deg_h",
+                    "sigma_deg_h",
+                    "rms_deg_h",
+                    "rms_low_deg_h",
+                    "rms_high_deg_h",
+                )
             )
             panel.plot([low, high], [y, y], color=COLOURS[way], linewidth=1.0)
             panel.plot([rms], [y], "o", color=COLOURS[way], markersize=3.0)
-            panel.plot([sigma], [y], "o", color=COLOURS[way], markersize=6.5, markerfacecolor="none", markeredgewidth=0.9)
+            panel.plot(
+                [sigma],
+                [y],
+                "o",
+                color=COLOURS[way],
+                markersize=6.5,
+                markerfacecolor="none",
+                markeredgewidth=0.9,
+            )
             panel.plot([bound, bound], [y - 0.09, y + 0.09], color="black", linewidth=2.0)
         _dress(panel, k, rows)
     marks = [
-        Line2D([], [], color="black", marker="|", linestyle="", markersize=9.0, markeredgewidth=2.0, label="bound"),
-        Line2D([], [], color="black", marker="o", linestyle="", markerfacecolor="none", markersize=6.5, label="sigma"),
-        Line2D([], [], color="black", marker="o", markersize=3.0, linewidth=1.0, label="RMS error, 95 % interval"),
+        Line2D(
+            [],
+            [],
+            color="black",
+            marker="|",
+            linestyle="",
+            markersize=9.0,
+            markeredgewidth=2.0,
+            label="bound",
+        ),
+        Line2D(
+            [],
+            [],
+            color="black",
+            marker="o",
+            linestyle="",
+            markerfacecolor="none",
+            markersize=6.5,
+            label="sigma",
+        ),
+        Line2D(
+            [],
+            [],
+            color="black",
+            marker="o",
+            markersize=3.0,
+            linewidth=1.0,
+            label="RMS error, 95 % interval",
+        ),
         *(Line2D([], [], color=COLOURS[w], linewidth=4.0, label=WAY_NAMES[w]) for w in ways),
     ]
     figure.legend(handles=marks, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
@@ -187,7 +284,9 @@ def _dress(panel: Any, axis: int, rows: Sequence[str]) -> None:
     panel.set_xticks([1, 2, 3, 5, 10], labels=["1", "2", "3", "5", "10"])
     panel.minorticks_off()
     panel.set_xlabel("0.001 deg/h")
-    panel.set_title(f"gyro along {AXES[axis]}" + ("" if axis == 2 else " (first heading)"), fontsize=10)
+    panel.set_title(
+        f"gyro along {AXES[axis]}" + ("" if axis == 2 else " (first heading)"), fontsize=10
+    )
     panel.set_yticks(range(len(rows)), labels=rows, fontsize=9)
     panel.set_ylim(len(rows) - 0.5, -0.5)
     panel.grid(axis="x", color="#dddddd", linewidth=0.6)

@@ -1,9 +1,12 @@
-"""Estimator sigma, actual RMS error and Cramer-Rao bound of each gyro, for all rows of physics.md 6.7 and the realistic taxi.
+"""Estimator sigma, actual RMS error and Cramer-Rao bound of each gyro, for all rows of physics.md
+6.7 and the realistic taxi.
 
-    python -m benchmarks.accuracy_study [--runs 50] [--rows NAME ...] [--latitudes 0 45 ...] [--jobs 2] [-o docs]
+    python -m benchmarks.accuracy_study [--runs 50] [--rows NAME ...] [--latitudes 0 45 ...] [--jobs
+    2] [-o docs]
 
-writes accuracy.md, .json and .svg. Scores are kept in RUNS.jsonl (--keep) as they come, a few seeds of every cell at a
-time: what was interrupted goes on, more --runs add to it, and --draw draws what stands. All seeded.
+writes accuracy.md, .json and .svg. Scores are kept in RUNS.jsonl (--keep) as they come, a few seeds
+of every cell at a time: what was interrupted goes on, more --runs add to it, and --draw draws what
+stands. All seeded.
 """
 
 import argparse
@@ -37,12 +40,19 @@ def work(path: Path, kept: list[dict[str, Any]], options: argparse.Namespace) ->
     """Does what is not kept yet, appending to `path`; stops handing out work at --until."""
     if path.exists():
         whole = path.read_bytes()
-        path.write_bytes(whole[: whole.rfind(b"\n") + 1])  # a line that was cut off would spoil the next
+        # a line that was cut off would spoil the next
+        path.write_bytes(whole[: whole.rfind(b"\n") + 1])
     tasks, running = iter(_tasks(kept, options)), set[Future]()
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool, path.open("a") as out:
+    with (
+        ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool,
+        path.open("a") as out,
+    ):
         while True:
             late = options.until and datetime.now(UTC).strftime("%H:%M") >= options.until
-            running |= {pool.submit(_one, *task) for task in islice(tasks, 0 if late else options.jobs + 1 - len(running))}
+            running |= {
+                pool.submit(_one, *task)
+                for task in islice(tasks, 0 if late else options.jobs + 1 - len(running))
+            }
             if not running:
                 return
             done, running = wait(running, return_when=FIRST_COMPLETED)
@@ -72,7 +82,9 @@ def _tasks(kept: list[dict[str, Any]], options: argparse.Namespace) -> list[Task
     tasks: list[Task] = [("bounds", *cell, -1, 0) for cell in cells]
     for first in range(0, options.runs, CHUNK):
         tasks += [("sessions", *cell, first, min(first + CHUNK, options.runs)) for cell in cells]
-    missing = [[seed for seed in range(t[3], t[4]) if (t[1], t[2], seed) not in done] for t in tasks]
+    missing = [
+        [seed for seed in range(t[3], t[4]) if (t[1], t[2], seed) not in done] for t in tasks
+    ]
     return [(*t[:3], seeds[0], t[4]) for t, seeds in zip(tasks, missing) if seeds]
 
 
@@ -83,13 +95,31 @@ def _one(what: str, name: str, lat_deg: float, first: int, stop: int) -> list[di
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--runs", type=int, default=50, help="seeds of each cell")
-    parser.add_argument("--rows", nargs="+", default=list(accuracy_cell.ROWS), choices=list(accuracy_cell.ROWS), metavar="NAME")
-    parser.add_argument("--latitudes", nargs="+", type=float, default=list(accuracy_cell.LATITUDES_DEG), metavar="DEG")
+    parser.add_argument(
+        "--rows",
+        nargs="+",
+        default=list(accuracy_cell.ROWS),
+        choices=list(accuracy_cell.ROWS),
+        metavar="NAME",
+    )
+    parser.add_argument(
+        "--latitudes",
+        nargs="+",
+        type=float,
+        default=list(accuracy_cell.LATITUDES_DEG),
+        metavar="DEG",
+    )
     parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--until", default="", metavar="HH:MM", help="hand out no more work after this time, UTC")
-    parser.add_argument("--keep", type=Path, default=Path("accuracy_runs.jsonl"), metavar="RUNS.jsonl")
+    parser.add_argument(
+        "--until", default="", metavar="HH:MM", help="hand out no more work after this time, UTC"
+    )
+    parser.add_argument(
+        "--keep", type=Path, default=Path("accuracy_runs.jsonl"), metavar="RUNS.jsonl"
+    )
     parser.add_argument("--draw", action="store_true", help="only draw what is kept")
     parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
     return parser.parse_args(arguments)

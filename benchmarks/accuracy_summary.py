@@ -1,4 +1,6 @@
-"""Figures of the accuracy study: each cell's sigma, RMS and bound by axis, its NEES and NIS with their bands, its verdicts."""
+"""Figures of the accuracy study: each cell's sigma, RMS and bound by axis, its NEES and NIS with
+their bands, its verdicts.
+"""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -19,12 +21,17 @@ WORDS = ("observed", "weak", "not_observable")
 def summarise(kept: Sequence[dict[str, Any]], order: Sequence[str]) -> dict[str, Any]:
     """Cells by latitude, rows in the given order; `totals` over all of them."""
     found = {_key(line): line for line in kept if "bound_deg_h" in line}
-    bounds = {key: found[key] for key in sorted(found, key=lambda k: (k[1], order.index(k[0]), k[2], not k[3]))}
+    bounds = {
+        key: found[key]
+        for key in sorted(found, key=lambda k: (k[1], order.index(k[0]), k[2], not k[3]))
+    }
     runs: dict[tuple, dict[int, dict[str, Any]]] = {key: {} for key in bounds}
     for line in kept:
         if "seed" in line and _key(line) in runs:
             runs[_key(line)][line["seed"]] = line
-    cells = [cell(bounds[key], [runs[key][s] for s in sorted(runs[key])]) for key in bounds if runs[key]]
+    cells = [
+        cell(bounds[key], [runs[key][s] for s in sorted(runs[key])]) for key in bounds if runs[key]
+    ]
     return {"totals": totals(cells), "cells": cells}
 
 
@@ -35,11 +42,15 @@ def _key(line: dict[str, Any]) -> tuple:
 def cell(bound: dict[str, Any], runs: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """One scenario estimated one way. Axes: along north and east of the first heading, down.
 
-    expected: the verdict that the bound itself calls for; None within 2 % of a threshold, where either word is right.
+    expected: the verdict that the bound itself calls for; None within 2 % of a threshold, where
+    either word is right.
     """
     good = [r for r in runs if "failed" not in r]
     least, prior = np.array(bound["bound_deg_h"]), np.array(bound["prior_deg_h"])
-    head = {k: bound[k] for k in ("row", "lat_deg", "gnss", "hold")} | {"runs": len(runs), "failed": len(runs) - len(good)}
+    head = {k: bound[k] for k in ("row", "lat_deg", "gnss", "hold")} | {
+        "runs": len(runs),
+        "failed": len(runs) - len(good),
+    }
     if not good:
         return head
     error, sigma = (np.array([r[k] for r in good]) for k in ("error_deg_h", "sigma_deg_h"))
@@ -50,22 +61,31 @@ def cell(bound: dict[str, Any], runs: Sequence[dict[str, Any]]) -> dict[str, Any
     single = chi2.ppf(np.array(_tails())[:, None], dof) / dof
     heading = np.array([r["heading_normalised"] for r in good])
     return head | {
-        "bound_deg_h": least.tolist(), "prior_deg_h": prior.tolist(),
-        "sigma_deg_h": np.sqrt(np.mean(sigma**2, axis=0)).tolist(), "rms_deg_h": rms.tolist(),
-        "rms_low_deg_h": (rms * low).tolist(), "rms_high_deg_h": (rms * high).tolist(),
-        "nees": float(nees.mean() / 3), "nees_band": _band(3 * len(good)),
-        "nis": float(nis @ dof / dof.sum()), "nis_band": _band(int(dof.sum())),
-        "nis_inside": float(np.mean((nis > single[0]) & (nis < single[1]))), "nis_by_kind": _by_kind(good),
-        "heading_mean_square": float(np.mean(heading**2)), "heading_band": _band(len(good)),
+        "bound_deg_h": least.tolist(),
+        "prior_deg_h": prior.tolist(),
+        "sigma_deg_h": np.sqrt(np.mean(sigma**2, axis=0)).tolist(),
+        "rms_deg_h": rms.tolist(),
+        "rms_low_deg_h": (rms * low).tolist(),
+        "rms_high_deg_h": (rms * high).tolist(),
+        "nees": float(nees.mean() / 3),
+        "nees_band": _band(3 * len(good)),
+        "nis": float(nis @ dof / dof.sum()),
+        "nis_band": _band(int(dof.sum())),
+        "nis_inside": float(np.mean((nis > single[0]) & (nis < single[1]))),
+        "nis_by_kind": _by_kind(good),
+        "heading_mean_square": float(np.mean(heading**2)),
+        "heading_band": _band(len(good)),
         "verdicts": [dict(Counter(r["verdicts"][k] for r in good)) for k in range(3)],
         "expected": [expected_verdict(b / p) for b, p in zip(least, prior)],
         "outcomes": dict(Counter(r["outcome"] for r in good)),
         "messages": sorted({r["failed"] for r in runs if "failed" in r})[:3],
-    }  # fmt: skip
+    }
 
 
 def _by_kind(lines: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
-    """Mean NIS of each kind of measurement and its degrees of freedom, from the sums of the runs."""
+    """Mean NIS of each kind of measurement and its degrees of freedom, from the sums of the
+    runs.
+    """
     summed: dict[str, NDArray] = {}
     for line in lines:
         for kind, pair in line["nis_by_kind"].items():
@@ -75,7 +95,10 @@ def _by_kind(lines: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
 
 def _pooled(cells: Sequence[dict[str, Any]]) -> dict[str, list[float]]:
     """The same over cells, from their means."""
-    sums = [{"nis_by_kind": {kind: [nis * dof, dof] for kind, (nis, dof) in c["nis_by_kind"].items()}} for c in cells]
+    sums = [
+        {"nis_by_kind": {kind: [nis * dof, dof] for kind, (nis, dof) in c["nis_by_kind"].items()}}
+        for c in cells
+    ]
     return _by_kind(sums)
 
 
@@ -94,21 +117,34 @@ def totals(cells: Sequence[dict[str, Any]]) -> dict[str, Any]:
     ratio = np.array([c["rms_deg_h"][k] / c["bound_deg_h"][k] for c, k in seen])
     sigma = np.array([c["sigma_deg_h"][k] / c["bound_deg_h"][k] for c, k in axes])
     inside = [c["rms_low_deg_h"][k] <= GOAL * c["bound_deg_h"][k] for c, k in seen]
-    agreed = [c["verdicts"][k].get(c["expected"][k], 0) / (c["runs"] - c["failed"]) for c, k in axes if c["expected"][k]]
+    agreed = [
+        c["verdicts"][k].get(c["expected"][k], 0) / (c["runs"] - c["failed"])
+        for c, k in axes
+        if c["expected"][k]
+    ]
     return {
-        "cells": len(cells), "runs": sum(c["runs"] for c in cells), "failed": sum(c["failed"] for c in cells),
-        "observable_axes": len(seen), "rms_over_bound": _spread(ratio), "sigma_over_bound": _spread(sigma),
-        "within_goal": int(np.sum(ratio <= GOAL)), "goal_within_interval": int(np.sum(inside)),
+        "cells": len(cells),
+        "runs": sum(c["runs"] for c in cells),
+        "failed": sum(c["failed"] for c in cells),
+        "observable_axes": len(seen),
+        "rms_over_bound": _spread(ratio),
+        "sigma_over_bound": _spread(sigma),
+        "within_goal": int(np.sum(ratio <= GOAL)),
+        "goal_within_interval": int(np.sum(inside)),
         "overconfident_axes": int(np.sum(sigma < BELOW)),
         "nees_inside": sum(c["nees_band"][0] < c["nees"] < c["nees_band"][1] for c in full),
         "nis_inside": sum(c["nis_band"][0] < c["nis"] < c["nis_band"][1] for c in full),
-        "nis": _spread(np.array([c["nis"] for c in full])), "nis_by_kind": _pooled(full),
-        "pooled": _pooled_axes(seen), "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
-    }  # fmt: skip
+        "nis": _spread(np.array([c["nis"] for c in full])),
+        "nis_by_kind": _pooled(full),
+        "pooled": _pooled_axes(seen),
+        "verdicts_agreed": float(np.mean(agreed)) if agreed else None,
+    }
 
 
 def _pooled_axes(seen: Sequence[tuple[dict[str, Any], int]]) -> list[dict[str, Any]]:
-    """Root mean square of error and of sigma over bound, for each way and axis, over all rows and latitudes."""
+    """Root mean square of error and of sigma over bound, for each way and axis, over all rows and
+    latitudes.
+    """
     found: dict[tuple[bool, bool, int], list[tuple[float, float]]] = {}
     for c, k in seen:
         ratios = c["rms_deg_h"][k] / c["bound_deg_h"][k], c["sigma_deg_h"][k] / c["bound_deg_h"][k]
@@ -116,8 +152,16 @@ def _pooled_axes(seen: Sequence[tuple[dict[str, Any], int]]) -> list[dict[str, A
     pooled = []
     for (gnss, hold, axis), pairs in sorted(found.items()):
         rms, sigma = np.sqrt(np.mean(np.square(pairs), axis=0))
-        pooled.append({"gnss": gnss, "hold": hold, "axis": axis, "cells": len(pairs),
-                       "rms_over_bound": float(rms), "sigma_over_bound": float(sigma)})  # fmt: skip
+        pooled.append(
+            {
+                "gnss": gnss,
+                "hold": hold,
+                "axis": axis,
+                "cells": len(pairs),
+                "rms_over_bound": float(rms),
+                "sigma_over_bound": float(sigma),
+            }
+        )
     return pooled
 
 

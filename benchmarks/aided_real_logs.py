@@ -2,8 +2,8 @@
 
     python benchmarks/aided_real_logs.py LOG.mat|LOG.bin
 
-ATT is an estimate too (a complementary filter on the same sensors, heading by magnetometer): agreement within degrees is what
-it can show, not more.
+ATT is an estimate too (a complementary filter on the same sensors, heading by magnetometer):
+agreement within degrees is what it can show, not more.
 """
 
 import sys
@@ -28,7 +28,9 @@ FLYING_M_S = 5.0
 
 @dataclass(frozen=True)
 class Against:
-    """Aided less ATT while flying: median and RMS of the rotation about north, east, down [deg]; median sigmas [deg]."""
+    """Aided less ATT while flying: median and RMS of the rotation about north, east, down [deg];
+    median sigmas [deg].
+    """
 
     median_deg: NDArray
     rms_deg: NDArray
@@ -58,13 +60,18 @@ def against_att(result: AidedResult, time_s: NDArray, euler_rad: NDArray) -> Aga
     history = result.history
     assert history is not None
     k = np.clip(np.searchsorted(time_s, history.time_s), 0, time_s.size - 1)
-    off = rotation_vector_from_dcm(history.C_nb @ np.swapaxes(dcm_from_euler(*euler_rad[k].T), 1, 2)) / DEG
+    off = (
+        rotation_vector_from_dcm(history.C_nb @ np.swapaxes(dcm_from_euler(*euler_rad[k].T), 1, 2))
+        / DEG
+    )
     flying = np.linalg.norm(history.v_n_m_s[:, :2], axis=1) > FLYING_M_S
     sigma = level_sigmas(history.phi_covariance, history.C_nb) / DEG
     return Against(
-        median_deg=np.median(np.abs(off[flying]), axis=0), rms_deg=np.sqrt(np.mean(off[flying] ** 2, axis=0)),
-        sigma_deg=np.median(sigma[flying], axis=0), seconds=int(flying.sum()),
-    )  # fmt: skip
+        median_deg=np.median(np.abs(off[flying]), axis=0),
+        rms_deg=np.sqrt(np.mean(off[flying] ** 2, axis=0)),
+        sigma_deg=np.median(sigma[flying], axis=0),
+        seconds=int(flying.sum()),
+    )
 
 
 def main(path: Path) -> None:
@@ -78,9 +85,18 @@ def main(path: Path) -> None:
     print(result.verdict, *result.reasons, *result.notes, sep="\n  ")
     used = [round(nis_of(result.history, k)[0], 2) for k in (0, 1)]
     print("declared NIS", np.round(result.declared_nis, 2), "used NIS", used)
-    print("rejected", [rejected_rows(result.history, k).size for k in (0, 1)], "of", len(result.history.fix_time_s))
+    print(
+        "rejected",
+        [rejected_rows(result.history, k).size for k in (0, 1)],
+        "of",
+        len(result.history.fix_time_s),
+    )
     print(f"against ATT over {found.seconds} s of flight, about north, east, down [deg]:")
-    for name, value in (("median", found.median_deg), ("RMS", found.rms_deg), ("median sigma", found.sigma_deg)):
+    for name, value in (
+        ("median", found.median_deg),
+        ("RMS", found.rms_deg),
+        ("median sigma", found.sigma_deg),
+    ):
         print(f"  {name:14s}", np.round(value, 2))
 
 

@@ -1,9 +1,11 @@
-"""How many times real time the aided navigation runs, beside free-inertial navigation of the same log in the same process.
+"""How many times real time the aided navigation runs, beside free-inertial navigation of the same
+log in the same process.
 
     python benchmarks/aided_speed.py [MINUTES]
 
-A flight at 200 Hz with GNSS at 1 Hz, in memory; CPU seconds of the second of two passes, so that nothing is compiled in it.
-The last row: sensors eight times and fixes three times as noisy as declared, so that the noise is searched for.
+A flight at 200 Hz with GNSS at 1 Hz, in memory; CPU seconds of the second of two passes, so that
+nothing is compiled in it. The last row: sensors eight times and fixes three times as noisy as
+declared, so that the noise is searched for.
 """
 
 import sys
@@ -52,10 +54,15 @@ def main(minutes: float) -> None:
     loud = replace(loud, gnss=replace(loud.gnss, sigma_horizontal_m=None))
     rest_loud = find_rest(loud)
     aided = cpu_s(lambda: navigate_aided(run, run.imu, twin, rest=rest, gyro_sigma_deg_h=None))
-    search = cpu_s(lambda: navigate_aided(loud, loud.imu, twin, rest=rest_loud, gyro_sigma_deg_h=None))
+    search = cpu_s(
+        lambda: navigate_aided(loud, loud.imu, twin, rest=rest_loud, gyro_sigma_deg_h=None)
+    )
     print(f"{seconds / 60:.0f} min at {RATE_HZ:.0f} Hz, GNSS at 1 Hz, {run.imu.rows} rows")
-    for name, cost in (("free-inertial navigation", free), ("aided: stands, start, filter, verdict", aided),
-                       ("aided, the noise searched for", search)):  # fmt: skip
+    for name, cost in (
+        ("free-inertial navigation", free),
+        ("aided: stands, start, filter, verdict", aided),
+        ("aided, the noise searched for", search),
+    ):
         print(f"  {name:40s}{cost:7.2f} s CPU{seconds / cost:10.0f} times real time")
     print(f"  aided over free-inertial {aided / free:27.1f}")
 

@@ -1,7 +1,9 @@
-"""What people use today in place of a Bayesian merge: five rules that turn session points into a table.
+"""What people use today in place of a Bayesian merge: five rules that turn session points into a
+table.
 
-All rules get the same points and the same factory table; each is told only what it uses. Every rule but the cubic works
-on departures from the factory table, so that the thermal curve between two nodes costs it nothing.
+All rules get the same points and the same factory table; each is told only what it uses. Every rule
+but the cubic works on departures from the factory table, so that the thermal curve between two
+nodes costs it nothing.
 """
 
 from dataclasses import dataclass
@@ -18,7 +20,9 @@ CUBIC = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Points:
-    """Bias points of one session in the order of time, each (m,): axis 0, 1, 2; bias above the truth; its own sigma."""
+    """Bias points of one session in the order of time, each (m,): axis 0, 1, 2; bias above the
+    truth; its own sigma.
+    """
 
     axis_index: NDArray
     temperature_degC: NDArray
@@ -76,7 +80,8 @@ class SessionMean(DoNothing):
 
 
 class GlobalCubic(DoNothing):
-    """Kind: autopilot thermal calibration, one cubic an axis through the session's points, unweighted.
+    """Kind: autopilot thermal calibration, one cubic an axis through the session's points,
+    unweighted.
 
     It replaces what was there; outside the session's temperatures the end value is held, silently.
     """
@@ -86,12 +91,18 @@ class GlobalCubic(DoNothing):
         self.fits: dict[int, tuple[np.polynomial.Polynomial, float, float]] = {}
 
     def update(self, points: Points) -> None:
-        """A new cubic for every axis that has points (a lower degree where these are fewer than four)."""
+        """A new cubic for every axis that has points (a lower degree where these are fewer than
+        four).
+        """
         for axis in range(len(AXES)):
             T, bias, _ = points.of(axis)
             if T.size:
                 degree = min(CUBIC, T.size - 1)
-                self.fits[axis] = (np.polynomial.Polynomial.fit(T, bias, degree), float(T.min()), float(T.max()))
+                self.fits[axis] = (
+                    np.polynomial.Polynomial.fit(T, bias, degree),
+                    float(T.min()),
+                    float(T.max()),
+                )
 
     def bias_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """The cubic, clamped; the factory table before the first session."""
@@ -121,14 +132,17 @@ class NewestPerBin(DoNothing):
     def bias_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """Factory table and the bins' departures."""
         nodes = self.factory.temperature_degC[axis]
-        return super().bias_deg_h(axis, temperature_degC) + np.interp(temperature_degC, nodes, self.departure_deg_h[axis])
+        return super().bias_deg_h(axis, temperature_degC) + np.interp(
+            temperature_degC, nodes, self.departure_deg_h[axis]
+        )
 
 
 class IndependentVariance(DoNothing):
-    """Kind: cells weighted by inverse variance, every point as if its errors were its own; no covariance kept.
+    """Kind: cells weighted by inverse variance, every point as if its errors were its own; no
+    covariance kept.
 
-    A point between two nodes gives each the share of its information that its distance says (hat weights); the nodes
-    start with the variance of the factory table.
+    A point between two nodes gives each the share of its information that its distance says (hat
+    weights); the nodes start with the variance of the factory table.
     """
 
     def __init__(self, factory: ThermalTable) -> None:
@@ -141,18 +155,27 @@ class IndependentVariance(DoNothing):
         """Sums of weights and of weighted departures, node by node."""
         for axis in range(len(AXES)):
             T, bias, sigma = points.of(axis)
-            share = self.factory.basis(axis, T)[:, self.factory.values_of(axis)] / sigma[:, None] ** 2
+            share = (
+                self.factory.basis(axis, T)[:, self.factory.values_of(axis)] / sigma[:, None] ** 2
+            )
             self.information[axis] = self.information[axis] + share.sum(axis=0)
-            self.weighted[axis] = self.weighted[axis] + share.T @ (bias - self.factory.bias_deg_h(axis, T))
+            self.weighted[axis] = self.weighted[axis] + share.T @ (
+                bias - self.factory.bias_deg_h(axis, T)
+            )
 
     def bias_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """Factory table and the nodes' weighted mean departures."""
-        nodes, mean = self.factory.temperature_degC[axis], self.weighted[axis] / self.information[axis]
+        nodes, mean = (
+            self.factory.temperature_degC[axis],
+            self.weighted[axis] / self.information[axis],
+        )
         return super().bias_deg_h(axis, temperature_degC) + np.interp(temperature_degC, nodes, mean)
 
     def sigma_deg_h(self, axis: int, temperature_degC: NDArray) -> NDArray:
         """What this rule believes of itself: sigma of the nodes, straight lines in between."""
-        return np.interp(temperature_degC, self.factory.temperature_degC[axis], self.information[axis] ** -0.5)
+        return np.interp(
+            temperature_degC, self.factory.temperature_degC[axis], self.information[axis] ** -0.5
+        )
 
 
 BASELINES: dict[str, type[DoNothing]] = {

@@ -1,17 +1,21 @@
-"""Cramer-Rao bound of a session's gyro biases: no estimator that knows only what is seen does better on average.
+"""Cramer-Rao bound of a session's gyro biases: no estimator that knows only what is seen does
+better on average.
 
-Bayesian form (Van Trees 1968, section 2.4): for jointly Gaussian unknowns and data linear in them the bound is the
-posterior covariance (H' Sigma^-1 H + P0^-1)^-1; here by recursion over epochs of one second.
+Bayesian form (Van Trees 1968, section 2.4): for jointly Gaussian unknowns and data linear in them
+the bound is the posterior covariance (H' Sigma^-1 H + P0^-1)^-1; here by recursion over epochs of
+one second.
 
-Kept apart from the estimator on purpose, so that a common mistake cannot hide: nothing comes from `ins.filters.error_model`,
-`ins.filters.error_filter`, `alignment` or `infield`. A solution's errors answer by finite differences of the nonlinear
-mechanization (`benchmarks.navigation_response`); vehicle, sensors and unit are the simulator's own (`trajectories`),
-second by second, sway as the oscillator it is. A filter sigma below the bound is a defect of one of the two.
+Kept apart from the estimator on purpose, so that a common mistake cannot hide: nothing comes from
+`ins.filters.error_model`, `ins.filters.error_filter`, `alignment` or `infield`. A solution's errors
+answer by finite differences of the nonlinear mechanization (`benchmarks.navigation_response`);
+vehicle, sensors and unit are the simulator's own (`trajectories`), second by second, sway as the
+oscillator it is. A filter sigma below the bound is a defect of one of the two.
 
-Random: gyro bias (common shift and smooth shape over temperature, turn-on, flicker, rate random walk), white noise of
-the sensors, accelerometer turn-on and walk, start errors, crab, lever arm, sway, side motion, yaw creep, satellite fixes.
-Seen: standing, the way and the turn since the stop; rolling, the way to the side; satellite position and velocity; a
-surveyed heading. Not seen: speed, course, roll and pitch, which no vehicle warrants. Accelerometer flicker is left out.
+Random: gyro bias (common shift and smooth shape over temperature, turn-on, flicker, rate random
+walk), white noise of the sensors, accelerometer turn-on and walk, start errors, crab, lever arm,
+sway, side motion, yaw creep, satellite fixes. Seen: standing, the way and the turn since the stop;
+rolling, the way to the side; satellite position and velocity; a surveyed heading. Not seen: speed,
+course, roll and pitch, which no vehicle warrants. Accelerometer flicker is left out.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,27 +35,33 @@ from trajectories.simulator.session import GNSS_HZ
 from trajectories.simulator.unit_truth import SHAPE_LENGTH_DEGC
 from trajectories.simulator.vehicle import ROLLING_M_S, SIDE_NOISE_TAU_S
 
-START_SIGMA = np.array([10.0, 10.0, 0.1, 0.1, 0.01, 0.01, 0.1])  # diffuse beside what a minute of rest shows
-WAY_FLOOR_M, TURN_FLOOR_RAD = 1e-5, 3e-8  # what is seen exactly gets this much noise, for the digits' sake
+# diffuse beside what a minute of rest shows
+START_SIGMA = np.array([10.0, 10.0, 0.1, 0.1, 0.01, 0.01, 0.1])
+# what is seen exactly gets this much noise, for the digits' sake
+WAY_FLOOR_M, TURN_FLOOR_RAD = 1e-5, 3e-8
 BIN_S = 60.0  # over which a gyro's bias is taken for constant
 MODE_SHARE = 1e-5  # of the bias variance; smaller modes of its history are left out
 
-# The state: errors of the solution, what the vehicle showed since the stop (or since the epoch began), and the unknowns.
+# The state: errors of the solution, what the vehicle showed since the stop (or since the epoch
+# began), and the unknowns.
 NAV, HEADING = slice(0, ERRORS), ERRORS - 1
 WAY, TURN = slice(7, 9), 9  # body x, y [m]; about down [rad]
 SHOWN = slice(7, 10)
 SWAY, SIDE = slice(10, 14), 14  # position and velocity north, then east; side velocity
 ACCEL = slice(15, 18)
-CRAB, LEVER, HEADING_THEN = 18, 19, 20  # lateral over forward velocity; along x; heading error when the alignment ended
+# lateral over forward velocity; along x; heading error when the alignment ended
+CRAB, LEVER, HEADING_THEN = 18, 19, 20
 MODES = 21  # of the gyro biases, to the end
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sights:
-    """What a session sees besides the wheels. surveyed_sigma_rad: of a parked heading surveyed at the start.
+    """What a session sees besides the wheels. surveyed_sigma_rad: of a parked heading surveyed at
+    the start.
 
-    velocity_noise_m_s (standing, rolling): white noise of the velocity over each second, instead of what sway and side
-    motion of the twin leave of the way: the measurements that physics.md 6.7 assumes.
+    velocity_noise_m_s (standing, rolling): white noise of the velocity over each second, instead of
+    what sway and side motion of the twin leave of the way: the measurements that physics.md 6.7
+    assumes.
     """
 
     gnss: bool = False
@@ -62,7 +72,9 @@ class Sights:
 
 @dataclass(frozen=True, kw_only=True)
 class Spread:
-    """One sigma of the unit against its table (common shift, smooth shape over temperature), of crab and lever arm."""
+    """One sigma of the unit against its table (common shift, smooth shape over temperature), of
+    crab and lever arm.
+    """
 
     common_deg_h: float
     shape_deg_h: float
@@ -72,8 +84,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class Bound:
-    """Covariance (3, 3) [(deg/h)^2] of the session-mean bias of gyros x, y, z, before and after the session; sigma of
-    the heading error at the alignment's end [rad]."""
+    """Covariance (3, 3) [(deg/h)^2] of the session-mean bias of gyros x, y, z, before and after the
+    session; sigma of the heading error at the alignment's end [rad].
+    """
 
     covariance: NDArray
     prior: NDArray
@@ -90,7 +103,9 @@ class Bound:
 
 @dataclass(frozen=True)
 class Epoch:
-    """x+ = F x + w, cov(w) = Q; then rows H of the state are seen with independent errors of variance R (m,)."""
+    """x+ = F x + w, cov(w) = Q; then rows H of the state are seen with independent errors of
+    variance R (m,).
+    """
 
     F: NDArray
     Q: NDArray
@@ -99,7 +114,9 @@ class Epoch:
 
 
 def posterior_covariance(P0: NDArray, epochs: Iterable[Epoch]) -> NDArray:
-    """Covariance (n, n) of the last state given all that was seen; for its static unknowns, the Bayesian bound."""
+    """Covariance (n, n) of the last state given all that was seen; for its static unknowns, the
+    Bayesian bound.
+    """
     P = np.array(P0, dtype=float)
     for epoch in epochs:
         P = epoch.F @ P @ epoch.F.T + epoch.Q
@@ -113,9 +130,15 @@ def posterior_covariance(P0: NDArray, epochs: Iterable[Epoch]) -> NDArray:
 
 
 def bias_bound(
-    ideal: IdealSensors, response: NavigationResponse, gyro_degC: NDArray, twin: TwinModel, spread: Spread, sights: Sights,
-    *, alignment_s: float = 600.0,
-) -> Bound:  # fmt: skip
+    ideal: IdealSensors,
+    response: NavigationResponse,
+    gyro_degC: NDArray,
+    twin: TwinModel,
+    spread: Spread,
+    sights: Sights,
+    *,
+    alignment_s: float = 600.0,
+) -> Bound:
     """Bound of the session-mean gyro biases over one noise-free run.
 
     gyro_degC (n, 3): temperatures at the middles of the response's n epochs.
@@ -125,13 +148,16 @@ def bias_bound(
     P = posterior_covariance(P0, _epochs(ideal, response, modes, twin, sights, alignment_s))
     mean = modes.mean(axis=0) / DEG_PER_HOUR
     return Bound(
-        covariance=mean @ P[MODES:, MODES:] @ mean.T, prior=mean @ mean.T,
+        covariance=mean @ P[MODES:, MODES:] @ mean.T,
+        prior=mean @ mean.T,
         sigma_heading_rad=float(np.sqrt(P[HEADING_THEN, HEADING_THEN])),
-    )  # fmt: skip
+    )
 
 
 def bias_modes(gyro_degC: NDArray, gyro: GyroNoise, spread: Spread, *, epoch_s: float) -> NDArray:
-    """Gyro bias histories (n, 3, m) [rad/s] of m independent unknowns of unit variance: eigenvectors of its covariance."""
+    """Gyro bias histories (n, 3, m) [rad/s] of m independent unknowns of unit variance:
+    eigenvectors of its covariance.
+    """
     n = len(gyro_degC)
     size = max(round(BIN_S / epoch_s), 1)
     of = np.arange(n) // size
@@ -154,12 +180,14 @@ def bias_modes(gyro_degC: NDArray, gyro: GyroNoise, spread: Spread, *, epoch_s: 
 def _session_covariance(gyro: GyroNoise, count: int, bin_s: float) -> NDArray:
     """Flicker and rate random walk of one gyro, averaged over bins: (count, count) [(deg/h)^2].
 
-    Flicker as the simulator draws it: lines at multiples of 1 / (4 run lengths) with PSD B^2 / (2 pi f).
+    Flicker as the simulator draws it: lines at multiples of 1 / (4 run lengths) with PSD B^2 / (2
+    pi f).
     """
     if not gyro.bias_instability_deg_h and not gyro.rate_random_walk_deg_h_sqrt_h:
         return np.zeros((count, count))
     centre = (np.arange(count) + 0.5) * bin_s
-    walk = np.minimum(centre[:, None], centre) - np.eye(count) * bin_s / 6.0  # mean of min(u, v) over a bin: centre - bin/6
+    # mean of min(u, v) over a bin: centre - bin/6
+    walk = np.minimum(centre[:, None], centre) - np.eye(count) * bin_s / 6.0
     step_hz = 0.25 / (count * bin_s)
     f = step_hz * np.arange(1, int(0.5 * SLOW_RATE_HZ / step_hz))
     power = 2 * gyro.bias_instability_deg_h**2 / (2 * np.pi * f) * step_hz * np.sinc(f * bin_s) ** 2
@@ -171,15 +199,27 @@ def _session_covariance(gyro: GyroNoise, count: int, bin_s: float) -> NDArray:
 def _prior(twin: TwinModel, spread: Spread, modes: int) -> NDArray:
     sway, vehicle = np.zeros(4), twin.vehicle
     sway[0::2], sway[1::2] = vehicle.sway_m_s / (2 * np.pi * vehicle.sway_hz), vehicle.sway_m_s
-    sigma = np.concatenate([
-        START_SIGMA, np.zeros(3), sway, [vehicle.lateral_noise_m_s], np.full(3, twin.accel.turn_on_ug * MICRO_G),
-        [spread.crab_rad, spread.lever_arm_m, 0.0], np.ones(modes),
-    ])  # fmt: skip
+    sigma = np.concatenate(
+        [
+            START_SIGMA,
+            np.zeros(3),
+            sway,
+            [vehicle.lateral_noise_m_s],
+            np.full(3, twin.accel.turn_on_ug * MICRO_G),
+            [spread.crab_rad, spread.lever_arm_m, 0.0],
+            np.ones(modes),
+        ]
+    )
     return np.diag(sigma**2)
 
 
 def _epochs(
-    ideal: IdealSensors, response: NavigationResponse, modes: NDArray, twin: TwinModel, sights: Sights, alignment_s: float
+    ideal: IdealSensors,
+    response: NavigationResponse,
+    modes: NDArray,
+    twin: TwinModel,
+    sights: Sights,
+    alignment_s: float,
 ) -> Iterator[Epoch]:
     """The session second by second: transition, noise and what is seen."""
     dt, vehicle = _epoch_s(response), twin.vehicle
@@ -194,7 +234,9 @@ def _epochs(
         gamma = np.concatenate([response.Gamma[k], response.shown_Gamma[k]])
         F[:10, ACCEL], F[:10, MODES:] = gamma[:, 3:], gamma[:, :3] @ modes[k]
         Q[:10, :10] = _sensor_noise(gamma, twin, dt)
-        Q[ACCEL, ACCEL] = np.eye(3) * (twin.accel.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2 * dt
+        Q[ACCEL, ACCEL] = (
+            np.eye(3) * (twin.accel.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2 * dt
+        )
         moved, noise = _vehicle_step(vehicle, _level(response.nominal.C_nb[k]), float(fade[k]), dt)
         F[10:15, 10:15], F[WAY, 10:15] = moved[:5, :5], moved[5:, :5]
         block = np.r_[10:15, 7:9]
@@ -209,7 +251,9 @@ def _epochs(
             Q[HEADING_THEN], Q[:, HEADING_THEN] = Q[HEADING], Q[:, HEADING]
             Q[HEADING_THEN, HEADING_THEN] = Q[HEADING, HEADING]
         fix = np.isclose(response.nominal.time_s[k + 1] * GNSS_HZ % 1.0, [0.0, 1.0]).any()
-        yield Epoch(F, Q, *_seen(size, bool(standing[k]), twin, sights, first=k == 0, fix=bool(fix)))
+        yield Epoch(
+            F, Q, *_seen(size, bool(standing[k]), twin, sights, first=k == 0, fix=bool(fix))
+        )
 
 
 def _seen(
@@ -223,7 +267,9 @@ def _seen(
         if sights.hold_heading:
             seen.append((TURN, TURN_FLOOR_RAD))
     if sights.gnss and fix:
-        seen += [(k, twin.gnss.sigma_horizontal_m) for k in (0, 1)] + [(k, twin.gnss.sigma_velocity_m_s) for k in (2, 3)]
+        seen += [(k, twin.gnss.sigma_horizontal_m) for k in (0, 1)] + [
+            (k, twin.gnss.sigma_velocity_m_s) for k in (2, 3)
+        ]
     if first and sights.surveyed_sigma_rad:
         seen.append((HEADING, sights.surveyed_sigma_rad))
     index, sigma = zip(*seen)
@@ -240,18 +286,36 @@ def _sensor_noise(gamma: NDArray, twin: TwinModel, dt: float) -> NDArray:
 def _vehicle_step(
     vehicle: VehicleNoise, level: tuple[float, float, float, float], fade: float, dt: float
 ) -> tuple[NDArray, NDArray]:
-    """Transition and noise (7, 7) of sway, side velocity and the body way they make; `level` is C_nb[:2, :2] by rows."""
+    """Transition and noise (7, 7) of sway, side velocity and the body way they make; `level` is
+    C_nb[:2, :2] by rows.
+    """
     return _exact_step(
-        vehicle.sway_m_s, vehicle.sway_hz, vehicle.sway_damping, vehicle.lateral_noise_m_s, *level, fade, dt
-    )  # fmt: skip
+        vehicle.sway_m_s,
+        vehicle.sway_hz,
+        vehicle.sway_damping,
+        vehicle.lateral_noise_m_s,
+        *level,
+        fade,
+        dt,
+    )
 
 
 @lru_cache(maxsize=4096)
 def _exact_step(
-    sway: float, hertz: float, damping: float, side: float, nx: float, ny: float, ex: float, ey: float, fade: float,
+    sway: float,
+    hertz: float,
+    damping: float,
+    side: float,
+    nx: float,
+    ny: float,
+    ex: float,
+    ey: float,
+    fade: float,
     dt: float,
-) -> tuple[NDArray, NDArray]:  # fmt: skip
-    """Exact over dt for constant coefficients.  Source: Van Loan, IEEE Trans. Automatic Control 23(3), 1978."""
+) -> tuple[NDArray, NDArray]:
+    """Exact over dt for constant coefficients.  Source: Van Loan, IEEE Trans. Automatic Control
+    23(3), 1978.
+    """
     w, A, q = 2 * np.pi * hertz, np.zeros((7, 7)), np.zeros(7)
     for x in (0, 2):
         A[x, x + 1], A[x + 1, x], A[x + 1, x + 1] = 1.0, -(w**2), -2 * damping * w
@@ -271,8 +335,12 @@ def _level(C_nb: NDArray) -> tuple[float, float, float, float]:
     return float(nx), float(ny), float(ex), float(ey)
 
 
-def _standing_and_fade(ideal: IdealSensors, response: NavigationResponse) -> tuple[NDArray, NDArray]:
-    """Per epoch: wholly at rest; the share of the side motion that the vehicle's speed lets through."""
+def _standing_and_fade(
+    ideal: IdealSensors, response: NavigationResponse
+) -> tuple[NDArray, NDArray]:
+    """Per epoch: wholly at rest; the share of the side motion that the vehicle's speed lets
+    through.
+    """
     of = np.searchsorted(response.nominal.time_s[1:], ideal.time_s - 0.5 * ideal.dt_s)
     inside = of < len(response.Phi)
     of, count = of[inside], np.bincount(of[inside])

@@ -1,10 +1,12 @@
-"""A made-up fleet with known truth for `recal fleet update`: runs of many aged units at 10 Hz, some of them bad on purpose.
+"""A made-up fleet with known truth for `recal fleet update`: runs of many aged units at 10 Hz, some
+of them bad on purpose.
 
     python benchmarks/fleet_runs.py OUT [--units 200] [--runs 10] [--seed 1]
 
-OUT/runs/SERIAL/NN: 30 min parked, then a taxi with two turns, one power-on every four weeks, another start temperature and
-heading each; OUT/recal.db: the factory tables; OUT/truth.json: each unit's true curve and what each run is meant to be (KINDS).
-`benchmarks/fleet_score.py` compares what the fleet update made of them with it.
+OUT/runs/SERIAL/NN: 30 min parked, then a taxi with two turns, one power-on every four weeks,
+another start temperature and heading each; OUT/recal.db: the factory tables; OUT/truth.json: each
+unit's true curve and what each run is meant to be (KINDS). `benchmarks/fleet_score.py` compares
+what the fleet update made of them with it.
 """
 
 import argparse
@@ -36,10 +38,17 @@ GRID_DEGC = np.arange(-20.0, 66.0, 1.0)
 FIRST_START = datetime(2026, 2, 1, 5, 0, tzinfo=UTC)
 PARKED_S, SHORT_S = 1800.0, 240.0
 KINDS = {  # kind of run: share of all
-    "sound": 0.93, "cut file": 0.01, "broken run.json": 0.01, "no temperature": 0.01, "too short": 0.01,
-    "another unit's": 0.01, "copy of the one before": 0.01, "clock at 1970": 0.01,
-}  # fmt: skip
-STEPPED_EVERY, STEP_DEG_H = 25, 0.05  # one unit in so many steps away from its table at half time, gyro x
+    "sound": 0.93,
+    "cut file": 0.01,
+    "broken run.json": 0.01,
+    "no temperature": 0.01,
+    "too short": 0.01,
+    "another unit's": 0.01,
+    "copy of the one before": 0.01,
+    "clock at 1970": 0.01,
+}
+# one unit in so many steps away from its table at half time, gyro x
+STEPPED_EVERY, STEP_DEG_H = 25, 0.05
 
 
 def taxi(parked_s: float) -> tuple[Segment, ...]:
@@ -68,7 +77,9 @@ def make_unit(out: Path, index: int, runs: int, seed: int) -> dict[str, Any]:
         path = out / "runs" / unit.imu_serial / f"{k:02d}"
         if kind == "copy of the one before":
             shutil.copytree(path.with_name(f"{k - 1:02d}"), path)
-            made.append({**made[-1], "path": str(path.relative_to(out)), "kind": kind, "stepped": False})
+            made.append(
+                {**made[-1], "path": str(path.relative_to(out)), "kind": kind, "stepped": False}
+            )
             continue
         start = str(rng.choice(list(STARTS)))
         run = simulate(other if kind == "another unit's" else unit, k, start, kind, rng)
@@ -77,7 +88,14 @@ def make_unit(out: Path, index: int, runs: int, seed: int) -> dict[str, Any]:
         spoil(path, kind)
         T = run.temperature.gyro_degC if run.temperature is not None else np.array([])
         visited = [float(T.min()), float(T.max())] if T.size else None
-        made.append({"path": str(path.relative_to(out)), "kind": kind, "stepped": stepped, "visited_degC": visited})
+        made.append(
+            {
+                "path": str(path.relative_to(out)),
+                "kind": kind,
+                "stepped": stepped,
+                "visited_degC": visited,
+            }
+        )
     return {"unit": unit, "runs": made, "steps": steps}
 
 
@@ -85,9 +103,14 @@ def simulate(unit: UnitTruth, k: int, start: str, kind: str, rng: np.random.Gene
     """One power-on."""
     parked_s = SHORT_S if kind == "too short" else PARKED_S
     run = simulate_run(
-        ideal(float(rng.choice(HEADINGS_DEG)), parked_s), thermal_history(start, rng=rng), unit, TwinModel(), rng=rng,
-        run_id=f"{unit.imu_serial}-{k:02d}", start_utc=(FIRST_START + timedelta(weeks=4 * k)).strftime("%Y-%m-%dT%H:%M:%SZ"),
-    ).run  # fmt: skip
+        ideal(float(rng.choice(HEADINGS_DEG)), parked_s),
+        thermal_history(start, rng=rng),
+        unit,
+        TwinModel(),
+        rng=rng,
+        run_id=f"{unit.imu_serial}-{k:02d}",
+        start_utc=(FIRST_START + timedelta(weeks=4 * k)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+    ).run
     if kind == "clock at 1970":
         run = replace(run, header=replace(run.header, start_utc="1970-01-01T00:00:12Z"))
     return replace(run, temperature=None) if kind == "no temperature" else run
@@ -119,12 +142,18 @@ def main(out: Path, units: int, runs: int, seed: int) -> None:
             unit: UnitTruth = made["unit"]
             store.import_table(unit.factory_table(np.arange(-20.0, 61.0, 10.0)))
             curve = {axis: unit.bias_deg_h(axis, GRID_DEGC).tolist() for axis in AXES}
-            truth["units"][unit.imu_serial] = {"bias_deg_h": curve, "steps": made["steps"], "runs": made["runs"]}
+            truth["units"][unit.imu_serial] = {
+                "bias_deg_h": curve,
+                "steps": made["steps"],
+                "runs": made["runs"],
+            }
     (out / "truth.json").write_text(json.dumps(truth))
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("out", type=Path)
     parser.add_argument("--units", type=int, default=200)
     parser.add_argument("--runs", type=int, default=10)

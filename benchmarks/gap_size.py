@@ -1,6 +1,8 @@
-"""How large a planted effect is: norm of the whitened difference between a trial's runs with and without it.
+"""How large a planted effect is: norm of the whitened difference between a trial's runs with and
+without it.
 
-For noise: the size of equal information, sqrt(2 KL), KL = n/2 (rho - 1 - ln rho) summed over octave bands.
+For noise: the size of equal information, sqrt(2 KL), KL = n/2 (rho - 1 - ln rho) summed over octave
+bands.
 """
 
 from collections.abc import Sequence
@@ -14,8 +16,17 @@ from infield.table.file import table_from_dict
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import SENSORS, Evidence
 
-NOISY = ("gyro_angle_random_walk", "gyro_bias_instability", "gyro_rate_random_walk", "gyro_gauss_markov", "gyro_quantization",
-         "gyro_noise_thermal", "accel_noise", "platform_sway", "odometer_quantization")  # fmt: skip
+NOISY = (
+    "gyro_angle_random_walk",
+    "gyro_bias_instability",
+    "gyro_rate_random_walk",
+    "gyro_gauss_markov",
+    "gyro_quantization",
+    "gyro_noise_thermal",
+    "accel_noise",
+    "platform_sway",
+    "odometer_quantization",
+)
 CLOSE = 0.05  # a size within so much of the wanted one is good
 
 
@@ -34,14 +45,17 @@ def delta_of(trial: Trial, without: Evidence) -> float:
     for a, b in zip(planted.runs, without.runs):
         n = min(a.z.size, b.z.size)
         if a.z.size != b.z.size:
-            if a.parked.bins != b.parked.bins:  # the effect moved the end of the parked stretch: not comparable
+            # the effect moved the end of the parked stretch: not comparable
+            if a.parked.bins != b.parked.bins:
                 return 0.0
             n = SENSORS * a.parked.bins
         d = a.z[:n] - b.z[:n]
         if not noisy:
             total += float(d @ d)
             continue
-        total += 2.0 * _slow_information(d, a.parked.bins) + 2.0 * _quick_information(a.scatter, b.scatter)
+        total += 2.0 * _slow_information(d, a.parked.bins) + 2.0 * _quick_information(
+            a.scatter, b.scatter
+        )
         rest = d[SENSORS * a.parked.bins :]
         total += 2.0 * _information(1.0 + float(np.mean(rest**2)), rest.size) if rest.size else 0.0
     return float(np.sqrt(total))
@@ -64,7 +78,10 @@ def _quick_information(a, b) -> float:
         for band in range(a.dof.shape[1]):
             n = float(a.dof[c, band].sum())
             if n > 0:
-                ratio = float((a.ratio[c, band] * a.dof[c, band]).sum() / (b.ratio[c, band] * b.dof[c, band]).sum())
+                ratio = float(
+                    (a.ratio[c, band] * a.dof[c, band]).sum()
+                    / (b.ratio[c, band] * b.dof[c, band]).sum()
+                )
                 out += _information(max(ratio, 1e-3), n)
     return out
 

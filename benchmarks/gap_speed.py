@@ -2,7 +2,8 @@
 
     python -m benchmarks.gap_speed [REPEATS] [--seed 0] [--sigma 12]
 
-Each repeat is a process of its own that reads the runs from files and calls `diagnose`; BLAS may use all cores.
+Each repeat is a process of its own that reads the runs from files and calls `diagnose`; BLAS may
+use all cores.
 """
 
 import argparse
@@ -27,7 +28,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gap_speed", description=__doc__)
     parser.add_argument("repeats", type=int, nargs="?", default=3)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--sigma", type=float, default=12.0, help="size of the one effect that is planted")
+    parser.add_argument(
+        "--sigma", type=float, default=12.0, help="size of the one effect that is planted"
+    )
     parser.add_argument("--one", type=Path, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.one:
@@ -37,8 +40,13 @@ def main() -> None:
         write_trial(scaled(draw_trial(options.seed), options.sigma)[0], Path(name))
         results = [_measured(Path(name) / "blind") for _ in range(options.repeats)]
     reading, wall, cpu, memory = (statistics.median(column) for column in zip(*results))
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {options.repeats} repeats, medians")
-    print(f"reading four runs {reading:.1f} s, diagnosis {wall:.1f} s wall, {cpu:.1f} s CPU, {memory:.0f} MB at most")
+    print(
+        f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}, {options.repeats} repeats, medians"
+    )
+    print(
+        f"reading four runs {reading:.1f} s, diagnosis {wall:.1f} s wall, {cpu:.1f} s CPU,"
+        f" {memory:.0f} MB at most"
+    )
 
 
 def _measured(folder: Path) -> tuple[float, float, float, float]:

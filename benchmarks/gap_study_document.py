@@ -7,11 +7,19 @@ from typing import Any
 
 NAME = "gap_study"
 TITLES = {
-    "none": "no effect", "none5": "no effect, --alpha 0.05", "20": "one effect, 20 sigma", "12": "one effect, 12 sigma",
-    "8": "one effect, 8 sigma", "5": "one effect, 5 sigma", "cold": "one cold hour, 12 sigma",
-    "two": "two effects, 12 sigma each", "noise": "declared noise 5 % off", "without": "true effect not in the catalogue",
-    "pyins": "pyins source, 12 sigma", "pyins_none": "pyins source, no effect",
-}  # fmt: skip
+    "none": "no effect",
+    "none5": "no effect, --alpha 0.05",
+    "20": "one effect, 20 sigma",
+    "12": "one effect, 12 sigma",
+    "8": "one effect, 8 sigma",
+    "5": "one effect, 5 sigma",
+    "cold": "one cold hour, 12 sigma",
+    "two": "two effects, 12 sigma each",
+    "noise": "declared noise 5 % off",
+    "without": "true effect not in the catalogue",
+    "pyins": "pyins source, 12 sigma",
+    "pyins_none": "pyins source, no effect",
+}
 HEAD = """# Blind trials of the diagnosis
 
 Written by `python -m benchmarks.gap_study`; figures as measured, whether they reach their goal or not.
@@ -50,33 +58,64 @@ def write(summary: dict[str, Any], folder: Path) -> None:
 
 
 def page(summary: dict[str, Any]) -> str:
-    parts = [HEAD, f"Commits: {', '.join(summary['commits'])}.\n", f"![shares and goals]({NAME}.svg)\n"]
+    parts = [
+        HEAD,
+        f"Commits: {', '.join(summary['commits'])}.\n",
+        f"![shares and goals]({NAME}.svg)\n",
+    ]
     missed = [a for a in summary["answers"] if a["met"] is False]
-    parts += ["## On the wrong side of the goal\n", "".join(f"- {line(a)}\n" for a in missed) or "None.\n"]
-    parts += ["## All answers\n", _answers(summary["answers"]), "## Trials\n", _counts(summary["cells"])]
+    parts += [
+        "## On the wrong side of the goal\n",
+        "".join(f"- {line(a)}\n" for a in missed) or "None.\n",
+    ]
+    parts += [
+        "## All answers\n",
+        _answers(summary["answers"]),
+        "## Trials\n",
+        _counts(summary["cells"]),
+    ]
     parts += ["## Calibration\n", _calibration(summary["calibration"])]
     cost = summary["cpu_s"]
     if cost:
-        parts.append(f"CPU time of a diagnosis: median {cost['median']:.1f} s, at most {cost['most']:.1f} s.\n")
+        parts.append(
+            f"CPU time of a diagnosis: median {cost['median']:.1f} s, at most {cost['most']:.1f}"
+            " s.\n"
+        )
     if summary["speed"]:
-        parts += ["## Time and memory of one diagnosis\n", f"```\n{summary['speed'].strip()}\n```\n"]
-    parts += ["## Trials that miss\n", "".join(f"- {text}\n" for text in summary["misses"]) or "None.\n"]
+        parts += [
+            "## Time and memory of one diagnosis\n",
+            f"```\n{summary['speed'].strip()}\n```\n",
+        ]
+    parts += [
+        "## Trials that miss\n",
+        "".join(f"- {text}\n" for text in summary["misses"]) or "None.\n",
+    ]
     parts += [_earlier(summary["earlier"])] if summary["earlier"] else []
     return "\n".join(parts)
 
 
 def line(a: dict[str, Any]) -> str:
     """An answer in words."""
-    return f"{TITLES[a['cell']]}: {a['words']} {_share(a)}, goal {_goal(a)}{'' if a['shown'] else ' (open)'}"
+    return (
+        f"{TITLES[a['cell']]}: {a['words']} {_share(a)}, goal"
+        f" {_goal(a)}{'' if a['shown'] else ' (open)'}"
+    )
 
 
 def _share(a: dict[str, Any]) -> str:
     low, high = a["interval_95"]
-    return f"{a['k']} of {a['n']} = {100 * a['k'] / a['n']:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
+    return (
+        f"{a['k']} of {a['n']} = {100 * a['k'] / a['n']:.1f} % ({100 * low:.0f} to"
+        f" {100 * high:.0f})"
+    )
 
 
 def _goal(a: dict[str, Any]) -> str:
-    return "-" if a["goal"] is None else f"{'at most' if a['at_most'] else 'at least'} {100 * a['goal']:.0f} %"
+    return (
+        "-"
+        if a["goal"] is None
+        else f"{'at most' if a['at_most'] else 'at least'} {100 * a['goal']:.0f} %"
+    )
 
 
 def _status(a: dict[str, Any]) -> str:
@@ -89,7 +128,10 @@ def _status(a: dict[str, Any]) -> str:
 
 def _answers(answers: Sequence[dict[str, Any]]) -> str:
     rows = ["| trials | question | share (95 %) | goal | |", "|---|---|---|---|---|"]
-    rows += [f"| {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} | {_status(a)} |" for a in answers]
+    rows += [
+        f"| {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} | {_status(a)} |"
+        for a in answers
+    ]
     return "\n".join(rows) + "\n"
 
 
@@ -102,24 +144,38 @@ def _counts(cells: dict[str, dict[str, int]]) -> str:
 
 
 def _calibration(bins: Sequence[dict[str, Any]]) -> str:
-    """Over the members of the first set of all one-effect trials; the goal is a difference of 0.1 at most."""
-    rows = ["| reported probability | answers | mean reported | share right (95 %) | difference |", "|---|---|---|---|---|"]
+    """Over the members of the first set of all one-effect trials; the goal is a difference of 0.1
+    at most.
+    """
+    rows = [
+        "| reported probability | answers | mean reported | share right (95 %) | difference |",
+        "|---|---|---|---|---|",
+    ]
     for b in bins:
         share, (low, high) = b["right"] / b["claims"], b["interval_95"]
         rows.append(
-            f"| {b['low']:g} to {b['high']:g} | {b['claims']} | {b['claimed']:.3f} | {share:.3f} ({low:.2f} to {high:.2f}) "
-            f"| {share - b['claimed']:+.3f} |"
+            f"| {b['low']:g} to {b['high']:g} | {b['claims']} | {b['claimed']:.3f} | {share:.3f}"
+            f" ({low:.2f} to {high:.2f}) | {share - b['claimed']:+.3f} |"
         )
-    return "\n".join(rows) + "\n\nGoal: a difference of 0.1 at most; inseparable effects are not counted as right here.\n"
+    return (
+        "\n".join(rows)
+        + "\n\nGoal: a difference of 0.1 at most; inseparable effects are not counted as right"
+        " here.\n"
+    )
 
 
 def _earlier(commits: Sequence[dict[str, Any]]) -> str:
     """What the trials of earlier commits said, which led to changes."""
-    rows = ["## Earlier commits\n", "| commit | trials | question | share (95 %) | goal |", "|---|---|---|---|---|"]
+    rows = [
+        "## Earlier commits\n",
+        "| commit | trials | question | share (95 %) | goal |",
+        "|---|---|---|---|---|",
+    ]
     rows += [
         f"| {c['commit']} | {TITLES[a['cell']]} | {a['words']} | {_share(a)} | {_goal(a)} |"
-        for c in commits for a in c["answers"]
-    ]  # fmt: skip
+        for c in commits
+        for a in c["answers"]
+    ]
     return "\n".join(rows) + "\n"
 
 
@@ -140,7 +196,11 @@ def draw(answers: Sequence[dict[str, Any]], path: Path) -> None:
         axes.plot([100 * low, 100 * high], [y, y], color=colour, lw=1.5)
         axes.plot(100 * a["k"] / a["n"], y, "o", color=colour, ms=5)
         axes.plot(100 * a["goal"], y, "|", color="black", ms=12, mew=2)
-    axes.set_yticks(range(len(shown)), [f"{TITLES[a['cell']]}: {a['words']} ({a['n']})" for a in shown], fontsize=7)
+    axes.set_yticks(
+        range(len(shown)),
+        [f"{TITLES[a['cell']]}: {a['words']} ({a['n']})" for a in shown],
+        fontsize=7,
+    )
     axes.set_ylim(len(shown) - 0.5, -0.5)
     axes.set_xlim(-2, 102)
     axes.set_xlabel("share of the trials [%], 95 % interval; bar: goal; red: wrong side of it")

@@ -1,7 +1,9 @@
-"""Scores of gap study records: what is right, in the set, unresolved, wrong and confident; shares with 95 % intervals.
+"""Scores of gap study records: what is right, in the set, unresolved, wrong and confident; shares
+with 95 % intervals.
 
-right: name among the planted answers and target among its targets. The top cause is the one of largest probability (to
-0.001; then of largest size). Generic answers (unknown ..., slow_variation) are no names: never "wrong and confident".
+right: name among the planted answers and target among its targets. The top cause is the one of
+largest probability (to 0.001; then of largest size). Generic answers (unknown ..., slow_variation)
+are no names: never "wrong and confident".
 """
 
 from collections.abc import Callable, Sequence
@@ -13,11 +15,17 @@ from scipy.stats import beta
 
 Record = dict[str, Any]
 CONFIDENT = 0.9
-WHERE_SHARE = 0.2  # of the planted energy: such a channel is a right place of an effect that sits on no channel
+# of the planted energy: such a channel is a right place of an effect that sits on no channel
+WHERE_SHARE = 0.2
 BODIES = ("vehicle", "site")  # targets that are no channel of their own
 NOISE_NAMES = (
-    "gyro_angle_random_walk", "accel_noise", "platform_sway", "gyro_quantization", "gyro_noise_thermal", "timestamp_jitter",
-)  # fmt: skip
+    "gyro_angle_random_walk",
+    "accel_noise",
+    "platform_sway",
+    "gyro_quantization",
+    "gyro_noise_thermal",
+    "timestamp_jitter",
+)
 BINS = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0 + 1e-9)
 SINGLE = ("20", "12", "8", "5", "cold", "pyins")
 
@@ -38,11 +46,16 @@ def answers_to(planted: Record, effect: str, target: str) -> bool:
 
 def members(cause: Record) -> list[tuple[str, str, float]]:
     """The cause and its rivals: name, target, probability."""
-    return [(cause["effect"], cause["target"], cause["probability"]), *((e, t, p) for e, t, p in cause["rivals"])]
+    return [
+        (cause["effect"], cause["target"], cause["probability"]),
+        *((e, t, p) for e, t, p in cause["rivals"]),
+    ]
 
 
 def on_top(record: Record) -> bool:
-    """Every planted effect is the first answer of a cause of its own; for one effect: of the most probable cause."""
+    """Every planted effect is the first answer of a cause of its own; for one effect: of the most
+    probable cause.
+    """
     if len(record["planted"]) > 1:
         return _each_has_its_own(record, lambda p, c: answers_to(p, c["effect"], c["target"]))
     cause = top(record)
@@ -50,12 +63,15 @@ def on_top(record: Record) -> bool:
 
 
 def in_set(record: Record, *, confounded: bool = False) -> bool:
-    """As `on_top`, for a cause or one of its rivals; confounded: what cannot be told from it counts as well."""
+    """As `on_top`, for a cause or one of its rivals; confounded: what cannot be told from it counts
+    as well.
+    """
 
     def holds(planted: Record, cause: Record) -> bool:
         return any(
-            answers_to(planted, e, t) or (confounded and e in planted["confounded"]) for e, t, _ in members(cause)
-        )  # fmt: skip
+            answers_to(planted, e, t) or (confounded and e in planted["confounded"])
+            for e, t, _ in members(cause)
+        )
 
     if len(record["planted"]) > 1:
         return _each_has_its_own(record, holds)
@@ -89,13 +105,20 @@ def wrong_and_confident(record: Record, *, confounded: bool = False) -> bool:
 
 
 def named_falsely(record: Record, *, confounded: bool = False) -> bool:
-    """Without the true effect in the catalogue: any cause has a name at over 0.9 (confounded: but for those)."""
+    """Without the true effect in the catalogue: any cause has a name at over 0.9 (confounded: but
+    for those).
+    """
     excused = {n for p in record["planted"] for n in p["confounded"]} if confounded else set()
-    return any(c["probability"] > CONFIDENT and is_name(c["effect"]) and c["effect"] not in excused for c in record["causes"])
+    return any(
+        c["probability"] > CONFIDENT and is_name(c["effect"]) and c["effect"] not in excused
+        for c in record["causes"]
+    )
 
 
 def where_right(record: Record) -> bool:
-    """The first place is a channel of the target; for an effect on a body, one that holds a fifth of its energy."""
+    """The first place is a channel of the target; for an effect on a body, one that holds a fifth
+    of its energy.
+    """
     if not record["where"]:
         return False
     channel = record["where"][0][0]
@@ -106,9 +129,11 @@ def where_right(record: Record) -> bool:
 
 
 def where_energy(record: Record) -> bool | None:
-    """The first place is a channel that holds a fifth of the planted whitened energy, whatever the target is.
+    """The first place is a channel that holds a fifth of the planted whitened energy, whatever the
+    target is.
 
-    None where the effect moved the rows themselves (the end of parking), so that there is no difference to look at.
+    None where the effect moved the rows themselves (the end of parking), so that there is no
+    difference to look at.
     """
     energy = record.get("energy")
     if not energy:
@@ -123,7 +148,9 @@ def alarm(record: Record) -> bool:
 def as_noise(record: Record) -> bool:
     """Named, by noise of the channel that is off, and by nothing but noise."""
     names = [c["effect"] for c in record["causes"]]
-    right = any(answers_to(record["planted"][0], c["effect"], c["target"]) for c in record["causes"])
+    right = any(
+        answers_to(record["planted"][0], c["effect"], c["target"]) for c in record["causes"]
+    )
     return right and all(n in NOISE_NAMES for n in names)
 
 
@@ -133,7 +160,9 @@ def as_drift(record: Record) -> bool:
 
 
 def covered(record: Record) -> bool | None:
-    """The 95 % interval of the first cause's shrink holds the true one; None: no such thing (noise)."""
+    """The 95 % interval of the first cause's shrink holds the true one; None: no such thing
+    (noise).
+    """
     cause = top(record)
     if cause is None or not record.get("true_shrink"):
         return None
@@ -151,18 +180,28 @@ def interval(k: int, n: int) -> tuple[float, float]:
 
 
 def calibration(records: Sequence[Record]) -> list[Record]:
-    """Bins of the reported probability of each member of the first set: mean claimed, share right."""
+    """Bins of the reported probability of each member of the first set: mean claimed, share
+    right.
+    """
     claims = [
         (p, answers_to(r["planted"][0], e, t))
-        for r in records if r["cell"] in SINGLE and (cause := top(r)) for e, t, p in members(cause)
-    ]  # fmt: skip
+        for r in records
+        if r["cell"] in SINGLE and (cause := top(r))
+        for e, t, p in members(cause)
+    ]
     out = []
     for low, high in pairwise(BINS):
         inside = [(p, right) for p, right in claims if low <= p < high]
         if inside:
             k = sum(right for _, right in inside)
-            out.append({
-                "low": low, "high": min(high, 1.0), "claims": len(inside), "right": k,
-                "claimed": float(np.mean([p for p, _ in inside])), "interval_95": interval(k, len(inside)),
-            })  # fmt: skip
+            out.append(
+                {
+                    "low": low,
+                    "high": min(high, 1.0),
+                    "claims": len(inside),
+                    "right": k,
+                    "claimed": float(np.mean([p for p, _ in inside])),
+                    "interval_95": interval(k, len(inside)),
+                }
+            )
     return out

@@ -1,4 +1,6 @@
-"""What issue 4 asks of the gap study, each question with its cell, score and goal, answered over records."""
+"""What issue 4 asks of the gap study, each question with its cell, score and goal, answered over
+records.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +14,9 @@ from benchmarks.gap_study_scores import Record
 
 @dataclass(frozen=True)
 class Question:
-    """score: of a record, None where it does not apply. goal: the share wanted, None where none is; at_most: its sense."""
+    """score: of a record, None where it does not apply. goal: the share wanted, None where none is;
+    at_most: its sense.
+    """
 
     cell: str
     words: str
@@ -25,14 +29,21 @@ def _of_size(cell: str, top: float | None, inside: float | None) -> tuple[Questi
     return (
         Question(cell, "right effect and target on top", scores.on_top, top),
         Question(cell, "in the credible set", scores.in_set, inside),
-        Question(cell, "in the set, inseparable effects counted", lambda r: scores.in_set(r, confounded=True)),
+        Question(
+            cell,
+            "in the set, inseparable effects counted",
+            lambda r: scores.in_set(r, confounded=True),
+        ),
         Question(cell, "wrong and confident", scores.wrong_and_confident),
-        Question(cell, "wrong and confident, inseparable effects excused",
-                 lambda r: scores.wrong_and_confident(r, confounded=True)),
+        Question(
+            cell,
+            "wrong and confident, inseparable effects excused",
+            lambda r: scores.wrong_and_confident(r, confounded=True),
+        ),
         Question(cell, "first place right", scores.where_right),
         Question(cell, "first place holds a fifth of the effect's energy", scores.where_energy),
         Question(cell, "shrink interval covers the true shrink", scores.covered, 0.90),
-    )  # fmt: skip
+    )
 
 
 def _set_or_unresolved(record: Record) -> bool:
@@ -41,7 +52,13 @@ def _set_or_unresolved(record: Record) -> bool:
 
 QUESTIONS = (
     Question("none", "false alarms at the default level", scores.alarm, 0.02, True),
-    Question("none", "p-value below 0.05 (the level a user sets)", lambda r: r["p_value"] < 0.05, 0.05, True),
+    Question(
+        "none",
+        "p-value below 0.05 (the level a user sets)",
+        lambda r: r["p_value"] < 0.05,
+        0.05,
+        True,
+    ),
     Question("none5", "false alarms at --alpha 0.05", scores.alarm, 0.05, True),
     *_of_size("20", 0.93, 0.97),
     *_of_size("12", 0.93, 0.97),
@@ -49,8 +66,11 @@ QUESTIONS = (
     *_of_size("5", None, None),
     Question("5", "in the set or honestly unresolved", _set_or_unresolved, 0.85),
     Question("cold", "wrong and confident", scores.wrong_and_confident, 0.03, True),
-    Question("cold", "wrong and confident, inseparable effects excused",
-             lambda r: scores.wrong_and_confident(r, confounded=True)),
+    Question(
+        "cold",
+        "wrong and confident, inseparable effects excused",
+        lambda r: scores.wrong_and_confident(r, confounded=True),
+    ),
     Question("cold", "right effect and target on top", scores.on_top),
     Question("cold", "in the credible set", scores.in_set),
     Question("two", "both named", scores.on_top, 0.85),
@@ -58,12 +78,16 @@ QUESTIONS = (
     Question("noise", "named as noise of the right channel", scores.as_noise),
     Question("noise", "a drift named", scores.as_drift, 0.0, True),
     Question("without", "another effect's name at over 0.9", scores.named_falsely, 0.10, True),
-    Question("without", "the same, inseparable effects excused", lambda r: scores.named_falsely(r, confounded=True)),
+    Question(
+        "without",
+        "the same, inseparable effects excused",
+        lambda r: scores.named_falsely(r, confounded=True),
+    ),
     Question("without", "first place right", scores.where_right, 0.90),
     Question("without", "first place holds a fifth of the effect's energy", scores.where_energy),
     *_of_size("pyins", 0.93, 0.97),
     Question("pyins_none", "false alarms at the default level", scores.alarm, 0.02, True),
-)  # fmt: skip
+)
 
 
 def summarise(records: Sequence[Record]) -> dict[str, Any]:
@@ -94,7 +118,9 @@ def counts(records: Sequence[Record]) -> dict[str, dict[str, int]]:
     out: dict[str, dict[str, int]] = {}
     for record in records:
         cell = out.setdefault(record["cell"], {"diagnosed": 0, "skipped": 0, "failed": 0})
-        cell["skipped" if "skipped" in record else "failed" if "failed" in record else "diagnosed"] += 1
+        cell[
+            "skipped" if "skipped" in record else "failed" if "failed" in record else "diagnosed"
+        ] += 1
     return out
 
 
@@ -103,7 +129,11 @@ def answer(question: Question, records: Sequence[Record]) -> dict[str, Any] | No
 
     met: the share is on the good side of the goal; shown: the whole interval is on one side of it.
     """
-    said = [s for s in (question.score(r) for r in records if r["cell"] == question.cell) if s is not None]
+    said = [
+        s
+        for s in (question.score(r) for r in records if r["cell"] == question.cell)
+        if s is not None
+    ]
     if not said:
         return None
     k, n = sum(said), len(said)
@@ -113,9 +143,16 @@ def answer(question: Question, records: Sequence[Record]) -> dict[str, Any] | No
         met = k / n <= question.goal if question.at_most else k / n >= question.goal
         shown = not low <= question.goal <= high
     return {
-        "cell": question.cell, "words": question.words, "k": k, "n": n, "interval_95": (low, high),
-        "goal": question.goal, "at_most": question.at_most, "met": met, "shown": shown,
-    }  # fmt: skip
+        "cell": question.cell,
+        "words": question.words,
+        "k": k,
+        "n": n,
+        "interval_95": (low, high),
+        "goal": question.goal,
+        "at_most": question.at_most,
+        "met": met,
+        "shown": shown,
+    }
 
 
 def misses(record: Record) -> bool:
@@ -135,7 +172,11 @@ def misses(record: Record) -> bool:
     if cell in ("cold", "5"):
         lost = not right and not scores.in_set(record) and not scores.unresolved(record)
         return lost or scores.wrong_and_confident(record)
-    return not right or scores.covered(record) is False or (len(record["planted"]) == 1 and not scores.where_right(record))
+    return (
+        not right
+        or scores.covered(record) is False
+        or (len(record["planted"]) == 1 and not scores.where_right(record))
+    )
 
 
 def miss_line(record: Record) -> str:
@@ -150,7 +191,10 @@ def miss_line(record: Record) -> str:
     parts = [f"{head} planted {planted} -> {record['verdict']}: {said}", f"where {where}"]
     parts += [f"true shrink {truth}"] if truth else []
     if record["looks_like"] or not record["causes"]:
-        parts.append(f"left looks like {record['looks_like'] or '-'}, p {record['p_value']:.2g}, p left {record['p_left']:.2g}")
+        parts.append(
+            f"left looks like {record['looks_like'] or '-'}, p {record['p_value']:.2g}, p left"
+            f" {record['p_left']:.2g}"
+        )
     return "; ".join(parts)
 
 
@@ -158,7 +202,11 @@ def _said(cause: Record) -> str:
     rivals = ", ".join(f"{e}/{t} {p:.2f}" for e, t, p in cause["rivals"][:4])
     shrink = cause["shrink"]
     tail = f" shrink {shrink[0]:.2f} [{shrink[1]:.2f}, {shrink[2]:.2f}]" if shrink else ""
-    return f"{cause['effect']}/{cause['target']} {cause['probability']:.2f}" + (f" (or {rivals})" if rivals else "") + tail
+    return (
+        f"{cause['effect']}/{cause['target']} {cause['probability']:.2f}"
+        + (f" (or {rivals})" if rivals else "")
+        + tail
+    )
 
 
 def _spread(values: Sequence[float]) -> dict[str, float]:

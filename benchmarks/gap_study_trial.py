@@ -1,4 +1,6 @@
-"""One blind trial of the gap study: drawn, brought to its size, diagnosed without its truth, written down as a record."""
+"""One blind trial of the gap study: drawn, brought to its size, diagnosed without its truth,
+written down as a record.
+"""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,7 +24,8 @@ MOST_PLACES = 3
 
 @dataclass(frozen=True, kw_only=True)
 class StudyCell:
-    """A kind of trial. wanted: size in sigmas, 0 where there is none to set; without: the true effect is not in the catalogue.
+    """A kind of trial. wanted: size in sigmas, 0 where there is none to set; without: the true
+    effect is not in the catalogue.
 
     first_seed: added to the study's seeds, so that no two cells share a trial.
     """
@@ -54,14 +57,21 @@ CELLS = {
 Record = dict[str, Any]
 
 
-def record_of(name: str, seed: int, *, commit: str, diagnosing: Callable[..., Diagnosis] = diagnose) -> Record:
+def record_of(
+    name: str, seed: int, *, commit: str, diagnosing: Callable[..., Diagnosis] = diagnose
+) -> Record:
     """The record of one trial; `skipped` says why where its size was out of reach."""
     cell = CELLS[name]
     trial, reached = _drawn(cell, cell.first_seed + seed)
     record: Record = {
-        "cell": name, "seed": seed, "commit": commit, "wanted": cell.wanted, "reached": [round(r, 3) for r in reached],
-        "alpha": cell.alpha, "planted": [_planted(p) for p in trial.truth],
-    }  # fmt: skip
+        "cell": name,
+        "seed": seed,
+        "commit": commit,
+        "wanted": cell.wanted,
+        "reached": [round(r, 3) for r in reached],
+        "alpha": cell.alpha,
+        "planted": [_planted(p) for p in trial.truth],
+    }
     if cell.wanted and any(abs(r / cell.wanted - 1.0) > REACHED for r in reached):
         return {**record, "skipped": "size out of reach"}
     table = table_from_dict(trial.table, name="trial")
@@ -69,34 +79,53 @@ def record_of(name: str, seed: int, *, commit: str, diagnosing: Callable[..., Di
     effects = tuple(e for e in catalogue() if e.name not in names) if cell.without else None
     start, wall = time.process_time(), time.perf_counter()
     found = diagnosing(trial.runs, trial.twin, table, alpha=cell.alpha, seed=seed, effects=effects)
-    spent = {"cpu_s": round(time.process_time() - start, 2), "wall_s": round(time.perf_counter() - wall, 2)}
+    spent = {
+        "cpu_s": round(time.process_time() - start, 2),
+        "wall_s": round(time.perf_counter() - wall, 2),
+    }
     return {**record, **spent, **said(found), **_against_truth(trial, found)}
 
 
 def said(found: Diagnosis) -> Record:
     """What a diagnosis says."""
     return {
-        "verdict": found.verdict, "sentence": found.sentence, "p_value": found.p_value, "p_left": found.p_value_after,
-        "looks_like": found.looks_like, "where": [[p.channel, round(p.share, 4)] for p in found.where[:MOST_PLACES]],
+        "verdict": found.verdict,
+        "sentence": found.sentence,
+        "p_value": found.p_value,
+        "p_left": found.p_value_after,
+        "looks_like": found.looks_like,
+        "where": [[p.channel, round(p.share, 4)] for p in found.where[:MOST_PLACES]],
         "causes": [_cause(c) for c in found.causes],
-    }  # fmt: skip
+    }
 
 
 def _planted(p: Planted) -> Record:
     return {
-        "effect": p.effect, "target": p.target, "size": p.size, "answers": list(p.answers), "targets": list(p.targets),
-        "confounded": list(p.confounded), "parameters": p.parameters,
-    }  # fmt: skip
+        "effect": p.effect,
+        "target": p.target,
+        "size": p.size,
+        "answers": list(p.answers),
+        "targets": list(p.targets),
+        "confounded": list(p.confounded),
+        "parameters": p.parameters,
+    }
 
 
 def _cause(c: Cause) -> Record:
     rivals = [[r.effect, r.target, round(r.probability, 5)] for r in c.rivals]
     shrink = None if c.shrink is None else [c.shrink.fraction, *c.shrink.interval_95, c.shrink.size]
     return {
-        "effect": c.effect, "target": c.target, "probability": round(c.probability, 6), "named": c.named, "class": c.class_,
-        "run_id": c.run_id, "size": round(c.size, 3), "rivals": rivals, "shrink": shrink,
+        "effect": c.effect,
+        "target": c.target,
+        "probability": round(c.probability, 6),
+        "named": c.named,
+        "class": c.class_,
+        "run_id": c.run_id,
+        "size": round(c.size, 3),
+        "rivals": rivals,
+        "shrink": shrink,
         "held_out": None if c.shrink is None else c.shrink.how,
-    }  # fmt: skip
+    }
 
 
 def _drawn(cell: StudyCell, seed: int) -> tuple[Trial, list[float]]:
@@ -111,7 +140,9 @@ def _drawn(cell: StudyCell, seed: int) -> tuple[Trial, list[float]]:
 
 
 def _against_truth(trial: Trial, found: Diagnosis) -> Record:
-    """Shares of the planted effect's whitened energy by channel, and the true shrink of each cause (None: not defined)."""
+    """Shares of the planted effect's whitened energy by channel, and the true shrink of each cause
+    (None: not defined).
+    """
     if not trial.truth:
         return {}
     evidence = found.attribution.evidence
@@ -119,7 +150,10 @@ def _against_truth(trial: Trial, found: Diagnosis) -> Record:
     if without.size != evidence.size:
         return {"energy": {}, "true_shrink": []}
     s = evidence.z - without.z
-    return {"energy": energy_by_channel(evidence.rows.channel, s), "true_shrink": true_shrink(found, s)}
+    return {
+        "energy": energy_by_channel(evidence.rows.channel, s),
+        "true_shrink": true_shrink(found, s),
+    }
 
 
 def energy_by_channel(channel: Sequence[int], s: Sequence[float]) -> dict[str, float]:

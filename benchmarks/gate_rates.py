@@ -1,6 +1,8 @@
-"""R1, R2, R5: how often the gates of the collected data do what they should, with 95 % Clopper-Pearson intervals.
+"""R1, R2, R5: how often the gates of the collected data do what they should, with 95 %
+Clopper-Pearson intervals.
 
-    python -m benchmarks.gate_rates [--runs 200] [--only motion|latitude|clipping] [-o docs/rates_gate.md]
+    python -m benchmarks.gate_rates [--runs 200] [--only motion|latitude|clipping] [-o
+    docs/rates_gate.md]
 
 prints a Markdown table and writes it. All seeded: the same command gives the same numbers.
 """
@@ -36,7 +38,9 @@ def interval(hits: int, runs: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def rate_row(requirement: str, what: str, hits: int, runs: int, *, least: float = 0.0, most: float = 1.0) -> tuple[str, ...]:
+def rate_row(
+    requirement: str, what: str, hits: int, runs: int, *, least: float = 0.0, most: float = 1.0
+) -> tuple[str, ...]:
     """One row of a share of runs, needed at least `least` or at most `most`."""
     low, high = interval(hits, runs)
     needed = f"at least {100 * least:g} %" if least else f"at most {100 * most:g} %"
@@ -52,7 +56,11 @@ def motion_rows(runs: int) -> Iterator[tuple[str, ...]]:
         for kind in KINDS:
             gated = [gate(kind, seed, sway) for seed in range(1000, 1000 + runs)]
             yield rate_row(
-                "R1", f"{NAMES[kind]} excluded with its guard, {where}", sum(g.excluded for g in gated), runs, least=0.99
+                "R1",
+                f"{NAMES[kind]} excluded with its guard, {where}",
+                sum(g.excluded for g in gated),
+                runs,
+                least=0.99,
             )
             if kind == "push":
                 what = f"parked heading taken as new after a push, {where}"
@@ -60,7 +68,14 @@ def motion_rows(runs: int) -> Iterator[tuple[str, ...]]:
         lost = np.array([gate(None, seed, sway).quiet_lost for seed in range(1000, 1000 + runs)])
         share, worst = 100 * lost.mean(), 100 * lost.max()
         met = "yes" if share <= 1.0 else "**no**"
-        yield "R1", f"quiet data lost, {where}", "at most 1 %", f"{share:.2f} % of the seconds", f"worst run {worst:.1f} %", met
+        yield (
+            "R1",
+            f"quiet data lost, {where}",
+            "at most 1 %",
+            f"{share:.2f} % of the seconds",
+            f"worst run {worst:.1f} %",
+            met,
+        )
 
 
 def latitude_rows(runs: int) -> Iterator[tuple[str, ...]]:
@@ -68,27 +83,43 @@ def latitude_rows(runs: int) -> Iterator[tuple[str, ...]]:
     for name, twin in TWINS.items():
         for offset, least, most in ((0.0, 0.0, 0.01), (0.25, 0.95, 1.0), (0.6, 1.0, 1.0)):
             named = sum(latitude_found(seed, offset, twin)[0] for seed in range(runs))
-            what = f"{offset:g} deg of wrong latitude named" if offset else "false alarms of the latitude test"
+            what = (
+                f"{offset:g} deg of wrong latitude named"
+                if offset
+                else "false alarms of the latitude test"
+            )
             yield rate_row("R2", f"{what}, {name} twin", named, runs, least=least, most=most)
 
 
 def clipping_rows(runs: int) -> Iterator[tuple[str, ...]]:
     """R5: bursts listed, and what they move."""
     bursts = [burst(seed) for seed in range(runs)]
-    yield rate_row("R5", "burst excluded with its guard and listed", sum(b.listed for b in bursts), runs, least=0.99)
+    yield rate_row(
+        "R5",
+        "burst excluded with its guard and listed",
+        sum(b.listed for b in bursts),
+        runs,
+        least=0.99,
+    )
     moved, lost = np.array([b.moved for b in bursts]), np.array([b.widened for b in bursts])
     for axis, name in enumerate("xyz"):
         rms, worst = np.sqrt(np.mean(moved[:, axis] ** 2)), np.abs(moved[:, axis]).max()
         by_loss = np.sqrt(np.maximum(np.mean(lost[:, axis] ** 2) - 1.0, 0.0))
         yield (
-            "R5", f"gyro {name}: session mean moved by a burst", "below 0.1 sigma", f"{rms:.3f} sigma RMS",
-            f"worst {worst:.2f}; {by_loss:.3f} is what the sigma owns to for the lost data", "yes" if rms < 0.1 else "**no**",
-        )  # fmt: skip
+            "R5",
+            f"gyro {name}: session mean moved by a burst",
+            "below 0.1 sigma",
+            f"{rms:.3f} sigma RMS",
+            f"worst {worst:.2f}; {by_loss:.3f} is what the sigma owns to for the lost data",
+            "yes" if rms < 0.1 else "**no**",
+        )
 
 
 PARTS: dict[str, Callable[[int], Iterator[tuple[str, ...]]]] = {
-    "motion": motion_rows, "latitude": latitude_rows, "clipping": clipping_rows,
-}  # fmt: skip
+    "motion": motion_rows,
+    "latitude": latitude_rows,
+    "clipping": clipping_rows,
+}
 
 
 def main() -> None:

@@ -1,8 +1,11 @@
-"""R21: gyro misalignment from four azimuths over seeded simulations, and the drawing in docs/misalignment.svg.
+"""R21: gyro misalignment from four azimuths over seeded simulations, and the drawing in
+docs/misalignment.svg.
 
-    python -m benchmarks.misalignment_rates [--seeds 200] [--runs 40] [--drawing docs/misalignment.svg]
+    python -m benchmarks.misalignment_rates [--seeds 200] [--runs 40] [--drawing
+    docs/misalignment.svg]
 
-prints Markdown. `--seeds`: tables of biases, no time at all; `--runs`: whole runs, about 1 s of CPU each, 0: none.
+prints Markdown. `--seeds`: tables of biases, no time at all; `--runs`: whole runs, about 1 s of CPU
+each, 0: none.
 """
 
 import argparse
@@ -12,8 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import document_angles
-from infield.misalignment.harmonic_fit import level_rate_deg_h, measure_misalignment, north_to_west_rad
-from infield.reports.figures import BLACK, BLUE, VERMILLION, axis_text, in_style, new_figure, svg_text
+from infield.misalignment.harmonic_fit import (
+    level_rate_deg_h,
+    measure_misalignment,
+    north_to_west_rad,
+)
+from infield.reports.figures import (
+    BLACK,
+    BLUE,
+    VERMILLION,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+)
 from ins.units import ARCSEC, DEG
 
 RATE = level_rate_deg_h(39.9 * DEG)
@@ -30,7 +45,9 @@ def biases(heading_rad: NDArray, entries_rad: NDArray) -> NDArray:
 
 
 def table_errors(seed: int, off_deg: float) -> tuple[NDArray, float, NDArray]:
-    """Error over sigma of the four couplings, chi-square, and errors [arcsec] of ezy: harmonics and closed form."""
+    """Error over sigma of the four couplings, chi-square, and errors [arcsec] of ezy: harmonics and
+    closed form.
+    """
     rng = np.random.default_rng([seed, 2100])
     heading = FOUR_RAD + off_deg * DEG * rng.uniform(-1.0, 1.0, 4)
     k = biases(heading, np.full(4, INJECTED_RAD)) + NOISE_DEG_H * rng.standard_normal((4, 3))
@@ -40,7 +57,10 @@ def table_errors(seed: int, off_deg: float) -> tuple[NDArray, float, NDArray]:
     closed = document_angles(north_to_west_rad(heading), k, R, level_rate_deg_h=RATE)
     found = [result.coupling(name) for name in ENTRIES]
     z = np.array([(c.value_rad - INJECTED_RAD) / c.sigma_rad for c in found])
-    errors = np.array([result.coupling("zx").value_rad, closed.ezy_rad, closed.literal_ezy_rad]) - INJECTED_RAD
+    errors = (
+        np.array([result.coupling("zx").value_rad, closed.ezy_rad, closed.literal_ezy_rad])
+        - INJECTED_RAD
+    )
     return z, result.fit.chi2, errors / ARCSEC
 
 
@@ -51,7 +71,9 @@ def of_tables(seeds: int) -> tuple[list[str], NDArray]:
         seen = [table_errors(seed, off) for seed in range(seeds)]
         z, errors = np.array([s[0] for s in seen]), np.array([s[2] for s in seen])
         rms = np.sqrt(np.nanmean(errors**2, axis=0))
-        errors_told = f"RMS error of zx {rms[0]:.1f}; of (29) corrected {rms[1]:.1f}, as printed {rms[2]:.0f}"
+        errors_told = (
+            f"RMS error of zx {rms[0]:.1f}; of (29) corrected {rms[1]:.1f}, as printed {rms[2]:.0f}"
+        )
         rows.append(
             f"| table, azimuths off by up to {off:g} deg | {seeds} | {np.mean(z**2):.3f} | "
             f"{np.mean([s[1] for s in seen]) / 3:.3f} | {errors_told} |"
@@ -68,10 +90,13 @@ def of_runs(count: int) -> list[str]:
         found = [study(seed, power_ons=power_ons, given=given) for seed in range(count)]
         names = ("xy", "yx", "zx", "zy") if given else ("zx", "zy", "xy+yx")
         z = [f.z[name] for f in found for name in names]
-        sigma = ", ".join(f"{name} {np.mean([f.sigma_mrad[name] for f in found]) * 206.265:.0f}" for name in names)
+        sigma = ", ".join(
+            f"{name} {np.mean([f.sigma_mrad[name] for f in found]) * 206.265:.0f}" for name in names
+        )
         rows.append(
-            f"| runs, {power_ons} power-on(s), azimuths {'given' if given else 'found'} | {count} | "
-            f"{np.mean(np.square(z)):.3f} | {np.mean([f.chi2 / f.dof for f in found]):.3f} | sigma {sigma} |"
+            f"| runs, {power_ons} power-on(s), azimuths {'given' if given else 'found'} | {count} |"
+            f" {np.mean(np.square(z)):.3f} | {np.mean([f.chi2 / f.dof for f in found]):.3f} | sigma"
+            f" {sigma} |"
         )
     return rows
 
@@ -88,16 +113,38 @@ def drawing(z: NDArray) -> str:
     fit = measure_misalignment(FOUR_RAD, k, NOISE_DEG_H**2 * np.eye(12), level_rate_deg_h=RATE).fit
     assert fit is not None
     bias, a, b = fit.parameters[2]
-    left.plot(H, bias + RATE * (a * np.cos(H * DEG) + b * np.sin(H * DEG)), color=BLACK, label="fit")
-    left.errorbar(FOUR_RAD / DEG, k[:, 2], yerr=NOISE_DEG_H, fmt="o", color=VERMILLION, label="gyro z as measured")
-    left.errorbar(FOUR_RAD / DEG, fit.compensated_deg_h()[:, 2], yerr=NOISE_DEG_H, fmt="s", color=BLUE, label="compensated")
+    left.plot(
+        H, bias + RATE * (a * np.cos(H * DEG) + b * np.sin(H * DEG)), color=BLACK, label="fit"
+    )
+    left.errorbar(
+        FOUR_RAD / DEG,
+        k[:, 2],
+        yerr=NOISE_DEG_H,
+        fmt="o",
+        color=VERMILLION,
+        label="gyro z as measured",
+    )
+    left.errorbar(
+        FOUR_RAD / DEG,
+        fit.compensated_deg_h()[:, 2],
+        yerr=NOISE_DEG_H,
+        fmt="s",
+        color=BLUE,
+        label="compensated",
+    )
     left.legend()
-    axis_text(left, title="zx 0.5 mrad, zy -0.1 mrad at 39.9 deg", x="heading, deg", y="bias, deg/h")
+    axis_text(
+        left, title="zx 0.5 mrad, zy -0.1 mrad at 39.9 deg", x="heading, deg", y="bias, deg/h"
+    )
     edges = np.linspace(-4.0, 4.0, 33)
     right.hist(z.ravel(), bins=edges, density=True, color=BLUE, alpha=0.5)
     right.plot(edges, np.exp(-(edges**2) / 2) / np.sqrt(2 * np.pi), color=BLACK)
     axis_text(right, title=f"{z.size} couplings of 60 arcsec", x="error / sigma", y="density")
-    text = str(svg_text(figure, "Bias against heading with its fit; normalised errors against the normal curve"))
+    text = str(
+        svg_text(
+            figure, "Bias against heading with its fit; normalised errors against the normal curve"
+        )
+    )
     return text.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1)
 
 
@@ -109,7 +156,10 @@ def main() -> None:
     given = parser.parse_args()
     rows, z = of_tables(given.seeds)
     rows += of_runs(given.runs) if given.runs else []
-    print("| case | seeds | mean squared normalised error | chi-square / dof | arcsec |\n| --- | --- | --- | --- | --- |")
+    print(
+        "| case | seeds | mean squared normalised error | chi-square / dof | arcsec |\n| --- | ---"
+        " | --- | --- | --- |"
+    )
     print("\n".join(rows))
     if given.drawing:
         given.drawing.write_text(drawing(z) + "\n", encoding="utf-8")

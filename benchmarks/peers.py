@@ -1,10 +1,12 @@
-"""Speed beside pyins (`pip install python-ins`) on the same hour of data, 200 Hz: mechanization and a feedback filter.
+"""Speed beside pyins (`pip install python-ins`) on the same hour of data, 200 Hz: mechanization and
+a feedback filter.
 
     python benchmarks/peers.py [--repeats 5] [--runs 1000] [--filter-minutes 60]
 
-CPU seconds of this one process, medians over the repeats; the filter of pyins is run once (it takes minutes).
-Prints the machine, the date and Markdown tables. What is compared, and that both come to the same result, is in the
-last table: speed against another program is worth nothing if one of them does less.
+CPU seconds of this one process, medians over the repeats; the filter of pyins is run once (it takes
+minutes). Prints the machine, the date and Markdown tables. What is compared, and that both come to
+the same result, is in the last table: speed against another program is worth nothing if one of them
+does less.
 """
 
 import argparse
@@ -22,7 +24,12 @@ import numpy as np
 from alignment.motion import stillness
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
 from ins import earth
-from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm, rotation_vector_from_dcm
+from ins.attitude import (
+    dcm_from_euler,
+    dcm_from_rotation_vector,
+    euler_from_dcm,
+    rotation_vector_from_dcm,
+)
 from ins.compensation import compensate
 from ins.filters import error_model as em
 from ins.filters.error_filter import ErrorFilter
@@ -45,12 +52,15 @@ def parked_log(rng: np.random.Generator) -> ImuLog:
     """An hour at rest with noise, and constant biases of one sigma."""
     n = round(HOUR_S / DT_S)
     rate = C_NB.T @ earth.omega_ie_n(SITE.lat_rad) + GYRO_SIGMA * np.array([1.0, -1.0, 1.0])
-    force = -C_NB.T @ earth.gravity_n(SITE.lat_rad, SITE.height_m) + ACCEL_SIGMA * np.array([-1.0, 1.0, 0.0])
+    force = -C_NB.T @ earth.gravity_n(SITE.lat_rad, SITE.height_m) + ACCEL_SIGMA * np.array(
+        [-1.0, 1.0, 0.0]
+    )
     return ImuLog(
-        time_s=DT_S * np.arange(1, n + 1), dt_s=np.full(n, DT_S),
+        time_s=DT_S * np.arange(1, n + 1),
+        dt_s=np.full(n, DT_S),
         dtheta_rad=rate * DT_S + ARW * np.sqrt(DT_S) * rng.standard_normal((n, 3)),
         dv_m_s=force * DT_S + VRW * np.sqrt(DT_S) * rng.standard_normal((n, 3)),
-    )  # fmt: skip
+    )
 
 
 def start_at(C_nb: np.ndarray) -> NavState:
@@ -67,11 +77,14 @@ def cpu_s(work: Callable[[], object], repeats: int = 1) -> tuple[float, float]:
     return statistics.median(c for c, _ in taken), statistics.median(w for _, w in taken)
 
 
-# ------------------------------------------------------------------------------------------------ pyins
+# ------------------------------------------------------------------------------------------------
+# pyins
 
 
 class Pyins:
-    """The same log and start in pyins's terms: degrees, DataFrames; the row before the first repeats it."""
+    """The same log and start in pyins's terms: degrees, DataFrames; the row before the first
+    repeats it.
+    """
 
     def __init__(self, imu: ImuLog) -> None:
         import pandas as pd
@@ -79,9 +92,10 @@ class Pyins:
 
         repeat = np.concatenate([[0], np.arange(imu.time_s.size)])
         self.table = pd.DataFrame(
-            np.hstack([imu.dtheta_rad[repeat], imu.dv_m_s[repeat]]), index=np.concatenate([[0.0], imu.time_s]),
+            np.hstack([imu.dtheta_rad[repeat], imu.dv_m_s[repeat]]),
+            index=np.concatenate([[0.0], imu.time_s]),
             columns=util.GYRO_COLS + util.ACCEL_COLS,
-        )  # fmt: skip
+        )
 
     @staticmethod
     def start(C_nb: np.ndarray):
@@ -107,7 +121,10 @@ class Pyins:
         """The same in epochs of 1 s, as a log comes in."""
         from pyins import strapdown
 
-        increments, integrator = self.increments().iloc[: round(60 * minutes / DT_S)], strapdown.Integrator(self.start(C_NB))
+        increments, integrator = (
+            self.increments().iloc[: round(60 * minutes / DT_S)],
+            strapdown.Integrator(self.start(C_NB)),
+        )
         for a in range(0, len(increments), round(1 / DT_S)):
             integrator.integrate(increments.iloc[a : a + round(1 / DT_S)])
 
@@ -118,39 +135,68 @@ class Pyins:
 
         times = STEP_S * np.arange(1, round(60 * minutes / STEP_S) + 1)
         data = pd.DataFrame(velocity[: times.size], index=np.round(times, 6), columns=util.VEL_COLS)
-        models = [inertial_sensor.EstimationModel(bias_sd=b, noise=n) for b, n in ((GYRO_SIGMA, ARW), (ACCEL_SIGMA, VRW))]
+        models = [
+            inertial_sensor.EstimationModel(bias_sd=b, noise=n)
+            for b, n in ((GYRO_SIGMA, ARW), (ACCEL_SIGMA, VRW))
+        ]
         increments = self.increments().iloc[: round(60 * minutes / DT_S)]
         increments.index = np.round(increments.index, 6)
         return filters.run_feedback_filter(
-            self.start(C_nb), 0.01, 0.01, np.degrees(TILT_SIGMA), np.degrees(HEADING_SIGMA), increments, *models,
-            measurements=[measurements.NedVelocity(data, VELOCITY_SIGMA)], time_step=STEP_S,
-        )  # fmt: skip
+            self.start(C_nb),
+            0.01,
+            0.01,
+            np.degrees(TILT_SIGMA),
+            np.degrees(HEADING_SIGMA),
+            increments,
+            *models,
+            measurements=[measurements.NedVelocity(data, VELOCITY_SIGMA)],
+            time_step=STEP_S,
+        )
 
 
-# ------------------------------------------------------------------------------------------------ ours
+# ------------------------------------------------------------------------------------------------
+# ours
 
 
-def our_filter(imu: ImuLog, C_nb: np.ndarray, velocity: np.ndarray, passes: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """Navigate, estimate, correct the start and the biases, again: attitude and its sigma (heading) at the end.
+def our_filter(
+    imu: ImuLog, C_nb: np.ndarray, velocity: np.ndarray, passes: int = 2
+) -> tuple[np.ndarray, np.ndarray]:
+    """Navigate, estimate, correct the start and the biases, again: attitude and its sigma (heading)
+    at the end.
 
-    A step every 0.1 s with the two level velocities as scalar updates, 27 states; nothing is assumed of the motion.
+    A step every 0.1 s with the two level velocities as scalar updates, 27 states; nothing is
+    assumed of the motion.
     """
-    noise = em.ProcessNoise(arw=ARW, vrw=VRW, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=1e-3, lateral_time_s=2.0)
+    noise = em.ProcessNoise(
+        arw=ARW, vrw=VRW, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=1e-3, lateral_time_s=2.0
+    )
     gyro, accel = np.zeros(3), np.zeros(3)
     for _ in range(passes):
         corrected = compensate(imu, gyro_bias_rad_s=gyro, accel_bias_m_s2=accel)
-        history = navigate(corrected, start_at(C_nb), epoch_s=STEP_S, vertical=VerticalChannel(mode="hold"))
+        history = navigate(
+            corrected, start_at(C_nb), epoch_s=STEP_S, vertical=VerticalChannel(mode="hold")
+        )
         last = np.arange(1, history.time_s.size)
         none = np.zeros(last.size, dtype=np.int64)
-        plan = StepPlan(last - 1, last, np.full(last.size, stillness.DISTURBED), none, np.zeros(last.size))
+        plan = StepPlan(
+            last - 1, last, np.full(last.size, stillness.DISTURBED), none, np.zeros(last.size)
+        )
         program = FilterProgram(filter_steps(views_of(history, plan)))
         z = (history.v_n_m_s[1:, :2] - velocity[: last.size, :2]).T
-        program.measure("velocity", none + last - 1, z, [{em.W.start: 1.0}, {em.W.start + 1: 1.0}], [VELOCITY_SIGMA**2] * 2)
+        program.measure(
+            "velocity",
+            none + last - 1,
+            z,
+            [{em.W.start: 1.0}, {em.W.start + 1: 1.0}],
+            [VELOCITY_SIGMA**2] * 2,
+        )
         program.clone(np.array([last.size - 1]), em.THETA_CLONE)
         flt = ErrorFilter(
-            sigma0={"W": 0.01, "POS": 0.01, "THETA": TILT_SIGMA, "ACCEL": ACCEL_SIGMA}, noise=noise, bias_mean=-gyro,
+            sigma0={"W": 0.01, "POS": 0.01, "THETA": TILT_SIGMA, "ACCEL": ACCEL_SIGMA},
+            noise=noise,
+            bias_mean=-gyro,
             bias_covariance=GYRO_SIGMA**2 * np.eye(3),
-        )  # fmt: skip
+        )
         flt.x[em.ACCEL] = -accel[:2]
         flt.widen_prior(em.THETA.stop - 1, HEADING_SIGMA)
         flt.clone_start()
@@ -161,7 +207,8 @@ def our_filter(imu: ImuLog, C_nb: np.ndarray, velocity: np.ndarray, passes: int 
     return end, np.sqrt(flt.P.diagonal()[em.THETA])
 
 
-# ------------------------------------------------------------------------------------------------ tables
+# ------------------------------------------------------------------------------------------------
+# tables
 
 
 def machine() -> str:
@@ -170,7 +217,10 @@ def machine() -> str:
         models = [line for line in info.read_text().splitlines() if line.startswith("model name")]
         model = models[0].split(":", 1)[1].strip() if models else model
     today = datetime.datetime.now(datetime.UTC).date()
-    return f"{os.cpu_count()} cores of {model}, load {os.getloadavg()[0]:.1f}, Python {platform.python_version()}, {today}"
+    return (
+        f"{os.cpu_count()} cores of {model}, load {os.getloadavg()[0]:.1f}, Python"
+        f" {platform.python_version()}, {today}"
+    )
 
 
 def mechanization(imu: ImuLog, peer: Pyins, runs: int, repeats: int) -> None:
@@ -187,32 +237,53 @@ def mechanization(imu: ImuLog, peer: Pyins, runs: int, repeats: int) -> None:
     by_epoch = cpu_s(lambda: peer.by_epoch(epochs_min))[0] / (60 * epochs_min / DT_S)
     ours = cpu_s(lambda: navigate(imu, start), repeats)[0] / n
     one, two = (
-        cpu_s(lambda t=t: navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=t), min(repeats, 3)) for t in (1, 2)
+        cpu_s(
+            lambda t=t: navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=t),
+            min(repeats, 3),
+        )
+        for t in (1, 2)
     )
     rows = [
-        ("pyins Integrator, the whole hour in one call", theirs), ("pyins, first call of a process", first_theirs),
-        (f"pyins, second by second ({epochs_min:.0f} min)", by_epoch), ("recal navigate, 1 s epochs", ours),
+        ("pyins Integrator, the whole hour in one call", theirs),
+        ("pyins, first call of a process", first_theirs),
+        (f"pyins, second by second ({epochs_min:.0f} min)", by_epoch),
+        ("recal navigate, 1 s epochs", ours),
         ("recal navigate, first call of a process", first_ours),
         (f"recal navigate_batch, {runs} runs, 1 thread", one[0] / runs / n),
         (f"recal navigate_batch, {runs} runs, 2 threads", two[0] / runs / n),
-    ]  # fmt: skip
-    print("| mechanization | samples per CPU second | to pyins in one call | to pyins second by second |\n|---|---|---|---|")
+    ]
+    print(
+        "| mechanization | samples per CPU second | to pyins in one call | to pyins second by"
+        " second |\n|---|---|---|---|"
+    )
     for name, cost in rows:
         print(f"| {name} | {1e-6 / cost:.2f} M | {theirs / cost:.3g} | {by_epoch / cost:.3g} |")
-    print(f"\n2 threads: {one[1] / two[1]:.2f} times the wall-clock speed of 1, at {one[0] / two[0]:.2f} of its efficiency.\n")
+    print(
+        f"\n2 threads: {one[1] / two[1]:.2f} times the wall-clock speed of 1, at"
+        f" {one[0] / two[0]:.2f} of its efficiency.\n"
+    )
 
 
 def agreement(imu: ImuLog, peer: Pyins) -> None:
     end, h = peer.whole().iloc[-1], navigate(imu, start_at(C_NB), epoch_s=HOUR_S)
     offset = earth.displacement_ned(
-        np.radians(end.lat), np.radians(end.lon), lat0_rad=h.lat_rad[-1], lon0_rad=h.lon_rad[-1], height0_m=0.0
+        np.radians(end.lat),
+        np.radians(end.lon),
+        lat0_rad=h.lat_rad[-1],
+        lon0_rad=h.lon_rad[-1],
+        height0_m=0.0,
     )
     C_nb = dcm_from_euler(*np.radians([end.roll, end.pitch, end.heading]))
     turned = np.linalg.norm(rotation_vector_from_dcm(C_nb @ h.C_nb[-1].T))
-    print(f"Mechanizations after the hour: {np.linalg.norm(offset):.2g} m and {turned / ARCSEC:.1g} arcsec apart.\n")
+    print(
+        f"Mechanizations after the hour: {np.linalg.norm(offset):.2g} m and {turned / ARCSEC:.1g}"
+        " arcsec apart.\n"
+    )
 
 
-def feedback_filter(imu: ImuLog, peer: Pyins, minutes: float, repeats: int, rng: np.random.Generator) -> None:
+def feedback_filter(
+    imu: ImuLog, peer: Pyins, minutes: float, repeats: int, rng: np.random.Generator
+) -> None:
     C_nb = dcm_from_rotation_vector([TILT_SIGMA, -TILT_SIGMA, HEADING_SIGMA]) @ C_NB
     velocity = VELOCITY_SIGMA * rng.standard_normal((round(HOUR_S / STEP_S), 3))
     log = imu.between(0.0, 60 * minutes)
@@ -221,24 +292,38 @@ def feedback_filter(imu: ImuLog, peer: Pyins, minutes: float, repeats: int, rng:
     theirs = cpu_s(lambda: found.update(peer.filtered(C_nb, velocity, minutes)))[0]
     last, last_sd = found["trajectory"].iloc[-1], found["trajectory_sd"].iloc[-1]
     steps = 60 * minutes / STEP_S
-    print(f"| feedback filter, {minutes:g} min at 200 Hz, {steps:.0f} steps | CPU s | ms a step | to pyins | "
-          "heading error, sigma [mrad] | tilt error [arcsec] |\n|---|---|---|---|---|---|")  # fmt: skip
+    print(
+        f"| feedback filter, {minutes:g} min at 200 Hz, {steps:.0f} steps | CPU s | ms a step | to"
+        " pyins | heading error, sigma [mrad] | tilt error [arcsec] |\n|---|---|---|---|---|---|"
+    )
     angles = np.radians([last.roll, last.pitch, last.heading])
     for name, cost, C, s in (
-        ("pyins run_feedback_filter, 15 states", theirs, dcm_from_euler(*angles), np.radians(last_sd.heading)),
+        (
+            "pyins run_feedback_filter, 15 states",
+            theirs,
+            dcm_from_euler(*angles),
+            np.radians(last_sd.heading),
+        ),
         ("recal, 27 states, two passes", ours, end, sigma[2]),
     ):
         phi = rotation_vector_from_dcm(C @ C_NB.T)
         tilt = np.linalg.norm(phi[:2]) / ARCSEC
-        print(f"| {name} | {cost:.3g} | {1e3 * cost / steps:.3g} | {theirs / cost:.0f} | "
-              f"{1e3 * phi[2]:+.3f}, {1e3 * s:.3f} | {tilt:.2f} |")  # fmt: skip
+        print(
+            f"| {name} | {cost:.3g} | {1e3 * cost / steps:.3g} | {theirs / cost:.0f} | "
+            f"{1e3 * phi[2]:+.3f}, {1e3 * s:.3f} | {tilt:.2f} |"
+        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--runs", type=int, default=1000, help="trajectories of the batch")
-    parser.add_argument("--filter-minutes", type=float, default=60.0, help="how much of the hour the filters are given")
+    parser.add_argument(
+        "--filter-minutes",
+        type=float,
+        default=60.0,
+        help="how much of the hour the filters are given",
+    )
     given = parser.parse_args()
     warnings.filterwarnings("ignore", module="pyins")
     warnings.filterwarnings("ignore", message="The copy keyword is deprecated")  # pandas 3 on pyins

@@ -14,12 +14,20 @@ from benchmarks.recalibration_unit import EXACT, HERMITE, KINDS, OLD, OURS, PERF
 
 NAME = "recalibration_study"
 COLOURS = {
-    OLD: "#7a7a7a", "overwrite with the session mean": "#d08a00", "global cubic": "#b5179e", "newest per bin": "#7b5e3b",
-    "independent-variance merge": "#1b7fbd", EXACT: "#111111", OURS: "#c81e1e", PERFECT: "#2e8b57",
-}  # fmt: skip
+    OLD: "#7a7a7a",
+    "overwrite with the session mean": "#d08a00",
+    "global cubic": "#b5179e",
+    "newest per bin": "#7b5e3b",
+    "independent-variance merge": "#1b7fbd",
+    EXACT: "#111111",
+    OURS: "#c81e1e",
+    PERFECT: "#2e8b57",
+}
 SCENARIOS = {
     "reference": "Reference scenario: no flicker, no random walk of the rate, no turn-on",
-    "default": "Default twin: flicker 0.002 deg/h, random walk 0.002 deg/h/sqrt(h), turn-on 0.003 deg/h",
+    "default": (
+        "Default twin: flicker 0.002 deg/h, random walk 0.002 deg/h/sqrt(h), turn-on 0.003 deg/h"
+    ),
 }
 
 
@@ -40,7 +48,11 @@ def write(study: dict[str, Any], folder: Path) -> None:
 def page(study: dict[str, Any]) -> str:
     """The study in Markdown."""
     first = next(iter(study["scenarios"].values()))
-    parts = [INTRODUCTION.format(units=first["units"], sessions=first["sessions"], revision=study["revision"])]
+    parts = [
+        INTRODUCTION.format(
+            units=first["units"], sessions=first["sessions"], revision=study["revision"]
+        )
+    ]
     for name, scenario in study["scenarios"].items():
         parts += [f"## {SCENARIOS[name]}\n", _targets(scenario), _table(scenario), _hours(scenario)]
     return "\n".join([*parts, METHOD])
@@ -49,53 +61,84 @@ def page(study: dict[str, Any]) -> str:
 def _targets(scenario: dict[str, Any]) -> str:
     rows = ["| requirement R29 | needed | got | |", "|---|---|---|---|"]
     for t in scenario["targets"]:
-        rows.append(f"| {t['what']} | {t['needed']} | {t['got']:.4g} | {'met' if t['met'] else '**missed**'} |")
+        rows.append(
+            f"| {t['what']} | {t['needed']} | {t['got']:.4g} |"
+            f" {'met' if t['met'] else '**missed**'} |"
+        )
     return "\n".join(rows) + "\n"
 
 
 def _table(scenario: dict[str, Any]) -> str:
     count = scenario["sessions"]
     rows = [
-        "| rule | points | visited | with the other points | unvisited | worst session | not worse by 0.001 | by 0.004 "
-        "| worst increase | e2/sigma2 |",
+        (
+            "| rule | points | visited | with the other points | unvisited | worst session | not"
+            " worse by 0.001 | by 0.004 | worst increase | e2/sigma2 |"
+        ),
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for name in scenario["shown"]:
         rule, error = scenario["rules"][name], scenario["rules"][name]["normalised_squared_error"]
         kind = name.removeprefix(plain(name)).removeprefix(", ")
-        others = [scenario["rules"][f"{plain(name)}, {k}"]["visited_deg_h"][-1] for k in KINDS if kind and k != kind]
-        kept = [f"{100 * rule[key][w]:.1f}" for w in ("0.001", "0.004") for key in ("not_worse", "gyro_not_worse")]
+        others = [
+            scenario["rules"][f"{plain(name)}, {k}"]["visited_deg_h"][-1]
+            for k in KINDS
+            if kind and k != kind
+        ]
+        kept = [
+            f"{100 * rule[key][w]:.1f}"
+            for w in ("0.001", "0.004")
+            for key in ("not_worse", "gyro_not_worse")
+        ]
         cells = [
-            _bold(plain(name)), kind or "-", f"{rule['visited_deg_h'][-1]:.4f}", f"{others[0]:.4f}" if others else "-",
-            f"{rule['unvisited_deg_h'][-1]:.4f}", f"{rule['worst_session_deg_h']:.4f}",
-            f"{kept[0]} ({kept[1]}) %", f"{kept[2]} ({kept[3]}) %",
-            f"{rule['worst_increase_deg_h']:+.4f}", "-" if error is None else f"{error:.2f}",
-        ]  # fmt: skip
+            _bold(plain(name)),
+            kind or "-",
+            f"{rule['visited_deg_h'][-1]:.4f}",
+            f"{others[0]:.4f}" if others else "-",
+            f"{rule['unvisited_deg_h'][-1]:.4f}",
+            f"{rule['worst_session_deg_h']:.4f}",
+            f"{kept[0]} ({kept[1]}) %",
+            f"{kept[2]} ({kept[3]}) %",
+            f"{rule['worst_increase_deg_h']:+.4f}",
+            "-" if error is None else f"{error:.2f}",
+        ]
         rows.append(f"| {' | '.join(cells)} |")
     said = ", ".join(f"{n} {outcome}" for outcome, n in scenario["outcomes"].items())
     return (
-        f"Level gyros after {count} sessions, RMS over units in deg/h ({scenario['units'] * count} sessions: {said}):\n\n"
-        + "\n".join(rows) + "\n"
-    )  # fmt: skip
+        f"Level gyros after {count} sessions, RMS over units in deg/h ({scenario['units'] * count}"
+        f" sessions: {said}):\n\n" + "\n".join(rows) + "\n"
+    )
 
 
 def _hours(scenario: dict[str, Any]) -> str:
     profiles = scenario["hours"]
     if not profiles:
         return ""
-    columns = ("RMS at the end", "of which the table", "mean over the hour", "old / this", "this / perfect")
+    columns = (
+        "RMS at the end",
+        "of which the table",
+        "mean over the hour",
+        "old / this",
+        "this / perfect",
+    )
     head = "".join(f" {profile}: {' | '.join(columns)} |" for profile in profiles)
     rows = [f"| table |{head}", "|---|" + "---|" * len(columns) * len(profiles)]
     for name in next(iter(profiles.values())):
         cells = "".join(_hour_cells(hours[name]) for hours in profiles.values())
         rows.append(f"| {_bold(plain(name))} |{cells}")
-    return "Free-inertial position error in the hour after a 60 min alignment:\n\n" + "\n".join(rows) + "\n"
+    return (
+        "Free-inertial position error in the hour after a 60 min alignment:\n\n"
+        + "\n".join(rows)
+        + "\n"
+    )
 
 
 def _hour_cells(hour: dict[str, Any]) -> str:
     metres = (hour["final_rms_m"], hour["table_rms_m"], hour["mean_m"])
     ratios = (hour["gain"], hour["over_perfect"])
-    cells = [f"{m:.0f} m" for m in metres] + [f"{r['value']:.2f} ({r['low']:.2f}-{r['high']:.2f})" for r in ratios]
+    cells = [f"{m:.0f} m" for m in metres] + [
+        f"{r['value']:.2f} ({r['low']:.2f}-{r['high']:.2f})" for r in ratios
+    ]
     return f" {' | '.join(cells)} |"
 
 
@@ -112,10 +155,17 @@ def draw(study: dict[str, Any], path: Path) -> None:
 
     scenarios = study["scenarios"]
     with plt.rc_context({"svg.hashsalt": NAME, "svg.fonttype": "none", "font.size": 9.0}):
-        figure, axes = plt.subplots(len(scenarios), 3, figsize=(12.5, 0.9 + 3.7 * len(scenarios)), squeeze=False,
-                                    width_ratios=(1.0, 1.0, 1.15))  # fmt: skip
+        figure, axes = plt.subplots(
+            len(scenarios),
+            3,
+            figsize=(12.5, 0.9 + 3.7 * len(scenarios)),
+            squeeze=False,
+            width_ratios=(1.0, 1.0, 1.15),
+        )
         for row, (name, scenario) in zip(axes, scenarios.items()):
-            _by_session(row[0], scenario, "visited_deg_h", f"{name}: temperatures of the five sessions")
+            _by_session(
+                row[0], scenario, "visited_deg_h", f"{name}: temperatures of the five sessions"
+            )
             _by_session(row[1], scenario, "unvisited_deg_h", f"{name}: temperatures never visited")
             _bars(row[2], scenario, f"{name}: free-inertial, after one hour")
         handles, labels = axes[0][0].get_legend_handles_labels()
@@ -130,14 +180,23 @@ def _by_session(axis: Any, scenario: dict[str, Any], key: str, title: str) -> No
         if name == HERMITE:
             continue
         values = [1e3 * v for v in scenario["rules"][name][key]]
-        style = {"linestyle": "--", "marker": "o", "markerfacecolor": "none", "markersize": 8.0} if name == EXACT else {
-            "marker": ".", "linewidth": 2.5 if name == OURS else 1.5}  # fmt: skip
-        axis.plot(range(len(values)), values, color=COLOURS[plain(name)], label=plain(name), **style)
-    axis.set(title=title, xlabel="sessions", ylabel="level gyros, RMS error [0.001 deg/h]", yscale="log")
+        style = (
+            {"linestyle": "--", "marker": "o", "markerfacecolor": "none", "markersize": 8.0}
+            if name == EXACT
+            else {"marker": ".", "linewidth": 2.5 if name == OURS else 1.5}
+        )
+        axis.plot(
+            range(len(values)), values, color=COLOURS[plain(name)], label=plain(name), **style
+        )
+    axis.set(
+        title=title, xlabel="sessions", ylabel="level gyros, RMS error [0.001 deg/h]", yscale="log"
+    )
     axis.set_xticks(range(len(values)))
     ticks = [1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30]
     low, high = axis.get_ylim()
-    axis.set_yticks([t for t in ticks if low <= t <= high], [f"{t:g}" for t in ticks if low <= t <= high])
+    axis.set_yticks(
+        [t for t in ticks if low <= t <= high], [f"{t:g}" for t in ticks if low <= t <= high]
+    )
     axis.minorticks_off()
     axis.grid(alpha=0.25)
 
@@ -153,8 +212,15 @@ def _bars(axis: Any, scenario: dict[str, Any], title: str) -> None:
         for y, value in zip(at, values):
             axis.text(value, y, f" {value:.0f} m, {profile}", va="center", fontsize=7.0)
     axis.set(title=title, xlabel="RMS radial position error [m]", yticks=range(len(names)))
-    axis.set_yticklabels([plain(name).replace(" with the ", "\nwith the ").replace("-variance merge", "-\nvariance merge")
-                          for name in names], fontsize=8.0)  # fmt: skip
+    axis.set_yticklabels(
+        [
+            plain(name)
+            .replace(" with the ", "\nwith the ")
+            .replace("-variance merge", "-\nvariance merge")
+            for name in names
+        ],
+        fontsize=8.0,
+    )
     axis.invert_yaxis()
     axis.margins(x=0.42)
 

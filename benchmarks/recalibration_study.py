@@ -1,10 +1,12 @@
-"""R29: aged units through five sessions each, our merge against five baselines and the exact Bayesian merge.
+"""R29: aged units through five sessions each, our merge against five baselines and the exact
+Bayesian merge.
 
     python -m benchmarks.recalibration_study [--units 100] [--jobs 2] [-o docs]
 
-writes recalibration_study.md, .svg and .json. 100 units, their tables aged by 0.0072 deg/h; five power-ons each on random
-headings, thermal starts and latitudes, realistic taxi, no outside reference; then each unit is powered on anew, aligned for
-60 min with each table in question and navigates for an hour. All seeded: the same command gives the same numbers.
+writes recalibration_study.md, .svg and .json. 100 units, their tables aged by 0.0072 deg/h; five
+power-ons each on random headings, thermal starts and latitudes, realistic taxi, no outside
+reference; then each unit is powered on anew, aligned for 60 min with each table in question and
+navigates for an hour. All seeded: the same command gives the same numbers.
 """
 
 import argparse
@@ -23,7 +25,18 @@ from numpy.typing import NDArray
 from benchmarks import recalibration_document
 from benchmarks.baselines import BASELINES
 from benchmarks.free_inertial import PROFILES
-from benchmarks.recalibration_unit import EXACT, HERMITE, KINDS, OLD, OURS, PERFECT, SESSIONS, TWINS, UnitResult, study_unit
+from benchmarks.recalibration_unit import (
+    EXACT,
+    HERMITE,
+    KINDS,
+    OLD,
+    OURS,
+    PERFECT,
+    SESSIONS,
+    TWINS,
+    UnitResult,
+    study_unit,
+)
 
 WORSE_DEG_H = (0.001, 0.004)
 RESAMPLES = 2000
@@ -31,7 +44,12 @@ BASELINE_NAMES = tuple(name for name in BASELINES if name != OLD)
 
 
 def run_study(
-    twin_name: str, *, units: int, sessions: int = SESSIONS, profiles: Sequence[str] = tuple(PROFILES), jobs: int = 1
+    twin_name: str,
+    *,
+    units: int,
+    sessions: int = SESSIONS,
+    profiles: Sequence[str] = tuple(PROFILES),
+    jobs: int = 1,
 ) -> list[UnitResult]:
     """Units 0 ... units - 1 of a scenario, in that order."""
     one = partial(study_unit, twin_name=twin_name, sessions=sessions, profiles=tuple(profiles))
@@ -42,7 +60,9 @@ def run_study(
 
 
 def summarise(results: Sequence[UnitResult]) -> dict[str, Any]:
-    """Figures of a scenario: `rules` by name, `hours` by profile and name, `targets` of R29 and whether they are met."""
+    """Figures of a scenario: `rules` by name, `hours` by profile and name, `targets` of R29 and
+    whether they are met.
+    """
     rules = {name: _rule(results, name) for name in results[0].visited}
     shown = {name: _better_kind(rules, name) for name in BASELINE_NAMES}
     summary = {
@@ -58,8 +78,13 @@ def summarise(results: Sequence[UnitResult]) -> dict[str, Any]:
 
 
 def _rule(results: Sequence[UnitResult], name: str) -> dict[str, Any]:
-    """RMS after 0, 1 ... sessions [deg/h]; worst session; shares of committed sessions that did not worsen the table."""
-    before, after = (np.array([getattr(r, when)[name] for r in results]) for when in ("before", "after"))  # unit, session, gyro
+    """RMS after 0, 1 ... sessions [deg/h]; worst session; shares of committed sessions that did not
+    worsen the table.
+    """
+    # unit, session, gyro
+    before, after = (
+        np.array([getattr(r, when)[name] for r in results]) for when in ("before", "after")
+    )
     level_before, level_after = (np.sqrt(np.mean(rms**2, axis=2)) for rms in (before, after))
     committed = np.array([[o == "accepted" or name != OURS for o in r.outcomes] for r in results])
     normalised = [r.normalised[name] for r in results if name in r.normalised]
@@ -69,8 +94,13 @@ def _rule(results: Sequence[UnitResult], name: str) -> dict[str, Any]:
         "z_deg_h": float(np.sqrt(np.mean([r.z[name] ** 2 for r in results]))),
         "worst_session_deg_h": float(level_after.max()),
         "worst_increase_deg_h": float((level_after - level_before).max()),
-        "not_worse": {f"{w:g}": float(np.mean((level_after - level_before)[committed] <= w)) for w in WORSE_DEG_H},
-        "gyro_not_worse": {f"{w:g}": float(np.mean((after - before)[committed] <= w)) for w in WORSE_DEG_H},
+        "not_worse": {
+            f"{w:g}": float(np.mean((level_after - level_before)[committed] <= w))
+            for w in WORSE_DEG_H
+        },
+        "gyro_not_worse": {
+            f"{w:g}": float(np.mean((after - before)[committed] <= w)) for w in WORSE_DEG_H
+        },
         "normalised_squared_error": float(np.mean(normalised)) if normalised else None,
     }
 
@@ -81,14 +111,18 @@ def _rms_over_units(mean_squares: list[list[float]]) -> list[float]:
 
 def _better_kind(rules: dict[str, Any], baseline: str) -> str:
     """The kind of points that suits a baseline best, by its visited RMS at the end."""
-    return min((f"{baseline}, {kind}" for kind in KINDS), key=lambda name: rules[name]["visited_deg_h"][-1])
+    return min(
+        (f"{baseline}, {kind}" for kind in KINDS), key=lambda name: rules[name]["visited_deg_h"][-1]
+    )
 
 
 def _hours(results: Sequence[UnitResult], profile: str) -> dict[str, Any]:
-    """Position errors of the new power-on, and their ratios to those with the old and with the perfect table.
+    """Position errors of the new power-on, and their ratios to those with the old and with the
+    perfect table.
 
-    gain, over_perfect: of the RMS errors at the end, with 90 % intervals (bootstrap over units); table_rms_m: RMS distance
-    at the end to the place that the perfect table comes to with the same noise, which is what the table adds.
+    gain, over_perfect: of the RMS errors at the end, with 90 % intervals (bootstrap over units);
+    table_rms_m: RMS distance at the end to the place that the perfect table comes to with the same
+    noise, which is what the table adds.
     """
     end = {
         name: np.array([(h.north_m, h.east_m) for h in (r.hours[profile][name] for r in results)])
@@ -134,21 +168,45 @@ def _targets(summary: dict[str, Any]) -> list[dict[str, Any]]:
         lines += [
             _at_least(f"sessions not worse by 0.001 deg/h, {of} [%]", 88.0, 100 * kept["0.001"]),
             _at_least(f"sessions not worse by 0.004 deg/h, {of} [%]", 99.0, 100 * kept["0.004"]),
-            _at_least(f"the exact merge: not worse by 0.001 deg/h, {of} [%]", 91.0, 100 * best["0.001"]),
-            _at_most(f"behind the exact merge, 0.001 deg/h, {of} [points]", 2.0, 100 * (best["0.001"] - kept["0.001"])),
-            _at_most(f"behind the exact merge, 0.004 deg/h, {of} [points]", 2.0, 100 * (best["0.004"] - kept["0.004"])),
+            _at_least(
+                f"the exact merge: not worse by 0.001 deg/h, {of} [%]", 91.0, 100 * best["0.001"]
+            ),
+            _at_most(
+                f"behind the exact merge, 0.001 deg/h, {of} [points]",
+                2.0,
+                100 * (best["0.001"] - kept["0.001"]),
+            ),
+            _at_most(
+                f"behind the exact merge, 0.004 deg/h, {of} [points]",
+                2.0,
+                100 * (best["0.004"] - kept["0.004"]),
+            ),
         ]
     lines += [
-        _at_most("RMS over the best baseline's", 1.0,
-                 ours["visited_deg_h"][-1] / min(o["visited_deg_h"][-1] for o in others)),
-        _at_most("worst session over the best baseline's", 1.0,
-                 ours["worst_session_deg_h"] / min(o["worst_session_deg_h"] for o in others)),
-    ]  # fmt: skip
+        _at_most(
+            "RMS over the best baseline's",
+            1.0,
+            ours["visited_deg_h"][-1] / min(o["visited_deg_h"][-1] for o in others),
+        ),
+        _at_most(
+            "worst session over the best baseline's",
+            1.0,
+            ours["worst_session_deg_h"] / min(o["worst_session_deg_h"] for o in others),
+        ),
+    ]
     for profile, hours in summary["hours"].items():
         ceiling = f"over a perfect one: {hours[PERFECT]['gain']['value']:.2f}"
         gain = hours[OURS]["gain"]["value"]
-        lines.append(_at_least(f"position error, {profile}: old table over new ({ceiling})", 1.6, gain))
-        lines.append(_at_most(f"position error, {profile}: new over perfect", 1.4, hours[OURS]["over_perfect"]["value"]))
+        lines.append(
+            _at_least(f"position error, {profile}: old table over new ({ceiling})", 1.6, gain)
+        )
+        lines.append(
+            _at_most(
+                f"position error, {profile}: new over perfect",
+                1.4,
+                hours[OURS]["over_perfect"]["value"],
+            )
+        )
     return lines
 
 
@@ -165,7 +223,11 @@ def _revision() -> str:
     try:
         where = Path(__file__).parent
         return subprocess.run(
-            ["git", "describe", "--always", "--dirty"], cwd=where, capture_output=True, text=True, check=True
+            ["git", "describe", "--always", "--dirty"],
+            cwd=where,
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return "unknown"
@@ -188,7 +250,10 @@ def main() -> None:
         recalibration_document.write(study, options.output)
     for twin, scenario in scenarios.items():
         for line in scenario["targets"]:
-            print(f"{twin}: {line['what']}: {line['got']:.4g}, needed {line['needed']}{'' if line['met'] else '  MISSED'}")
+            print(
+                f"{twin}: {line['what']}: {line['got']:.4g}, needed"
+                f" {line['needed']}{'' if line['met'] else '  MISSED'}"
+            )
 
 
 if __name__ == "__main__":

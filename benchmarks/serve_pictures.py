@@ -1,9 +1,11 @@
-"""Pictures of the review page for docs/serve.md, taken of a store that the demo's three sessions fill.
+"""Pictures of the review page for docs/serve.md, taken of a store that the demo's three sessions
+fill.
 
     python -m benchmarks.serve_pictures docs/pictures
 
-The store: the demo unit, its update of the first session approved, that of the other two proposed, and a few units of a fleet
-with default tables. Pictures are PNG with 128 colours, so that each stays well below 200 kB.
+The store: the demo unit, its update of the first session approved, that of the other two proposed,
+and a few units of a fleet with default tables. Pictures are PNG with 128 colours, so that each
+stays well below 200 kB.
 """
 
 import sys
@@ -23,12 +25,15 @@ UNIT = f"serial={SERIAL}&technology=rlg&mode="
 WHO = "K. Reviewer"
 LAZY_S = 3.0  # until a frame that comes into view has loaded
 SHOTS = (  # name, path, width, height, what to scroll to
-    ("serve_units", "/", 1200, 620, ""), ("serve_unit", f"/unit?{UNIT}", 1200, 900, ""),
-    ("serve_unit_phone", f"/unit?{UNIT}", 420, 900, ""), ("serve_proposal", f"/proposal?{UNIT}&number=2", 1200, 900, ""),
+    ("serve_units", "/", 1200, 620, ""),
+    ("serve_unit", f"/unit?{UNIT}", 1200, 900, ""),
+    ("serve_unit_phone", f"/unit?{UNIT}", 420, 900, ""),
+    ("serve_proposal", f"/proposal?{UNIT}&number=2", 1200, 900, ""),
     ("serve_decide", f"/proposal?{UNIT}&number=2", 1200, 900, "#decide"),
     ("serve_decide_phone", f"/proposal?{UNIT}&number=2", 420, 900, "#decide"),
-    ("serve_history", f"/unit?{UNIT}", 1200, 560, "#proposals"), ("serve_rollback", f"/rollback?{UNIT}&to=1", 1200, 760, ""),
-)  # fmt: skip
+    ("serve_history", f"/unit?{UNIT}", 1200, 560, "#proposals"),
+    ("serve_rollback", f"/rollback?{UNIT}&to=1", 1200, 760, ""),
+)
 
 
 def fill(folder: Path) -> str:
@@ -37,16 +42,39 @@ def fill(folder: Path) -> str:
     demo(folder / "demo", seed=42, rate_hz=10.0)
     runs = sorted(folder.glob("demo/run-*"))
     with TableStore.open(url) as store:
-        store.rollback(to="factory", note="rolled back by P. Ilot: one session after the other, please")
-    update(runs[:1], store_url=url, commit=False, propose=("night fleet", ""), html=False, output=folder / "one")
+        store.rollback(
+            to="factory", note="rolled back by P. Ilot: one session after the other, please"
+        )
+    update(
+        runs[:1],
+        store_url=url,
+        commit=False,
+        propose=("night fleet", ""),
+        html=False,
+        output=folder / "one",
+    )
     with TableStore.open(url) as store:
-        store.decide(1, "approved", by=WHO, reason="residuals white, 12 to 27 degC covered, heading from stops")
+        store.decide(
+            1,
+            "approved",
+            by=WHO,
+            reason="residuals white, 12 to 27 degC covered, heading from stops",
+        )
     note = "sessions of April and June"
-    update(runs[1:], store_url=url, commit=False, propose=("night fleet", note), html=False, output=folder / "two")
+    update(
+        runs[1:],
+        store_url=url,
+        commit=False,
+        propose=("night fleet", note),
+        html=False,
+        output=folder / "two",
+    )
     for k in range(14):
         technology = ("rlg", "fog")[k % 3 == 2]
         serial = f"{'ABCD'[k % 4]}-{1207 + 37 * k}"
-        put_unit(url, serial, technology=technology, updates=k % 4, proposals=k % 5 == 1, run=serial)
+        put_unit(
+            url, serial, technology=technology, updates=k % 4, proposals=k % 5 == 1, run=serial
+        )
     return url
 
 
@@ -73,7 +101,9 @@ def shrink(path: Path) -> None:
     """The picture with 128 colours."""
     from PIL import Image
 
-    Image.open(path).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(path, optimize=True)
+    Image.open(path).convert("RGB").quantize(128, dither=Image.Dither.NONE).save(
+        path, optimize=True
+    )
 
 
 def main() -> None:

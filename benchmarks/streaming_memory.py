@@ -1,9 +1,11 @@
-"""Largest resident memory and time of the commands that read a run, on flights of 1 h and of 10 h at 200 Hz.
+"""Largest resident memory and time of the commands that read a run, on flights of 1 h and of 10 h
+at 200 Hz.
 
     python benchmarks/streaming_memory.py [--csv] [HOURS ...]
 
-Each flight is made in pieces from truth: cold start, 30 min parked, the realistic taxi, take-off, cruise with turns,
-landing; GNSS at 1 Hz, odometer at 10 Hz. Each command runs in a process of its own; its ru_maxrss is the figure.
+Each flight is made in pieces from truth: cold start, 30 min parked, the realistic taxi, take-off,
+cruise with turns, landing; GNSS at 1 Hz, odometer at 10 Hz. Each command runs in a process of its
+own; its ru_maxrss is the figure.
 """
 
 import argparse
@@ -23,7 +25,12 @@ from ins.records import ImuLog
 from trajectories.runs.directory import write_run
 from trajectories.runs.schema import INCREMENTS
 from trajectories.simulator import imperfections
-from trajectories.simulator.scenario import Scenario, scenario_from_dict, scenario_ideal, simulate_scenario
+from trajectories.simulator.scenario import (
+    Scenario,
+    scenario_from_dict,
+    scenario_ideal,
+    simulate_scenario,
+)
 from trajectories.simulator.sensors import ideal_sensors
 
 RATE_HZ = 200.0
@@ -31,11 +38,14 @@ PIECE_S = 300.0
 SLOW_HZ = 20.0  # rate at which the streams beside the imu are made
 LIMIT_MB = 1000.0
 TAXI = [
-    {"segment": "turn", "angle_deg": 90}, {"segment": "taxi", "duration_s": 120, "speed_m_s": 9.5},
-    {"segment": "stop", "duration_s": 60}, {"segment": "turn", "angle_deg": 90},
-    {"segment": "taxi", "duration_s": 120, "speed_m_s": 9.5}, {"segment": "stop", "duration_s": 60},
+    {"segment": "turn", "angle_deg": 90},
+    {"segment": "taxi", "duration_s": 120, "speed_m_s": 9.5},
+    {"segment": "stop", "duration_s": 60},
+    {"segment": "turn", "angle_deg": 90},
+    {"segment": "taxi", "duration_s": 120, "speed_m_s": 9.5},
+    {"segment": "stop", "duration_s": 60},
     {"segment": "turn", "angle_deg": -90},
-]  # fmt: skip
+]
 
 
 class Use(NamedTuple):
@@ -46,7 +56,8 @@ class Use(NamedTuple):
     peak_mb: float
 
 
-# A process begins with the resident memory of the one that starts it, which counts in its ru_maxrss: start from a small one.
+# A process begins with the resident memory of the one that starts it, which counts in its
+# ru_maxrss: start from a small one.
 LAUNCH = """
 import os, subprocess, sys, time
 start = time.perf_counter()
@@ -74,21 +85,40 @@ def flight(hours: float) -> Scenario:
         {"segment": "cruise", "duration_s": cruise_s / legs},
         {"segment": "turn_flight", "angle_deg": 20, "bank_deg": 15},
     ] * legs
-    return scenario_from_dict({
-        "schema": "recal.scenario/1", "seed": 1, "alignment_s": 600,
-        "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 250.0}, "attitude": {"heading_deg": 0.0},
-        "imu": {"rate_hz": SLOW_HZ}, "unit": {"imu_serial": "SN-0042", "gyro_technology": "rlg", "ageing_seed": 1},
-        "thermal": {"start": "cold"}, "streams": {"gnss": True, "odometer": True},
-        "twin": {"gyro_technology": "rlg",
-                 "vehicle": {"sway_m_s": 0.0, "lateral_noise_m_s": 0.0, "yaw_creep_arcsec_sqrt_h": 0.0}},
-        "motion": [
-            {"segment": "park", "duration_s": 1800}, *TAXI, {"segment": "take_off", "lift_off_speed_m_s": 75},
-            {"segment": "climb", "height_m": 3000, "rate_m_s": 10, "speed_m_s": 180}, *cruise,
-            {"segment": "descend", "height_m": 600, "rate_m_s": 10, "speed_m_s": 90},
-            {"segment": "landing", "touchdown_speed_m_s": 65}, {"segment": "taxi", "duration_s": 30, "speed_m_s": 9.5},
-            {"segment": "stop", "duration_s": 5}, {"segment": "park", "duration_s": 120},
-        ],
-    }, name=f"flight of {hours:g} h")  # fmt: skip
+    return scenario_from_dict(
+        {
+            "schema": "recal.scenario/1",
+            "seed": 1,
+            "alignment_s": 600,
+            "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 250.0},
+            "attitude": {"heading_deg": 0.0},
+            "imu": {"rate_hz": SLOW_HZ},
+            "unit": {"imu_serial": "SN-0042", "gyro_technology": "rlg", "ageing_seed": 1},
+            "thermal": {"start": "cold"},
+            "streams": {"gnss": True, "odometer": True},
+            "twin": {
+                "gyro_technology": "rlg",
+                "vehicle": {
+                    "sway_m_s": 0.0,
+                    "lateral_noise_m_s": 0.0,
+                    "yaw_creep_arcsec_sqrt_h": 0.0,
+                },
+            },
+            "motion": [
+                {"segment": "park", "duration_s": 1800},
+                *TAXI,
+                {"segment": "take_off", "lift_off_speed_m_s": 75},
+                {"segment": "climb", "height_m": 3000, "rate_m_s": 10, "speed_m_s": 180},
+                *cruise,
+                {"segment": "descend", "height_m": 600, "rate_m_s": 10, "speed_m_s": 90},
+                {"segment": "landing", "touchdown_speed_m_s": 65},
+                {"segment": "taxi", "duration_s": 30, "speed_m_s": 9.5},
+                {"segment": "stop", "duration_s": 5},
+                {"segment": "park", "duration_s": 120},
+            ],
+        },
+        name=f"flight of {hours:g} h",
+    )
 
 
 def make_run(folder: Path, hours: float, *, fmt: str = "parquet", phases: bool = True) -> Path:
@@ -106,14 +136,21 @@ def make_run(folder: Path, hours: float, *, fmt: str = "parquet", phases: bool =
         for first in range(0, int(truth.motion.end_s * RATE_HZ), size):
             ideal = ideal_sensors(truth, RATE_HZ, samples=slice(first, first + size))
             gyro, accel = (
-                np.stack([np.interp(ideal.time_s, simulated.bias_time_s, b) for b in bias.T], axis=1)
+                np.stack(
+                    [np.interp(ideal.time_s, simulated.bias_time_s, b) for b in bias.T], axis=1
+                )
                 for bias in (simulated.gyro_bias_true_deg_h, simulated.accel_bias_true_ug)
             )
             yield ImuLog(
-                time_s=ideal.time_s, dt_s=np.full(ideal.time_s.size, ideal.dt_s),
-                dtheta_rad=imperfections.gyro_output(rng, ideal.dtheta_rad, gyro, twin.gyro, dt_s=ideal.dt_s),
-                dv_m_s=imperfections.accel_output(rng, ideal.dv_m_s, accel, twin.accel, dt_s=ideal.dt_s),
-            )  # fmt: skip
+                time_s=ideal.time_s,
+                dt_s=np.full(ideal.time_s.size, ideal.dt_s),
+                dtheta_rad=imperfections.gyro_output(
+                    rng, ideal.dtheta_rad, gyro, twin.gyro, dt_s=ideal.dt_s
+                ),
+                dv_m_s=imperfections.accel_output(
+                    rng, ideal.dv_m_s, accel, twin.accel, dt_s=ideal.dt_s
+                ),
+            )
 
     write_imu(folder / "run" / f"imu.{fmt}", pieces())
     return folder / "run"
@@ -130,30 +167,47 @@ def write_imu(path: Path, pieces: Iterator[ImuLog]) -> None:
     kind = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": list(names)}
     text = arrow_csv.WriteOptions(quoting_style="none", quoting_header="none")
     csv = path.name.endswith(".csv")
-    with arrow_csv.CSVWriter(path, schema, write_options=text) if csv else pq.ParquetWriter(path, schema, **kind) as file:
+    with (
+        arrow_csv.CSVWriter(path, schema, write_options=text)
+        if csv
+        else pq.ParquetWriter(path, schema, **kind)
+    ) as file:
         for log in pieces:
-            file.write_table(pa.table([log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T], schema=schema))
+            file.write_table(
+                pa.table([log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T], schema=schema)
+            )
 
 
 def measure(folder: Path) -> dict[str, Use]:
     """Check, align, replay and update of `folder`/run against the table beside it."""
     recal("table", "import", "table.json", folder=folder)
-    return {command: recal(command, "run", folder=folder) for command in ("check", "align", "replay", "update")}
+    return {
+        command: recal(command, "run", folder=folder)
+        for command in ("check", "align", "replay", "update")
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("hours", nargs="*", type=float, default=[1.0, 10.0])
     parser.add_argument("--csv", action="store_true", help="imu.csv in the place of imu.parquet")
-    parser.add_argument("--no-phases", action="store_true", help="a log that does not say where it takes off")
+    parser.add_argument(
+        "--no-phases", action="store_true", help="a log that does not say where it takes off"
+    )
     given = parser.parse_args()
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}; 200 Hz; limit {LIMIT_MB:.0f} MB")
     print(f"{'flight':>8s} {'command':>8s} {'wall s':>8s} {'CPU s':>8s} {'peak MB':>8s}")
     for hours in given.hours:
         with tempfile.TemporaryDirectory() as name:
-            make_run(Path(name), hours, fmt="csv" if given.csv else "parquet", phases=not given.no_phases)
+            make_run(
+                Path(name), hours, fmt="csv" if given.csv else "parquet", phases=not given.no_phases
+            )
             for command, use in measure(Path(name)).items():
-                print(f"{hours:6g} h {command:>8s} {use.wall_s:8.1f} {use.cpu_s:8.1f} {use.peak_mb:8.0f}", flush=True)
+                print(
+                    f"{hours:6g} h {command:>8s} {use.wall_s:8.1f} {use.cpu_s:8.1f}"
+                    f" {use.peak_mb:8.0f}",
+                    flush=True,
+                )
 
 
 if __name__ == "__main__":

@@ -1,7 +1,9 @@
-"""Rates of the thermometer judge and of the smoother over seeded temperature histories (requirement R4).
+"""Rates of the thermometer judge and of the smoother over seeded temperature histories (requirement
+R4).
 
-Each run draws a start (cold, ambient, hot, cooling), a sampling (0.5, 1, 10 s), a length (30, 70, 120 min), a step of the
-thermometers (none, 0.01, 0.1, 0.5, 1 degC) and their noise (0.002, 0.01, 0.05 degC).
+Each run draws a start (cold, ambient, hot, cooling), a sampling (0.5, 1, 10 s), a length (30, 70,
+120 min), a step of the thermometers (none, 0.01, 0.1, 0.5, 1 degC) and their noise (0.002, 0.01,
+0.05 degC).
 """
 
 from dataclasses import dataclass
@@ -18,15 +20,27 @@ from trajectories.simulator.thermal import STARTS, thermal_history
 HOUR_S = 4200.0
 WINDOW_S = 121  # of the moving average that the smoother is compared with
 SCALES = {
-    "Fahrenheit": lambda T: 1.8 * T + 32.0, "kelvin": lambda T: T + 273.15, "ten times": lambda T: 10.0 * T,
+    "Fahrenheit": lambda T: 1.8 * T + 32.0,
+    "kelvin": lambda T: T + 273.15,
+    "ten times": lambda T: 10.0 * T,
     "a tenth": lambda T: 0.1 * T,
-}  # fmt: skip
+}
 FAULTS = (
-    "stuck from the start", "stuck for a span", "absent", "jump that stays", "jump and back", "zeros scattered",
-    "zeros in a burst", "zero throughout", *SCALES,
-    *(f"{name}, all gyros" for name in SCALES), "steps of 1 degC", "hole of 300 s",
-)  # fmt: skip
-UNSEEN_degC = 0.6  # a fault that moves no reading by more than this and half a step is none that matters
+    "stuck from the start",
+    "stuck for a span",
+    "absent",
+    "jump that stays",
+    "jump and back",
+    "zeros scattered",
+    "zeros in a burst",
+    "zero throughout",
+    *SCALES,
+    *(f"{name}, all gyros" for name in SCALES),
+    "steps of 1 degC",
+    "hole of 300 s",
+)
+# a fault that moves no reading by more than this and half a step is none that matters
+UNSEEN_degC = 0.6
 
 
 @dataclass(frozen=True)
@@ -39,7 +53,9 @@ class Thermometers:
     sees_the_unit: bool  # block and accelerometer thermometers are logged too
 
 
-def healthy(seed: int, *, step_degC: float | None = None) -> tuple[Thermometers, np.random.Generator]:
+def healthy(
+    seed: int, *, step_degC: float | None = None
+) -> tuple[Thermometers, np.random.Generator]:
     """A healthy unit; two of three also log the block and the accelerometers."""
     rng = np.random.default_rng([seed, 4])
     history = thermal_history(list(STARTS)[seed % len(STARTS)], rng=rng)
@@ -60,7 +76,9 @@ def healthy(seed: int, *, step_degC: float | None = None) -> tuple[Thermometers,
     return Thermometers(time_s, columns, step, bool(seed % 3)), rng
 
 
-def with_fault(fault: str, unit: Thermometers, rng: np.random.Generator) -> tuple[Thermometers, str]:
+def with_fault(
+    fault: str, unit: Thermometers, rng: np.random.Generator
+) -> tuple[Thermometers, str]:
     """The unit with one fault, on one random gyro or on all; the column that has it."""
     n, name = unit.time_s.size, f"gyro_{rng.choice(list(AXES))}_degC"
     columns, v, time_s = dict(unit.columns), unit.columns[name].copy(), unit.time_s
@@ -68,7 +86,9 @@ def with_fault(fault: str, unit: Thermometers, rng: np.random.Generator) -> tupl
     sign = rng.choice([-1.0, 1.0])
     if fault.endswith(", all gyros"):
         for axis in AXES:
-            columns[f"gyro_{axis}_degC"] = SCALES[fault.removesuffix(", all gyros")](unit.columns[f"gyro_{axis}_degC"])
+            columns[f"gyro_{axis}_degC"] = SCALES[fault.removesuffix(", all gyros")](
+                unit.columns[f"gyro_{axis}_degC"]
+            )
         return Thermometers(time_s, columns, unit.step_degC, unit.sees_the_unit), name
     if fault == "hole of 300 s":
         a = int(rng.integers(20, np.searchsorted(time_s, time_s[-1] - 400.0)))
@@ -106,11 +126,17 @@ def matters(fault: str, before: Thermometers, after: Thermometers, name: str) ->
 
 
 def found_rates(fault: str, runs: int) -> tuple[int, int, int]:
-    """Runs in which the fault matters, in which it is found, and in which a healthy gyro is blamed."""
+    """Runs in which the fault matters, in which it is found, and in which a healthy gyro is
+    blamed.
+    """
     total = found = blamed = 0
     for seed in range(runs):
         before, rng = healthy(seed, step_degC=1.0 if fault == "steps of 1 degC" else None)
-        after, name = (before, "gyro_x_degC") if fault == "steps of 1 degC" else with_fault(fault, before, rng)
+        after, name = (
+            (before, "gyro_x_degC")
+            if fault == "steps of 1 degC"
+            else with_fault(fault, before, rng)
+        )
         if not matters(fault, before, after, name):
             continue
         faults = check_thermometers(after.time_s, after.columns).faults
@@ -128,13 +154,17 @@ def false_alarms(runs: int) -> int:
     alarms = 0
     for seed in range(runs):
         unit, _ = healthy(seed)
-        alarms += any(f.kind != "coarse" for f in check_thermometers(unit.time_s, unit.columns).faults)
+        alarms += any(
+            f.kind != "coarse" for f in check_thermometers(unit.time_s, unit.columns).faults
+        )
     return alarms
 
 
 @dataclass(frozen=True)
 class RateError:
-    """RMS error of dT/dt over the run and its three gyros, as a share of the true RMS rate; and the sigmas' honesty."""
+    """RMS error of dT/dt over the run and its three gyros, as a share of the true RMS rate; and the
+    sigmas' honesty.
+    """
 
     ours: float
     moving_average: float
@@ -156,9 +186,10 @@ def rate_error(seed: int, *, step_degC: float = 0.1, noise_degC: float = 0.01) -
     moving = 60.0 * np.gradient(mean, time_s, axis=0)
     size = np.sqrt(np.mean(rate**2))
     return RateError(
-        float(np.sqrt(np.mean((ours - rate) ** 2)) / size), float(np.sqrt(np.mean((moving - rate) ** 2)) / size),
+        float(np.sqrt(np.mean((ours - rate) ** 2)) / size),
+        float(np.sqrt(np.mean((moving - rate) ** 2)) / size),
         _normalised(found, time_s, true),
-    )  # fmt: skip
+    )
 
 
 def _normalised(found: GyroTemperature, time_s: NDArray, true: NDArray) -> float:

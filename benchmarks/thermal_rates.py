@@ -1,6 +1,8 @@
-"""Measured rates of requirements R4 and R15 to R18 as one Markdown table, with 95 % intervals (Clopper-Pearson).
+"""Measured rates of requirements R4 and R15 to R18 as one Markdown table, with 95 % intervals
+(Clopper-Pearson).
 
-    python -m benchmarks.thermal_rates [RUNS]     prints the table and writes docs/rates_thermal.md; 200 runs: 6 CPU min
+    python -m benchmarks.thermal_rates [RUNS]     prints the table and writes docs/rates_thermal.md;
+    200 runs: 6 CPU min
 """
 
 import sys
@@ -38,8 +40,8 @@ class Rate:
         low, high = self.interval
         share = 100.0 * self.hits / self.total
         return (
-            f"| {self.requirement} | {self.what} | {self.hits}/{self.total} | {share:.1f} % | {100 * low:.1f} to "
-            f"{100 * high:.1f} % | {self.needed} |"
+            f"| {self.requirement} | {self.what} | {self.hits}/{self.total} | {share:.1f} % |"
+            f" {100 * low:.1f} to {100 * high:.1f} % | {self.needed} |"
         )
 
 
@@ -57,11 +59,23 @@ def thermometer_rates(runs: int) -> Iterator[Rate]:
         total, found, wrong = faults.found_rates(fault, runs)
         yield Rate("R4", f"thermometer fault found: {fault}", found, total, "all")
         blamed, others = blamed + wrong, others + total
-    yield Rate("R4", "false alarm: a healthy gyro blamed beside a faulty one", blamed, others, "few")
-    yield Rate("R4", "false alarm: healthy thermometers, all starts", faults.false_alarms(2 * runs), 2 * runs, "few")
+    yield Rate(
+        "R4", "false alarm: a healthy gyro blamed beside a faulty one", blamed, others, "few"
+    )
+    yield Rate(
+        "R4",
+        "false alarm: healthy thermometers, all starts",
+        faults.false_alarms(2 * runs),
+        2 * runs,
+        "few",
+    )
     errors = [faults.rate_error(seed) for seed in range(runs)]
-    ours, moving = (sum(getattr(e, name) < 0.1 for e in errors) for name in ("ours", "moving_average"))
-    yield Rate("R4", "dT/dt of a 0.1 degC thermometer within 10 % of the true RMS rate", ours, runs, "all")
+    ours, moving = (
+        sum(getattr(e, name) < 0.1 for e in errors) for name in ("ours", "moving_average")
+    )
+    yield Rate(
+        "R4", "dT/dt of a 0.1 degC thermometer within 10 % of the true RMS rate", ours, runs, "all"
+    )
     yield Rate("R4", "the same, moving average over 121 s", moving, runs, "not all")
 
 
@@ -71,51 +85,101 @@ def merge_rates(runs: int) -> Iterator[Rate]:
         for same in (True, False):
             count = merge.far_nodes(runs, same_mean=same, lengths=lengths)
             said = "of the same mean" if same else "whose noise averages on"
-            what = f"ten times more data {said}: nodes beyond {lengths:g} length move below 0.1 sigma"
+            what = (
+                f"ten times more data {said}: nodes beyond {lengths:g} length move below 0.1 sigma"
+            )
             yield Rate("R15", what, count.hits, count.total, "all" if lengths == 1.0 else "")
     for before in (0, 1, 3):
         for part in ("whole", "second half", "warm half"):
             count = merge.wrong_session(runs, before=before, part=part)
-            what = f"session wrong by 0.03 to 0.06 deg/h ({part}), table {_age(before)}: no node moves over 0.5 sigma"
+            what = (
+                f"session wrong by 0.03 to 0.06 deg/h ({part}), table {_age(before)}: no node moves"
+                " over 0.5 sigma"
+            )
             yield Rate("R16", what, count.hits, count.total, "all")
     for before in (0, 3):
         named, kept = merge.step_of_the_unit(runs, before=before)
         what = f"step of 0.05 deg/h, table {_age(before)}"
-        yield Rate("R16", f"{what}: 'table disagrees with unit' within three sessions", named.hits, named.total, "all")
+        yield Rate(
+            "R16",
+            f"{what}: 'table disagrees with unit' within three sessions",
+            named.hits,
+            named.total,
+            "all",
+        )
         yield Rate("R16", f"{what}: none of the three merged", kept.hits, kept.total, "all")
     stepped, off, terms = merge.healthy_units(runs)
-    yield Rate("R16", "false alarm: healthy unit of five sessions said to disagree", stepped.hits, stepped.total, "none")
-    yield Rate("R16", "false alarm: healthy session said to contradict the table", off.hits, off.total, "0.1 to 0.2 %")
-    yield Rate("R17", "false alarm: heating-cooling term, healthy update of five sessions", terms.hits, terms.total, "few %")
+    yield Rate(
+        "R16",
+        "false alarm: healthy unit of five sessions said to disagree",
+        stepped.hits,
+        stepped.total,
+        "none",
+    )
+    yield Rate(
+        "R16",
+        "false alarm: healthy session said to contradict the table",
+        off.hits,
+        off.total,
+        "0.1 to 0.2 %",
+    )
+    yield Rate(
+        "R17",
+        "false alarm: heating-cooling term, healthy update of five sessions",
+        terms.hits,
+        terms.total,
+        "few %",
+    )
     twice = merge.same_run_twice(runs)
-    yield Rate("R18", "same run again, any order: refused, table bit-identical", twice.hits, twice.total, "all")
+    yield Rate(
+        "R18",
+        "same run again, any order: refused, table bit-identical",
+        twice.hits,
+        twice.total,
+        "all",
+    )
 
 
 def split_rates(runs: int) -> Iterator[Rate]:
     """R17: one session that warms and one that cools."""
     for kind, name in (("rate", "rate term"), ("sense", "hysteresis by sense")):
-        cases = [(f"split of 3 point sigmas ({3 * merge.POINT_DEG_H:.3f} deg/h)", {"split_deg_h": 3 * merge.POINT_DEG_H})]
+        cases = [
+            (
+                f"split of 3 point sigmas ({3 * merge.POINT_DEG_H:.3f} deg/h)",
+                {"split_deg_h": 3 * merge.POINT_DEG_H},
+            )
+        ]
         cases += [(f"{k:g} sigma of its own estimate", {"sigmas": k}) for k in (3.0, 5.0)]
         for words, size in cases:
             found = merge.split(runs, kind=kind, **size)
             needed = "95 %" if "point" in words else ""
-            yield Rate("R17", f"{name}, {words}: named", found.named.hits, found.named.total, needed)
-            acted = f"{name}, {words}: fitted or widened (node error squared over sigma squared {found.normalised:.2f})"
+            yield Rate(
+                "R17", f"{name}, {words}: named", found.named.hits, found.named.total, needed
+            )
+            acted = (
+                f"{name}, {words}: fitted or widened (node error squared over sigma squared"
+                f" {found.normalised:.2f})"
+            )
             yield Rate("R17", acted, found.found.hits, found.found.total)
 
 
 def _age(before: int) -> str:
-    return "fresh (0.0072 deg/h)" if before == 0 else f"after {before} session{'s' if before > 1 else ''}"
+    return (
+        "fresh (0.0072 deg/h)"
+        if before == 0
+        else f"after {before} session{'s' if before > 1 else ''}"
+    )
 
 
 def page(rates: list[Rate], seconds: float) -> str:
     """The Markdown page."""
     head = (
-        "# Measured rates: thermometers, outliers, hysteresis\n\nSeeded simulations; `python -m benchmarks.thermal_rates` "
-        f"made this page in {seconds:.0f} CPU s. The last column is what requirements.md asks for; rates that miss it "
-        "stand as they are. Sessions of R16 and R17 are drawn from the posteriors of twelve runs of the whole pipeline "
-        "(`benchmarks/thermal_sessions.py`).\n\n"
-        "| requirement | what | runs | rate | 95 % interval | needed |\n|---|---|---|---|---|---|\n"
+        "# Measured rates: thermometers, outliers, hysteresis\n\nSeeded simulations; `python -m"
+        f" benchmarks.thermal_rates` made this page in {seconds:.0f} CPU s. The last column is what"
+        " requirements.md asks for; rates that miss it stand as they are. Sessions of R16 and R17"
+        " are drawn from the posteriors of twelve runs of the whole pipeline"
+        " (`benchmarks/thermal_sessions.py`).\n\n| requirement | what | runs | rate | 95 %"
+        " interval | needed |\n|---|---|---|---|---|---|\n"
     )
     return head + "\n".join(rate.row() for rate in rates) + "\n\n" + NOTES
 

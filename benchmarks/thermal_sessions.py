@@ -1,9 +1,11 @@
-"""Sessions drawn from the posteriors of real ones, for rates that need hundreds of them (R15 to R18).
+"""Sessions drawn from the posteriors of real ones, for rates that need hundreds of them (R15 to
+R18).
 
-A template is one simulated run through the whole pipeline: its bins, temperatures and the information that its
-navigation filter won about the biases. A drawn session keeps these and draws anew what is random: the session's own
-biases (turn-on, flicker, random walk), the noise of the measurement, and the true curve over temperature. From there on
-everything is the product's: `posterior_with`, `merge_posterior`, `judge_merge`, `with_thermal_terms`, `find_steps`.
+A template is one simulated run through the whole pipeline: its bins, temperatures and the
+information that its navigation filter won about the biases. A drawn session keeps these and draws
+anew what is random: the session's own biases (turn-on, flicker, random walk), the noise of the
+measurement, and the true curve over temperature. From there on everything is the product's:
+`posterior_with`, `merge_posterior`, `judge_merge`, `with_thermal_terms`, `find_steps`.
 """
 
 from collections.abc import Sequence
@@ -42,12 +44,17 @@ NODES_DEGC = np.arange(-20.0, 71.0, 10.0)
 
 @lru_cache(maxsize=1)
 def templates() -> tuple[SessionResult, ...]:
-    """One realistic taxi for each start and heading, through the pipeline against a table of zeros."""
+    """One realistic taxi for each start and heading, through the pipeline against a table of
+    zeros.
+    """
     found = []
     for k, (start, heading) in enumerate((s, h) for s in STARTS for h in HEADINGS_DEG):
         rng = np.random.default_rng([k, 151])
         unit = aged_unit(rng)
-        ideal = ideal_sensors(build_truth(reference_motion("realistic_taxi")[1], SITE, heading_rad=heading * DEG), 10.0)
+        ideal = ideal_sensors(
+            build_truth(reference_motion("realistic_taxi")[1], SITE, heading_rad=heading * DEG),
+            10.0,
+        )
         run = simulate_run(ideal, thermal_history(start, rng=rng), unit, TWIN, rng=rng).run
         result = update_calibration([run], aged_table(sigma=0.1), TWIN, parent_sha256=None)
         found.append(result.sessions[0])
@@ -55,13 +62,21 @@ def templates() -> tuple[SessionResult, ...]:
 
 
 def aged_table(*, sigma: float | None = None, values: NDArray | None = None) -> ThermalTable:
-    """A factory table whose covariance says how it aged (or all of one sigma), zeros or the given node values."""
+    """A factory table whose covariance says how it aged (or all of one sigma), zeros or the given
+    node values.
+    """
     table = default_table(
-        imu_serial="SN-0042", gyro_technology="rlg", created_utc="2025-01-01T00:00:00Z",
-        low_degC=NODES_DEGC[0], high_degC=NODES_DEGC[-1], sigma_deg_h=sigma,
-    )  # fmt: skip
+        imu_serial="SN-0042",
+        gyro_technology="rlg",
+        created_utc="2025-01-01T00:00:00Z",
+        low_degC=NODES_DEGC[0],
+        high_degC=NODES_DEGC[-1],
+        sigma_deg_h=sigma,
+    )
     if sigma is None:
-        table = table.replaced(covariance=np.kron(np.eye(3), ageing_kernel(table.temperature_degC[0])))
+        table = table.replaced(
+            covariance=np.kron(np.eye(3), ageing_kernel(table.temperature_degC[0]))
+        )
     return table if values is None else table.replaced(parameters=values)
 
 
@@ -76,9 +91,15 @@ def draw(covariance: NDArray, rng: np.random.Generator) -> NDArray:
 
 
 def drawn_session(
-    template: SessionResult, table: ThermalTable, true_bias: NDArray, rng: np.random.Generator, *, day: int,
-) -> SessionResult:  # fmt: skip
-    """A session of the template's motion and temperatures, its truth given without the session's own part (3N,).
+    template: SessionResult,
+    table: ThermalTable,
+    true_bias: NDArray,
+    rng: np.random.Generator,
+    *,
+    day: int,
+) -> SessionResult:
+    """A session of the template's motion and temperatures, its truth given without the session's
+    own part (3N,).
 
     Judged against the table and merged into it as `update_calibration` would.
     """
@@ -86,23 +107,40 @@ def drawn_session(
     own = data.bins.own - data.bins.thermometer
     departure = true_bias + draw(own, rng) - data.reference_deg_h
     noisy = replace(data, vector=data.information @ departure + draw(data.information, rng))
-    m0, C, m1, P1 = posterior_with(noisy, np.zeros_like(true_bias), np.zeros_like(noisy.information))
+    m0, C, m1, P1 = posterior_with(
+        noisy, np.zeros_like(true_bias), np.zeros_like(noisy.information)
+    )
     merged = merge_posterior(table, data.bins.H, m0, C, m1, P1)
     assert template.estimate is not None and template.points is not None
     estimate = replace(template.estimate, bins=data.bins, mean_deg_h=m1 - m0, covariance=P1)
     run = replace(
-        template.run, sha256=f"{int(rng.integers(2**62)):064x}",
-        header=replace(template.run.header, run_id=f"day-{day}", start_utc=f"2026-03-{1 + day:02d}T05:00:00Z"),
-    )  # fmt: skip
+        template.run,
+        sha256=f"{int(rng.integers(2**62)):064x}",
+        header=replace(
+            template.run.header, run_id=f"day-{day}", start_utc=f"2026-03-{1 + day:02d}T05:00:00Z"
+        ),
+    )
     return replace(
-        template, run=run, verdict=judge_merge(merged), estimate=estimate, merged=merged, points=session_points(run, estimate)
+        template,
+        run=run,
+        verdict=judge_merge(merged),
+        estimate=estimate,
+        merged=merged,
+        points=session_points(run, estimate),
     )
 
 
 def take(
-    table: ThermalTable, chosen: Sequence[SessionResult], truths: Sequence[NDArray], rng: np.random.Generator, *, day: int = 0
+    table: ThermalTable,
+    chosen: Sequence[SessionResult],
+    truths: Sequence[NDArray],
+    rng: np.random.Generator,
+    *,
+    day: int = 0,
 ) -> tuple[list[SessionResult], ThermalTable]:
-    """Sessions one after the other, each accepted one merged before the next; (results, table after)."""
+    """Sessions one after the other, each accepted one merged before the next; (results, table
+    after).
+    """
     found: list[SessionResult] = []
     for k, (template, truth) in enumerate(zip(chosen, truths)):
         session = drawn_session(template, table, truth, rng, day=day + k)
@@ -120,4 +158,3 @@ def bins_of(template: SessionResult, table: ThermalTable) -> SessionLikelihood:
 def evidence_of(session: SessionResult, table: ThermalTable) -> SessionEvidence:
     assert session.estimate is not None and session.points is not None
     return session_evidence(session.run, table, session.estimate, session.points)
-

@@ -1,6 +1,7 @@
 """Sphinx configuration: `python -m sphinx -W --keep-going -b html docs docs/_build/html`.
 
-No request leaves the page when it is viewed: fonts are the system's, formulas are MathML in the page itself.
+No request leaves the page when it is viewed: fonts are the system's, formulas are MathML in the
+page itself.
 """
 
 import sys

@@ -1,8 +1,9 @@
 """Rotations: direction cosine matrices, Euler angles, rotation vectors.
 
 `C_nb` takes body components into navigation components: v_n = C_nb @ v_b.
-Euler angles are the aerospace sequence heading (about down), pitch (about right), roll (about forward).
-All functions broadcast over leading dimensions. Pinned by tests/ins/test_attitude.py against scipy Rotation.
+Euler angles are the aerospace sequence heading (about down), pitch (about right), roll (about
+forward). All functions broadcast over leading dimensions. Pinned by tests/ins/test_attitude.py
+against scipy Rotation.
 """
 
 import numpy as np
@@ -24,11 +25,21 @@ def dcm_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, heading_rad: Array
 
     Source: Groves (2013), eq. (2.24).
     """
-    r, p, h = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in (roll_rad, pitch_rad, heading_rad)))
+    r, p, h = np.broadcast_arrays(
+        *(np.asarray(a, dtype=float) for a in (roll_rad, pitch_rad, heading_rad))
+    )
     sr, cr, sp, cp, sh, ch = np.sin(r), np.cos(r), np.sin(p), np.cos(p), np.sin(h), np.cos(h)
     C_nb = np.empty(r.shape + (3, 3))
-    C_nb[..., 0, 0], C_nb[..., 0, 1], C_nb[..., 0, 2] = cp * ch, -cr * sh + sr * sp * ch, sr * sh + cr * sp * ch
-    C_nb[..., 1, 0], C_nb[..., 1, 1], C_nb[..., 1, 2] = cp * sh, cr * ch + sr * sp * sh, -sr * ch + cr * sp * sh
+    C_nb[..., 0, 0], C_nb[..., 0, 1], C_nb[..., 0, 2] = (
+        cp * ch,
+        -cr * sh + sr * sp * ch,
+        sr * sh + cr * sp * ch,
+    )
+    C_nb[..., 1, 0], C_nb[..., 1, 1], C_nb[..., 1, 2] = (
+        cp * sh,
+        cr * ch + sr * sp * sh,
+        -sr * ch + cr * sp * sh,
+    )
     C_nb[..., 2, 0], C_nb[..., 2, 1], C_nb[..., 2, 2] = -sp, sr * cp, cr * cp
     return C_nb
 
@@ -47,21 +58,27 @@ def euler_from_dcm(C_nb: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def dcm_from_rotation_vector(rotation_rad: ArrayLike) -> NDArray:
-    """Rotation matrix exp(skew(rotation)), shape (..., 3) -> (..., 3, 3). Exact to rounding at any size.
+    """Rotation matrix exp(skew(rotation)), shape (..., 3) -> (..., 3, 3). Exact to rounding at any
+    size.
 
     C = I + sin(a)/a S + (1 - cos a)/a^2 S^2, both factors as sinc.  Source: Rodrigues (1840).
     """
     v = np.asarray(rotation_rad, dtype=float)
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
     S = skew(v)
-    return np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (S @ S)
+    return (
+        np.eye(3) + np.sinc(angle / np.pi) * S + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * (S @ S)
+    )
 
 
 def rotation_vector_from_dcm(C: ArrayLike) -> NDArray:
-    """Rotation vector [rad] of a rotation matrix, shape (..., 3, 3) -> (..., 3); angles below pi."""
+    """Rotation vector [rad] of a rotation matrix, shape (..., 3, 3) -> (..., 3); angles below
+    pi.
+    """
     C = np.asarray(C, dtype=float)
     axial = 0.5 * np.stack(
-        [C[..., 2, 1] - C[..., 1, 2], C[..., 0, 2] - C[..., 2, 0], C[..., 1, 0] - C[..., 0, 1]], axis=-1
+        [C[..., 2, 1] - C[..., 1, 2], C[..., 0, 2] - C[..., 2, 0], C[..., 1, 0] - C[..., 0, 1]],
+        axis=-1,
     )
     s = np.linalg.norm(axial, axis=-1)
     angle = np.arctan2(s, 0.5 * (np.trace(C, axis1=-2, axis2=-1) - 1.0))
@@ -74,10 +91,11 @@ def wrap_pi(angle_rad: ArrayLike) -> NDArray:
 
 
 def quaternion_from_dcm(C: ArrayLike) -> NDArray:
-    """Unit quaternion, scalar first and not negative, of one rotation matrix (3, 3) -> (4,); any angle.
+    """Unit quaternion, scalar first and not negative, of one rotation matrix (3, 3) -> (4,); any
+    angle.
 
-    The eigenvector of the largest eigenvalue, so a matrix that is slightly off gives the nearest rotation.
-    Source: Bar-Itzhack, J. Guidance 23(6), 2000, pp. 1085-1087.
+    The eigenvector of the largest eigenvalue, so a matrix that is slightly off gives the nearest
+    rotation. Source: Bar-Itzhack, J. Guidance 23(6), 2000, pp. 1085-1087.
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(C, dtype=float)
     K = np.array(

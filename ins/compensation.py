@@ -1,4 +1,5 @@
-"""Measured increments to corrected ones: biases, scale factors and misalignment removed. Holds no parameter values.
+"""Measured increments to corrected ones: biases, scale factors and misalignment removed. Holds no
+parameter values.
 
 The sensor model is measured = (I + S + M) true + bias, in sensor axes x, y, z.
 """
@@ -22,9 +23,14 @@ def gyro_matrix(*, scale_factor_ppm: ArrayLike, misalignment_mrad: ArrayLike) ->
 
     Entry ij is the sensitivity of gyro i to rate about j.  Raises InputError on another length.
     """
-    scale, misalignment = np.asarray(scale_factor_ppm, dtype=float), np.asarray(misalignment_mrad, dtype=float)
+    scale, misalignment = (
+        np.asarray(scale_factor_ppm, dtype=float),
+        np.asarray(misalignment_mrad, dtype=float),
+    )
     if scale.shape != (3,) or misalignment.shape != (6,):
-        raise InputError(f"gyro matrix: shapes {scale.shape} and {misalignment.shape}, needed (3,) and (6,)")
+        raise InputError(
+            f"gyro matrix: shapes {scale.shape} and {misalignment.shape}, needed (3,) and (6,)"
+        )
     matrix = np.diag(1 + scale * PPM)
     matrix[OFF_DIAGONAL] = misalignment * MILLIRADIAN
     return matrix
@@ -38,7 +44,8 @@ def compensate(
     gyro_scale_factor_ppm: ArrayLike = NO_SCALE_FACTOR,
     gyro_misalignment_mrad: ArrayLike = NO_MISALIGNMENT,
 ) -> ImuLog:
-    """The log with its sensor errors removed: the exact inverse of measured = (I + S + M) true + bias.
+    """The log with its sensor errors removed: the exact inverse of measured = (I + S + M) true +
+    bias.
 
     Parameters
     ----------
@@ -48,7 +55,8 @@ def compensate(
         Measured minus true at zero scale error; None: zero. Integrated over each row's dt_s.
     gyro_scale_factor_ppm : shape (3,)
     gyro_misalignment_mrad : shape (6,)
-        [xy, xz, yx, yz, zx, zy]; entry ij is the sensitivity of gyro i to rate about j (formats.md, section 3).
+        [xy, xz, yx, yz, zx, zy]; entry ij is the sensitivity of gyro i to rate about j (formats.md,
+        section 3).
 
     Returns
     -------
@@ -60,14 +68,18 @@ def compensate(
     InputError
         A bias of another shape or not finite; a matrix that has no inverse.
     """
-    matrix = gyro_matrix(scale_factor_ppm=gyro_scale_factor_ppm, misalignment_mrad=gyro_misalignment_mrad)
+    matrix = gyro_matrix(
+        scale_factor_ppm=gyro_scale_factor_ppm, misalignment_mrad=gyro_misalignment_mrad
+    )
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
         raise InputError("gyro scale factors and misalignment: the matrix I + S + M has no inverse")
     dtheta = imu.dtheta_rad - _integrated(gyro_bias_rad_s, imu, "gyro_bias_rad_s")
     return ImuLog(
         time_s=imu.time_s,
         dt_s=imu.dt_s,
-        dtheta_rad=dtheta if np.array_equal(matrix, np.eye(3)) else _turned(np.linalg.inv(matrix), dtheta),
+        dtheta_rad=(
+            dtheta if np.array_equal(matrix, np.eye(3)) else _turned(np.linalg.inv(matrix), dtheta)
+        ),
         dv_m_s=imu.dv_m_s - _integrated(accel_bias_m_s2, imu, "accel_bias_m_s2"),
         source=imu.source,
     )
@@ -75,7 +87,9 @@ def compensate(
 
 @dataclass(frozen=True)
 class CorrectedImu:
-    """A log in its file seen through a correction of its rows, made anew for each piece (an `ImuSource`)."""
+    """A log in its file seen through a correction of its rows, made anew for each piece (an
+    `ImuSource`).
+    """
 
     raw: ImuSource
     correct: Callable[[ImuLog], ImuLog]
@@ -111,12 +125,16 @@ class CorrectedImu:
 
 
 def corrected(imu: ImuSource, correct: Callable[[ImuLog], ImuLog]) -> ImuSource:
-    """`imu` with each row corrected by itself (`compensate`): at once where it is in memory, else as it is read."""
+    """`imu` with each row corrected by itself (`compensate`): at once where it is in memory, else
+    as it is read.
+    """
     return correct(imu) if isinstance(imu, ImuLog) else CorrectedImu(imu, correct)
 
 
 def _turned(matrix: NDArray, rows: NDArray) -> NDArray:
-    """matrix @ each row (n, 3), one product and sum a time: a row's bits do not depend on how many there are."""
+    """matrix @ each row (n, 3), one product and sum a time: a row's bits do not depend on how many
+    there are.
+    """
     return rows[:, :1] * matrix[:, 0] + rows[:, 1:2] * matrix[:, 1] + rows[:, 2:] * matrix[:, 2]
 
 

@@ -14,12 +14,15 @@ GRAVITY_EQUATOR_M_S2 = 9.7803253359  # WGS-84 (NIMA TR8350.2, table 3.4)
 GRAVITY_POLE_M_S2 = 9.8321849378  # WGS-84 (NIMA TR8350.2, table 3.4)
 ECCENTRICITY_SQUARED = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR_AXIS_M = SEMI_MAJOR_AXIS_M * (1 - FLATTENING)
-SOMIGLIANA_K = SEMI_MINOR_AXIS_M * GRAVITY_POLE_M_S2 / (SEMI_MAJOR_AXIS_M * GRAVITY_EQUATOR_M_S2) - 1
+SOMIGLIANA_K = (
+    SEMI_MINOR_AXIS_M * GRAVITY_POLE_M_S2 / (SEMI_MAJOR_AXIS_M * GRAVITY_EQUATOR_M_S2) - 1
+)
 GRAVITY_RATIO_M = EARTH_RATE_RAD_S**2 * SEMI_MAJOR_AXIS_M**2 * SEMI_MINOR_AXIS_M / GM_M3_S2
 
 
 def gravity_magnitude(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """Normal gravity [m/s^2], positive down: attraction plus centrifugal, Somigliana with second-order height.
+    """Normal gravity [m/s^2], positive down: attraction plus centrifugal, Somigliana with
+    second-order height.
 
     Parameters
     ----------
@@ -39,13 +42,19 @@ def gravity_magnitude(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
     """
     sin2 = np.sin(np.asarray(lat_rad, dtype=float)) ** 2
     h = np.asarray(height_m, dtype=float)
-    surface = GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_K * sin2) / np.sqrt(1 - ECCENTRICITY_SQUARED * sin2)
+    surface = (
+        GRAVITY_EQUATOR_M_S2 * (1 + SOMIGLIANA_K * sin2) / np.sqrt(1 - ECCENTRICITY_SQUARED * sin2)
+    )
     a = SEMI_MAJOR_AXIS_M
-    return surface * (1 - 2 / a * (1 + FLATTENING + GRAVITY_RATIO_M - 2 * FLATTENING * sin2) * h + 3 * h**2 / a**2)
+    return surface * (
+        1 - 2 / a * (1 + FLATTENING + GRAVITY_RATIO_M - 2 * FLATTENING * sin2) * h + 3 * h**2 / a**2
+    )
 
 
 def gravity_n(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """Plumb-line gravity resolved in NED [m/s^2], shape (..., 3); at rest and level an accelerometer reads -g_n."""
+    """Plumb-line gravity resolved in NED [m/s^2], shape (..., 3); at rest and level an
+    accelerometer reads -g_n.
+    """
     g = gravity_magnitude(lat_rad, height_m)
     return np.stack([np.zeros_like(g), np.zeros_like(g), g], axis=-1)
 
@@ -57,25 +66,32 @@ def omega_ie_n(lat_rad: ArrayLike) -> NDArray:
 
 
 def radii_of_curvature(lat_rad: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Meridian and transverse radius of curvature [m]. Source: Groves (2013), eqs. (2.105), (2.106)."""
+    """Meridian and transverse radius of curvature [m]. Source: Groves (2013), eqs. (2.105),
+    (2.106).
+    """
     w2 = 1 - ECCENTRICITY_SQUARED * np.sin(np.asarray(lat_rad, dtype=float)) ** 2
     transverse = SEMI_MAJOR_AXIS_M / np.sqrt(w2)
     return transverse * (1 - ECCENTRICITY_SQUARED) / w2, transverse
 
 
 def omega_en_n(lat_rad: ArrayLike, height_m: ArrayLike, v_n: ArrayLike) -> NDArray:
-    """Transport rate of the north-pointing frame, NED [rad/s], shape (..., 3); singular at the poles.
+    """Transport rate of the north-pointing frame, NED [rad/s], shape (..., 3); singular at the
+    poles.
 
     Source: Groves (2013), eq. (5.44).
     """
     v = np.asarray(v_n, dtype=float)
     meridian, transverse = radii_of_curvature(lat_rad)
     east_rate = v[..., 1] / (transverse + height_m)
-    return np.stack([east_rate, -v[..., 0] / (meridian + height_m), -east_rate * np.tan(lat_rad)], axis=-1)
+    return np.stack(
+        [east_rate, -v[..., 0] / (meridian + height_m), -east_rate * np.tan(lat_rad)], axis=-1
+    )
 
 
 def dcm_en(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray:
-    """C_en: NED components into ECEF components, shape (..., 3, 3). Source: Groves (2013), eq. (2.150)."""
+    """C_en: NED components into ECEF components, shape (..., 3, 3). Source: Groves (2013), eq.
+    (2.150).
+    """
     L, lon = np.broadcast_arrays(np.asarray(lat_rad, dtype=float), np.asarray(lon_rad, dtype=float))
     sL, cL, sl, cl = np.sin(L), np.cos(L), np.sin(lon), np.cos(lon)
     C_en = np.empty(L.shape + (3, 3))
@@ -86,17 +102,25 @@ def dcm_en(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray:
 
 
 def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """ECEF position [m], shape (..., 3). Refuses latitudes beyond 90 deg (pymap3d would accept them)."""
+    """ECEF position [m], shape (..., 3). Refuses latitudes beyond 90 deg (pymap3d would accept
+    them).
+    """
     import pymap3d
 
     lat = np.asarray(lat_rad, dtype=float)
     if not np.all(np.abs(lat) <= np.pi / 2):
-        raise ValueError(f"latitude {np.degrees(np.max(np.abs(lat))):.3f} deg, needed within +-90 deg")
-    return np.stack(pymap3d.geodetic2ecef(lat, np.asarray(lon_rad, dtype=float), height_m, deg=False), axis=-1)
+        raise ValueError(
+            f"latitude {np.degrees(np.max(np.abs(lat))):.3f} deg, needed within +-90 deg"
+        )
+    return np.stack(
+        pymap3d.geodetic2ecef(lat, np.asarray(lon_rad, dtype=float), height_m, deg=False), axis=-1
+    )
 
 
 def geodetic_from_ecef(r_e: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
-    """Latitude, longitude [rad] and height [m] of ECEF positions, shape (..., 3) -> three of shape (...)."""
+    """Latitude, longitude [rad] and height [m] of ECEF positions, shape (..., 3) -> three of shape
+    (...).
+    """
     import pymap3d
 
     r = np.asarray(r_e, dtype=float)
@@ -106,9 +130,16 @@ def geodetic_from_ecef(r_e: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def displacement_ned(
-    lat_rad: ArrayLike, lon_rad: ArrayLike, *, lat0_rad: ArrayLike, lon0_rad: ArrayLike, height0_m: ArrayLike
+    lat_rad: ArrayLike,
+    lon_rad: ArrayLike,
+    *,
+    lat0_rad: ArrayLike,
+    lon0_rad: ArrayLike,
+    height0_m: ArrayLike,
 ) -> NDArray:
-    """North and east distance [m] from (lat0, lon0) on the local ellipsoid, shape (..., 2); 1e-4 within 50 km."""
+    """North and east distance [m] from (lat0, lon0) on the local ellipsoid, shape (..., 2); 1e-4
+    within 50 km.
+    """
     lat0_rad, height0_m = np.asarray(lat0_rad, dtype=float), np.asarray(height0_m, dtype=float)
     meridian, transverse = radii_of_curvature(lat0_rad)
     dlon = np.mod(np.asarray(lon_rad, dtype=float) - lon0_rad + np.pi, 2 * np.pi) - np.pi

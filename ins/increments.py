@@ -1,15 +1,18 @@
-"""Rates to increments, and what integrating within one interval owes to the motion: coning, sculling, scrolling.
+"""Rates to increments, and what integrating within one interval owes to the motion: coning,
+sculling, scrolling.
 
-Rows of a rate log are taken as the mean over the interval that ends at `time_s`. A log of instantaneous samples is
-thereby tagged half an interval too early (what is computed for time_s belongs to time_s + dt/2), gyros and
-accelerometers alike: attitude and velocity stay consistent with each other, only their common time tag is off.
+Rows of a rate log are taken as the mean over the interval that ends at `time_s`. A log of
+instantaneous samples is thereby tagged half an interval too early (what is computed for time_s
+belongs to time_s + dt/2), gyros and accelerometers alike: attitude and velocity stay consistent
+with each other, only their common time tag is off.
 
-Rate and specific force are modelled as linear in time over the previous and the current interval, of lengths Tp, T:
-with d = 2 (x/T - xp/Tp) / (T + Tp) the slope of either. An interval longer than MAX_INTERVAL_RATIO times the one
-before it (a gap) and the first row are taken as constant: no slope, no coning, no sculling.
-Units are SI and radians. ins.strapdown.kernel holds the same formulas for the loop; a test pins one to the other.
-Source: Savage, J. Guidance 21(1), 1998, pp. 19-28 and 21(2), 1998, pp. 208-221 (previous and current increment),
-derived here for unequal intervals.
+Rate and specific force are modelled as linear in time over the previous and the current interval,
+of lengths Tp, T: with d = 2 (x/T - xp/Tp) / (T + Tp) the slope of either. An interval longer than
+MAX_INTERVAL_RATIO times the one before it (a gap) and the first row are taken as constant: no
+slope, no coning, no sculling. Units are SI and radians. ins.strapdown.kernel holds the same
+formulas for the loop; a test pins one to the other. Source: Savage, J. Guidance 21(1), 1998, pp.
+19-28 and 21(2), 1998, pp. 208-221 (previous and current increment), derived here for unequal
+intervals.
 """
 
 import numpy as np
@@ -21,8 +24,11 @@ MAX_INTERVAL_RATIO = 2.5
 SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
 
 
-def increments_from_rates(time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike) -> ImuLog:
-    """A rate log as increments: row k times the interval since row k-1; the first interval is the median one.
+def increments_from_rates(
+    time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike
+) -> ImuLog:
+    """A rate log as increments: row k times the interval since row k-1; the first interval is the
+    median one.
 
     Shapes (n,), (n, 3), (n, 3), n >= 2, times strictly increasing; InputError otherwise.
     """
@@ -33,7 +39,9 @@ def increments_from_rates(time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: 
     if t.size < 2 or not np.all(dt > 0):
         raise InputError("time_s: needs at least two rows, strictly increasing")
     dt = np.concatenate([[np.median(dt)], dt])
-    return ImuLog(time_s=t, dt_s=dt, dtheta_rad=gyro * dt[:, None], dv_m_s=accel * dt[:, None], source="rates")
+    return ImuLog(
+        time_s=t, dt_s=dt, dtheta_rad=gyro * dt[:, None], dv_m_s=accel * dt[:, None], source="rates"
+    )
 
 
 def mean_rates(imu: ImuLog) -> tuple[NDArray, NDArray]:
@@ -42,7 +50,8 @@ def mean_rates(imu: ImuLog) -> tuple[NDArray, NDArray]:
 
 
 def coning(imu: ImuLog) -> NDArray:
-    """Rotation vector less the sum of angle increments [rad], (n, 3): (1/2) integral of alpha x omega.
+    """Rotation vector less the sum of angle increments [rad], (n, 3): (1/2) integral of alpha x
+    omega.
 
     T^2 / (6 Tp (T + Tp)) dtheta_p x dtheta; a twelfth of the cross product at equal intervals.
     """
@@ -50,12 +59,14 @@ def coning(imu: ImuLog) -> NDArray:
 
 
 def sculling(imu: ImuLog) -> NDArray:
-    """Velocity from alternating rotation and acceleration [m/s], (n, 3): (1/2) integral of alpha x f + u x omega,
-    without its rotation part (1/2) dtheta x dv.
+    """Velocity from alternating rotation and acceleration [m/s], (n, 3): (1/2) integral of alpha x
+    f + u x omega, without its rotation part (1/2) dtheta x dv.
 
     T^2 / (6 Tp (T + Tp)) (dtheta_p x dv + dv_p x dtheta).
     """
-    cross = np.cross(_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(_before(imu.dv_m_s), imu.dtheta_rad)
+    cross = np.cross(_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(
+        _before(imu.dv_m_s), imu.dtheta_rad
+    )
     return _slope_weight(imu.dt_s)[:, None] * cross
 
 
@@ -67,7 +78,8 @@ def rotation_vectors(imu: ImuLog) -> NDArray:
 def velocity_increments(imu: ImuLog) -> NDArray:
     """Integral of C f over each interval, in the body frame of its start [m/s], (n, 3).
 
-    The rotation part is exact for constant rate and force: dv + (1 - cos a)/a^2 t x dv + (a - sin a)/a^3 t x (t x dv).
+    The rotation part is exact for constant rate and force: dv + (1 - cos a)/a^2 t x dv + (a - sin
+    a)/a^3 t x (t x dv).
     """
     turn = np.cross(imu.dtheta_rad, imu.dv_m_s)
     angle = np.linalg.norm(imu.dtheta_rad, axis=1)[:, None]
@@ -78,10 +90,11 @@ def velocity_increments(imu: ImuLog) -> NDArray:
 
 
 def scrolling(imu: ImuLog) -> NDArray:
-    """Position less the trapezoid of velocity, over T [m/s], (n, 3), body frame of the interval's start.
+    """Position less the trapezoid of velocity, over T [m/s], (n, 3), body frame of the interval's
+    start.
 
-    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, the slope of specific force seen from inertial
-    space.
+    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, the slope of specific
+    force seen from inertial space.
     """
     ratio = _interval_ratio(imu.dt_s)
     weight = np.where(ratio <= MAX_INTERVAL_RATIO, 2 * ratio / (1 + ratio), 0.0)[:, None]

@@ -2,11 +2,12 @@
 
 Without numba, or with NUMBA_DISABLE_JIT=1, a kernel runs as plain Python, slowly.
 
-Compiled code is kept in a folder named by a hash of all sources of `ins` and of the kernel's own package, because numba
-itself looks at one file only and would go on using a kernel whose constants or callees changed elsewhere. So a kernel may
-call others and take constants across the modules of these two, and of no third package. The folder lies in the first place
-that can be written: NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under the
-temporary one. With none of them a kernel is compiled anew in each process.
+Compiled code is kept in a folder named by a hash of all sources of `ins` and of the kernel's own
+package, because numba itself looks at one file only and would go on using a kernel whose constants
+or callees changed elsewhere. So a kernel may call others and take constants across the modules of
+these two, and of no third package. The folder lies in the first place that can be written:
+NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under
+the temporary one. With none of them a kernel is compiled anew in each process.
 """
 
 import contextlib
@@ -30,9 +31,11 @@ KEPT_FOLDERS = 20  # compiled code of older sources, about 1 MB each
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
-    """Compile on first call, with `options` of numba.njit; keep the machine code on disk where a folder can be written.
+    """Compile on first call, with `options` of numba.njit; keep the machine code on disk where a
+    folder can be written.
 
-    `@jit` or `@jit(error_model="numpy")`; nogil unless told otherwise. Without numba the function itself.
+    `@jit` or `@jit(error_model="numpy")`; nogil unless told otherwise. Without numba the function
+    itself.
     """
     if function is None:
         return lambda decorated: jit(decorated, **options)
@@ -41,12 +44,14 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
         return function
     options = {**OPTIONS, **options}
     source = Path(function.__code__.co_filename)
-    folder = cache_folder(source.parent) if source.is_file() else None  # None: in a zip, or a .pyc alone
+    # None: in a zip, or a .pyc alone
+    folder = cache_folder(source.parent) if source.is_file() else None
     if folder is not None:
         given, config.CACHE_DIR = config.CACHE_DIR, str(folder)  # read once, by njit(cache=True)
         try:
             compiled = numba.njit(cache=True, **options)(function)
-            if Path(compiled.stats.cache_path).is_relative_to(folder):  # numba goes elsewhere if the folder has gone
+            # numba goes elsewhere if the folder has gone
+            if Path(compiled.stats.cache_path).is_relative_to(folder):
                 return compiled
         except (RuntimeError, OSError):
             pass
@@ -57,7 +62,9 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
 @cache
 def cache_folder(package: Path) -> Path | None:
-    """Where compiled code of a package's very sources is kept, made if need be; None where nothing can be written."""
+    """Where compiled code of a package's very sources is kept, made if need be; None where nothing
+    can be written.
+    """
     name = f"kernels-{source_hash(Path(__file__).parent, package)}"
     for parent in _parents():
         folder = parent / name
@@ -86,7 +93,9 @@ def source_hash(*folders: Path) -> str:
 
 
 def _parents() -> Iterator[Path]:
-    """Places to try, best first. Beside the package last but one: what is put there outlives `pip uninstall`."""
+    """Places to try, best first. Beside the package last but one: what is put there outlives `pip
+    uninstall`.
+    """
     if os.environ.get("NUMBA_CACHE_DIR"):
         yield Path(os.environ["NUMBA_CACHE_DIR"]).absolute() / "recal"
     try:
@@ -101,7 +110,9 @@ def _parents() -> Iterator[Path]:
 
 
 def _own_temporary_folder() -> Path | None:
-    """A folder under the temporary one that only this user can write: what lies in it will be run as code."""
+    """A folder under the temporary one that only this user can write: what lies in it will be run
+    as code.
+    """
     if not hasattr(os, "getuid"):
         return None
     try:
@@ -110,7 +121,12 @@ def _own_temporary_folder() -> Path | None:
         status = folder.lstat()
     except OSError:
         return None
-    private = status.st_uid == os.getuid() and status.st_mode & 0o077 == 0 and folder.is_dir() and not folder.is_symlink()
+    private = (
+        status.st_uid == os.getuid()
+        and status.st_mode & 0o077 == 0
+        and folder.is_dir()
+        and not folder.is_symlink()
+    )
     return folder if private else None
 
 

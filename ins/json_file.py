@@ -1,6 +1,8 @@
-"""Reading JSON and TOML that somebody else wrote: bounded, without NaN or repeated keys, one clear line when wrong.
+"""Reading JSON and TOML that somebody else wrote: bounded, without NaN or repeated keys, one clear
+line when wrong.
 
-`parse` turns a plain dict into a pydantic model; `complaints` turns pydantic's errors into lines that name the key.
+`parse` turns a plain dict into a pydantic model; `complaints` turns pydantic's errors into lines
+that name the key.
 """
 
 import difflib
@@ -18,22 +20,34 @@ from ins.records import InputError
 MAX_TEXT_BYTES = 4_000_000  # a table with covariance is below 1 MB
 MAX_SHOWN = 60
 MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
-UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")  # no key: a kind that was tried
+# no key: a kind that was tried
+UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")
 NEEDED = {
-    "string_type": "text", "float_type": "a number", "int_type": "a whole number", "int_from_float": "a whole number",
-    "bool_type": "true or false", "list_type": "a list", "dict_type": "keys with values", "model_type": "keys with values",
+    "string_type": "text",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "keys with values",
+    "model_type": "keys with values",
     "finite_number": "a finite number",
-    "greater_than_equal": "at least {ge:g}", "greater_than": "more than {gt:g}",
-    "less_than_equal": "at most {le:g}", "less_than": "less than {lt:g}",
+    "greater_than_equal": "at least {ge:g}",
+    "greater_than": "more than {gt:g}",
+    "less_than_equal": "at most {le:g}",
+    "less_than": "less than {lt:g}",
     "too_short": "at least {min_length} values, not {actual_length}",
     "too_long": "at most {max_length} values, not {actual_length}",
-    "string_too_short": "text that is not empty", "string_too_long": "text, its length at most {max_length}",
+    "string_too_short": "text that is not empty",
+    "string_too_long": "text, its length at most {max_length}",
     "string_pattern_mismatch": "text that matches {pattern}",
-}  # fmt: skip
+}
 
 
 class StrictModel(BaseModel):
-    """Base of all file models: no coercion from text, no NaN or inf, unknown keys refused unless a subclass allows."""
+    """Base of all file models: no coercion from text, no NaN or inf, unknown keys refused unless a
+    subclass allows.
+    """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
 
@@ -71,7 +85,9 @@ def parse_toml(text: str, *, name: str) -> dict[str, Any]:
 
 
 def read_small_text(path: Path) -> str:
-    """The text of a file of at most MAX_TEXT_BYTES; InputError where it cannot be read or is no UTF-8."""
+    """The text of a file of at most MAX_TEXT_BYTES; InputError where it cannot be read or is no
+    UTF-8.
+    """
     try:
         with open(path, "rb") as stream:
             data = stream.read(MAX_TEXT_BYTES + 1)
@@ -85,7 +101,9 @@ def read_small_text(path: Path) -> str:
 
 
 def _bounded(data: dict[str, Any], what: str) -> dict[str, Any]:
-    """The same data; InputError where it is nested more deeply than MAX_DEPTH, or a text is no Unicode."""
+    """The same data; InputError where it is nested more deeply than MAX_DEPTH, or a text is no
+    Unicode.
+    """
     level: list[Any] = [data]
     for _ in range(MAX_DEPTH):
         level = [part for value in level for part in _parts(value, what)]
@@ -122,7 +140,9 @@ def complaints(error: ValidationError, model: type[BaseModel], *, name: str) -> 
 def without_schema(data: dict[str, Any], schema: str, *, name: str) -> dict[str, Any]:
     """The other keys, once `schema` says what is expected."""
     if data.get("schema") != schema:
-        got = f"schema: got {shown(data['schema'])}" if "schema" in data else "key schema is missing"
+        got = (
+            f"schema: got {shown(data['schema'])}" if "schema" in data else "key schema is missing"
+        )
         raise InputError(f'{name}: {got}, needed "{schema}"')
     return {k: v for k, v in data.items() if k != "schema"}
 
@@ -140,23 +160,34 @@ def refuse_non_finite(value: Any, *, name: str, key: str = "") -> None:
 
 
 def _complaint(item: Any, model: type[BaseModel], name: str) -> str:
-    loc = [part for part in item["loc"] if isinstance(part, int) or not UNION_MEMBER.fullmatch(part)]
+    loc = [
+        part for part in item["loc"] if isinstance(part, int) or not UNION_MEMBER.fullmatch(part)
+    ]
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in loc).lstrip(".")
     if item["type"] == "missing":
         return f"{name}: key {key} is missing"
     if item["type"] == "extra_forbidden":
         return f"{name}: unknown key {key}{_suggestion(item['loc'], model)}"
-    return f"{name}: {key}: got {shown(item['input'])}, needed {_needed(item['type'], item.get('ctx', {}))}"
+    return (
+        f"{name}: {key}: got {shown(item['input'])}, needed"
+        f" {_needed(item['type'], item.get('ctx', {}))}"
+    )
 
 
 def shown(value: Any) -> str:
-    """A value as its file writes it, cut short: text in quotes, so that "45" is not taken for 45."""
+    """A value as its file writes it, cut short: text in quotes, so that "45" is not taken for
+    45.
+    """
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
 
 
 def _reason(error: Exception) -> str:
-    return "nested too deeply" if isinstance(error, RecursionError) else " ".join(str(error).split())[:200]
+    return (
+        "nested too deeply"
+        if isinstance(error, RecursionError)
+        else " ".join(str(error).split())[:200]
+    )
 
 
 def _needed(kind: str, facts: dict[str, Any]) -> str:

@@ -1,8 +1,8 @@
 """Kalman filter steps with checks: the only door to filterpy.
 
-filterpy 2.0 is the engine for small filters at 1 to 10 Hz and of the smoother, and the yardstick of the compiled error
-filter (ins.filters.error_kernel). Guarded here, because filterpy does not: shapes, NaN, scalar Q
-(which it would add to every element), symmetry of P after predict.
+filterpy 2.0 is the engine for small filters at 1 to 10 Hz and of the smoother, and the yardstick of
+the compiled error filter (ins.filters.error_kernel). Guarded here, because filterpy does not:
+shapes, NaN, scalar Q (which it would add to every element), symmetry of P after predict.
 """
 
 from typing import NamedTuple
@@ -13,7 +13,9 @@ from scipy.stats import chi2
 
 
 class Innovation(NamedTuple):
-    """What a measurement said before it was used: residual (m,), its covariance S (m, m), and NIS = y' S^-1 y."""
+    """What a measurement said before it was used: residual (m,), its covariance S (m, m), and NIS =
+    y' S^-1 y.
+    """
 
     residual: NDArray
     S: NDArray
@@ -30,7 +32,9 @@ def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, ND
     n = x.shape[0]
     for name, matrix in (("P", P), ("F", F), ("Q", Q)):
         if np.shape(matrix) != (n, n):
-            raise ValueError(f"kalman.predict: {name} has shape {np.shape(matrix)}, needed {(n, n)}")
+            raise ValueError(
+                f"kalman.predict: {name} has shape {np.shape(matrix)}, needed {(n, n)}"
+            )
     x_minus, P_minus = filterpy_predict(x, P, F=F, Q=Q)
     if not np.isfinite(P_minus).all():
         raise ValueError("kalman.predict: covariance is not finite")
@@ -38,7 +42,9 @@ def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, ND
 
 
 def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> Innovation:
-    """Residual, its covariance and NIS of a measurement z (m,) with row matrix H (m, n) and noise R (m, m)."""
+    """Residual, its covariance and NIS of a measurement z (m,) with row matrix H (m, n) and noise R
+    (m, m).
+    """
     y = z - H @ x
     S = H @ P @ H.T + R
     return Innovation(y, S, float(y @ np.linalg.solve(S, y)))
@@ -47,15 +53,20 @@ def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> In
 def update(
     x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray, seen: Innovation | None = None
 ) -> tuple[NDArray, NDArray, Innovation]:
-    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m); `seen`: its innovation where already worked out.
+    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m); `seen`: its innovation where
+    already worked out.
 
-    Raises ValueError on a wrong shape or a NaN in any of the five (filterpy would turn the whole state into NaN).
+    Raises ValueError on a wrong shape or a NaN in any of the five (filterpy would turn the whole
+    state into NaN).
     """
     from filterpy.kalman import update as filterpy_update
 
     m, n = H.shape
     if z.shape != (m,) or R.shape != (m, m) or x.shape != (n,) or P.shape != (n, n):
-        raise ValueError(f"kalman.update: z {z.shape}, H {H.shape}, R {R.shape}, x {x.shape}, P {P.shape} do not fit")
+        raise ValueError(
+            f"kalman.update: z {z.shape}, H {H.shape}, R {R.shape}, x {x.shape}, P {P.shape} do"
+            " not fit"
+        )
     if not np.isfinite(z).all():
         raise ValueError("kalman.update: measurement is not finite; leave it out instead")
     seen = seen or innovation(x, P, z, H, R)
@@ -66,23 +77,29 @@ def update(
 
 
 def rts_smooth(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, NDArray]:
-    """Fixed-interval smoothing of a filter's estimates after their updates (Rauch, Tung and Striebel).
+    """Fixed-interval smoothing of a filter's estimates after their updates (Rauch, Tung and
+    Striebel).
 
-    x (k, n), P (k, n, n): after the update of each step; F, Q (k, n, n): F[j] took step j - 1 to step j (F[0] is not
-    used). Returns the same shapes, given all measurements. By filterpy's KalmanFilter.rts_smoother; its module-level
-    function takes F[j] where F[j + 1] is due.
+    x (k, n), P (k, n, n): after the update of each step; F, Q (k, n, n): F[j] took step j - 1 to
+    step j (F[0] is not used). Returns the same shapes, given all measurements. By filterpy's
+    KalmanFilter.rts_smoother; its module-level function takes F[j] where F[j + 1] is due.
 
     Raises ValueError where shapes do not fit or the result is not finite.
-    Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by tests/ins/test_kalman.py.
+    Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by
+    tests/ins/test_kalman.py.
     """
     from filterpy.kalman import KalmanFilter
 
     k, n = x.shape
     if P.shape != (k, n, n) or F.shape != (k, n, n) or Q.shape != (k, n, n):
-        raise ValueError(f"kalman.rts_smooth: x {x.shape}, P {P.shape}, F {F.shape}, Q {Q.shape} do not fit")
+        raise ValueError(
+            f"kalman.rts_smooth: x {x.shape}, P {P.shape}, F {F.shape}, Q {Q.shape} do not fit"
+        )
     x_s, P_s, *_ = KalmanFilter(dim_x=n, dim_z=1).rts_smoother(x, P, F, Q)
     if not (np.isfinite(x_s).all() and np.isfinite(P_s).all()):
-        raise ValueError("kalman.rts_smooth: x, P, F or Q is not finite, or a predicted covariance is singular")
+        raise ValueError(
+            "kalman.rts_smooth: x, P, F or Q is not finite, or a predicted covariance is singular"
+        )
     return x_s, 0.5 * (P_s + np.swapaxes(P_s, 1, 2))
 
 

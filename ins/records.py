@@ -19,13 +19,17 @@ PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
 class InputError(ValueError):
-    """Bad input: one line that names file, row or key, what was got and what was needed (exit code 3)."""
+    """Bad input: one line that names file, row or key, what was got and what was needed (exit code
+    3).
+    """
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray:
     """A read-only, C-ordered float64 copy, its shape checked (None: any length)."""
     a = np.array(values, dtype=np.float64, order="C")
-    if a.ndim != len(shape) or any(want is not None and got != want for got, want in zip(a.shape, shape)):
+    if a.ndim != len(shape) or any(
+        want is not None and got != want for got, want in zip(a.shape, shape)
+    ):
         raise InputError(f"{name}: shape {a.shape}, needed {shape}")
     a.flags.writeable = False
     return a
@@ -35,7 +39,9 @@ def _freeze(record: Any, shapes: dict[str, tuple[int | None, ...]]) -> None:
     for name, shape in shapes.items():
         value = getattr(record, name)
         if value is not None:
-            object.__setattr__(record, name, frozen_array(value, shape, f"{type(record).__name__}.{name}"))
+            object.__setattr__(
+                record, name, frozen_array(value, shape, f"{type(record).__name__}.{name}")
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +56,9 @@ class Site:
         if not abs(self.lat_rad) <= np.pi / 2:
             raise InputError(f"latitude {np.degrees(self.lat_rad):.6g} deg, needed within +-90 deg")
         if not abs(self.lon_rad) <= 2 * np.pi:
-            raise InputError(f"longitude {np.degrees(self.lon_rad):.6g} deg, needed within +-360 deg")
+            raise InputError(
+                f"longitude {np.degrees(self.lon_rad):.6g} deg, needed within +-360 deg"
+            )
         if not -1000.0 <= self.height_m <= 30000.0:
             raise InputError(f"height {self.height_m:.6g} m, needed -1000 to 30000 m")
 
@@ -66,10 +74,12 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True)
 class ImuLog:
-    """Inertial increments: row k is the angle and velocity change over the `dt_s[k]` that end at `time_s[k]`.
+    """Inertial increments: row k is the angle and velocity change over the `dt_s[k]` that end at
+    `time_s[k]`.
 
-    dtheta_rad (n, 3), dv_m_s (n, 3) in body axes x forward, y right, z down. Times strictly increase;
-    `dt_s[0]` is the nominal interval. `source` tells whether the file held "increments" or "rates".
+    dtheta_rad (n, 3), dv_m_s (n, 3) in body axes x forward, y right, z down. Times strictly
+    increase; `dt_s[0]` is the nominal interval. `source` tells whether the file held "increments"
+    or "rates".
     """
 
     time_s: NDArray
@@ -79,10 +89,15 @@ class ImuLog:
     source: str = "increments"
 
     def __post_init__(self) -> None:
-        _freeze(self, {"time_s": (None,), "dt_s": (None,), "dtheta_rad": (None, 3), "dv_m_s": (None, 3)})
+        _freeze(
+            self, {"time_s": (None,), "dt_s": (None,), "dtheta_rad": (None, 3), "dv_m_s": (None, 3)}
+        )
         if self.time_s.size < 2 or not np.all(np.diff(self.time_s) > 0):
             raise InputError("ImuLog: needs at least two rows with strictly increasing time_s")
-        if not (self.dt_s.shape == self.time_s.shape and len(self.dtheta_rad) == len(self.dv_m_s) == self.time_s.size):
+        if not (
+            self.dt_s.shape == self.time_s.shape
+            and len(self.dtheta_rad) == len(self.dv_m_s) == self.time_s.size
+        ):
             raise InputError("ImuLog: columns differ in length")
 
     @property
@@ -108,7 +123,9 @@ class ImuLog:
         return self
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator["ImuLog"]:
-        """The rows of `between` in logs of some ten thousand rows, each of two or more; none where there is no row."""
+        """The rows of `between` in logs of some ten thousand rows, each of two or more; none where
+        there is no row.
+        """
         a, b = (int(k) for k in np.searchsorted(self.time_s, [start_s, end_s], side="right"))
         edges = [*range(a, max(b - 1, a + 1), PIECE_ROWS), b]
         for first, last in pairwise(edges if b > a else ()):
@@ -120,20 +137,24 @@ class ImuLog:
 
     def _part(self, rows: slice) -> "ImuLog":
         return ImuLog(
-            time_s=self.time_s[rows], dt_s=self.dt_s[rows], dtheta_rad=self.dtheta_rad[rows], dv_m_s=self.dv_m_s[rows],
+            time_s=self.time_s[rows],
+            dt_s=self.dt_s[rows],
+            dtheta_rad=self.dtheta_rad[rows],
+            dv_m_s=self.dv_m_s[rows],
             source=self.source,
-        )  # fmt: skip
+        )
 
 
 class ImuSource(Protocol):
-    """The increments of a run, in memory (`ImuLog`) or left in their file and read a piece at a time.
+    """The increments of a run, in memory (`ImuLog`) or left in their file and read a piece at a
+    time.
 
     Whatever is done piece after piece needs the memory of a piece, however long the run is.
     """
 
     @property
     def source(self) -> str:
-        """"increments" or "rates": what the file held."""
+        """ "increments" or "rates": what the file held."""
 
     @property
     def rows(self) -> int: ...
@@ -154,7 +175,9 @@ class ImuSource(Protocol):
         """The rows whose interval ends in (start_s, end_s], in memory."""
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
-        """The same rows in logs of some ten thousand rows, each of two or more; none where there is no row."""
+        """The same rows in logs of some ten thousand rows, each of two or more; none where there is
+        no row.
+        """
 
     def whole(self) -> ImuLog:
         """All rows, in memory."""
@@ -175,14 +198,22 @@ class TemperatureLog:
         n = (None,)
         _freeze(
             self,
-            {"time_s": n, "gyro_degC": (None, 3), "accel_degC": (None, 3), "block_degC": n,
-             "gradient_degC": (None, 3), "ambient_degC": n},
-        )  # fmt: skip
+            {
+                "time_s": n,
+                "gyro_degC": (None, 3),
+                "accel_degC": (None, 3),
+                "block_degC": n,
+                "gradient_degC": (None, 3),
+                "ambient_degC": n,
+            },
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class GnssLog:
-    """Satellite fixes: position, velocity NED (n, 3), and sigmas (n,), None where the file has none."""
+    """Satellite fixes: position, velocity NED (n, 3), and sigmas (n,), None where the file has
+    none.
+    """
 
     time_s: NDArray
     lat_rad: NDArray
@@ -221,7 +252,9 @@ class Phase:
         if self.phase not in PHASES:
             raise InputError(f"phase {self.phase!r}, needed one of {', '.join(PHASES)}")
         if not self.end_s > self.start_s:
-            raise InputError(f"phase {self.phase}: ends at {self.end_s} s, before it starts at {self.start_s} s")
+            raise InputError(
+                f"phase {self.phase}: ends at {self.end_s} s, before it starts at {self.start_s} s"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -254,7 +287,9 @@ class Survey:
 
 @dataclass(frozen=True, kw_only=True)
 class RemovedModel:
-    """A thermal model that was taken out of a run's gyro output: its hash, the part ("all", "rates"), the raw run's hash."""
+    """A thermal model that was taken out of a run's gyro output: its hash, the part ("all",
+    "rates"), the raw run's hash.
+    """
 
     sha256: str
     part: str
@@ -263,9 +298,11 @@ class RemovedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class RunHeader:
-    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds its thermal bias.
+    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds
+    its thermal bias.
 
-    level_removed: a constant of this session, such as an autopilot's start-up offsets, was subtracted from the rates.
+    level_removed: a constant of this session, such as an autopilot's start-up offsets, was
+    subtracted from the rates.
     """
 
     run_id: str
@@ -284,15 +321,18 @@ class RunHeader:
 
     def __post_init__(self) -> None:
         if self.gyro_technology not in GYRO_TECHNOLOGIES:
-            raise InputError(f"gyro_technology {self.gyro_technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
+            raise InputError(
+                f"gyro_technology {self.gyro_technology!r}, needed one of"
+                f" {', '.join(GYRO_TECHNOLOGIES)}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
     """One power-on session, everything that an estimator may see.
 
-    `sha256` is over the content of run.json and all streams but `reference`; `faults` lists what was dropped
-    or repaired while reading. `phases` is empty where the run has no such stream.
+    `sha256` is over the content of run.json and all streams but `reference`; `faults` lists what
+    was dropped or repaired while reading. `phases` is empty where the run has no such stream.
     """
 
     header: RunHeader
@@ -320,7 +360,8 @@ class NavState:
 
 @dataclass(frozen=True, kw_only=True)
 class NavHistory:
-    """A navigation solution at epoch ends, with what each epoch accumulated (row k: over the epoch ending at time_s[k]).
+    """A navigation solution at epoch ends, with what each epoch accumulated (row k: over the epoch
+    ending at time_s[k]).
 
     Row 0 is the initial state, its accumulations zero.
     C_nb_dt (k, 3, 3): integral of C_nb [s]; displacement_n (k, 3): integral of v_n [m];
@@ -343,7 +384,8 @@ class NavHistory:
     def __post_init__(self) -> None:
         one = dict.fromkeys(("time_s", "lat_rad", "lon_rad", "height_m"), (None,))
         vector = dict.fromkeys(
-            ("v_n_m_s", "displacement_n_m", "displacement_b_m", "dv_f_n_m_s", "dtheta_b_rad"), (None, 3)
+            ("v_n_m_s", "displacement_n_m", "displacement_b_m", "dv_f_n_m_s", "dtheta_b_rad"),
+            (None, 3),
         )
         _freeze(self, {**one, **vector, "C_nb": (None, 3, 3), "C_nb_dt": (None, 3, 3)})
 
@@ -358,7 +400,8 @@ class GyroNoise:
     turn_on_deg_h: float = 0.003
     scale_factor_ppm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6
-    sigma_misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6  # 0: not measured
+    # 0: not measured
+    sigma_misalignment_mrad: tuple[float, float, float, float, float, float] = (0.0,) * 6
     quantization_rad: float = 0.0
 
 
@@ -402,9 +445,11 @@ class VehicleNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class TwinModel:
-    """What is believed about one installation: noise and nominal errors, from a twin file or a technology's defaults.
+    """What is believed about one installation: noise and nominal errors, from a twin file or a
+    technology's defaults.
 
-    `table` is the path as written in the file (None: no table); `source` says where the numbers came from.
+    `table` is the path as written in the file (None: no table); `source` says where the numbers
+    came from.
     """
 
     imu_serial: str = ""

@@ -1,8 +1,8 @@
 """What can be wrong with logged thermometers, and which readings may still be trusted.
 
-One judge for `recal check`, which lists it, and for the recalibration, which leaves it out. A fault is judged against
-the column's own past, the other thermometers of the run and what a housing can do; never against the true bias.
-Temperatures in degC, times in s throughout.
+One judge for `recal check`, which lists it, and for the recalibration, which leaves it out. A fault
+is judged against the column's own past, the other thermometers of the run and what a housing can
+do; never against the true bias. Temperatures in degC, times in s throughout.
 """
 
 from collections.abc import Mapping
@@ -26,10 +26,12 @@ SAME_SCALE_degC = 5.0  # a guessed scale that brings them so near is named
 ALIVE_SHARE = 0.2  # of rows that change: a thermometer fine enough to flicker
 SPIKE_ROWS = 11  # window of the running median: bursts of up to five rows are spikes
 SCALES = (
-    ("Fahrenheit?", lambda T: (T - 32.0) / 1.8), ("kelvin?", lambda T: T - 273.15),
-    ("ten times too large?", lambda T: T / 10.0), ("ten times too small?", lambda T: T * 10.0),
+    ("Fahrenheit?", lambda T: (T - 32.0) / 1.8),
+    ("kelvin?", lambda T: T - 273.15),
+    ("ten times too large?", lambda T: T / 10.0),
+    ("ten times too small?", lambda T: T * 10.0),
     ("degC read as Fahrenheit?", lambda T: 1.8 * T + 32.0),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,9 @@ class ThermometerFault:
 
 @dataclass(frozen=True, kw_only=True)
 class ThermometerCheck:
-    """Faults in the order found; valid[column] (n,): rows to be trusted; resolution[column] [degC], 0 if none is seen."""
+    """Faults in the order found; valid[column] (n,): rows to be trusted; resolution[column] [degC],
+    0 if none is seen.
+    """
 
     faults: tuple[ThermometerFault, ...]
     valid: dict[str, NDArray]
@@ -63,7 +67,9 @@ class _Judge:
 
     def add(self, name: str, kind: str, rows: NDArray, text: str) -> None:
         at = self.t[rows] if rows.size else self.t
-        fault = ThermometerFault(column=name, kind=kind, start_s=float(at[0]), end_s=float(at[-1]), text=text)
+        fault = ThermometerFault(
+            column=name, kind=kind, start_s=float(at[0]), end_s=float(at[-1]), text=text
+        )
         self.faults.append(fault)
 
     def drop(self, name: str, kind: str, rows: NDArray, text: str) -> None:
@@ -79,17 +85,26 @@ class _Judge:
 
     def limit(self, name: str, values: NDArray) -> float:
         """A change that noise and resolution do not explain."""
-        noise = 1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0) if values.size > 2 else 0.0
+        noise = (
+            1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0)
+            if values.size > 2
+            else 0.0
+        )
         return float(max(JUMP_degC, JUMP_STEPS * self.step[name], JUMP_SIGMAS * noise))
 
 
 def check_thermometers(
-    time_s: NDArray, columns: Mapping[str, NDArray], *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC
+    time_s: NDArray,
+    columns: Mapping[str, NDArray],
+    *,
+    plausible_degC: tuple[float, float] = PLAUSIBLE_degC,
 ) -> ThermometerCheck:
-    """Judge thermometers logged at times (n,); columns by their names in the file (gyro_x_degC ... block_degC).
+    """Judge thermometers logged at times (n,); columns by their names in the file (gyro_x_degC ...
+    block_degC).
 
-    gyro_* columns are compared with each other and with accel_* and block; ambient_degC is not part of the unit.
-    Not to be found: a fault shared by every thermometer of the run that keeps them plausible.
+    gyro_* columns are compared with each other and with accel_* and block; ambient_degC is not part
+    of the unit. Not to be found: a fault shared by every thermometer of the run that keeps them
+    plausible.
     """
     judge = _Judge(time_s, columns)
     _holes(judge)
@@ -107,12 +122,21 @@ def check_thermometers(
         _jumps(judge, name)
     for name, step in judge.step.items():
         if step >= COARSE_degC:
-            judge.add(name, "coarse", judge.rows(name), f"has steps of {step:g} degC: its rate of change is poorly known")
-    return ThermometerCheck(faults=tuple(judge.faults), valid=judge.valid, resolution_degC=judge.step)
+            judge.add(
+                name,
+                "coarse",
+                judge.rows(name),
+                f"has steps of {step:g} degC: its rate of change is poorly known",
+            )
+    return ThermometerCheck(
+        faults=tuple(judge.faults), valid=judge.valid, resolution_degC=judge.step
+    )
 
 
 def reading_step_degC(values: NDArray) -> float:
-    """The step of a rounded thermometer, 0 where the readings lie on no common grid or hardly ever repeat."""
+    """The step of a rounded thermometer, 0 where the readings lie on no common grid or hardly ever
+    repeat.
+    """
     levels = np.unique(np.round(values, 9))
     if levels.size < 2 or levels.size > 0.5 * values.size:
         return 0.0
@@ -145,7 +169,12 @@ def _zeros(judge: _Judge, name: str) -> None:
         beside = values[[k for k in (a - 1, b) if 0 <= k < values.size]]
         missing[a:b] = np.max(np.abs(beside)) > limit
     if missing.any():
-        judge.drop(name, "zero", rows[missing], f"is exactly 0 in {int(missing.sum())} rows: missing values?")
+        judge.drop(
+            name,
+            "zero",
+            rows[missing],
+            f"is exactly 0 in {int(missing.sum())} rows: missing values?",
+        )
 
 
 def _spikes(judge: _Judge, name: str) -> None:
@@ -154,11 +183,16 @@ def _spikes(judge: _Judge, name: str) -> None:
     if rows.size < SPIKE_ROWS:
         return
     values, half = judge.values(name), SPIKE_ROWS // 2
-    around = median_filter(np.pad(values, half, mode="reflect", reflect_type="odd"), SPIKE_ROWS)[half:-half]
+    around = median_filter(np.pad(values, half, mode="reflect", reflect_type="odd"), SPIKE_ROWS)[
+        half:-half
+    ]
     far = np.abs(values - around) > judge.limit(name, values)
     if far.any():
         worst = int(np.argmax(np.abs(values - around)))
-        text = f"has {int(far.sum())} readings far from their neighbours, {values[worst]:g} at {judge.t[rows[worst]]:.1f} s"
+        text = (
+            f"has {int(far.sum())} readings far from their neighbours, {values[worst]:g} at"
+            f" {judge.t[rows[worst]]:.1f} s"
+        )
         judge.drop(name, "spike", rows[far], text)
 
 
@@ -183,7 +217,9 @@ def _stuck(judge: _Judge, name: str) -> None:
 
 
 def _others_moved(judge: _Judge, name: str, span: NDArray) -> list[float]:
-    """How far each other live thermometer moved over a span for sure: its steps and what is not a gyro count less."""
+    """How far each other live thermometer moved over a span for sure: its steps and what is not a
+    gyro count less.
+    """
     gyros = [n for n in judge.columns if n.startswith("gyro_") and n != name]
     rest = [n for n in judge.columns if n.startswith(("accel_", "block")) and n != name]
     for group in (gyros, rest):
@@ -195,7 +231,9 @@ def _others_moved(judge: _Judge, name: str, span: NDArray) -> list[float]:
                 continue
             if np.any(np.abs(np.diff(v)) > judge.limit(other, v) + FASTEST_degC_s * np.diff(t)):
                 continue  # it jumps itself
-            ends = [np.median(part) for part in (v[:5], v[v.size // 2 - 2 : v.size // 2 + 3], v[-5:])]
+            ends = [
+                np.median(part) for part in (v[:5], v[v.size // 2 - 2 : v.size // 2 + 3], v[-5:])
+            ]
             far = float(np.ptp(ends)) - judge.step[other]
             moved.append(far if group is gyros and name.startswith("gyro_") else far / 3.0)
         if moved:
@@ -211,7 +249,9 @@ def _step_or_others(judge: _Judge, name: str) -> float:
 
 
 def _jumps(judge: _Judge, name: str) -> None:
-    """Steps faster than a housing changes: the span where it comes back soon, else the whole column."""
+    """Steps faster than a housing changes: the span where it comes back soon, else the whole
+    column.
+    """
     rows = judge.rows(name)
     if rows.size < 4:
         return
@@ -223,7 +263,9 @@ def _jumps(judge: _Judge, name: str) -> None:
         found[lag:] |= np.abs(step) > limit + FASTEST_degC_s * (t[lag:] - t[:-lag])
     jumps = []
     for a, b in _runs(found):
-        after = float(np.median(values[b - 1 : b + 4]) - np.median(values[max(a - 6, 0) : max(a, 1)]))
+        after = float(
+            np.median(values[b - 1 : b + 4]) - np.median(values[max(a - 6, 0) : max(a, 1)])
+        )
         if abs(after) > 0.5 * limit:
             steps = np.diff(values[max(a - 1, 0) : b])
             largest = float(steps[np.argmax(np.abs(steps))])
@@ -233,21 +275,29 @@ def _jumps(judge: _Judge, name: str) -> None:
         _drop_jumps(judge, name, rows, jumps)
 
 
-def _drop_jumps(judge: _Judge, name: str, rows: NDArray, jumps: list[tuple[int, int, float]]) -> None:
+def _drop_jumps(
+    judge: _Judge, name: str, rows: NDArray, jumps: list[tuple[int, int, float]]
+) -> None:
     t = judge.t[rows]
     k = 0
     while k < len(jumps):
         a, b, size = jumps[k]
         back = jumps[k + 1] if k + 1 < len(jumps) else None
         text = f"jumps by {size:+.1f} degC at {t[a]:.1f} s"
-        if back is not None and t[back[0]] - t[a] < TRANSIENT_S and abs(size + back[2]) < 0.35 * abs(size):
+        if (
+            back is not None
+            and t[back[0]] - t[a] < TRANSIENT_S
+            and abs(size + back[2]) < 0.35 * abs(size)
+        ):
             judge.drop(name, "jump", rows[a : back[1]], f"{text} and back at {t[back[0]]:.1f} s")
             k += 2
         elif a < SPIKE_ROWS or rows.size - b < SPIKE_ROWS:
             judge.drop(name, "jump", rows[:a] if a < SPIKE_ROWS else rows[a:], text)
             k += 1
         else:
-            judge.drop(name, "jump", rows, f"{text}: which side is right is not known ({len(jumps)} jumps)")
+            judge.drop(
+                name, "jump", rows, f"{text}: which side is right is not known ({len(jumps)} jumps)"
+            )
             return
 
 
@@ -257,8 +307,17 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
         if judge.valid[name].any() and np.median(judge.values(name)) > KELVIN_degC:
             middle = np.median(judge.values(name))
             guess = "kelvin?" if middle < KELVIN_degC + 210.0 else "ten times too large?"
-            judge.drop(name, "implausible", judge.rows(name), f"is about {middle:.0f}, needed degC: {guess}")
-    unit = [n for n in judge.columns if n.startswith(("gyro_", "accel_", "block")) and judge.valid[n].any()]
+            judge.drop(
+                name,
+                "implausible",
+                judge.rows(name),
+                f"is about {middle:.0f}, needed degC: {guess}",
+            )
+    unit = [
+        n
+        for n in judge.columns
+        if n.startswith(("gyro_", "accel_", "block")) and judge.valid[n].any()
+    ]
     gyros = [n for n in unit if n.startswith("gyro_")]
     if len(unit) > 1:
         values = np.array([np.where(judge.valid[n], judge.columns[n], np.nan) for n in unit])
@@ -267,11 +326,19 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
         rows = judge.rows(name)
         if not rows.size:
             continue
-        middle, peak = np.median(judge.columns[name][rows]), np.percentile(judge.columns[name][rows], 95)
+        middle, peak = (
+            np.median(judge.columns[name][rows]),
+            np.percentile(judge.columns[name][rows], 95),
+        )
         low, high = plausible_degC
         if not low <= middle <= high or peak > high + 15.0:
             guess = "Fahrenheit?" if peak > high else "wrong scale?"
-            judge.drop(name, "scale", judge.rows(name), f"is about {middle:.0f} degC, needed {low:g} to {high:g} degC: {guess}")
+            judge.drop(
+                name,
+                "scale",
+                judge.rows(name),
+                f"is about {middle:.0f} degC, needed {low:g} to {high:g} degC: {guess}",
+            )
 
 
 def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray) -> None:
@@ -286,19 +353,31 @@ def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray)
         off = off[np.isfinite(off)]
         if not off.size or np.percentile(off, 80) <= OTHER_SCALE_degC:
             continue
-        near = [word for word, scale in SCALES if np.nanpercentile(np.abs(scale(v) - middle), 80) < SAME_SCALE_degC]
-        text = f"is {np.nanmedian(v - middle):+.0f} degC off the other thermometers: {near[0] if near else 'wrong scale?'}"
+        near = [
+            word
+            for word, scale in SCALES
+            if np.nanpercentile(np.abs(scale(v) - middle), 80) < SAME_SCALE_degC
+        ]
+        text = (
+            f"is {np.nanmedian(v - middle):+.0f} degC off the other thermometers:"
+            f" {near[0] if near else 'wrong scale?'}"
+        )
         judge.drop(name, "scale", judge.rows(name), text)
 
 
 def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDArray) -> NDArray:
-    """Where all gyros stand against one other column: that one is the measure if a scale of the gyros explains it."""
+    """Where all gyros stand against one other column: that one is the measure if a scale of the
+    gyros explains it.
+    """
     others = [k for k, n in enumerate(unit) if n not in gyros]
     if len(others) != 1:
         return middle
     other = values[others[0]]
     of_gyros = np.median(np.nan_to_num(np.delete(values, others, axis=0)), axis=0)
-    explained = any(np.nanpercentile(np.abs(scale(of_gyros) - other), 80) < SAME_SCALE_degC for _, scale in SCALES)
+    explained = any(
+        np.nanpercentile(np.abs(scale(of_gyros) - other), 80) < SAME_SCALE_degC
+        for _, scale in SCALES
+    )
     return other if explained else middle
 
 

@@ -11,20 +11,35 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, create_model
 
 from ins.json_file import StrictModel, parse, read_json_object, refuse_non_finite, without_schema
-from ins.records import GYRO_TECHNOLOGIES, AccelNoise, GyroNoise, InputError, TemperatureNoise, TwinModel
+from ins.records import (
+    GYRO_TECHNOLOGIES,
+    AccelNoise,
+    GyroNoise,
+    InputError,
+    TemperatureNoise,
+    TwinModel,
+)
 
 SCHEMA = "recal.twin/1"
 SECTIONS = ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle")
-SIGNED = ("scale_factor_ppm", "misalignment_mrad", "bias_ug", "scale_ppm", "crab_mrad")  # the rest are sizes, >= 0
+# the rest are sizes, >= 0
+SIGNED = ("scale_factor_ppm", "misalignment_mrad", "bias_ug", "scale_ppm", "crab_mrad")
 
-# A MEMS unit of the industrial class. Gyro: ADIS16460 data sheet, rev. C: 0.12 deg/sqrt(h), 8 deg/h in-run; consumer
-# parts (ICM-20602: 0.004 deg/s/sqrt(Hz) = 0.24 deg/sqrt(h)) are a little worse, so rounded up. Accelerometer noise:
-# ICM-20602, 100 ug/sqrt(Hz). Turn-on and random walks: engineering estimates, what a factory's thermal trim leaves.
+# A MEMS unit of the industrial class. Gyro: ADIS16460 data sheet, rev. C: 0.12 deg/sqrt(h), 8 deg/h
+# in-run; consumer parts (ICM-20602: 0.004 deg/s/sqrt(Hz) = 0.24 deg/sqrt(h)) are a little worse, so
+# rounded up. Accelerometer noise: ICM-20602, 100 ug/sqrt(Hz). Turn-on and random walks: engineering
+# estimates, what a factory's thermal trim leaves.
 MEMS_GYRO = GyroNoise(
-    arw_deg_sqrt_h=0.3, bias_instability_deg_h=10.0, rate_random_walk_deg_h_sqrt_h=10.0, turn_on_deg_h=30.0
+    arw_deg_sqrt_h=0.3,
+    bias_instability_deg_h=10.0,
+    rate_random_walk_deg_h_sqrt_h=10.0,
+    turn_on_deg_h=30.0,
 )
 MEMS_ACCEL = AccelNoise(
-    vrw_ug_sqrt_hz=100.0, bias_instability_ug=50.0, rate_random_walk_ug_sqrt_h=100.0, turn_on_ug=3000.0
+    vrw_ug_sqrt_hz=100.0,
+    bias_instability_ug=50.0,
+    rate_random_walk_ug_sqrt_h=100.0,
+    turn_on_ug=3000.0,
 )
 MEMS_TEMPERATURE = TemperatureNoise(noise_degC=0.05, resolution_degC=0.01)
 
@@ -36,9 +51,13 @@ class _Effect(StrictModel):
 
 
 def default_twin(technology: str) -> TwinModel:
-    """The defaults of a technology: the twin of formats.md for rlg and fog, an industrial unit for mems."""
+    """The defaults of a technology: the twin of formats.md for rlg and fog, an industrial unit for
+    mems.
+    """
     if technology not in GYRO_TECHNOLOGIES:
-        raise InputError(f"gyro_technology {technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}")
+        raise InputError(
+            f"gyro_technology {technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}"
+        )
     twin = TwinModel(gyro_technology=technology, source=f"defaults of {technology}")
     if technology != "mems":
         return twin
@@ -46,7 +65,9 @@ def default_twin(technology: str) -> TwinModel:
 
 
 def read_twin(path: Path) -> TwinModel:
-    """The twin in a JSON file; missing keys take the default of its technology. InputError names file and key."""
+    """The twin in a JSON file; missing keys take the default of its technology. InputError names
+    file and key.
+    """
     path = Path(path)
     return twin_from_dict(read_json_object(path), source=str(path), name=str(path))
 
@@ -54,31 +75,41 @@ def read_twin(path: Path) -> TwinModel:
 def table_path(twin: TwinModel, folder: Path) -> Path | None:
     """Where the table of a twin is whose file lies in `folder`; None where it names none.
 
-    InputError where that is outside the folder: a twin comes from somebody else, and shall open nothing but its own table.
+    InputError where that is outside the folder: a twin comes from somebody else, and shall open
+    nothing but its own table.
     """
     if twin.table is None:
         return None
     path = folder / twin.table
     if "\0" in twin.table or not path.resolve().is_relative_to(folder.resolve()):
-        raise InputError(f"{twin.source}: table: {twin.table[:100]!r} leaves the folder of the twin, needed a path within it")
+        raise InputError(
+            f"{twin.source}: table: {twin.table[:100]!r} leaves the folder of the twin, needed a"
+            " path within it"
+        )
     return path
 
 
 def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel:
     """The twin in a plain dict of formats.md section 3.
 
-    `source` is kept in the record (reports say where the noise model came from); `name` begins each error line.
-    Unknown keys, wrong types, negative noise and NaN raise InputError naming the key.
+    `source` is kept in the record (reports say where the noise model came from); `name` begins each
+    error line. Unknown keys, wrong types, negative noise and NaN raise InputError naming the key.
     """
     refuse_non_finite(data, name=name)
     model = parse(_twin_model(), without_schema(data, SCHEMA, name=name), name=name)
     given = model.model_dump(exclude_unset=True)
     default = default_twin(given["gyro_technology"])
-    sections = {s: replace(getattr(default, s), **_tuples(given[s])) for s in SECTIONS if s in given}
+    sections = {
+        s: replace(getattr(default, s), **_tuples(given[s])) for s in SECTIONS if s in given
+    }
     return replace(
-        default, **sections, source=source, table=given.get("table"), imu_serial=given.get("imu_serial", ""),
+        default,
+        **sections,
+        source=source,
+        table=given.get("table"),
+        imu_serial=given.get("imu_serial", ""),
         effects=tuple({"parameters": {}, **effect} for effect in given.get("effects", ())),
-    )  # fmt: skip
+    )
 
 
 def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
@@ -91,7 +122,9 @@ def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
 def _twin_model() -> type[StrictModel]:
     """The pydantic model, built from the records so that names and defaults exist once."""
     twin = TwinModel()
-    sections: dict[str, Any] = {name: (_section_model(getattr(twin, name)), None) for name in SECTIONS}
+    sections: dict[str, Any] = {
+        name: (_section_model(getattr(twin, name)), None) for name in SECTIONS
+    }
     head: dict[str, Any] = {
         "imu_serial": (str, ""),
         "gyro_technology": (Literal["rlg", "fog", "mems"], ...),
@@ -107,13 +140,19 @@ def _section_model(record: Any) -> type[StrictModel]:
         value = getattr(record, f.name)
         number: Any = float if f.name in SIGNED else Annotated[float, Field(ge=0)]
         length = len(value) if isinstance(value, tuple) else None
-        kind = number if length is None else Annotated[list[number], Field(min_length=length, max_length=length)]
+        kind = (
+            number
+            if length is None
+            else Annotated[list[number], Field(min_length=length, max_length=length)]
+        )
         types[f.name] = (kind, None)
     return create_model(type(record).__name__, __base__=StrictModel, **types)
 
 
 def _tuples(section: dict[str, Any]) -> dict[str, Any]:
-    return {k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in section.items()}
+    return {
+        k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in section.items()
+    }
 
 
 def _lists(value: Any) -> Any:

@@ -14,7 +14,8 @@ DEG_PER_HOUR = DEG / HOUR  # [rad/s]
 DEG_PER_SQRT_HOUR = DEG / 60.0  # angle random walk [rad/sqrt(s)]
 DEG_PER_HOUR_SQRT_HOUR = DEG / HOUR / 60.0  # rate random walk [rad/s/sqrt(s)]
 STANDARD_GRAVITY = 9.80665  # CGPM 1901 [m/s^2]
-MICRO_G = 1e-6 * STANDARD_GRAVITY  # [m/s^2]; velocity random walk in ug/sqrt(Hz) times this is [m/s/sqrt(s)]
+# [m/s^2]; velocity random walk in ug/sqrt(Hz) times this is [m/s/sqrt(s)]
+MICRO_G = 1e-6 * STANDARD_GRAVITY
 MICRO_G_PER_SQRT_HOUR = MICRO_G / 60.0  # accelerometer rate random walk [m/s^2/sqrt(s)]
 PPM = 1e-6
 NAUTICAL_MILE = 1852.0  # [m]

@@ -1,10 +1,14 @@
-"""`recal` and `python -m recal`: runs the command line, turns bad input into one line and exit code 3."""
+"""`recal` and `python -m recal`: runs the command line, turns bad input into one line and exit code
+3.
+"""
 
 import os
 import sys
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_threads, "1")  # the matrices are small: waiting threads cost a diagnosis 10 times its own time
+    # the matrices are small: waiting threads cost a diagnosis 10 times its own time
+    os.environ.setdefault(_threads, "1")
+
 
 def main() -> None:
     code = _run()

@@ -1,1 +1,3 @@
-"""The sim-to-real gap: where simulator and log disagree, and which effect causes it (not built yet)."""
+"""The sim-to-real gap: where simulator and log disagree, and which effect causes it (not built
+yet).
+"""

@@ -1,4 +1,6 @@
-"""One thread of linear algebra for each test process: two workers with two threads each slow small matrices fortyfold."""
+"""One thread of linear algebra for each test process: two workers with two threads each slow small
+matrices fortyfold.
+"""
 
 import os
 

@@ -1,13 +1,16 @@
-"""Real processes without their start-up time: a server that has imported everything and forks one for each job.
+"""Real processes without their start-up time: a server that has imported everything and forks one
+for each job.
 
     with ForkServer() as forks:
         jobs = [forks.start("tests.infield.store_writer:work", url, name) for name in "ab"]
         outcomes = [forks.wait(job) for job in jobs]
-        outcome = forks.run_and_kill("tests.forks:recal", ["update", "run", "--commit"], since=1, after_s=0.01)
+        outcome = forks.run_and_kill("tests.forks:recal", ["update", "run", "--commit"], since=1,
+        after_s=0.01)
 
-A job is a function of a module with JSON arguments. Its standard output is part of the outcome; SIGKILL may come a time
-after its start, or after its n-th write transaction began, on the clock of its own computing where that can be read: a
-busy machine then shifts nothing. SIGKILL leaves no time for clean-up.
+A job is a function of a module with JSON arguments. Its standard output is part of the outcome;
+SIGKILL may come a time after its start, or after its n-th write transaction began, on the clock of
+its own computing where that can be read: a busy machine then shifts nothing. SIGKILL leaves no time
+for clean-up.
 """
 
 import importlib
@@ -29,7 +32,9 @@ LONGEST_S = 300.0  # a job that takes longer is killed and reported
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job: its exit code, negative for the signal that ended it, and what it had printed."""
+    """What became of a job: its exit code, negative for the signal that ended it, and what it had
+    printed.
+    """
 
     code: int
     out: str
@@ -41,9 +46,13 @@ class ForkServer:
     def __init__(self, folder: Path | None = None) -> None:
         environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
         self._server = subprocess.Popen(
-            [sys.executable, "-m", "tests.forks"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            env=environment, cwd=folder,
-        )  # fmt: skip
+            [sys.executable, "-m", "tests.forks"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+            cwd=folder,
+        )
 
     def __enter__(self) -> "ForkServer":
         return self
@@ -64,8 +73,12 @@ class ForkServer:
     def wait(self, pid: int) -> Outcome:
         return Outcome(**self._ask(do="wait", pid=pid))
 
-    def run_and_kill(self, function: str, *arguments: object, since: int, after_s: float) -> Outcome:
-        """Kill a job `after_s` after its start (since 0) or n-th write began; one that is done by then ends by itself."""
+    def run_and_kill(
+        self, function: str, *arguments: object, since: int, after_s: float
+    ) -> Outcome:
+        """Kill a job `after_s` after its start (since 0) or n-th write began; one that is done by
+        then ends by itself.
+        """
         pid = self.start(function, *arguments)
         return Outcome(**self._ask(do="kill", pid=pid, since=since, after_s=after_s))
 
@@ -86,7 +99,9 @@ def recal(arguments: list[str]) -> None:
 
 
 def plain_page(document: dict) -> str:
-    """A page in the place of `infield.reports.update_page.update_html`, of its size without its figures: they take 0.85 of an update."""
+    """A page in the place of `infield.reports.update_page.update_html`, of its size without its
+    figures: they take 0.85 of an update.
+    """
     return f"<html>{document['verdict']}{' ' * 300_000}</html>"
 
 

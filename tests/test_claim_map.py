@@ -1,4 +1,6 @@
-"""docs/claims.md is true: every function in it is there, is used by the program, and its module names the step."""
+"""docs/claims.md is true: every function in it is there, is used by the program, and its module
+names the step.
+"""
 
 import ast
 import importlib
@@ -16,7 +18,11 @@ COLUMNS = ["document", "step", "what", "function", "named in its module"]
 
 
 def table_rows():
-    lines = [line for line in (ROOT / "docs/claims.md").read_text(encoding="utf-8").splitlines() if line.startswith("|")]
+    lines = [
+        line
+        for line in (ROOT / "docs/claims.md").read_text(encoding="utf-8").splitlines()
+        if line.startswith("|")
+    ]
     cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
     assert cells[0] == COLUMNS and all(len(row) == len(COLUMNS) for row in cells)
     return cells[2:]
@@ -28,7 +34,9 @@ def names_used(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     used = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
     used |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-    return used | {a.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for a in node.names}
+    return used | {
+        a.name for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) for a in node.names
+    }
 
 
 @pytest.mark.parametrize("row", table_rows(), ids=lambda row: f"{row[0]} {row[1]}")
@@ -42,7 +50,9 @@ def test_row_names_what_is_there(row):
     assert source.is_relative_to(ROOT) and row[4] in source.read_text(encoding="utf-8")
     others = (p for package in PACKAGES for p in (ROOT / package).rglob("*.py") if p != source)
     used_here = source.read_text(encoding="utf-8").count(f"{match[2]}(") > 1
-    assert used_here or any(match[2] in names_used(p) for p in others), f"{row[3]} is used by nothing but tests"
+    assert used_here or any(match[2] in names_used(p) for p in others), (
+        f"{row[3]} is used by nothing but tests"
+    )
 
 
 def test_rows_of_a_document_stand_together_and_once():

@@ -26,18 +26,24 @@ def heading_dcm(heading_rad):
 
 
 def parked(duration_s, *, C_nb=None, gyro_bias=(0.0, 0.0, 0.0), dt=0.1):
-    """Log of a parked unit whose true attitude is C_nb (default: level, north); gyro errors added."""
+    """Log of a parked unit whose true attitude is C_nb (default: level, north); gyro errors
+    added.
+    """
     n, C_nb = round(duration_s / dt), np.eye(3) if C_nb is None else C_nb
     gyro, accel = C_nb.T @ [SPIN_N, 0.0, SPIN_D] + gyro_bias, C_nb.T @ [0.0, 0.0, -G]
     return ImuLog(
-        time_s=dt * np.arange(1, n + 1), dt_s=np.full(n, dt), dtheta_rad=np.tile(gyro * dt, (n, 1)),
+        time_s=dt * np.arange(1, n + 1),
+        dt_s=np.full(n, dt),
+        dtheta_rad=np.tile(gyro * dt, (n, 1)),
         dv_m_s=np.tile(accel * dt, (n, 1)),
-    )  # fmt: skip
+    )
 
 
 def state(C_nb=None, v_n_m_s=(0.0, 0.0, 0.0)):
     site = Site(lat_rad=LAT, lon_rad=0.1, height_m=0.0)
-    return NavState(time_s=0.0, site=site, v_n_m_s=v_n_m_s, C_nb=np.eye(3) if C_nb is None else C_nb)
+    return NavState(
+        time_s=0.0, site=site, v_n_m_s=v_n_m_s, C_nb=np.eye(3) if C_nb is None else C_nb
+    )
 
 
 def push(imu, row, dv_b):
@@ -49,9 +55,14 @@ def push(imu, row, dv_b):
 
 @pytest.mark.parametrize(
     ("dv_b", "heading_deg", "v_n"),
-    [((1, 0, 0), 0, (1, 0, 0)), ((1, 0, 0), 90, (0, 1, 0)), ((0, 1, 0), 0, (0, 1, 0)), ((0, 1, 0), 90, (-1, 0, 0)),
-     ((0, 0, 1), 30, (0, 0, 1))],
-)  # fmt: skip
+    [
+        ((1, 0, 0), 0, (1, 0, 0)),
+        ((1, 0, 0), 90, (0, 1, 0)),
+        ((0, 1, 0), 0, (0, 1, 0)),
+        ((0, 1, 0), 90, (-1, 0, 0)),
+        ((0, 0, 1), 30, (0, 0, 1)),
+    ],
+)
 def test_body_is_forward_right_down_and_navigation_north_east_down(dv_b, heading_deg, v_n):
     """C_nb takes b into n; heading is clockwise from north; v_eb_n is relative to the Earth."""
     C_nb = heading_dcm(heading_deg * DEG)
@@ -82,7 +93,9 @@ def test_at_rest_and_level_the_accelerometers_read_minus_g_down():
 
 @pytest.mark.parametrize("axis", range(3))
 def test_phi_is_computed_minus_true_and_a_gyro_bias_makes_it_grow(axis):
-    """C_computed = (I + [phi x]) C_true; phi' = + eps over a minute, eps = C_nb bias, bias = measured - true."""
+    """C_computed = (I + [phi x]) C_true; phi' = + eps over a minute, eps = C_nb bias, bias =
+    measured - true.
+    """
     C_nb = heading_dcm(0.5)
     bias = 100 * BIAS * np.eye(3)[axis]
     h = navigate(parked(60.0, C_nb=C_nb, gyro_bias=bias), state(C_nb))
@@ -116,7 +129,9 @@ def test_a_bias_is_subtracted_from_the_gyro_output():
 
 
 def test_east_gyro_error_turns_the_gyrocompass_by_minus_0_94_mrad():
-    """With psi = -eps_E / (Omega cosL) the tilt rate vanishes: no velocity after an hour (physics.md 6.4: 0.2 mm/s)."""
+    """With psi = -eps_E / (Omega cosL) the tilt rate vanishes: no velocity after an hour
+    (physics.md 6.4: 0.2 mm/s).
+    """
     psi = -BIAS / SPIN_N
     assert psi == pytest.approx(-0.940 * MILLIRADIAN, abs=1e-6)
     imu = parked(3600.0, gyro_bias=(0.0, BIAS, 0.0))
@@ -127,7 +142,9 @@ def test_east_gyro_error_turns_the_gyrocompass_by_minus_0_94_mrad():
 
 
 def test_theta_is_free_of_schuler_motion():
-    """theta = phi less the rotation of the position error obeys theta' = -omega_ie x theta + eps (physics.md 6.2)."""
+    """theta = phi less the rotation of the position error obeys theta' = -omega_ie x theta + eps
+    (physics.md 6.2).
+    """
     eps = BIAS * np.array([1.0, -0.5, 2.0])
     h = navigate(parked(3600.0, gyro_bias=eps), state(), epoch_s=600.0, vertical=HOLD)
     phi = attitude.rotation_vector_from_dcm(h.C_nb)
@@ -137,11 +154,13 @@ def test_theta_is_free_of_schuler_motion():
     A[:3, :3], A[:3, 3] = -attitude.skew([SPIN_N, 0.0, SPIN_D]), eps
     expected = np.array([expm(A * t)[:3, 3] for t in h.time_s])
     assert theta == pytest.approx(expected, abs=0.003 * np.abs(expected).max())
-    assert np.abs(phi - expected).max() > 0.1 * np.abs(expected).max()  # phi itself is not free of it
+    # phi itself is not free of it
+    assert np.abs(phi - expected).max() > 0.1 * np.abs(expected).max()
 
 
 def test_w_is_the_velocity_error_in_the_computed_frame():
-    """Heading error 1 mrad, 10 m/s gained straight ahead: dv_E = +psi V, while w = dv - theta x v stays near zero.
+    """Heading error 1 mrad, 10 m/s gained straight ahead: dv_E = +psi V, while w = dv - theta x v
+    stays near zero.
 
     Hence the computed body-lateral velocity does not show the heading error (physics.md 6.5).
     """

@@ -13,7 +13,9 @@ DOORS = {"filterpy": {"ins/kalman.py"}, "pymap3d": {"ins/earth.py"}}
 
 
 def test_import_contracts_hold():
-    script = "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    script = (
+        "from importlinter.cli import lint_imports; raise SystemExit(lint_imports(no_cache=True))"
+    )
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 

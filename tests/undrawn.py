@@ -1,7 +1,8 @@
-"""Pages with empty frames in the place of their figures: drawing takes 0.8 of an update, and few tests look at a drawing.
+"""Pages with empty frames in the place of their figures: drawing takes 0.8 of an update, and few
+tests look at a drawing.
 
-The rest of a page is made as ever: figures are set up, texts, tables and links are written. What is drawn is the matter of
-tests/infield/test_report.py and of its like beside each report.
+The rest of a page is made as ever: figures are set up, texts, tables and links are written. What is
+drawn is the matter of tests/infield/test_report.py and of its like beside each report.
 """
 
 from contextlib import contextmanager

@@ -1,7 +1,8 @@
-"""Makes and reads data: truth as functions of time, ideal and imperfect sensors, run directories, logs.
+"""Makes and reads data: truth as functions of time, ideal and imperfect sensors, run directories,
+logs.
 
 The only source of truth in the project; estimators (`alignment`, `infield`) never import it.
-The simulator takes from `ins` units, records, file formats, earth constants with gravity, rotations, nothing else.
-Reading order: segments, motions, truth, sensors, vehicle, thermal, unit_truth, imperfections, simulate, scenario, run,
-readers.
+The simulator takes from `ins` units, records, file formats, earth constants with gravity,
+rotations, nothing else. Reading order: segments, motions, truth, sensors, vehicle, thermal,
+unit_truth, imperfections, simulate, scenario, run, readers.
 """

@@ -1,1 +1,3 @@
-"""When the vehicle stands, rolls, shakes or flies, told by the inertial rows, satellites, wheels and declared phases."""
+"""When the vehicle stands, rolls, shakes or flies, told by the inertial rows, satellites, wheels
+and declared phases.
+"""

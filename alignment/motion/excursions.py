@@ -1,7 +1,7 @@
 """Excursions of the computed velocity from what it does at rest: a shake, a tug's push, or a taxi.
 
-A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that follows the computed
-velocity while the vehicle stands.
+A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that
+follows the computed velocity while the vehicle stands.
 """
 
 from math import hypot
@@ -13,11 +13,14 @@ from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 
 STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
-LEAD_S, TAIL_S = 5.0, 5.0  # an event begins before it passes the limit, and falls below it before it ends
+# an event begins before it passes the limit, and falls below it before it ends
+LEAD_S, TAIL_S = 5.0, 5.0
 ROLLED_M = 2.0  # net way after which an excursion is a movement, not a shake
 PUSHED_M = 0.3  # net way after which the parked heading is a new one
-PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0  # a tug's push; what is farther, faster or longer is a taxi
-FRESH, LONGEST_LINE = 30, 90  # epochs of rest before the line through them may have a slope, and of the line
+# a tug's push; what is farther, faster or longer is a taxi
+PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0
+# epochs of rest before the line through them may have a slope, and of the line
+FRESH, LONGEST_LINE = 30, 90
 STOP_WINDOW_S = 8
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
 STOP_DRIFT_M_S2 = 5e-4
@@ -30,8 +33,9 @@ def velocity_noise(v: NDArray) -> float:
 
 
 class _Baseline:
-    """Straight line through the velocity of the last still epochs, refitted every fifth. In floats: numpy's calls on
-    two numbers would take most of the time."""
+    """Straight line through the velocity of the last still epochs, refitted every fifth. In floats:
+    numpy's calls on two numbers would take most of the time.
+    """
 
     def __init__(self, t: NDArray, v: NDArray) -> None:
         self._t, self._v = t, v
@@ -39,7 +43,8 @@ class _Baseline:
         self._first = self._end = 0  # the still epochs that count
         self._misses: list[float] = []
         self._mean, self._slope, self._centre = (0.0, 0.0), (0.0, 0.0), 0.0
-        self.gate = 0.0  # eight times the median miss of the line's own predictions, kept over restarts
+        # eight times the median miss of the line's own predictions, kept over restarts
+        self.gate = 0.0
 
     @property
     def fresh(self) -> bool:
@@ -70,7 +75,11 @@ class _Baseline:
 
     def _fit(self, v: NDArray) -> None:
         T = self._t[self._first : self._end]
-        self._centre, self._mean, self._slope = float(T.mean()), tuple(v.mean(axis=0).tolist()), (0.0, 0.0)
+        self._centre, self._mean, self._slope = (
+            float(T.mean()),
+            tuple(v.mean(axis=0).tolist()),
+            (0.0, 0.0),
+        )
         if not self.fresh:
             s = T - self._centre
             self._slope = tuple((s @ v / (s @ s)).tolist())
@@ -80,7 +89,9 @@ class _Baseline:
 
 
 def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDArray, list[int]]:
-    """Sequential classification of the epochs into still, disturbed, rolling; cause; ends of pushes."""
+    """Sequential classification of the epochs into still, disturbed, rolling; cause; ends of
+    pushes.
+    """
     kind, cause, pushed = np.full(len(t), STILL), np.full(len(t), "", dtype=object), []
     gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
     base = _Baseline(t, v)
@@ -115,7 +126,9 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
 def _excursion(
     t: NDArray, v: NDArray, k: int, base: _Baseline, gate: float, sigma: float
 ) -> tuple[int, float, bool]:
-    """End of the excursion that begins at epoch k, its net way [m], and whether it is a taxi (not a shake or a push)."""
+    """End of the excursion that begins at epoch k, its net way [m], and whether it is a taxi (not a
+    shake or a push).
+    """
     rest = base.at(t[k:])
     deviation = v[k:] - rest
     way = np.linalg.norm(np.cumsum(deviation * np.gradient(t)[k:, None], axis=0), axis=1)

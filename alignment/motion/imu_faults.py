@@ -1,9 +1,11 @@
-"""What a sensor says that a parked vehicle cannot have done: clipping, shocks, and gaps that were bridged.
+"""What a sensor says that a parked vehicle cannot have done: clipping, shocks, and gaps that were
+bridged.
 
-A shake of a parked vehicle leaves no velocity behind, and what the gyros turn the accelerometers tilt. A transient of
-the raw rows that breaks either rule is no motion: what it left is measured by straight lines through 20 s of the
-integrated rows on either side, and taken out. Sigmas come from the same lines laid across the quiet rest of the log.
-Only up to the first real motion: a taxi begins with a velocity that stays, and takes longer than a shock.
+A shake of a parked vehicle leaves no velocity behind, and what the gyros turn the accelerometers
+tilt. A transient of the raw rows that breaks either rule is no motion: what it left is measured by
+straight lines through 20 s of the integrated rows on either side, and taken out. Sigmas come from
+the same lines laid across the quiet rest of the log. Only up to the first real motion: a taxi
+begins with a velocity that stays, and takes longer than a shock.
 """
 
 from collections.abc import Sequence
@@ -20,7 +22,8 @@ from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
 FEWEST = 8
-LONGEST_S = 5  # of a shock, in touched seconds; a vehicle that starts to move accelerates for longer
+# of a shock, in touched seconds; a vehicle that starts to move accelerates for longer
+LONGEST_S = 5
 RETURN_S = 900.0  # a push or a slow tow comes to rest again within this time
 JUMP_SIGMAS = 4.5  # only transients are asked: a handful in a session
 SMALLEST_JUMP_M_S = 0.003
@@ -32,9 +35,11 @@ SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehi
 
 @dataclass(frozen=True)
 class ImuFault:
-    """A stretch that was repaired, and the sigmas of what may be left in velocity [m/s] and attitude [rad].
+    """A stretch that was repaired, and the sigmas of what may be left in velocity [m/s] and
+    attitude [rad].
 
-    reason "": a shake that was recorded rightly as far as can be seen; nothing is excluded for it here.
+    reason "": a shake that was recorded rightly as far as can be seen; nothing is excluded for it
+    here.
     """
 
     start_s: float
@@ -46,7 +51,9 @@ class ImuFault:
 
 @dataclass(frozen=True)
 class _Jump:
-    """Steps of the lines at the middle (6,), and of their slopes (6,): velocity and angle, force and rate."""
+    """Steps of the lines at the middle (6,), and of their slopes (6,): velocity and angle, force
+    and rate.
+    """
 
     value: NDArray
     slope: NDArray
@@ -61,12 +68,12 @@ class _Edit:
     rate: NDArray
 
 
-def repair(
-    imu: ImuSource, start_s: float, end_s: float
-) -> tuple[ImuSource, tuple[ImuFault, ...]]:
-    """The log without what clipping and shocks left behind while the vehicle was parked, and the list of them.
+def repair(imu: ImuSource, start_s: float, end_s: float) -> tuple[ImuSource, tuple[ImuFault, ...]]:
+    """The log without what clipping and shocks left behind while the vehicle was parked, and the
+    list of them.
 
-    Looked at from start_s, where the vehicle rests, to end_s. The log itself where nothing is found.
+    Looked at from start_s, where the vehicle rests, to end_s. The log itself where nothing is
+    found.
     """
     seconds = in_seconds(imu, start_s, end_s)
     quiet = _quiet_jumps(seconds) if seconds is not None else None
@@ -114,9 +121,10 @@ def _judge(
     total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
     length = float(seconds.end_s[b - 1] - seconds.start_s[a])
     edit = _Edit(
-        float(seconds.start_s[a]), float(seconds.end_s[b - 1]),
+        float(seconds.start_s[a]),
+        float(seconds.end_s[b - 1]),
         np.where(bad, seconds.level + (total - jump.value) / length, np.nan),
-    )  # fmt: skip
+    )
     reason = "dropout" if lost else "clipping" if stuck else "shock" if bad.any() else ""
     fault = _fault(seconds, a, b, reason, jump, quiet)
     alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
@@ -141,9 +149,17 @@ def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]
 
 
 def _beside(seconds: Seconds, a: int, b: int, window: int) -> tuple[NDArray, NDArray] | None:
-    """Quiet seconds next to [a, b): before and after, up to the next touched one; None where there are too few."""
-    before, after = np.arange(max(a - window, 0), a), np.arange(b, min(b + window, len(seconds.touched)))
-    hit_before, hit_after = np.flatnonzero(seconds.touched[before]), np.flatnonzero(seconds.touched[after])
+    """Quiet seconds next to [a, b): before and after, up to the next touched one; None where there
+    are too few.
+    """
+    before, after = (
+        np.arange(max(a - window, 0), a),
+        np.arange(b, min(b + window, len(seconds.touched))),
+    )
+    hit_before, hit_after = (
+        np.flatnonzero(seconds.touched[before]),
+        np.flatnonzero(seconds.touched[after]),
+    )
     before = before[hit_before[-1] + 1 :] if hit_before.size else before
     after = after[: hit_after[0]] if hit_after.size else after
     return None if min(len(before), len(after)) < FEWEST else (before, after)
@@ -159,7 +175,9 @@ def _jump(seconds: Seconds, a: int, b: int) -> _Jump | None:
 
 
 def _quiet_jumps(seconds: Seconds) -> _Jump | None:
-    """Spreads of the jumps across stretches where nothing happens; None for a log too short to tell."""
+    """Spreads of the jumps across stretches where nothing happens; None for a log too short to
+    tell.
+    """
     n, found = len(seconds.touched), []
     for a in range(WINDOW, n - WINDOW - 3, 7):
         if not seconds.touched[a - WINDOW : a + WINDOW + 3].any():
@@ -167,18 +185,25 @@ def _quiet_jumps(seconds: Seconds) -> _Jump | None:
     jumps = [j for j in found if j is not None]
     if len(jumps) < 5:
         return None
-    value, slope = (1.4826 * np.median(np.abs([getattr(j, k) for j in jumps]), axis=0) for k in ("value", "slope"))
+    value, slope = (
+        1.4826 * np.median(np.abs([getattr(j, k) for j in jumps]), axis=0)
+        for k in ("value", "slope")
+    )
     return _Jump(value, slope)
 
 
 def _velocity_limit(jump: _Jump, quiet: _Jump, length: int) -> NDArray:
-    """Velocity (3,) that may seem to stay: noise, and a real change of tilt at an unknown time within the group."""
+    """Velocity (3,) that may seem to stay: noise, and a real change of tilt at an unknown time
+    within the group.
+    """
     noise = np.maximum(JUMP_SIGMAS * quiet.value[:3], SMALLEST_JUMP_M_S)
     return np.asarray(noise + 0.5 * length * np.abs(jump.slope[:3]))
 
 
 def _contradiction(jump: _Jump, quiet: _Jump, length: int) -> NDArray:
-    """Which of dv x, y, z and dtheta x, y cannot be: a velocity that stays, a turn that gravity does not show."""
+    """Which of dv x, y, z and dtheta x, y cannot be: a velocity that stays, a turn that gravity
+    does not show.
+    """
     bad = np.zeros(6, bool)
     bad[:3] = np.abs(jump.value[:3]) > _velocity_limit(jump, quiet, length)
     limit = np.maximum(JUMP_SIGMAS * quiet.slope[1::-1] / STANDARD_GRAVITY, SMALLEST_TILT_RAD)
@@ -187,14 +212,18 @@ def _contradiction(jump: _Jump, quiet: _Jump, length: int) -> NDArray:
 
 
 def _tilted(jump: _Jump) -> NDArray:
-    """Turn about x, y (2,) [rad] of a roughly level unit that a change of its specific force shows: df = -turn x f."""
+    """Turn about x, y (2,) [rad] of a roughly level unit that a change of its specific force shows:
+    df = -turn x f.
+    """
     return np.array([-jump.slope[1], jump.slope[0]]) / STANDARD_GRAVITY
 
 
 def _returns(
     seconds: Seconds, groups: list[tuple[int, int]], jumps: list[_Jump | None], k: int, quiet: _Jump
 ) -> int | None:
-    """The group with which the velocity of group k is back at rest (k itself: it never left); None: it stays."""
+    """The group with which the velocity of group k is back at rest (k itself: it never left); None:
+    it stays.
+    """
     total, limit = np.zeros(2), np.zeros(2)
     start_s = seconds.start_s[groups[k][0]]
     for m in range(k, len(groups)):
@@ -211,18 +240,26 @@ def _returns(
 
 
 def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
-    """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells; None: it cannot."""
+    """Did the vehicle turn with its vertical gyro? The level Earth rate, in body axes, tells; None:
+    it cannot.
+    """
     turn, beside = jump.value[5], _beside(seconds, a, b, EARTH_WINDOW)
     if abs(turn) < SMALLEST_TURN_RAD or beside is None:
         return None
     before, after = (
-        seconds.level[3:5] + (seconds.integral[rows[-1], 3:5] - seconds.integral[rows[0], 3:5]) / (len(rows) - 1)
+        seconds.level[3:5]
+        + (seconds.integral[rows[-1], 3:5] - seconds.integral[rows[0], 3:5]) / (len(rows) - 1)
         for rows in beside
     )
     c, s = np.cos(turn), np.sin(turn)
-    expected = np.array([c * before[0] + s * before[1], -s * before[0] + c * before[1]])  # body axes turn by +turn
+    # body axes turn by +turn
+    expected = np.array([c * before[0] + s * before[1], -s * before[0] + c * before[1]])
     steps = np.diff(seconds.integral[beside[0], 3:5], axis=0)
-    noise = 1.4826 * np.median(np.abs(steps - np.median(steps, axis=0))) * np.sqrt(sum(1.0 / len(r) for r in beside))
+    noise = (
+        1.4826
+        * np.median(np.abs(steps - np.median(steps, axis=0)))
+        * np.sqrt(sum(1.0 / len(r) for r in beside))
+    )
     if np.linalg.norm(expected - before) < 2.0 * JUMP_SIGMAS * noise:
         return None
     return bool(np.linalg.norm(after - expected) < np.linalg.norm(after - before))
@@ -231,7 +268,9 @@ def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
 def _fault(seconds: Seconds, a: int, b: int, reason: str, jump: _Jump, quiet: _Jump) -> ImuFault:
     unknown = 0.5 * (b - a) * float(np.max(np.abs(jump.slope[:2]))) if reason else 0.0
     return ImuFault(
-        start_s=float(seconds.start_s[a]), end_s=float(seconds.end_s[b - 1]), reason=reason,
+        start_s=float(seconds.start_s[a]),
+        end_s=float(seconds.end_s[b - 1]),
+        reason=reason,
         velocity_sigma_m_s=float(np.max(quiet.value[:2])) + unknown,
         turn_sigma_rad=float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD)) if reason else 0.0,
-    )  # fmt: skip
+    )

@@ -1,8 +1,10 @@
-"""Parked stretches of a log by its raw seconds alone, for gyros whose drift no navigation solution survives.
+"""Parked stretches of a log by its raw seconds alone, for gyros whose drift no navigation solution
+survives.
 
-A navigation solution of a gyro that is off by 100 deg/h is no baseline to judge rest against. Here a second is quiet
-where it scatters no more than this unit's own quiet seconds do; what drifts slowly (a warm-up) is quiet. All limits are
-in sigmas of this unit, the caps aside. A turn at one steady rate from the first row to the last cannot be told from a bias.
+A navigation solution of a gyro that is off by 100 deg/h is no baseline to judge rest against. Here
+a second is quiet where it scatters no more than this unit's own quiet seconds do; what drifts
+slowly (a warm-up) is quiet. All limits are in sigmas of this unit, the caps aside. A turn at one
+steady rate from the first row to the last cannot be told from a bias.
 """
 
 from dataclasses import dataclass
@@ -19,7 +21,8 @@ WINDOW = 10  # seconds over which scatter is taken
 QUIET_S = 60.0  # the quietest minute of the log is where the quiet level is looked for
 QUIETEST = 0.6  # of a sigma: RMS of the quietest of many windows
 LOUD = 3.0  # times the quiet scatter is motion
-CAPS = np.array([0.3] * 3 + [3e-3] * 3)  # m/s^2 and rad/s of scatter: beyond, a vehicle that moves, not a noisy unit
+# m/s^2 and rad/s of scatter: beyond, a vehicle that moves, not a noisy unit
+CAPS = np.array([0.3] * 3 + [3e-3] * 3)
 GRAVITY_M_S2, GRAVITY_LIMIT_M_S2 = 9.81, 1.0
 SPIN_RAD_S = 0.35  # 20 deg/s: the zero-rate output of a consumer gyro may be that large
 BRIDGED_S = 15.0  # of disturbance inside a stretch
@@ -31,7 +34,8 @@ BUMP, PLACE = "bump", "stands elsewhere"
 
 @dataclass(frozen=True)
 class ParkedSeconds:
-    """Seconds (m) of a parked stretch: start_s, end_s (m,), sums (m, 6) of dv [m/s] then dtheta [rad], still (m,) bool.
+    """Seconds (m) of a parked stretch: start_s, end_s (m,), sums (m, 6) of dv [m/s] then dtheta
+    [rad], still (m,) bool.
 
     moved: in words, why the stretch ends before the log's rest does; empty where it does not.
     """
@@ -51,32 +55,43 @@ class ParkedSeconds:
         """The stretch as the epochs of a motion, bumps DISTURBED."""
         kind = np.where(np.append(True, self.still), STILL, DISTURBED)
         cause = np.where(kind == DISTURBED, BUMP, "").astype(object)
-        return Motion(np.append(self.start_s[0], self.end_s), kind, np.zeros(kind.size), float("nan"), cause)
+        return Motion(
+            np.append(self.start_s[0], self.end_s), kind, np.zeros(kind.size), float("nan"), cause
+        )
 
     def means(self, start_s: float, end_s: float) -> tuple[NDArray, float]:
-        """Mean specific force and rate (6,) over the still seconds of a span, and how many seconds those are."""
+        """Mean specific force and rate (6,) over the still seconds of a span, and how many seconds
+        those are.
+        """
         rows = self.still & (self.start_s >= start_s - 0.5) & (self.end_s <= end_s + 0.5)
         seconds = float(self.dt_s[rows].sum())
         return (self.sums[rows].sum(axis=0) / seconds if seconds else np.full(6, np.nan)), seconds
 
     def walk(self) -> NDArray:
-        """Angle random walk (3,) [rad/sqrt(s)] that neighbouring still seconds show, robust; all that is white is in it."""
+        """Angle random walk (3,) [rad/sqrt(s)] that neighbouring still seconds show, robust; all
+        that is white is in it.
+        """
         rate = self.sums[:, 3:] / self.dt_s[:, None]
         pairs = np.diff(rate, axis=0)[self.still[1:] & self.still[:-1]]
         spread = 1.4826 * np.median(np.abs(pairs - np.median(pairs, axis=0)), axis=0) / np.sqrt(2.0)
         return np.asarray(spread * np.sqrt(float(np.median(self.dt_s))))
 
 
-def quiet_stretches(imu: ImuSource, start_s: float, end_s: float) -> tuple[tuple[float, float], ...]:
+def quiet_stretches(
+    imu: ImuSource, start_s: float, end_s: float
+) -> tuple[tuple[float, float], ...]:
     """Start and end [s] of every quiet stretch of a span, however short."""
     seconds = in_seconds(imu, start_s, end_s)
     if seconds is None:
         return ()
-    return tuple(_stretches(seconds, _quiet(_sums(seconds) / (seconds.end_s - seconds.start_s)[:, None])))
+    return tuple(
+        _stretches(seconds, _quiet(_sums(seconds) / (seconds.end_s - seconds.start_s)[:, None]))
+    )
 
 
 def parked_seconds(imu: ImuSource, start_s: float, end_s: float) -> ParkedSeconds | None:
-    """The seconds of a quiet stretch, judged once more on their own; it ends where the unit is turned or tilted.
+    """The seconds of a quiet stretch, judged once more on their own; it ends where the unit is
+    turned or tilted.
 
     None where less than a minute is left.
     """
@@ -84,7 +99,9 @@ def parked_seconds(imu: ImuSource, start_s: float, end_s: float) -> ParkedSecond
 
 
 def parked_places(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSeconds, ...]:
-    """The same, and what follows each turn or tilt as a place of its own, where that is a minute or more."""
+    """The same, and what follows each turn or tilt as a place of its own, where that is a minute or
+    more.
+    """
     found = []
     while np.isfinite(start_s) and start_s < end_s:
         place, start_s = _first_place(imu, start_s, end_s)
@@ -92,8 +109,12 @@ def parked_places(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedS
     return tuple(found)
 
 
-def _first_place(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSeconds | None, float]:
-    """Seconds up to the first turn or tilt, None below a minute, and from when on the unit stands again (NaN: never)."""
+def _first_place(
+    imu: ImuSource, start_s: float, end_s: float
+) -> tuple[ParkedSeconds | None, float]:
+    """Seconds up to the first turn or tilt, None below a minute, and from when on the unit stands
+    again (NaN: never).
+    """
     seconds = in_seconds(imu, start_s, end_s)
     if seconds is None:
         return None, float("nan")
@@ -102,7 +123,10 @@ def _first_place(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSe
     for a, b in _runs(~still, seconds):
         turn, tilt = _change(sums, seconds, a, b)
         if max(turn, tilt) > NEW_PLACE_RAD:
-            moved = f"{PLACE} from {seconds.start_s[a]:.0f} s on: turned by {turn:.2g} rad, tilted by {tilt:.2g} rad"
+            moved = (
+                f"{PLACE} from {seconds.start_s[a]:.0f} s on: turned by {turn:.2g} rad, tilted by"
+                f" {tilt:.2g} rad"
+            )
             last, again_s = a, float(seconds.end_s[b - 1]) + GUARD_S
             break
     guard = int(np.ceil(GUARD_S))
@@ -110,16 +134,23 @@ def _first_place(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSe
     rows = slice(0, last)
     if last < QUIET_S:
         return None, again_s
-    return ParkedSeconds(seconds.start_s[rows], seconds.end_s[rows], sums[rows], ~near[rows], moved), again_s
+    return (
+        ParkedSeconds(seconds.start_s[rows], seconds.end_s[rows], sums[rows], ~near[rows], moved),
+        again_s,
+    )
 
 
 def _sums(seconds: Seconds) -> NDArray:
     dt = (seconds.end_s - seconds.start_s)[:, None]
-    return np.asarray(np.diff(seconds.integral, axis=0, prepend=np.zeros((1, 6))) + seconds.level * dt)
+    return np.asarray(
+        np.diff(seconds.integral, axis=0, prepend=np.zeros((1, 6))) + seconds.level * dt
+    )
 
 
 def _quiet(mean: NDArray) -> NDArray:
-    """Seconds (m,) whose surroundings scatter like the quietest ones of the log, with one gravity and no spin."""
+    """Seconds (m,) whose surroundings scatter like the quietest ones of the log, with one gravity
+    and no spin.
+    """
     step = np.diff(mean, axis=0, prepend=mean[:1]) / np.sqrt(2.0)
     kernel = np.ones(WINDOW) / WINDOW
     rms = np.sqrt(np.stack([np.convolve(s, kernel, "same") for s in (step**2).T], axis=1))
@@ -158,7 +189,9 @@ def _runs(touched: NDArray, seconds: Seconds) -> list[tuple[int, int]]:
 
 
 def _change(sums: NDArray, seconds: Seconds, a: int, b: int) -> tuple[float, float]:
-    """How far a disturbance turned the unit, by its gyros, and tilted it, by gravity before and after [rad]."""
+    """How far a disturbance turned the unit, by its gyros, and tilted it, by gravity before and
+    after [rad].
+    """
     dt = seconds.end_s - seconds.start_s
     before, after = slice(max(a - BESIDE_S, 0), a), slice(b, b + BESIDE_S)
     sides = [s for s in (before, after) if dt[s].size]

@@ -1,4 +1,6 @@
-"""The one pass over the raw rows behind `alignment.motion.shake`. Import lazily: this module loads numba."""
+"""The one pass over the raw rows behind `alignment.motion.shake`. Import lazily: this module loads
+numba.
+"""
 
 from math import sqrt
 
@@ -7,13 +9,15 @@ from ins.jit import jit
 
 @jit
 def add_rows(first, dt, dtheta, dv, epoch, C_nb, f_n, omega_n, offset, lags, ring, largest, energy):
-    """Add the rows `first` on, of the epochs `epoch` (m,), to the largest |sum over a lag| and the sum of its squares.
+    """Add the rows `first` on, of the epochs `epoch` (m,), to the largest |sum over a lag| and the
+    sum of its squares.
 
-    largest, energy (n, lags, 6): dv x, y, z, then dtheta x, y, z; largest[..., 0] is of the level pair (x, y) together,
-    [..., 1] stays zero. ring (longest lag + 1, 6): the running total after the last rows, row k in [(k + 1) % its length].
+    largest, energy (n, lags, 6): dv x, y, z, then dtheta x, y, z; largest[..., 0] is of the level
+    pair (x, y) together, [..., 1] stays zero. ring (longest lag + 1, 6): the running total after
+    the last rows, row k in [(k + 1) % its length].
 
-    Sums are over the last `lags[i]` rows, less what a unit at rest reads there: C_nb[j - 1]' (f_n, omega_n) dt + offset
-    dt for the rows of epoch j, j >= 1.
+    Sums are over the last `lags[i]` rows, less what a unit at rest reads there: C_nb[j - 1]' (f_n,
+    omega_n) dt + offset dt for the rows of epoch j, j >= 1.
     """
     size, rest, j = ring.shape[0], [0.0] * 6, 0
     for m in range(dt.size):

@@ -1,7 +1,7 @@
 """Where a vehicle stands: satellite velocity and inertial sensors must both say so.
 
-A steady roll looks like rest to inertial sensors alone, and a slow push like rest to a receiver: only seconds in which both are
-quiet count, in stretches whose mean velocity is none.
+A steady roll looks like rest to inertial sensors alone, and a slow push like rest to a receiver:
+only seconds in which both are quiet count, in stretches whose mean velocity is none.
 """
 
 import numpy as np
@@ -17,7 +17,8 @@ SLOW_M_S = 0.5
 CREEP_M_S = 0.05  # mean velocity of a stretch that stands, beyond its noise
 MOST_CREEP_M_S = 0.2  # however noisy
 CORRELATED_S = 5.0  # of a receiver's velocity errors
-FORCE_STEP_M_S2 = 0.15  # of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes
+# of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes
+FORCE_STEP_M_S2 = 0.15
 RATE_STEP_RAD_S = 0.01
 TURN_RAD_S = 0.02  # above any bias; a vehicle that turns on the spot does not stand still
 
@@ -25,7 +26,9 @@ Where = tuple[float, float]
 
 
 def find_stands(imu: ImuSource, fixes: Fixes) -> tuple[Where, ...]:
-    """Stretches (start, end) [s] in which the vehicle stands, from the log's pieces and its fixes."""
+    """Stretches (start, end) [s] in which the vehicle stands, from the log's pieces and its
+    fixes.
+    """
     seen = np.isfinite(fixes.v_n_m_s[:, 0])
     time_s, v_n = fixes.time_s[seen], fixes.v_n_m_s[seen]
     if time_s.size < 2:
@@ -37,8 +40,14 @@ def find_stands(imu: ImuSource, fixes: Fixes) -> tuple[Where, ...]:
     moving = time_s[~slow]
     near = np.searchsorted(moving, ends - 2.0) != np.searchsorted(moving, ends + 1.0, side="right")
     after = np.clip(np.searchsorted(time_s, ends), 1, time_s.size - 1)
-    watched = (time_s[after] - time_s[after - 1] <= gap_s) & (ends <= time_s[-1] + gap_s) & (ends >= time_s[0])
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], (quiet & watched & ~near).astype(int), [0]])))
+    watched = (
+        (time_s[after] - time_s[after - 1] <= gap_s)
+        & (ends <= time_s[-1] + gap_s)
+        & (ends >= time_s[0])
+    )
+    edges = np.flatnonzero(
+        np.diff(np.concatenate([[0], (quiet & watched & ~near).astype(int), [0]]))
+    )
     found = []
     for a, b in zip(edges[::2], edges[1::2]):
         start, end = float(ends[a]) + EDGE_S, float(ends[b - 1]) - EDGE_S
@@ -57,12 +66,18 @@ def _quiet_seconds(imu: ImuSource) -> tuple[NDArray, NDArray]:
         means.append(np.add.reduceat(rows, first) / np.add.reduceat(dt_s, first)[:, None])
     mean = np.concatenate(means)
     step = np.abs(np.diff(mean, axis=0, prepend=mean[:1]))
-    quiet = (step[:, :3] < FORCE_STEP_M_S2).all(axis=1) & (step[:, 3:] < RATE_STEP_RAD_S).all(axis=1)
-    return np.concatenate(ends), np.asarray(quiet & (np.linalg.norm(mean[:, 3:], axis=1) < TURN_RAD_S))
+    quiet = (step[:, :3] < FORCE_STEP_M_S2).all(axis=1) & (step[:, 3:] < RATE_STEP_RAD_S).all(
+        axis=1
+    )
+    return np.concatenate(ends), np.asarray(
+        quiet & (np.linalg.norm(mean[:, 3:], axis=1) < TURN_RAD_S)
+    )
 
 
 def goes_nowhere(time_s: NDArray, v_n_m_s: NDArray, start_s: float, end_s: float) -> bool:
-    """Whether the mean of a receiver's velocities (n, 3) stays within its noise over a stretch, as it is seen."""
+    """Whether the mean of a receiver's velocities (n, 3) stays within its noise over a stretch, as
+    it is seen.
+    """
     v = v_n_m_s[(time_s >= start_s) & (time_s <= end_s)]
     v = v[np.isfinite(v[:, 0])]
     if len(v) < 2:
@@ -72,7 +87,9 @@ def goes_nowhere(time_s: NDArray, v_n_m_s: NDArray, start_s: float, end_s: float
 
 
 def mean_speed(v_n_m_s: NDArray, seconds: float) -> tuple[float, float]:
-    """Level speed of the mean of a receiver's velocities (n, 3) over so many seconds, and what it may be where it stands."""
+    """Level speed of the mean of a receiver's velocities (n, 3) over so many seconds, and what it
+    may be where it stands.
+    """
     sigma = float(np.hypot(*v_n_m_s[:, :2].std(axis=0)))
     allowed = CREEP_M_S + 3.0 * sigma / np.sqrt(min(max(seconds / CORRELATED_S, 1.0), len(v_n_m_s)))
     return float(np.linalg.norm(v_n_m_s[:, :2].mean(axis=0))), float(min(allowed, MOST_CREEP_M_S))

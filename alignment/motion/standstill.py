@@ -1,6 +1,7 @@
 """Does the speed that other sensors log agree with where the inertial solution rests and rolls?
 
-A steady straight roll looks like rest to inertial sensors alone, and a dead wheel encoder looks like parking.
+A steady straight roll looks like rest to inertial sensors alone, and a dead wheel encoder looks
+like parking.
 """
 
 import numpy as np
@@ -15,13 +16,17 @@ MIN_S = 20.0  # for so long before the two are said to disagree
 
 
 def speed_disagreement(run: Run, motion: Motion) -> tuple[str, ...]:
-    """Reasons where GNSS or odometer contradict the motion found; empty where they agree or are not logged."""
+    """Reasons where GNSS or odometer contradict the motion found; empty where they agree or are not
+    logged.
+    """
     found = []
     if run.gnss is not None:
         speed = np.linalg.norm(run.gnss.v_n_m_s[:, :2], axis=1)
         found += _moving_at_rest("GNSS", run.gnss.time_s, speed, motion)
     if run.odometer is not None:
-        found += _moving_at_rest("the odometer", run.odometer.time_s, np.abs(run.odometer.speed_m_s), motion)
+        found += _moving_at_rest(
+            "the odometer", run.odometer.time_s, np.abs(run.odometer.speed_m_s), motion
+        )
         found += _dead(run.odometer.time_s, np.abs(run.odometer.speed_m_s), motion)
     return tuple(found)
 
@@ -33,8 +38,8 @@ def _moving_at_rest(name: str, time_s: NDArray, speed: NDArray, motion: Motion) 
         return []
     fastest = float(speed[still].max())
     return [
-        f"{name} says up to {fastest:.1f} m/s for {seconds:.0f} s while the inertial solution rests: "
-        "a steady roll taken for rest, or a wrong stream"
+        f"{name} says up to {fastest:.1f} m/s for {seconds:.0f} s while the inertial solution"
+        " rests: a steady roll taken for rest, or a wrong stream"
     ]
 
 
@@ -43,7 +48,10 @@ def _dead(time_s: NDArray, speed: NDArray, motion: Motion) -> list[str]:
     seconds = _seconds(time_s, rolling)
     if seconds < MIN_S or np.median(speed[rolling]) > DEAD_M_S:
         return []
-    return [f"the odometer reads zero while the inertial solution rolls for {seconds:.0f} s: a dead encoder reads as parked"]
+    return [
+        f"the odometer reads zero while the inertial solution rolls for {seconds:.0f} s: a dead"
+        " encoder reads as parked"
+    ]
 
 
 def _kind_at(time_s: NDArray, motion: Motion) -> NDArray:

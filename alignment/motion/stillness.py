@@ -1,7 +1,9 @@
-"""When does the vehicle stand, roll, or shake? Found from the navigation solution itself, one epoch a second.
+"""When does the vehicle stand, roll, or shake? Found from the navigation solution itself, one epoch
+a second.
 
-A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that follows the computed
-velocity while the vehicle stands. Thresholds are in SI units and in sigmas of this unit's own noise, never in counts.
+A parked inertial solution drifts slowly (Schuler), so rest is judged against a baseline that
+follows the computed velocity while the vehicle stands. Thresholds are in SI units and in sigmas of
+this unit's own noise, never in counts.
 """
 
 from collections.abc import Sequence
@@ -39,11 +41,12 @@ ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 
 @dataclass(frozen=True)
 class Motion:
-    """Per epoch (row k of the history, interval ending there): kind code and the jolt about down [rad].
+    """Per epoch (row k of the history, interval ending there): kind code and the jolt about down
+    [rad].
 
-    sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an epoch is
-    DISTURBED, in words; "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what a repaired fault of the
-    log may have left in the solution; None: no faults.
+    sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an
+    epoch is DISTURBED, in words; "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what
+    a repaired fault of the log may have left in the solution; None: no faults.
     """
 
     time_s: NDArray
@@ -57,14 +60,22 @@ class Motion:
     def excluded(self) -> tuple[Span, ...]:
         """What is left out of the parked time, guard included; each stretch with its causes."""
         return tuple(
-            Span(start_s=span.start_s, end_s=span.end_s, reason=", ".join(dict.fromkeys(self.cause[a:b])) or "motion")
+            Span(
+                start_s=span.start_s,
+                end_s=span.end_s,
+                reason=", ".join(dict.fromkeys(self.cause[a:b])) or "motion",
+            )
             for span, (a, b) in zip(self.spans(DISTURBED, ""), _runs(self.kind == DISTURBED))
         )
 
     def spans(self, kind: int, reason: str) -> tuple[Span, ...]:
         """The stretches of one kind."""
         return tuple(
-            Span(start_s=float(self.time_s[max(a - 1, 0)]), end_s=float(self.time_s[b - 1]), reason=reason)
+            Span(
+                start_s=float(self.time_s[max(a - 1, 0)]),
+                end_s=float(self.time_s[b - 1]),
+                reason=reason,
+            )
             for a, b in _runs(self.kind == kind)
         )
 
@@ -73,14 +84,17 @@ class Motion:
 
 
 def classify(
-    history: NavHistory, phases: tuple[Phase, ...] = (), imu: ImuSource | None = None, faults: Sequence[ImuFault] = ()
+    history: NavHistory,
+    phases: tuple[Phase, ...] = (),
+    imu: ImuSource | None = None,
+    faults: Sequence[ImuFault] = (),
 ) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
-    `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that says parked
-    while the solution moves is not believed. `imu`: a log with the rows behind the history; without them bumps that are
-    gone within an epoch, loading and gusts below the gate of the velocity are not seen. `faults`: what
-    `imu_faults.repair` found in it.
+    `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that
+    says parked while the solution moves is not believed. `imu`: a log with the rows behind the
+    history; without them bumps that are gone within an epoch, loading and gusts below the gate of
+    the velocity are not seen. `faults`: what `imu_faults.repair` found in it.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
     sigma = velocity_noise(v)
@@ -106,7 +120,11 @@ def classify(
     if imu is not None:
         shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
         apart = ~_near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
-        for name, seen in (("bump", shaking.bump), ("loading", shaking.loading), ("gust", shaking.gust & ~shaking.bump)):
+        for name, seen in (
+            ("bump", shaking.bump),
+            ("loading", shaking.loading),
+            ("gust", shaking.gust & ~shaking.bump),
+        ):
             for a, b in _runs(seen):
                 seen[a:b] = apart[a:b].all()  # what runs into rolling is its slow start or end
             exclude(t, kind, cause, seen, name)
@@ -119,10 +137,14 @@ def classify(
 
 
 def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
-    """Turning on the spot is rolling, in place; but a turn of a few degrees away from any rolling is a tug's."""
+    """Turning on the spot is rolling, in place; but a turn of a few degrees away from any rolling
+    is a tug's.
+    """
     t, turn = history.time_s, _turn_about_down(history)
     ends = []
-    for a, b in _runs((np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != PUSHED)):
+    for a, b in _runs(
+        (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != PUSHED)
+    ):
         beside = slice(*np.searchsorted(t, [t[a] - ROLL_EDGE_S, t[b - 1] + ROLL_EDGE_S]))
         if abs(turn[a:b].sum()) < PUSH_TURN_RAD and (kind[beside] <= DISTURBED).all():
             seen = np.zeros(len(t), bool)
@@ -136,13 +158,24 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
 
 
 def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
-    """Fastest epoch of each disturbed stretch that leaves the vehicle elsewhere, by the way about the line between rests."""
+    """Fastest epoch of each disturbed stretch that leaves the vehicle elsewhere, by the way about
+    the line between rests.
+    """
     found = []
     for a, b in _runs(kind == DISTURBED):
         before, after = slice(max(a - BESIDE, 0), a), slice(b, b + BESIDE)
-        if min(len(kind[before]), len(kind[after])) < BESIDE or (kind[before] != STILL).any() or (kind[after] != STILL).any():
+        if (
+            min(len(kind[before]), len(kind[after])) < BESIDE
+            or (kind[before] != STILL).any()
+            or (kind[after] != STILL).any()
+        ):
             continue
-        v0, v1, t0, t1 = v[before].mean(axis=0), v[after].mean(axis=0), t[before].mean(), t[after].mean()
+        v0, v1, t0, t1 = (
+            v[before].mean(axis=0),
+            v[after].mean(axis=0),
+            t[before].mean(),
+            t[after].mean(),
+        )
         deviation = v[a:b] - (v0 + (v1 - v0) * ((t[a:b] - t0) / (t1 - t0))[:, None])
         if np.linalg.norm((deviation * np.gradient(t)[a:b, None]).sum(axis=0)) > PUSHED_M:
             found.append(a + int(np.argmax(np.linalg.norm(deviation, axis=1))))
@@ -150,7 +183,9 @@ def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
 
 
 def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str) -> None:
-    """Take the epochs `seen` (k,) with their guard out of the still ones, in place; what was left out keeps its cause."""
+    """Take the epochs `seen` (k,) with their guard out of the still ones, in place; what was left
+    out keeps its cause.
+    """
     for a, b in _runs(seen):
         near = slice(*np.searchsorted(t, [t[a] - LEAD_S - 0.5, t[b - 1] + GUARD_S + TAIL_S + 0.5]))
         label = cause[a] if kind[a] == DISTURBED else name
@@ -180,7 +215,9 @@ def detect_phases(motion: Motion) -> tuple[Phase, ...]:
     for code, name in names.items():
         index = np.flatnonzero(kind == code)
         if index.size:
-            found.append(Phase(phase=name, start_s=float(t[max(index[0] - 1, 0)]), end_s=float(t[index[-1]])))
+            found.append(
+                Phase(phase=name, start_s=float(t[max(index[0] - 1, 0)]), end_s=float(t[index[-1]]))
+            )
     last = moving[-1] if moving.size else len(t) - 1
     if last < len(t) - 60:
         found.append(Phase(phase="parked", start_s=float(t[last]), end_s=float(t[-1])))
@@ -190,8 +227,8 @@ def detect_phases(motion: Motion) -> tuple[Phase, ...]:
 def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
     """RMS of the parked vehicle's horizontal position jitter [m], per axis.
 
-    From 30 s pieces of the integrated velocity with a cubic taken out (errors of the solution are smoother than
-    that); pieces beyond four times the median variance are gusts and do not count.
+    From 30 s pieces of the integrated velocity with a cubic taken out (errors of the solution are
+    smoother than that); pieces beyond four times the median variance are gusts and do not count.
     """
     length, order = 30, 3
     cubic = np.vander(np.linspace(-1, 1, length), order + 1)
@@ -210,27 +247,34 @@ def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
 def yaw_jitter_sigma(history: NavHistory, motion: Motion) -> float:
     """RMS of the parked vehicle's heading about its slow creep [rad], gyro quantization included.
 
-    Turns over 1 s and over 10 s: gyro noise and creep add up with time, the jitter e of an angle does not, so
-    V1 = w + 2 e^2 and V10 = 10 w + 2 e^2. Robust variances (median of squares).
+    Turns over 1 s and over 10 s: gyro noise and creep add up with time, the jitter e of an angle
+    does not, so V1 = w + 2 e^2 and V10 = 10 w + 2 e^2. Robust variances (median of squares).
     """
     turn, still = _turn_about_down(history), motion.kind == STILL
     tens = [turn[k : k + 10].sum() for a, b in _runs(still) for k in range(max(a, 1), b - 9, 10)]
     if len(tens) < 20:
         return 0.0
     ones, rate = turn[still], float(np.median(tens)) / 10.0
-    v1, v10 = (np.median((x - centre) ** 2) / CHI2_MEDIAN for x, centre in ((ones, rate), (np.array(tens), 10.0 * rate)))
+    v1, v10 = (
+        np.median((x - centre) ** 2) / CHI2_MEDIAN
+        for x, centre in ((ones, rate), (np.array(tens), 10.0 * rate))
+    )
     return float(np.sqrt(max(10.0 * v1 - v10, 0.0) / 18.0))
 
 
 def _turn_about_down(history: NavHistory) -> NDArray:
-    """Rotation about down that the gyros saw in each epoch [rad], Earth rate included; row 0 repeats row 1."""
+    """Rotation about down that the gyros saw in each epoch [rad], Earth rate included; row 0
+    repeats row 1.
+    """
     turn = np.einsum("ij,ij->i", history.C_nb[:, 2, :], history.dtheta_b_rad)
     turn[0] = turn[1]
     return turn
 
 
 def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
-    """Sudden turns of the standing vehicle about down [rad], epoch by epoch; zero where there is none."""
+    """Sudden turns of the standing vehicle about down [rad], epoch by epoch; zero where there is
+    none.
+    """
     dt = np.diff(history.time_s, prepend=2.0 * history.time_s[0] - history.time_s[1])
     rate = _turn_about_down(history) / dt
     still = kind <= DISTURBED
@@ -239,7 +283,9 @@ def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
     centre = np.median(rate[1:][still[1:]])
     deviation = (rate - centre) * dt
     noise = 1.4826 * np.median(np.abs(deviation[1:][still[1:]]))
-    jolt = np.where(still & (np.abs(deviation) > max(6.0 * noise, JOLT_RAD)), np.abs(deviation), 0.0)
+    jolt = np.where(
+        still & (np.abs(deviation) > max(6.0 * noise, JOLT_RAD)), np.abs(deviation), 0.0
+    )
     jolt[0] = 0.0
     return jolt
 

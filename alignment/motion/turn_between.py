@@ -1,9 +1,11 @@
-"""How far a unit turned about the vertical between two stands of one log, by its gyros, and how well that is known.
+"""How far a unit turned about the vertical between two stands of one log, by its gyros, and how
+well that is known.
 
-Rates less the straight line from the zero rate before to the zero rate after are multiplied up to a rotation; gravity
-on either side says where down was. The angle that down fails to close by is the integral's own witness: what it lost
-about two axes, it may have lost about the third. A sensor at the end of its range loses what no closure shows.
-Source: Savage, Strapdown Analytics (2007), sec. 7.1 (rotation vectors); coning between rows is left to the closure.
+Rates less the straight line from the zero rate before to the zero rate after are multiplied up to a
+rotation; gravity on either side says where down was. The angle that down fails to close by is the
+integral's own witness: what it lost about two axes, it may have lost about the third. A sensor at
+the end of its range loses what no closure shows. Source: Savage, Strapdown Analytics (2007), sec.
+7.1 (rotation vectors); coning between rows is left to the closure.
 """
 
 from dataclasses import dataclass
@@ -18,15 +20,20 @@ from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, wrap_pi
 from ins.records import GyroNoise, ImuSource
 from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
-TOLD_RAD = 0.35  # a turn known to better is used, 20 deg; of a variance that both stands share 6 % is lost to it
+# a turn known to better is used, 20 deg; of a variance that both stands share 6 % is lost to it
+TOLD_RAD = 0.35
 LOST_RAD = 0.1  # of turn in a dropout of the log, over which the last rate is held, 1 sigma
 BESIDE_S = 60.0  # of rest on either side, for the zero rate
-CURVED = 1.0 / 3.0  # of a bias change: what its mean may be off a straight line; 0.16 in a warm-up over two time constants
+# of a bias change: what its mean may be off a straight line; 0.16 in a warm-up over two time
+# constants
+CURVED = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
 class Turn:
-    """heading_rad: of the later stand less that of the earlier, in [-pi, pi); closure_rad: how far down was missed."""
+    """heading_rad: of the later stand less that of the earlier, in [-pi, pi); closure_rad: how far
+    down was missed.
+    """
 
     heading_rad: float
     sigma_rad: float
@@ -39,11 +46,20 @@ class Turn:
 
 
 def levelled(seconds: ParkedSeconds) -> NDArray:
-    """Rows (3, 3): forward, right and down of a level frame at heading zero, in body axes, by gravity."""
+    """Rows (3, 3): forward, right and down of a level frame at heading zero, in body axes, by
+    gravity.
+    """
     return dcm_from_euler(*level_angles(seconds.means(-np.inf, np.inf)[0][:3]), 0.0)
 
 
-def turn_between(imu: ImuSource, before: ParkedSeconds, after: ParkedSeconds, gyro: GyroNoise, *, sigma_scale: float) -> Turn:
+def turn_between(
+    imu: ImuSource,
+    before: ParkedSeconds,
+    after: ParkedSeconds,
+    gyro: GyroNoise,
+    *,
+    sigma_scale: float,
+) -> Turn:
     """The turn from one stand to the next one of the log."""
     t0, t1 = float(before.end_s[-1]), float(after.start_s[0])
     w0, w1 = before.means(t0 - BESIDE_S, t0)[0][3:], after.means(t1, t1 + BESIDE_S)[0][3:]
@@ -58,18 +74,30 @@ def turn_between(imu: ImuSource, before: ParkedSeconds, after: ParkedSeconds, gy
     K = levelled(before) @ C @ levelled(after).T
     heading = np.arctan2(K[1, 0] - K[0, 1], K[0, 0] + K[1, 1])
     closure = float(np.arctan2(np.hypot(K[0, 2], K[1, 2]), K[2, 2]))
-    drift = np.hypot(CURVED * np.linalg.norm(w1 - w0), gyro.bias_instability_deg_h * DEG_PER_HOUR) * (t1 - t0)
+    drift = np.hypot(
+        CURVED * np.linalg.norm(w1 - w0), gyro.bias_instability_deg_h * DEG_PER_HOUR
+    ) * (t1 - t0)
     white = gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(t1 - t0)
-    sigma = np.sqrt(drift**2 + white**2 + (sigma_scale * np.linalg.norm(turned)) ** 2 + closure**2 + _lost(imu, t0, t1) ** 2)
+    sigma = np.sqrt(
+        drift**2
+        + white**2
+        + (sigma_scale * np.linalg.norm(turned)) ** 2
+        + closure**2
+        + _lost(imu, t0, t1) ** 2
+    )
     return Turn(float(wrap_pi(heading)), float(min(sigma, np.pi)), closure)
 
 
 def _lost(imu: ImuSource, start_s: float, end_s: float) -> float:
-    """What dropouts of the log and a sensor at the end of its range may have lost of a turn, 1 sigma [rad]."""
+    """What dropouts of the log and a sensor at the end of its range may have lost of a turn, 1
+    sigma [rad].
+    """
     seconds = in_seconds(imu, start_s, end_s)
     if seconds is None:
         return 0.0
-    return float(np.pi if seconds.stuck.any() else LOST_RAD * np.sqrt(np.count_nonzero(seconds.lost)))
+    return float(
+        np.pi if seconds.stuck.any() else LOST_RAD * np.sqrt(np.count_nonzero(seconds.lost))
+    )
 
 
 def _product(C: NDArray) -> NDArray:

@@ -1,4 +1,6 @@
-"""`python -m benchmarks.gap_trials SEED -o DIR` writes a trial: DIR/blind for a diagnosis, DIR/truth.json."""
+"""`python -m benchmarks.gap_trials SEED -o DIR` writes a trial: DIR/blind for a diagnosis,
+DIR/truth.json.
+"""
 
 import argparse
 import json
@@ -17,21 +19,35 @@ def main() -> None:
     parser.add_argument("--plan", choices=sorted(PLANS), default="four")
     parser.add_argument("--effects", type=int, default=1, help="how many; 0 plants none")
     parser.add_argument("--effect", action="append", help="draw from this name (may be repeated)")
-    parser.add_argument("--size", type=float, action="append", help="factor on each effect's usual size")
+    parser.add_argument(
+        "--size", type=float, action="append", help="factor on each effect's usual size"
+    )
     parser.add_argument("--source", choices=sorted(SOURCES), default="trajectories")
     parser.add_argument("--no-gnss", action="store_true")
-    parser.add_argument("--noise-off", type=float, help="the declared white noise is off by this fraction; no effect")
+    parser.add_argument(
+        "--noise-off",
+        type=float,
+        help="the declared white noise is off by this fraction; no effect",
+    )
     arguments = parser.parse_args()
     if arguments.noise_off is not None:
         trial = draw_noise_trial(
-            arguments.seed, plan=arguments.plan, off=arguments.noise_off, source=arguments.source,
+            arguments.seed,
+            plan=arguments.plan,
+            off=arguments.noise_off,
+            source=arguments.source,
             with_gnss=not arguments.no_gnss,
-        )  # fmt: skip
+        )
     else:
         trial = draw_trial(
-            arguments.seed, plan=arguments.plan, effects=arguments.effects, names=arguments.effect, sizes=arguments.size,
-            source=arguments.source, with_gnss=not arguments.no_gnss,
-        )  # fmt: skip
+            arguments.seed,
+            plan=arguments.plan,
+            effects=arguments.effects,
+            names=arguments.effect,
+            sizes=arguments.size,
+            source=arguments.source,
+            with_gnss=not arguments.no_gnss,
+        )
     write_trial(trial, arguments.output)
 
 
@@ -41,9 +57,10 @@ def write_trial(trial: Trial, folder: Path) -> None:
     for number, run in enumerate(trial.runs, start=1):
         write_run(blind / f"run-{number}", run)
     for path, content in (
-        (blind / "twin.json", twin_to_dict(trial.twin)), (blind / "table.json", trial.table),
+        (blind / "twin.json", twin_to_dict(trial.twin)),
+        (blind / "table.json", trial.table),
         (folder / "truth.json", trial.truth_dict()),
-    ):  # fmt: skip
+    ):
         path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 

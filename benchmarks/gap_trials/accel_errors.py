@@ -22,7 +22,9 @@ def warmup(streams: Streams, seen: Seen, target: str, p: Parameters, size: float
 
 
 def hysteresis(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    loop = processes.play(seen.accel_degC[:, axis_of(target)], width=p["width_degC"]) / p["width_degC"]
+    loop = (
+        processes.play(seen.accel_degC[:, axis_of(target)], width=p["width_degC"]) / p["width_degC"]
+    )
     return streams.accel(target, size * p["half_split_ug"] * loop)
 
 
@@ -34,7 +36,9 @@ def scale_factor(streams: Streams, seen: Seen, target: str, p: Parameters, size:
 
 
 def noise(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    more = processes.white(seen.rng(p["seed"]), seen.rows, density=p["ug_sqrt_hz"] * MICRO_G, dt_s=seen.dt_s)
+    more = processes.white(
+        seen.rng(p["seed"]), seen.rows, density=p["ug_sqrt_hz"] * MICRO_G, dt_s=seen.dt_s
+    )
     return streams.pushed(target, size * more / seen.dt_s)
 
 
@@ -52,15 +56,50 @@ def _arm(rng: np.random.Generator, _: tuple[Seen, ...]) -> Parameters:
 
 
 EFFECTS = (
-    Effect(name="accel_thermal", targets=ACCELS, lay=thermal, draw=lambda rng, _: {"ug_degC": signed(rng, 2.0)}),
-    Effect(name="accel_warmup_transient", targets=ACCELS, lay=warmup,
-           draw=lambda rng, _: {"amplitude_ug": signed(rng, 40.0), "tau_s": log_uniform(rng, 300, 1200)}),
-    Effect(name="accel_thermal_hysteresis", targets=ACCELS, lay=hysteresis, needs=frozenset({"runs"}),
-           draw=lambda rng, _: {"half_split_ug": signed(rng, 20.0), "width_degC": log_uniform(rng, 1.0, 5.0)}),
-    Effect(name="accel_scale_factor", targets=("accel_z",), lay=scale_factor,
-           confounded=("vertical_deflection", "clock_rate"),
-           draw=lambda rng, _: {"scale_ppm": signed(rng, 100.0)}),
-    Effect(name="accel_noise", targets=ACCELS, lay=noise, draw=lambda rng, _: {"ug_sqrt_hz": 15.0, "seed": seed(rng)}),
-    Effect(name="imu_size_effect", targets=("accel_x", "accel_y"), lay=size_effect, needs=frozenset({"taxi"}), draw=_arm,
-           accepted=("vehicle",)),
-)  # fmt: skip
+    Effect(
+        name="accel_thermal",
+        targets=ACCELS,
+        lay=thermal,
+        draw=lambda rng, _: {"ug_degC": signed(rng, 2.0)},
+    ),
+    Effect(
+        name="accel_warmup_transient",
+        targets=ACCELS,
+        lay=warmup,
+        draw=lambda rng, _: {
+            "amplitude_ug": signed(rng, 40.0),
+            "tau_s": log_uniform(rng, 300, 1200),
+        },
+    ),
+    Effect(
+        name="accel_thermal_hysteresis",
+        targets=ACCELS,
+        lay=hysteresis,
+        needs=frozenset({"runs"}),
+        draw=lambda rng, _: {
+            "half_split_ug": signed(rng, 20.0),
+            "width_degC": log_uniform(rng, 1.0, 5.0),
+        },
+    ),
+    Effect(
+        name="accel_scale_factor",
+        targets=("accel_z",),
+        lay=scale_factor,
+        confounded=("vertical_deflection", "clock_rate"),
+        draw=lambda rng, _: {"scale_ppm": signed(rng, 100.0)},
+    ),
+    Effect(
+        name="accel_noise",
+        targets=ACCELS,
+        lay=noise,
+        draw=lambda rng, _: {"ug_sqrt_hz": 15.0, "seed": seed(rng)},
+    ),
+    Effect(
+        name="imu_size_effect",
+        targets=("accel_x", "accel_y"),
+        lay=size_effect,
+        needs=frozenset({"taxi"}),
+        draw=_arm,
+        accepted=("vehicle",),
+    ),
+)

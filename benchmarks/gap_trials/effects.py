@@ -20,6 +20,8 @@ def effect_named(name: str) -> Effect:
 
 
 def possible(have: frozenset[str], names: Sequence[str] | None = None) -> tuple[Effect, ...]:
-    """The effects (of these names) whose needs are met by a plan that has "taxi", "gnss", "odometer", "runs" or not."""
+    """The effects (of these names) whose needs are met by a plan that has "taxi", "gnss",
+    "odometer", "runs" or not.
+    """
     chosen = [effect_named(name) for name in names] if names else list(EFFECTS.values())
     return tuple(effect for effect in chosen if effect.needs <= have)

@@ -10,44 +10,65 @@ from benchmarks.gap_trials.seen import Seen, Streams, axis_of
 REFERENCE_DEGC = 20.0
 
 
-def thermal_linear(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def thermal_linear(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """k (T - 20), flattening by 3 % at 40 degC off."""
     off = coil(seen, target) - REFERENCE_DEGC
-    return streams.gyro(target, size * p["coefficient_deg_h_degC"] * off * (1 - 0.03 * (off / 40.0) ** 2))
+    return streams.gyro(
+        target, size * p["coefficient_deg_h_degC"] * off * (1 - 0.03 * (off / 40.0) ** 2)
+    )
 
 
-def thermal_quadratic(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def thermal_quadratic(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """k (T - 20)^2 with a cubic part of 10 % at 40 degC off."""
     off = coil(seen, target) - REFERENCE_DEGC
-    return streams.gyro(target, size * p["coefficient_deg_h_degC2"] * off**2 * (1 + 0.1 * off / 40.0))
+    return streams.gyro(
+        target, size * p["coefficient_deg_h_degC2"] * off**2 * (1 + 0.1 * off / 40.0)
+    )
 
 
 def thermal_rate(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
     """k dT/dt of the coil, which follows its shell by half a minute or so."""
-    rate = np.gradient(lagged(coil(seen, target), tau_s=p["shell_s"], dt_s=seen.dt_s), seen.dt_s) * 60.0
+    rate = (
+        np.gradient(lagged(coil(seen, target), tau_s=p["shell_s"], dt_s=seen.dt_s), seen.dt_s)
+        * 60.0
+    )
     return streams.gyro(target, size * p["coefficient_deg_h_min_degC"] * rate)
 
 
-def thermal_gradient(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def thermal_gradient(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """k Tdiff at that gyro."""
-    return streams.gyro(target, size * p["coefficient_deg_h_degC"] * seen.gradient_degC[:, axis_of(target)])
+    return streams.gyro(
+        target, size * p["coefficient_deg_h_degC"] * seen.gradient_degC[:, axis_of(target)]
+    )
 
 
 def thermal_lag(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """k (T_coil - T): the coil is later than the thermometer by tau and, through its winding, by a tenth of that."""
+    """k (T_coil - T): the coil is later than the thermometer by tau and, through its winding, by a
+    tenth of that.
+    """
     sensor = coil(seen, target)
     once = lagged(sensor, tau_s=p["tau_s"], dt_s=seen.dt_s)
     late = lagged(once, tau_s=0.1 * p["tau_s"], dt_s=seen.dt_s)
     return streams.gyro(target, size * p["coefficient_deg_h_degC"] * (late - sensor))
 
 
-def thermal_hysteresis(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def thermal_hysteresis(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """Half the split between heating and cooling, by backlashes of several widths."""
     loop = play(coil(seen, target), width=p["width_degC"]) / p["width_degC"]
     return streams.gyro(target, size * p["half_split_deg_h"] * loop)
 
 
-def warmup_transient(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def warmup_transient(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """A exp(-t / tau) with a faster tenth of it."""
     return streams.gyro(target, size * p["amplitude_deg_h"] * two_decays(seen.time_s, p["tau_s"]))
 
@@ -60,14 +81,22 @@ def bias_step(streams: Streams, seen: Seen, target: str, p: Parameters, size: fl
     """In one run, within a few seconds."""
     if seen.number != p["run"]:
         return streams
-    return streams.gyro(target, size * p["step_deg_h"] * smooth_step(seen.time_s, onset_s=p["onset_s"], rise_s=2.0))
+    return streams.gyro(
+        target, size * p["step_deg_h"] * smooth_step(seen.time_s, onset_s=p["onset_s"], rise_s=2.0)
+    )
 
 
 def mode_hop(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """A sin(2 pi T / P + c): a period that grows by 1 % over 10 degC, and a weak second harmonic."""
+    """A sin(2 pi T / P + c): a period that grows by 1 % over 10 degC, and a weak second
+    harmonic.
+    """
     T = coil(seen, target)
-    phase = 2 * np.pi * T / p["period_degC"] * (1 - 0.001 * (T - REFERENCE_DEGC) / 2) + p["phase_rad"]
-    return streams.gyro(target, size * p["amplitude_deg_h"] * (np.sin(phase) + 0.08 * np.sin(2 * phase)))
+    phase = (
+        2 * np.pi * T / p["period_degC"] * (1 - 0.001 * (T - REFERENCE_DEGC) / 2) + p["phase_rad"]
+    )
+    return streams.gyro(
+        target, size * p["amplitude_deg_h"] * (np.sin(phase) + 0.08 * np.sin(2 * phase))
+    )
 
 
 def turn_on_bias(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
@@ -75,7 +104,9 @@ def turn_on_bias(streams: Streams, seen: Seen, target: str, p: Parameters, size:
 
 
 def compensation(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """The unit subtracts its own table as well: coefficient -1 (twice), -2 (wrong sign) or 1 (left out, added back)."""
+    """The unit subtracts its own table as well: coefficient -1 (twice), -2 (wrong sign) or 1 (left
+    out, added back).
+    """
     curve = seen.table["axes"][target[-1]]
     bias = np.interp(coil(seen, target), curve["temperature_degC"], curve["bias_deg_h"])
     return streams.gyro(target, size * p["coefficient"] * bias)
@@ -97,30 +128,98 @@ def _turn_ons(rng: np.random.Generator, seen: tuple[Seen, ...]) -> Parameters:
 
 
 EFFECTS = (
-    Effect(name="gyro_thermal_linear", targets=GYROS, lay=thermal_linear,
-           draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.0012)}),
-    Effect(name="gyro_thermal_quadratic", targets=GYROS, lay=thermal_quadratic,
-           draw=lambda rng, _: {"coefficient_deg_h_degC2": signed(rng, 0.00005)}),
-    Effect(name="gyro_thermal_rate", targets=GYROS, lay=thermal_rate,
-           confounded=("gyro_thermal_lag",),
-           draw=lambda rng, _: {"coefficient_deg_h_min_degC": signed(rng, 0.025), "shell_s": float(rng.uniform(15, 45))}),
-    Effect(name="gyro_thermal_gradient", targets=GYROS, lay=thermal_gradient,
-           draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.008)}),
-    Effect(name="gyro_thermal_lag", targets=GYROS, lay=thermal_lag,
-           confounded=("gyro_thermal_rate",),
-           draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.005), "tau_s": log_uniform(rng, 60, 900)}),
-    Effect(name="gyro_thermal_hysteresis", targets=GYROS, lay=thermal_hysteresis, needs=frozenset({"runs"}),
-           draw=lambda rng, _: {"half_split_deg_h": signed(rng, 0.005), "width_degC": log_uniform(rng, 1.0, 5.0)}),
-    Effect(name="gyro_warmup_transient", targets=GYROS, lay=warmup_transient,
-           draw=lambda rng, _: {"amplitude_deg_h": signed(rng, 0.02), "tau_s": log_uniform(rng, 180, 1800)}),
-    Effect(name="gyro_rate_ramp", targets=GYROS, lay=rate_ramp, draw=lambda rng, _: {"slope_deg_h_h": signed(rng, 0.003)}),
-    Effect(name="gyro_bias_step", targets=GYROS, lay=bias_step,
-           draw=lambda rng, seen: {"step_deg_h": signed(rng, 0.01), **event(rng, seen)}),
-    Effect(name="gyro_mode_hop", targets=GYROS, lay=mode_hop, needs=frozenset({"runs"}),
-           draw=lambda rng, _: {"amplitude_deg_h": 0.005, "period_degC": float(rng.uniform(3, 10)),
-                                "phase_rad": float(rng.uniform(0, 2 * np.pi))}),
-    Effect(name="gyro_turn_on_bias", targets=GYROS, lay=turn_on_bias, needs=frozenset({"runs"}), draw=_turn_ons),
-    Effect(name="compensation_misapplied", targets=GYROS, lay=compensation,
-           confounded=("gyro_thermal_linear", "gyro_thermal_quadratic"),
-           draw=lambda rng, _: {"coefficient": float(rng.choice([-2.0, -1.0, 1.0]))}),
-)  # fmt: skip
+    Effect(
+        name="gyro_thermal_linear",
+        targets=GYROS,
+        lay=thermal_linear,
+        draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.0012)},
+    ),
+    Effect(
+        name="gyro_thermal_quadratic",
+        targets=GYROS,
+        lay=thermal_quadratic,
+        draw=lambda rng, _: {"coefficient_deg_h_degC2": signed(rng, 0.00005)},
+    ),
+    Effect(
+        name="gyro_thermal_rate",
+        targets=GYROS,
+        lay=thermal_rate,
+        confounded=("gyro_thermal_lag",),
+        draw=lambda rng, _: {
+            "coefficient_deg_h_min_degC": signed(rng, 0.025),
+            "shell_s": float(rng.uniform(15, 45)),
+        },
+    ),
+    Effect(
+        name="gyro_thermal_gradient",
+        targets=GYROS,
+        lay=thermal_gradient,
+        draw=lambda rng, _: {"coefficient_deg_h_degC": signed(rng, 0.008)},
+    ),
+    Effect(
+        name="gyro_thermal_lag",
+        targets=GYROS,
+        lay=thermal_lag,
+        confounded=("gyro_thermal_rate",),
+        draw=lambda rng, _: {
+            "coefficient_deg_h_degC": signed(rng, 0.005),
+            "tau_s": log_uniform(rng, 60, 900),
+        },
+    ),
+    Effect(
+        name="gyro_thermal_hysteresis",
+        targets=GYROS,
+        lay=thermal_hysteresis,
+        needs=frozenset({"runs"}),
+        draw=lambda rng, _: {
+            "half_split_deg_h": signed(rng, 0.005),
+            "width_degC": log_uniform(rng, 1.0, 5.0),
+        },
+    ),
+    Effect(
+        name="gyro_warmup_transient",
+        targets=GYROS,
+        lay=warmup_transient,
+        draw=lambda rng, _: {
+            "amplitude_deg_h": signed(rng, 0.02),
+            "tau_s": log_uniform(rng, 180, 1800),
+        },
+    ),
+    Effect(
+        name="gyro_rate_ramp",
+        targets=GYROS,
+        lay=rate_ramp,
+        draw=lambda rng, _: {"slope_deg_h_h": signed(rng, 0.003)},
+    ),
+    Effect(
+        name="gyro_bias_step",
+        targets=GYROS,
+        lay=bias_step,
+        draw=lambda rng, seen: {"step_deg_h": signed(rng, 0.01), **event(rng, seen)},
+    ),
+    Effect(
+        name="gyro_mode_hop",
+        targets=GYROS,
+        lay=mode_hop,
+        needs=frozenset({"runs"}),
+        draw=lambda rng, _: {
+            "amplitude_deg_h": 0.005,
+            "period_degC": float(rng.uniform(3, 10)),
+            "phase_rad": float(rng.uniform(0, 2 * np.pi)),
+        },
+    ),
+    Effect(
+        name="gyro_turn_on_bias",
+        targets=GYROS,
+        lay=turn_on_bias,
+        needs=frozenset({"runs"}),
+        draw=_turn_ons,
+    ),
+    Effect(
+        name="compensation_misapplied",
+        targets=GYROS,
+        lay=compensation,
+        confounded=("gyro_thermal_linear", "gyro_thermal_quadratic"),
+        draw=lambda rng, _: {"coefficient": float(rng.choice([-2.0, -1.0, 1.0]))},
+    ),
+)

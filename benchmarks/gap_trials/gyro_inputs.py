@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.gap_trials import processes
-from benchmarks.gap_trials.effect import GYROS, Drawing, Effect, Parameters, log_uniform, seed, signed
+from benchmarks.gap_trials.effect import (
+    GYROS,
+    Drawing,
+    Effect,
+    Parameters,
+    log_uniform,
+    seed,
+    signed,
+)
 from benchmarks.gap_trials.gyro_drifts import coil
 from benchmarks.gap_trials.seen import Seen, Streams, axis_of, turned_back
 from ins.units import ARCSEC, DEG, DEG_PER_SQRT_HOUR, PPM, STANDARD_GRAVITY
@@ -19,7 +27,9 @@ def scale_factor(streams: Streams, seen: Seen, target: str, p: Parameters, size:
     return streams.turning(target, size * p["scale_ppm"] * PPM * _rate(seen, target))
 
 
-def scale_asymmetry(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def scale_asymmetry(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     """K |w|, and a twentieth as much K w^3 at 0.3 rad/s."""
     w = _rate(seen, target)
     bent = np.abs(w) + 0.05 * w * (w / 0.3) ** 2
@@ -32,7 +42,9 @@ def scale_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size
 
 
 def misalignment(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """Sensitivity to the two other axes: the input axis leans by a vector, of which only the part across it counts."""
+    """Sensitivity to the two other axes: the input axis leans by a vector, of which only the part
+    across it counts.
+    """
     lean = np.array(p["arcsec_xyz"]) * ARCSEC
     lean[axis_of(target)] = 0.0
     return streams.turning(target, size * (seen.dtheta_rad @ lean) / seen.dt_s)
@@ -45,31 +57,45 @@ def g_sensitivity(streams: Streams, seen: Seen, target: str, p: Parameters, size
 
 
 def magnetic(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """To the Earth's field in body axes, along a mostly horizontal direction of the shield's leak."""
+    """To the Earth's field in body axes, along a mostly horizontal direction of the shield's
+    leak.
+    """
     horizontal, down = FIELD_N_GAUSS
-    field_n = np.array([horizontal * np.cos(DECLINATION_RAD), horizontal * np.sin(DECLINATION_RAD), down])
+    field_n = np.array(
+        [horizontal * np.cos(DECLINATION_RAD), horizontal * np.sin(DECLINATION_RAD), down]
+    )
     field_b = turned_back(seen.C_nb, np.broadcast_to(field_n, (seen.rows, 3)))
     return streams.gyro(target, size * p["deg_h_gauss"] * (field_b @ np.array(p["direction"])))
 
 
-def angle_random_walk(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def angle_random_walk(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     density = size * p["deg_sqrt_h"] * DEG_PER_SQRT_HOUR
     more = processes.white(seen.rng(p["seed"]), seen.rows, density=density, dt_s=seen.dt_s)
     return streams.turning(target, more / seen.dt_s)
 
 
-def bias_instability(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
+def bias_instability(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
     more = processes.flicker(seen.rng(p["seed"]), seen.rows, instability=p["deg_h"], dt_s=seen.dt_s)
     return streams.gyro(target, size * more)
 
 
-def rate_random_walk(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    walk = processes.random_walk(seen.rng(p["seed"]), seen.rows, density=p["deg_h_sqrt_h"] / 60.0, dt_s=seen.dt_s)
+def rate_random_walk(
+    streams: Streams, seen: Seen, target: str, p: Parameters, size: float
+) -> Streams:
+    walk = processes.random_walk(
+        seen.rng(p["seed"]), seen.rows, density=p["deg_h_sqrt_h"] / 60.0, dt_s=seen.dt_s
+    )
     return streams.gyro(target, size * walk)
 
 
 def gauss_markov(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    more = processes.gauss_markov(seen.rng(p["seed"]), seen.rows, rms=p["deg_h"], tau_s=p["tau_s"], dt_s=seen.dt_s)
+    more = processes.gauss_markov(
+        seen.rng(p["seed"]), seen.rows, rms=p["deg_h"], tau_s=p["tau_s"], dt_s=seen.dt_s
+    )
     return streams.gyro(target, size * more)
 
 
@@ -82,7 +108,9 @@ def quantization(streams: Streams, seen: Seen, target: str, p: Parameters, size:
 
 
 def noise_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """White noise (1 + a g(t)) times the declared one; g: |dT/dt| in degC/min, or degC above 20, in tens."""
+    """White noise (1 + a g(t)) times the declared one; g: |dT/dt| in degC/min, or degC above 20, in
+    tens.
+    """
     if p["with"] == "rate":
         g = np.abs(np.gradient(coil(seen, target), seen.dt_s)) * 60.0
     else:
@@ -94,9 +122,15 @@ def noise_thermal(streams: Streams, seen: Seen, target: str, p: Parameters, size
 
 
 def clock_rate(streams: Streams, seen: Seen, target: str, p: Parameters, size: float) -> Streams:
-    """The unit's clock is slow: what it calls a tenth of a second is longer, for gyros and accelerometers alike."""
+    """The unit's clock is slow: what it calls a tenth of a second is longer, for gyros and
+    accelerometers alike.
+    """
     c = size * p["ppm"] * PPM
-    return replace(streams, dtheta_rad=streams.dtheta_rad + c * seen.dtheta_rad, dv_m_s=streams.dv_m_s + c * seen.dv_m_s)
+    return replace(
+        streams,
+        dtheta_rad=streams.dtheta_rad + c * seen.dtheta_rad,
+        dv_m_s=streams.dv_m_s + c * seen.dv_m_s,
+    )
 
 
 def _rate(seen: Seen, target: str) -> NDArray:
@@ -122,33 +156,108 @@ def _noise(key: str, size: float) -> Drawing:
 SLOW = ("slow_variation",)
 TAXI = frozenset({"taxi"})
 EFFECTS = (
-    Effect(name="gyro_scale_factor", targets=GYROS, lay=scale_factor, needs=TAXI,
-           confounded=("gyro_magnetic_sensitivity", "gyro_misalignment", "clock_rate"),
-           draw=lambda rng, _: {"scale_ppm": signed(rng, 5.0)}),
-    Effect(name="gyro_scale_asymmetry", targets=("gyro_z",), lay=scale_asymmetry, needs=TAXI,
-           draw=lambda rng, _: {"asymmetry_ppm": signed(rng, 5.0)}),
-    Effect(name="gyro_scale_thermal", targets=("gyro_z",), lay=scale_thermal, needs=TAXI,
-           draw=lambda rng, _: {"scale_ppm_degC": signed(rng, 2.0)}),
-    Effect(name="gyro_misalignment", targets=GYROS, lay=misalignment, needs=TAXI,
-           confounded=("gyro_magnetic_sensitivity",),
-           draw=lambda rng, _: {"arcsec_xyz": _crossed(rng, 14.0)}),
-    Effect(name="gyro_g_sensitivity", targets=GYROS, lay=g_sensitivity, needs=TAXI,
-           confounded=("gyro_turn_on_bias",),
-           draw=lambda rng, _: {"deg_h_g": signed(rng, 0.001), "direction": _crossed(rng, 1.0)}),
-    Effect(name="gyro_magnetic_sensitivity", targets=GYROS, lay=magnetic, needs=frozenset({"runs"}),
-           confounded=("gyro_misalignment", "gyro_scale_factor"),
-           draw=lambda rng, _: {"deg_h_gauss": 0.005, "direction": _leak(rng)}),
-    Effect(name="gyro_angle_random_walk", targets=GYROS, lay=angle_random_walk, draw=_noise("deg_sqrt_h", 0.002)),
-    Effect(name="gyro_bias_instability", targets=GYROS, lay=bias_instability, answers=SLOW, draw=_noise("deg_h", 0.003)),
-    Effect(name="gyro_rate_random_walk", targets=GYROS, lay=rate_random_walk, answers=SLOW,
-           draw=_noise("deg_h_sqrt_h", 0.003)),
-    Effect(name="gyro_gauss_markov", targets=GYROS, lay=gauss_markov, answers=SLOW,
-           draw=lambda rng, _: {"deg_h": 0.004, "tau_s": log_uniform(rng, 50, 1000), "seed": seed(rng)}),
-    Effect(name="gyro_quantization", targets=GYROS, lay=quantization, linear=False,
-           draw=lambda rng, _: {"arcsec": float(rng.uniform(0.3, 1.0))}),
-    Effect(name="gyro_noise_thermal", targets=GYROS, lay=noise_thermal, linear=False,
-           draw=lambda rng, _: {"growth": 0.3, "with": str(rng.choice(["rate", "level"])), "seed": seed(rng)}),
-    Effect(name="clock_rate", targets=("gyro_z",), lay=clock_rate, needs=TAXI, accepted=(*GYROS, "accel_z", "vehicle"),
-           confounded=("accel_scale_factor", "gyro_scale_factor"),
-           draw=lambda rng, _: {"ppm": signed(rng, 20.0)}),
-)  # fmt: skip
+    Effect(
+        name="gyro_scale_factor",
+        targets=GYROS,
+        lay=scale_factor,
+        needs=TAXI,
+        confounded=("gyro_magnetic_sensitivity", "gyro_misalignment", "clock_rate"),
+        draw=lambda rng, _: {"scale_ppm": signed(rng, 5.0)},
+    ),
+    Effect(
+        name="gyro_scale_asymmetry",
+        targets=("gyro_z",),
+        lay=scale_asymmetry,
+        needs=TAXI,
+        draw=lambda rng, _: {"asymmetry_ppm": signed(rng, 5.0)},
+    ),
+    Effect(
+        name="gyro_scale_thermal",
+        targets=("gyro_z",),
+        lay=scale_thermal,
+        needs=TAXI,
+        draw=lambda rng, _: {"scale_ppm_degC": signed(rng, 2.0)},
+    ),
+    Effect(
+        name="gyro_misalignment",
+        targets=GYROS,
+        lay=misalignment,
+        needs=TAXI,
+        confounded=("gyro_magnetic_sensitivity",),
+        draw=lambda rng, _: {"arcsec_xyz": _crossed(rng, 14.0)},
+    ),
+    Effect(
+        name="gyro_g_sensitivity",
+        targets=GYROS,
+        lay=g_sensitivity,
+        needs=TAXI,
+        confounded=("gyro_turn_on_bias",),
+        draw=lambda rng, _: {"deg_h_g": signed(rng, 0.001), "direction": _crossed(rng, 1.0)},
+    ),
+    Effect(
+        name="gyro_magnetic_sensitivity",
+        targets=GYROS,
+        lay=magnetic,
+        needs=frozenset({"runs"}),
+        confounded=("gyro_misalignment", "gyro_scale_factor"),
+        draw=lambda rng, _: {"deg_h_gauss": 0.005, "direction": _leak(rng)},
+    ),
+    Effect(
+        name="gyro_angle_random_walk",
+        targets=GYROS,
+        lay=angle_random_walk,
+        draw=_noise("deg_sqrt_h", 0.002),
+    ),
+    Effect(
+        name="gyro_bias_instability",
+        targets=GYROS,
+        lay=bias_instability,
+        answers=SLOW,
+        draw=_noise("deg_h", 0.003),
+    ),
+    Effect(
+        name="gyro_rate_random_walk",
+        targets=GYROS,
+        lay=rate_random_walk,
+        answers=SLOW,
+        draw=_noise("deg_h_sqrt_h", 0.003),
+    ),
+    Effect(
+        name="gyro_gauss_markov",
+        targets=GYROS,
+        lay=gauss_markov,
+        answers=SLOW,
+        draw=lambda rng, _: {
+            "deg_h": 0.004,
+            "tau_s": log_uniform(rng, 50, 1000),
+            "seed": seed(rng),
+        },
+    ),
+    Effect(
+        name="gyro_quantization",
+        targets=GYROS,
+        lay=quantization,
+        linear=False,
+        draw=lambda rng, _: {"arcsec": float(rng.uniform(0.3, 1.0))},
+    ),
+    Effect(
+        name="gyro_noise_thermal",
+        targets=GYROS,
+        lay=noise_thermal,
+        linear=False,
+        draw=lambda rng, _: {
+            "growth": 0.3,
+            "with": str(rng.choice(["rate", "level"])),
+            "seed": seed(rng),
+        },
+    ),
+    Effect(
+        name="clock_rate",
+        targets=("gyro_z",),
+        lay=clock_rate,
+        needs=TAXI,
+        accepted=(*GYROS, "accel_z", "vehicle"),
+        confounded=("accel_scale_factor", "gyro_scale_factor"),
+        draw=lambda rng, _: {"ppm": signed(rng, 20.0)},
+    ),
+)

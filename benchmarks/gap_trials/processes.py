@@ -1,4 +1,6 @@
-"""Random processes and memories that the planted effects are made of; written apart from trajectories and simreal."""
+"""Random processes and memories that the planted effects are made of; written apart from
+trajectories and simreal.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +24,9 @@ def white(rng: np.random.Generator, n: int, *, density: float, dt_s: float) -> N
     return density * np.sqrt(dt_s) * rng.standard_normal(n)
 
 
-def gauss_markov(rng: np.random.Generator, n: int, *, rms: float, tau_s: float, dt_s: float) -> NDArray:
+def gauss_markov(
+    rng: np.random.Generator, n: int, *, rms: float, tau_s: float, dt_s: float
+) -> NDArray:
     """First-order Gauss-Markov samples (n,), steady from the start."""
     keep = np.exp(-dt_s / tau_s)
     drive = rms * np.sqrt(1 - keep**2) * rng.standard_normal(n)
@@ -31,13 +35,21 @@ def gauss_markov(rng: np.random.Generator, n: int, *, rms: float, tau_s: float, 
 
 
 def flicker(rng: np.random.Generator, n: int, *, instability: float, dt_s: float) -> NDArray:
-    """Two-sided PSD B^2 / (2 pi f), (n,): Gauss-Markov processes an octave apart, from dt / pi to 4 n dt / (2 pi).
+    """Two-sided PSD B^2 / (2 pi f), (n,): Gauss-Markov processes an octave apart, from dt / pi to 4
+    n dt / (2 pi).
 
-    Each has the PSD 2 s^2 tau / (1 + (2 pi f tau)^2); their sum is s^2 / (2 f ln 2), so s^2 = B^2 ln 2 / pi.
+    Each has the PSD 2 s^2 tau / (1 + (2 pi f tau)^2); their sum is s^2 / (2 f ln 2), so s^2 = B^2
+    ln 2 / pi.
     """
     rms = instability * np.sqrt(np.log(2) / np.pi)
     octaves = int(np.ceil(np.log2(2.0 * n)))
-    return sum((gauss_markov(rng, n, rms=rms, tau_s=dt_s / np.pi * 2.0**k, dt_s=dt_s) for k in range(octaves + 1)), np.zeros(n))
+    return sum(
+        (
+            gauss_markov(rng, n, rms=rms, tau_s=dt_s / np.pi * 2.0**k, dt_s=dt_s)
+            for k in range(octaves + 1)
+        ),
+        np.zeros(n),
+    )
 
 
 def random_walk(rng: np.random.Generator, n: int, *, density: float, dt_s: float) -> NDArray:
@@ -46,11 +58,19 @@ def random_walk(rng: np.random.Generator, n: int, *, density: float, dt_s: float
 
 
 def oscillator_velocity(
-    rng: np.random.Generator, n: int, *, rms: float, frequency_hz: float, damping: float, dt_s: float
+    rng: np.random.Generator,
+    n: int,
+    *,
+    rms: float,
+    frequency_hz: float,
+    damping: float,
+    dt_s: float,
 ) -> NDArray:
-    """Velocity (n,) of x'' + 2 z w x' + w^2 x = white force, exact at the samples, in its steady state.
+    """Velocity (n,) of x'' + 2 z w x' + w^2 x = white force, exact at the samples, in its steady
+    state.
 
-    The sampled noise is Van Loan's integral; the filter is the transfer function from it to the velocity.
+    The sampled noise is Van Loan's integral; the filter is the transfer function from it to the
+    velocity.
     """
     w = 2 * np.pi * frequency_hz
     A = np.array([[0.0, 1.0], [-(w**2), -2 * damping * w]])
@@ -68,7 +88,8 @@ def oscillator_velocity(
 
 
 def play(values: NDArray, *, width: float, step: int = 10) -> NDArray:
-    """Mean backlash P(v) - v of a spread of play widths about `width`, (n,), between -width and width; free at first.
+    """Mean backlash P(v) - v of a spread of play widths about `width`, (n,), between -width and
+    width; free at first.
 
     Worked out at every `step`-th sample, straight in between.
     """

@@ -1,7 +1,8 @@
-"""What an effect sees of a run (the truth) and what it changes (the raw streams), with the moves that several share.
+"""What an effect sees of a run (the truth) and what it changes (the raw streams), with the moves
+that several share.
 
-Signs and frames as in CONVENTIONS.md. Rotations and displacements are first order: for 200 arcsec and 1 m/s the second
-order is below 5 micro-g.
+Signs and frames as in CONVENTIONS.md. Rotations and displacements are first order: for 200 arcsec
+and 1 m/s the second order is below 5 micro-g.
 """
 
 from dataclasses import dataclass, replace
@@ -12,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
-from ins.records import AXES, GnssLog, ImuLog, OdometerLog, Run, RunHeader, TemperatureLog, TwinModel
+from ins.records import (
+    AXES,
+    GnssLog,
+    ImuLog,
+    OdometerLog,
+    Run,
+    RunHeader,
+    TemperatureLog,
+    TwinModel,
+)
 from ins.units import DEG_PER_HOUR, MICRO_G
 from trajectories.runs.directory import run_sha256
 
@@ -21,10 +31,12 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Seen:
-    """The truth of one run at its n IMU rows (ends of the intervals; temperatures at their middles).
+    """The truth of one run at its n IMU rows (ends of the intervals; temperatures at their
+    middles).
 
-    number, of: which of how many runs. dtheta_rad, dv_m_s: ideal increments; temperatures: true ones, (n, 3) at the gyros
-    and accelerometers, gradient at the gyros, block (n,); taxi_s: when it starts to roll (the run's end if never).
+    number, of: which of how many runs. dtheta_rad, dv_m_s: ideal increments; temperatures: true
+    ones, (n, 3) at the gyros and accelerometers, gradient at the gyros, block (n,); taxi_s: when it
+    starts to roll (the run's end if never).
     """
 
     number: int
@@ -125,17 +137,29 @@ def streams_of(run: Run) -> Streams:
     if run.temperature is None:
         raise ValueError("a trial's run has temperatures")
     return Streams(
-        header=run.header, dtheta_rad=imu.dtheta_rad, dv_m_s=imu.dv_m_s, temperature=run.temperature, gnss=run.gnss,
-        odometer=run.odometer, dt_s=float(imu.dt_s[0]),
-    )  # fmt: skip
+        header=run.header,
+        dtheta_rad=imu.dtheta_rad,
+        dv_m_s=imu.dv_m_s,
+        temperature=run.temperature,
+        gnss=run.gnss,
+        odometer=run.odometer,
+        dt_s=float(imu.dt_s[0]),
+    )
 
 
 def run_of(run: Run, streams: Streams) -> Run:
     """The run with these streams, hashed anew."""
     imu = run.imu.whole()
-    changed = ImuLog(time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=streams.dtheta_rad, dv_m_s=streams.dv_m_s)
+    changed = ImuLog(
+        time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=streams.dtheta_rad, dv_m_s=streams.dv_m_s
+    )
     out = replace(
-        run, header=streams.header, imu=changed, temperature=streams.temperature, gnss=streams.gnss, odometer=streams.odometer
+        run,
+        header=streams.header,
+        imu=changed,
+        temperature=streams.temperature,
+        gnss=streams.gnss,
+        odometer=streams.odometer,
     )
     return replace(out, sha256=run_sha256(out))
 
@@ -151,23 +175,25 @@ def turned_back(C_nb: NDArray, vector_n: NDArray) -> NDArray:
 
 
 def tilted(streams: Streams, seen: Seen, q_b: NDArray) -> Streams:
-    """The body turns by the small rotation vector q_b (n, 3) at the ends of the rows; 0 before the first.
+    """The body turns by the small rotation vector q_b (n, 3) at the ends of the rows; 0 before the
+    first.
 
     exp(-q) to first order: the gyros see dq - q x dtheta, the accelerometers -q x dv.
     """
     before = np.concatenate([np.zeros((1, 3)), q_b[:-1]])
     mean = 0.5 * (q_b + before)
     return replace(
-        streams, dtheta_rad=streams.dtheta_rad + (q_b - before) - np.cross(mean, seen.dtheta_rad),
+        streams,
+        dtheta_rad=streams.dtheta_rad + (q_b - before) - np.cross(mean, seen.dtheta_rad),
         dv_m_s=streams.dv_m_s - np.cross(mean, seen.dv_m_s),
-    )  # fmt: skip
+    )
 
 
 def moved(streams: Streams, seen: Seen, dv_n: NDArray) -> Streams:
     """The vehicle moves by dv_n (n, 3) more than the base run says; 0 before the first row.
 
-    The accelerometers see the change of velocity and Coriolis, the gyros the transport rate, GNSS the velocity and
-    position; the odometer, along body x at the wheels, is left to the caller.
+    The accelerometers see the change of velocity and Coriolis, the gyros the transport rate, GNSS
+    the velocity and position; the odometer, along body x at the wheels, is left to the caller.
     """
     before = np.concatenate([np.zeros((1, 3)), dv_n[:-1]])
     path_n = np.cumsum(0.5 * (dv_n + before), axis=0) * seen.dt_s
@@ -175,9 +201,11 @@ def moved(streams: Streams, seen: Seen, dv_n: NDArray) -> Streams:
     coriolis_n = np.cross(2 * omega_ie_n(seen.lat_rad), 0.5 * (dv_n + before))
     rolled_n = omega_en_n(seen.lat_rad, seen.height_m, 0.5 * (dv_n + before)) * seen.dt_s
     return replace(
-        streams, dv_m_s=streams.dv_m_s + turned_back(C_middle, dv_n - before + coriolis_n * seen.dt_s),
-        dtheta_rad=streams.dtheta_rad + turned_back(C_middle, rolled_n), gnss=shifted_fixes(streams, seen, path_n, dv_n),
-    )  # fmt: skip
+        streams,
+        dv_m_s=streams.dv_m_s + turned_back(C_middle, dv_n - before + coriolis_n * seen.dt_s),
+        dtheta_rad=streams.dtheta_rad + turned_back(C_middle, rolled_n),
+        gnss=shifted_fixes(streams, seen, path_n, dv_n),
+    )
 
 
 def shifted_fixes(streams: Streams, seen: Seen, path_n: NDArray, dv_n: NDArray) -> GnssLog | None:
@@ -188,14 +216,18 @@ def shifted_fixes(streams: Streams, seen: Seen, path_n: NDArray, dv_n: NDArray) 
     rows = seen.nearest(log.time_s)
     meridian, transverse = radii_of_curvature(log.lat_rad)
     return replace(
-        log, lat_rad=log.lat_rad + path_n[rows, 0] / (meridian + log.height_m),
+        log,
+        lat_rad=log.lat_rad + path_n[rows, 0] / (meridian + log.height_m),
         lon_rad=log.lon_rad + path_n[rows, 1] / ((transverse + log.height_m) * np.cos(log.lat_rad)),
-        height_m=log.height_m - path_n[rows, 2], v_n_m_s=log.v_n_m_s + dv_n[rows],
-    )  # fmt: skip
+        height_m=log.height_m - path_n[rows, 2],
+        v_n_m_s=log.v_n_m_s + dv_n[rows],
+    )
 
 
 def arm_force(seen: Seen, arm_b_m: NDArray) -> NDArray:
-    """Velocity increments (n, 3) that a point at arm_b_m from the IMU feels beyond it: w' x r + w x (w x r)."""
+    """Velocity increments (n, 3) that a point at arm_b_m from the IMU feels beyond it: w' x r + w x
+    (w x r).
+    """
     w = seen.omega_nb_b
     swung = np.diff(np.cross(seen.omega_at_ends, arm_b_m), axis=0, prepend=np.zeros((1, 3)))
     return swung + np.cross(w, np.cross(w, arm_b_m)) * seen.dt_s

@@ -1,7 +1,9 @@
-"""Blind trials by seed: runs with a planted effect, the same runs without it, the twin and table, and what was planted.
+"""Blind trials by seed: runs with a planted effect, the same runs without it, the twin and table,
+and what was planted.
 
-The seed alone fixes headings, taxis, temperatures, noise, effects, targets and parameters; `with_sizes` keeps all of them
-and scales the effects only, so that a study can bring the whitened norm of runs minus runs_without to what it wants.
+The seed alone fixes headings, taxis, temperatures, noise, effects, targets and parameters;
+`with_sizes` keeps all of them and scales the effects only, so that a study can bring the whitened
+norm of runs minus runs_without to what it wants.
 """
 
 from collections.abc import Sequence
@@ -29,8 +31,8 @@ WRONG_NOISE = {  # which of the declared white noises is off, and what may name 
 class Planted:
     """One effect in a trial, in every run that it touches. size 1 is the middle of its usual range.
 
-    answers: the names that are right for it; targets: its target first, then others that name the same thing; confounded:
-    names that these recordings can hardly tell from it (see Effect).
+    answers: the names that are right for it; targets: its target first, then others that name the
+    same thing; confounded: names that these recordings can hardly tell from it (see Effect).
     """
 
     effect: str
@@ -44,7 +46,9 @@ class Planted:
 
 @dataclass(frozen=True, kw_only=True)
 class Trial:
-    """runs minus runs_without is the effect alone: same noise, bit for bit. truth is empty where nothing is planted."""
+    """runs minus runs_without is the effect alone: same noise, bit for bit. truth is empty where
+    nothing is planted.
+    """
 
     seed: int
     plan: str
@@ -57,12 +61,16 @@ class Trial:
     seen: tuple[Seen, ...]
 
     def with_sizes(self, sizes: Sequence[float]) -> "Trial":
-        """The same trial with other size factors of its effects (one each), same noise and parameters."""
+        """The same trial with other size factors of its effects (one each), same noise and
+        parameters.
+        """
         if len(sizes) != len(self.truth):
             raise InputError(f"trial {self.seed}: {len(sizes)} sizes, needed {len(self.truth)}")
         if any(planted.effect == "declared_noise" for planted in self.truth):
             raise InputError(f"trial {self.seed}: a declared noise has no size")
-        truth = tuple(replace(planted, size=float(size)) for planted, size in zip(self.truth, sizes))
+        truth = tuple(
+            replace(planted, size=float(size)) for planted, size in zip(self.truth, sizes)
+        )
         bases = [Base(run, seen) for run, seen in zip(self.runs_without, self.seen)]
         return replace(self, truth=truth, runs=tuple(lay_over(base, truth) for base in bases))
 
@@ -73,14 +81,22 @@ class Trial:
 
 
 def draw_trial(
-    seed: int, *, plan: str = "four", effects: int = 1, names: Sequence[str] | None = None,
-    sizes: Sequence[float] | None = None, source: str = "trajectories", with_gnss: bool = True,
+    seed: int,
+    *,
+    plan: str = "four",
+    effects: int = 1,
+    names: Sequence[str] | None = None,
+    sizes: Sequence[float] | None = None,
+    source: str = "trajectories",
+    with_gnss: bool = True,
     parked_s: float = runs.PARKED_S,
-) -> Trial:  # fmt: skip
-    """A trial with so many effects (0: none), drawn from `names` or from all that the plan can show.
+) -> Trial:
+    """A trial with so many effects (0: none), drawn from `names` or from all that the plan can
+    show.
 
-    Two effects have different targets. source: "trajectories", or "pyins" for ideal sensors, noise and temperatures that
-    share no code with the project. InputError on an unknown plan, name or source, or where too few effects are possible.
+    Two effects have different targets. source: "trajectories", or "pyins" for ideal sensors, noise
+    and temperatures that share no code with the project. InputError on an unknown plan, name or
+    source, or where too few effects are possible.
     """
     chosen = runs.plan_named(plan)
     if sizes is not None and len(sizes) != effects:
@@ -88,38 +104,72 @@ def draw_trial(
     table, twin, bases = _bases(seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s)
     rng = np.random.default_rng([seed, 2])
     candidates = possible(_has(chosen, with_gnss), names)
-    truth = _draw_effects(rng, candidates, effects, tuple(base.seen for base in bases), sizes or [1.0] * effects)
+    truth = _draw_effects(
+        rng, candidates, effects, tuple(base.seen for base in bases), sizes or [1.0] * effects
+    )
     return Trial(
-        seed=seed, plan=plan, source=source, twin=twin, table=table, truth=truth,
-        runs=tuple(lay_over(base, truth) for base in bases), runs_without=tuple(base.run for base in bases),
+        seed=seed,
+        plan=plan,
+        source=source,
+        twin=twin,
+        table=table,
+        truth=truth,
+        runs=tuple(lay_over(base, truth) for base in bases),
+        runs_without=tuple(base.run for base in bases),
         seen=tuple(base.seen for base in bases),
-    )  # fmt: skip
+    )
 
 
 def draw_noise_trial(
-    seed: int, *, plan: str = "four", off: float = 0.05, source: str = "trajectories", with_gnss: bool = True,
+    seed: int,
+    *,
+    plan: str = "four",
+    off: float = 0.05,
+    source: str = "trajectories",
+    with_gnss: bool = True,
     parked_s: float = runs.PARKED_S,
-) -> Trial:  # fmt: skip
-    """A trial whose unit has white noise `off` above or below what its twin declares, and nothing else.
+) -> Trial:
+    """A trial whose unit has white noise `off` above or below what its twin declares, and nothing
+    else.
 
     runs_without have the declared noise, from the same draws.
     """
     rng = np.random.default_rng([seed, 3])
-    which, factor = str(rng.choice(sorted(WRONG_NOISE))), 1 + off * (1.0 if rng.random() < 0.5 else -1.0)
+    which, factor = (
+        str(rng.choice(sorted(WRONG_NOISE))),
+        1 + off * (1.0 if rng.random() < 0.5 else -1.0),
+    )
     chosen = runs.plan_named(plan)
     table, twin, without = _bases(seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s)
     unit_twin = noisier(twin, which, factor)
-    _, _, bases = _bases(seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s, unit_twin=unit_twin)
-    targets = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") if which in (sensor, "both") for axis in "xyz"]
+    _, _, bases = _bases(
+        seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s, unit_twin=unit_twin
+    )
+    targets = [
+        f"{sensor}_{axis}"
+        for sensor in ("gyro", "accel")
+        if which in (sensor, "both")
+        for axis in "xyz"
+    ]
     planted = Planted(
-        effect="declared_noise", target=targets[0], parameters={"which": which, "factor": factor}, size=1.0,
-        answers=WRONG_NOISE[which], targets=(*targets, *(() if which == "gyro" else ("vehicle",))),
-    )  # fmt: skip
+        effect="declared_noise",
+        target=targets[0],
+        parameters={"which": which, "factor": factor},
+        size=1.0,
+        answers=WRONG_NOISE[which],
+        targets=(*targets, *(() if which == "gyro" else ("vehicle",))),
+    )
     return Trial(
-        seed=seed, plan=plan, source=source, twin=twin, table=table, truth=(planted,),
-        runs=tuple(base.run for base in bases), runs_without=tuple(base.run for base in without),
+        seed=seed,
+        plan=plan,
+        source=source,
+        twin=twin,
+        table=table,
+        truth=(planted,),
+        runs=tuple(base.run for base in bases),
+        runs_without=tuple(base.run for base in without),
         seen=tuple(base.seen for base in bases),
-    )  # fmt: skip
+    )
 
 
 def noisier(twin: TwinModel, which: str, factor: float) -> TwinModel:
@@ -133,7 +183,9 @@ def noisier(twin: TwinModel, which: str, factor: float) -> TwinModel:
 
 
 def lay_over(base: Base, truth: Sequence[Planted]) -> Run:
-    """A run with the planted effects; those that count pulses come last. The run itself where nothing changes."""
+    """A run with the planted effects; those that count pulses come last. The run itself where
+    nothing changes.
+    """
     streams = streams_of(base.run)
     for planted in sorted(truth, key=lambda p: p.effect.endswith("quantization")):
         effect = effect_named(planted.effect)
@@ -142,24 +194,42 @@ def lay_over(base: Base, truth: Sequence[Planted]) -> Run:
 
 
 def _bases(
-    seed: int, plan: Plan, source: str, *, with_gnss: bool, parked_s: float, unit_twin: TwinModel | None = None
+    seed: int,
+    plan: Plan,
+    source: str,
+    *,
+    with_gnss: bool,
+    parked_s: float,
+    unit_twin: TwinModel | None = None,
 ) -> tuple[dict[str, Any], TwinModel, tuple[Base, ...]]:
     if source not in SOURCES:
         raise InputError(f"trial source {source!r}, needed one of {', '.join(SOURCES)}")
     table, twin = runs.draw_table(np.random.default_rng([seed, 0])), runs.rlg_twin()
     bases = SOURCES[source](
-        seed, plan, table=table, twin=twin, unit_twin=unit_twin, parked_s=parked_s, with_gnss=with_gnss
-    )  # fmt: skip
+        seed,
+        plan,
+        table=table,
+        twin=twin,
+        unit_twin=unit_twin,
+        parked_s=parked_s,
+        with_gnss=with_gnss,
+    )
     return table, twin, bases
 
 
 def _has(plan: Plan, with_gnss: bool) -> frozenset[str]:
     have = {"odometer"} | ({"gnss"} if with_gnss else set())
-    return frozenset(have | ({"taxi"} if plan.taxi else set()) | ({"runs"} if len(plan.starts) > 1 else set()))
+    return frozenset(
+        have | ({"taxi"} if plan.taxi else set()) | ({"runs"} if len(plan.starts) > 1 else set())
+    )
 
 
 def _draw_effects(
-    rng: np.random.Generator, candidates: tuple[Effect, ...], count: int, seen: tuple[Seen, ...], sizes: Sequence[float]
+    rng: np.random.Generator,
+    candidates: tuple[Effect, ...],
+    count: int,
+    seen: tuple[Seen, ...],
+    sizes: Sequence[float],
 ) -> tuple[Planted, ...]:
     planted: list[Planted] = []
     for size in sizes:
@@ -171,8 +241,15 @@ def _draw_effects(
         name = names[int(rng.integers(len(names)))]
         matching = [pair for pair in pairs if pair[0].name == name]
         effect, target = matching[int(rng.integers(len(matching)))]
-        planted.append(Planted(
-            effect=name, target=target, parameters=effect.draw(rng, seen), size=float(size), answers=effect.right_answers,
-            targets=(target, *(t for t in effect.accepted if t != target)), confounded=effect.confounded,
-        ))  # fmt: skip
+        planted.append(
+            Planted(
+                effect=name,
+                target=target,
+                parameters=effect.draw(rng, seen),
+                size=float(size),
+                answers=effect.right_answers,
+                targets=(target, *(t for t in effect.accepted if t != target)),
+                confounded=effect.confounded,
+            )
+        )
     return tuple(planted)

@@ -1,6 +1,8 @@
-"""The Python reference, read from the sources: every public function and class with its docstring as it is written.
+"""The Python reference, read from the sources: every public function and class with its docstring
+as it is written.
 
-The docstrings are plain text with shapes and units, not reStructuredText, so they are shown as text.
+The docstrings are plain text with shapes and units, not reStructuredText, so they are shown as
+text.
 """
 
 import ast
@@ -18,19 +20,30 @@ def api_pages() -> dict[str, str]:
 
 
 def modules(package: str) -> dict[str, Path]:
-    """Source files by dotted name, the package itself first; private modules and those of commands are left out."""
+    """Source files by dotted name, the package itself first; private modules and those of commands
+    are left out.
+    """
     found = {}
     for path in sorted((ROOT / package).rglob("*.py")):
         parts = path.relative_to(ROOT).with_suffix("").parts
         parts = parts[:-1] if parts[-1] == "__init__" else parts
-        if not any(p.startswith("_") for p in parts) and parts[:2] != ("recal", "cli") and "migrations" not in parts:
+        if (
+            not any(p.startswith("_") for p in parts)
+            and parts[:2] != ("recal", "cli")
+            and "migrations" not in parts
+        ):
             found[".".join(parts)] = path
     return dict(sorted(found.items(), key=lambda item: (item[0].count(".") > 0, item[0])))
 
 
 def public_names() -> list[str]:
     """Full names of all public functions and classes."""
-    return [f"{name}.{node.name}" for package in PACKAGES for name, path in modules(package).items() for node in _public(path)]
+    return [
+        f"{name}.{node.name}"
+        for package in PACKAGES
+        for name, path in modules(package).items()
+        for node in _public(path)
+    ]
 
 
 @cache
@@ -41,7 +54,11 @@ def parsed(path: Path) -> ast.Module:
 
 def _public(path: Path) -> list[ast.FunctionDef | ast.ClassDef]:
     body = parsed(path).body
-    return [n for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")]
+    return [
+        n
+        for n in body
+        if isinstance(n, ast.FunctionDef | ast.ClassDef) and not n.name.startswith("_")
+    ]
 
 
 def _index() -> str:
@@ -75,7 +92,9 @@ def _entry(node: ast.FunctionDef | ast.ClassDef) -> str:
     """Signature and docstring; of a class its fields and public methods too."""
     if isinstance(node, ast.FunctionDef):
         return _signature(node) + _indented(ast.get_docstring(node))
-    lines = [f"class {node.name}({', '.join(ast.unparse(b) for b in node.bases)})".replace("()", "")]
+    lines = [
+        f"class {node.name}({', '.join(ast.unparse(b) for b in node.bases)})".replace("()", "")
+    ]
     text = lines[0] + _indented(ast.get_docstring(node))
     for item in node.body:
         if isinstance(item, ast.AnnAssign) and not ast.unparse(item.target).startswith("_"):
@@ -83,7 +102,9 @@ def _entry(node: ast.FunctionDef | ast.ClassDef) -> str:
     for item in node.body:
         if isinstance(item, ast.FunctionDef) and not item.name.startswith("_"):
             method = _signature(item) + _indented(ast.get_docstring(item))
-            text += "\n\n" + "\n".join(f"    {line}" if line else "" for line in method.splitlines())
+            text += "\n\n" + "\n".join(
+                f"    {line}" if line else "" for line in method.splitlines()
+            )
     return text
 
 
@@ -92,12 +113,18 @@ def _signature(node: ast.FunctionDef) -> str:
     one_line = f"{node.name}({ast.unparse(node.args)}){returns}"
     if len(one_line) <= 100:
         return one_line
-    arguments = textwrap.fill(ast.unparse(node.args), 96, initial_indent="    ", subsequent_indent="    ")
+    arguments = textwrap.fill(
+        ast.unparse(node.args), 96, initial_indent="    ", subsequent_indent="    "
+    )
     return f"{node.name}(\n{arguments}\n){returns}"
 
 
 def _indented(docstring: str | None) -> str:
-    return "" if not docstring else "\n" + "\n".join(f"    {line}" if line else "" for line in docstring.splitlines())
+    return (
+        ""
+        if not docstring
+        else "\n" + "\n".join(f"    {line}" if line else "" for line in docstring.splitlines())
+    )
 
 
 def _block(text: str | None) -> str:

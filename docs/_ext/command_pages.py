@@ -1,4 +1,6 @@
-"""The command reference, read from the program itself: every command, argument, option, default and exit code."""
+"""The command reference, read from the program itself: every command, argument, option, default and
+exit code.
+"""
 
 import types
 import typing
@@ -10,18 +12,33 @@ import typer
 from recal.cli import console
 from recal.cli.app import app
 
-PYTHON_TYPES: dict[Any, str] = {bool: "", str: "TEXT", int: "WHOLE NUMBER", float: "NUMBER", Path: "PATH"}
+PYTHON_TYPES: dict[Any, str] = {
+    bool: "",
+    str: "TEXT",
+    int: "WHOLE NUMBER",
+    float: "NUMBER",
+    Path: "PATH",
+}
 WORDS = {
     console.DONE: "done",
     console.USAGE: "wrong usage: an unknown option or a missing argument",
-    console.BAD_INPUT: "bad input: one line says which file and key, what was got, what was needed; nothing was stored",
-    console.REFUSED: "refused: what was measured, what was needed; the report is written all the same",
-    console.INCONSISTENT: "inconsistent: the data contradict the model or the stored table; nothing was committed",
+    console.BAD_INPUT: (
+        "bad input: one line says which file and key, what was got, what was needed; nothing was"
+        " stored"
+    ),
+    console.REFUSED: (
+        "refused: what was measured, what was needed; the report is written all the same"
+    ),
+    console.INCONSISTENT: (
+        "inconsistent: the data contradict the model or the stored table; nothing was committed"
+    ),
 }
 
 
 def command_tree() -> dict[str, Any]:
-    """Every command that does something, by its full name ("table list"), in the order of `recal --help`."""
+    """Every command that does something, by its full name ("table list"), in the order of `recal
+    --help`.
+    """
     return dict(_leaves(typer.main.get_command(app), ""))
 
 
@@ -46,11 +63,24 @@ def _leaves(group: Any, prefix: str) -> Any:
 
 
 def _index(by_word: dict[str, dict[str, Any]]) -> str:
-    lines = ["# Commands", "", "Made from the program when this site was built.", "", "| command | does |", "|---|---|"]
+    lines = [
+        "# Commands",
+        "",
+        "Made from the program when this site was built.",
+        "",
+        "| command | does |",
+        "|---|---|",
+    ]
     for word, commands in by_word.items():
         for name, command in commands.items():
             lines.append(f"| [`recal {name}`]({word}.md) | {_cell(_summary(command))} |")
-    lines += ["", "## Exit codes", "", "| code | meaning | verdicts that end with it |", "|---|---|---|"]
+    lines += [
+        "",
+        "## Exit codes",
+        "",
+        "| code | meaning | verdicts that end with it |",
+        "|---|---|---|",
+    ]
     for code, words in sorted(WORDS.items()):
         verdicts = ", ".join(f"`{v}`" for v, c in console.EXIT_CODES.items() if c == code)
         lines.append(f"| {code} | {words} | {verdicts} |")
@@ -63,7 +93,13 @@ def _page(word: str, commands: dict[str, Any]) -> str:
     for name, command in commands.items():
         if name != word:
             parts += [f"## recal {name}", ""]
-        parts += [*_help(command), _usage(name, command), "", *_arguments(command), *_options(command)]
+        parts += [
+            *_help(command),
+            _usage(name, command),
+            "",
+            *_arguments(command),
+            *_options(command),
+        ]
     return "\n".join(parts)
 
 
@@ -73,7 +109,14 @@ def _help(command: Any) -> list[str]:
     for paragraph in (command.help or "").replace("\x08", "").split("\n\n"):
         if paragraph.startswith("Example"):
             lead, _, example = paragraph.partition(":")
-            lines += [f"{lead}:", "", "```", *(line.strip() for line in example.strip().splitlines()), "```", ""]
+            lines += [
+                f"{lead}:",
+                "",
+                "```",
+                *(line.strip() for line in example.strip().splitlines()),
+                "```",
+                "",
+            ]
         else:
             lines += [_plain(paragraph), ""]
     return lines
@@ -89,7 +132,10 @@ def _usage(name: str, command: Any) -> str:
 
 def _arguments(command: Any) -> list[str]:
     found = _of_kind(command, arguments=True)
-    rows = [f"| `{(p.metavar or p.name).upper()}` | {'yes' if p.required else 'no'} | {_cell(p.help)} |" for p in found]
+    rows = [
+        f"| `{(p.metavar or p.name).upper()}` | {'yes' if p.required else 'no'} | {_cell(p.help)} |"
+        for p in found
+    ]
     return ["| argument | needed | |", "|---|---|---|", *rows, ""] if rows else []
 
 

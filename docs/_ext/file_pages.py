@@ -1,4 +1,6 @@
-"""The reference of every file, from the models that check them: names, types, bounds and defaults as the code has them."""
+"""The reference of every file, from the models that check them: names, types, bounds and defaults
+as the code has them.
+"""
 
 import dataclasses
 import typing
@@ -23,23 +25,36 @@ from trajectories.simulator.truth_file import TruthSection
 from trajectories.simulator.vehicle import EVENTS
 
 HEAD = ["| key | type | needed or default |", "|---|---|---|"]
-BOUNDS = {Ge: ("ge", ">="), Gt: ("gt", ">"), Le: ("le", "<="), Lt: ("lt", "<"), MinLen: ("min_length", "length >="),
-          MaxLen: ("max_length", "length <=")}  # fmt: skip
+BOUNDS = {
+    Ge: ("ge", ">="),
+    Gt: ("gt", ">"),
+    Le: ("le", "<="),
+    Lt: ("lt", "<"),
+    MinLen: ("min_length", "length >="),
+    MaxLen: ("max_length", "length <="),
+}
 
 
 def file_pages() -> dict[str, str]:
     """Markdown by page name."""
     pages = {
-        "run": _run(), "table": _table(), "twin": _twin(), "scenario": _scenario(), "column_map": _map(),
-        "settings": _settings(), "effects": _effects(), "results": _results(),
-    }  # fmt: skip
+        "run": _run(),
+        "table": _table(),
+        "twin": _twin(),
+        "scenario": _scenario(),
+        "column_map": _map(),
+        "settings": _settings(),
+        "effects": _effects(),
+        "results": _results(),
+    }
     return {"index": _index(pages), **pages}
 
 
 def _index(pages: dict[str, str]) -> str:
     rules = (
-        "UTF-8, float64; the unit is in the name of each column and key; times are `time_s`, seconds from the "
-        "run's `start_utc`, strictly increasing; body axes are x forward, y right, z down; a missing value is NaN (CSV: empty)."
+        "UTF-8, float64; the unit is in the name of each column and key; times are `time_s`,"
+        " seconds from the run's `start_utc`, strictly increasing; body axes are x forward, y"
+        " right, z down; a missing value is NaN (CSV: empty)."
     )
     names = "\n".join(pages)
     made = "Made from the models that check them, when this site was built."
@@ -67,28 +82,59 @@ def _run() -> str:
     lines.append(f"| imu | {_names(('time_s', *run_schema.INCREMENTS))} (increments) | |")
     lines.append(f"| imu | {_names(('time_s', *run_schema.RATES))} (rates) | |")
     for stream, columns in run_schema.REQUIRED.items():
-        lines.append(f"| {stream} | {_names(columns)} | {_names(run_schema.OPTIONAL.get(stream, ()))} |")
-    return "\n".join([*lines, "", "`reference` is truth: it scores, no estimator ever reads it.", ""])
+        lines.append(
+            f"| {stream} | {_names(columns)} | {_names(run_schema.OPTIONAL.get(stream, ()))} |"
+        )
+    return "\n".join(
+        [*lines, "", "`reference` is truth: it scores, no estimator ever reads it.", ""]
+    )
 
 
 def _table() -> str:
-    lines = ["# A thermal bias table", "", f"`schema`: `{table_file.SCHEMA}`. {_first(table_file.table_sha256)}", ""]
+    lines = [
+        "# A thermal bias table",
+        "",
+        f"`schema`: `{table_file.SCHEMA}`. {_first(table_file.table_sha256)}",
+        "",
+    ]
     lines += [*HEAD, *_model_rows(table_file._Table), "", "## As CSV", ""]
-    columns = f"Columns {_names(table_file.CSV_COLUMNS)}; a hermite table adds `{table_file.SLOPE_COLUMN}`."
+    columns = (
+        f"Columns {_names(table_file.CSV_COLUMNS)}; a hermite table adds"
+        f" `{table_file.SLOPE_COLUMN}`."
+    )
     lines.append(f"{columns} The covariance is not in a CSV.")
     return "\n".join([*lines, ""])
 
 
 def _twin() -> str:
-    lines = ["# A twin", "", "What the simulator believes about one installation.", "", f"`schema`: `{twin_file.SCHEMA}`", ""]
+    lines = [
+        "# A twin",
+        "",
+        "What the simulator believes about one installation.",
+        "",
+        f"`schema`: `{twin_file.SCHEMA}`",
+        "",
+    ]
     nominal, mems = twin_file.default_twin("rlg"), twin_file.default_twin("mems")
     lines += ["| key | default (rlg, fog) | default (mems) |", "|---|---|---|"]
-    lines += [f"| `{k}` | {getattr(nominal, k) or ''} | |" for k in ("imu_serial", "gyro_technology", "table")]
+    lines += [
+        f"| `{k}` | {getattr(nominal, k) or ''} | |"
+        for k in ("imu_serial", "gyro_technology", "table")
+    ]
     for section in twin_file.SECTIONS:
         a, b = getattr(nominal, section), getattr(mems, section)
         for f in dataclasses.fields(a):
-            lines.append(f"| `{section}.{f.name}` | {_value(getattr(a, f.name))} | {_value(getattr(b, f.name))} |")
-    lines += ["", "Each item of `effects` (the names: [effects](effects.md)):", "", *HEAD, *_model_rows(twin_file._Effect)]
+            lines.append(
+                f"| `{section}.{f.name}` | {_value(getattr(a, f.name))} |"
+                f" {_value(getattr(b, f.name))} |"
+            )
+    lines += [
+        "",
+        "Each item of `effects` (the names: [effects](effects.md)):",
+        "",
+        *HEAD,
+        *_model_rows(twin_file._Effect),
+    ]
     return "\n".join([*lines, ""])
 
 
@@ -96,7 +142,10 @@ def _scenario() -> str:
     lines = [
         "# A scenario",
         "",
-        f"What `recal simulate` takes (TOML). `schema`: `{scenario.SCHEMA}`. An unknown key is an error.",
+        (
+            f"What `recal simulate` takes (TOML). `schema`: `{scenario.SCHEMA}`. An unknown key is"
+            " an error."
+        ),
         "",
     ]
     lines += [
@@ -118,9 +167,19 @@ def _scenario() -> str:
         "",
     ]
     lines += [*HEAD, *_record_rows(ThermalHistory)]
-    lines += ["", "## [truth]", "", *_doc(TruthSection), "Instead of `[site]`, `[attitude]` and `[[motion]]`.", ""]
+    lines += [
+        "",
+        "## [truth]",
+        "",
+        *_doc(TruthSection),
+        "Instead of `[site]`, `[attitude]` and `[[motion]]`.",
+        "",
+    ]
     lines += [*HEAD, *_record_rows(TruthSection)]
-    for title, kinds, key in (("[[motion]]", SEGMENTS, "segment"), ("[[disturbance]]", EVENTS, "event")):
+    for title, kinds, key in (
+        ("[[motion]]", SEGMENTS, "segment"),
+        ("[[disturbance]]", EVENTS, "event"),
+    ):
         lines += ["", f"## {title}", ""]
         for name, kind in kinds.items():
             lines += [f'### {key} = "{name}"', "", *_doc(kind), *HEAD, *_record_rows(kind), ""]
@@ -129,13 +188,23 @@ def _scenario() -> str:
 
 def _map() -> str:
     units = {
-        "time": column_map.TIME_UNITS, "gyro, rates": column_map.GYRO_RATES, "gyro, increments": column_map.GYRO_INCREMENTS,
-        "accel, rates": column_map.ACCEL_RATES, "accel, increments": column_map.ACCEL_INCREMENTS,
+        "time": column_map.TIME_UNITS,
+        "gyro, rates": column_map.GYRO_RATES,
+        "gyro, increments": column_map.GYRO_INCREMENTS,
+        "accel, rates": column_map.ACCEL_RATES,
+        "accel, increments": column_map.ACCEL_INCREMENTS,
         "temperature": column_map.CELSIUS,
-    }  # fmt: skip
-    lines = ["# A column map", "", "What the columns of a foreign log mean (TOML), for `recal convert --map`.", ""]
+    }
+    lines = [
+        "# A column map",
+        "",
+        "What the columns of a foreign log mean (TOML), for `recal convert --map`.",
+        "",
+    ]
     lines += [*HEAD, *_model_rows(column_map.ColumnMap), "", "| units of | |", "|---|---|"]
-    return "\n".join([*lines, *(f"| {name} | {_names(known)} |" for name, known in units.items()), ""])
+    return "\n".join(
+        [*lines, *(f"| {name} | {_names(known)} |" for name, known in units.items()), ""]
+    )
 
 
 def _settings() -> str:
@@ -151,20 +220,48 @@ def _settings() -> str:
 
 
 def _effects() -> str:
-    lines = ["# Effects", "", "The catalogue of `recal diagnose`, `recal plan` and of a twin's `effects`.", ""]
-    lines += ["| effect | id | targets | parameters: usual size | rivals |", "|---|---|---|---|---|"]
+    lines = [
+        "# Effects",
+        "",
+        "The catalogue of `recal diagnose`, `recal plan` and of a twin's `effects`.",
+        "",
+    ]
+    lines += [
+        "| effect | id | targets | parameters: usual size | rivals |",
+        "|---|---|---|---|---|",
+    ]
     for e in sorted(catalogue(), key=lambda e: (e.name, e.id)):
         linear = [f"`{c.name}`: {c.low:g} to {c.high:g} {c.unit}" for c in e.coefficients]
         shape = [f"`{s.name}`: {s.low:g} to {s.high:g} {s.unit}" for s in e.shape]
         rivals = _names(dict.fromkeys(e.rivals))
-        lines.append(f"| `{e.name}` | `{e.id}` | {_names(e.targets)} | {'; '.join(linear + shape)} | {rivals} |")
+        lines.append(
+            f"| `{e.name}` | `{e.id}` | {_names(e.targets)} | {'; '.join(linear + shape)} |"
+            f" {rivals} |"
+        )
     return "\n".join([*lines, ""])
 
 
 def _results() -> str:
-    lines = ["# Results", "", "Keys of each result, as the function that makes it writes them (`--json` prints the same).", ""]
-    for found in documents({name: path for package in PACKAGES for name, path in _sources(package).items()}):
-        lines += [f"## {found.schema}", "", f"Made by `{found.function}`.", "", f"```text\n{found.tree}\n```", ""]
+    lines = [
+        "# Results",
+        "",
+        (
+            "Keys of each result, as the function that makes it writes them (`--json` prints the"
+            " same)."
+        ),
+        "",
+    ]
+    for found in documents(
+        {name: path for package in PACKAGES for name, path in _sources(package).items()}
+    ):
+        lines += [
+            f"## {found.schema}",
+            "",
+            f"Made by `{found.function}`.",
+            "",
+            f"```text\n{found.tree}\n```",
+            "",
+        ]
     return "\n".join(lines)
 
 
@@ -182,7 +279,9 @@ def _model_rows(model: type[BaseModel], prefix: str = "") -> list[str]:
     for name, field in model.model_fields.items():
         inner = _model_in(field.annotation)
         default = "needed" if field.is_required() else _default_of(field, nested=inner is not None)
-        rows.append(f"| `{prefix}{name}` | {_type(field.annotation)}{_bounds(field.metadata)} | {default} |")
+        rows.append(
+            f"| `{prefix}{name}` | {_type(field.annotation)}{_bounds(field.metadata)} | {default} |"
+        )
         if inner is not None:
             rows += _model_rows(inner, f"{prefix}{name}.")
     return rows
@@ -202,7 +301,10 @@ def _default_of(field: Any, *, nested: bool) -> str:
 
 def _record_rows(kind: type) -> list[str]:
     hints = typing.get_type_hints(kind)
-    return [f"| `{f.name}` | {_type(hints[f.name])} | {_record_default(f)} |" for f in dataclasses.fields(kind)]
+    return [
+        f"| `{f.name}` | {_type(hints[f.name])} | {_record_default(f)} |"
+        for f in dataclasses.fields(kind)
+    ]
 
 
 def _record_default(f: Any) -> str:
@@ -227,11 +329,21 @@ def _type(hint: Any) -> str:
         return " or ".join(_type(a) for a in args)
     if isinstance(hint, type) and issubclass(hint, BaseModel):
         return "keys"
-    return {str: "text", float: "number", int: "whole number", bool: "true or false", type(None): "null"}.get(hint, "any")
+    return {
+        str: "text",
+        float: "number",
+        int: "whole number",
+        bool: "true or false",
+        type(None): "null",
+    }.get(hint, "any")
 
 
 def _bounds(metadata: Any) -> str:
-    found = [f"{BOUNDS[type(m)][1]} {getattr(m, BOUNDS[type(m)][0]):g}" for m in metadata if type(m) in BOUNDS]
+    found = [
+        f"{BOUNDS[type(m)][1]} {getattr(m, BOUNDS[type(m)][0]):g}"
+        for m in metadata
+        if type(m) in BOUNDS
+    ]
     return f" ({', '.join(found)})" if found else ""
 
 

@@ -1,4 +1,6 @@
-"""Writes the pages that come from the code into docs/generated/ before Sphinx reads anything (git ignores them)."""
+"""Writes the pages that come from the code into docs/generated/ before Sphinx reads anything (git
+ignores them).
+"""
 
 from pathlib import Path
 from typing import Any
@@ -13,11 +15,16 @@ DOCS = Path(__file__).parents[1]
 
 
 def write_pages(app: Any = None) -> None:
-    """Each page only where its text changed, so that a second build is quick; pages of code that is gone go too."""
+    """Each page only where its text changed, so that a second build is quick; pages of code that is
+    gone go too.
+    """
     made = {
-        "commands": command_pages(), "files": file_pages(), "api": api_pages(), "project": root_pages(DOCS.parent),
+        "commands": command_pages(),
+        "files": file_pages(),
+        "api": api_pages(),
+        "project": root_pages(DOCS.parent),
         "pages": page_lists(DOCS),
-    }  # fmt: skip
+    }
     kept = set()
     for folder, pages in made.items():
         for name, text in pages.items():

@@ -1,7 +1,9 @@
-"""Formulas as MathML, which browsers draw themselves: no script, no font and no request to another machine.
+"""Formulas as MathML, which browsers draw themselves: no script, no font and no request to another
+machine.
 
-Bold and bold italic letters are written as the letters that Unicode has for them, since browsers no longer read the
-mathvariant attribute. (docutils' own converter puts an accent over all that follows a braced letter, so it is not used.)
+Bold and bold italic letters are written as the letters that Unicode has for them, since browsers no
+longer read the mathvariant attribute. (docutils' own converter puts an accent over all that follows
+a braced letter, so it is not used.)
 """
 
 import html
@@ -41,7 +43,10 @@ def _bold(letters: str, variant: str) -> str:
 def _letter(character: str, kind: str) -> str:
     """The bold letter; numbers and signs that have none stay as they are."""
     name = unicodedata.name(character, "").removeprefix("GREEK ").removeprefix("LATIN ")
-    for wanted in (f"{kind} {name.replace(' LETTER', '')}", f"MATHEMATICAL BOLD {name.replace(' LETTER', '')}"):
+    for wanted in (
+        f"{kind} {name.replace(' LETTER', '')}",
+        f"MATHEMATICAL BOLD {name.replace(' LETTER', '')}",
+    ):
         try:
             return unicodedata.lookup(wanted)
         except KeyError:

@@ -1,4 +1,6 @@
-"""Lists of the pages that lie in docs/ itself: guides by name, all others are studies and notes; none must be there."""
+"""Lists of the pages that lie in docs/ itself: guides by name, all others are studies and notes;
+none must be there.
+"""
 
 from pathlib import Path
 
@@ -6,14 +8,20 @@ OF_INDEX = ("index", "quickstart", "concepts", "theory")  # named in index.md it
 GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve")
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),
-    "studies": ("Studies and notes", "What the program reaches, with the numbers, and what was found on the way."),
+    "studies": (
+        "Studies and notes",
+        "What the program reaches, with the numbers, and what was found on the way.",
+    ),
 }
 
 
 def page_lists(docs: Path) -> dict[str, str]:
     """Markdown by page name; a list of no pages is left out."""
     there = sorted(p.stem for p in docs.glob("*.md") if p.stem not in OF_INDEX)
-    lists = {"guides": [g for g in GUIDES if g in there], "studies": [p for p in there if p not in GUIDES]}
+    lists = {
+        "guides": [g for g in GUIDES if g in there],
+        "studies": [p for p in there if p not in GUIDES],
+    }
     return {name: _list(*TEXTS[name], pages) for name, pages in lists.items() if pages}
 
 

@@ -1,4 +1,6 @@
-"""The project's own pages beside docs/ (conventions, architecture, changes), with their links made good for the site."""
+"""The project's own pages beside docs/ (conventions, architecture, changes), with their links made
+good for the site.
+"""
 
 import re
 from pathlib import Path
@@ -14,11 +16,17 @@ LINK = re.compile(r"\]\(([^)#\s]+)(#[^)]*)?\)")
 
 def root_pages(root: Path) -> dict[str, str]:
     """Markdown by page name, of the pages that exist."""
-    return {name: _relinked((root / file).read_text("utf-8"), root) for name, file in PAGES.items() if (root / file).exists()}
+    return {
+        name: _relinked((root / file).read_text("utf-8"), root)
+        for name, file in PAGES.items()
+        if (root / file).exists()
+    }
 
 
 def _relinked(text: str, root: Path) -> str:
-    """Links from the project's folder, as seen from docs/generated/project/; what is not on the site becomes its name."""
+    """Links from the project's folder, as seen from docs/generated/project/; what is not on the
+    site becomes its name.
+    """
     by_file = {file: f"{name}.md" for name, file in PAGES.items() if (root / file).exists()}
 
     def relink(match: re.Match[str]) -> str:

@@ -1,7 +1,9 @@
-"""Links that only the site has: a page reads well on a code host, and gets them when the site is built.
+"""Links that only the site has: a page reads well on a code host, and gets them when the site is
+built.
 
-`` `package.module.function` `` in a page becomes a link to the Python reference; *words* followed by the comment
-`<!-- site: PAGE -->` become a link to that page; links to the project's own pages beside docs/ lead to their copies.
+`` `package.module.function` `` in a page becomes a link to the Python reference; *words* followed
+by the comment `<!-- site: PAGE -->` become a link to that page; links to the project's own pages
+beside docs/ lead to their copies.
 """
 
 import posixpath
@@ -15,13 +17,18 @@ from root_pages import PAGES
 FENCE = re.compile(r"^(`{3,})[^\n]*\n.*?^\1[ \t]*$", re.M | re.S)
 NAME = re.compile(rf"(?<!\[)`((?:{'|'.join(PACKAGES)})(?:\.\w+)+)`(?!\])")
 SITE = re.compile(r"\*([^*\n]+)\*<!-- site: (\S+) -->")
-ROOT_PAGE = re.compile(rf"\]\((?:\.\./)+({'|'.join(file.replace('.', '[.]') for file in PAGES.values())})(#[^)]*)?\)")
+ROOT_PAGE = re.compile(
+    rf"\]\((?:\.\./)+({'|'.join(file.replace('.', '[.]') for file in PAGES.values())})(#[^)]*)?\)"
+)
 
 
 @cache
 def _anchors() -> dict[str, str]:
     """Page and anchor of every public function and class, by its full name."""
-    return {name: f"generated/api/{name.split('.')[0]}.md#{name.replace('.', '').lower()}" for name in public_names()}
+    return {
+        name: f"generated/api/{name.split('.')[0]}.md#{name.replace('.', '').lower()}"
+        for name in public_names()
+    }
 
 
 def with_site_links(text: str, docname: str) -> str:
@@ -37,10 +44,16 @@ def with_site_links(text: str, docname: str) -> str:
 def _linked(text: str, folder: str) -> str:
     def name(match: re.Match[str]) -> str:
         target = _anchors().get(match[1])
-        return match[0] if target is None else f"[{match[0]}]({posixpath.relpath(target, folder or '.')})"
+        return (
+            match[0]
+            if target is None
+            else f"[{match[0]}]({posixpath.relpath(target, folder or '.')})"
+        )
 
     def root(match: re.Match[str]) -> str:
-        copy = next(f"generated/project/{name}.md" for name, file in PAGES.items() if file == match[1])
+        copy = next(
+            f"generated/project/{name}.md" for name, file in PAGES.items() if file == match[1]
+        )
         return f"]({posixpath.relpath(copy, folder or '.')}{match[2] or ''})"
 
     return ROOT_PAGE.sub(root, SITE.sub(r"[\1](\2)", NAME.sub(name, text)))

@@ -1,8 +1,10 @@
-"""Runs the commands of the pages and compares what they print with the text; `--write` puts the new output in.
+"""Runs the commands of the pages and compares what they print with the text; `--write` puts the new
+output in.
 
-A page's blocks marked `console` run in order, in one empty folder, where `data` leads to the recorded logs, `examples`
-to the project's own and `recal` is this program. A page that says `<!-- needs: FILE -->` is skipped where data/FILE is
-not there. Numbers agree within 2 % or two of their last digit; hashes and dates may differ.
+A page's blocks marked `console` run in order, in one empty folder, where `data` leads to the
+recorded logs, `examples` to the project's own and `recal` is this program. A page that says `<!--
+needs: FILE -->` is skipped where data/FILE is not there. Numbers agree within 2 % or two of their
+last digit; hashes and dates may differ.
 
 Example: python docs/examples/run.py docs/examples/ln100.md
 """
@@ -63,7 +65,9 @@ def _same(a: str, b: str) -> bool:
 
 
 def _close(a: str, b: str) -> bool:
-    decimals = len(a.partition(".")[2].partition("e")[0]) if "." in a and "e" not in a.lower() else 0
+    decimals = (
+        len(a.partition(".")[2].partition("e")[0]) if "." in a and "e" not in a.lower() else 0
+    )
     slack = LAST_DIGITS * 10.0**-decimals if "." in a else 0.0
     x, y = float(a), float(b)
     return abs(x - y) <= RELATIVE * max(abs(x), abs(y)) + slack
@@ -94,16 +98,25 @@ def _environment(folder: Path) -> dict[str, str]:
     programs = [str(program.parent), str(Path(sys.executable).parent), os.environ["PATH"]]
     modules = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     return {
-        **os.environ, "PYTHONPATH": os.pathsep.join(modules), "PATH": os.pathsep.join(programs), "MPLBACKEND": "Agg",
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(modules),
+        "PATH": os.pathsep.join(programs),
+        "MPLBACKEND": "Agg",
         "OMP_NUM_THREADS": "1",
-    }  # fmt: skip
+    }
 
 
 def _run(command: str, folder: Path, environment: dict[str, str]) -> str:
     done = subprocess.run(
-        ["bash", "-c", command], cwd=folder, env=environment, text=True, timeout=LONGEST_S, stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-    )  # fmt: skip
+        ["bash", "-c", command],
+        cwd=folder,
+        env=environment,
+        text=True,
+        timeout=LONGEST_S,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
     return done.stdout
 
 
@@ -115,7 +128,10 @@ def rewritten(page: Path, ran: list[tuple[Step, str]]) -> str:
         lines = []
         for _ in steps_of(match[1]):
             step, got = next(rest)
-            lines += ["$ " + step.command.replace("\n", "\n> "), *([got.rstrip()] if got.strip() else [])]
+            lines += [
+                "$ " + step.command.replace("\n", "\n> "),
+                *([got.rstrip()] if got.strip() else []),
+            ]
         return "```console\n" + "\n".join(lines) + "\n```"
 
     return BLOCK.sub(block, page.read_text("utf-8"))
@@ -134,10 +150,14 @@ def main() -> int:
             print(f"{page}: skipped, {why}")
             continue
         ran = outputs(page, given.data.resolve())
-        wrong = [f"$ {step.command}\n{d}" for step, got in ran for d in differences(step.output, got)]
+        wrong = [
+            f"$ {step.command}\n{d}" for step, got in ran for d in differences(step.output, got)
+        ]
         if given.write:
             page.write_text(rewritten(page, ran), "utf-8")
-        print(f"{page}: {len(ran)} commands, {len(wrong)} differences", *wrong, sep="\n", flush=True)
+        print(
+            f"{page}: {len(ran)} commands, {len(wrong)} differences", *wrong, sep="\n", flush=True
+        )
         failed |= bool(wrong) and not given.write
     return int(failed)
 

@@ -1,7 +1,9 @@
-"""What the gyros of parked stops show beyond table and Earth rate, with the joint covariance of it all.
+"""What the gyros of parked stops show beyond table and Earth rate, with the joint covariance of it
+all.
 
-Per stop and gyro: angle random walk; per run: turn-on, flicker, random walk (`infield.table.merge.session_covariance`); over
-all: the table's own uncertainty at the temperatures of the stops; and what levels and azimuths do not know.
+Per stop and gyro: angle random walk; per run: turn-on, flicker, random walk
+(`infield.table.merge.session_covariance`); over all: the table's own uncertainty at the
+temperatures of the stops; and what levels and azimuths do not know.
 """
 
 from collections.abc import Sequence
@@ -23,12 +25,15 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, PPM
 MAX_PASSES = 30
 CONVERGED_RAD = 1e-7
 NOTED_DEGC = 2.0
-UNTIED_SHARE = 0.3  # of a table's variance that a stop without temperature has for itself (formats.md section 2)
+# of a table's variance that a stop without temperature has for itself (formats.md section 2)
+UNTIED_SHARE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownAzimuths:
-    """Headings (m,) that a person gives for the stops, in order, and how well: of each stop by itself, and of north."""
+    """Headings (m,) that a person gives for the stops, in order, and how well: of each stop by
+    itself, and of north.
+    """
 
     heading_rad: NDArray
     sigma_stop_rad: float
@@ -39,8 +44,9 @@ class KnownAzimuths:
 class StopBiases:
     """Input of `fog_azimuths.measure_misalignment`, and the temperatures it is about.
 
-    heading_rad (m,); bias_deg_h (m, 3); covariance (3m, 3m); unknown (3m, q) or None: headings that nobody gave, one
-    a run; temperature_degC (m, 3), NaN where not known; notes: what a reader must know.
+    heading_rad (m,); bias_deg_h (m, 3); covariance (3m, 3m); unknown (3m, q) or None: headings that
+    nobody gave, one a run; temperature_degC (m, 3), NaN where not known; notes: what a reader must
+    know.
     """
 
     heading_rad: NDArray
@@ -52,9 +58,15 @@ class StopBiases:
 
 
 def stop_biases(
-    runs: Sequence[Run], stops: Sequence[Stop], table: ThermalTable, twin: TwinModel, known: KnownAzimuths | None
+    runs: Sequence[Run],
+    stops: Sequence[Stop],
+    table: ThermalTable,
+    twin: TwinModel,
+    known: KnownAzimuths | None,
 ) -> StopBiases:
-    """Biases of the stops of some runs of one unit; `known` None: the azimuths are found with the gyros."""
+    """Biases of the stops of some runs of one unit; `known` None: the azimuths are found with the
+    gyros.
+    """
     site = runs[0].header.site
     H, tied, T, notes = _table_rows(runs, stops, table)
     covariance = H @ table.covariance @ H.T + _session_terms(runs, stops, twin)
@@ -64,7 +76,9 @@ def stop_biases(
     if known is not None:
         heading, unknown = known.heading_rad, None
         one = np.ones(heading.size)
-        of_azimuth = known.sigma_stop_rad**2 * np.diag(one) + known.sigma_north_rad**2 * np.outer(one, one)
+        of_azimuth = known.sigma_stop_rad**2 * np.diag(one) + known.sigma_north_rad**2 * np.outer(
+            one, one
+        )
     else:
         of_azimuth = _turn_covariance(runs, stops)
         heading = _found_headings(stops, site, covariance, taken, of_azimuth, scale_sigma(runs[0]))
@@ -72,12 +86,18 @@ def stop_biases(
     covariance += _azimuth_and_level(stops, heading, of_azimuth, site, twin)
     excess = excess_rad_s(stops, heading, site.lat_rad) / DEG_PER_HOUR - taken
     return StopBiases(
-        heading_rad=np.mod(heading, 2 * np.pi), bias_deg_h=excess, covariance=covariance, unknown=unknown,
-        temperature_degC=T, notes=tuple(notes),
-    )  # fmt: skip
+        heading_rad=np.mod(heading, 2 * np.pi),
+        bias_deg_h=excess,
+        covariance=covariance,
+        unknown=unknown,
+        temperature_degC=T,
+        notes=tuple(notes),
+    )
 
 
-def _azimuth_and_level(stops: Sequence[Stop], heading: NDArray, of_azimuth: NDArray, site: Site, twin: TwinModel) -> NDArray:
+def _azimuth_and_level(
+    stops: Sequence[Stop], heading: NDArray, of_azimuth: NDArray, site: Site, twin: TwinModel
+) -> NDArray:
     """Covariance (3m, 3m) that errors of azimuth, (m, m) [rad^2], and of level make."""
     rate = level_rate_deg_h(site.lat_rad)
     columns = azimuth_columns(heading, rate)
@@ -87,13 +107,17 @@ def _azimuth_and_level(stops: Sequence[Stop], heading: NDArray, of_azimuth: NDAr
 def _table_rows(
     runs: Sequence[Run], stops: Sequence[Stop], table: ThermalTable
 ) -> tuple[NDArray, NDArray, NDArray, list[str]]:
-    """Rows (3m, n) of the table at the stops, which of them (m, 3) have a temperature, the temperatures, and notes."""
+    """Rows (3m, n) of the table at the stops, which of them (m, 3) have a temperature, the
+    temperatures, and notes.
+    """
     H = np.zeros((3 * len(stops), table.n_parameters))
     tied, T, notes = np.zeros((len(stops), 3), dtype=bool), np.full((len(stops), 3), np.nan), []
     for index, run in enumerate(runs):
         why = too_short(run.temperature)
         if why or run.temperature is None:
-            notes.append(f"{run.header.run_id}: {why}; its stops may be at any temperature of the table")
+            notes.append(
+                f"{run.header.run_id}: {why}; its stops may be at any temperature of the table"
+            )
             continue
         temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
         for j in (j for j, stop in enumerate(stops) if stop.run == index):
@@ -102,10 +126,19 @@ def _table_rows(
             for k, axis in enumerate(AXES):
                 if axis not in temperature.unusable:
                     tied[j, k], T[j, k] = True, rows @ temperature.temperature_degC[:, k]
-                    H[3 * j + k] = rows[seen] @ table.basis(k, temperature.temperature_degC[seen, k])
-    spread = np.ptp(T[np.isfinite(T).all(axis=1)], axis=0).max() if np.isfinite(T).all(axis=1).any() else 0.0
+                    H[3 * j + k] = rows[seen] @ table.basis(
+                        k, temperature.temperature_degC[seen, k]
+                    )
+    spread = (
+        np.ptp(T[np.isfinite(T).all(axis=1)], axis=0).max()
+        if np.isfinite(T).all(axis=1).any()
+        else 0.0
+    )
     if spread > NOTED_DEGC:
-        notes.append(f"the gyros are up to {spread:.1f} degC apart between stops: compared through the unit's table")
+        notes.append(
+            f"the gyros are up to {spread:.1f} degC apart between stops: compared through the"
+            " unit's table"
+        )
     return H, tied, T, notes
 
 
@@ -130,8 +163,9 @@ def _session_terms(runs: Sequence[Run], stops: Sequence[Stop], twin: TwinModel) 
             axis_index=np.tile(np.arange(3), len(at)),
             time_s=np.repeat([0.5 * (s.start_s + s.end_s) for s in own], 3),
             duration_s=np.repeat([s.end_s - s.start_s for s in own], 3),
-            gyro=twin.gyro, run_length_s=run.imu.end_s,
-        )  # fmt: skip
+            gyro=twin.gyro,
+            run_length_s=run.imu.end_s,
+        )
     hours = np.array([s.used_s for s in stops]) / HOUR
     out[np.diag_indices_from(out)] += np.repeat(twin.gyro.arw_deg_sqrt_h**2 / hours, 3)
     creep_deg = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG
@@ -146,7 +180,9 @@ def _membership(stops: Sequence[Stop]) -> NDArray:
 
 
 def _turn_covariance(runs: Sequence[Run], stops: Sequence[Stop]) -> NDArray:
-    """Of headings followed by the vertical gyro since the first stop of a run, (m, m) [rad^2]: scale factor and drift."""
+    """Of headings followed by the vertical gyro since the first stop of a run, (m, m) [rad^2]:
+    scale factor and drift.
+    """
     scale = scale_sigma(runs[0])
     turn = np.array([s.turn_rad for s in stops])
     variance = np.array([s.turn_variance_rad2 for s in stops])
@@ -160,8 +196,12 @@ def scale_sigma(run: Run) -> float:
     return SessionSettings().sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
 
 
-def _level_covariance(stops: Sequence[Stop], heading: NDArray, site: Site, twin: TwinModel) -> NDArray:
-    """What accelerometer biases make of the biases through the level (3m, 3m): turn-on by run, the rest by stop."""
+def _level_covariance(
+    stops: Sequence[Stop], heading: NDArray, site: Site, twin: TwinModel
+) -> NDArray:
+    """What accelerometer biases make of the biases through the level (3m, 3m): turn-on by run, the
+    rest by stop.
+    """
     accel, m = twin.accel, len(stops)
     hours = np.array([s.end_s for s in stops]) / HOUR
     own = np.diag(accel.bias_instability_ug**2 + accel.rate_random_walk_ug_sqrt_h**2 * hours)
@@ -171,19 +211,29 @@ def _level_covariance(stops: Sequence[Stop], heading: NDArray, site: Site, twin:
     for axis in range(2):
         columns = np.zeros((3 * m, m))
         for j, stop in enumerate(stops):
-            columns[3 * j : 3 * j + 3, j] = level_columns(stop, float(heading[j]), site.lat_rad, site.height_m)[:, axis]
+            columns[3 * j : 3 * j + 3, j] = level_columns(
+                stop, float(heading[j]), site.lat_rad, site.height_m
+            )[:, axis]
         out += columns @ of_bias @ columns.T
     return out
 
 
 def _found_headings(
-    stops: Sequence[Stop], site: Site, covariance: NDArray, table_deg_h: NDArray, of_azimuth: NDArray,
+    stops: Sequence[Stop],
+    site: Site,
+    covariance: NDArray,
+    table_deg_h: NDArray,
+    of_azimuth: NDArray,
     own_axis_sigma_rad: float,
-) -> NDArray:  # fmt: skip
-    """Headings (m,) from the gyros: one unknown a run, the turns within it followed, biases solved for at the same time."""
+) -> NDArray:
+    """Headings (m,) from the gyros: one unknown a run, the turns within it followed, biases solved
+    for at the same time.
+    """
     member, rate = _membership(stops), level_rate_deg_h(site.lat_rad)
     turn = np.array([s.turn_rad for s in stops])
-    known = [replace(s, gyro_rad_s=s.gyro_rad_s - b * DEG_PER_HOUR) for s, b in zip(stops, table_deg_h)]
+    known = [
+        replace(s, gyro_rad_s=s.gyro_rad_s - b * DEG_PER_HOUR) for s, b in zip(stops, table_deg_h)
+    ]
     first = np.exp(1j * (coarse_headings(known, np.zeros(3)) - turn))
     heading = turn + member @ np.angle(member.T @ first)
     for _ in range(MAX_PASSES):
@@ -191,7 +241,12 @@ def _found_headings(
         excess = excess_rad_s(known, heading, site.lat_rad) / DEG_PER_HOUR
         R = covariance + columns @ of_azimuth @ columns.T
         off = fit_azimuths(
-            heading, excess, R, level_rate_deg_h=rate, unknown=columns @ member, own_axis_sigma_rad=own_axis_sigma_rad
+            heading,
+            excess,
+            R,
+            level_rate_deg_h=rate,
+            unknown=columns @ member,
+            own_axis_sigma_rad=own_axis_sigma_rad,
         ).unknowns
         heading = wrap_pi(heading - member @ off)
         if np.max(np.abs(off)) < CONVERGED_RAD:
@@ -200,6 +255,10 @@ def _found_headings(
 
 
 def azimuth_reach_deg_h(table: ThermalTable, twin: TwinModel) -> float:
-    """Bias sigma of a level gyro [deg/h], to be held against the level Earth rate before an azimuth is looked for."""
-    variance = max(float(np.max(np.diag(table.covariance)[table.values_of(axis)])) for axis in (0, 1))
+    """Bias sigma of a level gyro [deg/h], to be held against the level Earth rate before an azimuth
+    is looked for.
+    """
+    variance = max(
+        float(np.max(np.diag(table.covariance)[table.values_of(axis)])) for axis in (0, 1)
+    )
     return float(np.hypot(np.sqrt(variance), twin.gyro.turn_on_deg_h))

@@ -1,13 +1,15 @@
-"""Accelerometer offsets from stops on several azimuths: the two-position levelling, for all positions at once.
+"""Accelerometer offsets from stops on several azimuths: the two-position levelling, for all
+positions at once.
 
-The tilt of what the unit stands on keeps its place in the room while the unit turns, its accelerometers' biases turn
-with it:
+The tilt of what the unit stands on keeps its place in the room while the unit turns, its
+accelerometers' biases turn with it:
 
     f_x(H) = o_x + p cosH + q sinH,     f_y(H) = o_y - p sinH + q cosH
 
-From two stops 180 deg apart o = (f(H) + f(H + 180)) / 2. o is the bias and g times the angle between the unit's base
-and the axis it is turned about: the two cannot be told apart at one attitude, so a bias is only stated where the
-mounting is. Source: Groves (2013), section 5.6.1, for the level; the two-position mean is elementary.
+From two stops 180 deg apart o = (f(H) + f(H + 180)) / 2. o is the bias and g times the angle
+between the unit's base and the axis it is turned about: the two cannot be told apart at one
+attitude, so a bias is only stated where the mounting is. Source: Groves (2013), section 5.6.1, for
+the level; the two-position mean is elementary.
 """
 
 from collections.abc import Sequence
@@ -28,8 +30,10 @@ FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a tab
 
 @dataclass(frozen=True, kw_only=True)
 class LevelOffsets:
-    """offset_ug, sigma_ug (2,): x and y, bias and mounting together, mean over the power-ons; tilt_rad (2,): slope of
-    the ground to north and east (p, q over g); chi2 with dof: that the ground was the same under all stops."""
+    """offset_ug, sigma_ug (2,): x and y, bias and mounting together, mean over the power-ons;
+    tilt_rad (2,): slope of the ground to north and east (p, q over g); chi2 with dof: that the
+    ground was the same under all stops.
+    """
 
     offset_ug: NDArray
     sigma_ug: NDArray
@@ -42,9 +46,13 @@ class LevelOffsets:
         return self.chi2 <= chi_square.ppf(CONFIDENCE, self.dof)
 
 
-def level_offsets(stops: Sequence[Stop], heading_rad: NDArray, accel: AccelNoise, site: Site) -> LevelOffsets | None:
-    """Least squares over all stops; None where their headings do not tell offset from tilt. `accel`: noise of the unit,
-    its nominal bias being off the stops' means already; it is added back."""
+def level_offsets(
+    stops: Sequence[Stop], heading_rad: NDArray, accel: AccelNoise, site: Site
+) -> LevelOffsets | None:
+    """Least squares over all stops; None where their headings do not tell offset from tilt.
+    `accel`: noise of the unit, its nominal bias being off the stops' means already; it is added
+    back.
+    """
     m = len(stops)
     cos, sin = np.cos(heading_rad), np.sin(heading_rad)
     one, zero = np.ones(m), np.zeros(m)
@@ -64,6 +72,9 @@ def level_offsets(stops: Sequence[Stop], heading_rad: NDArray, accel: AccelNoise
     left = W @ (f - A @ x)
     g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
     return LevelOffsets(
-        offset_ug=x[:2] + np.asarray(accel.bias_ug)[:2], sigma_ug=np.sqrt(np.diag(P)[:2]), tilt_rad=x[2:] / g_ug,
-        chi2=float(left @ left), dof=2 * m - 4,
-    )  # fmt: skip
+        offset_ug=x[:2] + np.asarray(accel.bias_ug)[:2],
+        sigma_ug=np.sqrt(np.diag(P)[:2]),
+        tilt_rad=x[2:] / g_ug,
+        chi2=float(left @ left),
+        dof=2 * m - 4,
+    )

@@ -1,10 +1,11 @@
-"""From runs to parked stops: azimuth, gyro and accelerometer means, and the joint covariance of what they show.
+"""From runs to parked stops: azimuth, gyro and accelerometer means, and the joint covariance of
+what they show.
 
-A stop is a stretch at rest between turns; a run is one power-on with one stop or several. Stops of one run share its
-turn-on bias, which the fit cannot tell from k' and does not need to; stops of separate runs each have their own, and
-that is noise on the couplings. Levels come from the accelerometers, azimuths from the person at the table (with sigma)
-or from the gyros themselves: then the azimuth of each run is unknown, and the turns within one are followed by the
-vertical gyro.
+A stop is a stretch at rest between turns; a run is one power-on with one stop or several. Stops of
+one run share its turn-on bias, which the fit cannot tell from k' and does not need to; stops of
+separate runs each have their own, and that is noise on the couplings. Levels come from the
+accelerometers, azimuths from the person at the table (with sigma) or from the gyros themselves:
+then the azimuth of each run is unknown, and the turns within one are followed by the vertical gyro.
 """
 
 from collections.abc import Sequence
@@ -26,7 +27,8 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
-SHORTEST_S = 300.0  # a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
+# a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
+SHORTEST_S = 300.0
 EDGE_SIGMAS = 6.0  # a 10 s block this far from the others at the edge of a stop belongs to the turn
 BLOCK_S = 10.0
 TURN_RAD = 5.0 * DEG  # a turn beyond this ends a stop
@@ -38,9 +40,10 @@ MAX_CREEP_RAD = 0.1 * DEG  # a stop that turns by more, slowly, is none
 class Stop:
     """One stretch at rest.
 
-    run: index of the run in the list; used_s: seconds that the means are over (disturbed ones are left out);
-    gyro_rad_s, f_m_s2 (3,): means of the log less the twin's nominal errors; turn_rad: heading change since the
-    run's first stop by the gyros, and its variance but for the scale factor's error.
+    run: index of the run in the list; used_s: seconds that the means are over (disturbed ones are
+    left out); gyro_rad_s, f_m_s2 (3,): means of the log less the twin's nominal errors; turn_rad:
+    heading change since the run's first stop by the gyros, and its variance but for the scale
+    factor's error.
     """
 
     run: int
@@ -53,7 +56,9 @@ class Stop:
     turn_variance_rad2: float = 0.0
 
 
-def find_stops(run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_S) -> tuple[list[Stop], list[str]]:
+def find_stops(
+    run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_S
+) -> tuple[list[Stop], list[str]]:
     """Stops of at least `shortest_s` in a run, in order, and what was left out and why."""
     imu = compensated_imu(run, None, None, twin).between(-np.inf, session_end(run))
     rests: list[_Rest] = []
@@ -63,7 +68,11 @@ def find_stops(run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float =
         if isinstance(found, _Rest) and found.used_s >= shortest_s:
             rests.append(found)
         elif end_s - start_s >= 0.5 * shortest_s:
-            why = found if isinstance(found, str) else f"at rest for {found.used_s:.0f} s, needed {shortest_s:.0f} s"
+            why = (
+                found
+                if isinstance(found, str)
+                else f"at rest for {found.used_s:.0f} s, needed {shortest_s:.0f} s"
+            )
             left_out.append(f"{run.header.run_id}, {start_s:.0f} to {end_s:.0f} s: {why}")
     if not rests and not left_out:
         left_out.append(f"{run.header.run_id}: no stretch of {shortest_s:.0f} s between turns")
@@ -73,16 +82,26 @@ def find_stops(run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float =
         if k:
             step, spread = _turned(imu, rests[k - 1], rest, run, twin)
             turn, variance = turn + step, variance + spread
-        stops.append(Stop(
-            run=index, start_s=rest.start_s, end_s=rest.end_s, used_s=rest.used_s, gyro_rad_s=rest.gyro_rad_s,
-            f_m_s2=rest.f_m_s2, turn_rad=turn, turn_variance_rad2=variance,
-        ))  # fmt: skip
+        stops.append(
+            Stop(
+                run=index,
+                start_s=rest.start_s,
+                end_s=rest.end_s,
+                used_s=rest.used_s,
+                gyro_rad_s=rest.gyro_rad_s,
+                f_m_s2=rest.f_m_s2,
+                turn_rad=turn,
+                turn_variance_rad2=variance,
+            )
+        )
     return stops, left_out
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Rest:
-    """A stop before its turns are known; excess_rad_s: of its gyros over Earth rate, C_nb: at its end."""
+    """A stop before its turns are known; excess_rad_s: of its gyros over Earth rate, C_nb: at its
+    end.
+    """
 
     start_s: float
     end_s: float
@@ -94,7 +113,9 @@ class _Rest:
 
 
 def between_turns(imu: ImuLog) -> list[tuple[float, float]]:
-    """Stretches [s] between turns of more than 5 deg that are faster than 0.11 deg/s, however short."""
+    """Stretches [s] between turns of more than 5 deg that are faster than 0.11 deg/s, however
+    short.
+    """
     second = np.floor(imu.time_s - imu.time_s[0] - 1e-9).astype(int)
     starts = np.flatnonzero(np.diff(second, prepend=-1))
     angle = np.add.reduceat(imu.dtheta_rad, starts, axis=0)
@@ -125,47 +146,71 @@ def _rest_of(imu: ImuLog, run: Run) -> "_Rest | str":
         return moving[0]
     longest = max(stretches(motion.kind <= DISTURBED), key=lambda ab: ab[1] - ab[0], default=(0, 0))
     a, b = _without_edges(history, *longest, (run.imu.start_s, run.imu.end_s))
-    epoch = np.clip(np.searchsorted(history.time_s, imu.time_s - 0.5 * imu.dt_s), 1, history.time_s.size - 1)
+    epoch = np.clip(
+        np.searchsorted(history.time_s, imu.time_s - 0.5 * imu.dt_s), 1, history.time_s.size - 1
+    )
     rows = (epoch > a) & (epoch <= b) & (motion.kind[epoch] == STILL)
     used_s = float(imu.dt_s[rows].sum())
     heading = euler_from_dcm(history.C_nb[[a, b]])[2]
     if abs(wrap_pi(heading[1] - heading[0])) > MAX_CREEP_RAD:
         return f"turns by {abs(wrap_pi(heading[1] - heading[0])) / DEG:.2f} deg while it stands"
-    gyro, f = (column[rows].sum(axis=0) / max(used_s, 1.0) for column in (imu.dtheta_rad, imu.dv_m_s))
+    gyro, f = (
+        column[rows].sum(axis=0) / max(used_s, 1.0) for column in (imu.dtheta_rad, imu.dv_m_s)
+    )
     return _Rest(
-        start_s=float(history.time_s[a]), end_s=float(history.time_s[b]), used_s=used_s, gyro_rad_s=gyro, f_m_s2=f,
-        excess_rad_s=gyro - history.C_nb[a].T @ omega_ie_n(run.header.site.lat_rad), C_nb=history.C_nb[b],
-    )  # fmt: skip
+        start_s=float(history.time_s[a]),
+        end_s=float(history.time_s[b]),
+        used_s=used_s,
+        gyro_rad_s=gyro,
+        f_m_s2=f,
+        excess_rad_s=gyro - history.C_nb[a].T @ omega_ie_n(run.header.site.lat_rad),
+        C_nb=history.C_nb[b],
+    )
 
 
-def _turned(imu: ImuLog, before: _Rest, after: _Rest, run: Run, twin: TwinModel) -> tuple[float, float]:
-    """Heading change [rad] from the end of a rest to the start of the next, by the gyros less their excess, and its variance.
+def _turned(
+    imu: ImuLog, before: _Rest, after: _Rest, run: Run, twin: TwinModel
+) -> tuple[float, float]:
+    """Heading change [rad] from the end of a rest to the start of the next, by the gyros less their
+    excess, and its variance.
 
-    The excess is the mean of the two rests; that it may be anywhere between them, and its flicker, is the variance
-    beside the random walk.
+    The excess is the mean of the two rests; that it may be anywhere between them, and its flicker,
+    is the variance beside the random walk.
     """
-    bias, apart = 0.5 * (before.excess_rad_s + after.excess_rad_s), after.excess_rad_s[2] - before.excess_rad_s[2]
+    bias, apart = (
+        0.5 * (before.excess_rad_s + after.excess_rad_s),
+        after.excess_rad_s[2] - before.excess_rad_s[2],
+    )
     log = compensate(imu.between(before.end_s, after.start_s), gyro_bias_rad_s=bias)
-    start = NavState(time_s=float(before.end_s), site=run.header.site, v_n_m_s=np.zeros(3), C_nb=before.C_nb)
+    start = NavState(
+        time_s=float(before.end_s), site=run.header.site, v_n_m_s=np.zeros(3), C_nb=before.C_nb
+    )
     history = navigate(log, start, epoch_s=None, vertical=VerticalChannel(mode="hold"))
     heading = np.unwrap(euler_from_dcm(history.C_nb)[2])
     seconds, gyro = after.start_s - before.end_s, twin.gyro
     drift = seconds**2 * (apart**2 / 12.0 + (gyro.bias_instability_deg_h * DEG_PER_HOUR) ** 2)
-    return float(heading[-1] - heading[0]), float(drift + (gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2 * seconds)
+    return float(heading[-1] - heading[0]), float(
+        drift + (gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2 * seconds
+    )
 
 
 def _followed(imu: ImuLog, run: Run, rest: tuple[float, float]) -> NavHistory:
     """A solution of the stretch from its rest on, one epoch a second.
 
-    Whatever the gyros read beyond Earth rate on the coarse azimuth is taken off, so that a unit without any
-    calibration does not fly away.
+    Whatever the gyros read beyond Earth rate on the coarse azimuth is taken off, so that a unit
+    without any calibration does not fly away.
     """
     site = run.header.site
     means = coarse.rest_means(imu.between(*rest))
     C_nb = coarse.gyrocompass_dcm(means)
     excess = means.omega_ib_b - C_nb.T @ omega_ie_n(site.lat_rad)
     start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-    return navigate(compensate(imu, gyro_bias_rad_s=excess), start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
+    return navigate(
+        compensate(imu, gyro_bias_rad_s=excess),
+        start,
+        epoch_s=1.0,
+        vertical=VerticalChannel(mode="hold"),
+    )
 
 
 def stretches(mask: NDArray) -> list[tuple[int, int]]:
@@ -174,8 +219,12 @@ def stretches(mask: NDArray) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2])]
 
 
-def _without_edges(history: NavHistory, a: int, b: int, log_s: tuple[float, float]) -> tuple[int, int]:
-    """The stretch of epochs without the slow start and end of a turn and a guard; at the ends of the log it stays whole."""
+def _without_edges(
+    history: NavHistory, a: int, b: int, log_s: tuple[float, float]
+) -> tuple[int, int]:
+    """The stretch of epochs without the slow start and end of a turn and a guard; at the ends of
+    the log it stays whole.
+    """
     block = int(BLOCK_S)
     count = (b - a) // block
     if count < 6:
@@ -185,7 +234,10 @@ def _without_edges(history: NavHistory, a: int, b: int, log_s: tuple[float, floa
     good = np.flatnonzero((off <= EDGE_SIGMAS * 1.4826 * np.median(off, axis=0)).all(axis=1))
     if not good.size:
         return a, a
-    first, last = a + good[0] * block, min(a + (good[-1] + 1) * block, b) if good[-1] < count - 1 else b
+    first, last = (
+        a + good[0] * block,
+        min(a + (good[-1] + 1) * block, b) if good[-1] < count - 1 else b,
+    )
     first = first if history.time_s[a] <= log_s[0] + 1.0 else first + int(GUARD_S)
     last = last if history.time_s[b] >= log_s[1] - 1.0 else last - int(GUARD_S)
     return (first, last) if last > first else (a, a)
@@ -204,13 +256,17 @@ def level_angles(f_m_s2: NDArray) -> tuple[float, float]:
 
 
 def level_columns(stop: Stop, heading_rad: float, lat_rad: float, height_m: float) -> NDArray:
-    """What an x and a y accelerometer bias do to the excess rates of a stop, (3, 2) [rad/s per m/s^2]."""
+    """What an x and a y accelerometer bias do to the excess rates of a stop, (3, 2) [rad/s per
+    m/s^2].
+    """
     step = 1e-3 * float(gravity_magnitude(lat_rad, height_m))
     columns = []
     for axis in range(2):
         change = step * np.eye(3)[axis]
         ahead = earth_rate_b(stop.f_m_s2 + change, heading_rad, lat_rad)
-        columns.append(-(ahead - earth_rate_b(stop.f_m_s2 - change, heading_rad, lat_rad)) / (2 * step))
+        columns.append(
+            -(ahead - earth_rate_b(stop.f_m_s2 - change, heading_rad, lat_rad)) / (2 * step)
+        )
     return np.stack(columns, axis=1)
 
 
@@ -218,17 +274,23 @@ def coarse_headings(stops: Sequence[Stop], bias_rad_s: NDArray) -> NDArray:
     """Heading (m,) of each stop where gyros less the bias (3,) see north [rad]."""
     out = []
     for stop in stops:
-        means = coarse.RestMeans(stop.f_m_s2, stop.gyro_rad_s - bias_rad_s, np.zeros(3), stop.used_s)
+        means = coarse.RestMeans(
+            stop.f_m_s2, stop.gyro_rad_s - bias_rad_s, np.zeros(3), stop.used_s
+        )
         out.append(euler_from_dcm(coarse.gyrocompass_dcm(means))[2])
     return np.array(out)
 
 
 def excess_rad_s(stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float) -> NDArray:
     """What the gyros read beyond Earth rate, (m, 3) [rad/s]."""
-    return np.stack([s.gyro_rad_s - earth_rate_b(s.f_m_s2, H, lat_rad) for s, H in zip(stops, heading_rad)])
+    return np.stack(
+        [s.gyro_rad_s - earth_rate_b(s.f_m_s2, H, lat_rad) for s, H in zip(stops, heading_rad)]
+    )
 
 
-def heading_disagreement(stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float) -> tuple[int, float]:
+def heading_disagreement(
+    stops: Sequence[Stop], heading_rad: NDArray, lat_rad: float
+) -> tuple[int, float]:
     """The stop whose given heading is farthest from what its gyros say, and by how much [rad].
 
     The gyros' own bias is the mean of the excess, which turns with the stops where it is none.
@@ -237,4 +299,3 @@ def heading_disagreement(stops: Sequence[Stop], heading_rad: NDArray, lat_rad: f
     off = wrap_pi(np.asarray(heading_rad) - coarse_headings(stops, bias))
     j = int(np.argmax(np.abs(off)))
     return j, float(off[j])
-

@@ -1,16 +1,19 @@
-"""Gyro misalignment from the biases that a unit shows on several azimuths: harmonic least squares with redundancy.
+"""Gyro misalignment from the biases that a unit shows on several azimuths: harmonic least squares
+with redundancy.
 
     k_i(H) = k'_i + w_N [a_i cosH + b_i sinH],   w_N = Omega cosL,  H: heading, clockwise from north
 
-k_i is what gyro i reads beyond the Earth rate that an ideal gyro would see there. At rest and level, body axes x
-forward, y right, z down, the sensor model of `ins.compensation` (entry ij: sensitivity of gyro i to rate about j) makes
+k_i is what gyro i reads beyond the Earth rate that an ideal gyro would see there. At rest and
+level, body axes x forward, y right, z down, the sensor model of `ins.compensation` (entry ij:
+sensitivity of gyro i to rate about j) makes
 
     x: a = s_x, b = -M_xy      y: a = M_yx, b = -s_y      z: a = M_zx, b = -M_zy
 
-and k' = bias - Omega sinL (M_xz, M_yz, s_z): what the vertical couples in is a bias at one latitude and attitude, and
-cannot be told from it. Source: physics.md section 4 (the document's model with both couplings of each gyro).
-Everything here is pure; `infield.misalignment.azimuth_runs` makes azimuths and biases out of runs, `infield.misalignment.closed_forms` has
-the document's own closed forms.
+and k' = bias - Omega sinL (M_xz, M_yz, s_z): what the vertical couples in is a bias at one latitude
+and attitude, and cannot be told from it. Source: physics.md section 4 (the document's model with
+both couplings of each gyro). Everything here is pure; `infield.misalignment.azimuth_runs` makes
+azimuths and biases out of runs, `infield.misalignment.closed_forms` has the document's own closed
+forms.
 """
 
 from collections.abc import Sequence
@@ -26,12 +29,15 @@ from ins.records import AXES, InputError, frozen_array
 from ins.units import DEG, DEG_PER_HOUR
 
 MAX_OFF_DEG = 2.0  # of an azimuth from its nominal place (requirements R21)
-PRIOR_MRAD = 1.0  # what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
+# what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
+PRIOR_MRAD = 1.0
 OBSERVED, WEAK = 0.5, 0.9  # sigma after over before, formats.md section 5
 CONFIDENCE = 0.999  # of the redundancy check
 UNSEEN = 1e-6  # share of the null space in a combination that makes it unobservable
-RANK_TOLERANCE = 0.02  # least over largest singular value of [1, cosH, sinH]: azimuths closer than 2 deg are one
-COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}  # gyro, column, sign
+# least over largest singular value of [1, cosH, sinH]: azimuths closer than 2 deg are one
+RANK_TOLERANCE = 0.02
+# gyro, column, sign
+COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}
 OWN_AXIS = {"x": (0, 1, 1.0), "y": (1, 2, -1.0)}
 NOT_AT_ONE_ATTITUDE = ("xz", "yz", "z own axis")
 Verdict = Literal["observed", "weak", "not_observable"]
@@ -49,10 +55,12 @@ def north_to_west_rad(heading_rad: ArrayLike) -> NDArray:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What the azimuths alone allow: rank and condition number of [1, cosH, sinH], and the four places.
+    """What the azimuths alone allow: rank and condition number of [1, cosH, sinH], and the four
+    places.
 
-    origin_deg: of the cross 0, 90, 180, 270 deg that they stand on; missing_deg: places where nothing stood within
-    45 deg; off_deg: of the stop nearest to each place from it, the largest; reasons: why four azimuths are not there.
+    origin_deg: of the cross 0, 90, 180, 270 deg that they stand on; missing_deg: places where
+    nothing stood within 45 deg; off_deg: of the stop nearest to each place from it, the largest;
+    reasons: why four azimuths are not there.
     """
 
     rank: int
@@ -64,35 +72,47 @@ class Geometry:
 
 
 def azimuth_geometry(heading_rad: ArrayLike, *, max_off_deg: float = MAX_OFF_DEG) -> Geometry:
-    """Rank report of headings (m,): four azimuths 90 deg apart, each within `max_off_deg`, or the reasons why not."""
+    """Rank report of headings (m,): four azimuths 90 deg apart, each within `max_off_deg`, or the
+    reasons why not.
+    """
     heading = np.atleast_1d(np.asarray(heading_rad, dtype=float))
-    s = np.linalg.svd(np.column_stack([np.ones_like(heading), np.cos(heading), np.sin(heading)]), compute_uv=False)
+    s = np.linalg.svd(
+        np.column_stack([np.ones_like(heading), np.cos(heading), np.sin(heading)]), compute_uv=False
+    )
     rank = int(np.sum(s > RANK_TOLERANCE * s[0]))
     condition = float(s[0] / s[2]) if s.size == 3 and rank == 3 else float("inf")
     origins = [0.0, *heading]
-    origin, missing, off = min((_cross(heading, o) for o in origins), key=lambda c: (len(c[1]), c[2]))
+    origin, missing, off = min(
+        (_cross(heading, o) for o in origins), key=lambda c: (len(c[1]), c[2])
+    )
     reasons = []
     if missing:
         at = ", ".join(f"{place:.0f}" for place in missing)
         reasons.append(
-            f"{4 - len(missing)} azimuth(s) of the four, needed stops 90 deg apart: none near {at} deg; rank {rank} of 3"
+            f"{4 - len(missing)} azimuth(s) of the four, needed stops 90 deg apart: none near {at}"
+            f" deg; rank {rank} of 3"
         )
     elif off > max_off_deg + 1e-6:
         reasons.append(
-            f"a stop is {off:.2f} deg off its place on 0, 90, 180, 270 deg, needed within {max_off_deg:g} deg; rank {rank} of 3"
+            f"a stop is {off:.2f} deg off its place on 0, 90, 180, 270 deg, needed within"
+            f" {max_off_deg:g} deg; rank {rank} of 3"
         )
     return Geometry(rank, condition, origin, missing, off, tuple(reasons))
 
 
 def _cross(heading: NDArray, first_rad: float) -> tuple[float, tuple[float, ...], float]:
-    """Origin, missing places and largest offset [deg] of the cross near `first_rad` (0: the cardinal one, kept)."""
+    """Origin, missing places and largest offset [deg] of the cross near `first_rad` (0: the
+    cardinal one, kept).
+    """
     turn = np.mod(heading - first_rad, 2 * np.pi) / (np.pi / 2)
     place = np.round(turn).astype(int) % 4
     offset = (turn - np.round(turn)) * 90.0
     nearest = [float(o[np.argmin(np.abs(o))]) for q in range(4) if (o := offset[place == q]).size]
     shift = float(np.median(nearest)) if first_rad else 0.0
     origin = float(np.mod(first_rad / DEG + shift, 360.0))
-    missing = tuple(float(np.mod(origin + 90.0 * q, 360.0)) for q in range(4) if not np.any(place == q))
+    missing = tuple(
+        float(np.mod(origin + 90.0 * q, 360.0)) for q in range(4) if not np.any(place == q)
+    )
     return float(np.mod(origin, 90.0)), missing, float(np.max(np.abs(np.array(nearest) - shift)))
 
 
@@ -100,10 +120,10 @@ def _cross(heading: NDArray, first_rad: float) -> tuple[float, tuple[float, ...]
 class AzimuthFit:
     """Harmonic least squares of three gyros over m stops.
 
-    parameters (3, 3): rows x, y, z; columns k' [deg/h], a, b [rad]; covariance (9, 9) in that order, row by row.
-    null (9 + q, r): directions of the parameters and the q unknowns that the data do not see, as unit columns.
-    unknowns (q,): their estimates [rad]; residual_deg_h (m, 3); chi2 of the residual with dof degrees of freedom;
-    rank of all 9 + q unknowns.
+    parameters (3, 3): rows x, y, z; columns k' [deg/h], a, b [rad]; covariance (9, 9) in that
+    order, row by row. null (9 + q, r): directions of the parameters and the q unknowns that the
+    data do not see, as unit columns. unknowns (q,): their estimates [rad]; residual_deg_h (m, 3);
+    chi2 of the residual with dof degrees of freedom; rank of all 9 + q unknowns.
     """
 
     heading_rad: NDArray
@@ -119,11 +139,15 @@ class AzimuthFit:
     rank: int
 
     def combination(self, weights: ArrayLike) -> tuple[float, float]:
-        """Value and sigma of weights (9,) times the parameters; sigma is infinite where the data do not see it."""
+        """Value and sigma of weights (9,) times the parameters; sigma is infinite where the data do
+        not see it.
+        """
         c = np.asarray(weights, dtype=float)
         size = np.linalg.norm(c)
         unseen = self.null.size and np.max(np.abs(c @ self.null[:9])) > UNSEEN * size
-        return float(c @ self.parameters.ravel()), float("inf" if unseen else np.sqrt(c @ self.covariance @ c))
+        return float(c @ self.parameters.ravel()), float(
+            "inf" if unseen else np.sqrt(c @ self.covariance @ c)
+        )
 
     def entry(self, gyro: int, column: int, sign: float = 1.0) -> tuple[float, float]:
         """Value and sigma of one parameter."""
@@ -135,38 +159,55 @@ class AzimuthFit:
         return float(chi_square.ppf(CONFIDENCE, self.dof)) if self.dof else float("inf")
 
     def compensated_deg_h(self) -> NDArray:
-        """Biases (m, 3) with what Earth rate couples in taken off, (31) to (33): the same at every azimuth but for noise."""
-        return self.bias_deg_h - self.level_rate_deg_h * _harmonics(self.heading_rad)[:, 1:] @ self.parameters[:, 1:].T
+        """Biases (m, 3) with what Earth rate couples in taken off, (31) to (33): the same at every
+        azimuth but for noise.
+        """
+        return (
+            self.bias_deg_h
+            - self.level_rate_deg_h * _harmonics(self.heading_rad)[:, 1:] @ self.parameters[:, 1:].T
+        )
 
 
 def fit_azimuths(
-    heading_rad: ArrayLike, bias_deg_h: ArrayLike, covariance: ArrayLike, *, level_rate_deg_h: float,
-    unknown: ArrayLike | None = None, own_axis_sigma_rad: float | None = None,
-) -> AzimuthFit:  # fmt: skip
+    heading_rad: ArrayLike,
+    bias_deg_h: ArrayLike,
+    covariance: ArrayLike,
+    *,
+    level_rate_deg_h: float,
+    unknown: ArrayLike | None = None,
+    own_axis_sigma_rad: float | None = None,
+) -> AzimuthFit:
     """Generalised least squares of k(H) for three gyros at once.
 
     Parameters
     ----------
     heading_rad : shape (m,)
     bias_deg_h : shape (m, 3), measured - true
-    covariance : shape (3m, 3m) [(deg/h)^2], order x, y, z of stop 0, then of stop 1 ...; positive definite
-    unknown : shape (3m, q) [deg/h per rad], or None
-        What q further unknowns, of which nothing is known before, do to the biases (an azimuth that nobody measured).
+    covariance : shape (3m, 3m) [(deg/h)^2], order x, y, z of stop 0, then of stop 1 ...; positive
+    definite unknown : shape (3m, q) [deg/h per rad], or None
+        What q further unknowns, of which nothing is known before, do to the biases (an azimuth that
+        nobody measured).
     own_axis_sigma_rad : float or None
-        How well the scale factors of x and y are known to be right; two more measurements. None: not at all.
+        How well the scale factors of x and y are known to be right; two more measurements. None:
+        not at all.
 
     Raises
     ------
     InputError
-        Shapes that disagree, values that are not finite, a covariance that is not positive definite.
+        Shapes that disagree, values that are not finite, a covariance that is not positive
+        definite.
     """
     heading = frozen_array(heading_rad, (None,), "heading_rad")
     m = heading.size
     bias = frozen_array(bias_deg_h, (m, 3), "bias_deg_h")
     R = frozen_array(covariance, (3 * m, 3 * m), "covariance")
-    extra = np.zeros((3 * m, 0)) if unknown is None else frozen_array(unknown, (3 * m, None), "unknown")
+    extra = (
+        np.zeros((3 * m, 0)) if unknown is None else frozen_array(unknown, (3 * m, None), "unknown")
+    )
     if not all(np.isfinite(a).all() for a in (heading, bias, R, extra)) or not m:
-        raise InputError("azimuths, biases and covariance: needed at least one stop and finite values")
+        raise InputError(
+            "azimuths, biases and covariance: needed at least one stop and finite values"
+        )
     try:
         root = np.linalg.cholesky(R)
     except np.linalg.LinAlgError:
@@ -186,10 +227,18 @@ def fit_azimuths(
     left = y - A @ x
     null = Vt[kept:].T / size[:, None]
     return AzimuthFit(
-        heading_rad=heading, bias_deg_h=bias, level_rate_deg_h=level_rate_deg_h, parameters=x[:9].reshape(3, 3),
-        covariance=((back / s[:kept] ** 2) @ back.T)[:9, :9], null=null / np.linalg.norm(null, axis=0), unknowns=x[9:],
-        residual_deg_h=(root @ left[: 3 * m]).reshape(m, 3), chi2=float(left @ left), dof=len(y) - kept, rank=kept,
-    )  # fmt: skip
+        heading_rad=heading,
+        bias_deg_h=bias,
+        level_rate_deg_h=level_rate_deg_h,
+        parameters=x[:9].reshape(3, 3),
+        covariance=((back / s[:kept] ** 2) @ back.T)[:9, :9],
+        null=null / np.linalg.norm(null, axis=0),
+        unknowns=x[9:],
+        residual_deg_h=(root @ left[: 3 * m]).reshape(m, 3),
+        chi2=float(left @ left),
+        dof=len(y) - kept,
+        rank=kept,
+    )
 
 
 def _harmonics(heading: NDArray) -> NDArray:
@@ -208,10 +257,11 @@ class Coupling:
 
 @dataclass(frozen=True, kw_only=True)
 class Misalignment:
-    """The judged result. fit and couplings are None and empty where the azimuths do not carry an answer.
+    """The judged result. fit and couplings are None and empty where the azimuths do not carry an
+    answer.
 
-    couplings: xy, yx, zx, zy, and "xy+yx", the gyros' own non-orthogonality, which needs no north; own_axis: x and y,
-    the scale-like terms that belong to the same harmonics.
+    couplings: xy, yx, zx, zy, and "xy+yx", the gyros' own non-orthogonality, which needs no north;
+    own_axis: x and y, the scale-like terms that belong to the same harmonics.
     """
 
     verdict: Literal["measured", "refused", "inconsistent"]
@@ -226,18 +276,30 @@ class Misalignment:
 
 
 def measure_misalignment(
-    heading_rad: ArrayLike, bias_deg_h: ArrayLike, covariance: ArrayLike, *, level_rate_deg_h: float,
-    unknown: ArrayLike | None = None, own_axis_sigma_rad: float | None = None, prior_mrad: float = PRIOR_MRAD,
+    heading_rad: ArrayLike,
+    bias_deg_h: ArrayLike,
+    covariance: ArrayLike,
+    *,
+    level_rate_deg_h: float,
+    unknown: ArrayLike | None = None,
+    own_axis_sigma_rad: float | None = None,
+    prior_mrad: float = PRIOR_MRAD,
     max_off_deg: float = MAX_OFF_DEG,
-) -> Misalignment:  # fmt: skip
-    """Couplings with verdicts, or why there are none; arguments as `fit_azimuths` and `azimuth_geometry`."""
+) -> Misalignment:
+    """Couplings with verdicts, or why there are none; arguments as `fit_azimuths` and
+    `azimuth_geometry`.
+    """
     geometry = azimuth_geometry(heading_rad, max_off_deg=max_off_deg)
     if geometry.reasons:
         return Misalignment(verdict="refused", reasons=geometry.reasons, geometry=geometry)
     fit = fit_azimuths(
-        heading_rad, bias_deg_h, covariance, level_rate_deg_h=level_rate_deg_h, unknown=unknown,
+        heading_rad,
+        bias_deg_h,
+        covariance,
+        level_rate_deg_h=level_rate_deg_h,
+        unknown=unknown,
         own_axis_sigma_rad=own_axis_sigma_rad,
-    )  # fmt: skip
+    )
     prior = prior_mrad * 1e-3
     found = [_judged(name, *fit.entry(*place), prior) for name, place in COUPLINGS.items()]
     weights = np.zeros(9)
@@ -250,31 +312,46 @@ def measure_misalignment(
     verdict: Literal["measured", "refused", "inconsistent"] = "measured"
     if all(c.verdict == "not_observable" for c in found):
         verdict, best = "refused", min(c.sigma_rad for c in found) * 1e3
-        reasons = (f"the best coupling has a sigma of {best:.3g} mrad, the prior is {prior_mrad:g} mrad: nothing is gained",)
+        reasons = (
+            (
+                f"the best coupling has a sigma of {best:.3g} mrad, the prior is {prior_mrad:g}"
+                " mrad: nothing is gained"
+            ),
+        )
     elif fit.chi2 > fit.band:
         verdict, reasons = "inconsistent", (_disagreement(fit),)
     return Misalignment(
-        verdict=verdict, reasons=reasons, geometry=geometry, fit=fit, couplings=tuple(found), own_axis=own
+        verdict=verdict,
+        reasons=reasons,
+        geometry=geometry,
+        fit=fit,
+        couplings=tuple(found),
+        own_axis=own,
     )
 
 
 def _judged(name: str, value: float, sigma: float, prior: float) -> Coupling:
     """The verdict by what the sigma is after the measurement over what it was before."""
     ratio = 1.0 / np.sqrt(1.0 + (prior / sigma) ** 2)
-    verdict: Verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
+    verdict: Verdict = (
+        "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
+    )
     return Coupling(name=name, value_rad=value, sigma_rad=sigma, verdict=verdict)
 
 
 def _disagreement(fit: AzimuthFit) -> str:
     j, i = np.unravel_index(np.argmax(np.abs(fit.residual_deg_h)), fit.residual_deg_h.shape)
     return (
-        f"the azimuths contradict each other: chi-square {fit.chi2:.1f} of {fit.dof} degrees of freedom, at most "
-        f"{fit.band:.1f} at 99.9 %; largest residual {fit.residual_deg_h[j, i]:+.4f} deg/h of gyro {AXES[i]} at stop {j + 1}"
+        f"the azimuths contradict each other: chi-square {fit.chi2:.1f} of {fit.dof} degrees of"
+        f" freedom, at most {fit.band:.1f} at 99.9 %; largest residual"
+        f" {fit.residual_deg_h[j, i]:+.4f} deg/h of gyro {AXES[i]} at stop {j + 1}"
     )
 
 
 def azimuth_columns(heading_rad: Sequence[float] | NDArray, level_rate_deg_h: float) -> NDArray:
-    """What an error of each stop's azimuth (computed - true) does to its biases, (3m, m) [deg/h per rad]."""
+    """What an error of each stop's azimuth (computed - true) does to its biases, (3m, m) [deg/h per
+    rad].
+    """
     out = np.zeros((3 * len(heading_rad), len(heading_rad)))
     for j, H in enumerate(heading_rad):
         out[3 * j : 3 * j + 2, j] = level_rate_deg_h * np.sin(H), level_rate_deg_h * np.cos(H)

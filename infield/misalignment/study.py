@@ -1,6 +1,8 @@
-"""Misalignment from runs on several azimuths, or from a table of biases: the spine of `recal misalignment`.
+"""Misalignment from runs on several azimuths, or from a table of biases: the spine of `recal
+misalignment`.
 
-    runs -> stops -> biases with covariance -> couplings, verdicts, accelerometer offsets -> a twin that carries them
+    runs -> stops -> biases with covariance -> couplings, verdicts, accelerometer offsets -> a twin
+    that carries them
 """
 
 from collections.abc import Sequence
@@ -10,7 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.misalignment.azimuth_biases import KnownAzimuths, azimuth_reach_deg_h, scale_sigma, stop_biases
+from infield.misalignment.azimuth_biases import (
+    KnownAzimuths,
+    azimuth_reach_deg_h,
+    scale_sigma,
+    stop_biases,
+)
 from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
 from infield.misalignment.azimuth_runs import SHORTEST_S, Stop, find_stops, heading_disagreement
 from infield.misalignment.harmonic_fit import (
@@ -28,14 +35,17 @@ from ins.units import ARCSEC, DEG, MILLIRADIAN
 
 MAX_REACH = 0.3  # bias sigma over level Earth rate, beyond which no azimuth is found with the gyros
 SAME_PLACE_DEG = 0.1  # of latitude: 0.1 deg is 0.17 % of the level Earth rate at 45 deg
-GYRO_CHECK_DEG = 2.0  # a given heading that the gyros contradict by more is a mistake, not an error of the table
+# a given heading that the gyros contradict by more is a mistake, not an error of the table
+GYRO_CHECK_DEG = 2.0
 ENTRIES = tuple(AXES[i] + AXES[j] for i, j in zip(*OFF_DIAGONAL))
 
 
 @dataclass(frozen=True, kw_only=True)
 class AzimuthSettings:
-    """max_off_deg: how far an azimuth may be off its place; prior_mrad: what a coupling may be before the measurement;
-    sigma_mounting_arcsec: of the unit's base against the axis that it is turned about, None: not known."""
+    """max_off_deg: how far an azimuth may be off its place; prior_mrad: what a coupling may be
+    before the measurement; sigma_mounting_arcsec: of the unit's base against the axis that it is
+    turned about, None: not known.
+    """
 
     shortest_s: float = SHORTEST_S
     max_off_deg: float = MAX_OFF_DEG
@@ -47,8 +57,9 @@ class AzimuthSettings:
 class AzimuthStudy:
     """What one call of `recal misalignment` found; the document and the page are made of it.
 
-    heading_rad (m,), bias_deg_h (m, 3), covariance (3m, 3m): what was fitted, empty where nothing could be; stops:
-    one a row, empty for a table; azimuths: where they come from, in words; levels None: why_no_levels says why.
+    heading_rad (m,), bias_deg_h (m, 3), covariance (3m, 3m): what was fitted, empty where nothing
+    could be; stops: one a row, empty for a table; azimuths: where they come from, in words; levels
+    None: why_no_levels says why.
     """
 
     source: str
@@ -70,12 +81,18 @@ class AzimuthStudy:
 
 
 def study_runs(
-    runs: Sequence[Run], table: ThermalTable, twin: TwinModel, *, known: KnownAzimuths | None = None,
+    runs: Sequence[Run],
+    table: ThermalTable,
+    twin: TwinModel,
+    *,
+    known: KnownAzimuths | None = None,
     settings: AzimuthSettings | None = None,
-) -> AzimuthStudy:  # fmt: skip
-    """Stops of one unit's runs at one place, fitted; `known`: headings of the stops in the order of the runs.
+) -> AzimuthStudy:
+    """Stops of one unit's runs at one place, fitted; `known`: headings of the stops in the order of
+    the runs.
 
-    Raises InputError where the runs are of several units or places, or headings and stops differ in number.
+    Raises InputError where the runs are of several units or places, or headings and stops differ in
+    number.
     """
     settings = settings or AzimuthSettings()
     _check_runs(runs)
@@ -91,24 +108,34 @@ def study_runs(
     biases = stop_biases(runs, stops, table, twin, known)
     site = runs[0].header.site
     result = measure_misalignment(
-        biases.heading_rad, biases.bias_deg_h, biases.covariance, level_rate_deg_h=level_rate_deg_h(site.lat_rad),
-        unknown=biases.unknown, own_axis_sigma_rad=scale_sigma(runs[0]), prior_mrad=settings.prior_mrad,
+        biases.heading_rad,
+        biases.bias_deg_h,
+        biases.covariance,
+        level_rate_deg_h=level_rate_deg_h(site.lat_rad),
+        unknown=biases.unknown,
+        own_axis_sigma_rad=scale_sigma(runs[0]),
+        prior_mrad=settings.prior_mrad,
         max_off_deg=settings.max_off_deg,
-    )  # fmt: skip
+    )
     if result.fit is None and left_out:
         result = replace(result, reasons=(*result.reasons, *left_out))
     levels = level_offsets(stops, biases.heading_rad, twin.accel, site)
     lost = "the headings do not tell offset from tilt" if levels is None else ""
     if levels is not None and not levels.same_ground:
         lost = (
-            f"the ground was not the same under all stops: chi-square {levels.chi2:.0f} of {levels.dof} degrees of freedom; "
-            "turn the unit in one place"
+            f"the ground was not the same under all stops: chi-square {levels.chi2:.0f} of"
+            f" {levels.dof} degrees of freedom; turn the unit in one place"
         )
     return replace(
-        made.study(result), heading_rad=biases.heading_rad, bias_deg_h=biases.bias_deg_h, covariance=biases.covariance,
-        temperature_degC=biases.temperature_degC, levels=None if lost else levels, why_no_levels=lost,
+        made.study(result),
+        heading_rad=biases.heading_rad,
+        bias_deg_h=biases.bias_deg_h,
+        covariance=biases.covariance,
+        temperature_degC=biases.temperature_degC,
+        levels=None if lost else levels,
+        why_no_levels=lost,
         notes=(*left_out, *biases.notes),
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -132,15 +159,19 @@ class _Runs:
             reach = azimuth_reach_deg_h(self.table, self.twin)
             if reach > MAX_REACH * level_rate_deg_h(lat):
                 return [
-                    f"gyro bias within {reach:.3g} deg/h against {level_rate_deg_h(lat):.3g} deg/h of level Earth rate: the "
-                    "azimuths cannot be found with these gyros; give the headings of the stops"
+                    f"gyro bias within {reach:.3g} deg/h against {level_rate_deg_h(lat):.3g} deg/h"
+                    " of level Earth rate: the azimuths cannot be found with these gyros; give the"
+                    " headings of the stops"
                 ]
             return []
         given = self.known.heading_rad
         if given.size != len(self.stops):
             if self.left_out:
                 return [f"{given.size} headings for {len(self.stops)} stops", *self.left_out]
-            raise InputError(f"{given.size} headings given, the runs have {len(self.stops)} stops: needed one for each stop")
+            raise InputError(
+                f"{given.size} headings given, the runs have {len(self.stops)} stops: needed one"
+                " for each stop"
+            )
         if not azimuth_geometry(given, max_off_deg=self.settings.max_off_deg).reasons:
             return self._contradicted(given, lat)
         return []
@@ -153,76 +184,128 @@ class _Runs:
         name = self.runs[self.stops[j].run].header.run_id
         seen = (given[j] - off) / DEG % 360
         return [
-            f"stop {j + 1} ({name}): heading given {given[j] / DEG:.2f} deg, the gyros say {seen:.2f} deg: "
-            "order of the runs, or azimuths counted from north to west?"
+            f"stop {j + 1} ({name}): heading given {given[j] / DEG:.2f} deg, the gyros say"
+            f" {seen:.2f} deg: order of the runs, or azimuths counted from north to west?"
         ]
 
     def study(self, result: Misalignment) -> AzimuthStudy:
         header, m = self.runs[0].header, 0
         return AzimuthStudy(
-            source="runs", unit={"imu_serial": header.imu_serial, "gyro_technology": header.gyro_technology},
-            lat_rad=header.site.lat_rad, twin=self.twin, settings=self.settings, azimuths=self._azimuths(), result=result,
-            heading_rad=np.zeros(m), bias_deg_h=np.zeros((m, 3)), covariance=np.zeros((m, m)), runs=tuple(self.runs),
-            stops=tuple(self.stops), notes=tuple(self.left_out), why_no_levels="nothing was fitted",
-        )  # fmt: skip
+            source="runs",
+            unit={"imu_serial": header.imu_serial, "gyro_technology": header.gyro_technology},
+            lat_rad=header.site.lat_rad,
+            twin=self.twin,
+            settings=self.settings,
+            azimuths=self._azimuths(),
+            result=result,
+            heading_rad=np.zeros(m),
+            bias_deg_h=np.zeros((m, 3)),
+            covariance=np.zeros((m, m)),
+            runs=tuple(self.runs),
+            stops=tuple(self.stops),
+            notes=tuple(self.left_out),
+            why_no_levels="nothing was fitted",
+        )
 
     def _azimuths(self) -> str:
         if self.known is None:
-            return "found with the gyros: north unknown, one heading a run, turns within a run by the vertical gyro"
+            return (
+                "found with the gyros: north unknown, one heading a run, turns within a run by the"
+                " vertical gyro"
+            )
         stop, north = self.known.sigma_stop_rad / ARCSEC, self.known.sigma_north_rad / ARCSEC
-        return f"given: each stop within {stop:g} arcsec, their common north within {north:g} arcsec (1 sigma)"
+        return (
+            f"given: each stop within {stop:g} arcsec, their common north within {north:g} arcsec"
+            " (1 sigma)"
+        )
 
     def refused(self, reasons: list[str]) -> AzimuthStudy:
         given = np.zeros(0) if self.known is None else self.known.heading_rad
-        geometry = azimuth_geometry(given if given.size else np.zeros(1), max_off_deg=self.settings.max_off_deg)
-        return self.study(Misalignment(verdict="refused", reasons=tuple(reasons), geometry=geometry))
+        geometry = azimuth_geometry(
+            given if given.size else np.zeros(1), max_off_deg=self.settings.max_off_deg
+        )
+        return self.study(
+            Misalignment(verdict="refused", reasons=tuple(reasons), geometry=geometry)
+        )
 
 
 def _check_runs(runs: Sequence[Run]) -> None:
     first = runs[0].header
     for run in runs[1:]:
         h = run.header
-        if (h.imu_serial, h.gyro_technology, h.gyro_mode) != (first.imu_serial, first.gyro_technology, first.gyro_mode):
-            raise InputError(f"run {h.run_id}: unit {h.imu_serial}, {first.run_id} is of {first.imu_serial}: needed one unit")
+        if (h.imu_serial, h.gyro_technology, h.gyro_mode) != (
+            first.imu_serial,
+            first.gyro_technology,
+            first.gyro_mode,
+        ):
+            raise InputError(
+                f"run {h.run_id}: unit {h.imu_serial}, {first.run_id} is of {first.imu_serial}:"
+                " needed one unit"
+            )
         if abs(h.site.lat_rad - first.site.lat_rad) > SAME_PLACE_DEG * DEG:
             raise InputError(
-                f"run {h.run_id}: latitude {h.site.lat_rad / DEG:.3f} deg, run {first.run_id} is at "
-                f"{first.site.lat_rad / DEG:.3f} deg: needed one place"
+                f"run {h.run_id}: latitude {h.site.lat_rad / DEG:.3f} deg, run {first.run_id} is at"
+                f" {first.site.lat_rad / DEG:.3f} deg: needed one place"
             )
     if len({run.sha256 for run in runs}) < len(runs):
-        raise InputError("the same run is given twice: needed one run for each azimuth, or one run with several stops")
+        raise InputError(
+            "the same run is given twice: needed one run for each azimuth, or one run with several"
+            " stops"
+        )
 
 
 def study_table(
-    heading_rad: NDArray, bias_deg_h: NDArray, sigma_deg_h: NDArray, *, lat_rad: float, twin: TwinModel, source: str,
+    heading_rad: NDArray,
+    bias_deg_h: NDArray,
+    sigma_deg_h: NDArray,
+    *,
+    lat_rad: float,
+    twin: TwinModel,
+    source: str,
     settings: AzimuthSettings | None = None,
-) -> AzimuthStudy:  # fmt: skip
+) -> AzimuthStudy:
     """Self-calibrated biases (m, 3) with independent sigmas (m, 3) on headings (m,), fitted."""
     settings = settings or AzimuthSettings()
     covariance = np.diag(np.ravel(sigma_deg_h) ** 2)
     result = measure_misalignment(
-        heading_rad, bias_deg_h, covariance, level_rate_deg_h=level_rate_deg_h(lat_rad), prior_mrad=settings.prior_mrad,
+        heading_rad,
+        bias_deg_h,
+        covariance,
+        level_rate_deg_h=level_rate_deg_h(lat_rad),
+        prior_mrad=settings.prior_mrad,
         max_off_deg=settings.max_off_deg,
-    )  # fmt: skip
+    )
     return AzimuthStudy(
-        source=source, unit={"imu_serial": twin.imu_serial, "gyro_technology": twin.gyro_technology}, lat_rad=lat_rad,
-        twin=twin, settings=settings, azimuths="as in the table, without error", result=result, heading_rad=heading_rad,
-        bias_deg_h=bias_deg_h, covariance=covariance,
-    )  # fmt: skip
+        source=source,
+        unit={"imu_serial": twin.imu_serial, "gyro_technology": twin.gyro_technology},
+        lat_rad=lat_rad,
+        twin=twin,
+        settings=settings,
+        azimuths="as in the table, without error",
+        result=result,
+        heading_rad=heading_rad,
+        bias_deg_h=bias_deg_h,
+        covariance=covariance,
+    )
 
 
 def corrected_twin(study: AzimuthStudy) -> TwinModel:
-    """The twin with the couplings that were observed added to its misalignment, and their sigmas beside it.
+    """The twin with the couplings that were observed added to its misalignment, and their sigmas
+    beside it.
 
-    Where only xy + yx is seen, each takes half: the rest is a turn of the triad about down, which without a north
-    outside of the gyros no session can tell from its heading. What was not observed stays as it was.
+    Where only xy + yx is seen, each takes half: the rest is a turn of the triad about down, which
+    without a north outside of the gyros no session can tell from its heading. What was not observed
+    stays as it was.
     """
     gyro = study.twin.gyro
     value, sigma = list(gyro.misalignment_mrad), list(gyro.sigma_misalignment_mrad)
     for name, (found, spread) in _usable(study.result).items():
         k = ENTRIES.index(name)
         value[k], sigma[k] = value[k] + found / MILLIRADIAN, spread / MILLIRADIAN
-    changes: dict[str, Any] = {"misalignment_mrad": tuple(value), "sigma_misalignment_mrad": tuple(sigma)}
+    changes: dict[str, Any] = {
+        "misalignment_mrad": tuple(value),
+        "sigma_misalignment_mrad": tuple(sigma),
+    }
     return replace(study.twin, gyro=replace(gyro, **changes))
 
 
@@ -230,7 +313,11 @@ def _usable(result: Misalignment) -> dict[str, tuple[float, float]]:
     """Entries to write down, value and sigma [rad]; none unless the result stands."""
     if result.verdict != "measured":
         return {}
-    seen = {c.name: (c.value_rad, c.sigma_rad) for c in result.couplings if c.verdict != "not_observable"}
+    seen = {
+        c.name: (c.value_rad, c.sigma_rad)
+        for c in result.couplings
+        if c.verdict != "not_observable"
+    }
     both = seen.pop("xy+yx", None)
     if both is not None and "xy" not in seen and "yx" not in seen:
         seen |= dict.fromkeys(("xy", "yx"), (both[0] / 2, both[1] / 2))

@@ -1,1 +1,3 @@
-"""A logged session navigated again: free-inertially with each of several tables, and aided by satellites."""
+"""A logged session navigated again: free-inertially with each of several tables, and aided by
+satellites.
+"""

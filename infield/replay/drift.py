@@ -1,13 +1,18 @@
-"""How far a free-inertial solution drifts, in aviation's measures: against a parked position, against an outside track.
+"""How far a free-inertial solution drifts, in aviation's measures: against a parked position,
+against an outside track.
 
-    rate_nm_h      radial position error at the end of the span / hours since navigation began (radial error rate)
-    rms_rate_nm_h  RMS radial error over the span / RMS time over the span: the slope of the straight line through the
-                   start that has the error's own RMS; less at the mercy of the Schuler phase at the end than rate_nm_h
-    drift_class    "2T+2" where the error stays within 2 T + 2 NM at every time T [h] of the span, else "3T+3", else
+    rate_nm_h      radial position error at the end of the span / hours since navigation began
+    (radial error rate) rms_rate_nm_h  RMS radial error over the span / RMS time over the span: the
+    slope of the straight line through the
+                   start that has the error's own RMS; less at the mercy of the Schuler phase at the
+                   end than rate_nm_h
+    drift_class    "2T+2" where the error stays within 2 T + 2 NM at every time T [h] of the span,
+    else "3T+3", else
                    "beyond 3T+3"
 
-A constant tilt rate u from rest gives R u (1 - sin(w t)/(w t)) t of position error, w the Schuler rate: 60 NM/h for
-each deg/h over whole periods of 84.4 min, and between 0 and 1.22 times that in between (physics.md 6.3).
+A constant tilt rate u from rest gives R u (1 - sin(w t)/(w t)) t of position error, w the Schuler
+rate: 60 NM/h for each deg/h over whole periods of 84.4 min, and between 0 and 1.22 times that in
+between (physics.md 6.3).
 """
 
 from dataclasses import dataclass
@@ -27,7 +32,8 @@ CLASSES = (("2T+2", 2.0, 2.0), ("3T+3", 3.0, 3.0))  # name, NM/h, NM
 class Drift:
     """Errors of a solution over a span, and their measures (this module's head).
 
-    time_s (n,): since navigation began; position_m, velocity_m_s (n, 2): north and east, computed - true.
+    time_s (n,): since navigation began; position_m, velocity_m_s (n, 2): north and east, computed -
+    true.
     """
 
     time_s: NDArray
@@ -63,25 +69,33 @@ class Drift:
 
 
 def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:
-    """Position less the site and velocity less zero, from the end of the alignment to the first movement."""
+    """Position less the site and velocity less zero, from the end of the alignment to the first
+    movement.
+    """
     rows = slice(1, int(np.searchsorted(history.time_s, until_s, side="right")))
     position = displacement_ned(
-        history.lat_rad[rows], history.lon_rad[rows],
-        lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m,
-    )  # fmt: skip
+        history.lat_rad[rows],
+        history.lon_rad[rows],
+        lat0_rad=site.lat_rad,
+        lon0_rad=site.lon_rad,
+        height0_m=site.height_m,
+    )
     return Drift(
-        time_s=history.time_s[rows] - history.time_s[0], position_m=position, velocity_m_s=history.v_n_m_s[rows, :2]
+        time_s=history.time_s[rows] - history.time_s[0],
+        position_m=position,
+        velocity_m_s=history.v_n_m_s[rows, :2],
     )
 
 
 def drift_against(
     history: NavHistory, other: GnssLog | ReferenceLog, lever_arm_m: NDArray, from_s: float
 ) -> Drift | None:
-    """The solution less an outside track, at the track's times nearest to the solution's own, from `from_s` on.
+    """The solution less an outside track, at the track's times nearest to the solution's own, from
+    `from_s` on.
 
     None where the track has nothing there.
-    lever_arm_m (3,): from the IMU to the point of the track. The offset between the two while parked (a site entered
-    roughly) is taken out: it is no drift.
+    lever_arm_m (3,): from the IMU to the point of the track. The offset between the two while
+    parked (a site entered roughly) is taken out: it is no drift.
     """
     t0, t1 = float(history.time_s[0]), float(history.time_s[-1])
     used = _nearest(history.time_s, other.time_s)
@@ -90,17 +104,25 @@ def drift_against(
     after = t > from_s
     if not after.any():
         return None
-    k = np.clip(np.rint(np.interp(t, history.time_s, np.arange(history.time_s.size))).astype(int), 1, None)
+    k = np.clip(
+        np.rint(np.interp(t, history.time_s, np.arange(history.time_s.size))).astype(int), 1, None
+    )
     dt = np.diff(history.time_s)[k - 1]
-    omega_b = history.dtheta_b_rad[k] / dt[:, None]  # Earth rate stays in: 0.1 mm/s per metre of arm
+    # Earth rate stays in: 0.1 mm/s per metre of arm
+    omega_b = history.dtheta_b_rad[k] / dt[:, None]
     arm_n = np.einsum("kij,j->ki", history.C_nb[k], lever_arm_m)
     turn_n = np.einsum("kij,kj->ki", history.C_nb[k], np.cross(omega_b, lever_arm_m))
-    lat, lon = (np.interp(t, history.time_s, a) for a in (history.lat_rad, np.unwrap(history.lon_rad)))
+    lat, lon = (
+        np.interp(t, history.time_s, a) for a in (history.lat_rad, np.unwrap(history.lon_rad))
+    )
     v = np.stack([np.interp(t, history.time_s, history.v_n_m_s[:, i]) for i in (0, 1)], axis=1)
     meridian, transverse = radii_of_curvature(lat)
     dlon = np.mod(lon - other.lon_rad[used] + np.pi, 2 * np.pi) - np.pi
     north = (lat - other.lat_rad[used]) * (meridian + other.height_m[used])
-    position = np.stack([north, dlon * (transverse + other.height_m[used]) * np.cos(lat)], axis=1) + arm_n[:, :2]
+    position = (
+        np.stack([north, dlon * (transverse + other.height_m[used]) * np.cos(lat)], axis=1)
+        + arm_n[:, :2]
+    )
     velocity = v + turn_n[:, :2] - other.v_n_m_s[used, :2]
     before = other.time_s <= min(t0 + 1.0, t1)
     return Drift(
@@ -116,12 +138,19 @@ def _nearest(time_s: NDArray, track_s: NDArray) -> NDArray:
     return np.unique(np.searchsorted(edges, time_s))
 
 
-def _offset(history: NavHistory, other: GnssLog | ReferenceLog, rows: NDArray, arm_n: NDArray) -> NDArray:
-    """Median of start position less track while still parked (2,) [m]; zero where the track begins later."""
+def _offset(
+    history: NavHistory, other: GnssLog | ReferenceLog, rows: NDArray, arm_n: NDArray
+) -> NDArray:
+    """Median of start position less track while still parked (2,) [m]; zero where the track begins
+    later.
+    """
     if not rows.any():
         return np.zeros(2)
     back = displacement_ned(
-        other.lat_rad[rows], other.lon_rad[rows],
-        lat0_rad=float(history.lat_rad[0]), lon0_rad=float(history.lon_rad[0]), height0_m=float(history.height_m[0]),
-    )  # fmt: skip
+        other.lat_rad[rows],
+        other.lon_rad[rows],
+        lat0_rad=float(history.lat_rad[0]),
+        lon0_rad=float(history.lon_rad[0]),
+        height0_m=float(history.height_m[0]),
+    )
     return np.asarray(-np.median(back, axis=0) + arm_n)

@@ -1,7 +1,9 @@
-"""How far the table's sigma, the session's own bias and the noise say that a parked free-inertial solution drifts.
+"""How far the table's sigma, the session's own bias and the noise say that a parked free-inertial
+solution drifts.
 
-The prior of the session's bias bins goes through the linear error model of the parked case (physics.md 6.2), from a
-gyrocompass alignment on, so that what the alignment hides (a constant east bias) does not count.
+The prior of the session's bias bins goes through the linear error model of the parked case
+(physics.md 6.2), from a gyrocompass alignment on, so that what the alignment hides (a constant east
+bias) does not count.
 """
 
 from dataclasses import dataclass
@@ -20,10 +22,12 @@ STEP_S = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class DriftPrediction:
-    """What the table's covariance, the session's own bias and the noise make of a parked free-inertial solution.
+    """What the table's covariance, the session's own bias and the noise make of a parked
+    free-inertial solution.
 
-    time_s (n,): since navigation began; sigma_radial_m, sigma_speed_m_s (n,): root of the trace of north and east.
-    response_m_per_deg_h (2, 3N): north and east position error at the end from the gyro bias of each bin.
+    time_s (n,): since navigation began; sigma_radial_m, sigma_speed_m_s (n,): root of the trace of
+    north and east. response_m_per_deg_h (2, 3N): north and east position error at the end from the
+    gyro bias of each bin.
     """
 
     time_s: NDArray
@@ -38,14 +42,21 @@ class DriftPrediction:
 
 
 def predict_parked(
-    *, edges_s: NDArray, covariance: NDArray, twin: TwinModel, site: Site, C_nb: NDArray,
-    alignment: tuple[float, float], end_s: float,
-) -> DriftPrediction:  # fmt: skip
+    *,
+    edges_s: NDArray,
+    covariance: NDArray,
+    twin: TwinModel,
+    site: Site,
+    C_nb: NDArray,
+    alignment: tuple[float, float],
+    end_s: float,
+) -> DriftPrediction:
     """Covariance of the parked drift from the end of a gyrocompass alignment to `end_s`.
 
     Parameters
     ----------
-    edges_s (N + 1,), covariance (3N, 3N) [(deg/h)^2] : bins and what the gyros' bias beyond the table may be in them
+    edges_s (N + 1,), covariance (3N, 3N) [(deg/h)^2] : bins and what the gyros' bias beyond the
+    table may be in them
         (`infield.session.navigated.SessionBins.prior`), order x, y, z of bin 0, then of bin 1 ...
     C_nb (3, 3) : the parked attitude.
     alignment : (start, end) [s]; navigation begins at its end.
@@ -53,10 +64,11 @@ def predict_parked(
     Notes
     -----
     The alignment leaves tilts that balance the accelerometer biases and, for heading,
-    psi = -eps_E / (Omega cosL) + (del_E / g) tanL with eps_E its mean east gyro error (physics.md 6.4): so a constant
-    east bias does not drift at the parked heading, and the angle random walk of the alignment does. From there on
-    ins.filters.error_model, in steps of at most 10 s. Left out: yaw creep and sway of the aircraft (no inertial errors), the
-    velocity error at the start (it is set to zero, true to the sway).
+    psi = -eps_E / (Omega cosL) + (del_E / g) tanL with eps_E its mean east gyro error (physics.md
+    6.4): so a constant east bias does not drift at the parked heading, and the angle random walk of
+    the alignment does. From there on ins.filters.error_model, in steps of at most 10 s. Left out:
+    yaw creep and sway of the aircraft (no inertial errors), the velocity error at the start (it is
+    set to zero, true to the sway).
     """
     start_s, count = alignment[1], len(edges_s) - 1
     response = _at_alignment(edges_s, site, C_nb, alignment)
@@ -73,7 +85,9 @@ def predict_parked(
     for k in range(1, times.size):
         Phi, Gamma, Q = _parked_step(site, C_nb, twin, float(times[k] - times[k - 1]))
         response, P = Phi @ response, Phi @ P @ Phi.T + Q
-        j = int(np.clip(np.searchsorted(edges_s, 0.5 * (times[k] + times[k - 1])) - 1, 0, count - 1))
+        j = int(
+            np.clip(np.searchsorted(edges_s, 0.5 * (times[k] + times[k - 1])) - 1, 0, count - 1)
+        )
         response[:, 3 * j : 3 * j + 3] += Gamma * DEG_PER_HOUR
         total = np.diag(response[:4] @ inputs @ response[:4].T + P[:4, :4])
         variance[k] = total[em.W].sum(), total[em.POS].sum()
@@ -94,8 +108,12 @@ def level_shares(edges_s: NDArray, C_nb: NDArray, span: tuple[float, float]) -> 
     return np.kron(share / share.sum(), C_nb[:2])
 
 
-def _at_alignment(edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[float, float]) -> NDArray:
-    """Errors (24, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of accelerometer bias."""
+def _at_alignment(
+    edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[float, float]
+) -> NDArray:
+    """Errors (24, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
+    accelerometer bias.
+    """
     count = len(edges_s) - 1
     X = np.zeros((em.BASE, 3 * count + 2))
     north, east, down = range(em.THETA.start, em.THETA.stop)
@@ -109,16 +127,26 @@ def _at_alignment(edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[
     return X
 
 
-def _parked_step(site: Site, C_nb: NDArray, twin: TwinModel, dt_s: float) -> tuple[NDArray, NDArray, NDArray]:
+def _parked_step(
+    site: Site, C_nb: NDArray, twin: TwinModel, dt_s: float
+) -> tuple[NDArray, NDArray, NDArray]:
     """Phi, Gamma, Q of a parked step (ins.filters.error_model)."""
     step = em.Step(
-        dt_s=dt_s, C_nb=C_nb, v_n=np.zeros(3), omega_ie_n=omega_ie_n(site.lat_rad), omega_en_n=np.zeros(3),
+        dt_s=dt_s,
+        C_nb=C_nb,
+        v_n=np.zeros(3),
+        omega_ie_n=omega_ie_n(site.lat_rad),
+        omega_en_n=np.zeros(3),
         gravity=float(gravity_magnitude(site.lat_rad, site.height_m)),
-        radius_m=float(np.sqrt(np.prod(radii_of_curvature(site.lat_rad)))) + site.height_m, turn_rad=0.0,
-    )  # fmt: skip
+        radius_m=float(np.sqrt(np.prod(radii_of_curvature(site.lat_rad)))) + site.height_m,
+        turn_rad=0.0,
+    )
     noise = em.ProcessNoise(
-        arw=twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR, vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
-        accel_rrw=twin.accel.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR, yaw_creep=0.0, lateral_rms=1.0,
+        arw=twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR,
+        vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
+        accel_rrw=twin.accel.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR,
+        yaw_creep=0.0,
+        lateral_rms=1.0,
         lateral_time_s=1.0,
-    )  # fmt: skip
+    )
     return em.discretize(step, noise, rolling=False)

@@ -1,11 +1,13 @@
-"""A logged session flown again with each of several tables: align, then navigate free-inertially to the end of the log.
+"""A logged session flown again with each of several tables: align, then navigate free-inertially to
+the end of the log.
 
-    raw log -> less the table -> gyrocompass on the alignment phase -> navigation -> drift while parked, ground speed at
-    later stops, error against GNSS
+    raw log -> less the table -> gyrocompass on the alignment phase -> navigation -> drift while
+    parked, ground speed at later stops, error against GNSS
 
-The alignment is computed anew with each table, since its heading error is that table's own. Nothing is aided but the
-vertical channel; beside these flights, a run with GNSS is navigated with it once (`infield.replay.aided.flight`), with the active table.
-`ReferenceLog` is truth: it scores the result here and goes nowhere near a solution.
+The alignment is computed anew with each table, since its heading error is that table's own. Nothing
+is aided but the vertical channel; beside these flights, a run with GNSS is navigated with it once
+(`infield.replay.aided.flight`), with the active table. `ReferenceLog` is truth: it scores the
+result here and goes nowhere near a solution.
 """
 
 from collections.abc import Callable, Sequence
@@ -39,8 +41,10 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
-ROW_BEFORE_S = 2.0  # before the start of navigation: holds the row before it (a run has no gap over 1 s)
-SHORT_S = 1800.0  # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
+# before the start of navigation: holds the row before it (a run has no gap over 1 s)
+ROW_BEFORE_S = 2.0
+# a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
+SHORT_S = 1800.0
 
 Where = tuple[float, float]  # start and end [s]
 
@@ -61,10 +65,11 @@ class TableChoice:
 
 @dataclass(frozen=True, kw_only=True)
 class TableReplay:
-    """One table's flight. `history` is None where its alignment was refused; the rest is None where there is nothing.
+    """One table's flight. `history` is None where its alignment was refused; the rest is None where
+    there is nothing.
 
-    parked: against the parked position; gnss, reference: from the end of the parked span on (reference: scoring only);
-    heading_error_rad: against the reference.
+    parked: against the parked position; gnss, reference: from the end of the parked span on
+    (reference: scoring only); heading_error_rad: against the reference.
     """
 
     choice: TableChoice
@@ -82,11 +87,11 @@ class TableReplay:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayResult:
-    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's alignment is, or the aided
-    flight where that is all there is).
+    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's
+    alignment is, or the aided flight where that is all there is).
 
-    alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls; aided: None without GNSS, or
-    where it was not asked for.
+    alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls; aided:
+    None without GNSS, or where it was not asked for.
     """
 
     run: Run
@@ -112,48 +117,79 @@ def replay(
     reference: ReferenceLog | None = None,
     aided: bool = True,
 ) -> ReplayResult:
-    """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has that.
+    """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has
+    that.
 
-    applied_table(sha256): the table that the unit had subtracted, to be added back (InputError where unknown).
-    A run without gyro temperatures is flown raw, once, and the notes say so. Refusals are verdicts.
+    applied_table(sha256): the table that the unit had subtracted, to be added back (InputError
+    where unknown). A run without gyro temperatures is flown raw, once, and the notes say so.
+    Refusals are verdicts.
     """
     raw = with_applied_table_undone(run, applied_table)
     temperature, notes = None, [f"{f.start_s:g} to {f.end_s:g} s: {f.reason}" for f in run.faults]
     short = too_short(raw.temperature)
     if raw.temperature is None or short:
-        notes.append(f"{short.split(': ')[0] if raw.temperature is None else short}: no table can be applied, "
-                     "flown with the raw gyro output")  # fmt: skip
+        notes.append(
+            f"{short.split(': ')[0] if raw.temperature is None else short}: no table can be"
+            " applied, flown with the raw gyro output"
+        )
         tables = [TableChoice(role="active", table=None, origin="none: raw gyro output")]
     else:
         temperature = gyro_temperature(raw.temperature)
         notes += [words(fault) for fault in temperature.faults]
-        notes += [f"gyro {axis}: no thermometer of its own, the others' mean stands in" for axis in temperature.unusable]
+        notes += [
+            f"gyro {axis}: no thermometer of its own, the others' mean stands in"
+            for axis in temperature.unusable
+        ]
     vertical, how = _vertical(raw)
     rest = find_rest(raw)
     if rest is None:
         reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
-        result = ReplayResult(run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how)
+        result = ReplayResult(
+            run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how
+        )
     else:
         span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
         flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
         result = ReplayResult(
-            run=run, verdict="refused", reasons=flown[0].alignment.reasons, notes=tuple(notes), vertical=how,
-            alignment_span=span, tables=tuple(flown),
-        )  # fmt: skip
+            run=run,
+            verdict="refused",
+            reasons=flown[0].alignment.reasons,
+            notes=tuple(notes),
+            vertical=how,
+            alignment_span=span,
+            tables=tuple(flown),
+        )
         first = next((t.history for t in flown if t.history is not None), None)
         if first is not None:
             result = _with_scores(result, raw, first, twin, reference)
-    return _with_aided(result, raw, tables[0], temperature, twin, rest) if aided and raw.gnss is not None else result
+    return (
+        _with_aided(result, raw, tables[0], temperature, twin, rest)
+        if aided and raw.gnss is not None
+        else result
+    )
 
 
 def _with_aided(
-    result: ReplayResult, raw: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel,
+    result: ReplayResult,
+    raw: Run,
+    choice: TableChoice,
+    temperature: GyroTemperature | None,
+    twin: TwinModel,
     rest: Where | None,
-) -> ReplayResult:  # fmt: skip
-    """The result with the aided flight; where that is all there is, it is a replay, and the notes keep the refusal."""
-    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in ("aligned", "inconsistent")
-    imu, _, sigma, _ = _prepared(raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s))
-    aided = navigate_aided(raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma)
+) -> ReplayResult:
+    """The result with the aided flight; where that is all there is, it is a replay, and the notes
+    keep the refusal.
+    """
+    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in (
+        "aligned",
+        "inconsistent",
+    )
+    imu, _, sigma, _ = _prepared(
+        raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s)
+    )
+    aided = navigate_aided(
+        raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma
+    )
     if result.verdict != "refused" or aided.history is None:
         return replace(result, aided=aided)
     kept = tuple(f"no free-inertial flight: {reason}" for reason in result.reasons)
@@ -163,7 +199,11 @@ def _with_aided(
 
 
 def _with_scores(
-    result: ReplayResult, raw: Run, first: NavHistory, twin: TwinModel, reference: ReferenceLog | None
+    result: ReplayResult,
+    raw: Run,
+    first: NavHistory,
+    twin: TwinModel,
+    reference: ReferenceLog | None,
 ) -> ReplayResult:
     """The result with every flight measured over the same spans, found on the first one."""
     active, span = result.tables[0], result.alignment_span
@@ -179,44 +219,73 @@ def _with_scores(
         reasons=active.alignment.reasons if inconsistent or active.history is None else (),
         notes=result.notes + (short if SHORTEST_S <= parked_for_s < SHORT_S else ()),
         parked_until_s=parked_s,
-        tables=tuple(_scored(t, raw, twin, span, parked_s, stops, reference) for t in result.tables),
+        tables=tuple(
+            _scored(t, raw, twin, span, parked_s, stops, reference) for t in result.tables
+        ),
     )
 
 
 def _fly(
-    run: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel, span: Where,
+    run: Run,
+    choice: TableChoice,
+    temperature: GyroTemperature | None,
+    twin: TwinModel,
+    span: Where,
     vertical: VerticalChannel,
-) -> TableReplay:  # fmt: skip
-    """Align with one table, then navigate to the end of the log; only the alignment where that is refused."""
+) -> TableReplay:
+    """Align with one table, then navigate to the end of the log; only the alignment where that is
+    refused.
+    """
     imu, bins, sigma, notes = _prepared(run, choice, temperature, twin, span)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
     history, C_nb, left_s = None, aligned.C_nb, imu.end_s - aligned.time_s
     if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
         if left_s < SHORTEST_S:
-            reason = f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation are needed"
+            reason = (
+                f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation"
+                " are needed"
+            )
             aligned = replace(aligned, verdict="refused", reasons=(reason, *aligned.reasons))
         else:
-            start = NavState(time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-            history = navigate(imu.pieces(aligned.time_s - ROW_BEFORE_S), start, epoch_s=1.0, vertical=vertical)
+            start = NavState(
+                time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb
+            )
+            history = navigate(
+                imu.pieces(aligned.time_s - ROW_BEFORE_S), start, epoch_s=1.0, vertical=vertical
+            )
     return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
 
 
 def _prepared(
     run: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel, span: Where
 ) -> tuple[ImuSource, SessionBins | None, NDArray | None, tuple[str, ...]]:
-    """The log less a table; bins from the span's start and their first sigmas (3,) [deg/h]; notes. None without a table."""
+    """The log less a table; bins from the span's start and their first sigmas (3,) [deg/h]; notes.
+    None without a table.
+    """
     if choice.table is None or temperature is None:
         return compensated_imu(run, None, temperature, twin), None, None, ()
     table, notes = _covering(choice.table, temperature)
-    bins = make_bins(table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run))
-    return compensated_imu(run, table, temperature, twin), bins, np.sqrt(np.diag(bins.prior)[:3]), notes
+    bins = make_bins(
+        table, temperature, twin, SessionSettings(), start_s=span[0], end_s=session_end(run)
+    )
+    return (
+        compensated_imu(run, table, temperature, twin),
+        bins,
+        np.sqrt(np.diag(bins.prior)[:3]),
+        notes,
+    )
 
 
-def _covering(table: ThermalTable, temperature: GyroTemperature) -> tuple[ThermalTable, tuple[str, ...]]:
-    """The table widened to the temperatures seen (the end values held), and a note for each axis beyond its nodes."""
+def _covering(
+    table: ThermalTable, temperature: GyroTemperature
+) -> tuple[ThermalTable, tuple[str, ...]]:
+    """The table widened to the temperatures seen (the end values held), and a note for each axis
+    beyond its nodes.
+    """
     T = temperature.temperature_degC
     beyond = tuple(
-        f"gyro {axis}: {T[:, k].min():.1f} to {T[:, k].max():.1f} degC, beyond the table's nodes: end value held"
+        f"gyro {axis}: {T[:, k].min():.1f} to {T[:, k].max():.1f} degC, beyond the table's nodes:"
+        " end value held"
         for k, axis in enumerate(AXES)
         if not table.in_range(axis, T[:, k]).all()
     )
@@ -226,15 +295,23 @@ def _covering(table: ThermalTable, temperature: GyroTemperature) -> tuple[Therma
 def _vertical(run: Run) -> tuple[VerticalChannel, str]:
     """What damps the height, and how it is said."""
     if run.gnss is None:
-        return VerticalChannel(mode="hold"), "damped to the height of the site (no GNSS height in the run)"
+        return (
+            VerticalChannel(mode="hold"),
+            "damped to the height of the site (no GNSS height in the run)",
+        )
     aided = VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m)
     return aided, "damped to the GNSS height"
 
 
 def _scored(
-    flown: TableReplay, run: Run, twin: TwinModel, span: Where, parked_s: float, stops: Sequence[Stop],
+    flown: TableReplay,
+    run: Run,
+    twin: TwinModel,
+    span: Where,
+    parked_s: float,
+    stops: Sequence[Stop],
     reference: ReferenceLog | None,
-) -> TableReplay:  # fmt: skip
+) -> TableReplay:
     """The flight with its measures."""
     history, aligned = flown.history, flown.alignment
     if history is None or aligned.C_nb is None:
@@ -244,13 +321,20 @@ def _scored(
         parked = parked_drift(history, run.header.site, parked_s)
         if flown.bins is not None:
             predicted = predict_parked(
-                edges_s=flown.bins.edges_s, covariance=flown.bins.prior, twin=twin, site=run.header.site,
-                C_nb=aligned.C_nb, alignment=(span[0], aligned.time_s), end_s=float(aligned.time_s + parked.time_s[-1]),
-            )  # fmt: skip
+                edges_s=flown.bins.edges_s,
+                covariance=flown.bins.prior,
+                twin=twin,
+                site=run.header.site,
+                C_nb=aligned.C_nb,
+                alignment=(span[0], aligned.time_s),
+                end_s=float(aligned.time_s + parked.time_s[-1]),
+            )
     heading_error = float("nan")
     if reference is not None:
         k = int(np.argmin(np.abs(reference.time_s - aligned.time_s)))
-        heading_error = float(np.angle(np.exp(1j * (aligned.heading_rad - reference.heading_rad[k]))))
+        heading_error = float(
+            np.angle(np.exp(1j * (aligned.heading_rad - reference.heading_rad[k])))
+        )
     lever = np.asarray(run.header.gnss_lever_arm_m)
     return replace(
         flown,
@@ -258,16 +342,27 @@ def _scored(
         predicted=predicted,
         stops=tuple(stop_speed(history, stop) for stop in stops),
         gnss=None if run.gnss is None else drift_against(history, run.gnss, lever, parked_s),
-        reference=None if reference is None else drift_against(history, reference, np.zeros(3), parked_s),
+        reference=(
+            None if reference is None else drift_against(history, reference, np.zeros(3), parked_s)
+        ),
         heading_error_rad=heading_error,
     )
 
 
 def heading_change(result: ReplayResult) -> tuple[float, float] | None:
-    """Aligned heading with the active table less that with the previous one [rad], and what the tables' own difference
-    of mean east bias over the alignment makes of it, db_E / (Omega cosL) (physics.md 6.4)."""
+    """Aligned heading with the active table less that with the previous one [rad], and what the
+    tables' own difference of mean east bias over the alignment makes of it, db_E / (Omega cosL)
+    (physics.md 6.4).
+    """
     new, old = result.of("active"), result.of("previous")
-    if new is None or old is None or new.history is None or old.history is None or new.bins is None or old.bins is None:
+    if (
+        new is None
+        or old is None
+        or new.history is None
+        or old.history is None
+        or new.bins is None
+        or old.bins is None
+    ):
         return None
     seen = np.angle(np.exp(1j * (new.alignment.heading_rad - old.alignment.heading_rad)))
     assert result.alignment_span is not None and new.alignment.C_nb is not None

@@ -1,9 +1,11 @@
-"""Schuler period of a parked free-inertial solution, fitted to its velocity error; what a healthy unit shows is 84.4 min.
+"""Schuler period of a parked free-inertial solution, fitted to its velocity error; what a healthy
+unit shows is 84.4 min.
 
     v(t) = a + b t + c cos(w t) + s sin(w t),  north and east with one w
 
-Tilts swing at w = sqrt(g/R) whatever the gyros do, so a fit far off says that something else moves the velocity: the vehicle, a
-damping that was left on, a wrong accelerometer scale. Foucault's turn of the plane of swing (34 h at 45 deg) is left out.
+Tilts swing at w = sqrt(g/R) whatever the gyros do, so a fit far off says that something else moves
+the velocity: the vehicle, a damping that was left on, a wrong accelerometer scale. Foucault's turn
+of the plane of swing (34 h at 45 deg) is left out.
 """
 
 from dataclasses import dataclass
@@ -25,7 +27,9 @@ LEAST_SIGMAS = 4.0  # of the swing's amplitude above what is left of the fit
 
 @dataclass(frozen=True, kw_only=True)
 class SchulerFit:
-    """period_s with sigma and the swing's amplitude [m/s], NaN where refused for `reason`; expected_s: 2 pi sqrt(R/g)."""
+    """period_s with sigma and the swing's amplitude [m/s], NaN where refused for `reason`;
+    expected_s: 2 pi sqrt(R/g).
+    """
 
     expected_s: float
     reason: str = ""
@@ -46,14 +50,19 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
     needed = LEAST_PERIODS * expected
     length = 0.0 if parked is None else float(parked.time_s[-1])
     if parked is None or length < needed:
-        told = f"parked for {length / 60:.0f} min of navigation, needed {needed / 60:.0f} min (three quarters of a period)"
+        told = (
+            f"parked for {length / 60:.0f} min of navigation, needed {needed / 60:.0f} min (three"
+            " quarters of a period)"
+        )
         return SchulerFit(expected_s=expected, reason=told)
     t, v = _minutes(parked)
     root = np.eye(len(t))
     for _ in range(3):  # ordinary least squares first, then weighted by what it left
         best = _frequency(t, v, root)
         if best is None:
-            return SchulerFit(expected_s=expected, reason="no swing: the fit runs to the end of 30 to 240 min")
+            return SchulerFit(
+                expected_s=expected, reason="no swing: the fit runs to the end of 30 to 240 min"
+            )
         w = best
         left = v - _columns(w, t) @ _solved(w, t, v, root)[0]
         root = _whitening(left)
@@ -63,7 +72,10 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
         told = f"swing of {amplitude:.2g} m/s, {rms:.2g} m/s are left of the fit: too small to time"
         return SchulerFit(expected_s=expected, reason=told)
     if not sigma < LARGEST_SIGMA_S:
-        told = f"period good to {sigma / 60:.0f} min only, needed {LARGEST_SIGMA_S / 60:.0f} min: a longer record is needed"
+        told = (
+            f"period good to {sigma / 60:.0f} min only, needed {LARGEST_SIGMA_S / 60:.0f} min: a"
+            " longer record is needed"
+        )
         return SchulerFit(expected_s=expected, reason=told)
     return SchulerFit(expected_s=expected, period_s=period, sigma_s=sigma, amplitude_m_s=amplitude)
 
@@ -73,7 +85,10 @@ def _minutes(parked: Drift) -> tuple[NDArray, NDArray]:
     block = np.floor((parked.time_s - parked.time_s[0]) / BLOCK_S)
     first = np.flatnonzero(np.diff(block, prepend=-1.0))
     count = np.diff(np.append(first, block.size))
-    return np.add.reduceat(parked.time_s, first) / count, np.add.reduceat(parked.velocity_m_s, first) / count[:, None]
+    return (
+        np.add.reduceat(parked.time_s, first) / count,
+        np.add.reduceat(parked.velocity_m_s, first) / count[:, None],
+    )
 
 
 def _frequency(t: NDArray, v: NDArray, root: NDArray) -> float | None:
@@ -83,7 +98,10 @@ def _frequency(t: NDArray, v: NDArray, root: NDArray) -> float | None:
     if k in (0, len(grid) - 1):
         return None
     best = minimize_scalar(
-        lambda w: _solved(w, t, v, root)[1], bounds=(grid[k + 1], grid[k - 1]), method="bounded", options={"xatol": 1e-9}
+        lambda w: _solved(w, t, v, root)[1],
+        bounds=(grid[k + 1], grid[k - 1]),
+        method="bounded",
+        options={"xatol": 1e-9},
     )
     return float(best.x)
 
@@ -100,20 +118,28 @@ def _solved(w: float, t: NDArray, v: NDArray, root: NDArray) -> tuple[NDArray, f
 
 
 def _whitening(left: NDArray) -> NDArray:
-    """(n, n) that whitens what a fit left, taken as white noise and a random walk, from its steps and their neighbours."""
+    """(n, n) that whitens what a fit left, taken as white noise and a random walk, from its steps
+    and their neighbours.
+    """
     step = np.diff(left, axis=0)
     white = max(-float(np.mean(step[1:] * step[:-1])), 0.0)
     walk = max(float(np.mean(step**2)) - 2.0 * white, 0.0)
     n = np.arange(1.0, len(left) + 1)
     floor = 1e-6 * float(np.mean(left**2)) + 1e-18
-    return np.asarray(np.linalg.inv(np.linalg.cholesky((white + floor) * np.eye(len(n)) + walk * np.minimum(n[:, None], n))))
+    return np.asarray(
+        np.linalg.inv(
+            np.linalg.cholesky((white + floor) * np.eye(len(n)) + walk * np.minimum(n[:, None], n))
+        )
+    )
 
 
 def _spread(w: float, t: NDArray, v: NDArray, root: NDArray) -> tuple[float, float]:
     """Amplitude [m/s] and sigma of the frequency [rad/s] of a whitened fit."""
     found, cost = _solved(w, t, v, root)
     A, none = root @ _columns(w, t), np.zeros((len(t), 4))
-    slope = [root @ (t * (found[3, k] * np.cos(w * t) - found[2, k] * np.sin(w * t))) for k in range(2)]
+    slope = [
+        root @ (t * (found[3, k] * np.cos(w * t) - found[2, k] * np.sin(w * t))) for k in range(2)
+    ]
     J = np.block([[A, none, slope[0][:, None]], [none, A, slope[1][:, None]]])
     scale = max(cost / max(2 * len(t) - 9, 1), 1.0)
     return float(np.linalg.norm(found[2:])), float(np.sqrt(scale * np.linalg.pinv(J.T @ J)[-1, -1]))

@@ -1,7 +1,8 @@
-"""Where the vehicle stands again after it first rolled, and how fast a free-inertial solution says it goes there.
+"""Where the vehicle stands again after it first rolled, and how fast a free-inertial solution says
+it goes there.
 
-A steady roll looks like rest to inertial sensors alone: a stop that a receiver or an odometer covers needs their word, one
-that neither covers is named as found by the IMU alone.
+A steady roll looks like rest to inertial sensors alone: a stop that a receiver or an odometer
+covers needs their word, one that neither covers is named as found by the IMU alone.
 """
 
 from dataclasses import dataclass
@@ -14,18 +15,23 @@ from infield.replay.drift import REALIGN_M_S
 from ins.earth import displacement_ned
 from ins.records import GnssLog, NavHistory, Run
 
-STOP_QUIET_M_S = 0.03  # spread of the velocity within a standing vehicle's eight seconds, above its own noise
-STOP_BELOW_M_S = 2.0 * REALIGN_M_S  # a faster "stop" is a steady taxi, unless the log calls it parked
+# spread of the velocity within a standing vehicle's eight seconds, above its own noise
+STOP_QUIET_M_S = 0.03
+# a faster "stop" is a steady taxi, unless the log calls it parked
+STOP_BELOW_M_S = 2.0 * REALIGN_M_S
 
 BRAKING_S = 2.0  # at the start of a stop: the last of the braking, and a receiver that is late
 FEWEST_ROWS = 3  # of a receiver, for its word
-CREEP_M_S = 1.0  # slope of the positions of a receiver that gives no velocity; over eight seconds it is noisy
+# slope of the positions of a receiver that gives no velocity; over eight seconds it is noisy
+CREEP_M_S = 1.0
 GNSS, ODOMETER, IMU = "gnss", "odometer", "imu"  # whose word there is for a stop
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Start and end [s] of a stop, and by whose word: GNSS, ODOMETER or, where neither covers it, IMU."""
+    """Start and end [s] of a stop, and by whose word: GNSS, ODOMETER or, where neither covers it,
+    IMU.
+    """
 
     start_s: float
     end_s: float
@@ -34,7 +40,9 @@ class Stop:
 
 @dataclass(frozen=True, kw_only=True)
 class StopSpeed:
-    """Computed ground speed [m/s] while the vehicle stands: all of it is error. seen_by: as of a Stop."""
+    """Computed ground speed [m/s] while the vehicle stands: all of it is error. seen_by: as of a
+    Stop.
+    """
 
     start_s: float
     end_s: float
@@ -48,7 +56,9 @@ class StopSpeed:
 
 
 def first_roll(motion: stillness.Motion) -> float:
-    """End of the parked span: the last epoch before the vehicle rolls, or the end of the log [s]."""
+    """End of the parked span: the last epoch before the vehicle rolls, or the end of the log
+    [s].
+    """
     rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
     return float(motion.time_s[max(rolling[0] - 1, 0)] if rolling.size else motion.time_s[-1])
 
@@ -56,9 +66,9 @@ def first_roll(motion: stillness.Motion) -> float:
 def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple[Stop, ...]:
     """Where the vehicle stands again after it first rolled, for at least eight seconds.
 
-    The velocity is steady to 3 cm/s (or eight sigmas of its noise), and either below 10 kt or the log says parked;
-    GNSS and odometer, where there are any, must agree. The same rule on the ramp after a flight, where the solution's own
-    speed may be several knots wrong.
+    The velocity is steady to 3 cm/s (or eight sigmas of its noise), and either below 10 kt or the
+    log says parked; GNSS and odometer, where there are any, must agree. The same rule on the ramp
+    after a flight, where the solution's own speed may be several knots wrong.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
     width = excursions.STOP_WINDOW_S
@@ -70,23 +80,34 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
     said = np.zeros(t.size, bool)
     for p in run.phases:
         said |= (p.phase == "parked") & (t > p.start_s) & (t <= p.end_s)
-    stands = steady & (said | (np.linalg.norm(v, axis=1) < STOP_BELOW_M_S)) & (t > first_roll(motion))
+    stands = (
+        steady & (said | (np.linalg.norm(v, axis=1) < STOP_BELOW_M_S)) & (t > first_roll(motion))
+    )
     if run.odometer is not None:
-        stands &= np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0)) < 0.5
+        stands &= (
+            np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0))
+            < 0.5
+        )
     edges = np.flatnonzero(np.diff(np.concatenate(([0], stands.astype(int), [0]))))
     found = []
     for a, b in zip(edges[::2], edges[1::2]):
         start_s, end_s = float(t[a]), float(t[b - 1])
-        received = None if run.gnss is None else _receiver_stands(run.gnss, start_s + BRAKING_S, end_s)
+        received = (
+            None if run.gnss is None else _receiver_stands(run.gnss, start_s + BRAKING_S, end_s)
+        )
         if b - a < width or received is False:
             continue
-        rolled = run.odometer is not None and bool(((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any())
+        rolled = run.odometer is not None and bool(
+            ((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any()
+        )
         found.append(Stop(start_s, end_s, GNSS if received else ODOMETER if rolled else IMU))
     return tuple(found)
 
 
 def _receiver_stands(gnss: GnssLog, start_s: float, end_s: float) -> bool | None:
-    """Whether a receiver's velocities, else its positions, say that it stands; None where it says nothing."""
+    """Whether a receiver's velocities, else its positions, say that it stands; None where it says
+    nothing.
+    """
     inside = (gnss.time_s >= start_s) & (gnss.time_s <= end_s)
     if np.count_nonzero(inside & np.isfinite(gnss.v_n_m_s[:, 0])) >= FEWEST_ROWS:
         return goes_nowhere(gnss.time_s, gnss.v_n_m_s, start_s, end_s)
@@ -94,7 +115,9 @@ def _receiver_stands(gnss: GnssLog, start_s: float, end_s: float) -> bool | None
     if rows.size < FEWEST_ROWS:
         return None
     lat, lon, height_m = gnss.lat_rad[rows], gnss.lon_rad[rows], float(gnss.height_m[rows[0]])
-    way = displacement_ned(lat, lon, lat0_rad=float(lat[0]), lon0_rad=float(lon[0]), height0_m=height_m)
+    way = displacement_ned(
+        lat, lon, lat0_rad=float(lat[0]), lon0_rad=float(lon[0]), height0_m=height_m
+    )
     slope = np.polynomial.polynomial.polyfit(gnss.time_s[rows] - gnss.time_s[rows[0]], way, 1)[1]
     return bool(np.linalg.norm(slope) <= CREEP_M_S)
 
@@ -103,6 +126,9 @@ def stop_speed(history: NavHistory, stop: Stop) -> StopSpeed:
     rows = (history.time_s >= stop.start_s) & (history.time_s <= stop.end_s)
     speed = np.linalg.norm(history.v_n_m_s[rows, :2], axis=1)
     return StopSpeed(
-        start_s=stop.start_s, end_s=stop.end_s, median_m_s=float(np.median(speed)), max_m_s=float(speed.max()),
+        start_s=stop.start_s,
+        end_s=stop.end_s,
+        median_m_s=float(np.median(speed)),
+        max_m_s=float(speed.max()),
         seen_by=stop.seen_by,
-    )  # fmt: skip
+    )

@@ -1,1 +1,3 @@
-"""Report pages, each one self-contained HTML file drawn from its document; the drawings they share."""
+"""Report pages, each one self-contained HTML file drawn from its document; the drawings they
+share.
+"""

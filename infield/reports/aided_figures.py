@@ -1,4 +1,6 @@
-"""Drawings of an aided solution for replay.html: map, attitude, velocity, biases, innovations, sigma against error."""
+"""Drawings of an aided solution for replay.html: map, attitude, velocity, biases, innovations,
+sigma against error.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -36,8 +38,18 @@ if TYPE_CHECKING:
 
 STYLES: dict[str, dict[str, Any]] = {
     "gnss": {"color": GREY, "linewidth": 3.5, "alpha": 0.45, "label": "GNSS"},
-    "previous": {"color": OLD, "linestyle": ":", "zorder": 3, "label": "free-inertial, previous table"},
-    "active": {"color": NEW, "linestyle": "--", "zorder": 3, "label": "free-inertial, active table"},
+    "previous": {
+        "color": OLD,
+        "linestyle": ":",
+        "zorder": 3,
+        "label": "free-inertial, previous table",
+    },
+    "active": {
+        "color": NEW,
+        "linestyle": "--",
+        "zorder": 3,
+        "label": "free-inertial, active table",
+    },
     "aided": {"color": GREEN, "linewidth": 1.8, "label": "aided by GNSS"},
 }
 BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0.0}
@@ -48,9 +60,11 @@ MOVED_M = 20.0  # a map of less shows noise
 
 @in_style
 def map_figure(result: "ReplayResult") -> Markup | None:
-    """All tracks on a plain grid, km or m east and north of the run's site, latitude and longitude on the far sides.
+    """All tracks on a plain grid, km or m east and north of the run's site, latitude and longitude
+    on the far sides.
 
-    None where nothing moves by MOVED_M. A free-inertial track that runs away is cut at the frame, which holds the others.
+    None where nothing moves by MOVED_M. A free-inertial track that runs away is cut at the frame,
+    which holds the others.
     """
     site, tracks = result.run.header.site, tracks_of(result)
     grid = {t.key: _grid(t, site.lat_rad, site.lon_rad, site.height_m) for t in tracks}
@@ -58,7 +72,10 @@ def map_figure(result: "ReplayResult") -> Markup | None:
     parked = set(grid) <= {"active", "previous"} and not _rolls(result)
     if not held or parked or max(float(np.ptp(g, axis=0).max()) for g in held) < MOVED_M:
         return None
-    low, high = np.min([g.min(axis=0) for g in held], axis=0), np.max([g.max(axis=0) for g in held], axis=0)
+    low, high = (
+        np.min([g.min(axis=0) for g in held], axis=0),
+        np.max([g.max(axis=0) for g in held], axis=0),
+    )
     centre, half = 0.5 * (low + high), 0.6 * float((high - low).max())
     unit, name = (1000.0, "km") if half > 1500.0 else (1.0, "m")
     figure, axes = new_figure(width=6.4, height=6.6)
@@ -67,8 +84,22 @@ def map_figure(result: "ReplayResult") -> Markup | None:
         north, east = thinned(*(grid[t.key] / unit).T)
         ax.plot(east, north, **STYLES[t.key])
     best = grid["aided"] if "aided" in grid else held[0]
-    ax.plot(*(best[0, ::-1] / unit), marker="o", color=BLACK, linestyle="none", markersize=6, label="start")
-    ax.plot(*(best[-1, ::-1] / unit), marker="s", color=BLACK, linestyle="none", markersize=6, label="end")
+    ax.plot(
+        *(best[0, ::-1] / unit),
+        marker="o",
+        color=BLACK,
+        linestyle="none",
+        markersize=6,
+        label="start",
+    )
+    ax.plot(
+        *(best[-1, ::-1] / unit),
+        marker="s",
+        color=BLACK,
+        linestyle="none",
+        markersize=6,
+        label="end",
+    )
     ax.set_xlim((centre[1] - half) / unit, (centre[1] + half) / unit)
     ax.set_ylim((centre[0] - half) / unit, (centre[0] + half) / unit)
     ax.set_aspect("equal")
@@ -80,7 +111,9 @@ def map_figure(result: "ReplayResult") -> Markup | None:
 
 def _rolls(result: "ReplayResult") -> bool:
     """Whether the vehicle leaves its parked place before the log ends, by the first flight."""
-    last = max([float(t.history.time_s[-1]) for t in result.tables if t.history is not None], default=0.0)
+    last = max(
+        [float(t.history.time_s[-1]) for t in result.tables if t.history is not None], default=0.0
+    )
     return result.parked_until_s is not None and result.parked_until_s < last - 1.0
 
 
@@ -88,7 +121,12 @@ def _degrees(ax: "Axes", unit: float, lat_rad: float, lon_rad: float, height_m: 
     """Latitude on the right, longitude on top."""
     from matplotlib.ticker import MaxNLocator
 
-    per_deg = displacement_ned(lat_rad + DEG, lon_rad + DEG, lat0_rad=lat_rad, lon0_rad=lon_rad, height0_m=height_m) / unit
+    per_deg = (
+        displacement_ned(
+            lat_rad + DEG, lon_rad + DEG, lat0_rad=lat_rad, lon0_rad=lon_rad, height0_m=height_m
+        )
+        / unit
+    )
     right = ax.secondary_yaxis("right", functions=_scales(lat_rad / DEG, float(per_deg[0])))
     top = ax.secondary_xaxis("top", functions=_scales(lon_rad / DEG, float(per_deg[1])))
     for axis in (right.yaxis, top.xaxis):
@@ -110,7 +148,9 @@ def _scales(origin_deg: float, per_deg: float) -> tuple[Any, Any]:
 
 
 def _grid(track: Track, lat_rad: float, lon_rad: float, height_m: float) -> NDArray:
-    return displacement_ned(track.lat_rad, track.lon_rad, lat0_rad=lat_rad, lon0_rad=lon_rad, height0_m=height_m)
+    return displacement_ned(
+        track.lat_rad, track.lon_rad, lat0_rad=lat_rad, lon0_rad=lon_rad, height0_m=height_m
+    )
 
 
 @in_style
@@ -121,12 +161,17 @@ def aided_figures(result: "ReplayResult") -> dict[str, Markup | None]:
         return dict.fromkeys(AIDED_FIGURES)
     columns = aided_columns(aided)
     return {
-        "aided_attitude": _attitude(columns), "aided_velocity": _velocity(columns, result), "aided_biases": _biases(columns),
-        "innovations": _innovations(aided), "aided_sigma": _sigma(aided, columns, result),
-    }  # fmt: skip
+        "aided_attitude": _attitude(columns),
+        "aided_velocity": _velocity(columns, result),
+        "aided_biases": _biases(columns),
+        "innovations": _innovations(aided),
+        "aided_sigma": _sigma(aided, columns, result),
+    }
 
 
-def _banded(ax: "Axes", minutes: NDArray, value: NDArray, sigma: NDArray, colour: str, line: str) -> None:
+def _banded(
+    ax: "Axes", minutes: NDArray, value: NDArray, sigma: NDArray, colour: str, line: str
+) -> None:
     """A curve with its one-sigma band."""
     t, y, s = thinned(minutes, value, sigma)
     ax.fill_between(t, y - s, y + s, color=colour, **BAND)
@@ -143,7 +188,9 @@ def _attitude(columns: dict[str, NDArray]) -> Markup:
         axes[0, k].plot(t, y, color=GREEN, linewidth=1.2)
         axes[1, k].plot(t, s, color=GREEN)
         _decades(axes[1, k])
-        axis_text(axes[0, k], title=f"{name.capitalize()}{', continuous' if name == 'heading' else ''}")
+        axis_text(
+            axes[0, k], title=f"{name.capitalize()}{', continuous' if name == 'heading' else ''}"
+        )
         axis_text(axes[1, k], title=f"Sigma of the {name}", x=TIME)
     axes[0, 0].set_ylabel("angle [deg]")
     axes[1, 0].set_ylabel("sigma [deg]")
@@ -151,7 +198,9 @@ def _attitude(columns: dict[str, NDArray]) -> Markup:
 
 
 def _decades(ax: "Axes") -> None:
-    """A logarithmic axis with plain numbers (reports draw no mathematical text), a few of them also within a decade."""
+    """A logarithmic axis with plain numbers (reports draw no mathematical text), a few of them also
+    within a decade.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     ax.set_yscale("log")
@@ -189,9 +238,13 @@ def _biases(columns: dict[str, NDArray]) -> Markup:
     """Gyro and accelerometer biases beyond the compensation, with one-sigma bands."""
     figure, axes = new_figure(2, 3, height=4.6, sharex=True)
     minutes = columns["time_s"] / 60.0
-    for row, (sensor, unit, factor, words) in enumerate((("gyro", "deg_h", 1.0, "deg/h"), ("accel", "ug", 1e-3, "mg"))):
+    for row, (sensor, unit, factor, words) in enumerate(
+        (("gyro", "deg_h", 1.0, "deg/h"), ("accel", "ug", 1e-3, "mg"))
+    ):
         for k, axis in enumerate("xyz"):
-            bias, sigma = (factor * columns[f"{p}{sensor}_bias_{axis}_{unit}"] for p in ("", "sigma_"))
+            bias, sigma = (
+                factor * columns[f"{p}{sensor}_bias_{axis}_{unit}"] for p in ("", "sigma_")
+            )
             _banded(axes[row, k], minutes, bias, sigma, AXIS_COLOURS[axis], AXIS_LINES[axis])
             low, high, settled = bias - sigma, bias + sigma, slice(bias.size // 2, None)
             inner = np.concatenate([bias, low[settled], high[settled]])
@@ -209,9 +262,14 @@ def _innovations(aided: AidedResult) -> Markup:
     assert history is not None
     figure, axes = new_figure(2, 3, height=4.2, sharex=True, sharey=True)
     for row, kind in enumerate(KINDS):
-        used, rejected = (np.flatnonzero(history.used[:, row] == state) for state in (USED, REJECTED))
+        used, rejected = (
+            np.flatnonzero(history.used[:, row] == state) for state in (USED, REJECTED)
+        )
         for k, name in enumerate(("north", "east", "down")):
-            ax, over = axes[row, k], history.residual[:, 3 * row + k] / history.sigma[:, 3 * row + k]
+            ax, over = (
+                axes[row, k],
+                history.residual[:, 3 * row + k] / history.sigma[:, 3 * row + k],
+            )
             ax.axhspan(-2, 2, color=SKY, alpha=0.18, linewidth=0.0)
             t, y = thinned(history.fix_time_s[used] / 60.0, over[used])
             ax.plot(t, y, color=BLACK, marker=".", markersize=2.0, linestyle="none")
@@ -220,7 +278,9 @@ def _innovations(aided: AidedResult) -> Markup:
             axis_text(ax, title=f"{kind.capitalize()}, {name}", x=TIME if row else "")
         axes[row, 0].set_ylabel("innovation / sigma")
     axes[0, 0].set_ylim(-6.0, 6.0)
-    return svg_text(figure, "Innovations over their sigmas; two sigmas shaded, rejected fixes as crosses")
+    return svg_text(
+        figure, "Innovations over their sigmas; two sigmas shaded, rejected fixes as crosses"
+    )
 
 
 def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResult") -> Markup:
@@ -229,12 +289,18 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
     assert history is not None
     figure, axes = new_figure(1, 2, height=3.0)
     minutes = columns["time_s"] / 60.0
-    for k, (kind, names, unit) in enumerate((
-        ("position", ("sigma_north_m", "sigma_east_m"), "m"), ("velocity", ("sigma_vn_m_s", "sigma_ve_m_s"), "m/s"),
-    )):  # fmt: skip
+    for k, (kind, names, unit) in enumerate(
+        (
+            ("position", ("sigma_north_m", "sigma_east_m"), "m"),
+            ("velocity", ("sigma_vn_m_s", "sigma_ve_m_s"), "m/s"),
+        )
+    ):
         ax = axes[0, k]
         rows = np.flatnonzero(np.isfinite(history.residual[:, 3 * k]))
-        t, off = thinned(history.fix_time_s[rows] / 60.0, np.linalg.norm(history.residual[rows, 3 * k : 3 * k + 2], axis=1))
+        t, off = thinned(
+            history.fix_time_s[rows] / 60.0,
+            np.linalg.norm(history.residual[rows, 3 * k : 3 * k + 2], axis=1),
+        )
         dots: dict[str, Any] = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
         ax.plot(t, np.maximum(off, 1e-4), color=GREY, label="GNSS less prediction", **dots)
         t, s = thinned(minutes, np.hypot(*(columns[name] for name in names)))
@@ -243,4 +309,8 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
         axis_text(ax, title=f"Level {kind}", x=TIME, y=f"{kind} [{unit}]")
     handles, labels = axes[0, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncols=2)
-    return svg_text(figure, "Sigma of level position and velocity, against the difference of each fix from its prediction")
+    return svg_text(
+        figure,
+        "Sigma of level position and velocity, against the difference of each fix from its"
+        " prediction",
+    )

@@ -1,7 +1,8 @@
-"""Drawing for reports: one style, one palette (Okabe-Ito, told apart by the colour-blind), figures as small inline SVG.
+"""Drawing for reports: one style, one palette (Okabe-Ito, told apart by the colour-blind), figures
+as small inline SVG.
 
-`@in_style` on a function that does: `new_figure` -> draw on its axes -> `svg_text`. matplotlib is imported inside
-functions only, and never pyplot.
+`@in_style` on a function that does: `new_figure` -> draw on its axes -> `svg_text`. matplotlib is
+imported inside functions only, and never pyplot.
 """
 
 import hashlib
@@ -30,14 +31,33 @@ AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
 
 _STYLE: dict[str, Any] = {
-    "font.family": ["sans-serif"], "font.sans-serif": ["DejaVu Sans"], "font.size": 9.0, "axes.titlesize": 9.5,
-    "axes.titleweight": "bold", "axes.titlelocation": "left", "axes.labelsize": 9.0, "legend.fontsize": 8.5,
-    "legend.frameon": False, "xtick.labelsize": 8.5, "ytick.labelsize": 8.5, "axes.grid": True, "axes.axisbelow": True,
-    "grid.color": "#E3E8ED", "grid.linewidth": 0.7, "axes.edgecolor": "#8C959F", "axes.linewidth": 0.8,
-    "axes.spines.top": False, "axes.spines.right": False, "lines.linewidth": 1.5, "axes.unicode_minus": True,
-    "axes.formatter.useoffset": False, "text.parse_math": False, "path.simplify_threshold": 0.2,
-    "svg.fonttype": "none", "svg.hashsalt": "recal",
-}  # fmt: skip
+    "font.family": ["sans-serif"],
+    "font.sans-serif": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.labelsize": 9.0,
+    "legend.fontsize": 8.5,
+    "legend.frameon": False,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E3E8ED",
+    "grid.linewidth": 0.7,
+    "axes.edgecolor": "#8C959F",
+    "axes.linewidth": 0.8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "lines.linewidth": 1.5,
+    "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,
+    "text.parse_math": False,
+    "path.simplify_threshold": 0.2,
+    "svg.fonttype": "none",
+    "svg.hashsalt": "recal",
+}
 
 
 _P = ParamSpec("_P")
@@ -45,7 +65,9 @@ _R = TypeVar("_R")
 
 
 def in_style(draw: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator: all that the function draws takes the reports' style, whatever matplotlibrc says."""
+    """Decorator: all that the function draws takes the reports' style, whatever matplotlibrc
+    says.
+    """
 
     @wraps(draw)
     def styled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -60,9 +82,16 @@ def in_style(draw: Callable[_P, _R]) -> Callable[_P, _R]:
 
 @in_style
 def new_figure(
-    rows: int = 1, columns: int = 1, *, width: float = FIGURE_WIDTH, height: float = 2.8, **subplots: Any
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    width: float = FIGURE_WIDTH,
+    height: float = 2.8,
+    **subplots: Any,
 ) -> tuple["Figure", NDArray]:
-    """A figure (inches) in the reports' style and its axes (rows, columns); `subplots` goes to Figure.subplots."""
+    """A figure (inches) in the reports' style and its axes (rows, columns); `subplots` goes to
+    Figure.subplots.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
@@ -71,7 +100,9 @@ def new_figure(
 
 @in_style
 def svg_text(figure: "Figure", label: str) -> Markup:
-    """The figure as an SVG element for a page; `label` is read aloud. It fetches nothing; equal figures, equal text."""
+    """The figure as an SVG element for a page; `label` is read aloud. It fetches nothing; equal
+    figures, equal text.
+    """
     import io
 
     buffer = io.StringIO()
@@ -80,33 +111,49 @@ def svg_text(figure: "Figure", label: str) -> Markup:
 
 
 def _slim(svg: str, label: str) -> str:
-    """Without prolog, metadata, name spaces and unused ids, coordinates to 0.01 pt; ids unique to this drawing."""
+    """Without prolog, metadata, name spaces and unused ids, coordinates to 0.01 pt; ids unique to
+    this drawing.
+    """
     svg = svg[svg.index("<svg") :]
     svg = re.sub(r"<metadata>.*?</metadata>\s*", "", svg, flags=re.DOTALL)
     svg = re.sub(r"<!--.*?-->\s*|<defs>\s*<style.*?</style>\s*</defs>", "", svg, flags=re.DOTALL)
-    svg = svg.replace("xlink:href=", "href=").replace("font-family: 'DejaVu Sans', sans-serif; ", "")
+    svg = svg.replace("xlink:href=", "href=").replace(
+        "font-family: 'DejaVu Sans', sans-serif; ", ""
+    )
     svg = re.sub(r' transform="rotate\(-0 [^"]*"', "", svg)
     digest = hashlib.sha256((svg + label).encode()).hexdigest()[:8]
     used = sorted(set(re.findall(r'(?:url\(|href=")#([^)"]+)', svg)))
     names = {old: f"f{digest}-{k}" for k, old in enumerate(used)}
     svg = re.sub(r' id="([^"]*)"', lambda m: f' id="{names[m[1]]}"' if m[1] in names else "", svg)
     svg = re.sub(r'(url\(|href=")#([^)"]+)', lambda m: f"{m[1]}#{names[m[2]]}", svg)
-    svg = re.sub(r'(?<= )(?:d|x|y|transform)="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg)
+    svg = re.sub(
+        r'(?<= )(?:d|x|y|transform)="[^"]*"', lambda m: re.sub(r"(\.\d\d)\d+", r"\1", m[0]), svg
+    )
     box = re.search(r'viewBox="[^"]*"', svg)
     head = f'<svg {box[0] if box else ""} role="img" aria-label="{escape(label)}">'
     return re.sub(r"\n\s*", "\n", head + svg[svg.index(">") + 1 :]).strip()
 
 
 def thinned(*columns: ArrayLike) -> tuple[NDArray, ...]:
-    """Columns of equal length with at most MAX_POINTS rows kept, evenly, first and last among them; null is NaN."""
+    """Columns of equal length with at most MAX_POINTS rows kept, evenly, first and last among them;
+    null is NaN.
+    """
     arrays = [np.array(c, dtype=float) for c in columns]
     n = len(arrays[0])
-    rows = np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int)) if n else np.arange(0)
+    rows = (
+        np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int))
+        if n
+        else np.arange(0)
+    )
     return tuple(a[rows] for a in arrays)
 
 
-def robust_limits(inner: ArrayLike, outer: ArrayLike = (), *, spans: float = 1.5) -> tuple[float, float]:
-    """Axis limits that hold all of `inner`, and `outer` (wide bands, vague points) as far as it goes `spans` beyond."""
+def robust_limits(
+    inner: ArrayLike, outer: ArrayLike = (), *, spans: float = 1.5
+) -> tuple[float, float]:
+    """Axis limits that hold all of `inner`, and `outer` (wide bands, vague points) as far as it
+    goes `spans` beyond.
+    """
     core = np.asarray(inner, dtype=float)
     core = core[np.isfinite(core)]
     if not core.size:

@@ -5,7 +5,18 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import AXIS_COLOURS, BLACK, GREY, NEW, OLD, ORANGE, axis_text, in_style, new_figure, svg_text
+from infield.reports.figures import (
+    AXIS_COLOURS,
+    BLACK,
+    GREY,
+    NEW,
+    OLD,
+    ORANGE,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+)
 from infield.reports.page import render_page
 from infield.thermal.fog_model import HeldOut, curve_from
 from ins.records import AXES
@@ -16,25 +27,47 @@ K_T, K_DELTA = "K_T [deg/h]", "K_delta [deg/h per degC/min]"
 def fog_html(document: dict[str, Any], checks: list[HeldOut]) -> str:
     """The page of a document made by `fog_document` from the same runs."""
     return render_page(
-        "fog_ramps.html.j2", d=document, good=document["verdict"] == "fitted",
-        drawings={axis: coefficient_drawing(axis, fitted) for axis, fitted in document["axes"].items()},
+        "fog_ramps.html.j2",
+        d=document,
+        good=document["verdict"] == "fitted",
+        drawings={
+            axis: coefficient_drawing(axis, fitted) for axis, fitted in document["axes"].items()
+        },
         checks=[(found.run.run_id, _check_drawing(found)) for found in checks],
-    )  # fmt: skip
+    )
 
 
 @in_style
 def coefficient_drawing(axis: str, fitted: dict[str, Any]) -> Markup:
-    """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the document's subtraction."""
+    """Both coefficients of one gyro over temperature: band, piecewise model with breakpoints, the
+    document's subtraction.
+    """
     figure, axes = new_figure(1, 2, height=3.2)
     T = np.array(fitted["temperature_degC"])
-    rows = (("K_T", "K_T_deg_h", "sigma_K_T_deg_h", K_T), ("K_delta", "K_delta_deg_h_per_degC_min",
-             "sigma_K_delta_deg_h_per_degC_min", K_DELTA))  # fmt: skip
+    rows = (
+        ("K_T", "K_T_deg_h", "sigma_K_T_deg_h", K_T),
+        ("K_delta", "K_delta_deg_h_per_degC_min", "sigma_K_delta_deg_h_per_degC_min", K_DELTA),
+    )
     for ax, (name, key, sigma_key, label) in zip(axes[0], rows):
         value, sigma = np.array(fitted[key]), np.array(fitted[sigma_key])
-        ax.fill_between(T, value - 2 * sigma, value + 2 * sigma, color=NEW, alpha=0.25, linewidth=0, label="2 sigma")
+        ax.fill_between(
+            T,
+            value - 2 * sigma,
+            value + 2 * sigma,
+            color=NEW,
+            alpha=0.25,
+            linewidth=0,
+            label="2 sigma",
+        )
         ax.plot(T, value, color=NEW, label="exact separation")
         if fitted["document"] is not None:
-            ax.plot(T, np.array(fitted["document"][key], dtype=float), color=OLD, linestyle="--", label="subtraction")
+            ax.plot(
+                T,
+                np.array(fitted["document"][key], dtype=float),
+                color=OLD,
+                linestyle="--",
+                label="subtraction",
+            )
         pieces = curve_from(fitted["piecewise"][name])(T)
         if name == "K_T":
             pieces = pieces - np.mean(pieces)
@@ -58,7 +91,14 @@ def _check_drawing(found: HeldOut) -> Markup:
             left = found.left_deg_h[rows, k]
             t = found.run.time_s[rows] / 60.0
             ax.plot(t, raw - raw.mean(), ".", color=GREY, markersize=2.5, label="uncompensated")
-            ax.plot(t, left - left.mean(), ".", color=AXIS_COLOURS.get(axis, BLACK), markersize=2.5, label="compensated")
+            ax.plot(
+                t,
+                left - left.mean(),
+                ".",
+                color=AXIS_COLOURS.get(axis, BLACK),
+                markersize=2.5,
+                label="compensated",
+            )
         axis_text(ax, title=f"gyro {axis}", x="time [min]", y="bias [deg/h]" if k == 0 else "")
         if k == 0 and rows.any():
             ax.legend(loc="best")

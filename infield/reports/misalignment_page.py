@@ -1,11 +1,22 @@
-"""misalignment.html: the document as one page that fetches nothing. Computes nothing but what a curve needs."""
+"""misalignment.html: the document as one page that fetches nothing. Computes nothing but what a
+curve needs.
+"""
 
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import AXIS_COLOURS, BLUE, GREY, VERMILLION, axis_text, in_style, new_figure, svg_text
+from infield.reports.figures import (
+    AXIS_COLOURS,
+    BLUE,
+    GREY,
+    VERMILLION,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+)
 from infield.reports.page import number, render_page
 from ins.records import AXES
 from ins.units import ARCSEC, DEG
@@ -21,10 +32,15 @@ def misalignment_html(document: dict[str, Any]) -> str:
     """The page of a document made by `misalignment_document`."""
     fitted = bool(document["gyros"])
     return render_page(
-        "misalignment.html.j2", d=document, banner=BANNERS[document["verdict"]], badges=BADGES,
-        headline=headline(document), names=dict(zip(AXES, AXES)),
-        harmonics=_harmonics(document) if fitted else None, couplings=_couplings(document) if document["couplings"] else None,
-    )  # fmt: skip
+        "misalignment.html.j2",
+        d=document,
+        banner=BANNERS[document["verdict"]],
+        badges=BADGES,
+        headline=headline(document),
+        names=dict(zip(AXES, AXES)),
+        harmonics=_harmonics(document) if fitted else None,
+        couplings=_couplings(document) if document["couplings"] else None,
+    )
 
 
 def headline(document: dict[str, Any]) -> str:
@@ -32,7 +48,10 @@ def headline(document: dict[str, Any]) -> str:
     if document["verdict"] != "measured":
         return "; ".join(document["reasons"])
     seen = [c for c in document["couplings"] if c["verdict"] != "not_observable"]
-    told = ", ".join(f"{c['entry']} {number(c['value_arcsec'], 1, sign=True)} ± {number(c['sigma_arcsec'], 1)}" for c in seen)
+    told = ", ".join(
+        f"{c['entry']} {number(c['value_arcsec'], 1, sign=True)} ± {number(c['sigma_arcsec'], 1)}"
+        for c in seen
+    )
     return f"{told} arcsec"
 
 
@@ -57,11 +76,29 @@ def _harmonics(document: dict[str, Any]) -> Markup:
     return svg_text(figure, "Bias of each gyro against heading, before and after compensation")
 
 
-def _points(ax: "Axes", document: dict[str, Any], heading: list[float], k: int, key: str, colour: str, label: str) -> None:
+def _points(
+    ax: "Axes",
+    document: dict[str, Any],
+    heading: list[float],
+    k: int,
+    key: str,
+    colour: str,
+    label: str,
+) -> None:
     value = [s[key][k] for s in document["stops"]]
     sigma = [s["sigma_apart_deg_h"][k] for s in document["stops"]]
     shape = "o" if key == "bias_deg_h" else "s"
-    ax.errorbar(heading, value, yerr=sigma, fmt=shape, color=colour, markersize=4, linewidth=0.9, capsize=2, label=label)
+    ax.errorbar(
+        heading,
+        value,
+        yerr=sigma,
+        fmt=shape,
+        color=colour,
+        markersize=4,
+        linewidth=0.9,
+        capsize=2,
+        label=label,
+    )
 
 
 @in_style

@@ -1,7 +1,9 @@
-"""One self-contained HTML page from a template of `infield/reports/templates`: what every report of the program shares.
+"""One self-contained HTML page from a template of `infield/reports/templates`: what every report of
+the program shares.
 
-A report's template begins with `{% extends "base.html.j2" %}` and fills the blocks title, kind, subtitle, content and
-footer; `parts.html.j2` has the figure, badge, facts and nothing macros. Drawings come from `report_figures.svg_text`.
+A report's template begins with `{% extends "base.html.j2" %}` and fills the blocks title, kind,
+subtitle, content and footer; `parts.html.j2` has the figure, badge, facts and nothing macros.
+Drawings come from `report_figures.svg_text`.
 """
 
 import math
@@ -36,7 +38,9 @@ def decimals_for(sigmas: list[float | None]) -> int:
 
 
 def significant(value: float | None, digits: int = 3) -> str:
-    """A number with so many significant digits, never with an exponent: a small sigma is not zero."""
+    """A number with so many significant digits, never with an exponent: a small sigma is not
+    zero.
+    """
     if not isinstance(value, int | float) or not math.isfinite(value) or value == 0.0:
         return number(value, digits - 1)
     return number(value, min(max(digits - 1 - math.floor(math.log10(abs(value))), 0), 12))
@@ -66,8 +70,13 @@ def short_hash(sha256: str | None) -> str:
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
     found = Environment(
-        loader=PackageLoader("infield.reports", "templates"), autoescape=True, undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True,
-    )  # fmt: skip
-    found.filters.update({f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)})
+        loader=PackageLoader("infield.reports", "templates"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.filters.update(
+        {f.__name__: f for f in (number, significant, decimals_for, duration, heading, short_hash)}
+    )
     return found

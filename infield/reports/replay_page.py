@@ -1,4 +1,6 @@
-"""replay.html: the replay document and its curves as one page that fetches nothing. Computes nothing."""
+"""replay.html: the replay document and its curves as one page that fetches nothing. Computes
+nothing.
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -8,7 +10,17 @@ from markupsafe import Markup
 from infield.replay.drift import CLASSES
 from infield.replay.free_inertial import ReplayResult, TableReplay
 from infield.reports.aided_figures import aided_figures, map_figure
-from infield.reports.figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text, thinned
+from infield.reports.figures import (
+    BLACK,
+    GREY,
+    NEW,
+    OLD,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+    thinned,
+)
 from infield.reports.page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.units import DEG, KNOT, NAUTICAL_MILE
@@ -45,7 +57,10 @@ def _headline(document: dict[str, Any]) -> str:
     tables = {t["role"]: t for t in document["tables"]}
     active, previous = tables.get("active"), tables.get("previous")
     if active is None or active["alignment"]["verdict"] not in ("aligned", "inconsistent"):
-        return f"No free-inertial flight; navigated with GNSS from {number(document['aided']['start']['time_s'], 0)} s on."
+        return (
+            "No free-inertial flight; navigated with GNSS from"
+            f" {number(document['aided']['start']['time_s'], 0)} s on."
+        )
     if active["parked"] is None:
         return "The vehicle rolls within a minute of its alignment: no parked drift to measure."
     after, hours = active["parked"]["rate_nm_h"], active["parked"]["hours"]
@@ -53,15 +68,19 @@ def _headline(document: dict[str, Any]) -> str:
         return f"Parked drift {number(after)} NM/h over {hours * 60:.0f} min."
     before = previous["parked"]["rate_nm_h"]
     return (
-        f"Parked drift over {hours * 60:.0f} min: {number(before)} NM/h with the previous table, {number(after)} NM/h "
-        f"with the active one ({number(after - before, sign=True)} NM/h)."
+        f"Parked drift over {hours * 60:.0f} min: {number(before)} NM/h with the previous table,"
+        f" {number(after)} NM/h with the active one ({number(after - before, sign=True)} NM/h)."
     )
 
 
 @in_style
 def _figures(result: ReplayResult) -> dict[str, Markup | None]:
     """Drawings by name; None where there is nothing to show."""
-    flown = [t for t in sorted(result.tables, key=lambda t: t.choice.role == "active") if t.history is not None]
+    flown = [
+        t
+        for t in sorted(result.tables, key=lambda t: t.choice.role == "active")
+        if t.history is not None
+    ]
     found: dict[str, Markup | None] = dict.fromkeys(FIGURES)
     if any(t.parked is not None for t in flown):
         found["radial"] = _radial(flown)
@@ -85,7 +104,9 @@ def _style(t: TableReplay) -> dict[str, Any]:
 
 
 def _radial(flown: list[TableReplay]) -> Markup:
-    """Radial error while parked, with the predicted sigma of each table and the drift classes where they come near."""
+    """Radial error while parked, with the predicted sigma of each table and the drift classes where
+    they come near.
+    """
     figure, axes = new_figure(height=3.4)
     parked = [t.parked for t in flown if t.parked is not None]
     predicted = [t.predicted for t in flown if t.predicted is not None]
@@ -100,11 +121,22 @@ def _radial(flown: list[TableReplay]) -> Markup:
         ax.plot(minutes, radial, **_style(t))
         if t.predicted is not None:
             minutes, sigma = thinned(t.predicted.time_s / 60, t.predicted.sigma_radial_m / unit)
-            ax.plot(minutes, sigma, color=COLOURS[t.choice.role], linestyle=":", linewidth=1.2,
-                    label=f"predicted 1 sigma, {_label(t)}")  # fmt: skip
+            ax.plot(
+                minutes,
+                sigma,
+                color=COLOURS[t.choice.role],
+                linestyle=":",
+                linewidth=1.2,
+                label=f"predicted 1 sigma, {_label(t)}",
+            )
     _draw_classes(ax, top / NAUTICAL_MILE)
     ax.set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
-    axis_text(ax, title="Radial position error while parked", x="time since navigation began [min]", y=f"error [{name}]")
+    axis_text(
+        ax,
+        title="Radial position error while parked",
+        x="time since navigation began [min]",
+        y=f"error [{name}]",
+    )
     ax.legend(loc="upper left")
     return svg_text(figure, "Radial position error while parked over time, by table")
 
@@ -120,8 +152,14 @@ def _draw_classes(ax: "Axes", top: float) -> None:
     x = np.array([max(low, 0.0), high])
     for (name, slope, offset), line in zip(CLASSES, ("-.", "-")):
         if offset < top:
-            ax.plot(x, slope * x / 60 + offset, color=GREY, linestyle=line, linewidth=1.0,
-                    label=f"{name} NM")  # fmt: skip
+            ax.plot(
+                x,
+                slope * x / 60 + offset,
+                color=GREY,
+                linestyle=line,
+                linewidth=1.0,
+                label=f"{name} NM",
+            )
     ax.set_xlim(low, high)
 
 
@@ -134,7 +172,12 @@ def _velocity(flown: list[TableReplay]) -> Markup:
         minutes, north, east = thinned(t.parked.time_s / 60, *t.parked.velocity_m_s.T)
         axes[0, 0].plot(minutes, north, **_style(t))
         axes[0, 1].plot(minutes, east, **_style(t))
-    axis_text(axes[0, 0], title="North velocity", x="time since navigation began [min]", y="velocity [m/s]")
+    axis_text(
+        axes[0, 0],
+        title="North velocity",
+        x="time since navigation began [min]",
+        y="velocity [m/s]",
+    )
     axis_text(axes[0, 1], title="East velocity", x="time since navigation began [min]")
     axes[0, 0].legend(loc="best")
     return svg_text(figure, "North and east velocity while parked, by table")
@@ -149,7 +192,16 @@ def _wander(flown: list[TableReplay]) -> Markup:
             east, north = thinned(t.parked.position_m[:, 1], t.parked.position_m[:, 0])
             ax.plot(east, north, **_style(t))
             ax.plot(east[-1], north[-1], marker="o", color=COLOURS[t.choice.role])
-    ax.plot(0.0, 0.0, marker="+", markersize=11, markeredgewidth=1.8, color=BLACK, linestyle="none", label="true")
+    ax.plot(
+        0.0,
+        0.0,
+        marker="+",
+        markersize=11,
+        markeredgewidth=1.8,
+        color=BLACK,
+        linestyle="none",
+        label="true",
+    )
     _square(ax)
     axis_text(ax, title="Computed position while parked", x="east [m]", y="north [m]")
     ax.legend(loc="best")
@@ -189,13 +241,27 @@ def _against(flown: list[TableReplay], name: str) -> Markup:
     top = max(float(d.radial_m.max()) for _, d in drifts)
     unit, short = _unit_of(top)
     for t, drift in drifts:
-        minutes, radial, speed = thinned(drift.time_s / 60, drift.radial_m / unit, drift.speed_m_s / KNOT)
+        minutes, radial, speed = thinned(
+            drift.time_s / 60, drift.radial_m / unit, drift.speed_m_s / KNOT
+        )
         axes[0, 0].plot(minutes, radial, **_style(t))
         axes[0, 1].plot(minutes, speed, **_style(t))
     _draw_classes(axes[0, 0], top / NAUTICAL_MILE)
     axes[0, 0].set_ylim(0.0, 1.08 * max(top, LEAST_M) / unit)
     axes[0, 1].set_ylim(bottom=0.0)
-    axis_text(axes[0, 0], title=f"Radial error against {what}", x="time since navigation began [min]", y=f"error [{short}]")
-    axis_text(axes[0, 1], title="Velocity error, horizontal", x="time since navigation began [min]", y="error [kt]")
+    axis_text(
+        axes[0, 0],
+        title=f"Radial error against {what}",
+        x="time since navigation began [min]",
+        y=f"error [{short}]",
+    )
+    axis_text(
+        axes[0, 1],
+        title="Velocity error, horizontal",
+        x="time since navigation began [min]",
+        y="error [kt]",
+    )
     axes[0, 0].legend(loc="best")
-    return svg_text(figure, f"Radial and velocity error against {what} after the parked span, by table")
+    return svg_text(
+        figure, f"Radial and velocity error against {what} after the parked span, by table"
+    )

@@ -1,4 +1,6 @@
-"""thermal_rlg.html: the gradient document as one page that fetches nothing. Draws; computes no figure of its own."""
+"""thermal_rlg.html: the gradient document as one page that fetches nothing. Draws; computes no
+figure of its own.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -6,7 +8,17 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import BLACK, GREY, NEW, OLD, ORANGE, axis_text, in_style, new_figure, svg_text
+from infield.reports.figures import (
+    BLACK,
+    GREY,
+    NEW,
+    OLD,
+    ORANGE,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+)
 from infield.reports.page import render_page
 from infield.thermal.gradient_fit import AxisModel, five_minute_means
 from infield.thermal.gradient_runs import GradientRun
@@ -19,26 +31,46 @@ RATES = np.array([name in ("K4", "K5") for name in TERMS])
 SETTLED = np.array([name in ("K1", "K2", "K3") for name in TERMS])
 
 
-def rlg_html(document: dict[str, Any], study: GradientStudy, checks: Sequence[RlgHeldOut] = ()) -> str:
+def rlg_html(
+    document: dict[str, Any], study: GradientStudy, checks: Sequence[RlgHeldOut] = ()
+) -> str:
     """The page of a document made by `rlg_document` from the same study."""
     return render_page(
-        "rlg_gradient.html.j2", d=document, good=document["verdict"] == "fitted", terms=TERMS,
-        drawings={a.axis: [(run.blocks.run_id, fit_drawing(a, run, study.reference_degC)) for run in study.runs]
-                  for a in study.axes},
+        "rlg_gradient.html.j2",
+        d=document,
+        good=document["verdict"] == "fitted",
+        terms=TERMS,
+        drawings={
+            a.axis: [
+                (run.blocks.run_id, fit_drawing(a, run, study.reference_degC)) for run in study.runs
+            ]
+            for a in study.axes
+        },
         orders={a.axis: order_drawing(a) for a in study.axes},
         checks=[(found.run.blocks.run_id, _check_drawing(found)) for found in checks],
-    )  # fmt: skip
+    )
 
 
 @in_style
 def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup:
-    """One gyro over one run: five-minute means less their mean with the fit, and what each kind of term gives to it."""
+    """One gyro over one run: five-minute means less their mean with the fit, and what each kind of
+    term gives to it.
+    """
     figure, axes = new_figure(1, 2, height=2.9)
     k, b = AXES.index(a.axis), run.blocks
     rows = np.flatnonzero(run.usable)
-    X = columns(b.temperature_degC[rows, k], b.rate_degC_min[rows, k], run.gradient_degC[rows], reference_degC, a.nodes_degC)
+    X = columns(
+        b.temperature_degC[rows, k],
+        b.rate_degC_min[rows, k],
+        run.gradient_degC[rows],
+        reference_degC,
+        a.nodes_degC,
+    )
     n = len(TERMS)
-    kinds = [X[:, :n][:, SETTLED] @ a.theta[:n][SETTLED] + X[:, n:] @ a.theta[n:], X[:, :n][:, RATES] @ a.theta[:n][RATES]]
+    kinds = [
+        X[:, :n][:, SETTLED] @ a.theta[:n][SETTLED] + X[:, n:] @ a.theta[n:],
+        X[:, :n][:, RATES] @ a.theta[:n][RATES],
+    ]
     kinds.append(X @ a.theta - sum(kinds))
     values = np.column_stack([b.bias_deg_h[rows, k], X @ a.theta, X @ a.temperature_only, *kinds])
     means, time_s, _ = five_minute_means(b.time_s[rows], values)
@@ -51,11 +83,15 @@ def fit_drawing(a: AxisModel, run: GradientRun, reference_degC: float) -> Markup
         (("temperature", BLACK, "-"), ("rate", ORANGE, "--"), ("gradients", NEW, "-.")), start=3
     ):
         right.plot(t, means[:, column], color=colour, linestyle=line, label=name)
-    axis_text(left, title=f"gyro {a.axis}, run {b.run_id}", x="time [min]", y="bias less its mean [deg/h]")
+    axis_text(
+        left, title=f"gyro {a.axis}, run {b.run_id}", x="time [min]", y="bias less its mean [deg/h]"
+    )
     axis_text(right, title="what each kind of term gives", x="time [min]", y="deg/h")
     for ax in (left, right):
         ax.legend(loc="best")
-    return svg_text(figure, f"Bias of gyro {a.axis} over run {b.run_id}: measured, model and parts of the model")
+    return svg_text(
+        figure, f"Bias of gyro {a.axis} over run {b.run_id}: measured, model and parts of the model"
+    )
 
 
 @in_style
@@ -67,7 +103,14 @@ def order_drawing(a: AxisModel) -> Markup:
     ax = axes[0, 0]
     sizes, chi2 = [len(c.used) for c in a.orders], [c.chi2 for c in a.orders]
     ax.plot(sizes, chi2, "o-", color=GREY, markersize=4)
-    ax.plot(len(a.used), a.choice.chi2, "o", color=NEW, markersize=8, label="chosen: " + " ".join(a.used))
+    ax.plot(
+        len(a.used),
+        a.choice.chi2,
+        "o",
+        color=NEW,
+        markersize=8,
+        label="chosen: " + " ".join(a.used),
+    )
     ax.set_xticks(sizes)
     ax.set_yscale("log")
     ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
@@ -87,9 +130,22 @@ def _check_drawing(found: RlgHeldOut) -> Markup:
         if axis in found.means:
             time_s, values = found.means[axis]
             for column, (name, colour, mark) in enumerate(
-                (("uncompensated", GREY, "."), ("temperature alone", OLD, "--"), ("model", NEW, "-"), ("real time", BLACK, ":"))
+                (
+                    ("uncompensated", GREY, "."),
+                    ("temperature alone", OLD, "--"),
+                    ("model", NEW, "-"),
+                    ("real time", BLACK, ":"),
+                )
             ):
-                ax.plot(time_s / 60.0, values[:, column], mark, color=colour, markersize=3, linewidth=1.2, label=name)
+                ax.plot(
+                    time_s / 60.0,
+                    values[:, column],
+                    mark,
+                    color=colour,
+                    markersize=3,
+                    linewidth=1.2,
+                    label=name,
+                )
         axis_text(ax, title=f"gyro {axis}", x="time [min]", y="bias [deg/h]" if k == 0 else "")
         if k == 0 and axis in found.means:
             ax.legend(loc="best")

@@ -1,4 +1,6 @@
-"""The drawings of an update report, each from the update document's own numbers (formats.md, section 5)."""
+"""The drawings of an update report, each from the update document's own numbers (formats.md,
+section 5).
+"""
 
 from typing import TYPE_CHECKING, Any
 
@@ -37,22 +39,39 @@ SESSION_COLOURS = (BLACK, GREEN, PURPLE, ORANGE, SKY)  # of the runs' points, in
 SETTLED_DEG_C_MIN = 0.05  # a slower change of temperature is drawn as settled
 VAGUE = 4.0  # a point this many times the median sigma may run out of the frame
 PHASE_COLOURS = {
-    "alignment": SKY, "extended_alignment": "#A9D8F5", "parked": GREEN, "taxi": ORANGE, "takeoff": YELLOW,
-    "flight": PALE, "landing": YELLOW,
-}  # fmt: skip
+    "alignment": SKY,
+    "extended_alignment": "#A9D8F5",
+    "parked": GREEN,
+    "taxi": ORANGE,
+    "takeoff": YELLOW,
+    "flight": PALE,
+    "landing": YELLOW,
+}
 MINUTE = 60.0
 
 
 def seen_points(document: dict[str, Any], axis: str) -> list[dict[str, Any]]:
-    """The points of an axis that carry something of their own: not those of a run that did not observe it."""
-    return [p for p in document["points"] if p["axis"] == axis and p.get("observability") != "not_observable"]
+    """The points of an axis that carry something of their own: not those of a run that did not
+    observe it.
+    """
+    return [
+        p
+        for p in document["points"]
+        if p["axis"] == axis and p.get("observability") != "not_observable"
+    ]
 
 
 @in_style
 def bias_drawing(
-    document: dict[str, Any], axis: str, before: ThermalTable, after: ThermalTable | None, run_ids: list[str]
+    document: dict[str, Any],
+    axis: str,
+    before: ThermalTable,
+    after: ThermalTable | None,
+    run_ids: list[str],
 ) -> Markup:
-    """Bias against temperature of one gyro: the stored table, the new one (None: unchanged), the points."""
+    """Bias against temperature of one gyro: the stored table, the new one (None: unchanged), the
+    points.
+    """
     figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
     ax, points = axes[0, 0], seen_points(document, axis)
     inner, outer = [], []
@@ -62,7 +81,9 @@ def bias_drawing(
         nodes = table.temperature_degC[AXES.index(axis)]
         T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
         bias, sigma = table.bias_deg_h(axis, T), table.sigma_deg_h(axis, T)
-        ax.fill_between(T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0)
+        ax.fill_between(
+            T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0
+        )
         ax.plot(T, bias, line, color=colour)
         ax.plot(nodes, table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
         inner.append(bias)
@@ -71,15 +92,27 @@ def bias_drawing(
     if not points:
         inner += outer  # nothing but the bands to show: all of them
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8))
-    axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
-    return svg_text(figure, f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points")
+    axis_text(
+        ax,
+        title=f"Gyro {axis}: bias against temperature",
+        x="gyro temperature [°C]",
+        y="bias [deg/h]",
+    )
+    return svg_text(
+        figure,
+        f"Bias of gyro {axis} against temperature: tables before and after, {len(points)} points",
+    )
 
 
 def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -> NDArray:
-    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns what must be seen."""
+    """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns
+    what must be seen.
+    """
     if not points:
         return np.empty(0)
-    T, bias, sigma = thinned(*([p[k] for p in points] for k in ("temperature_degC", "bias_deg_h", "sigma_deg_h")))
+    T, bias, sigma = thinned(
+        *([p[k] for p in points] for k in ("temperature_degC", "bias_deg_h", "sigma_deg_h"))
+    )
     run, rate = thinned(
         [run_ids.index(p["run_id"]) if p.get("run_id") in run_ids else 0 for p in points],
         [p.get("temperature_rate_degC_min") or 0.0 for p in points],
@@ -90,22 +123,41 @@ def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -
         for sign, marker in ((1, "^"), (-1, "v"), (0, "o")):
             rows = (run == number) & (way == sign)
             if rows.any():
-                ax.errorbar(T[rows], bias[rows], sigma[rows], fmt=marker, color=colour, markersize=4, elinewidth=0.7)
+                ax.errorbar(
+                    T[rows],
+                    bias[rows],
+                    sigma[rows],
+                    fmt=marker,
+                    color=colour,
+                    markersize=4,
+                    elinewidth=0.7,
+                )
     sure = sigma <= VAGUE * np.median(sigma)
     return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure]])
 
 
 @in_style
 def agreement_drawing(document: dict[str, Any]) -> Markup:
-    """NIS per degree of freedom: the whole filter and each merge in their bands, each kind of measurement as dots."""
+    """NIS per degree of freedom: the whole filter and each merge in their bands, each kind of
+    measurement as dots.
+    """
     consistency = document["consistency"]
     rows: list[tuple[str, list[float], Any, Any]] = [
-        ("all measurements", [consistency["nis_mean"]], consistency["band_95"], consistency.get("band_999"))
+        (
+            "all measurements",
+            [consistency["nis_mean"]],
+            consistency["band_95"],
+            consistency.get("band_999"),
+        )
     ]
     run_ids = [s["run_id"] for s in document.get("sessions", [])]
     for merge in consistency.get("merge", []):
         band = [b / merge["dof"] for b in merge["band_999"]]
-        run = f", run {run_ids.index(merge['run_id']) + 1}" if len(run_ids) > 1 and merge["run_id"] in run_ids else ""
+        run = (
+            f", run {run_ids.index(merge['run_id']) + 1}"
+            if len(run_ids) > 1 and merge["run_id"] in run_ids
+            else ""
+        )
         rows.append((f"against the table{run}", [merge["nis"] / merge["dof"]], None, band))
     kinds: dict[str, list[float]] = {}
     for session in document.get("sessions", []):
@@ -117,13 +169,29 @@ def agreement_drawing(document: dict[str, Any]) -> Markup:
     for y, (_, values, band_95, band_999) in enumerate(rows):
         for band, alpha in ((band_999, 0.22), (band_95, 0.45)):
             if band:
-                ax.barh(y, band[1] - band[0], left=band[0], height=0.72, color=SKY, alpha=alpha, linewidth=0)
-        ax.plot(values, [y] * len(values), "D" if band_999 else "o", color=BLACK if band_999 else GREY, markersize=5)
+                ax.barh(
+                    y,
+                    band[1] - band[0],
+                    left=band[0],
+                    height=0.72,
+                    color=SKY,
+                    alpha=alpha,
+                    linewidth=0,
+                )
+        ax.plot(
+            values,
+            [y] * len(values),
+            "D" if band_999 else "o",
+            color=BLACK if band_999 else GREY,
+            markersize=5,
+        )
     _ratio_axis(ax, [v for _, *numbers in rows for some in numbers for v in some or ()])
     ax.axvline(1.0, color=GREY, linewidth=0.9)
     ax.set_yticks(range(len(rows)), [row[0] for row in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
-    axis_text(ax, x="normalised innovation squared per degree of freedom (1: the noise model is right)")
+    axis_text(
+        ax, x="normalised innovation squared per degree of freedom (1: the noise model is right)"
+    )
     return svg_text(figure, "Normalised innovation squared with its bands")
 
 
@@ -147,7 +215,9 @@ def _plain(text: str, longest: int = 32) -> str:
 
 @in_style
 def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Markup | None:
-    """Phases and excluded spans, gyro temperatures, heading and velocity over the run; None where there is nothing."""
+    """Phases and excluded spans, gyro temperatures, heading and velocity over the run; None where
+    there is nothing.
+    """
     temperature, velocity = session.get("temperature"), session.get("velocity")
     phases = session.get("phases") or []
     if not (temperature or velocity or phases or spans):
@@ -156,16 +226,23 @@ def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Ma
     parts += [("temperature", 1.3)] if temperature else []
     parts += [("heading", 1.0), ("velocity", 1.0)] if velocity else []
     figure, axes = new_figure(
-        len(parts), 1, height=0.8 + 1.35 * sum(h for _, h in parts), sharex=True,
+        len(parts),
+        1,
+        height=0.8 + 1.35 * sum(h for _, h in parts),
+        sharex=True,
         gridspec_kw={"height_ratios": [h for _, h in parts]},
-    )  # fmt: skip
+    )
     for ax, (name, _) in zip(axes[:, 0], parts):
         if name == "strip":
             _draw_strip(ax, phases, spans)
         else:
             for span in spans:
                 ax.axvspan(span["start_s"] / MINUTE, span["end_s"] / MINUTE, color=PALE, alpha=0.6)
-            {"temperature": _draw_temperature, "heading": _draw_heading, "velocity": _draw_velocity}[name](ax, session)
+            {
+                "temperature": _draw_temperature,
+                "heading": _draw_heading,
+                "velocity": _draw_velocity,
+            }[name](ax, session)
     axes[-1, 0].set_xlabel("time since the start of the run [min]")
     axes[-1, 0].set_xlim(0.0, max((session.get("duration_s") or 0.0) / MINUTE, 1e-3))
     figure.align_ylabels(axes[:, 0])
@@ -174,8 +251,17 @@ def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Ma
 
 def _draw_strip(ax: "Axes", phases: list[dict[str, Any]], spans: list[dict[str, Any]]) -> None:
     for name in dict.fromkeys(p["phase"] for p in phases):
-        bars = [(p["start_s"] / MINUTE, (p["end_s"] - p["start_s"]) / MINUTE) for p in phases if p["phase"] == name]
-        ax.broken_barh(bars, (0.6, 0.8), color=PHASE_COLOURS.get(name, GREY), label=_plain(name).replace("_", " "))
+        bars = [
+            (p["start_s"] / MINUTE, (p["end_s"] - p["start_s"]) / MINUTE)
+            for p in phases
+            if p["phase"] == name
+        ]
+        ax.broken_barh(
+            bars,
+            (0.6, 0.8),
+            color=PHASE_COLOURS.get(name, GREY),
+            label=_plain(name).replace("_", " "),
+        )
     bars = [(s["start_s"] / MINUTE, (s["end_s"] - s["start_s"]) / MINUTE) for s in spans]
     if bars:
         ax.broken_barh(bars, (-0.4, 0.8), facecolor=BLACK, edgecolor=BLACK, linewidth=1.2)
@@ -190,7 +276,14 @@ def _draw_temperature(ax: "Axes", session: dict[str, Any]) -> None:
     T = session["temperature"]
     for k, axis in enumerate(AXES):
         t, value = thinned(T["time_s"], [row[k] for row in T["gyro_degC"]])
-        ax.plot(t / MINUTE, value, AXIS_LINES[axis], color=AXIS_COLOURS[axis], label=f"gyro {axis}", linewidth=1.3)
+        ax.plot(
+            t / MINUTE,
+            value,
+            AXIS_LINES[axis],
+            color=AXIS_COLOURS[axis],
+            label=f"gyro {axis}",
+            linewidth=1.3,
+        )
     axis_text(ax, y="temp. [°C]")
     _legend_beside(ax)
 
@@ -228,9 +321,14 @@ def _legend_beside(ax: "Axes") -> None:
 
 @in_style
 def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
-    """Points of one run less the table before and after, over time, with the points' own sigma; None without points."""
+    """Points of one run less the table before and after, over time, with the points' own sigma;
+    None without points.
+    """
     rows = [r for r in session.get("residuals", []) if r["axis"] == axis]
-    if not rows or session.get("observability", {}).get(axis, {}).get("verdict") == "not_observable":
+    if (
+        not rows
+        or session.get("observability", {}).get(axis, {}).get("verdict") == "not_observable"
+    ):
         return None
     t, old, new, sigma = thinned(
         *([r[k] for r in rows] for k in ("time_s", "before_deg_h", "after_deg_h", "sigma_deg_h"))
@@ -241,14 +339,18 @@ def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
     ax.errorbar(t / MINUTE, new, sigma, fmt="o", color=NEW, markersize=4, elinewidth=0.7)
     ax.plot(t / MINUTE, old, "o", color=OLD, markersize=4.5, markerfacecolor="none")
     sure = sigma <= VAGUE * np.median(sigma)
-    ax.set_ylim(*robust_limits(np.concatenate([(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]])))
+    ax.set_ylim(
+        *robust_limits(np.concatenate([(new - sigma)[sure], (new + sigma)[sure], old[sure], [0.0]]))
+    )
     axis_text(ax, title=f"Gyro {axis}: points less the table", x="time [min]", y="residual [deg/h]")
     return svg_text(figure, f"Residuals of gyro {axis} over time to the table before and after")
 
 
 @in_style
 def coverage_drawing(session: dict[str, Any]) -> Markup | None:
-    """Minutes of the run in each 5 degC band, the three gyros side by side; None where not known."""
+    """Minutes of the run in each 5 degC band, the three gyros side by side; None where not
+    known.
+    """
     rows = session.get("coverage") or []
     if not rows:
         return None
@@ -256,33 +358,69 @@ def coverage_drawing(session: dict[str, Any]) -> Markup | None:
     ax = axes[0, 0]
     for k, axis in enumerate(AXES):
         mine = [r for r in rows if r["axis"] == axis]
-        centre, time_s = thinned([0.5 * (r["low_degC"] + r["high_degC"]) for r in mine], [r["seconds"] for r in mine])
-        ax.bar(centre + 1.4 * (k - 1), time_s, width=1.3, color=AXIS_COLOURS[axis], label=f"gyro {axis}", linewidth=0)
+        centre, time_s = thinned(
+            [0.5 * (r["low_degC"] + r["high_degC"]) for r in mine], [r["seconds"] for r in mine]
+        )
+        ax.bar(
+            centre + 1.4 * (k - 1),
+            time_s,
+            width=1.3,
+            color=AXIS_COLOURS[axis],
+            label=f"gyro {axis}",
+            linewidth=0,
+        )
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
     axis_text(ax, title="Time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
-    return svg_text(figure, f"Seconds of run {session.get('run_id')} in each 5 degC band of gyro temperature")
+    return svg_text(
+        figure, f"Seconds of run {session.get('run_id')} in each 5 degC band of gyro temperature"
+    )
 
 
 @in_style
 def chain_drawing(session: dict[str, Any], direction: str) -> Markup | None:
-    """The patent's chain beside the filter along `north` or `east` of the parked heading; None without points."""
+    """The patent's chain beside the filter along `north` or `east` of the parked heading; None
+    without points.
+    """
     chain = session.get("claim_chain")
     if not chain or not chain["points"]:
         return None
     known = direction == "north" or chain["heading_error_mrad"] is not None
-    key = "north_deg_h" if direction == "north" else "east_deg_h" if known else "east_relative_deg_h"
+    key = (
+        "north_deg_h" if direction == "north" else "east_deg_h" if known else "east_relative_deg_h"
+    )
     relative = "north_deg_h" if direction == "north" else "east_relative_deg_h"
-    names = ("time_s", key, "sigma_deg_h", f"filter_{direction}_deg_h", relative, f"bracket_{relative}")
-    t, value, sigma, by_filter, from_alignment, bracket = thinned(*([p[k] for p in chain["points"]] for k in names))
+    names = (
+        "time_s",
+        key,
+        "sigma_deg_h",
+        f"filter_{direction}_deg_h",
+        relative,
+        f"bracket_{relative}",
+    )
+    t, value, sigma, by_filter, from_alignment, bracket = thinned(
+        *([p[k] for p in chain["points"]] for k in names)
+    )
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
     ax = axes[0, 0]
     ax.axhline(0.0, color=GREY, linewidth=0.9)
     ax.plot(t / MINUTE, bracket + value - from_alignment, "x", color=GREY, markersize=5)
-    ax.errorbar(t / MINUTE, value, sigma, fmt="s", color=GREEN, markersize=4, elinewidth=0.7,
-                markerfacecolor=GREEN if known else "none")  # fmt: skip
+    ax.errorbar(
+        t / MINUTE,
+        value,
+        sigma,
+        fmt="s",
+        color=GREEN,
+        markersize=4,
+        elinewidth=0.7,
+        markerfacecolor=GREEN if known else "none",
+    )
     ax.plot(t / MINUTE, by_filter, "-", color=NEW)
     ax.set_ylim(*robust_limits(np.concatenate([value - sigma, value + sigma, by_filter, [0.0]])))
     name = "East" if known else "East, relative"
-    axis_text(ax, title=f"{name if direction == 'east' else 'North'}: bias beyond the stored table", x="time [min]",
-              y="bias [deg/h]")  # fmt: skip
+    axis_text(
+        ax,
+        title=f"{name if direction == 'east' else 'North'}: bias beyond the stored table",
+        x="time [min]",
+        y="bias [deg/h]",
+    )
     return svg_text(figure, f"Claim chain beside the filter, {direction}")

@@ -1,8 +1,10 @@
-"""The update report: one self-contained HTML page drawn from the update document alone; all numbers come from there.
+"""The update report: one self-contained HTML page drawn from the update document alone; all numbers
+come from there.
 
-Written to be read twice: the verdict, its reason and three figures in ten seconds; everything behind them below, with
-the items of ISO/IEC 17025:2017, 7.8.2 to 7.8.6 (identification, dates, conditions, method, results with U(k=2),
-decision rule and statement of conformity, what is out of scope).
+Written to be read twice: the verdict, its reason and three figures in ten seconds; everything
+behind them below, with the items of ISO/IEC 17025:2017, 7.8.2 to 7.8.6 (identification, dates,
+conditions, method, results with U(k=2), decision rule and statement of conformity, what is out of
+scope).
 """
 
 import shlex
@@ -24,16 +26,30 @@ VERDICTS = {  # verdict: word, look, symbol
     "refused": ("Refused", "none", "\u25a0"),
     "inconsistent": ("Inconsistent", "bad", "\u2716"),
 }
-BADGES = {"observed": ("observed", "good"), "weak": ("weak", "fair"), "not_observable": ("not observable", "none")}
+BADGES = {
+    "observed": ("observed", "good"),
+    "weak": ("weak", "fair"),
+    "not_observable": ("not observable", "none"),
+}
 SOURCES = {
-    "turns": "turns in the taxi", "stops": "stops on another heading", "gnss": "the GNSS track",
-    "odometer": "the odometer", "survey": "a surveyed heading", "combined": "several sources together",
-}  # fmt: skip
-OUTCOMES = {"accepted": ("merged", "good"), "refused": ("left out", "none"), "inconsistent": ("inconsistent", "bad")}
+    "turns": "turns in the taxi",
+    "stops": "stops on another heading",
+    "gnss": "the GNSS track",
+    "odometer": "the odometer",
+    "survey": "a surveyed heading",
+    "combined": "several sources together",
+}
+OUTCOMES = {
+    "accepted": ("merged", "good"),
+    "refused": ("left out", "none"),
+    "inconsistent": ("inconsistent", "bad"),
+}
 
 
 def update_html(document: dict[str, Any]) -> str:
-    """The report of an update (`update.json`, formats.md section 5): committed, proposed, refused or inconsistent."""
+    """The report of an update (`update.json`, formats.md section 5): committed, proposed, refused
+    or inconsistent.
+    """
     before, after = _table(document, "table_before"), _table(document, "table_after")
     sessions = [_session(document, k) for k in range(len(document.get("sessions", [])))]
     changes = document.get("changes") or []
@@ -50,7 +66,11 @@ def update_html(document: dict[str, Any]) -> str:
         has_points=any(figures.seen_points(document, axis) for axis in AXES),
         run_key=_run_key(document),
         changes={axis: [row for row in changes if row["axis"] == axis] for axis in AXES},
-        agreement=figures.agreement_drawing(document) if document["consistency"].get("nis_mean") is not None else None,
+        agreement=(
+            figures.agreement_drawing(document)
+            if document["consistency"].get("nis_mean") is not None
+            else None
+        ),
         kinds=sorted({kind for s in sessions for kind in s.get("measurements", {})}),
         sessions=sessions,
         budget=_budget(document),
@@ -58,8 +78,11 @@ def update_html(document: dict[str, Any]) -> str:
         commands=_commands(document),
         sources=SOURCES,
         outcomes=OUTCOMES,
-        nis_words=_nis_words, band=_band, temperature_words=_temperature_words, hysteresis_words=_hysteresis_words,
-    )  # fmt: skip
+        nis_words=_nis_words,
+        band=_band,
+        temperature_words=_temperature_words,
+        hysteresis_words=_hysteresis_words,
+    )
 
 
 def _table(document: dict[str, Any], key: str) -> ThermalTable | None:
@@ -67,8 +90,12 @@ def _table(document: dict[str, Any], key: str) -> ThermalTable | None:
 
 
 def _changed(document: dict[str, Any]) -> bool:
-    """Does the document hold a table that differs from the stored one (also where it was not committed)?"""
-    return bool(document.get("table_after")) and document["table_after"] != document.get("table_before")
+    """Does the document hold a table that differs from the stored one (also where it was not
+    committed)?
+    """
+    return bool(document.get("table_after")) and document["table_after"] != document.get(
+        "table_before"
+    )
 
 
 def _decimals(document: dict[str, Any]) -> int:
@@ -84,14 +111,25 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
     runs = "The run" if len(sessions) == 1 else f"{merged} of {len(sessions)} runs"
     reasons = document["reasons"] or ["no reason is on record"]
     refused = reasons[0] if len(reasons) == 1 else "Nothing can be merged, for these reasons:"
-    contrary = reasons[0] if len(reasons) == 1 else "The data contradict the model or the stored table:"
-    partly = ", ".join(axis for axis, seen in document["observability"].items() if seen["verdict"] == "not_observable")
+    contrary = (
+        reasons[0] if len(reasons) == 1 else "The data contradict the model or the stored table:"
+    )
+    partly = ", ".join(
+        axis
+        for axis, seen in document["observability"].items()
+        if seen["verdict"] == "not_observable"
+    )
     limits = f" Gyro {partly}: not observable, it rests on its prior." if partly else ""
-    revision = f" as revision {document['revision']}" if document.get("revision") is not None else ""
+    revision = (
+        f" as revision {document['revision']}" if document.get("revision") is not None else ""
+    )
     return {
         "committed": {
             "why": f"{runs} passed every gate of the decision rule and changed the table.{limits}",
-            "use": f"In use: the new table is stored{revision}. The command that takes it back ends this page.",
+            "use": (
+                f"In use: the new table is stored{revision}. The command that takes it back ends"
+                " this page."
+            ),
         },
         "proposed": {
             "why": f"{runs} passed every gate of the decision rule.{limits}",
@@ -103,7 +141,10 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
         },
         "inconsistent": {
             "why": contrary,
-            "use": "Do not use: the data contradict the model or the stored table. Nothing was committed.",
+            "use": (
+                "Do not use: the data contradict the model or the stored table. Nothing was"
+                " committed."
+            ),
         },
     }.get(document["verdict"], {"why": "; ".join(reasons), "use": "Unknown verdict: do not use."})
 
@@ -111,19 +152,33 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
 def _use_of_proposal(document: dict[str, Any]) -> str:
     """What to do with an update that no store holds, or that one keeps for review."""
     if document.get("proposal") is None:
-        return "Not in use yet: nothing was stored. Read this page, then run the same command with --commit."
-    return f"Not in use yet: it waits as proposal {document['proposal']} to be approved or rejected. Read this page first."
+        return (
+            "Not in use yet: nothing was stored. Read this page, then run the same command with"
+            " --commit."
+        )
+    return (
+        f"Not in use yet: it waits as proposal {document['proposal']} to be approved or rejected."
+        " Read this page first."
+    )
 
 
 def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:
     """What the first card says of one gyro."""
     seen = document["observability"].get(axis)
     rows = [row for row in document.get("changes") or [] if row["axis"] == axis]
-    word, look = BADGES.get(seen["verdict"], (str(seen["verdict"]), "none")) if seen else ("not estimated", "none")
+    word, look = (
+        BADGES.get(seen["verdict"], (str(seen["verdict"]), "none"))
+        if seen
+        else ("not estimated", "none")
+    )
     return {
-        "axis": axis, "seen": seen, "word": word, "look": look, "help": _help(document, seen),
+        "axis": axis,
+        "seen": seen,
+        "word": word,
+        "look": look,
+        "help": _help(document, seen),
         "largest": max(rows, key=lambda row: abs(row["change_deg_h"]), default=None),
-    }  # fmt: skip
+    }
 
 
 def _help(document: dict[str, Any], seen: dict[str, Any] | None) -> str:
@@ -144,17 +199,29 @@ def _bias_drawings(
     run_ids = [s["run_id"] for s in document.get("sessions", [])]
     new = after if _changed(document) else None
     return [
-        (axis, figures.bias_drawing(document, axis, before, new, run_ids), bool(figures.seen_points(document, axis)))
+        (
+            axis,
+            figures.bias_drawing(document, axis, before, new, run_ids),
+            bool(figures.seen_points(document, axis)),
+        )
         for axis in AXES
     ]
 
 
-def _shape_drawings(document: dict[str, Any], before: ThermalTable | None, after: ThermalTable | None) -> list[Markup]:
-    """Of sessions without a heading: the shapes alone, which the levels of their power-ons would hide."""
+def _shape_drawings(
+    document: dict[str, Any], before: ThermalTable | None, after: ThermalTable | None
+) -> list[Markup]:
+    """Of sessions without a heading: the shapes alone, which the levels of their power-ons would
+    hide.
+    """
     if before is None or not any("zero_rate" in s for s in document.get("sessions", [])):
         return []
     new = after if _changed(document) else None
-    return [d for d in (zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES) if d]
+    return [
+        d
+        for d in (zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES)
+        if d
+    ]
 
 
 def _run_key(document: dict[str, Any]) -> list[tuple[int, str, str]]:
@@ -169,7 +236,11 @@ def _session(document: dict[str, Any], k: int) -> dict[str, Any]:
     """One run of the document with its drawings; excluded spans go to the first run of that id."""
     session = document["sessions"][k]
     first = all(s["run_id"] != session["run_id"] for s in document["sessions"][:k])
-    spans = [s for s in document["excluded"] if first and s.get("run_id", session["run_id"]) == session["run_id"]]
+    spans = [
+        s
+        for s in document["excluded"]
+        if first and s.get("run_id", session["run_id"]) == session["run_id"]
+    ]
     reasons: dict[str, list[float]] = {}
     for span in spans:
         reasons.setdefault(span["reason"], []).append(span["end_s"] - span["start_s"])
@@ -177,11 +248,15 @@ def _session(document: dict[str, Any], k: int) -> dict[str, Any]:
         **session,
         "number": k + 1,
         "spans": spans,
-        "span_totals": [(reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()],
+        "span_totals": [
+            (reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()
+        ],
         "timeline": figures.timeline_drawing(session, spans),
         "residual_drawings": [(axis, figures.residual_drawing(session, axis)) for axis in AXES],
         "coverage_drawing": figures.coverage_drawing(session),
-        "chain_drawings": [d for d in (figures.chain_drawing(session, way) for way in ("north", "east")) if d],
+        "chain_drawings": [
+            d for d in (figures.chain_drawing(session, way) for way in ("north", "east")) if d
+        ],
     }
 
 
@@ -202,7 +277,11 @@ def _noise(document: dict[str, Any]) -> list[tuple[str, str, str]]:
     rows = []
     for group, values in (document.get("noise_model") or {}).items():
         for key, value in values.items() if isinstance(values, dict) else ():
-            text = ", ".join(f"{v:g}" for v in value) if isinstance(value, list | tuple) else f"{value:g}"
+            text = (
+                ", ".join(f"{v:g}" for v in value)
+                if isinstance(value, list | tuple)
+                else f"{value:g}"
+            )
             rows.append((group, key, text))
     return rows
 
@@ -215,10 +294,14 @@ def _commands(document: dict[str, Any]) -> dict[str, str]:
     used = document.get("thermal_model")
     model = f" --thermal-model {shlex.quote(used['file'])}" if used else ""
     return {
-        "rollback": document.get("rollback_command") or f"recal table rollback{store}{serial} --to previous",
+        "rollback": (
+            document.get("rollback_command") or f"recal table rollback{store}{serial} --to previous"
+        ),
         "history": f"recal table list{store}{serial}",
         "approve": f"recal table approve {document.get('proposal')}{store}{serial} --reason WHY",
-        "reproduce": f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{model}{commit}",
+        "reproduce": (
+            f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{model}{commit}"
+        ),
         "export": f"recal table export{store}{serial} -o table.json",
     }
 
@@ -235,7 +318,10 @@ def _nis_words(consistency: dict[str, Any]) -> str:
     if band_999 and band_999[0] <= nis <= band_999[1]:
         return f"Outside its 95 % band, inside its 99.9 % band ({_band(band_999, 2)})."
     if band_999 and nis > band_999[1]:
-        return f"Above its 99.9 % band ({_band(band_999, 2)}): the data hold more than the noise model."
+        return (
+            f"Above its 99.9 % band ({_band(band_999, 2)}): the data hold more than the noise"
+            " model."
+        )
     return f"Below its bands (95 %: {_band(band_95, 2)}): quieter than the noise model says."
 
 
@@ -243,11 +329,17 @@ def _temperature_words(temperature: dict[str, Any]) -> str:
     """Range per gyro, and what is wrong with the thermometers."""
     ranges = zip(temperature["min_degC"], temperature["max_degC"])
     faults = "; ".join(temperature.get("faults") or [])
-    return "; ".join(f"{number(low, 1)} to {number(high, 1)}" for low, high in ranges) + " \u00b0C" + (
-        f"; {faults}" if faults else ""
+    return (
+        "; ".join(f"{number(low, 1)} to {number(high, 1)}" for low, high in ranges)
+        + " \u00b0C"
+        + (f"; {faults}" if faults else "")
     )
 
 
 def _hysteresis_words(terms: list[dict[str, Any]]) -> str:
     """Was a difference between heating and cooling looked for, and what was done about it?"""
-    return "; ".join(term["text"] for term in terms) + "." if terms else "not tested: no run was merged."
+    return (
+        "; ".join(term["text"] for term in terms) + "."
+        if terms
+        else "not tested: no run was merged."
+    )

@@ -1,7 +1,8 @@
-"""Drawings of an update report for sessions without a heading: the shape of a bias over temperature, levels taken out.
+"""Drawings of an update report for sessions without a heading: the shape of a bias over
+temperature, levels taken out.
 
-A MEMS gyro starts with another level each time, hundreds of times what it changes by over a warm-up: beside the levels
-the shape, which is what a table is for, would not be seen.
+A MEMS gyro starts with another level each time, hundreds of times what it changes by over a
+warm-up: beside the levels the shape, which is what a table is for, would not be seen.
 """
 
 from typing import Any
@@ -10,7 +11,17 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from infield.reports.figures import NEW, OLD, PANEL_WIDTH, axis_text, in_style, new_figure, robust_limits, svg_text, thinned
+from infield.reports.figures import (
+    NEW,
+    OLD,
+    PANEL_WIDTH,
+    axis_text,
+    in_style,
+    new_figure,
+    robust_limits,
+    svg_text,
+    thinned,
+)
 from infield.reports.update_figures import SESSION_COLOURS, seen_points
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
@@ -19,8 +30,12 @@ MARGIN_DEGC = 3.0  # beside the visited temperatures
 
 
 @in_style
-def shape_drawing(document: dict[str, Any], axis: str, before: ThermalTable, after: ThermalTable | None) -> Markup | None:
-    """Bias of one gyro less each run's own level, with the tables less theirs; None without points."""
+def shape_drawing(
+    document: dict[str, Any], axis: str, before: ThermalTable, after: ThermalTable | None
+) -> Markup | None:
+    """Bias of one gyro less each run's own level, with the tables less theirs; None without
+    points.
+    """
     points = seen_points(document, axis)
     if not points:
         return None
@@ -33,17 +48,29 @@ def shape_drawing(document: dict[str, Any], axis: str, before: ThermalTable, aft
         if table is None:
             continue
         value, sigma = _less_level(table, axis, T, reference)
-        ax.fill_between(T, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.16, linewidth=0)
+        ax.fill_between(
+            T, value - 2 * sigma, value + 2 * sigma, color=colour, alpha=0.16, linewidth=0
+        )
         ax.plot(T, value, line, color=colour)
         inner.append(value)
         outer += [value - 2 * sigma, value + 2 * sigma]
     inner.append(_draw_runs(ax, document, points, axis, after or before, reference))
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.5))
-    axis_text(ax, title=f"Gyro {axis}: shape over temperature", x="gyro temperature [°C]", y="bias less level [deg/h]")
-    return svg_text(figure, f"Shape of the bias of gyro {axis} over temperature, the level of each run taken out")
+    axis_text(
+        ax,
+        title=f"Gyro {axis}: shape over temperature",
+        x="gyro temperature [°C]",
+        y="bias less level [deg/h]",
+    )
+    return svg_text(
+        figure,
+        f"Shape of the bias of gyro {axis} over temperature, the level of each run taken out",
+    )
 
 
-def _less_level(table: ThermalTable, axis: str, T: NDArray, reference_degC: float) -> tuple[NDArray, NDArray]:
+def _less_level(
+    table: ThermalTable, axis: str, T: NDArray, reference_degC: float
+) -> tuple[NDArray, NDArray]:
     """Bias less that at the reference temperature, and the sigma of the difference [deg/h]."""
     rows = table.basis(axis, T) - table.basis(axis, [reference_degC])
     variance = np.einsum("ki,ij,kj->k", rows, table.covariance, rows)
@@ -51,19 +78,31 @@ def _less_level(table: ThermalTable, axis: str, T: NDArray, reference_degC: floa
 
 
 def _draw_runs(
-    ax: Any, document: dict[str, Any], points: list[dict[str, Any]], axis: str, table: ThermalTable, reference_degC: float
+    ax: Any,
+    document: dict[str, Any],
+    points: list[dict[str, Any]],
+    axis: str,
+    table: ThermalTable,
+    reference_degC: float,
 ) -> NDArray:
-    """Points of each run less the run's mean departure from the table, white noise as their sigma."""
+    """Points of each run less the run's mean departure from the table, white noise as their
+    sigma.
+    """
     drawn = []
     for number, session in enumerate(document.get("sessions", [])):
         mine = [p for p in points if p["run_id"] == session["run_id"]]
         if not mine or "zero_rate" not in session:
             continue
-        T, bias, duration = thinned(*([p[k] for p in mine] for k in ("temperature_degC", "bias_deg_h", "duration_s")))
+        T, bias, duration = thinned(
+            *([p[k] for p in mine] for k in ("temperature_degC", "bias_deg_h", "duration_s"))
+        )
         shape = _less_level(table, axis, T, reference_degC)[0]
         y = bias - np.mean(bias - shape)
         walk = session["zero_rate"]["angle_random_walk_deg_sqrt_h"][AXES.index(axis)]
-        sigma, colour = walk / np.sqrt(duration / 3600.0), SESSION_COLOURS[number % len(SESSION_COLOURS)]
+        sigma, colour = (
+            walk / np.sqrt(duration / 3600.0),
+            SESSION_COLOURS[number % len(SESSION_COLOURS)],
+        )
         ax.errorbar(T, y, sigma, fmt="o", color=colour, markersize=2.5, elinewidth=0.5, alpha=0.7)
         drawn.append(y)
     return np.concatenate(drawn) if drawn else np.empty(0)

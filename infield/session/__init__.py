@@ -1,1 +1,3 @@
-"""One power-on session against the stored table, navigated or from parked rates, and the update over all sessions."""
+"""One power-on session against the stored table, navigated or from parked rates, and the update
+over all sessions.
+"""

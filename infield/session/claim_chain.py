@@ -1,15 +1,19 @@
-"""Claim 1 of US 5,527,003 step by step, as a separate path beside the filter, to be compared with it.
+"""Claim 1 of US 5,527,003 step by step, as a separate path beside the filter, to be compared with
+it.
 
-(a) initial alignment -> (b) navigation mode -> (c) rates and accelerations, (d) gyro temperatures -> (e) acceleration
-against the computed platform -> (f) acceleration rate -> (g) tilt rate -> (h) set 1 of (tilt rate, temperature) ->
-(i) bias errors -> (j) set 2 -> (k) taxi -> (l) heading error from cross-track motion -> (m) set 3 = set 2 less
-Omega cosL psi on the east axis -> (n) ready to be merged. Steps (o) to (q) are `infield.table.merge` and the table's use.
+(a) initial alignment -> (b) navigation mode -> (c) rates and accelerations, (d) gyro temperatures
+-> (e) acceleration against the computed platform -> (f) acceleration rate -> (g) tilt rate -> (h)
+set 1 of (tilt rate, temperature) -> (i) bias errors -> (j) set 2 -> (k) taxi -> (l) heading error
+from cross-track motion -> (m) set 3 = set 2 less Omega cosL psi on the east axis -> (n) ready to be
+merged. Steps (o) to (q) are `infield.table.merge` and the table's use.
 
-Set 1 is taken twice: by the Schuler bracket on windows of the velocity, (e) to (g) to the letter, and by a filter over the
-parked phase that is smoothed over the whole of it (`alignment.tilt_smoother`). Sets 2 and 3 go on with the smoothed rates.
+Set 1 is taken twice: by the Schuler bracket on windows of the velocity, (e) to (g) to the letter,
+and by a filter over the parked phase that is smoothed over the whole of it
+(`alignment.tilt_smoother`). Sets 2 and 3 go on with the smoothed rates.
 
-Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is not removed), the
-windows do not share their common errors, accelerometer drift counts as tilt rate. The filter does all three.
+Known limits, kept on purpose: one heading error for all points (the vertical gyro's drift since is
+not removed), the windows do not share their common errors, accelerometer drift counts as tilt rate.
+The filter does all three.
 """
 
 from collections.abc import Sequence
@@ -35,10 +39,11 @@ UNSEEN = 0.9  # a heading sigma above this share of its prior means that the tax
 
 @dataclass(frozen=True)
 class ChainPoint:
-    """Set 2 and set 3 of one window: bias errors left by the table, north and east at the parked heading [deg/h].
+    """Set 2 and set 3 of one window: bias errors left by the table, north and east at the parked
+    heading [deg/h].
 
-    sigma_filtered_deg_h: of the same filter without smoothing; bracket_*: set 1 by the bracket (NaN where too little of
-    the window was at rest).
+    sigma_filtered_deg_h: of the same filter without smoothing; bracket_*: set 1 by the bracket (NaN
+    where too little of the window was at rest).
     """
 
     time_s: float
@@ -65,15 +70,23 @@ class ClaimChain:
 
 
 def run_claim_chain(
-    imu: ImuSource, site: Site, twin: TwinModel, aligned: Alignment, temperature: GyroTemperature,
-    *, phases: tuple[Phase, ...], until_s: float, prior_sigma_deg_h: float,
-) -> ClaimChain:  # fmt: skip
+    imu: ImuSource,
+    site: Site,
+    twin: TwinModel,
+    aligned: Alignment,
+    temperature: GyroTemperature,
+    *,
+    phases: tuple[Phase, ...],
+    until_s: float,
+    prior_sigma_deg_h: float,
+) -> ClaimChain:
     """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a)."""
     if aligned.C_nb is None:
         raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
     pieces = imu.pieces(aligned.time_s, until_s)
-    history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))  # (b), (c)
+    # (b), (c)
+    history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
     motion = classify(history, phases, imu)
     first_roll = np.flatnonzero(motion.kind >= ROLLING)
     parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
@@ -81,12 +94,22 @@ def run_claim_chain(
     still = parked & (motion.kind == STILL)
     bracket = tilt_rates(history, still, arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
     set_1 = smoothed_tilt_rates(
-        history, still, arw=arw, vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
-        velocity_sigma_m_s=max(motion.sigma_v_m_s, twin.vehicle.sway_m_s), rate_sigma_rad_s=prior_sigma_deg_h * DEG_PER_HOUR,
-    )  # fmt: skip
-    psi, sigma, note = _heading_from_taxi(history, motion.kind, twin, aligned, prior_sigma_deg_h * DEG_PER_HOUR)  # (k, l)
+        history,
+        still,
+        arw=arw,
+        vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
+        velocity_sigma_m_s=max(motion.sigma_v_m_s, twin.vehicle.sway_m_s),
+        rate_sigma_rad_s=prior_sigma_deg_h * DEG_PER_HOUR,
+    )
+    # (k, l)
+    psi, sigma, note = _heading_from_taxi(
+        history, motion.kind, twin, aligned, prior_sigma_deg_h * DEG_PER_HOUR
+    )
     coupling = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
-    points = tuple(_set_3(rate, _same_window(rate, bracket), temperature, coupling * psi) for rate in set_1)  # (i), (j), (m)
+    # (i), (j), (m)
+    points = tuple(
+        _set_3(rate, _same_window(rate, bracket), temperature, coupling * psi) for rate in set_1
+    )
     return ClaimChain(points, aligned.heading_rad, psi, sigma, note)
 
 
@@ -95,7 +118,10 @@ def _same_window(rate: TiltRate, others: Sequence[TiltRate]) -> TiltRate | None:
 
 
 def _set_3(
-    rate: SmoothedTiltRate, bracket: TiltRate | None, temperature: GyroTemperature, east_offset_rad_s: float
+    rate: SmoothedTiltRate,
+    bracket: TiltRate | None,
+    temperature: GyroTemperature,
+    east_offset_rad_s: float,
 ) -> ChainPoint:
     """(i) tilt rate -> bias error: north direct, east relative; (m) subtract Omega cosL psi."""
     rows = temperature.between(rate.time_s - 0.5 * rate.window_s, rate.time_s + 0.5 * rate.window_s)
@@ -108,7 +134,9 @@ def _set_3(
         sigma_deg_h=rate.sigma_rad_s / DEG_PER_HOUR,
         sigma_filtered_deg_h=rate.sigma_filtered_rad_s / DEG_PER_HOUR,
         bracket_north_deg_h=bracket.u_north_rad_s / DEG_PER_HOUR if bracket else float("nan"),
-        bracket_east_relative_deg_h=bracket.u_east_rad_s / DEG_PER_HOUR if bracket else float("nan"),
+        bracket_east_relative_deg_h=(
+            bracket.u_east_rad_s / DEG_PER_HOUR if bracket else float("nan")
+        ),
         bracket_sigma_deg_h=bracket.sigma_rad_s / DEG_PER_HOUR if bracket else float("nan"),
     )
 
@@ -118,8 +146,9 @@ def _heading_from_taxi(
 ) -> tuple[float, float, str]:
     """(l): least squares of cross-track velocity while rolling and of both velocities at stops.
 
-    Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level accelerometer biases, crab.
-    A bias fixed to the body is cancelled by the alignment on the parked heading and appears as the heading changes.
+    Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level
+    accelerometer biases, crab. A bias fixed to the body is cancelled by the alignment on the parked
+    heading and appears as the heading changes.
     """
     rolling = np.flatnonzero(kind == ROLLING)
     lat = float(history.lat_rad[0])
@@ -133,28 +162,40 @@ def _heading_from_taxi(
     level = twin.accel.turn_on_ug * MICRO_G
     prior = np.array([prior_rad_s, level, level, 0.01, 1.0, 1.0, 1e-3, 1e-3])
     whitener = np.linalg.cholesky(_covariance(seen, history.time_s[rows], gravity, twin))
-    scaled = solve_triangular(whitener, seen.A * prior, lower=True)  # unknowns in units of their prior sigma
+    # unknowns in units of their prior sigma
+    scaled = solve_triangular(whitener, seen.A * prior, lower=True)
     P = np.linalg.inv(scaled.T @ scaled + np.eye(len(prior)))
     x = P @ (scaled.T @ solve_triangular(whitener, seen.z, lower=True))
     eps, sigma = float(x[0]) * prior_rad_s, float(np.sqrt(P[0, 0])) * prior_rad_s
     if sigma > UNSEEN * prior_rad_s:
-        return float("nan"), float("nan"), "the taxi never left the alignment heading: its cross-track motion is blind"
-    return -eps / coupling, sigma / coupling, "cross-track velocity after a turn, both velocities at stops"
+        return (
+            float("nan"),
+            float("nan"),
+            "the taxi never left the alignment heading: its cross-track motion is blind",
+        )
+    return (
+        -eps / coupling,
+        sigma / coupling,
+        "cross-track velocity after a turn, both velocities at stops",
+    )
 
 
 def _responses(
     history: NavHistory, rows: slice, gravity: float, parked_heading_rad: float
 ) -> tuple[NDArray, NDArray]:
-    """Velocity error (n, 2, 8) in north, east per unknown over the rows, and the computed velocity (n, 2).
+    """Velocity error (n, 2, 8) in north, east per unknown over the rows, and the computed velocity
+    (n, 2).
 
-    Unknowns: east bias error, accelerometer x, y biases, crab (none here), velocity at the start (2), acceleration
-    at the start (2). Tilt rate -> acceleration -> velocity by sums over the epochs (physics.md 6.5, under ten minutes).
+    Unknowns: east bias error, accelerometer x, y biases, crab (none here), velocity at the start
+    (2), acceleration at the start (2). Tilt rate -> acceleration -> velocity by sums over the
+    epochs (physics.md 6.5, under ten minutes).
     """
     dt = np.diff(history.time_s)[rows.start - 1 : rows.stop - 1, None]
     heading = euler_from_dcm(history.C_nb[rows])[2]
     t = np.cumsum(dt[:, 0])
     out = np.zeros((len(heading), 2, 8))
-    b_x, b_y = np.sin(parked_heading_rad), np.cos(parked_heading_rad)  # body parts of a bias along parked east
+    # body parts of a bias along parked east
+    b_x, b_y = np.sin(parked_heading_rad), np.cos(parked_heading_rad)
     eps_n = b_x * np.cos(heading) - b_y * np.sin(heading)
     eps_e = b_x * np.sin(heading) + b_y * np.cos(heading) - 1.0
     tilt = np.cumsum(np.stack([eps_n, eps_e], axis=1) * dt, axis=0)
@@ -170,7 +211,9 @@ def _responses(
 
 @dataclass(frozen=True)
 class _Observations:
-    """Rows A (m, 8) and values z (m,); the epoch, direction (m, 2) in north, east and own sigma of each."""
+    """Rows A (m, 8) and values z (m,); the epoch, direction (m, 2) in north, east and own sigma of
+    each.
+    """
 
     A: NDArray
     z: NDArray
@@ -182,7 +225,9 @@ class _Observations:
 def _observations(
     history: NavHistory, kind: NDArray, rows: slice, response: NDArray, v: NDArray, twin: TwinModel
 ) -> _Observations:
-    """Every third epoch: lateral velocity while rolling straight, both components while standing."""
+    """Every third epoch: lateral velocity while rolling straight, both components while
+    standing.
+    """
     heading = euler_from_dcm(history.C_nb[rows])[2]
     forward = np.stack([np.cos(heading), np.sin(heading)], axis=1)
     side = np.stack([-np.sin(heading), np.cos(heading)], axis=1)
@@ -198,17 +243,28 @@ def _observations(
     lateral = np.full(roll.size, max(twin.vehicle.lateral_noise_m_s, 1e-3))
     sway = np.full(2 * stop.size, max(twin.vehicle.sway_m_s, 1e-3))
     return _Observations(
-        A, np.einsum("mi,mi->m", direction, v[epoch]), epoch, direction, np.concatenate([lateral, sway])
+        A,
+        np.einsum("mi,mi->m", direction, v[epoch]),
+        epoch,
+        direction,
+        np.concatenate([lateral, sway]),
     )
 
 
 def _covariance(seen: _Observations, time_s: NDArray, gravity: float, twin: TwinModel) -> NDArray:
-    """Noise of the observations: their own, and the velocity error that angle and velocity random walk build up.
+    """Noise of the observations: their own, and the velocity error that angle and velocity random
+    walk build up.
 
-    For s < t: g^2 N^2 s^2 (3 t - s) / 6 from the angle, n^2 s from the velocity, in north and east alike.
+    For s < t: g^2 N^2 s^2 (3 t - s) / 6 from the angle, n^2 s from the velocity, in north and east
+    alike.
     """
     t = (time_s - time_s[0] + 1.0)[seen.epoch]
     early, late = np.minimum(t[:, None], t[None, :]), np.maximum(t[:, None], t[None, :])
-    angle = (gravity * twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2 * early**2 * (3.0 * late - early) / 6.0
+    angle = (
+        (gravity * twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2
+        * early**2
+        * (3.0 * late - early)
+        / 6.0
+    )
     velocity = (twin.accel.vrw_ug_sqrt_hz * MICRO_G) ** 2 * early
     return (seen.direction @ seen.direction.T) * (angle + velocity) + np.diag(seen.sigma**2)

@@ -1,9 +1,11 @@
-"""One wrong session is left out; several that agree with each other against the table say that the unit has changed.
+"""One wrong session is left out; several that agree with each other against the table say that the
+unit has changed.
 
-A session that contradicts the table is remembered as one mean bias per axis with its covariance (`SessionEvidence`).
-Where at least two of them agree and lie off the table on the same axis and side, the verdict says so ("table disagrees
-with unit"), from when and by how much. Nothing follows of itself: `recal update ... --accept-step` widens the table's
-common shift of that axis by the size of the step before the agreeing sessions are merged.
+A session that contradicts the table is remembered as one mean bias per axis with its covariance
+(`SessionEvidence`). Where at least two of them agree and lie off the table on the same axis and
+side, the verdict says so ("table disagrees with unit"), from when and by how much. Nothing follows
+of itself: `recal update ... --accept-step` widens the table's common shift of that axis by the size
+of the step before the agreeing sessions are merged.
 """
 
 from collections.abc import Sequence
@@ -28,8 +30,9 @@ FEWEST = 2  # sessions that agree
 class SessionEvidence:
     """A session in three numbers: mean total bias (3,) [deg/h] at mean temperatures (3,) [degC].
 
-    covariance (3, 3) [(deg/h)^2]: of the session as a whole, turn-on and all else included, the table's not.
-    bend_deg_h (3,): the table's mean along the session less the table at the mean temperature.
+    covariance (3, 3) [(deg/h)^2]: of the session as a whole, turn-on and all else included, the
+    table's not. bend_deg_h (3,): the table's mean along the session less the table at the mean
+    temperature.
     """
 
     run_id: str
@@ -41,18 +44,32 @@ class SessionEvidence:
     covariance: NDArray
 
     def __post_init__(self) -> None:
-        for name, shape in (("temperature_degC", (3,)), ("bias_deg_h", (3,)), ("bend_deg_h", (3,)), ("covariance", (3, 3))):
-            object.__setattr__(self, name, frozen_array(getattr(self, name), shape, f"SessionEvidence.{name}"))
+        for name, shape in (
+            ("temperature_degC", (3,)),
+            ("bias_deg_h", (3,)),
+            ("bend_deg_h", (3,)),
+            ("covariance", (3, 3)),
+        ):
+            object.__setattr__(
+                self, name, frozen_array(getattr(self, name), shape, f"SessionEvidence.{name}")
+            )
 
     def departure(self, table: ThermalTable) -> tuple[NDArray, NDArray]:
         """Bias less the table (3,) [deg/h], and the table's own sigma there (3,)."""
-        at = [(table.bias_deg_h(k, T)[0], table.sigma_deg_h(k, T)[0]) for k, T in enumerate(self.temperature_degC)]
-        return self.bias_deg_h - self.bend_deg_h - np.array([b for b, _ in at]), np.array([s for _, s in at])
+        at = [
+            (table.bias_deg_h(k, T)[0], table.sigma_deg_h(k, T)[0])
+            for k, T in enumerate(self.temperature_degC)
+        ]
+        return self.bias_deg_h - self.bend_deg_h - np.array([b for b, _ in at]), np.array(
+            [s for _, s in at]
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step:
-    """The unit against its table on one axis: size [deg/h] with sigma, the sessions that agree, since when."""
+    """The unit against its table on one axis: size [deg/h] with sigma, the sessions that agree,
+    since when.
+    """
 
     axis: str
     shift_deg_h: float
@@ -63,9 +80,10 @@ class Step:
 
     def words(self) -> str:
         return (
-            f"table disagrees with unit since about {self.since_utc[:10]}: gyro {self.axis} by {self.shift_deg_h:+.4f} +- "
-            f"{self.sigma_deg_h:.4f} deg/h; {len(self.run_ids)} sessions agree ({', '.join(self.run_ids)}); "
-            "if the site is entered right and the unit is this one, recal update with these runs and --accept-step follows it"
+            f"table disagrees with unit since about {self.since_utc[:10]}: gyro {self.axis} by"
+            f" {self.shift_deg_h:+.4f} +- {self.sigma_deg_h:.4f} deg/h; {len(self.run_ids)}"
+            f" sessions agree ({', '.join(self.run_ids)}); if the site is entered right and the"
+            " unit is this one, recal update with these runs and --accept-step follows it"
         )
 
 
@@ -76,16 +94,22 @@ def session_evidence(
     A, bins = mean_rows(estimate), estimate.bins
     T = bins.duration_s / bins.duration_s.sum() @ bins.temperature_degC
     return SessionEvidence(
-        run_id=run.header.run_id, run_sha256=run.sha256, start_utc=run.header.start_utc, temperature_degC=T,
-        bias_deg_h=A @ points.bias_deg_h, covariance=A @ (points.covariance + bins.own) @ A.T,
+        run_id=run.header.run_id,
+        run_sha256=run.sha256,
+        start_utc=run.header.start_utc,
+        temperature_degC=T,
+        bias_deg_h=A @ points.bias_deg_h,
+        covariance=A @ (points.covariance + bins.own) @ A.T,
         bend_deg_h=A @ bins.table_deg_h - [table.bias_deg_h(k, T[k])[0] for k in range(3)],
-    )  # fmt: skip
+    )
 
 
 def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tuple[Step, ...]:
-    """Axes on which the newest session and at least one more agree with each other and not with the table.
+    """Axes on which the newest session and at least one more agree with each other and not with the
+    table.
 
-    Only sessions after the table was last changed count: one that agreed with it in between ends the story.
+    Only sessions after the table was last changed count: one that agreed with it in between ends
+    the story.
     """
     new = {e.run_sha256: e for e in evidence if utc(e.start_utc) >= utc(table.created_utc)}
     ordered = sorted(new.values(), key=lambda e: utc(e.start_utc))
@@ -97,21 +121,32 @@ def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tupl
         d = np.array([shift[k] for shift, _ in departures])
         own = np.array([e.covariance[k, k] for e in ordered])
         off = np.abs(d) > OFF_SIGMAS * np.sqrt(own + np.array([s[k] for _, s in departures]) ** 2)
-        same = off & (np.abs(d - d[-1]) <= SAME_SIGMAS * np.sqrt(own + own[-1])) & (np.sign(d) == np.sign(d[-1]))
+        same = (
+            off
+            & (np.abs(d - d[-1]) <= SAME_SIGMAS * np.sqrt(own + own[-1]))
+            & (np.sign(d) == np.sign(d[-1]))
+        )
         if not off[-1] or same.sum() < FEWEST:
             continue
         agreeing = [e for e, yes in zip(ordered, same) if yes]
         weight = 1.0 / own[same]
-        steps.append(Step(
-            axis=axis, shift_deg_h=float(weight @ d[same] / weight.sum()), sigma_deg_h=float(weight.sum() ** -0.5),
-            since_utc=agreeing[0].start_utc, run_ids=tuple(e.run_id for e in agreeing),
-            run_sha256=tuple(e.run_sha256 for e in agreeing),
-        ))  # fmt: skip
+        steps.append(
+            Step(
+                axis=axis,
+                shift_deg_h=float(weight @ d[same] / weight.sum()),
+                sigma_deg_h=float(weight.sum() ** -0.5),
+                since_utc=agreeing[0].start_utc,
+                run_ids=tuple(e.run_id for e in agreeing),
+                run_sha256=tuple(e.run_sha256 for e in agreeing),
+            )
+        )
     return tuple(steps)
 
 
 def widened_for(table: ThermalTable, steps: Sequence[Step]) -> ThermalTable:
-    """The table with the common shift of each stepped axis made as uncertain as the step is large; values stay."""
+    """The table with the common shift of each stepped axis made as uncertain as the step is large;
+    values stay.
+    """
     P = table.covariance.copy()
     for step in steps:
         nodes = table.values_of(step.axis)

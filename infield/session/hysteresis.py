@@ -1,18 +1,22 @@
-"""Does a gyro read otherwise while it warms than while it cools? Found over all sessions of an update at once.
+"""Does a gyro read otherwise while it warms than while it cools? Found over all sessions of an
+update at once.
 
-Two descriptions are tried on each axis beside the table, with the joint covariance of each session's points, so that
-heading, turn-on and everything else that a session's points share cancels in the difference:
+Two descriptions are tried on each axis beside the table, with the joint covariance of each
+session's points, so that heading, turn-on and everything else that a session's points share cancels
+in the difference:
 
-    rate   bias = table(T) + r dT/dt            r in deg/h per degC/min: a gradient follows the rate of change
-    sense  bias = table(T) + s sigma(T history)  sigma from -1 (cooling) to +1 (heating) over WIDTH_degC of turn-round
+    rate   bias = table(T) + r dT/dt            r in deg/h per degC/min: a gradient follows the rate
+    of change sense  bias = table(T) + s sigma(T history)  sigma from -1 (cooling) to +1 (heating)
+    over WIDTH_degC of turn-round
 
-A rate term is physical and repeats: it is fitted, and the table becomes the bias at a steady temperature, with r
-estimated jointly and its uncertainty carried. True hysteresis depends on a past that the log may not hold: it is not
-fitted, the sigma of the points is widened by it instead.
+A rate term is physical and repeats: it is fitted, and the table becomes the bias at a steady
+temperature, with r estimated jointly and its uncertainty carried. True hysteresis depends on a past
+that the log may not hold: it is not fitted, the sigma of the points is widened by it instead.
 
-Per session, with x the bias beyond what was subtracted, the data say exp(-x'Lx/2 + e'x) (`measurement_information`);
-its own departure t ~ N(0, T) is integrated out: L' = (I + L T)^-1 L, e' = (I + L T)^-1 e.
-Source: Bayesian linear regression with a Gaussian prior, P^-1 + J'L'J (Bishop 2006, eq. 3.50, 3.51).
+Per session, with x the bias beyond what was subtracted, the data say exp(-x'Lx/2 + e'x)
+(`measurement_information`); its own departure t ~ N(0, T) is integrated out: L' = (I + L T)^-1 L,
+e' = (I + L T)^-1 e. Source: Bayesian linear regression with a Gaussian prior, P^-1 + J'L'J (Bishop
+2006, eq. 3.50, 3.51).
 """
 
 from collections.abc import Sequence
@@ -26,15 +30,18 @@ from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES
 
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
-FOUND_SIGMAS = 2.8  # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
+# |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
+FOUND_SIGMAS = 2.8
 KINDS = ("rate", "sense")
-VAGUE = 100.0  # prior sigma of a term in sigmas of the technology's default table: beyond any unit of the class
+# prior sigma of a term in sigmas of the technology's default table: beyond any unit of the class
+VAGUE = 100.0
 MOVED_degC_min = 0.02  # mean rates all below this do not test anything
 
 
 @dataclass(frozen=True)
 class SessionLikelihood:
-    """What one session measured: information (3N, 3N) and vector (3N,) about its biases less `reference` [deg/h].
+    """What one session measured: information (3N, 3N) and vector (3N,) about its biases less
+    `reference` [deg/h].
 
     bins: on the table of the moment; sense (N, 3): mean heating sense over each bin, -1 to 1.
     """
@@ -46,18 +53,24 @@ class SessionLikelihood:
     sense: NDArray
 
     def regressor(self, kind: str) -> NDArray:
-        """Columns (3N, 3), one an axis, of the rate or the sense of each bin; zero where no temperature is known."""
-        values = np.where(self.bins.tied, self.bins.rate_degC_min if kind == "rate" else self.sense, 0.0)
+        """Columns (3N, 3), one an axis, of the rate or the sense of each bin; zero where no
+        temperature is known.
+        """
+        values = np.where(
+            self.bins.tied, self.bins.rate_degC_min if kind == "rate" else self.sense, 0.0
+        )
         return values.reshape(-1)[:, None] * np.tile(np.eye(3), (len(values), 1))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalTerm:
-    """One axis: the better description, its coefficient and sigma (deg/h per degC/min, or deg/h half of the split).
+    """One axis: the better description, its coefficient and sigma (deg/h per degC/min, or deg/h
+    half of the split).
 
-    action: "rate term fitted", "sigma widened", "none found", "not tested", "does not explain the data" (of sessions that
-    contradict the table), "a split, or a wrong session" (which too few sessions tell apart: nothing is done about it) or
-    "seen in one session" (of an update that has no other; nothing is done about it either).
+    action: "rate term fitted", "sigma widened", "none found", "not tested", "does not explain the
+    data" (of sessions that contradict the table), "a split, or a wrong session" (which too few
+    sessions tell apart: nothing is done about it) or "seen in one session" (of an update that has
+    no other; nothing is done about it either).
     """
 
     axis: str
@@ -81,22 +94,39 @@ class ThermalTerm:
         if self.kind == "rate":
             size = f"{self.value:+.4f} +- {self.sigma:.4f} deg/h per degC/min"
         else:
-            size = f"{2 * self.value:+.4f} +- {2 * self.sigma:.4f} deg/h between heating and cooling"
+            size = (
+                f"{2 * self.value:+.4f} +- {2 * self.sigma:.4f} deg/h between heating and cooling"
+            )
         if self.action == "does not explain the data":
-            return f"gyro {self.axis}: {size} looks like it, but does not bring the sessions into agreement: not used"
+            return (
+                f"gyro {self.axis}: {size} looks like it, but does not bring the sessions into"
+                " agreement: not used"
+            )
         if self.action == "seen in one session":
-            return f"gyro {self.axis}: {size} ({abs(self.z):.1f} sigma) in one session: not used unless another one shows it"
+            return (
+                f"gyro {self.axis}: {size} ({abs(self.z):.1f} sigma) in one session: not used"
+                " unless another one shows it"
+            )
         if self.action == "a split, or a wrong session":
-            return f"gyro {self.axis}: heating and cooling differ, {size}, or a session is wrong: more sessions would tell"
+            return (
+                f"gyro {self.axis}: heating and cooling differ, {size}, or a session is wrong: more"
+                " sessions would tell"
+            )
         if not self.found:
             return f"gyro {self.axis}: no difference found, {size} ({abs(self.z):.1f} sigma)"
-        after = "the table holds the bias at a steady temperature" if self.kind == "rate" else "its points count less"
+        after = (
+            "the table holds the bias at a steady temperature"
+            if self.kind == "rate"
+            else "its points count less"
+        )
         return f"gyro {self.axis}: {self.action}: {size} ({abs(self.z):.1f} sigma); {after}"
 
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """Table parameters beyond the prior's (n,) with covariance (n, n), the terms (3,) with theirs (3, 3)."""
+    """Table parameters beyond the prior's (n,) with covariance (n, n), the terms (3,) with theirs
+    (3, 3).
+    """
 
     change: NDArray
     covariance: NDArray
@@ -105,7 +135,9 @@ class JointPosterior:
 
 
 def heating_sense(temperature_degC: NDArray) -> NDArray:
-    """From -1 (cooling) to +1 (heating) along temperatures (n, 3): follows the sense over WIDTH_degC, starts at 0."""
+    """From -1 (cooling) to +1 (heating) along temperatures (n, 3): follows the sense over
+    WIDTH_degC, starts at 0.
+    """
     change = np.diff(temperature_degC, axis=0, prepend=temperature_degC[:1])
     keep, sense = np.exp(-np.abs(change) / WIDTH_degC), np.sign(change)
     state, out = np.zeros(temperature_degC.shape[1]), np.empty_like(temperature_degC)
@@ -116,12 +148,21 @@ def heating_sense(temperature_degC: NDArray) -> NDArray:
 
 
 def joint_posterior(
-    table: ThermalTable, sessions: Sequence[SessionLikelihood], kind: str, axes: Sequence[bool] = (True, True, True)
+    table: ThermalTable,
+    sessions: Sequence[SessionLikelihood],
+    kind: str,
+    axes: Sequence[bool] = (True, True, True),
 ) -> JointPosterior:
-    """Table and terms of some axes from all sessions at once; the sessions' bins must stand on this table."""
+    """Table and terms of some axes from all sessions at once; the sessions' bins must stand on this
+    table.
+    """
     values, vectors = np.linalg.eigh(table.covariance)
     root = vectors * np.sqrt(np.maximum(values, 0.0))  # parameters = table + root v, v ~ N(0, I)
-    n, used, vague = table.n_parameters, np.flatnonzero(axes), VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]
+    n, used, vague = (
+        table.n_parameters,
+        np.flatnonzero(axes),
+        VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology],
+    )
     information = np.diag(np.concatenate([np.ones(n), np.full(used.size, vague**-2)]))
     vector = np.zeros(n + used.size)
     for s in sessions:
@@ -139,18 +180,23 @@ def joint_posterior(
 
 
 def with_free_common(table: ThermalTable) -> ThermalTable:
-    """The table with nothing believed of the common shift of each axis; its shape over temperature stays."""
+    """The table with nothing believed of the common shift of each axis; its shape over temperature
+    stays.
+    """
     P, level = table.covariance.copy(), VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]
     for axis in AXES:
         P[table.values_of(axis), table.values_of(axis)] += level**2
     return table.replaced(covariance=P)
 
 
-def find_terms(table: ThermalTable, sessions: Sequence[SessionLikelihood]) -> tuple[ThermalTerm, ...]:
+def find_terms(
+    table: ThermalTable, sessions: Sequence[SessionLikelihood]
+) -> tuple[ThermalTerm, ...]:
     """For each axis the description that explains more, and whether it is found.
 
-    Nothing is believed here of the level of the table: a session that only warms or only cools cannot tell a term from
-    a table that is off, and a gyro that aged by more than its sigma says has no hysteresis for it.
+    Nothing is believed here of the level of the table: a session that only warms or only cools
+    cannot tell a term from a table that is off, and a gyro that aged by more than its sigma says
+    has no hysteresis for it.
     """
     if not sessions:
         return ()
@@ -158,23 +204,33 @@ def find_terms(table: ThermalTable, sessions: Sequence[SessionLikelihood]) -> tu
     fits = {kind: joint_posterior(free, sessions, kind) for kind in KINDS}
     found = []
     for k, axis in enumerate(AXES):
-        rates = np.concatenate([np.where(s.bins.tied[:, k], s.bins.rate_degC_min[:, k], 0.0) for s in sessions])
+        rates = np.concatenate(
+            [np.where(s.bins.tied[:, k], s.bins.rate_degC_min[:, k], 0.0) for s in sessions]
+        )
         if np.max(np.abs(rates)) < MOVED_degC_min:
-            found.append(ThermalTerm(axis=axis, kind="rate", value=0.0, sigma=0.0, action="not tested"))
+            found.append(
+                ThermalTerm(axis=axis, kind="rate", value=0.0, sigma=0.0, action="not tested")
+            )
             continue
         sigma = {kind: float(np.sqrt(fit.terms_covariance[k, k])) for kind, fit in fits.items()}
         kind = max(fits, key=lambda kind: abs(fits[kind].terms[k]) / sigma[kind])
         value = float(fits[kind].terms[k])
         seen = abs(value) > FOUND_SIGMAS * sigma[kind]
-        action = ("rate term fitted" if kind == "rate" else "sigma widened") if seen else "none found"
-        found.append(ThermalTerm(axis=axis, kind=kind, value=value, sigma=sigma[kind], action=action))
+        action = (
+            ("rate term fitted" if kind == "rate" else "sigma widened") if seen else "none found"
+        )
+        found.append(
+            ThermalTerm(axis=axis, kind=kind, value=value, sigma=sigma[kind], action=action)
+        )
     return tuple(found)
 
 
 def with_terms(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> tuple[NDArray, NDArray]:
-    """Mean (3N,) and covariance (3N, 3N) [deg/h] that the found terms add to the prior of a session's biases.
+    """Mean (3N,) and covariance (3N, 3N) [deg/h] that the found terms add to the prior of a
+    session's biases.
 
-    A fitted rate term: its value, and its own uncertainty; a sense: no mean, its size as a standard deviation.
+    A fitted rate term: its value, and its own uncertainty; a sense: no mean, its size as a standard
+    deviation.
     """
     mean, covariance = np.zeros(len(session.vector)), np.zeros_like(session.information)
     for k, term in enumerate(terms):
@@ -190,7 +246,9 @@ def with_terms(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> tupl
 def posterior_with(
     session: SessionLikelihood, mean: NDArray, covariance: NDArray
 ) -> tuple[NDArray, NDArray, NDArray, NDArray]:
-    """Prior and posterior (mean, covariance, mean, covariance) of a session's biases when its prior is moved so."""
+    """Prior and posterior (mean, covariance, mean, covariance) of a session's biases when its prior
+    is moved so.
+    """
     m0, C = session.bins.table_deg_h + mean, session.bins.prior + covariance
     L = np.linalg.cholesky(C)
     inner = np.linalg.inv(np.eye(len(C)) + L.T @ session.information @ L)

@@ -1,4 +1,6 @@
-"""Sessions of one update taken together: is there a heating-cooling term, and what is the table when there is one?"""
+"""Sessions of one update taken together: is there a heating-cooling term, and what is the table
+when there is one?
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -37,20 +39,28 @@ def likelihood_of(
     bins = rebinned(estimate.bins, table, temperature, twin, settings)
     information, vector = measurement_information(estimate.bins, estimate)
     along = heating_sense(temperature.temperature_degC)
-    sense = np.stack([temperature.mean_rows(a, b) @ along for a, b in zip(bins.start_s, bins.end_s)])
+    sense = np.stack(
+        [temperature.mean_rows(a, b) @ along for a, b in zip(bins.start_s, bins.end_s)]
+    )
     return SessionLikelihood(bins, information, vector, estimate.bins.table_deg_h, sense)
 
 
 def with_thermal_terms(
-    sessions: Sequence["SessionResult"], table: ThermalTable, twin: TwinModel, settings: SessionSettings
+    sessions: Sequence["SessionResult"],
+    table: ThermalTable,
+    twin: TwinModel,
+    settings: SessionSettings,
 ) -> tuple[tuple[ThermalTerm, ...], list["SessionResult"], ThermalTable | None]:
-    """Terms, the sessions judged again and the merged table; (terms, sessions as they were, None) where none is found.
+    """Terms, the sessions judged again and the merged table; (terms, sessions as they were, None)
+    where none is found.
 
-    Where sessions contradict the table, a term may explain them only if it shows inside the sessions, each with a free
-    level of its own, and if it brings every one into agreement: neither a wrong session nor a step of the unit is a
-    rate term. Else it is looked for in the sessions that agree, and one that would explain the others is named.
+    Where sessions contradict the table, a term may explain them only if it shows inside the
+    sessions, each with a free level of its own, and if it brings every one into agreement: neither
+    a wrong session nor a step of the unit is a rate term. Else it is looked for in the sessions
+    that agree, and one that would explain the others is named.
 
-    One session alone names a term and acts on none: a real one repeats, and of healthy units 3 to 6 % show one by chance.
+    One session alone names a term and acts on none: a real one repeats, and of healthy units 3 to 6
+    % show one by chance.
     """
     merged = [s for s in sessions if s.merged is not None]
     agreeing = [s for s in merged if s.verdict.accepted]
@@ -60,29 +70,43 @@ def with_thermal_terms(
             continue
         wide = _covering(table, chosen)
         data = [likelihood_of(s, wide, twin, settings) for s in chosen]
-        terms = find_terms(wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data])
+        terms = find_terms(
+            wide, data if chosen is agreeing else [with_free_level(d, wide) for d in data]
+        )
         if len(chosen) == 1:
-            terms = tuple(replace(term, action="seen in one session") if term.found else term for term in terms)
+            terms = tuple(
+                replace(term, action="seen in one session") if term.found else term
+                for term in terms
+            )
         if not any(term.found for term in terms):
             continue
         again, after = _merged_again(chosen, wide, terms, twin, settings)
         if all(s.verdict.accepted for s in again):
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
-        terms = tuple(replace(term, action="does not explain the data") if term.found else term for term in terms)
+        terms = tuple(
+            replace(term, action="does not explain the data") if term.found else term
+            for term in terms
+        )
     if len(agreeing) < len(merged):
         wide = _covering(table, merged)
-        terms = _or_a_wrong_session(terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged])
+        terms = _or_a_wrong_session(
+            terms, wide, [likelihood_of(s, wide, twin, settings) for s in merged]
+        )
     return terms, list(sessions), None
 
 
 def _or_a_wrong_session(
     terms: Sequence[ThermalTerm], table: ThermalTable, data: Sequence[SessionLikelihood]
 ) -> tuple[ThermalTerm, ...]:
-    """Where sessions contradict: a split between those that warm and those that cool is named, but not acted upon."""
+    """Where sessions contradict: a split between those that warm and those that cool is named, but
+    not acted upon.
+    """
     plain, named = find_terms(table, data), list(terms or ())
     for k, term in enumerate(plain):
-        rates = np.concatenate([np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data])
+        rates = np.concatenate(
+            [np.where(d.bins.tied[:, k], d.bins.rate_degC_min[:, k], 0.0) for d in data]
+        )
         both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
         if both and term.found and named:
             named[k] = replace(term, action="a split, or a wrong session")
@@ -90,7 +114,9 @@ def _or_a_wrong_session(
 
 
 def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionLikelihood:
-    """The session with nothing believed of each gyro's level: only changes within it are left as evidence."""
+    """The session with nothing believed of each gyro's level: only changes within it are left as
+    evidence.
+    """
     level = (VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]) ** 2
     count = len(session.bins.centre_s)
     own = session.bins.own + level * np.kron(np.ones((count, count)), np.eye(3))
@@ -104,10 +130,15 @@ def _covering(table: ThermalTable, sessions: Sequence["SessionResult"]) -> Therm
 
 
 def _merged_again(
-    sessions: Sequence["SessionResult"], table: ThermalTable, terms: Sequence[ThermalTerm], twin: TwinModel,
+    sessions: Sequence["SessionResult"],
+    table: ThermalTable,
+    terms: Sequence[ThermalTerm],
+    twin: TwinModel,
     settings: SessionSettings,
-) -> tuple[list["SessionResult"], ThermalTable]:  # fmt: skip
-    """Each session judged with the terms in its prior, one after the other; then the table from all of them at once."""
+) -> tuple[list["SessionResult"], ThermalTable]:
+    """Each session judged with the terms in its prior, one after the other; then the table from all
+    of them at once.
+    """
     current, again, joint = table, [], []
     for session in sessions:
         held = [a.axis for a in session.seen if a.verdict == "not_observable"]
@@ -121,12 +152,18 @@ def _merged_again(
     if not any(fitted):
         return again, current
     found = joint_posterior(table, joint, "rate", fitted)
-    unseen = [a for k, a in enumerate(AXES) if all(s.seen[k].verdict == "not_observable" for s in sessions)]
+    unseen = [
+        a
+        for k, a in enumerate(AXES)
+        if all(s.seen[k].verdict == "not_observable" for s in sessions)
+    ]
     change, P = hold_common(table, unseen, found.change, found.covariance)
     return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
 
 
 def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> SessionLikelihood:
     """The session with the terms that are not fitted in its own covariance."""
-    _, wider = with_terms(session, [t if t.kind == "sense" else replace(t, action="none found") for t in terms])
+    _, wider = with_terms(
+        session, [t if t.kind == "sense" else replace(t, action="none found") for t in terms]
+    )
     return replace(session, bins=replace(session.bins, own=session.bins.own + wider))

@@ -1,17 +1,23 @@
-"""Earth rate in the body axes of a unit that stands on unknown headings, over all stretches of a log.
+"""Earth rate in the body axes of a unit that stands on unknown headings, over all stretches of a
+log.
 
-    e_s = Omega cosL (f_s cosH_s - r_s sinH_s) - Omega sinL d_s,   f, r, d: forward, right, down of the levelled unit
+    e_s = Omega cosL (f_s cosH_s - r_s sinH_s) - Omega sinL d_s,   f, r, d: forward, right, down of
+    the levelled unit
 
-The vertical part is known by gravity. The level part of a stretch is one error of all its points, mean 0, variance
-(Omega cosL)^2 / 2 on either level axis. Between stretches the headings differ by turns D that the gyros give:
+The vertical part is known by gravity. The level part of a stretch is one error of all its points,
+mean 0, variance (Omega cosL)^2 / 2 on either level axis. Between stretches the headings differ by
+turns D that the gyros give:
 
-    E[e_s e_t'] = (Omega cosL)^2 / 2 exp(-var(D) / 2) (cosD (f_s f_t' + r_s r_t') - sinD (f_s r_t' - r_s f_t'))
+    E[e_s e_t'] = (Omega cosL)^2 / 2 exp(-var(D) / 2) (cosD (f_s f_t' + r_s r_t') - sinD (f_s r_t' -
+    r_s f_t'))
 
-which is one error where the unit was not turned (D = 0), the opposite one after half a turn, none in common after an
-unknown one. Where the gyros do not say how far it turned, an unknown heading and an unchanged one are both possible and no
-one covariance fits both: each of G such groups of stretches takes G times its variance and nothing in common, which
-is at least as large as any relation of their headings (sum of G vectors, |sum|^2 <= G sum of squares).
-Units: deg/h. Source: [derived]; the bound: Julier and Uhlmann, American Control Conference (1997), covariance intersection.
+which is one error where the unit was not turned (D = 0), the opposite one after half a turn, none
+in common after an unknown one. Where the gyros do not say how far it turned, an unknown heading and
+an unchanged one are both possible and no one covariance fits both: each of G such groups of
+stretches takes G times its variance and nothing in common, which is at least as large as any
+relation of their headings (sum of G vectors, |sum|^2 <= G sum of squares). Units: deg/h. Source:
+[derived]; the bound: Julier and Uhlmann, American Control Conference (1997), covariance
+intersection.
 """
 
 from collections.abc import Sequence
@@ -32,8 +38,9 @@ from ins.units import DEG_PER_HOUR, MICRO_G, PPM
 
 @dataclass(frozen=True)
 class StretchEarth:
-    """One stretch: known part of Earth rate (3,), covariance of the rest (3, 3) [deg/h], what of it the heading makes
-    (1 sigma on a level axis), down (3,) in body axes, and the tilt error [rad]."""
+    """One stretch: known part of Earth rate (3,), covariance of the rest (3, 3) [deg/h], what of it
+    the heading makes (1 sigma on a level axis), down (3,) in body axes, and the tilt error [rad].
+    """
 
     known: NDArray
     covariance: NDArray
@@ -44,8 +51,9 @@ class StretchEarth:
 
 @dataclass(frozen=True)
 class SessionEarth:
-    """All S stretches: known (S, 3), covariance (3S, 3S) of the rest, of which unknown headings make of_heading (3S, 3S);
-    heading (S,), down (S, 3) as for one stretch."""
+    """All S stretches: known (S, 3), covariance (3S, 3S) of the rest, of which unknown headings
+    make of_heading (3S, 3S); heading (S,), down (S, 3) as for one stretch.
+    """
 
     known: NDArray
     covariance: NDArray
@@ -56,7 +64,9 @@ class SessionEarth:
 
 @dataclass(frozen=True)
 class _Place:
-    """A stretch by its group of linked headings, its heading less the group's first and the variance of that."""
+    """A stretch by its group of linked headings, its heading less the group's first and the
+    variance of that.
+    """
 
     group: int
     heading_rad: float
@@ -64,7 +74,11 @@ class _Place:
 
 
 def stretch_earth(
-    run: Run, seconds: ParkedSeconds, twin: TwinModel, settings: SessionSettings, heading: tuple[float, float] | None
+    run: Run,
+    seconds: ParkedSeconds,
+    twin: TwinModel,
+    settings: SessionSettings,
+    heading: tuple[float, float] | None,
 ) -> StretchEarth:
     """Earth rate of one stretch; heading: its heading and sigma [rad], where known."""
     site = run.header.site
@@ -74,11 +88,20 @@ def stretch_earth(
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     tilt = np.hypot(twin.accel.turn_on_ug * MICRO_G, abs(np.linalg.norm(f_b) - gravity)) / gravity
     north, up = _north_up(site)
-    scale = EARTH_RATE_RAD_S / DEG_PER_HOUR * settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
-    covariance = (up * tilt) ** 2 * level + (north * tilt) ** 2 * np.outer(down, down) + scale**2 * np.eye(3)
+    scale = (
+        EARTH_RATE_RAD_S
+        / DEG_PER_HOUR
+        * settings.sigma_scale_factor_ppm[run.header.gyro_technology]
+        * PPM
+    )
+    covariance = (
+        (up * tilt) ** 2 * level + (north * tilt) ** 2 * np.outer(down, down) + scale**2 * np.eye(3)
+    )
     if heading is None:
         sigma = float(north / np.sqrt(2.0))
-        return StretchEarth(-up * down, covariance + 0.5 * north**2 * level, sigma, down, float(tilt))
+        return StretchEarth(
+            -up * down, covariance + 0.5 * north**2 * level, sigma, down, float(tilt)
+        )
     C_nb = dcm_from_euler(*level_angles(f_b), heading[0])
     east = C_nb[1]
     covariance = covariance + (north * heading[1]) ** 2 * np.outer(east, east)
@@ -86,18 +109,34 @@ def stretch_earth(
 
 
 def session_earth(
-    run: Run, places: Sequence[ParkedSeconds], turns: Sequence[Turn], twin: TwinModel, settings: SessionSettings,
-    *, survey: tuple[float, float] | None,
-) -> SessionEarth:  # fmt: skip
-    """Earth rate of all stretches; turns (S - 1) between them; survey: heading and sigma [rad] of the first one."""
+    run: Run,
+    places: Sequence[ParkedSeconds],
+    turns: Sequence[Turn],
+    twin: TwinModel,
+    settings: SessionSettings,
+    *,
+    survey: tuple[float, float] | None,
+) -> SessionEarth:
+    """Earth rate of all stretches; turns (S - 1) between them; survey: heading and sigma [rad] of
+    the first one.
+    """
     linked = _linked(turns)
     headings = [
-        None if survey is None or p.group else (survey[0] + p.heading_rad, float(np.hypot(survey[1], np.sqrt(p.variance_rad2))))
+        (
+            None
+            if survey is None or p.group
+            else (survey[0] + p.heading_rad, float(np.hypot(survey[1], np.sqrt(p.variance_rad2))))
+        )
         for p in linked
     ]
     earth = [stretch_earth(run, s, twin, settings, h) for s, h in zip(places, headings)]
     north, up = _north_up(run.header.site)
-    scale = EARTH_RATE_RAD_S / DEG_PER_HOUR * settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
+    scale = (
+        EARTH_RATE_RAD_S
+        / DEG_PER_HOUR
+        * settings.sigma_scale_factor_ppm[run.header.gyro_technology]
+        * PPM
+    )
     groups = max(len({p.group for p, h in zip(linked, headings) if h is None}), 1)
     count = len(places)
     C, of_heading = np.zeros((2, 3 * count, 3 * count))
@@ -108,7 +147,10 @@ def session_earth(
         of_heading[own, own] = groups * earth[s].heading_deg_h ** 2 * level
         for t in range(s):
             other = slice(3 * t, 3 * t + 3)
-            block, part = _common(earth[s], earth[t], north, up) + scale**2 * np.eye(3), np.zeros((3, 3))
+            block, part = (
+                _common(earth[s], earth[t], north, up) + scale**2 * np.eye(3),
+                np.zeros((3, 3)),
+            )
             if linked[s].group == linked[t].group:
                 frames = levelled(places[s]), levelled(places[t])
                 part = north**2 * _heading_part(linked[s], linked[t], *frames, headings[t], groups)
@@ -116,9 +158,12 @@ def session_earth(
             if headings[s] is None:
                 of_heading[own, other], of_heading[other, own] = part, part.T
     return SessionEarth(
-        np.stack([e.known for e in earth]), C, of_heading, np.array([e.heading_deg_h * np.sqrt(groups) for e in earth]),
+        np.stack([e.known for e in earth]),
+        C,
+        of_heading,
+        np.array([e.heading_deg_h * np.sqrt(groups) for e in earth]),
         np.stack([e.down_b for e in earth]),
-    )  # fmt: skip
+    )
 
 
 def _linked(turns: Sequence[Turn]) -> list[_Place]:
@@ -129,7 +174,13 @@ def _linked(turns: Sequence[Turn]) -> list[_Place]:
         if not turn.told:
             found.append(_Place(last.group + 1, 0.0, 0.0))
         else:
-            found.append(_Place(last.group, last.heading_rad + turn.heading_rad, last.variance_rad2 + turn.sigma_rad**2))
+            found.append(
+                _Place(
+                    last.group,
+                    last.heading_rad + turn.heading_rad,
+                    last.variance_rad2 + turn.sigma_rad**2,
+                )
+            )
     return found
 
 
@@ -137,14 +188,26 @@ def _common(one: StretchEarth, other: StretchEarth, north: float, up: float) -> 
     """What the accelerometers' own bias, the same all along, makes in two stretches (3, 3)."""
     level = [np.eye(3) - np.outer(e.down_b, e.down_b) for e in (one, other)]
     both = one.tilt_rad * other.tilt_rad
-    return np.asarray(both * (up**2 * level[0] @ level[1] + north**2 * np.outer(one.down_b, other.down_b)))
+    return np.asarray(
+        both * (up**2 * level[0] @ level[1] + north**2 * np.outer(one.down_b, other.down_b))
+    )
 
 
 def _heading_part(
-    later: _Place, earlier: _Place, frame: NDArray, frame0: NDArray, heading: tuple[float, float] | None, groups: int
+    later: _Place,
+    earlier: _Place,
+    frame: NDArray,
+    frame0: NDArray,
+    heading: tuple[float, float] | None,
+    groups: int,
 ) -> NDArray:
-    """E[e e'] of the level parts of two linked stretches (3, 3), over (Omega cosL)^2; heading: of the earlier, where known."""
-    turn, variance = later.heading_rad - earlier.heading_rad, later.variance_rad2 - earlier.variance_rad2
+    """E[e e'] of the level parts of two linked stretches (3, 3), over (Omega cosL)^2; heading: of
+    the earlier, where known.
+    """
+    turn, variance = (
+        later.heading_rad - earlier.heading_rad,
+        later.variance_rad2 - earlier.variance_rad2,
+    )
     if heading is not None:
         H1, H0 = heading[0] + turn, heading[0]
         east, east0 = (C[0] * np.sin(H) + C[1] * np.cos(H) for C, H in ((frame, H1), (frame0, H0)))
@@ -152,7 +215,9 @@ def _heading_part(
     (f, r), (f0, r0) = frame[:2], frame0[:2]
     same = np.outer(f, f0) + np.outer(r, r0)
     across = np.outer(r, f0) - np.outer(f, r0)
-    return np.asarray(0.5 * groups * np.exp(-0.5 * variance) * (np.cos(turn) * same - np.sin(turn) * across))
+    return np.asarray(
+        0.5 * groups * np.exp(-0.5 * variance) * (np.cos(turn) * same - np.sin(turn) * across)
+    )
 
 
 def _north_up(site: Site) -> tuple[float, float]:

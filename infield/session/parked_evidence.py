@@ -1,4 +1,6 @@
-"""What the parked seconds of a session without a heading said: its stretches of rest, their rates, and what they share."""
+"""What the parked seconds of a session without a heading said: its stretches of rest, their rates,
+and what they share.
+"""
 
 from dataclasses import dataclass
 
@@ -15,7 +17,9 @@ from ins.records import Span
 
 @dataclass(frozen=True)
 class ParkedStretch:
-    """A stretch of rest: white noise taken (3,), the larger of twin and log; noise_scale: of the log over the twin."""
+    """A stretch of rest: white noise taken (3,), the larger of twin and log; noise_scale: of the
+    log over the twin.
+    """
 
     seconds: ParkedSeconds
     walk_deg_sqrt_h: NDArray
@@ -28,12 +32,14 @@ class ParkedStretch:
 
 @dataclass(frozen=True)
 class ParkedEvidence:
-    """What the parked seconds said: rates less table and known Earth rate (N, 3) [deg/h], NaN where a bin was not still.
+    """What the parked seconds said: rates less table and known Earth rate (N, 3) [deg/h], NaN where
+    a bin was not still.
 
-    stretch (N,): which of `stretches` a bin is of; used_s (N,): still seconds of each bin; earth: what of Earth rate is
-    known and the covariance of the rest over all stretches; turns: between one stretch and the next; left_out: other
-    rests and why. Against the table with nothing believed of each gyro's level, sums of squares: shape_nis,
-    shape_nis_compensated (as if the table had been taken out of the log before), shape_dof.
+    stretch (N,): which of `stretches` a bin is of; used_s (N,): still seconds of each bin; earth:
+    what of Earth rate is known and the covariance of the rest over all stretches; turns: between
+    one stretch and the next; left_out: other rests and why. Against the table with nothing believed
+    of each gyro's level, sums of squares: shape_nis, shape_nis_compensated (as if the table had
+    been taken out of the log before), shape_dof.
     """
 
     stretches: tuple[ParkedStretch, ...]
@@ -57,7 +63,13 @@ class ParkedEvidence:
             kind.append(np.append(AIRBORNE, other.kind[1:]))
             cause.append(other.cause)
         together = np.concatenate(kind)
-        return Motion(np.concatenate(time_s), together, np.zeros(together.size), float("nan"), np.concatenate(cause))
+        return Motion(
+            np.concatenate(time_s),
+            together,
+            np.zeros(together.size),
+            float("nan"),
+            np.concatenate(cause),
+        )
 
     @property
     def walk_deg_sqrt_h(self) -> NDArray:
@@ -69,7 +81,9 @@ class ParkedEvidence:
         return max(s.noise_scale for s in self.stretches)
 
     def of_mean(self, covariance: NDArray) -> NDArray:
-        """Variance (3,) that a covariance over stretches (3S, 3S) leaves in the session's mean, by their seconds."""
+        """Variance (3,) that a covariance over stretches (3S, 3S) leaves in the session's mean, by
+        their seconds.
+        """
         share = np.bincount(self.stretch, self.used_s, len(self.stretches)) / self.used_s.sum()
         rows = np.kron(share, np.eye(3))
         return np.asarray(np.diag(rows @ covariance @ rows.T))

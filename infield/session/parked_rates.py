@@ -1,14 +1,18 @@
-"""Zero-rate bias of a parked unit against temperature, for gyros too uncertain to find a heading at rest (MEMS).
+"""Zero-rate bias of a parked unit against temperature, for gyros too uncertain to find a heading at
+rest (MEMS).
 
-    rate_k = b_k + e_s + noise,   e_s = Earth rate in body axes, one and the same vector for a stretch s of rest
+    rate_k = b_k + e_s + noise,   e_s = Earth rate in body axes, one and the same vector for a
+    stretch s of rest
 
-Levelled by gravity, the vertical part of e is known (-Omega sinL along down), the level part is not: on an unknown
-heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2 / 2 on either level direction. It is one
-common error of all points of a stretch, not one of each point, and a surveyed heading takes it away; what stretches of one
-log have in common of it is for the turns between them to say (`infield.session.parked_earth`). b_k are the session's biases over
-bins, with the joint prior of table and twin that every session has (`infield.session.navigated`): one turn-on, while flicker and
-random walk go on between the stretches. Where it does not stand there is no bin.
-Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001), eq. (1.4.14-1).
+Levelled by gravity, the vertical part of e is known (-Omega sinL along down), the level part is
+not: on an unknown heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2
+/ 2 on either level direction. It is one common error of all points of a stretch, not one of each
+point, and a surveyed heading takes it away; what stretches of one log have in common of it is for
+the turns between them to say (`infield.session.parked_earth`). b_k are the session's biases over
+bins, with the joint prior of table and twin that every session has (`infield.session.navigated`):
+one turn-on, while flicker and random walk go on between the stretches. Where it does not stand
+there is no bin. Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom
+(2001), eq. (1.4.14-1).
 """
 
 from dataclasses import replace
@@ -52,11 +56,17 @@ def find_parked(run: Run) -> tuple[tuple[float, float] | None, str]:
     return (rests.stretches[0] if rests.stretches else None), rests.why
 
 
-def no_heading(run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel) -> bool:
-    """Whether the unit's gyros are known too poorly for a gyrocompass: MEMS, and worse than LEVEL_SHARE of level Earth rate."""
+def no_heading(
+    run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel
+) -> bool:
+    """Whether the unit's gyros are known too poorly for a gyrocompass: MEMS, and worse than
+    LEVEL_SHARE of level Earth rate.
+    """
     if run.header.gyro_technology != "mems":
         return False
-    sigma = max(float(table.sigma_deg_h(k, temperature.temperature_degC[0, k])[0]) for k in range(3))
+    sigma = max(
+        float(table.sigma_deg_h(k, temperature.temperature_degC[0, k])[0]) for k in range(3)
+    )
     level = EARTH_RATE_RAD_S * np.cos(run.header.site.lat_rad) / DEG_PER_HOUR
     return bool(np.hypot(sigma, twin.gyro.turn_on_deg_h) > LEVEL_SHARE * level)
 
@@ -67,9 +77,14 @@ def bin_seconds(duration_s: float) -> float:
 
 
 def estimate_parked(
-    run: Run, table: ThermalTable, temperature: GyroTemperature, twin: TwinModel, settings: SessionSettings,
-    *, rests: Rests,
-) -> SessionEstimate | str:  # fmt: skip
+    run: Run,
+    table: ThermalTable,
+    temperature: GyroTemperature,
+    twin: TwinModel,
+    settings: SessionSettings,
+    *,
+    rests: Rests,
+) -> SessionEstimate | str:
     """The session's biases from its parked seconds, or in words why there is nothing to take."""
     imu = compensated_imu(run, table, temperature, twin)
     stretches, left_out = _settled(imu, rests.stretches, twin)
@@ -82,27 +97,42 @@ def estimate_parked(
         bins = bins.only(stretch >= 0)
     stretch = stretch[stretch >= 0]
     scale = settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
-    turns = tuple(turn_between(imu, a, b, twin.gyro, sigma_scale=scale) for a, b in pairwise(places))
+    turns = tuple(
+        turn_between(imu, a, b, twin.gyro, sigma_scale=scale) for a, b in pairwise(places)
+    )
     earth = session_earth(run, places, turns, twin, settings, survey=_survey(run, rests, places[0]))
     rate, used_s = _bin_rates(bins, stretches, stretch, earth.known)
     walk = np.stack([s.walk_deg_sqrt_h for s in stretches])[stretch]
-    measured = _measured(rate, walk**2 / (np.maximum(used_s, 1.0)[:, None] / HOUR), earth.covariance, stretch)
+    measured = _measured(
+        rate, walk**2 / (np.maximum(used_s, 1.0)[:, None] / HOUR), earth.covariance, stretch
+    )
     left_out = tuple(sorted([*rests.left_out, *left_out], key=lambda span: span.start_s))
     evidence = ParkedEvidence(
         stretches, stretch, rate, used_s, earth, turns, left_out, *_shape_nis(bins, *measured)
-    )  # fmt: skip
+    )
     sigma = float(np.sqrt(np.diag(bins.prior)[:3].max()))
     level = levelling.level(
-        imu, run.header.site, twin, rest=(float(places[0].start_s[0]), float(places[0].end_s[-1])),
-        gyro_sigma_rad_s=sigma * DEG_PER_HOUR, reason=_reason(sigma, run.header.site),
-    )  # fmt: skip
+        imu,
+        run.header.site,
+        twin,
+        rest=(float(places[0].start_s[0]), float(places[0].end_s[-1])),
+        gyro_sigma_rad_s=sigma * DEG_PER_HOUR,
+        reason=_reason(sigma, run.header.site),
+    )
     mean, P = _posterior(bins, *measured)
     return SessionEstimate(
-        bins=bins, mean_deg_h=mean, covariance=P, alignment=replace(level, duration_s=stretches[0].still_s), solution=None,
-        parked=evidence, heading_error_rad=float("nan"), sigma_heading_rad=float("nan"),
-        sigma_heading_before_rad=float("nan"), nis_mean=evidence.shape_nis / max(evidence.shape_dof, 1),
+        bins=bins,
+        mean_deg_h=mean,
+        covariance=P,
+        alignment=replace(level, duration_s=stretches[0].still_s),
+        solution=None,
+        parked=evidence,
+        heading_error_rad=float("nan"),
+        sigma_heading_rad=float("nan"),
+        sigma_heading_before_rad=float("nan"),
+        nis_mean=evidence.shape_nis / max(evidence.shape_dof, 1),
         dof=evidence.shape_dof,
-    )  # fmt: skip
+    )
 
 
 def _settled(
@@ -120,24 +150,32 @@ def _settled(
             if stretch.still_s < MIN_PARKED_S:
                 continue
             if stretch.noise_scale > TOO_NOISY:
-                left_out.append(Span(start_s=a, end_s=b, reason=_too_noisy(stretch.noise_scale, twin)))
+                left_out.append(
+                    Span(start_s=a, end_s=b, reason=_too_noisy(stretch.noise_scale, twin))
+                )
                 continue
             kept.append(stretch)
         if len(kept) == before and not (left_out and left_out[-1].start_s >= start):
-            reason = f"less than {MIN_PARKED_S:.0f} s still between {start:.0f} and {end:.0f} s, the rest is motion"
+            reason = (
+                f"less than {MIN_PARKED_S:.0f} s still between {start:.0f} and {end:.0f} s, the"
+                " rest is motion"
+            )
             left_out.append(Span(start_s=start, end_s=end, reason=reason))
     return tuple(kept), tuple(left_out)
 
 
 def _too_noisy(scale: float, twin: TwinModel) -> str:
     return (
-        f"the gyros scatter {scale:.0f} times as much as their noise model ({twin.source}) from second to second, "
-        f"needed {TOO_NOISY:.0f} at most: it shakes, or the model is of another unit"
+        f"the gyros scatter {scale:.0f} times as much as their noise model ({twin.source}) from"
+        f" second to second, needed {TOO_NOISY:.0f} at most: it shakes, or the model is of another"
+        " unit"
     )
 
 
 def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
-    """Edges (M + 1,) of the bins of all stretches and of what lies between them; the stretch of each (M,), -1 between."""
+    """Edges (M + 1,) of the bins of all stretches and of what lies between them; the stretch of
+    each (M,), -1 between.
+    """
     spans = [(float(p.start_s[0]), float(p.end_s[-1])) for p in places]
     bin_s = bin_seconds(sum(b - a for a, b in spans))
     own = [equal_edges(a, b, bin_s) for a, b in spans]
@@ -146,7 +184,9 @@ def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
 
 
 def _survey(run: Run, rests: Rests, first: ParkedSeconds) -> tuple[float, float] | None:
-    """The surveyed heading and its sigma [rad], where the first stretch is the first rest of the log."""
+    """The surveyed heading and its sigma [rad], where the first stretch is the first rest of the
+    log.
+    """
     survey = run.header.survey
     if survey.heading_rad is None or not survey.sigma_heading_rad:
         return None
@@ -154,41 +194,67 @@ def _survey(run: Run, rests: Rests, first: ParkedSeconds) -> tuple[float, float]
     return (survey.heading_rad, survey.sigma_heading_rad) if surveyed else None
 
 
-def first_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> tuple[ParkedSeconds, SessionEarth] | None:
-    """Seconds and Earth rate of the first stretch, nothing of a table taken out; None where it never rests."""
+def first_zero_rate(
+    run: Run, twin: TwinModel, settings: SessionSettings
+) -> tuple[ParkedSeconds, SessionEarth] | None:
+    """Seconds and Earth rate of the first stretch, nothing of a table taken out; None where it
+    never rests.
+    """
     rests = find_rests(run)
-    seconds = parked_seconds(compensated_imu(run, None, None, twin), *rests.stretches[0]) if rests.stretches else None
+    seconds = (
+        parked_seconds(compensated_imu(run, None, None, twin), *rests.stretches[0])
+        if rests.stretches
+        else None
+    )
     if seconds is None or not seconds.still.any():
         return None
-    return seconds, session_earth(run, [seconds], [], twin, settings, survey=_survey(run, rests, seconds))
+    return seconds, session_earth(
+        run, [seconds], [], twin, settings, survey=_survey(run, rests, seconds)
+    )
 
 
 def mean_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, Any] | None:
-    """Mean rate of the parked unit less what is known of Earth rate, as logged, with its sigma; None where it never rests."""
+    """Mean rate of the parked unit less what is known of Earth rate, as logged, with its sigma;
+    None where it never rests.
+    """
     first = first_zero_rate(run, twin, settings)
     if first is None:
         return None
     seconds, earth = first
     mean, used_s = seconds.means(-np.inf, np.inf)
     rate = mean[3:] / DEG_PER_HOUR - earth.known[0]
-    sigma = np.sqrt(np.diag(earth.covariance) + _white_noise(seconds, twin)[0] ** 2 / (used_s / HOUR))
+    sigma = np.sqrt(
+        np.diag(earth.covariance) + _white_noise(seconds, twin)[0] ** 2 / (used_s / HOUR)
+    )
     return {
-        "start_s": float(seconds.start_s[0]), "end_s": float(seconds.end_s[-1]),
+        "start_s": float(seconds.start_s[0]),
+        "end_s": float(seconds.end_s[-1]),
         "heading_known": bool(earth.heading_deg_h[0] == 0.0),
-        "gyro": {a: {"bias_deg_h": float(b), "sigma_deg_h": float(s)} for a, b, s in zip(AXES, rate, sigma)},
-    }  # fmt: skip
+        "gyro": {
+            a: {"bias_deg_h": float(b), "sigma_deg_h": float(s)}
+            for a, b, s in zip(AXES, rate, sigma)
+        },
+    }
 
 
-def unknown_sigma_deg_h(run: Run, twin: TwinModel, temperature: GyroTemperature | None, least_deg_h: float) -> float:
-    """Sigma of the table of an unknown unit, widened by what its parked rates show: their size, and their change.
+def unknown_sigma_deg_h(
+    run: Run, twin: TwinModel, temperature: GyroTemperature | None, least_deg_h: float
+) -> float:
+    """Sigma of the table of an unknown unit, widened by what its parked rates show: their size, and
+    their change.
 
-    A change over a span dT of temperature is set against what a table of that sigma allows there: sqrt(0.3) sigma
-    sqrt(2 (1 - exp(-dT^2 / 2 l^2))), the smooth share of formats.md section 2.
+    A change over a span dT of temperature is set against what a table of that sigma allows there:
+    sqrt(0.3) sigma sqrt(2 (1 - exp(-dT^2 / 2 l^2))), the smooth share of formats.md section 2.
     """
     imu = compensated_imu(run, None, None, twin)
-    places = [place for stretch in find_rests(run).stretches for place in parked_places(imu, *stretch)]
+    places = [
+        place for stretch in find_rests(run).stretches for place in parked_places(imu, *stretch)
+    ]
     spans = [span for place in places for span in _minutes(place)]
-    rates = np.array([seconds.means(a, b)[0][3:] for seconds, a, b in spans]).reshape(-1, 3) / DEG_PER_HOUR
+    rates = (
+        np.array([seconds.means(a, b)[0][3:] for seconds, a, b in spans]).reshape(-1, 3)
+        / DEG_PER_HOUR
+    )
     rates = rates[np.isfinite(rates).all(axis=1)]
     if not rates.size:
         return least_deg_h
@@ -196,11 +262,22 @@ def unknown_sigma_deg_h(run: Run, twin: TwinModel, temperature: GyroTemperature 
     size = float(np.abs(rates).max()) - earth
     if temperature is None or len(rates) < 2:
         return max(least_deg_h, size)
-    T = np.concatenate([temperature.temperature_degC[temperature.between(p.start_s[0], p.end_s[-1])] for p in places])
+    T = np.concatenate(
+        [
+            temperature.temperature_degC[temperature.between(p.start_s[0], p.end_s[-1])]
+            for p in places
+        ]
+    )
     span = float(np.ptp(T, axis=0).min())
-    noise = float(max(_white_noise(p, twin)[0].max() for p in places)) / np.sqrt(MIN_PARKED_S / HOUR)
+    noise = float(max(_white_noise(p, twin)[0].max() for p in places)) / np.sqrt(
+        MIN_PARKED_S / HOUR
+    )
     of_heading = 2.0 * earth * np.cos(run.header.site.lat_rad) if len(places) > 1 else 0.0
-    change = float(np.ptp(rates, axis=0).max()) - 4.0 * (noise + twin.gyro.bias_instability_deg_h) - of_heading
+    change = (
+        float(np.ptp(rates, axis=0).max())
+        - 4.0 * (noise + twin.gyro.bias_instability_deg_h)
+        - of_heading
+    )
     allowed = np.sqrt(0.3 * 2.0 * -np.expm1(-(max(span, 1.0) ** 2) / (2.0 * 30.0**2)))
     return max(least_deg_h, size, change / allowed)
 
@@ -213,7 +290,9 @@ def _minutes(seconds: ParkedSeconds) -> list[tuple[ParkedSeconds, float, float]]
 
 
 def _white_noise(seconds: ParkedSeconds, twin: TwinModel) -> tuple[NDArray, float]:
-    """Angle random walk (3,) [deg/sqrt(h)], the larger of the twin's and the log's, and the log's over the twin's."""
+    """Angle random walk (3,) [deg/sqrt(h)], the larger of the twin's and the log's, and the log's
+    over the twin's.
+    """
     seen = seconds.walk() / DEG_PER_SQRT_HOUR
     creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG
     declared = float(np.hypot(twin.gyro.arw_deg_sqrt_h, creep))
@@ -231,9 +310,12 @@ def _bin_rates(
     return rate, used
 
 
-def _measured(rate: NDArray, white: NDArray, common: NDArray, stretch: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Rows of the bins that were still, their rates (m,) and the covariance (m, m) of rates less biases; white (N, 3),
-    common (3S, 3S): of the stretches."""
+def _measured(
+    rate: NDArray, white: NDArray, common: NDArray, stretch: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Rows of the bins that were still, their rates (m,) and the covariance (m, m) of rates less
+    biases; white (N, 3), common (3S, 3S): of the stretches.
+    """
     kept = np.isfinite(rate).all(axis=1)
     of = (3 * stretch[kept][:, None] + np.arange(3)).ravel()
     R = common[np.ix_(of, of)] + np.diag(white[kept].ravel())
@@ -250,9 +332,12 @@ def _posterior(bins: SessionBins, rows: NDArray, y: NDArray, R: NDArray) -> tupl
     return gain @ y, 0.5 * (P + P.T)
 
 
-def _shape_nis(bins: SessionBins, rows: NDArray, y: NDArray, R: NDArray) -> tuple[int, float, float]:
-    """Do the bins change along the session as table and noise allow? Degrees of freedom, sum of squares, and the same as
-    if the table had been taken out of the log before."""
+def _shape_nis(
+    bins: SessionBins, rows: NDArray, y: NDArray, R: NDArray
+) -> tuple[int, float, float]:
+    """Do the bins change along the session as table and noise allow? Degrees of freedom, sum of
+    squares, and the same as if the table had been taken out of the log before.
+    """
     S, count = bins.prior[np.ix_(rows, rows)] + R, y.size // 3
     if count < 2:
         return 0, 0.0, 0.0
@@ -264,6 +349,7 @@ def _shape_nis(bins: SessionBins, rows: NDArray, y: NDArray, R: NDArray) -> tupl
 def _reason(sigma_deg_h: float, site: Site) -> str:
     level = EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR
     return (
-        f"gyro uncertainty {sigma_deg_h:.3g} deg/h against {level:.3g} deg/h of level Earth rate: no heading at rest, and no "
-        "gyro bias by gyrocompass; zero-rate biases against temperature are taken instead"
+        f"gyro uncertainty {sigma_deg_h:.3g} deg/h against {level:.3g} deg/h of level Earth rate:"
+        " no heading at rest, and no gyro bias by gyrocompass; zero-rate biases against"
+        " temperature are taken instead"
     )

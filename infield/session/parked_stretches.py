@@ -1,7 +1,8 @@
-"""Where a unit without a heading stands, all along a log: every rest of a minute and more, and what is left out and why.
+"""Where a unit without a heading stands, all along a log: every rest of a minute and more, and what
+is left out and why.
 
-A quiet second is judged on the sensors (`alignment.motion.parked_seconds`); where satellite velocity is logged it must agree,
-for a steady roll, a slow circle and a smooth hover are quiet too.
+A quiet second is judged on the sensors (`alignment.motion.parked_seconds`); where satellite
+velocity is logged it must agree, for a steady roll, a slow circle and a smooth hover are quiet too.
 """
 
 from dataclasses import dataclass
@@ -23,9 +24,11 @@ AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 
 @dataclass(frozen=True)
 class Rests:
-    """stretches: start and end [s] in order; left_out: other rests and why; why: empty, or why there is none.
+    """stretches: start and end [s] in order; left_out: other rests and why; why: empty, or why
+    there is none.
 
-    from_first: the first stretch is the first rest of a minute in the log, which a surveyed heading is of.
+    from_first: the first stretch is the first rest of a minute in the log, which a surveyed heading
+    is of.
     """
 
     stretches: tuple[Where, ...]
@@ -41,17 +44,26 @@ def find_rests(run: Run) -> Rests:
     long = [s for s in found if s[1] - s[0] >= MIN_PARKED_S]
     said = {s: _moves(run, *s) for s in long}
     kept = tuple(s for s in long if not said[s])
-    short = [Span(start_s=a, end_s=b, reason=f"a rest of {b - a:.0f} s, needed {MIN_PARKED_S:.0f} s")
-             for a, b in found if SHORT_S <= b - a < MIN_PARKED_S]  # fmt: skip
+    short = [
+        Span(start_s=a, end_s=b, reason=f"a rest of {b - a:.0f} s, needed {MIN_PARKED_S:.0f} s")
+        for a, b in found
+        if SHORT_S <= b - a < MIN_PARKED_S
+    ]
     moving = [Span(start_s=s[0], end_s=s[1], reason=reason) for s, reason in said.items() if reason]
     named = any(p.phase in PARKED_PHASES for p in run.phases)
-    lost = [_never_quiet(*window) for window, stretches in quiet if named and not stretches and found]
+    lost = [
+        _never_quiet(*window) for window, stretches in quiet if named and not stretches and found
+    ]
     left_out = tuple(sorted([*short, *moving, *lost], key=lambda span: span.start_s))
-    return Rests(kept, left_out, "" if kept else _why_none(found, moving), bool(kept) and kept[0] == long[0])
+    return Rests(
+        kept, left_out, "" if kept else _why_none(found, moving), bool(kept) and kept[0] == long[0]
+    )
 
 
 def parked_windows(run: Run) -> tuple[Where, ...]:
-    """Where rests may lie: the phases named as parked, those that meet taken as one; else all that is not named airborne."""
+    """Where rests may lie: the phases named as parked, those that meet taken as one; else all that
+    is not named airborne.
+    """
     imu = run.imu
     named = [(p.start_s, p.end_s) for p in run.phases if p.phase in PARKED_PHASES]
     if not named:
@@ -59,15 +71,23 @@ def parked_windows(run: Run) -> tuple[Where, ...]:
         between = [(a[1], b[0]) for a, b in pairwise([*airborne, (imu.end_s, imu.end_s)])]
         return tuple((a, b) for a, b in [(imu.start_s, session_end(run)), *between] if b > a)
     return tuple(
-        (max(a, imu.start_s), min(b, imu.end_s)) for a, b in joined(*named, gap_s=1.0) if b > imu.start_s and a < imu.end_s
+        (max(a, imu.start_s), min(b, imu.end_s))
+        for a, b in joined(*named, gap_s=1.0)
+        if b > imu.start_s and a < imu.end_s
     )
 
 
 def _moves(run: Run, start_s: float, end_s: float) -> str:
-    """Why satellite velocity says that this is no rest; empty where it stands, or where none is logged."""
+    """Why satellite velocity says that this is no rest; empty where it stands, or where none is
+    logged.
+    """
     if run.gnss is None:
         return ""
-    inside = (run.gnss.time_s >= start_s) & (run.gnss.time_s <= end_s) & np.isfinite(run.gnss.v_n_m_s).all(axis=1)
+    inside = (
+        (run.gnss.time_s >= start_s)
+        & (run.gnss.time_s <= end_s)
+        & np.isfinite(run.gnss.v_n_m_s).all(axis=1)
+    )
     v, declared = run.gnss.v_n_m_s[inside], run.gnss.sigma_velocity_m_s
     if len(v) < 2:
         return ""
@@ -81,13 +101,17 @@ def _moves(run: Run, start_s: float, end_s: float) -> str:
     mean, allowed = mean_speed(v, end_s - start_s)
     if mean <= allowed:
         return ""
-    return f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {allowed:.2f} at most"
+    return (
+        f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {allowed:.2f} at most"
+    )
 
 
 def _never_quiet(start_s: float, end_s: float) -> Span:
     """A phase named as parked of which nothing can be used."""
     said = "too short" if end_s - start_s < MIN_PARKED_S else "but the sensors do not rest"
-    reason = f"named as parked, {said}: {end_s - start_s:.0f} s, needed {MIN_PARKED_S:.0f} s of rest"
+    reason = (
+        f"named as parked, {said}: {end_s - start_s:.0f} s, needed {MIN_PARKED_S:.0f} s of rest"
+    )
     return Span(start_s=start_s, end_s=end_s, reason=reason)
 
 
@@ -95,5 +119,12 @@ def _why_none(found: list[Where], moving: list[Span]) -> str:
     if moving:
         return f"no rest: {moving[0].start_s:.0f} to {moving[0].end_s:.0f} s: {moving[0].reason}"
     longest = max(found, key=lambda s: s[1] - s[0], default=None)
-    told = "none" if longest is None else f"{longest[1] - longest[0]:.0f} s, from {longest[0]:.0f} to {longest[1]:.0f} s"
-    return f"longest rest found: {told}; needed {MIN_PARKED_S:.0f} s, and 10 min or more of warm-up to show a slope"
+    told = (
+        "none"
+        if longest is None
+        else f"{longest[1] - longest[0]:.0f} s, from {longest[0]:.0f} to {longest[1]:.0f} s"
+    )
+    return (
+        f"longest rest found: {told}; needed {MIN_PARKED_S:.0f} s, and 10 min or more of warm-up to"
+        " show a slope"
+    )

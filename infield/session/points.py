@@ -12,14 +12,18 @@ from infield.session.navigated import SessionBins, SessionEstimate
 from infield.table.merge import SessionPoints
 from ins.records import AXES, Run
 
-VAGUE = 100.0  # prior of the points: this many times the table's sigma, so that they are the session's own
+# prior of the points: this many times the table's sigma, so that they are the session's own
+VAGUE = 100.0
 OBSERVED, WEAK = 0.5, 0.9  # sigma_after / sigma_before, formats.md section 5
-UNSEEN_SIGMA = WEAK  # of a heading sigma to its prior: above it the session did not show the heading
+# of a heading sigma to its prior: above it the session did not show the heading
+UNSEEN_SIGMA = WEAK
 
 
 @dataclass(frozen=True)
 class AxisObservability:
-    """Sigma of the session's mean bias on one axis before and after [deg/h], and the verdict on it."""
+    """Sigma of the session's mean bias on one axis before and after [deg/h], and the verdict on
+    it.
+    """
 
     axis: str
     sigma_before_deg_h: float
@@ -28,8 +32,11 @@ class AxisObservability:
     advice: str
 
 
-def measurement_information(bins: SessionBins, estimate: SessionEstimate) -> tuple[NDArray, NDArray]:
-    """Information matrix (m, m) and vector (m,) of the session alone about its biases beyond the table.
+def measurement_information(
+    bins: SessionBins, estimate: SessionEstimate
+) -> tuple[NDArray, NDArray]:
+    """Information matrix (m, m) and vector (m,) of the session alone about its biases beyond the
+    table.
 
     P1^-1 - C^-1, worked where C = I so that nearly equal bins do not cost digits: with C = L L' and
     L^-1 P1 L^-T = U diag(e) U', it is L^-T U diag(1/e - 1) U' L^-1.
@@ -45,10 +52,11 @@ def measurement_information(bins: SessionBins, estimate: SessionEstimate) -> tup
 
 
 def session_points(run: Run, estimate: SessionEstimate) -> SessionPoints:
-    """Total bias of each gyro over each bin, the stored table not used but as the point of linearisation.
+    """Total bias of each gyro over each bin, the stored table not used but as the point of
+    linearisation.
 
-    A direction that the session does not show (an east gyro before a turn) keeps a sigma of about 100 times the
-    table's: such a point says nothing of its own, and its sigma says so.
+    A direction that the session does not show (an east gyro before a turn) keeps a sigma of about
+    100 times the table's: such a point says nothing of its own, and its sigma says so.
     """
     bins = estimate.bins
     information, vector = measurement_information(bins, estimate)
@@ -57,7 +65,8 @@ def session_points(run: Run, estimate: SessionEstimate) -> SessionPoints:
     shared = np.outer(sigma, sigma) * (np.arange(m)[:, None] % 3 == np.arange(m)[None, :] % 3)
     vague = shared + np.diag(sigma**2)
     alone = np.linalg.inv(information + np.linalg.inv(vague))
-    covariance = alone + bins.thermometer  # a point stands at its temperature, which is itself measured
+    # a point stands at its temperature, which is itself measured
+    covariance = alone + bins.thermometer
     return SessionPoints(
         axis_index=np.tile(np.arange(3), count),
         time_s=np.repeat(bins.centre_s, 3),
@@ -86,10 +95,14 @@ def mean_rows(estimate: SessionEstimate) -> NDArray:
 
 
 def observability(
-    estimate: SessionEstimate, *, hold_heading: bool, unusable: Mapping[str, str] = MappingProxyType({})
+    estimate: SessionEstimate,
+    *,
+    hold_heading: bool,
+    unusable: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[AxisObservability, ...]:
-    """Verdict per axis from the variance that the session removed from its mean bias; unusable: axis -> what is wrong
-    with its thermometer."""
+    """Verdict per axis from the variance that the session removed from its mean bias; unusable:
+    axis -> what is wrong with its thermometer.
+    """
     A = mean_rows(estimate)
     before = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.bins.prior, A))
     after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
@@ -97,15 +110,26 @@ def observability(
     for axis, b, a in zip(AXES, before, after):
         ratio = a / b
         verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
-        advice = _advice(axis, verdict, hold_heading) if estimate.parked is None else _parked_advice(verdict)
+        advice = (
+            _advice(axis, verdict, hold_heading)
+            if estimate.parked is None
+            else _parked_advice(verdict)
+        )
         if axis in unusable:
-            verdict, advice = "not_observable", f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature"
+            verdict, advice = (
+                "not_observable",
+                f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature",
+            )
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
 
 
 def _parked_advice(verdict: str) -> str:
-    return "" if verdict == "observed" else "park longer, from a cold start: noise still hides the bias, or the table knows it"
+    return (
+        ""
+        if verdict == "observed"
+        else "park longer, from a cold start: noise still hides the bias, or the table knows it"
+    )
 
 
 def _advice(axis: str, verdict: str, hold_heading: bool) -> str:

@@ -1,9 +1,10 @@
 """What a rolling vehicle shows of heading and gyro bias: aids for the navigation-mode filter.
 
-Without an outside reference the body-lateral velocity of a straight taxi does not show a heading error: the filter's
-velocity error w is taken against the true velocity in the computed frame, and the lateral row has no heading in it
-(physics.md 6.5). Heading becomes visible after a turn, at a stop on another heading, or against GNSS, a surveyed
-heading or a centre line. Cross-track position enters as the displacement over each step (US 5,574,650).
+Without an outside reference the body-lateral velocity of a straight taxi does not show a heading
+error: the filter's velocity error w is taken against the true velocity in the computed frame, and
+the lateral row has no heading in it (physics.md 6.5). Heading becomes visible after a turn, at a
+stop on another heading, or against GNSS, a surveyed heading or a centre line. Cross-track position
+enters as the displacement over each step (US 5,574,650).
 """
 
 from dataclasses import dataclass
@@ -22,15 +23,18 @@ from ins.records import GnssLog, OdometerLog
 from ins.units import DEG
 
 LATERAL_FLOOR_M = 5e-4  # displacement noise of a step beyond crab, lever arm and lateral motion
-CENTRE_LINE_WANDER_M = 0.01  # per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
-TURN_CHANGE = 0.6  # how far the turn rate at a fix may be from the step's mean, as a share of it (entering a turn)
+# per square root of a second about the painted line, beyond side motion: 0.2 m in 5 min
+CENTRE_LINE_WANDER_M = 0.01
+# how far the turn rate at a fix may be from the step's mean, as a share of it (entering a turn)
+TURN_CHANGE = 0.6
 CENTRE_LINE_NEAR_RAD = 5 * DEG
 CENTRE_LINE_TURN_RAD_S = 0.01
 
 
 @dataclass
 class LateralAid:
-    """No side slip at the wheels: the lateral displacement is crab, lever arm and a bounded transient.
+    """No side slip at the wheels: the lateral displacement is crab, lever arm and a bounded
+    transient.
 
     wheel_reference_m: from the IMU to the no-slip point, body axes.
     """
@@ -43,7 +47,9 @@ class LateralAid:
         forward, side = views.displacement_b_m[at, 0], views.displacement_b_m[at, 1]
         turn = views.heading_change_rad[at]
         row: Row = {em.S.start + 1: 1.0, em.KAPPA: forward, em.LEVER_X: turn}
-        program.measure("lateral", at, [side - lever_x * turn], [row], [_way_variance(views)], gate=GATE_SIGMA)
+        program.measure(
+            "lateral", at, [side - lever_x * turn], [row], [_way_variance(views)], gate=GATE_SIGMA
+        )
 
 
 @dataclass
@@ -56,7 +62,9 @@ class OdometerAid:
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
         t = self.log.time_s
-        samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(t, views.start_s, side="right")
+        samples = np.searchsorted(t, views.end_s, side="left") - np.searchsorted(
+            t, views.start_s, side="right"
+        )
         logged = (views.start_s >= t[0]) & (views.end_s <= t[-1]) & (samples > 0)
         at = np.flatnonzero((views.kind == ROLLING) & logged)
         way = self._way(views.end_s[at]) - self._way(views.start_s[at])
@@ -64,10 +72,14 @@ class OdometerAid:
         z = views.displacement_b_m[at, 0] - way + views.heading_change_rad[at] * lever_y
         wheels = self.noise_m_s * views.dt_s[at] / np.sqrt(samples[at])
         row: Row = {em.S.start: 1.0, em.ODOMETER: -way}
-        program.measure("odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA)
+        program.measure(
+            "odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA
+        )
 
     def _way(self, time_s: NDArray) -> NDArray:
-        """Integral of the speed, straight between samples, from the first sample to given times [m]."""
+        """Integral of the speed, straight between samples, from the first sample to given times
+        [m].
+        """
         t, v = self.log.time_s, self.log.speed_m_s
         whole = np.concatenate([[0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))])
         k = np.clip(np.searchsorted(t, time_s, side="right") - 1, 0, len(t) - 2)
@@ -97,21 +109,27 @@ class GnssAid:
         dt = views.dt_s[at][:, None]
         arm_n = views.C_nb[at] @ np.asarray(self.lever_arm_m, dtype=float)
         spin = views.heading_change_rad[at] / dt[:, 0]
-        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])  # spin about down x arm, level
+        # spin about down x arm, level
+        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])
         acceleration = (views.v_n[at] - views.v_start_n[at]) / dt
         v_n = views.v_n[at] - ago * acceleration
         z_v = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
         way = displacement_ned(
-            self.log.lat_rad[k], self.log.lon_rad[k],
-            lat0_rad=views.lat_rad[at], lon0_rad=views.lon_rad[at], height0_m=views.height_m[at],
-        )  # fmt: skip
+            self.log.lat_rad[k],
+            self.log.lon_rad[k],
+            lat0_rad=views.lat_rad[at],
+            lon0_rad=views.lon_rad[at],
+            height0_m=views.height_m[at],
+        )
         z_p = arm_n[:, :2] - ago * (v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
         variance = self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
         rows: list[Row] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
         program.measure("gnss", at, z_p.T, rows, [variance, variance], gate=GATE_SIGMA)
         sigma_v = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
         variance = sigma_v**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
-        program.measure("gnss", at, z_v.T, _velocity_rows(views, at, v_n), [variance, variance], gate=GATE_SIGMA)
+        program.measure(
+            "gnss", at, z_v.T, _velocity_rows(views, at, v_n), [variance, variance], gate=GATE_SIGMA
+        )
 
     @staticmethod
     def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
@@ -129,14 +147,20 @@ class SurveyedHeadingAid:
     at_s: float
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
-        at = np.flatnonzero((views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s))
+        at = np.flatnonzero(
+            (views.kind != ROLLING) & (views.start_s < self.at_s) & (self.at_s <= views.end_s)
+        )
         z = wrap_pi(views.heading_rad[at] - self.heading_rad)
-        program.measure("survey", at, [z], [heading_error_row(views, at)], [self.sigma_rad**2], gate=GATE_SIGMA)
+        program.measure(
+            "survey", at, [z], [heading_error_row(views, at)], [self.sigma_rad**2], gate=GATE_SIGMA
+        )
 
 
 @dataclass
 class CentreLineAid:
-    """A surveyed centre line that the taxi follows: cross-track displacement against its azimuth."""
+    """A surveyed centre line that the taxi follows: cross-track displacement against its
+    azimuth.
+    """
 
     azimuth_rad: float
 
@@ -150,42 +174,65 @@ class CentreLineAid:
         cross = np.column_stack([-along[:, 1], along[:, 0]])
         way_n = views.displacement_n_m[at, :2]
         D = np.einsum("ki,ki->k", along, way_n)
-        body = np.einsum("ki,kij->kj", cross, views.C_mean[at, :2, :2])  # the step's displacement error is in body axes
-        row: Row = {**heading_error_row(views, at, D), em.S.start: body[:, 0], em.S.start + 1: body[:, 1],
-                    em.CENTRE_LINE: -D}  # fmt: skip
+        # the step's displacement error is in body axes
+        body = np.einsum("ki,kij->kj", cross, views.C_mean[at, :2, :2])
+        row: Row = {
+            **heading_error_row(views, at, D),
+            em.S.start: body[:, 0],
+            em.S.start + 1: body[:, 1],
+            em.CENTRE_LINE: -D,
+        }
         wander = CENTRE_LINE_WANDER_M**2 * views.dt_s[at]
         z = np.einsum("ki,ki->k", cross, way_n)
         program.measure("centre line", at, [z], [row], [wander], gate=GATE_SIGMA)
 
 
 def _way_variance(views: StepViews) -> float:
-    """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both ends [m^2]."""
+    """Variance of a step's way by sway, which the wheels do not see: the vehicle's jitter at both
+    ends [m^2].
+    """
     return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
 
 
 def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[Row]:
     """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
 
-    A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit would claim to see
-    its heading (at 75 deg the east gyro's sigma came out 10 % below the Cramer-Rao bound).
+    A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit
+    would claim to see its heading (at 75 deg the east gyro's sigma came out 10 % below the
+    Cramer-Rao bound).
     """
     v_n = np.where((views.kind[at] == ROLLING)[:, None], v_n, 0.0)
     meridian, transverse = radii_of_curvature(views.lat_rad[at])
     radius = 0.5 * (meridian + transverse) + views.height_m[at]
     tan_L = np.tan(views.lat_rad[at])
     north, east, down = em.THETA.start, em.THETA.start + 1, em.THETA.start + 2
-    p_north, p_east = em.POS.start, em.POS.start + 1  # phi_N = -p_E / R, phi_E = p_N / R, phi_D = p_E tanL / R
+    # phi_N = -p_E / R, phi_E = p_N / R, phi_D = p_E tanL / R
+    p_north, p_east = em.POS.start, em.POS.start + 1
     v_N, v_E, v_D = v_n.T
     return [
-        {em.W.start: 1.0, east: v_D, down: -v_E, p_north: v_D / radius, p_east: -v_E * tan_L / radius},
+        {
+            em.W.start: 1.0,
+            east: v_D,
+            down: -v_E,
+            p_north: v_D / radius,
+            p_east: -v_E * tan_L / radius,
+        },
         {em.W.start + 1: 1.0, north: -v_D, down: v_N, p_east: (v_D + v_N * tan_L) / radius},
     ]
 
 
 def heading_source(gains: dict[str, float]) -> str | None:
-    """Which evidence found the heading error: formats.md words, `combined` where no one kind gave 80 %."""
-    words = {"lateral": "turns", "stop": "stops", "odometer": "odometer", "gnss": "gnss", "survey": "survey",
-             "centre line": "survey"}  # fmt: skip
+    """Which evidence found the heading error: formats.md words, `combined` where no one kind gave
+    80 %.
+    """
+    words = {
+        "lateral": "turns",
+        "stop": "stops",
+        "odometer": "odometer",
+        "gnss": "gnss",
+        "survey": "survey",
+        "centre line": "survey",
+    }
     total: dict[str, float] = {}
     for kind, gain in gains.items():
         if kind in words and gain > 0:

@@ -1,1 +1,3 @@
-"""The table store: append-only revisions, proposals, contradictions, verification, on SQLite or PostgreSQL."""
+"""The table store: append-only revisions, proposals, contradictions, verification, on SQLite or
+PostgreSQL.
+"""

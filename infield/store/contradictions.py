@@ -1,4 +1,5 @@
-"""Sessions that contradicted a unit's table, kept in its store: rows in and out, each with its hash.
+"""Sessions that contradicted a unit's table, kept in its store: rows in and out, each with its
+hash.
 
 Every function works inside the caller's transaction.
 """
@@ -19,21 +20,35 @@ ARRAYS = ("temperature_degC", "bias_deg_h", "bend_deg_h", "covariance")
 TEXTS = ("run_id", "run_sha256", "start_utc")
 
 
-def append_contradictions(c: Connection, row: Any, table_sha256: str, evidence: Sequence[SessionEvidence]) -> int:
+def append_contradictions(
+    c: Connection, row: Any, table_sha256: str, evidence: Sequence[SessionEvidence]
+) -> int:
     """Write down what is not there yet; how many rows that were."""
-    known = set(c.execute(select(contradiction.c.run_sha256).where(contradiction.c.unit_id == row.id)).scalars())
+    known = set(
+        c.execute(
+            select(contradiction.c.run_sha256).where(contradiction.c.unit_id == row.id)
+        ).scalars()
+    )
     new = {e.run_sha256: e for e in evidence if e.run_sha256 not in known}
     for e in new.values():
         values = {
-            "run_sha256": e.run_sha256, "recorded_utc": utc_now(),
-            "table_sha256": table_sha256, "evidence_json": _to_json(e),
-        }  # fmt: skip
-        c.execute(insert(contradiction).values(unit_id=row.id, **values, record_sha256=contradiction_sha256(row, values)))
+            "run_sha256": e.run_sha256,
+            "recorded_utc": utc_now(),
+            "table_sha256": table_sha256,
+            "evidence_json": _to_json(e),
+        }
+        c.execute(
+            insert(contradiction).values(
+                unit_id=row.id, **values, record_sha256=contradiction_sha256(row, values)
+            )
+        )
     return len(new)
 
 
 def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
-    """All of a unit but those of runs that its table holds by now; none from a store older than the table of them."""
+    """All of a unit but those of runs that its table holds by now; none from a store older than the
+    table of them.
+    """
     if not inspect(c).has_table(contradiction.name):
         return ()
     held, found = runs_held(c, row), []
@@ -50,7 +65,9 @@ def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
 
 def _to_json(evidence: SessionEvidence) -> str:
     values = {name: getattr(evidence, name) for name in TEXTS}
-    return json.dumps({**values, **{name: getattr(evidence, name).tolist() for name in ARRAYS}}, sort_keys=True)
+    return json.dumps(
+        {**values, **{name: getattr(evidence, name).tolist() for name in ARRAYS}}, sort_keys=True
+    )
 
 
 def contradiction_sha256(row: Any, values: dict[str, Any]) -> str:

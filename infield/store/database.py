@@ -1,8 +1,9 @@
 """The database under the table store: engine, transactions that wait and retry, schema migration.
 
-SQLite keeps its rollback journal (not WAL): one file, so a copy of it is a whole store, and it reads from read-only
-media. synchronous=EXTRA makes a commit survive loss of power; writers take the lock first (BEGIN IMMEDIATE). On
-PostgreSQL a reader sees one snapshot (REPEATABLE READ, READ ONLY). No message holds a password.
+SQLite keeps its rollback journal (not WAL): one file, so a copy of it is a whole store, and it
+reads from read-only media. synchronous=EXTRA makes a commit survive loss of power; writers take the
+lock first (BEGIN IMMEDIATE). On PostgreSQL a reader sees one snapshot (REPEATABLE READ, READ ONLY).
+No message holds a password.
 """
 
 import os
@@ -43,11 +44,14 @@ class StoreConflict(RuntimeError):
 
 
 class Database:
-    """One store by its URL; nothing is created unless `create`. any_clock: a clock behind the newest row may write."""
+    """One store by its URL; nothing is created unless `create`. any_clock: a clock behind the
+    newest row may write.
+    """
 
     def __init__(self, url: str, *, create: bool, any_clock: bool = False) -> None:
         self._engine, self.name = _engine(url, create=create)
-        weakref.finalize(self, self._engine.dispose)  # no connection outlives its store, also where nobody closes it
+        # no connection outlives its store, also where nobody closes it
+        weakref.finalize(self, self._engine.dispose)
         self._writer = self._engine.execution_options(writes=True, any_clock=any_clock)
         if create:
             self.write(_migrate)
@@ -57,7 +61,9 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A transaction that only reads; every fault of the database is an InputError of one line."""
+        """A transaction that only reads; every fault of the database is an InputError of one
+        line.
+        """
         try:
             with self._engine.begin() as connection:
                 yield connection
@@ -65,7 +71,9 @@ class Database:
             raise InputError(f"store {self.name}: {self._line(error)}") from None
 
     def write(self, work: Callable[[Connection], T]) -> T:
-        """`work` in one transaction, repeated where another writer was faster; StoreConflict if it stays so."""
+        """`work` in one transaction, repeated where another writer was faster; StoreConflict if it
+        stays so.
+        """
         until, broken = time.monotonic() + PATIENCE_S, ""
         for attempt in range(ATTEMPTS):
             try:
@@ -73,7 +81,11 @@ class Database:
                     return work(connection)
             except exc.DBAPIError as error:
                 if not _worth_a_retry(error):
-                    told = "connection lost, look whether it was written" if error.connection_invalidated else "not written"
+                    told = (
+                        "connection lost, look whether it was written"
+                        if error.connection_invalidated
+                        else "not written"
+                    )
                     raise InputError(f"store {self.name}: {told}: {self._line(error)}") from None
                 broken = self._line(error) if isinstance(error, exc.IntegrityError) else ""
                 if time.monotonic() > until:
@@ -82,7 +94,9 @@ class Database:
         if broken:
             told = f"nothing written: {broken}: rows contradict each other; see recal table verify"
             raise InputError(f"store {self.name}: {told}")
-        raise StoreConflict(f"store {self.name}: busy with other writers, nothing written; try again")
+        raise StoreConflict(
+            f"store {self.name}: busy with other writers, nothing written; try again"
+        )
 
     def close(self) -> None:
         self._engine.dispose()
@@ -103,7 +117,9 @@ def store_exists(url: str) -> bool:
 
 
 def require_folder(url: str) -> None:
-    """InputError where an SQLite store's folder is missing: a mistyped store must not pass for a new one."""
+    """InputError where an SQLite store's folder is missing: a mistyped store must not pass for a
+    new one.
+    """
     parsed = parsed_url(url)
     folder = Path(os.path.abspath(str(parsed.database))).parent
     if parsed.get_backend_name() == "sqlite" and not folder.is_dir():
@@ -117,26 +133,44 @@ def store_name(url: str | URL) -> str:
 
 
 def _secrets(url: URL) -> list[str]:
-    given = [url.password, *(value for key, value in url.query.items() if QUERY_SECRET.match(f"{key}="))]
+    given = [
+        url.password,
+        *(value for key, value in url.query.items() if QUERY_SECRET.match(f"{key}=")),
+    ]
     return [str(secret) for secret in given if secret]
 
 
 def parsed_url(url: str) -> URL:
-    """InputError where the URL cannot be read, or names a database that is gone with the process."""
+    """InputError where the URL cannot be read, or names a database that is gone with the
+    process.
+    """
     try:
         parsed = make_url(url)
     except (exc.ArgumentError, ValueError):
         before, at, after = url.rpartition("@")
         scheme, colon, _ = before.partition("://")
-        shown = QUERY_SECRET.sub(r"\1***", f"{scheme if colon else ''}{colon}***@{after}" if at else url)
-        raise InputError(f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db") from None
+        shown = QUERY_SECRET.sub(
+            r"\1***", f"{scheme if colon else ''}{colon}***@{after}" if at else url
+        )
+        raise InputError(
+            f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db"
+        ) from None
     if "@" in (parsed.host or ""):
-        raise InputError(f"store {parsed.drivername}://***: an @ in user or password must be written %40")
+        raise InputError(
+            f"store {parsed.drivername}://***: an @ in user or password must be written %40"
+        )
     if parsed.get_backend_name() == "sqlite" and (parsed.host or parsed.username):
-        raise InputError("store sqlite://***: a file has no host and no user; needed one like sqlite:///recal.db")
+        raise InputError(
+            "store sqlite://***: a file has no host and no user; needed one like sqlite:///recal.db"
+        )
     if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
-        raise InputError(f"store {url}: a database in memory keeps nothing; needed a file, like sqlite:///recal.db")
-    return parsed.set(drivername="postgresql+psycopg") if parsed.drivername == "postgresql" else parsed
+        raise InputError(
+            f"store {url}: a database in memory keeps nothing; needed a file, like"
+            " sqlite:///recal.db"
+        )
+    return (
+        parsed.set(drivername="postgresql+psycopg") if parsed.drivername == "postgresql" else parsed
+    )
 
 
 def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
@@ -149,15 +183,19 @@ def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
         if not path.exists() and not create:
             raise InputError(f"no store at {name}")
         options["creator"] = lambda: sqlite3.connect(
-            f"file:{quote(str(path))}?mode={'rwc' if create else 'rw'}", uri=True, timeout=LOCK_WAIT_S,
+            f"file:{quote(str(path))}?mode={'rwc' if create else 'rw'}",
+            uri=True,
+            timeout=LOCK_WAIT_S,
             check_same_thread=False,
-        )  # fmt: skip
+        )
     elif parsed.drivername == "postgresql+psycopg" and "connect_timeout" not in parsed.query:
         options["connect_args"] = {"connect_timeout": CONNECT_WAIT_S}
     try:
         engine = create_engine(parsed, **options)
     except (exc.NoSuchModuleError, ModuleNotFoundError) as error:
-        raise InputError(f"store {name}: {error}; for PostgreSQL install strapdown-recal[postgres]") from None
+        raise InputError(
+            f"store {name}: {error}; for PostgreSQL install strapdown-recal[postgres]"
+        ) from None
     if sqlite:
         event.listen(engine, "connect", _set_pragmas)
     event.listen(engine, "begin", _begin)
@@ -165,13 +203,17 @@ def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
 
 
 def _set_pragmas(connection: Any, record: Any) -> None:
-    connection.isolation_level = None  # transactions begin where `_begin` says, not where sqlite3 guesses
+    # transactions begin where `_begin` says, not where sqlite3 guesses
+    connection.isolation_level = None
     connection.execute("PRAGMA foreign_keys=ON").close()
-    connection.execute("PRAGMA synchronous=EXTRA").close()  # the wait for a lock is the connection's timeout
+    # the wait for a lock is the connection's timeout
+    connection.execute("PRAGMA synchronous=EXTRA").close()
 
 
 def _begin(connection: Connection) -> None:
-    """A writer takes SQLite's lock first; on PostgreSQL it does not wait for ever, and a reader sees one snapshot."""
+    """A writer takes SQLite's lock first; on PostgreSQL it does not wait for ever, and a reader
+    sees one snapshot.
+    """
     writes = connection.get_execution_options().get("writes")
     if connection.dialect.name == "postgresql" and writes:
         milliseconds = {"wait": str(int(1000 * LOCK_WAIT_S))}
@@ -197,12 +239,17 @@ def _require_schema(connection: Connection, name: str) -> None:
         raise InputError(f"no store at {name}: the database holds no recal tables")
     if found not in READABLE:
         _refuse_newer(found, f"store {name}")
-        raise InputError(f"store {name}: schema {found}, needed {SCHEMA_REVISION} (importing a table upgrades it)")
+        raise InputError(
+            f"store {name}: schema {found}, needed {SCHEMA_REVISION} (importing a table"
+            " upgrades it)"
+        )
 
 
 def _refuse_newer(found: str | None, name: str) -> None:
     if found is not None and found > SCHEMA_REVISION:
-        raise InputError(f"{name}: schema {found}, needed {SCHEMA_REVISION}: a newer recal made it, use that one")
+        raise InputError(
+            f"{name}: schema {found}, needed {SCHEMA_REVISION}: a newer recal made it, use that one"
+        )
 
 
 def _migrate(connection: Connection) -> None:
@@ -220,7 +267,9 @@ def _migrate(connection: Connection) -> None:
         with _ONE_MIGRATION:
             command.upgrade(alembic_config(connection), "head")
     except CommandError as error:
-        raise InputError(f"store: cannot be upgraded to schema {SCHEMA_REVISION}: {error}") from None
+        raise InputError(
+            f"store: cannot be upgraded to schema {SCHEMA_REVISION}: {error}"
+        ) from None
 
 
 def alembic_config(connection: Connection) -> Any:
@@ -228,12 +277,17 @@ def alembic_config(connection: Connection) -> Any:
     from alembic.config import Config
 
     config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent / "migrations").replace("%", "%%"))
+    config.set_main_option(
+        "script_location", str(Path(__file__).parent / "migrations").replace("%", "%%")
+    )
     config.attributes["connection"] = connection
     return config
 
 
 def _worth_a_retry(error: exc.DBAPIError) -> bool:
-    if isinstance(error, exc.IntegrityError) or getattr(error.orig, "sqlstate", None) in RETRY_SQLSTATES:
+    if (
+        isinstance(error, exc.IntegrityError)
+        or getattr(error.orig, "sqlstate", None) in RETRY_SQLSTATES
+    ):
         return True
     return getattr(error.orig, "sqlite_errorname", "").startswith(("SQLITE_BUSY", "SQLITE_LOCKED"))

@@ -1,4 +1,6 @@
-"""Proposals and decisions as records: read with every hash checked. Every function works inside the caller's transaction."""
+"""Proposals and decisions as records: read with every hash checked. Every function works inside the
+caller's transaction.
+"""
 
 import json
 from collections.abc import Mapping
@@ -39,7 +41,9 @@ class Decision:
 
 @dataclass(frozen=True, kw_only=True)
 class Proposal:
-    """An update that was put forward, without its texts. `current`: the table that it was made from is the active one."""
+    """An update that was put forward, without its texts. `current`: the table that it was made from
+    is the active one.
+    """
 
     unit: UnitKey
     number: int
@@ -100,7 +104,12 @@ def proposals_of_all(c: Connection) -> list[Proposal]:
     """All proposals by unit; none from a store older than the table of them."""
     if not inspect(c).has_table(proposal.name):
         return []
-    return _read(c, c.execute(select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all())
+    return _read(
+        c,
+        c.execute(
+            select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
+        ).all(),
+    )
 
 
 def read_full(c: Connection, row: Any, number: int) -> FullProposal:
@@ -110,8 +119,12 @@ def read_full(c: Connection, row: Any, number: int) -> FullProposal:
         raise InputError(f"{key_of(row)}: no proposal {number}, needed 1 to {len(found)}")
     light = found[number - 1]
     query = select(proposal.c.table_json, proposal.c.report_json, proposal.c.first_table_json)
-    texts = c.execute(query.where(and_(proposal.c.unit_id == row.id, proposal.c.number == number))).one()
-    first_intact = texts.first_table_json is None or text_sha256(texts.first_table_json) == light.parent_sha256
+    texts = c.execute(
+        query.where(and_(proposal.c.unit_id == row.id, proposal.c.number == number))
+    ).one()
+    first_intact = (
+        texts.first_table_json is None or text_sha256(texts.first_table_json) == light.parent_sha256
+    )
     if (text_sha256(texts.table_json), text_sha256(texts.report_json)) != (
         light.sha256,
         light.report_sha256,
@@ -119,48 +132,73 @@ def read_full(c: Connection, row: Any, number: int) -> FullProposal:
         raise _changed(c, light.unit, f"proposal {number}")
     decided = sorted((p.decision for p in found if p.decision), key=lambda d: d.number)
     return FullProposal(
-        **vars(light), **texts._mapping, decisions_before=len(decided),
+        **vars(light),
+        **texts._mapping,
+        decisions_before=len(decided),
         last_decision_sha256=decided[-1].record_sha256 if decided else "",
-    )  # fmt: skip
+    )
 
 
 def record_of_proposal(key: UnitKey, values: Mapping[str, Any], before: str) -> str:
-    """The hash of a proposal's row without its texts (their hashes are in it), and of the record before it."""
+    """The hash of a proposal's row without its texts (their hashes are in it), and of the record
+    before it.
+    """
     content = {c.name: values[c.name] for c in LIGHT if c.name not in ("unit_id", "record_sha256")}
     return row_sha256([before, vars(key), content])
 
 
-def record_of_decision(key: UnitKey, values: Mapping[str, Any], of_proposal: str, before: str) -> str:
+def record_of_decision(
+    key: UnitKey, values: Mapping[str, Any], of_proposal: str, before: str
+) -> str:
     """The hash of a decision's row, of its proposal's record and of the decision before it."""
     content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256")}
     return row_sha256([before, of_proposal, vars(key), content])
 
 
 def _read(c: Connection, units: Any) -> list[Proposal]:
-    """The proposals of some units, in three queries however many there are; decisions first, as others write meanwhile."""
+    """The proposals of some units, in three queries however many there are; decisions first, as
+    others write meanwhile.
+    """
     decided: dict[int, list[Any]] = {}
     for stored in c.execute(select(decision).order_by(decision.c.unit_id, decision.c.number)).all():
         decided.setdefault(stored.unit_id, []).append(stored)
     ids = {row.id for row in units}
     only = proposal.c.unit_id.in_(ids) if len(ids) == 1 else proposal.c.unit_id.is_not(None)
     rows: dict[int, list[Any]] = {}
-    for stored in c.execute(select(*LIGHT).where(only).order_by(proposal.c.unit_id, proposal.c.number)).all():
+    for stored in c.execute(
+        select(*LIGHT).where(only).order_by(proposal.c.unit_id, proposal.c.number)
+    ).all():
         rows.setdefault(stored.unit_id, []).append(stored)
     if not rows:
         return []
-    joined = and_(tag.c.unit_id == revision.c.unit_id, tag.c.number == revision.c.number, tag.c.name == "active")
-    active = {r.unit_id: r.sha256 for r in c.execute(select(revision.c.unit_id, revision.c.sha256).join(tag, joined)).all()}
+    joined = and_(
+        tag.c.unit_id == revision.c.unit_id,
+        tag.c.number == revision.c.number,
+        tag.c.name == "active",
+    )
+    active = {
+        r.unit_id: r.sha256
+        for r in c.execute(select(revision.c.unit_id, revision.c.sha256).join(tag, joined)).all()
+    }
     return [
-        found for row in units if row.id in rows
-        for found in _one_unit(c, key_of(row), rows[row.id], decided.get(row.id, []), active.get(row.id))
-    ]  # fmt: skip
+        found
+        for row in units
+        if row.id in rows
+        for found in _one_unit(
+            c, key_of(row), rows[row.id], decided.get(row.id, []), active.get(row.id)
+        )
+    ]
 
 
-def _one_unit(c: Connection, key: UnitKey, rows: list[Any], decided: list[Any], active_sha256: str | None) -> list[Proposal]:
+def _one_unit(
+    c: Connection, key: UnitKey, rows: list[Any], decided: list[Any], active_sha256: str | None
+) -> list[Proposal]:
     """A unit's proposals with their decisions, both chains checked."""
     before, records = "", {}
     for number, stored in enumerate(rows, start=1):
-        if stored.number != number or stored.record_sha256 != record_of_proposal(key, stored._mapping, before):
+        if stored.number != number or stored.record_sha256 != record_of_proposal(
+            key, stored._mapping, before
+        ):
             raise _changed(c, key, f"proposal {stored.number}")
         before = records[number] = stored.record_sha256
     decisions = _decisions(c, key, decided, records)
@@ -168,11 +206,15 @@ def _one_unit(c: Connection, key: UnitKey, rows: list[Any], decided: list[Any], 
     for stored in rows:
         values = {k: v for k, v in stored._mapping.items() if k != "unit_id"}
         current = active_sha256 in (None, stored.parent_sha256)
-        found.append(Proposal(unit=key, **values, current=current, decision=decisions.get(stored.number)))
+        found.append(
+            Proposal(unit=key, **values, current=current, decision=decisions.get(stored.number))
+        )
     return found
 
 
-def _decisions(c: Connection, key: UnitKey, decided: list[Any], records: dict[int, str]) -> dict[int, Decision]:
+def _decisions(
+    c: Connection, key: UnitKey, decided: list[Any], records: dict[int, str]
+) -> dict[int, Decision]:
     """Decisions by the number of their proposal."""
     before, found = "", {}
     for number, stored in enumerate(decided, start=1):

@@ -1,7 +1,9 @@
-"""Updates put forward for review, and the decisions about them: append-only rows, each chained to the one before.
+"""Updates put forward for review, and the decisions about them: append-only rows, each chained to
+the one before.
 
-A proposal holds what a commit needs. Approving it commits by the same rules as `TableStore.commit_update`: where another
-table is active by now, the approval is refused and the update has to be made again.
+A proposal holds what a commit needs. Approving it commits by the same rules as
+`TableStore.commit_update`: where another table is active by now, the approval is refused and the
+update has to be made again.
 """
 
 import json
@@ -55,25 +57,41 @@ class ProposalStore:
         self._database = database
 
     def propose(
-        self, parent_sha256: str, table: ThermalTable, runs: Sequence[MergedRun], report_json: str, *,
-        first_table: dict[str, Any] | None = None, by: str = "", note: str = "", now_utc: str | None = None,
-    ) -> Proposal:  # fmt: skip
-        """Keep an update for review; arguments as for `TableStore.commit_update`. The active table stays as it is.
+        self,
+        parent_sha256: str,
+        table: ThermalTable,
+        runs: Sequence[MergedRun],
+        report_json: str,
+        *,
+        first_table: dict[str, Any] | None = None,
+        by: str = "",
+        note: str = "",
+        now_utc: str | None = None,
+    ) -> Proposal:
+        """Keep an update for review; arguments as for `TableStore.commit_update`. The active table
+        stays as it is.
 
-        The same update that still waits is returned, not kept twice. Raises StoreConflict and RunAlreadyMerged as a
-        commit would, AlreadyRejected where the same update was rejected and `note` does not say why it comes again.
+        The same update that still waits is returned, not kept twice. Raises StoreConflict and
+        RunAlreadyMerged as a commit would, AlreadyRejected where the same update was rejected and
+        `note` does not say why it comes again.
         """
         if table.provenance.get("parent_sha256") != parent_sha256:
-            raise ValueError("provenance.parent_sha256 is not the parent that the update is proposed for")
+            raise ValueError(
+                "provenance.parent_sha256 is not the parent that the update is proposed for"
+            )
         first = None if first_table is None else canonical_json(first_table)
         if first is not None and text_sha256(first) != parent_sha256:
             raise ValueError("the first table is not the parent that the update is proposed for")
         text = canonical_json(table_to_dict(table))
         values: dict[str, Any] = {
-            "proposed_utc": now_utc or utc_now(), "proposed_by": _one_line(by, "by", needed=False),
-            "parent_sha256": parent_sha256, "sha256": text_sha256(text), "report_sha256": text_sha256(report_json),
-            "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]), "note": _text(note, "note", needed=False),
-        }  # fmt: skip
+            "proposed_utc": now_utc or utc_now(),
+            "proposed_by": _one_line(by, "by", needed=False),
+            "parent_sha256": parent_sha256,
+            "sha256": text_sha256(text),
+            "report_sha256": text_sha256(report_json),
+            "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]),
+            "note": _text(note, "note", needed=False),
+        }
 
         def work(c: Connection) -> Proposal:
             row = lock_unit(c, unit_of_table(table))
@@ -84,28 +102,46 @@ class ProposalStore:
             if (again := _the_same(before, values)) is not None:
                 return again
             number = len(before) + 1
-            texts = {"table_json": text, "report_json": report_json, "first_table_json": None if known else first}
+            texts = {
+                "table_json": text,
+                "report_json": report_json,
+                "first_table_json": None if known else first,
+            }
             numbered = {**values, "number": number, "unit_id": row.id}
-            record = record_of_proposal(key_of(row), numbered, before[-1].record_sha256 if before else "")
+            record = record_of_proposal(
+                key_of(row), numbered, before[-1].record_sha256 if before else ""
+            )
             c.execute(insert(proposal).values(**numbered, **texts, record_sha256=record))
             return proposals_of(c, row)[-1]
 
         return self._database.write(work)
 
     def proposals(
-        self, serial: str | None = None, technology: str | None = None, mode: str | None = None, *, state: str | None = None
+        self,
+        serial: str | None = None,
+        technology: str | None = None,
+        mode: str | None = None,
+        *,
+        state: str | None = None,
     ) -> list[Proposal]:
-        """All proposals (of the units that match; in one state), by unit, oldest first, every chain checked."""
+        """All proposals (of the units that match; in one state), by unit, oldest first, every chain
+        checked.
+        """
         wanted = {"imu_serial": serial, "gyro_technology": technology, "gyro_mode": mode}
         with self._database.reading() as c:
             return [
-                found for found in proposals_of_all(c)
+                found
+                for found in proposals_of_all(c)
                 if all(value in (None, getattr(found.unit, name)) for name, value in wanted.items())
                 and state in (None, found.state)
-            ]  # fmt: skip
+            ]
 
     def proposal(
-        self, number: int, serial: str | None = None, technology: str | None = None, mode: str | None = None
+        self,
+        number: int,
+        serial: str | None = None,
+        technology: str | None = None,
+        mode: str | None = None,
     ) -> FullProposal:
         """One proposal of a unit with its table and its report."""
         with self._database.reading() as c:
@@ -114,13 +150,23 @@ class ProposalStore:
             return read_full(c, find_unit(c, serial, technology, mode, having=proposal), number)
 
     def decide(
-        self, number: int, verdict: str, serial: str | None = None, technology: str | None = None,
-        mode: str | None = None, *, by: str, reason: str, now_utc: str | None = None,
-    ) -> Proposal:  # fmt: skip
-        """Approve or reject a proposal, once; `verdict` is "approved" or "rejected". Approved, it becomes active.
+        self,
+        number: int,
+        verdict: str,
+        serial: str | None = None,
+        technology: str | None = None,
+        mode: str | None = None,
+        *,
+        by: str,
+        reason: str,
+        now_utc: str | None = None,
+    ) -> Proposal:
+        """Approve or reject a proposal, once; `verdict` is "approved" or "rejected". Approved, it
+        becomes active.
 
-        Raises StoreConflict if another table than its parent is active by now, RunAlreadyMerged if that holds one of
-        its runs, InputError if it was decided before, or `by` or `reason` are missing.
+        Raises StoreConflict if another table than its parent is active by now, RunAlreadyMerged if
+        that holds one of its runs, InputError if it was decided before, or `by` or `reason` are
+        missing.
         """
         if verdict not in DECISIONS:
             raise InputError(f"verdict {verdict[:40]!r}, needed approved or rejected")
@@ -130,13 +176,24 @@ class ProposalStore:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode, having=proposal)))
             full = read_full(c, row, number)
             if full.decision is not None:
-                raise InputError(f"{full.unit}: proposal {number} was {full.decision.words()} before")
+                raise InputError(
+                    f"{full.unit}: proposal {number} was {full.decision.words()} before"
+                )
             values = {
-                "unit_id": row.id, "number": full.decisions_before + 1, "proposal_number": number, "verdict": verdict,
-                "decided_utc": now_utc or utc_now(), "decided_by": by, "reason": reason,
-                "revision_number": _commit(c, row, full, by, reason, now_utc) if verdict == "approved" else None,
-            }  # fmt: skip
-            record = record_of_decision(full.unit, values, full.record_sha256, full.last_decision_sha256)
+                "unit_id": row.id,
+                "number": full.decisions_before + 1,
+                "proposal_number": number,
+                "verdict": verdict,
+                "decided_utc": now_utc or utc_now(),
+                "decided_by": by,
+                "reason": reason,
+                "revision_number": (
+                    _commit(c, row, full, by, reason, now_utc) if verdict == "approved" else None
+                ),
+            }
+            record = record_of_decision(
+                full.unit, values, full.record_sha256, full.last_decision_sha256
+            )
             c.execute(insert(decision).values(**values, record_sha256=record))
             return proposals_of(c, row)[number - 1]
 
@@ -144,27 +201,45 @@ class ProposalStore:
 
 
 def signed_note(by: str, reason: str, what: str = "") -> str:
-    """The note of a revision that a person answers for; InputError where name or reason is missing."""
+    """The note of a revision that a person answers for; InputError where name or reason is
+    missing.
+    """
     return f"{what}{_one_line(by, 'by')}: {_text(reason, 'reason')}"
 
 
-def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str, now_utc: str | None) -> int:
+def _commit(
+    c: Connection, row: Any, full: FullProposal, by: str, reason: str, now_utc: str | None
+) -> int:
     """The proposal becomes the active table; the number of its revision."""
     report = json.loads(full.report_json)
     signed = {"proposal": full.number, "approved_by": by, "approved_because": reason}
     done = commit_revision(
-        c, row, parent_sha256=full.parent_sha256, table_json=full.table_json, runs=full.runs,
-        report_json=json.dumps({**report, "verdict": "committed", **signed}, indent=1, allow_nan=False) + "\n",
-        first_table_json=full.first_table_json, note=signed_note(by, reason, f"proposal {full.number} approved by "),
+        c,
+        row,
+        parent_sha256=full.parent_sha256,
+        table_json=full.table_json,
+        runs=full.runs,
+        report_json=json.dumps(
+            {**report, "verdict": "committed", **signed}, indent=1, allow_nan=False
+        )
+        + "\n",
+        first_table_json=full.first_table_json,
+        note=signed_note(by, reason, f"proposal {full.number} approved by "),
         now_utc=now_utc,
-    )  # fmt: skip
+    )
     return done.number
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:
-    """The proposal of this very update that still waits; AlreadyRejected if the last one was and nobody says more."""
+    """The proposal of this very update that still waits; AlreadyRejected if the last one was and
+    nobody says more.
+    """
     keys = ("parent_sha256", "sha256", "runs_json")
-    same = [p for p in before if (p.parent_sha256, p.sha256, p.runs_json) == tuple(values[k] for k in keys)]
+    same = [
+        p
+        for p in before
+        if (p.parent_sha256, p.sha256, p.runs_json) == tuple(values[k] for k in keys)
+    ]
     if not same:
         return None
     last = same[-1]
@@ -172,8 +247,8 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
         return last
     if last.decision.verdict == "rejected" and not values["note"]:
         raise AlreadyRejected(
-            f"{last.unit}: the same update was {last.decision.words()} as proposal {last.number}; a note must say why it "
-            "comes again"
+            f"{last.unit}: the same update was {last.decision.words()} as proposal {last.number}; a"
+            " note must say why it comes again"
         )
     return None
 
@@ -182,13 +257,23 @@ def _one_line(text: str, name: str, *, needed: bool = True) -> str:
     """A name, trimmed; InputError where it is empty, too long or no single line."""
     text = text.strip()
     if (needed and not text) or len(text) > LONGEST_NAME or not text.isprintable():
-        raise InputError(f"{name}: got {text[:40]!r}, needed a name of at most {LONGEST_NAME} printable characters on one line")
+        raise InputError(
+            f"{name}: got {text[:40]!r}, needed a name of at most {LONGEST_NAME} printable"
+            " characters on one line"
+        )
     return text
 
 
 def _text(text: str, name: str, *, needed: bool = True) -> str:
     """A reason, trimmed; InputError where it is empty or too long."""
     text = "\n".join(line.rstrip() for line in text.strip().splitlines())
-    if (needed and not text) or len(text) > LONGEST_REASON or not all(c.isprintable() or c in "\n\t" for c in text):
-        raise InputError(f"{name}: got {len(text)} characters, needed 1 to {LONGEST_REASON} printable ones that say why")
+    if (
+        (needed and not text)
+        or len(text) > LONGEST_REASON
+        or not all(c.isprintable() or c in "\n\t" for c in text)
+    ):
+        raise InputError(
+            f"{name}: got {len(text)} characters, needed 1 to {LONGEST_REASON} printable ones that"
+            " say why"
+        )
     return text

@@ -1,6 +1,7 @@
 """Rows of the table store as records: find a unit, read and check a revision, append one.
 
-Every function works inside the caller's transaction; InputError where a row is missing or was changed.
+Every function works inside the caller's transaction; InputError where a row is missing or was
+changed.
 """
 
 import hashlib
@@ -38,7 +39,10 @@ class UnitKey:
     gyro_mode: str = ""
 
     def __str__(self) -> str:
-        return f"{self.imu_serial} ({self.gyro_technology}{', ' + self.gyro_mode if self.gyro_mode else ''})"
+        return (
+            f"{self.imu_serial}"
+            f" ({self.gyro_technology}{', ' + self.gyro_mode if self.gyro_mode else ''})"
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +55,9 @@ class MergedRun:
 
 @dataclass(frozen=True, kw_only=True)
 class Revision:
-    """One stored table. `runs` are those merged by this revision; `restored_number`: whose table a rollback is."""
+    """One stored table. `runs` are those merged by this revision; `restored_number`: whose table a
+    rollback is.
+    """
 
     unit: UnitKey
     number: int
@@ -86,49 +92,75 @@ class UnitRecord:
 
 
 def append_revision(
-    c: Connection, row: Any, *, kind: str, table_json: str, runs: Sequence[MergedRun] = (),
-    restored_number: int | None = None, report_json: str | None = None, note: str = "",
+    c: Connection,
+    row: Any,
+    *,
+    kind: str,
+    table_json: str,
+    runs: Sequence[MergedRun] = (),
+    restored_number: int | None = None,
+    report_json: str | None = None,
+    note: str = "",
     now_utc: str | None = None,
-) -> None:  # fmt: skip
-    """The next revision of a unit, chained to the last, tagged `active` (the first also `factory`)."""
+) -> None:
+    """The next revision of a unit, chained to the last, tagged `active` (the first also
+    `factory`).
+    """
     last = last_number(c, row)
     before = tagged(c, row, "active") if last else None
     now_utc = now_utc or utc_now()
     if before is not None and not c.get_execution_options().get("any_clock"):
         _require_later(before, now_utc)
     values: dict[str, Any] = {
-        "unit_id": row.id, "number": last + 1, "kind": kind, "sha256": text_sha256(table_json),
+        "unit_id": row.id,
+        "number": last + 1,
+        "kind": kind,
+        "sha256": text_sha256(table_json),
         "created_utc": now_utc,
-        "parent_sha256": before.sha256 if before else None, "table_json": table_json,
-        "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]), "restored_number": restored_number,
-        "report_json": report_json, "note": note,
-    }  # fmt: skip
+        "parent_sha256": before.sha256 if before else None,
+        "table_json": table_json,
+        "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]),
+        "restored_number": restored_number,
+        "report_json": report_json,
+        "note": note,
+    }
     values["record_sha256"] = record_sha256(key_of(row), values, _record_before(c, row, last + 1))
     c.execute(insert(revision).values(**values))
     if last == 0:
         for name in ("factory", "active"):
             c.execute(insert(tag).values(unit_id=row.id, name=name, number=1))
     else:
-        c.execute(update(tag).where(and_(tag.c.unit_id == row.id, tag.c.name == "active")).values(number=last + 1))
+        c.execute(
+            update(tag)
+            .where(and_(tag.c.unit_id == row.id, tag.c.name == "active"))
+            .values(number=last + 1)
+        )
 
 
 def _require_later(before: Revision, now_utc: str) -> None:
-    """InputError where the clock is behind the newest revision by more than clocks of several writers differ."""
+    """InputError where the clock is behind the newest revision by more than clocks of several
+    writers differ.
+    """
     behind = datetime.fromisoformat(before.created_utc) - datetime.fromisoformat(now_utc)
     if behind.total_seconds() > CLOCK_SLACK_S:
         raise InputError(
-            f"{before.unit}: the clock says {now_utc}, revision {before.number} was written at {before.created_utc}: set "
-            "the clock (--any-clock if that revision's was wrong); nothing written"
+            f"{before.unit}: the clock says {now_utc}, revision {before.number} was written at"
+            f" {before.created_utc}: set the clock (--any-clock if that revision's was wrong);"
+            " nothing written"
         )
 
 
 def tagged(c: Connection, row: Any, name: str) -> Revision:
     """The revision that a tag points at; InputError where `active` is not on the last."""
-    return read_revision(c, row, active_number_of(c, row) if name == "active" else tag_number(c, row, name))
+    return read_revision(
+        c, row, active_number_of(c, row) if name == "active" else tag_number(c, row, name)
+    )
 
 
 def active_number_of(c: Connection, row: Any) -> int:
-    """The number of the active revision, 0 where the unit has none; InputError where it is not the last."""
+    """The number of the active revision, 0 where the unit has none; InputError where it is not the
+    last.
+    """
     number, last = tag_number(c, row, "active"), last_number(c, row)
     if number != last:
         where = f"on revision {number}, not on the last ({last})" if number else "missing"
@@ -139,14 +171,18 @@ def active_number_of(c: Connection, row: Any) -> int:
 
 def read_revision(c: Connection, row: Any, number: int) -> Revision:
     """One revision, its content and its place in the chain checked."""
-    found = c.execute(select(revision).where(and_(revision.c.unit_id == row.id, revision.c.number == number)))
+    found = c.execute(
+        select(revision).where(and_(revision.c.unit_id == row.id, revision.c.number == number))
+    )
     stored = found.one_or_none()
     if stored is None:
         raise InputError(f"{key_of(row)}: no revision {number}, needed 1 to {last_number(c, row)}")
     values = dict(stored._mapping)
     record = values.pop("record_sha256")
     content_intact = text_sha256(values["table_json"]) == values["sha256"]
-    if not content_intact or record != record_sha256(key_of(row), values, _record_before(c, row, number)):
+    if not content_intact or record != record_sha256(
+        key_of(row), values, _record_before(c, row, number)
+    ):
         where = f"store {store_name(c.engine.url)}: {key_of(row)} revision {number}"
         raise InputError(f"{where}: the row was changed, its hash does not match")
     runs = tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(values.pop("runs_json")))
@@ -155,7 +191,9 @@ def read_revision(c: Connection, row: Any, number: int) -> Revision:
 
 
 def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
-    """All runs that a revision's table was made from: back to the table from outside that it stands on."""
+    """All runs that a revision's table was made from: back to the table from outside that it stands
+    on.
+    """
     held: set[str] = set()
     while of.kind in ("update", "rollback"):
         held |= {run.sha256 for run in of.runs}
@@ -164,25 +202,44 @@ def runs_of(c: Connection, row: Any, of: Revision) -> set[str]:
 
 
 def units_with(rows_of: Table) -> Select:
-    """The units that have at least one row there (revision or proposal): a proposal's unit may have no table yet."""
+    """The units that have at least one row there (revision or proposal): a proposal's unit may have
+    no table yet.
+    """
     return select(unit).where(unit.c.id.in_(select(rows_of.c.unit_id)))
 
 
-def find_unit(c: Connection, serial: str | None, technology: str | None, mode: str | None, *, having: Table = revision) -> Any:
-    """The one unit row that matches; None matches anything. UnknownUnit if none, InputError if several do."""
+def find_unit(
+    c: Connection,
+    serial: str | None,
+    technology: str | None,
+    mode: str | None,
+    *,
+    having: Table = revision,
+) -> Any:
+    """The one unit row that matches; None matches anything. UnknownUnit if none, InputError if
+    several do.
+    """
     query, what = units_with(having), "table" if having is revision else "proposal"
     rows = c.execute(query if serial is None else query.where(unit.c.imu_serial == serial)).all()
     if not rows:
-        raise UnknownUnit(f"no {what} for serial {serial}" if serial is not None else f"the store holds no {what}")
+        raise UnknownUnit(
+            f"no {what} for serial {serial}" if serial is not None else f"the store holds no {what}"
+        )
     wanted = [row for row in rows if technology in (None, row.gyro_technology)]
     known = "; ".join(str(key_of(row)) for row in rows[:8])
     if not wanted:
-        raise InputError(f"serial {serial} is {known} in the store, not {technology}: another unit?")
+        raise InputError(
+            f"serial {serial} is {known} in the store, not {technology}: another unit?"
+        )
     wanted = [row for row in wanted if mode in (None, row.gyro_mode)]
     if not wanted:
-        raise UnknownUnit(f"no {what} for serial {serial} in gyro mode {mode!r}; the store has {known}")
+        raise UnknownUnit(
+            f"no {what} for serial {serial} in gyro mode {mode!r}; the store has {known}"
+        )
     if len(wanted) > 1:
-        raise InputError(f"the store holds several units ({known}): name one (serial, technology, mode)")
+        raise InputError(
+            f"the store holds several units ({known}): name one (serial, technology, mode)"
+        )
     return wanted[0]
 
 
@@ -199,44 +256,70 @@ def lock_unit(c: Connection, key: UnitKey) -> Any:
 
 def key_of(row: Any) -> UnitKey:
     """The key of a unit row."""
-    return UnitKey(imu_serial=row.imu_serial, gyro_technology=row.gyro_technology, gyro_mode=row.gyro_mode)
+    return UnitKey(
+        imu_serial=row.imu_serial, gyro_technology=row.gyro_technology, gyro_mode=row.gyro_mode
+    )
 
 
 def unit_of_table(table: ThermalTable) -> UnitKey:
     """The unit that a table says it belongs to."""
-    return UnitKey(imu_serial=table.imu_serial, gyro_technology=table.gyro_technology, gyro_mode=table.gyro_mode)
+    return UnitKey(
+        imu_serial=table.imu_serial,
+        gyro_technology=table.gyro_technology,
+        gyro_mode=table.gyro_mode,
+    )
 
 
 def last_number(c: Connection, row: Any) -> int:
     """The number of a unit's newest revision, 0 where it has none."""
-    return c.execute(select(func.max(revision.c.number)).where(revision.c.unit_id == row.id)).scalar() or 0
+    return (
+        c.execute(select(func.max(revision.c.number)).where(revision.c.unit_id == row.id)).scalar()
+        or 0
+    )
 
 
 def tag_number(c: Connection, row: Any, name: str) -> int:
     """The revision number under a tag, 0 where it is not set."""
-    return c.execute(select(tag.c.number).where(and_(tag.c.unit_id == row.id, tag.c.name == name))).scalar() or 0
+    return (
+        c.execute(
+            select(tag.c.number).where(and_(tag.c.unit_id == row.id, tag.c.name == name))
+        ).scalar()
+        or 0
+    )
 
 
 def _record_before(c: Connection, row: Any, number: int) -> str:
-    query = select(revision.c.record_sha256).where(and_(revision.c.unit_id == row.id, revision.c.number == number - 1))
+    query = select(revision.c.record_sha256).where(
+        and_(revision.c.unit_id == row.id, revision.c.number == number - 1)
+    )
     return c.execute(query).scalar() or ""
 
 
 def record_sha256(key: UnitKey, values: dict[str, Any], before: str) -> str:
-    content = {k: v for k, v in values.items() if k not in ("unit_id", "record_sha256", "table_json")}
+    content = {
+        k: v for k, v in values.items() if k not in ("unit_id", "record_sha256", "table_json")
+    }
     return row_sha256([before, vars(key), content])
 
 
 def runs_held(c: Connection, row: Any) -> set[str]:
     """Content hashes of the runs that the active table holds."""
-    return set(c.execute(select(merged_run.c.run_sha256).where(merged_run.c.unit_id == row.id)).scalars())
+    return set(
+        c.execute(select(merged_run.c.run_sha256).where(merged_run.c.unit_id == row.id)).scalars()
+    )
 
 
 def set_runs(c: Connection, row: Any, runs: set[str]) -> None:
-    """Write down which runs the active table holds: those not there yet, and away with those it holds no more."""
+    """Write down which runs the active table holds: those not there yet, and away with those it
+    holds no more.
+    """
     held = runs_held(c, row)
     for sha256 in sorted(held - runs):
-        c.execute(delete(merged_run).where(and_(merged_run.c.unit_id == row.id, merged_run.c.run_sha256 == sha256)))
+        c.execute(
+            delete(merged_run).where(
+                and_(merged_run.c.unit_id == row.id, merged_run.c.run_sha256 == sha256)
+            )
+        )
     for sha256 in sorted(runs - held):
         c.execute(insert(merged_run).values(unit_id=row.id, run_sha256=sha256))
 
@@ -244,7 +327,11 @@ def set_runs(c: Connection, row: Any, runs: set[str]) -> None:
 def provenance_runs(table: dict[str, Any]) -> set[str]:
     """Content hashes in `provenance.runs`: plain, or under the key sha256."""
     runs = table.get("provenance", {}).get("runs") or []
-    return {s for s in (r.get("sha256") if isinstance(r, dict) else r for r in runs) if isinstance(s, str) and s}
+    return {
+        s
+        for s in (r.get("sha256") if isinstance(r, dict) else r for r in runs)
+        if isinstance(s, str) and s
+    }
 
 
 def utc_now() -> str:
@@ -253,10 +340,16 @@ def utc_now() -> str:
 
 
 def row_sha256(content: Any) -> str:
-    """SHA-256 of a row's columns; bytes, which no column of a store holds, give a hash that no row was written with."""
-    return text_sha256(json.dumps(content, sort_keys=True, default=lambda value: {"not a text": repr(value)}))
+    """SHA-256 of a row's columns; bytes, which no column of a store holds, give a hash that no row
+    was written with.
+    """
+    return text_sha256(
+        json.dumps(content, sort_keys=True, default=lambda value: {"not a text": repr(value)})
+    )
 
 
 def text_sha256(text: Any) -> str:
-    """SHA-256 of a text, hexadecimal; what is no text (bytes put into the column by hand) has none and equals no hash."""
+    """SHA-256 of a text, hexadecimal; what is no text (bytes put into the column by hand) has none
+    and equals no hash.
+    """
     return hashlib.sha256(text.encode()).hexdigest() if isinstance(text, str) else "not a text"

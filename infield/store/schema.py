@@ -18,11 +18,14 @@ from sqlalchemy import (
 )
 
 SCHEMA_REVISION = "0004"  # the newest migration
-READABLE = ("0001", "0002", "0003", SCHEMA_REVISION)  # older stores that a reading command opens as they are
-GUARDED = ("recal_contradiction", "recal_decision", "recal_proposal", "recal_revision")  # by triggers on PostgreSQL, 0004
+# older stores that a reading command opens as they are
+READABLE = ("0001", "0002", "0003", SCHEMA_REVISION)
+# by triggers on PostgreSQL, 0004
+GUARDED = ("recal_contradiction", "recal_decision", "recal_proposal", "recal_revision")
 metadata = MetaData()
 
-# One gyro triad: the key that a table belongs to, and the twin record that its noise model comes from.
+# One gyro triad: the key that a table belongs to, and the twin record that its noise model comes
+# from.
 unit = Table(
     "recal_unit",
     metadata,
@@ -36,7 +39,8 @@ unit = Table(
     UniqueConstraint("imu_serial", "gyro_technology", "gyro_mode", name="uq_recal_unit_key"),
 )
 
-# Append-only. record_sha256 covers the row and the record before it, so a changed row breaks the chain.
+# Append-only. record_sha256 covers the row and the record before it, so a changed row breaks the
+# chain.
 revision = Table(
     "recal_revision",
     metadata,
@@ -47,12 +51,15 @@ revision = Table(
     Column("parent_sha256", String(64)),
     Column("sha256", String(64), nullable=False),
     Column("table_json", Text, nullable=False),  # canonical text, what sha256 is over
-    Column("runs_json", Text, nullable=False),  # runs that this revision merged: [[run_id, sha256], ...]
+    # runs that this revision merged: [[run_id, sha256], ...]
+    Column("runs_json", Text, nullable=False),
     Column("restored_number", Integer),  # rollback: whose table this is
     Column("report_json", Text),
     Column("note", Text, nullable=False),
     Column("record_sha256", String(64), nullable=False),
-    CheckConstraint("kind IN ('factory', 'import', 'update', 'rollback')", name="ck_recal_revision_kind"),
+    CheckConstraint(
+        "kind IN ('factory', 'import', 'update', 'rollback')", name="ck_recal_revision_kind"
+    ),
     Index("ix_recal_revision_sha256", "sha256"),
 )
 
@@ -63,7 +70,9 @@ tag = Table(
     Column("name", String(20), primary_key=True),  # factory, active
     Column("number", Integer, nullable=False),
     ForeignKeyConstraint(
-        ["unit_id", "number"], ["recal_revision.unit_id", "recal_revision.number"], name="fk_recal_tag_revision"
+        ["unit_id", "number"],
+        ["recal_revision.unit_id", "recal_revision.number"],
+        name="fk_recal_tag_revision",
     ),
 )
 
@@ -75,7 +84,8 @@ merged_run = Table(
     Column("run_sha256", String(64), primary_key=True),
 )
 
-# Append-only: sessions that contradicted the table and changed nothing, so that the next ones can be compared with them.
+# Append-only: sessions that contradicted the table and changed nothing, so that the next ones can
+# be compared with them.
 contradiction = Table(
     "recal_contradiction",
     metadata,
@@ -87,8 +97,9 @@ contradiction = Table(
     Column("record_sha256", String(64), nullable=False),  # over the unit and the row
 )
 
-# Append-only: updates put forward for review. The hashes of the texts are in record_sha256, the texts are not, so that a
-# list of proposals need not read them; record_sha256 covers the row and the unit's record before it.
+# Append-only: updates put forward for review. The hashes of the texts are in record_sha256, the
+# texts are not, so that a list of proposals need not read them; record_sha256 covers the row and
+# the unit's record before it.
 proposal = Table(
     "recal_proposal",
     metadata,
@@ -103,12 +114,13 @@ proposal = Table(
     Column("note", Text, nullable=False),
     Column("table_json", Text, nullable=False),
     Column("report_json", Text, nullable=False),
-    Column("first_table_json", Text),  # where the unit was unknown: the table it was made from, parent_sha256 being its hash
+    # where the unit was unknown: the table it was made from, parent_sha256 being its hash
+    Column("first_table_json", Text),
     Column("record_sha256", String(64), nullable=False),
 )
 
-# Append-only: what a person decided about a proposal, once. record_sha256 covers the row, the proposal's record and the
-# unit's decision before it.
+# Append-only: what a person decided about a proposal, once. record_sha256 covers the row, the
+# proposal's record and the unit's decision before it.
 decision = Table(
     "recal_decision",
     metadata,
@@ -122,7 +134,9 @@ decision = Table(
     Column("revision_number", Integer),  # approved: the revision that it became
     Column("record_sha256", String(64), nullable=False),
     ForeignKeyConstraint(
-        ["unit_id", "proposal_number"], ["recal_proposal.unit_id", "recal_proposal.number"], name="fk_recal_decision_proposal"
+        ["unit_id", "proposal_number"],
+        ["recal_proposal.unit_id", "recal_proposal.number"],
+        name="fk_recal_decision_proposal",
     ),
     UniqueConstraint("unit_id", "proposal_number", name="uq_recal_decision_proposal"),
     CheckConstraint("verdict IN ('approved', 'rejected')", name="ck_recal_decision_verdict"),

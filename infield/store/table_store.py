@@ -1,7 +1,9 @@
-"""The table store: append-only revisions of each unit's thermal table, tags `factory` and `active`, its twin.
+"""The table store: append-only revisions of each unit's thermal table, tags `factory` and `active`,
+its twin.
 
-A unit is (imu_serial, gyro_technology, gyro_mode). A revision holds the exact table text, whose SHA-256 is the
-table's content hash; a record hash chains each revision to the one before. Both are checked on every read.
+A unit is (imu_serial, gyro_technology, gyro_mode). A revision holds the exact table text, whose
+SHA-256 is the table's content hash; a record hash chains each revision to the one before. Both are
+checked on every read.
 """
 
 import itertools
@@ -47,16 +49,32 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
-__all__ = ["FullProposal", "MergedRun", "Proposal", "Revision", "RunAlreadyMerged", "StoreConflict", "TableStore",
-           "UnitKey", "UnitRecord", "UnitSummary", "UnknownUnit", "require_same_unit", "store_exists"]  # fmt: skip
+__all__ = [
+    "FullProposal",
+    "MergedRun",
+    "Proposal",
+    "Revision",
+    "RunAlreadyMerged",
+    "StoreConflict",
+    "TableStore",
+    "UnitKey",
+    "UnitRecord",
+    "UnitSummary",
+    "UnknownUnit",
+    "require_same_unit",
+    "store_exists",
+]
 
 
 class TableStore(ProposalStore):
-    """Thermal tables by unit. Every method raises InputError where the store cannot be read or is damaged."""
+    """Thermal tables by unit. Every method raises InputError where the store cannot be read or is
+    damaged.
+    """
 
     @classmethod
     def open(cls, url: str, create: bool = False, *, any_clock: bool = False) -> "TableStore":
-        """The store at an SQLAlchemy URL; with `create` made, or migrated, if need be, else InputError if missing.
+        """The store at an SQLAlchemy URL; with `create` made, or migrated, if need be, else
+        InputError if missing.
 
         A clock more than 300 s behind a unit's newest revision writes nothing, unless `any_clock`.
         """
@@ -79,22 +97,34 @@ class TableStore(ProposalStore):
     def units(self) -> list[UnitRecord]:
         """All units, by key."""
         with self._database.reading() as c:
-            rows = c.execute(units_with(revision).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all()
+            rows = c.execute(
+                units_with(revision).order_by(
+                    unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode
+                )
+            ).all()
             return [
                 UnitRecord(
-                    unit=key_of(row), active=tagged(c, row, "active"),
-                    factory_number=tag_number(c, row, "factory"), has_twin=row.twin_json is not None,
+                    unit=key_of(row),
+                    active=tagged(c, row, "active"),
+                    factory_number=tag_number(c, row, "factory"),
+                    has_twin=row.twin_json is not None,
                 )
                 for row in rows
-            ]  # fmt: skip
+            ]
 
     def overview(self) -> list[UnitSummary]:
-        """All units in short, quick for hundreds of them: their rows are not checked against their hashes here."""
+        """All units in short, quick for hundreds of them: their rows are not checked against their
+        hashes here.
+        """
         with self._database.reading() as c:
             return read_overview(c)
 
-    def active(self, serial: str | None = None, technology: str | None = None, mode: str | None = None) -> Revision:
-        """The revision in use. None matches anything; UnknownUnit where nothing matches, InputError where several."""
+    def active(
+        self, serial: str | None = None, technology: str | None = None, mode: str | None = None
+    ) -> Revision:
+        """The revision in use. None matches anything; UnknownUnit where nothing matches, InputError
+        where several.
+        """
         with self._database.reading() as c:
             return tagged(c, find_unit(c, serial, technology, mode), "active")
 
@@ -108,7 +138,11 @@ class TableStore(ProposalStore):
             return read_revision(c, row, number) if number >= 1 else None
 
     def revision(
-        self, number: int, serial: str | None = None, technology: str | None = None, mode: str | None = None
+        self,
+        number: int,
+        serial: str | None = None,
+        technology: str | None = None,
+        mode: str | None = None,
     ) -> Revision:
         """One revision by its number."""
         with self._database.reading() as c:
@@ -123,23 +157,38 @@ class TableStore(ProposalStore):
             revisions = [read_revision(c, row, k) for k in range(1, last_number(c, row) + 1)]
             for before, after in itertools.pairwise(revisions):
                 if after.parent_sha256 != before.sha256:
-                    raise InputError(f"store {self.name}: {after.unit} revision {after.number}: parent hash broken")
+                    raise InputError(
+                        f"store {self.name}: {after.unit} revision {after.number}: parent hash"
+                        " broken"
+                    )
             active_number_of(c, row)
             return revisions
 
     def verify(
         self, heads: Sequence[str] = (), reports: Mapping[str, dict[str, Any]] | None = None
     ) -> StoreCheck:
-        """Every row against every other; also that heads and reports (by name) kept elsewhere are still in the store."""
+        """Every row against every other; also that heads and reports (by name) kept elsewhere are
+        still in the store.
+        """
         with self._database.reading() as c:
             found = check_store(c)
-            outside = [fault for name, document in (reports or {}).items() for fault in report_faults(c, name, document)]
+            outside = [
+                fault
+                for name, document in (reports or {}).items()
+                for fault in report_faults(c, name, document)
+            ]
             return StoreCheck(found.units, (*found.faults, *heads_missing(c, heads), *outside))
 
     def by_sha256(self, sha256: str) -> Revision:
-        """The table with this content hash, of any unit (to undo what a unit had applied); InputError if unknown."""
+        """The table with this content hash, of any unit (to undo what a unit had applied);
+        InputError if unknown.
+        """
         with self._database.reading() as c:
-            found = select(revision.c.unit_id, revision.c.number).where(revision.c.sha256 == sha256).limit(1)
+            found = (
+                select(revision.c.unit_id, revision.c.number)
+                .where(revision.c.sha256 == sha256)
+                .limit(1)
+            )
             row = c.execute(found).one_or_none()
             if row is None:
                 raise InputError(f"store {self.name}: no table with sha256 {sha256}")
@@ -147,8 +196,12 @@ class TableStore(ProposalStore):
             return read_revision(c, owner, row.number)
 
     def has_run(self, run_sha256: str, serial: str | None = None) -> bool:
-        """Whether the active table of a unit (None: of any) holds this run; one that a rollback took out does not."""
-        query = select(merged_run.c.run_sha256).join(unit).where(merged_run.c.run_sha256 == run_sha256)
+        """Whether the active table of a unit (None: of any) holds this run; one that a rollback
+        took out does not.
+        """
+        query = (
+            select(merged_run.c.run_sha256).join(unit).where(merged_run.c.run_sha256 == run_sha256)
+        )
         if serial is not None:
             query = query.where(unit.c.imu_serial == serial)
         with self._database.reading() as c:
@@ -157,7 +210,9 @@ class TableStore(ProposalStore):
     def twin(
         self, serial: str | None = None, technology: str | None = None, mode: str | None = None
     ) -> TwinModel | None:
-        """The unit's twin record, None where none was imported; its `table` is the path as imported, unopened."""
+        """The unit's twin record, None where none was imported; its `table` is the path as
+        imported, unopened.
+        """
         with self._database.reading() as c:
             row = find_unit(c, serial, technology, mode)
         if row.twin_json is None:
@@ -168,12 +223,18 @@ class TableStore(ProposalStore):
         return twin_from_dict(json.loads(row.twin_json), source=where, name=where)
 
     def import_table(
-        self, table: dict[str, Any], *, twin: TwinModel | None = None, note: str = "", now_utc: str | None = None
+        self,
+        table: dict[str, Any],
+        *,
+        twin: TwinModel | None = None,
+        note: str = "",
+        now_utc: str | None = None,
     ) -> Revision:
-        """A table from outside becomes active; the first is tagged `factory`. The active one again: no new revision.
+        """A table from outside becomes active; the first is tagged `factory`. The active one again:
+        no new revision.
 
-        Runs named in its provenance count as merged. The twin becomes the unit's record; serial and technology of
-        the two must agree.
+        Runs named in its provenance count as merged. The twin becomes the unit's record; serial and
+        technology of the two must agree.
         """
         checked = table_from_dict(table, name="table")
         key = unit_of_table(checked)
@@ -184,45 +245,77 @@ class TableStore(ProposalStore):
             last, text = last_number(c, row), canonical_json(table)
             if twin is not None:
                 twin_json = json.dumps(twin_to_dict(twin), sort_keys=True)
-                c.execute(update(unit).where(unit.c.id == row.id).values(
-                    twin_json=twin_json, twin_sha256=text_sha256(twin_json), twin_table_sha256=text_sha256(text)
-                ))  # fmt: skip
+                c.execute(
+                    update(unit)
+                    .where(unit.c.id == row.id)
+                    .values(
+                        twin_json=twin_json,
+                        twin_sha256=text_sha256(twin_json),
+                        twin_table_sha256=text_sha256(text),
+                    )
+                )
             if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
                 return active
-            append_revision(c, row, kind="import" if last else "factory", table_json=text, note=note, now_utc=now_utc)
+            append_revision(
+                c,
+                row,
+                kind="import" if last else "factory",
+                table_json=text,
+                note=note,
+                now_utc=now_utc,
+            )
             set_runs(c, row, provenance_runs(table))
             return tagged(c, row, "active")
 
         return self._database.write(work)
 
     def commit_update(
-        self, parent_sha256: str, table: ThermalTable, runs: Sequence[MergedRun], report_json: str, *,
-        first_table: dict[str, Any] | None = None, note: str = "", now_utc: str | None = None,
-    ) -> Revision:  # fmt: skip
+        self,
+        parent_sha256: str,
+        table: ThermalTable,
+        runs: Sequence[MergedRun],
+        report_json: str,
+        *,
+        first_table: dict[str, Any] | None = None,
+        note: str = "",
+        now_utc: str | None = None,
+    ) -> Revision:
         """A recalibrated table becomes active, in one transaction or not at all.
 
-        `table.provenance["parent_sha256"]` must be `parent_sha256`, the hash of the table it was made from. Where the
-        unit is not in the store yet, `first_table` is that table, and becomes its factory revision.
+        `table.provenance["parent_sha256"]` must be `parent_sha256`, the hash of the table it was
+        made from. Where the unit is not in the store yet, `first_table` is that table, and becomes
+        its factory revision.
 
-        Raises StoreConflict if another table is active by now, RunAlreadyMerged if it holds one of the runs.
+        Raises StoreConflict if another table is active by now, RunAlreadyMerged if it holds one of
+        the runs.
         """
         text = canonical_json(table_to_dict(table))
         if table.provenance.get("parent_sha256") != parent_sha256:
-            raise ValueError("provenance.parent_sha256 is not the parent that the update is committed to")
+            raise ValueError(
+                "provenance.parent_sha256 is not the parent that the update is committed to"
+            )
 
         def work(c: Connection) -> Revision:
             return commit_revision(
-                c, lock_unit(c, unit_of_table(table)), parent_sha256=parent_sha256, table_json=text, runs=runs,
-                report_json=report_json, note=note, now_utc=now_utc,
+                c,
+                lock_unit(c, unit_of_table(table)),
+                parent_sha256=parent_sha256,
+                table_json=text,
+                runs=runs,
+                report_json=report_json,
+                note=note,
+                now_utc=now_utc,
                 first_table_json=None if first_table is None else canonical_json(first_table),
-            )  # fmt: skip
+            )
 
         return self._database.write(work)
 
     def remember_contradictions(
         self, serial: str, technology: str, mode: str, evidence: Sequence[SessionEvidence]
     ) -> int:
-        """Keep what sessions said that contradicted the active table, which stays; the number of new rows."""
+        """Keep what sessions said that contradicted the active table, which stays; the number of
+        new rows.
+        """
 
         def work(c: Connection) -> int:
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
@@ -230,15 +323,26 @@ class TableStore(ProposalStore):
 
         return self._database.write(work)
 
-    def contradictions(self, serial: str, technology: str, mode: str) -> tuple[SessionEvidence, ...]:
-        """What is remembered of sessions that contradicted the table and that it does not hold by now."""
+    def contradictions(
+        self, serial: str, technology: str, mode: str
+    ) -> tuple[SessionEvidence, ...]:
+        """What is remembered of sessions that contradicted the table and that it does not hold by
+        now.
+        """
         with self._database.reading() as c:
             return read_contradictions(c, find_unit(c, serial, technology, mode))
 
     def rollback(
-        self, serial: str | None = None, to: int | str = "factory", technology: str | None = None,
-        mode: str | None = None, *, active_number: int | None = None, note: str = "", now_utc: str | None = None,
-    ) -> Revision:  # fmt: skip
+        self,
+        serial: str | None = None,
+        to: int | str = "factory",
+        technology: str | None = None,
+        mode: str | None = None,
+        *,
+        active_number: int | None = None,
+        note: str = "",
+        now_utc: str | None = None,
+    ) -> Revision:
         """A new revision with the bits of an old one: its number, "factory" or "previous".
 
         StoreConflict where another revision than `active_number` (None: any) is active by now.
@@ -248,16 +352,26 @@ class TableStore(ProposalStore):
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
             active = active_number_of(c, row)
             if active_number not in (None, active):
-                raise StoreConflict(f"{key_of(row)}: revision {active} is active now, not {active_number}; look again")
+                raise StoreConflict(
+                    f"{key_of(row)}: revision {active} is active now, not {active_number}; look"
+                    " again"
+                )
             names = {"factory": tag_number(c, row, "factory"), "previous": active - 1}
             number = names.get(to, 0) if isinstance(to, str) else to
             if number == active:
-                raise InputError(f"{key_of(row)}: revision {number} is the active one, nothing to roll back")
+                raise InputError(
+                    f"{key_of(row)}: revision {number} is the active one, nothing to roll back"
+                )
             target = read_revision(c, row, number)
             append_revision(
-                c, row, kind="rollback", table_json=target.table_json, restored_number=number, note=note,
+                c,
+                row,
+                kind="rollback",
+                table_json=target.table_json,
+                restored_number=number,
+                note=note,
                 now_utc=now_utc,
-            )  # fmt: skip
+            )
             set_runs(c, row, runs_of(c, row, target))
             return tagged(c, row, "active")
 
@@ -265,9 +379,14 @@ class TableStore(ProposalStore):
 
 
 def require_same_unit(table: dict[str, Any], twin: TwinModel | None) -> None:
-    """InputError where a twin is of another technology, or names another serial, than the table it comes with."""
+    """InputError where a twin is of another technology, or names another serial, than the table it
+    comes with.
+    """
     serial, technology = table["imu_serial"], table["gyro_technology"]
-    if twin is not None and (twin.imu_serial not in ("", serial) or twin.gyro_technology != technology):
+    if twin is not None and (
+        twin.imu_serial not in ("", serial) or twin.gyro_technology != technology
+    ):
         raise InputError(
-            f"twin of {twin.imu_serial or 'any'} ({twin.gyro_technology}), the table is of {serial} ({technology})"
+            f"twin of {twin.imu_serial or 'any'} ({twin.gyro_technology}), the table is of {serial}"
+            f" ({technology})"
         )

@@ -1,8 +1,10 @@
-"""Every row of a store against every other: what was changed, deleted, moved or written by something else.
+"""Every row of a store against every other: what was changed, deleted, moved or written by
+something else.
 
-The chain of record hashes finds a changed or moved row and a hole; the tags, merged runs, contradictions and approved
-proposals, which point into the chain, find revisions cut off at its end. Who rewrites all of these together can only be
-found with something kept elsewhere: the head, or a report (`heads_missing`, `report_faults`). Nothing is written.
+The chain of record hashes finds a changed or moved row and a hole; the tags, merged runs,
+contradictions and approved proposals, which point into the chain, find revisions cut off at its
+end. Who rewrites all of these together can only be found with something kept elsewhere: the head,
+or a report (`heads_missing`, `report_faults`). Nothing is written.
 """
 
 import json
@@ -15,7 +17,15 @@ from sqlalchemy import Connection, Table, exc, inspect, select, text
 from infield.store.contradictions import contradiction_sha256
 from infield.store.database import schema_of
 from infield.store.proposal_rows import proposals_of, read_full
-from infield.store.rows import UnitKey, key_of, provenance_runs, record_sha256, runs_held, text_sha256, unit_of_table
+from infield.store.rows import (
+    UnitKey,
+    key_of,
+    provenance_runs,
+    record_sha256,
+    runs_held,
+    text_sha256,
+    unit_of_table,
+)
 from infield.store.schema import (
     GUARDED,
     SCHEMA_REVISION,
@@ -59,25 +69,35 @@ class StoreCheck:
 
 def check_store(c: Connection) -> StoreCheck:
     """Everything in the store, read in one transaction."""
-    units = c.execute(select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)).all()
+    units = c.execute(
+        select(unit).order_by(unit.c.imu_serial, unit.c.gyro_technology, unit.c.gyro_mode)
+    ).all()
     faults = (*_damage(c), *_orphans(c, {row.id for row in units}))
     return StoreCheck(tuple(_checked(c, row) for row in units), faults)
 
 
 def _checked(c: Connection, row: Any) -> UnitCheck:
-    """One unit; a row that SQLite lets be of any type, or of bytes that are no text, breaks this unit alone."""
+    """One unit; a row that SQLite lets be of any type, or of bytes that are no text, breaks this
+    unit alone.
+    """
     try:
         return _check_unit(c, row)
     except (TypeError, ValueError, AttributeError, exc.OperationalError) as error:
         if c.dialect.name != "sqlite":
             raise
         said = str(getattr(error, "orig", error)).partition("\n")[0]
-        return UnitCheck(unit=key_of(row), revisions=0, head_sha256=None, faults=(f"a row cannot be read: {said}",))
+        return UnitCheck(
+            unit=key_of(row),
+            revisions=0,
+            head_sha256=None,
+            faults=(f"a row cannot be read: {said}",),
+        )
 
 
 GUARDS_ON = text(
-    "SELECT t.relname FROM pg_trigger g JOIN pg_class t ON t.oid = g.tgrelid WHERE g.tgname = 'recal_append_only' "
-    "AND g.tgenabled IN ('O', 'A') AND t.relnamespace = current_schema()::regnamespace"
+    "SELECT t.relname FROM pg_trigger g JOIN pg_class t ON t.oid = g.tgrelid WHERE g.tgname ="
+    " 'recal_append_only' AND g.tgenabled IN ('O', 'A') AND t.relnamespace ="
+    " current_schema()::regnamespace"
 )
 
 
@@ -94,9 +114,16 @@ def _damage(c: Connection) -> Iterable[str]:
 
 def _orphans(c: Connection, ids: set[int]) -> Iterable[str]:
     for table in (revision, tag, merged_run, contradiction, proposal, decision):
-        owners = set(c.execute(select(table.c.unit_id).distinct()).scalars()) if _has(c, table) else set()
+        owners = (
+            set(c.execute(select(table.c.unit_id).distinct()).scalars())
+            if _has(c, table)
+            else set()
+        )
         if lost := owners - ids:
-            yield f"{table.name}: rows of {len(lost)} unit{'s' if len(lost) > 1 else ''} that the store does not hold"
+            yield (
+                f"{table.name}: rows of {len(lost)} unit{'s' if len(lost) > 1 else ''} that the"
+                " store does not hold"
+            )
 
 
 def _has(c: Connection, table: Table) -> bool:
@@ -104,15 +131,29 @@ def _has(c: Connection, table: Table) -> bool:
 
 
 def _check_unit(c: Connection, row: Any) -> UnitCheck:
-    found = c.execute(select(revision).where(revision.c.unit_id == row.id).order_by(revision.c.number)).all()
+    found = c.execute(
+        select(revision).where(revision.c.unit_id == row.id).order_by(revision.c.number)
+    ).all()
     rows: Rows = {stored.number: dict(stored._mapping) for stored in found}
-    tags: dict[str, int] = {t.name: t.number for t in c.execute(select(tag).where(tag.c.unit_id == row.id)).all()}
+    tags: dict[str, int] = {
+        t.name: t.number for t in c.execute(select(tag).where(tag.c.unit_id == row.id)).all()
+    }
     only_proposed = not rows and not tags and _has(c, proposal) and bool(proposals_of(c, row))
-    faults = [] if only_proposed else [
-        *_holes(rows, tags), *(fault for k in rows for fault in _revision_faults(key_of(row), rows, k)),
-        *_tag_faults(rows, tags), *_merged_faults(c, row, rows, tags),
-    ]  # fmt: skip
-    faults += [*_twin_faults(row, rows), *_contradiction_faults(c, row, rows), *_proposal_faults(c, row, rows)]
+    faults = (
+        []
+        if only_proposed
+        else [
+            *_holes(rows, tags),
+            *(fault for k in rows for fault in _revision_faults(key_of(row), rows, k)),
+            *_tag_faults(rows, tags),
+            *_merged_faults(c, row, rows, tags),
+        ]
+    )
+    faults += [
+        *_twin_faults(row, rows),
+        *_contradiction_faults(c, row, rows),
+        *_proposal_faults(c, row, rows),
+    ]
     head = str(rows[max(rows)]["record_sha256"]) if rows else None
     return UnitCheck(unit=key_of(row), revisions=len(rows), head_sha256=head, faults=tuple(faults))
 
@@ -121,7 +162,9 @@ def _holes(rows: Rows, tags: dict[str, int]) -> Iterable[str]:
     last = max([*rows, *tags.values(), 1])
     for number in sorted(set(range(1, last + 1)) - set(rows)):
         names = [name for name, tagged in tags.items() if tagged == number]
-        yield f"revision {number} is missing" + (f", though tagged {' and '.join(names)}" if names else "")
+        yield f"revision {number} is missing" + (
+            f", though tagged {' and '.join(names)}" if names else ""
+        )
 
 
 def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:
@@ -131,13 +174,21 @@ def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:
         yield f"{name}: the table was changed, its hash does not match"
     if before is not None or number == 1:
         link = before["record_sha256"] if before else ""
-        if row["record_sha256"] != record_sha256(key, {k: v for k, v in row.items() if k != "record_sha256"}, link):
-            yield f"{name}: the row, or its link to the one before, was changed: the record hash does not match"
+        if row["record_sha256"] != record_sha256(
+            key, {k: v for k, v in row.items() if k != "record_sha256"}, link
+        ):
+            yield (
+                f"{name}: the row, or its link to the one before, was changed: the record hash does"
+                " not match"
+            )
         if row["parent_sha256"] != (before["sha256"] if before else None):
             yield f"{name}: parent_sha256 is not the hash of the table before it"
     if (row["kind"] == "factory") != (number == 1):
         yield f"{name}: its kind is {row['kind']}"
-    if row["kind"] == "rollback" and rows.get(row["restored_number"], row)["table_json"] != row["table_json"]:
+    if (
+        row["kind"] == "rollback"
+        and rows.get(row["restored_number"], row)["table_json"] != row["table_json"]
+    ):
         yield f"{name}: it is not the table of revision {row['restored_number']}"
     yield from _text_faults(key, row, name)
 
@@ -145,7 +196,9 @@ def _revision_faults(key: UnitKey, rows: Rows, number: int) -> Iterable[str]:
 def _text_faults(key: UnitKey, row: dict[str, Any], name: str) -> Iterable[str]:
     """The texts of a row: a table of this unit, a report of this table."""
     try:
-        if unit_of_table(table_from_dict(json.loads(row["table_json"]), name=name)) != UnitKey(**vars(key)):
+        if unit_of_table(table_from_dict(json.loads(row["table_json"]), name=name)) != UnitKey(
+            **vars(key)
+        ):
             yield f"{name}: the table is of another unit"
     except (InputError, ValueError) as error:
         yield f"{name}: the table cannot be read: {error}"
@@ -153,7 +206,10 @@ def _text_faults(key: UnitKey, row: dict[str, Any], name: str) -> Iterable[str]:
     if report is None:
         yield f"{name}: the report cannot be read"
         return
-    for report_key, column in (("table_after_sha256", "sha256"), ("table_before_sha256", "parent_sha256")):
+    for report_key, column in (
+        ("table_after_sha256", "sha256"),
+        ("table_before_sha256", "parent_sha256"),
+    ):
         if report.get(report_key, row[column]) != row[column]:
             yield f"{name}: the report is of another table ({report_key})"
 
@@ -204,7 +260,10 @@ def _twin_faults(row: Any, rows: Rows) -> Iterable[str]:
     except (InputError, ValueError) as error:
         yield f"twin: cannot be read: {error}"
     if row.twin_table_sha256 not in {r["sha256"] for r in rows.values()}:
-        yield f"twin: the table {str(row.twin_table_sha256)[:12]} that it was imported with is in no revision"
+        yield (
+            f"twin: the table {str(row.twin_table_sha256)[:12]} that it was imported with is in no"
+            " revision"
+        )
 
 
 def _contradiction_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
@@ -217,7 +276,10 @@ def _contradiction_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
         if values.pop("record_sha256") != contradiction_sha256(row, values):
             yield f"{name}: the row was changed, its hash does not match"
         elif stored.table_sha256 not in known:
-            yield f"{name}: the table {stored.table_sha256[:12]} that it contradicts is in no revision"
+            yield (
+                f"{name}: the table {stored.table_sha256[:12]} that it contradicts is in no"
+                " revision"
+            )
 
 
 def _proposal_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
@@ -233,33 +295,57 @@ def _proposal_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
             yield str(error).partition(f"{key_of(row)} ")[2]
         became = light.decision.revision_number if light.decision else None
         if became is not None and rows.get(became, {}).get("sha256") != light.sha256:
-            yield f"proposal {light.number}: approved as revision {became}, which does not hold its table"
+            yield (
+                f"proposal {light.number}: approved as revision {became}, which does not hold its"
+                " table"
+            )
 
 
 def heads_missing(c: Connection, heads: Sequence[str]) -> list[str]:
-    """Of record hashes written down earlier (at least 12 digits), what is said of those no longer in the store."""
+    """Of record hashes written down earlier (at least 12 digits), what is said of those no longer
+    in the store.
+    """
     for head in heads:
         if len(head) < LEAST_HEAD or not set(head.lower()) <= set("0123456789abcdef"):
             raise InputError(f"head {head[:80]!r}, needed at least {LEAST_HEAD} hexadecimal digits")
     known = c.execute(select(revision.c.record_sha256)).scalars().all() if heads else []
-    lost = [head for head in heads if not any(str(record).startswith(head.lower()) for record in known)]
-    return [f"head {head}: in no chain of the store: revisions were cut off or rewritten" for head in lost]
+    lost = [
+        head for head in heads if not any(str(record).startswith(head.lower()) for record in known)
+    ]
+    return [
+        f"head {head}: in no chain of the store: revisions were cut off or rewritten"
+        for head in lost
+    ]
 
 
 def report_faults(c: Connection, name: str, document: dict[str, Any]) -> list[str]:
-    """What of a committed update's report, as written beside the store, is not what the store holds."""
+    """What of a committed update's report, as written beside the store, is not what the store
+    holds.
+    """
     if document.get("verdict") != "committed":
-        raise InputError(f"{name}: verdict {document.get('verdict')!r}, needed a report of a committed update")
+        raise InputError(
+            f"{name}: verdict {document.get('verdict')!r}, needed a report of a committed update"
+        )
     found = c.execute(
-        select(revision.c.report_json, revision.c.sha256).join(unit)
-        .where(unit.c.imu_serial == document.get("imu_serial")).where(unit.c.gyro_technology == document.get("gyro_technology"))
+        select(revision.c.report_json, revision.c.sha256)
+        .join(unit)
+        .where(unit.c.imu_serial == document.get("imu_serial"))
+        .where(unit.c.gyro_technology == document.get("gyro_technology"))
         .where(revision.c.number == document.get("revision"))
-    ).all()  # fmt: skip
+    ).all()
     where = f"{name}: {document.get('imu_serial')} revision {document.get('revision')}"
-    texts = [_report(stored.report_json) for stored in found if stored.sha256 == document.get("table_after_sha256")]
+    texts = [
+        _report(stored.report_json)
+        for stored in found
+        if stored.sha256 == document.get("table_after_sha256")
+    ]
     if not texts:
         return [f"{where} is {'another table in' if found else 'not in'} the store"]
     added = {"revision", "rollback_command"}  # known only once it is committed
     stored = texts[0] or {}
     differ = [k for k in sorted({*document, *stored} - added) if document.get(k) != stored.get(k)]
-    return [f"{where}: the report differs from the stored one in {', '.join(differ)}"] if differ else []
+    return (
+        [f"{where}: the report differs from the stored one in {', '.join(differ)}"]
+        if differ
+        else []
+    )

@@ -1,4 +1,5 @@
-"""Thermal tables as files: `recal.table/1` JSON and CSV (formats.md, section 2), and their content hash.
+"""Thermal tables as files: `recal.table/1` JSON and CSV (formats.md, section 2), and their content
+hash.
 
 Floats are written as Python's shortest repr, so what is read back has the same bits.
 """
@@ -25,7 +26,8 @@ SCHEMA = "recal.table/1"
 CSV_COLUMNS = ("axis", "temperature_degC", "bias_deg_h", "sigma_deg_h")
 SLOPE_COLUMN = "slope_deg_h_degC"  # a fifth CSV column, hermite tables only
 PLAUSIBLE_degC = (-100.0, 200.0)  # beyond: kelvin, or another unit
-SIGMA_AGREES = 0.02  # relative: sigma_deg_h may be the covariance's diagonal rounded to two digits, not another number
+# relative: sigma_deg_h may be the covariance's diagonal rounded to two digits, not another number
+SIGMA_AGREES = 0.02
 
 
 class _Axis(StrictModel):
@@ -53,7 +55,9 @@ class _Table(StrictModel):
 
 
 def table_sha256(table: dict[str, Any]) -> str:
-    """SHA-256 of a table's content: canonical JSON, every number as float (formats.md, section 2)."""
+    """SHA-256 of a table's content: canonical JSON, every number as float (formats.md, section
+    2).
+    """
     return hashlib.sha256(canonical_json(table).encode()).hexdigest()
 
 
@@ -63,13 +67,17 @@ def canonical_json(table: dict[str, Any]) -> str:
 
 
 def table_from_dict(data: dict[str, Any], *, name: str) -> ThermalTable:
-    """The table in a plain dict; `name` (its file) begins each error line.  InputError names the key."""
+    """The table in a plain dict; `name` (its file) begins each error line.  InputError names the
+    key.
+    """
     body = without_schema(data, SCHEMA, name=name)
     try:
         model = _Table.model_validate(body)
     except ValidationError as error:
         lines = complaints(error, _Table, name=name)
-        raise InputError(next((line for line in lines if "unknown key" in line), lines[0])) from None
+        raise InputError(
+            next((line for line in lines if "unknown key" in line), lines[0])
+        ) from None
     try:
         return _table(model)
     except InputError as error:
@@ -77,7 +85,9 @@ def table_from_dict(data: dict[str, Any], *, name: str) -> ThermalTable:
 
 
 def table_to_dict(table: ThermalTable) -> dict[str, Any]:
-    """The plain dict of formats.md section 2, the covariance in full, sigma being the root of its diagonal."""
+    """The plain dict of formats.md section 2, the covariance in full, sigma being the root of its
+    diagonal.
+    """
     sigma = np.sqrt(np.maximum(np.diag(table.covariance), 0.0))
     axes: dict[str, Any] = {}
     for axis, nodes in zip(AXES, table.temperature_degC):
@@ -103,7 +113,9 @@ def table_to_dict(table: ThermalTable) -> dict[str, Any]:
 
 
 def read_table_dict(path: Path) -> dict[str, Any]:
-    """The dict of a JSON table file, checked, as written: hash this one. InputError names file and key."""
+    """The dict of a JSON table file, checked, as written: hash this one. InputError names file and
+    key.
+    """
     data = read_json_object(Path(path))
     table_from_dict(data, name=str(path))
     return data
@@ -117,11 +129,17 @@ def read_table(path: Path) -> ThermalTable:
 def json_text(table: dict[str, Any]) -> str:
     """A table's JSON for people and files: lists of numbers on one line."""
     text = json.dumps(_floats(table), indent=1)
-    return re.sub(r"\[\n[\s\d.eE+,\-]*\]", lambda m: " ".join(m[0].split()).replace("[ ", "[").replace(" ]", "]"), text)
+    return re.sub(
+        r"\[\n[\s\d.eE+,\-]*\]",
+        lambda m: " ".join(m[0].split()).replace("[ ", "[").replace(" ]", "]"),
+        text,
+    )
 
 
 def csv_text(table: ThermalTable) -> str:
-    """The CSV form: node values and sigmas (and slopes, where hermite); covariances are not in it."""
+    """The CSV form: node values and sigmas (and slopes, where hermite); covariances are not in
+    it.
+    """
     hermite, out = table.interpolation == "hermite", io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow([*CSV_COLUMNS, SLOPE_COLUMN] if hermite else CSV_COLUMNS)
@@ -143,17 +161,30 @@ def read_table_csv(
     header = [h.strip() for h in lines[0]] if lines else []
     columns = (*CSV_COLUMNS, SLOPE_COLUMN) if SLOPE_COLUMN in header else CSV_COLUMNS
     if sorted(header) != sorted(columns):
-        raise InputError(f"{path}: line 1: columns {','.join(header)[:120]!r}, needed {','.join(CSV_COLUMNS)!r}")
+        raise InputError(
+            f"{path}: line 1: columns {','.join(header)[:120]!r}, needed {','.join(CSV_COLUMNS)!r}"
+        )
     axes: dict[str, dict[str, list[float]]] = {axis: {c: [] for c in columns[1:]} for axis in AXES}
     for number, row in enumerate(lines[1:], start=2):
         if row:
-            _add_row(axes, dict(zip(header, row)), width=len(row), needed=columns, where=f"{path}: line {number}")
+            _add_row(
+                axes,
+                dict(zip(header, row)),
+                width=len(row),
+                needed=columns,
+                where=f"{path}: line {number}",
+            )
     data: dict[str, Any] = {
-        "schema": SCHEMA, "imu_serial": imu_serial, "gyro_technology": gyro_technology,
-        **({"gyro_mode": gyro_mode} if gyro_mode else {}), "created_utc": created_utc,
-        "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear", "axes": axes, "covariance": None,
+        "schema": SCHEMA,
+        "imu_serial": imu_serial,
+        "gyro_technology": gyro_technology,
+        **({"gyro_mode": gyro_mode} if gyro_mode else {}),
+        "created_utc": created_utc,
+        "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear",
+        "axes": axes,
+        "covariance": None,
         "provenance": {"parent_sha256": None, "runs": []},
-    }  # fmt: skip
+    }
     table_from_dict(data, name=str(path))
     return data
 
@@ -163,7 +194,9 @@ def utc(text: str, *, name: str) -> datetime:
     try:
         when = datetime.fromisoformat(text)
     except ValueError:
-        raise InputError(f"{name}: got {text[:60]!r}, needed ISO 8601 UTC like 2026-03-01T05:00:00Z") from None
+        raise InputError(
+            f"{name}: got {text[:60]!r}, needed ISO 8601 UTC like 2026-03-01T05:00:00Z"
+        ) from None
     if when.utcoffset() not in (None, timedelta(0)):
         raise InputError(f"{name}: got {text[:60]!r}, needed UTC")
     return when.replace(tzinfo=UTC)
@@ -184,44 +217,69 @@ def _table(model: _Table) -> ThermalTable:
     else:
         P = _given_covariance(model.covariance, beta.size, np.concatenate((sx, sy, sz)))
     return ThermalTable(
-        imu_serial=model.imu_serial, gyro_technology=model.gyro_technology, gyro_mode=model.gyro_mode,
-        created_utc=model.created_utc, interpolation=model.interpolation, temperature_degC=(x, y, z), parameters=beta,
-        covariance=P, provenance=model.provenance,
-    )  # fmt: skip
+        imu_serial=model.imu_serial,
+        gyro_technology=model.gyro_technology,
+        gyro_mode=model.gyro_mode,
+        created_utc=model.created_utc,
+        interpolation=model.interpolation,
+        temperature_degC=(x, y, z),
+        parameters=beta,
+        covariance=P,
+        provenance=model.provenance,
+    )
 
 
 def _check_axis(axis: str, columns: _Axis, *, hermite: bool) -> None:
     key, T = f"axes.{axis}", columns.temperature_degC
     if hermite != (columns.slope_deg_h_degC is not None):
-        raise InputError(f"{key}.{SLOPE_COLUMN}: {'missing' if hermite else 'given'}, needed with hermite only")
+        raise InputError(
+            f"{key}.{SLOPE_COLUMN}: {'missing' if hermite else 'given'}, needed with hermite only"
+        )
     for name, values in columns:
         if values is not None and len(values) != len(T):
-            raise InputError(f"{key}.{name}: {len(values)} values, needed {len(T)} as in temperature_degC")
+            raise InputError(
+                f"{key}.{name}: {len(values)} values, needed {len(T)} as in temperature_degC"
+            )
     if len(T) < 2:
         raise InputError(f"{key}.temperature_degC: {len(T)} values, needed at least 2")
     if min(T) < PLAUSIBLE_degC[0] or max(T) > PLAUSIBLE_degC[1]:
-        raise InputError(f"{key}.temperature_degC: {min(T):g} to {max(T):g}, needed -100 to 200 degC: wrong unit?")
+        raise InputError(
+            f"{key}.temperature_degC: {min(T):g} to {max(T):g}, needed -100 to 200 degC: wrong"
+            " unit?"
+        )
     for k, step in enumerate(np.diff(T), start=1):
         if step <= 0:
-            raise InputError(f"{key}.temperature_degC[{k}]: {T[k]!r} after {T[k - 1]!r}, needed strictly increasing")
+            raise InputError(
+                f"{key}.temperature_degC[{k}]: {T[k]!r} after {T[k - 1]!r}, needed strictly"
+                " increasing"
+            )
     if min(columns.sigma_deg_h) < 0:
-        raise InputError(f"{key}.sigma_deg_h: got {min(columns.sigma_deg_h)!r}, needed none below 0")
+        raise InputError(
+            f"{key}.sigma_deg_h: got {min(columns.sigma_deg_h)!r}, needed none below 0"
+        )
 
 
 def _given_covariance(rows: list[list[float]], n: int, sigma: NDArray) -> NDArray:
     if len(rows) != n or any(len(row) != n for row in rows):
         widths = sorted({len(row) for row in rows})
-        raise InputError(f"covariance: {len(rows)} rows of {widths}, needed {n} by {n} for the nodes given")
+        raise InputError(
+            f"covariance: {len(rows)} rows of {widths}, needed {n} by {n} for the nodes given"
+        )
     P = np.array(rows)
     diagonal = np.sqrt(np.maximum(np.diag(P)[: sigma.size], 0.0))
     wrong = np.flatnonzero(np.abs(diagonal - sigma) > SIGMA_AGREES * np.maximum(diagonal, sigma))
     if wrong.size:
         k = int(wrong[0])
-        raise InputError(f"covariance[{k}][{k}]: sigma {diagonal[k]:.6g}, but sigma_deg_h says {sigma[k]:.6g} deg/h")
+        raise InputError(
+            f"covariance[{k}][{k}]: sigma {diagonal[k]:.6g}, but sigma_deg_h says {sigma[k]:.6g}"
+            " deg/h"
+        )
     return P
 
 
-def _add_row(axes: dict, cells: dict[str, str], *, width: int, needed: tuple[str, ...], where: str) -> None:
+def _add_row(
+    axes: dict, cells: dict[str, str], *, width: int, needed: tuple[str, ...], where: str
+) -> None:
     if width != len(needed):
         raise InputError(f"{where}: {width} cells, needed {len(needed)}")
     axis = cells["axis"].strip()
@@ -233,7 +291,9 @@ def _add_row(axes: dict, cells: dict[str, str], *, width: int, needed: tuple[str
         except ValueError:
             value = float("nan")
         if not np.isfinite(value):
-            raise InputError(f"{where}: {column}: got {cells[column][:40]!r}, needed a finite number")
+            raise InputError(
+                f"{where}: {column}: got {cells[column][:40]!r}, needed a finite number"
+            )
         axes[axis][column].append(value)
 
 

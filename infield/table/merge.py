@@ -1,11 +1,13 @@
-"""Bayesian merge of one session into the thermal table, with everything one session has in common kept in common.
+"""Bayesian merge of one session into the thermal table, with everything one session has in common
+kept in common.
 
-    session bias points  b = H beta + t,   t ~ N(0, T): turn-on, flicker, rate random walk, misalignment
-    measured             y = b + v,        v ~ N(0, R)
+    session bias points  b = H beta + t,   t ~ N(0, T): turn-on, flicker, rate random walk,
+    misalignment measured             y = b + v,        v ~ N(0, R)
 
-Two forms of the same update: `merge_points` from y and R, `merge_posterior` from a filter that carried b as states
-(prior m0 = H beta, C = H P H' + T; posterior m1, P1) and so may have left directions of b unobserved.
-Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o); Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
+Two forms of the same update: `merge_points` from y and R, `merge_posterior` from a filter that
+carried b as states (prior m0 = H beta, C = H P H' + T; posterior m1, P1) and so may have left
+directions of b unobserved. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, claim 1 (n), (o);
+Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
 """
 
 from collections.abc import Callable, Sequence
@@ -22,19 +24,22 @@ from ins.records import AXES, GyroNoise, InputError, frozen_array
 from ins.units import DEG_PER_HOUR, HOUR, MILLIRADIAN
 
 CONFIDENCE = 0.999  # of the band a session must lie in to be merged (requirements R11, R16)
-AXIS_Z_LIMIT = float(norm.isf((1.0 - CONFIDENCE) / 2.0 / len(AXES)))  # one of three axes exceeds it in 1 of 1000
+# one of three axes exceeds it in 1 of 1000
+AXIS_Z_LIMIT = float(norm.isf((1.0 - CONFIDENCE) / 2.0 / len(AXES)))
 NEGLIGIBLE = 1e-12  # variance, relative to the largest, of a direction that is already known
-UNOBSERVED = 1e-6  # share of a direction's variance that the session removed, below which it says nothing
+# share of a direction's variance that the session removed, below which it says nothing
+UNOBSERVED = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
 class SessionPoints:
     """What one session measured: total gyro biases, prior excluded, with their joint covariance.
 
-    axis_index (m,): 0, 1, 2; time_s (m,): centre; duration_s (m,); temperatures and rates: means over the point;
-    bias_deg_h (m,): comparable with the table, a table already applied being added back; covariance (m, m)
-    [(deg/h)^2]: of the measurement alone, its temperature included; H (m, n): `ThermalTable.basis` rows averaged over
-    each point. Gradient and the sigmas of temperature and rate: None where not logged or not known.
+    axis_index (m,): 0, 1, 2; time_s (m,): centre; duration_s (m,); temperatures and rates: means
+    over the point; bias_deg_h (m,): comparable with the table, a table already applied being added
+    back; covariance (m, m) [(deg/h)^2]: of the measurement alone, its temperature included; H (m,
+    n): `ThermalTable.basis` rows averaged over each point. Gradient and the sigmas of temperature
+    and rate: None where not logged or not known.
     """
 
     axis_index: NDArray
@@ -55,12 +60,22 @@ class SessionPoints:
     def __post_init__(self) -> None:
         m = len(np.atleast_1d(self.bias_deg_h))
         shapes: dict[str, tuple[int | None, ...]] = {"covariance": (m, m), "H": (m, None)}
-        one = ("time_s", "duration_s", "temperature_degC", "temperature_rate_degC_min", "bias_deg_h", "gradient_degC",
-               "sigma_temperature_degC", "sigma_rate_degC_min")  # fmt: skip
+        one = (
+            "time_s",
+            "duration_s",
+            "temperature_degC",
+            "temperature_rate_degC_min",
+            "bias_deg_h",
+            "gradient_degC",
+            "sigma_temperature_degC",
+            "sigma_rate_degC_min",
+        )
         shapes.update(dict.fromkeys(one, (m,)))
         for name, shape in shapes.items():
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, frozen_array(getattr(self, name), shape, f"SessionPoints.{name}"))
+                object.__setattr__(
+                    self, name, frozen_array(getattr(self, name), shape, f"SessionPoints.{name}")
+                )
         axis = np.array(self.axis_index, dtype=np.int64)
         if axis.shape != (m,) or not np.all((axis >= 0) & (axis < len(AXES))):
             raise InputError(f"SessionPoints.axis_index: needs {m} values of 0, 1, 2")
@@ -79,10 +94,10 @@ class MergeResult:
 
     table : the merged table, or the table as it was where the session is not `consistent` with it.
     candidate : the merged table in any case.
-    innovation_deg_h (m,), innovation_covariance (m, m): session less table, and what was expected of it.
-    gain (n, m): parameters per innovation.
-    nis, dof, band : innovation' S^-1 innovation, its chi-square degrees of freedom and 99.9 % band.
-    axis_z (3,): mean change of each axis's nodes over its expected standard deviation; a shift of one axis that
+    innovation_deg_h (m,), innovation_covariance (m, m): session less table, and what was expected
+    of it. gain (n, m): parameters per innovation. nis, dof, band : innovation' S^-1 innovation, its
+    chi-square degrees of freedom and 99.9 % band. axis_z (3,): mean change of each axis's nodes
+    over its expected standard deviation; a shift of one axis that
         a large dof would hide shows here.
     """
 
@@ -98,12 +113,18 @@ class MergeResult:
     consistent: bool
 
 
-def merge_points(table: ThermalTable, points: SessionPoints, extra_covariance: ArrayLike) -> MergeResult:
-    """Merge measured points; `extra_covariance` (m, m) is `session_covariance` (and whatever else they share)."""
+def merge_points(
+    table: ThermalTable, points: SessionPoints, extra_covariance: ArrayLike
+) -> MergeResult:
+    """Merge measured points; `extra_covariance` (m, m) is `session_covariance` (and whatever else
+    they share).
+    """
     H, P = points.H, table.covariance
     R = points.covariance + np.asarray(extra_covariance, dtype=float)
     if H.shape[1] != table.n_parameters or R.shape != points.covariance.shape:
-        raise InputError(f"points: H {H.shape}, covariance {R.shape}, table of {table.n_parameters} parameters")
+        raise InputError(
+            f"points: H {H.shape}, covariance {R.shape}, table of {table.n_parameters} parameters"
+        )
     innovation = points.bias_deg_h - H @ table.parameters
     S = H @ P @ H.T + R
     W = _whitener(S)
@@ -111,31 +132,50 @@ def merge_points(table: ThermalTable, points: SessionPoints, extra_covariance: A
     left = np.eye(table.n_parameters) - gain @ H
     P_plus = left @ P @ left.T + gain @ R @ gain.T
     z = W @ innovation
-    return _judged(table, innovation, S, gain, change=gain @ innovation, P_plus=P_plus, nis=float(z @ z), dof=z.size)
+    return _judged(
+        table,
+        innovation,
+        S,
+        gain,
+        change=gain @ innovation,
+        P_plus=P_plus,
+        nis=float(z @ z),
+        dof=z.size,
+    )
 
 
 def merge_posterior(
-    table: ThermalTable, H: ArrayLike, prior_mean: ArrayLike, prior_cov: ArrayLike, post_mean: ArrayLike,
-    post_cov: ArrayLike, *, held_axes: Sequence[str] = (),
-) -> MergeResult:  # fmt: skip
+    table: ThermalTable,
+    H: ArrayLike,
+    prior_mean: ArrayLike,
+    prior_cov: ArrayLike,
+    post_mean: ArrayLike,
+    post_cov: ArrayLike,
+    *,
+    held_axes: Sequence[str] = (),
+) -> MergeResult:
     """Merge what a filter learnt of the session biases b; H (m, n), means (m,), covariances (m, m).
 
     prior: N(m0, C), C = H P H' + T with this table's P; posterior: N(m1, P1). With K = P H' C^-1
 
         beta+ = beta + K (m1 - m0),   P+ = P - K (C - P1) K'
 
-    exact for any linear measurement of b. Worked in coordinates where C = I and P1 = I - diag(d): d is the share of
-    variance that the session removed, and a direction with d below UNOBSERVED moves nothing at all.
+    exact for any linear measurement of b. Worked in coordinates where C = I and P1 = I - diag(d): d
+    is the share of variance that the session removed, and a direction with d below UNOBSERVED moves
+    nothing at all.
 
-    held_axes: axes that the session did not show. Their common part stays exactly where it was (a consider update):
-    a session sees north and east, and the heading, itself uncertain by about a milliradian, would otherwise carry a
-    thousandth of the north gyro's change into the east gyro. Their shape over temperature may still be learnt.
+    held_axes: axes that the session did not show. Their common part stays exactly where it was (a
+    consider update): a session sees north and east, and the heading, itself uncertain by about a
+    milliradian, would otherwise carry a thousandth of the north gyro's change into the east gyro.
+    Their shape over temperature may still be learnt.
     """
     H, C = np.asarray(H, dtype=float), np.asarray(prior_cov, dtype=float)
     innovation = np.asarray(post_mean, dtype=float) - np.asarray(prior_mean, dtype=float)
     m = innovation.size
     if H.shape != (m, table.n_parameters) or C.shape != (m, m) or np.shape(post_cov) != (m, m):
-        raise InputError(f"posterior of {m} points: H {H.shape}, covariances {C.shape} and {np.shape(post_cov)}")
+        raise InputError(
+            f"posterior of {m} points: H {H.shape}, covariances {C.shape} and {np.shape(post_cov)}"
+        )
     reduction = C - np.asarray(post_cov, dtype=float)
     W = _whitener(C)
     share, V = np.linalg.eigh(_symmetric(W @ reduction @ W.T))
@@ -147,18 +187,27 @@ def merge_posterior(
     shrunk = G * np.sqrt(share)
     change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
     return _judged(
-        table, innovation, reduction, gain, change=change, P_plus=P_plus,
-        nis=float(np.sum(delta**2 / share)), dof=int(seen.sum()),
-    )  # fmt: skip
+        table,
+        innovation,
+        reduction,
+        gain,
+        change=change,
+        P_plus=P_plus,
+        nis=float(np.sum(delta**2 / share)),
+        dof=int(seen.sum()),
+    )
 
 
 def hold_common(
     table: ThermalTable, axes: Sequence[str], change: NDArray, P_plus: NDArray
 ) -> tuple[NDArray, NDArray]:
-    """A change (n,) and its covariance (n, n) with the common part of some axes left exactly where it was."""
+    """A change (n,) and its covariance (n, n) with the common part of some axes left exactly where
+    it was.
+    """
     if not axes:
         return change, P_plus
-    T = np.sum([_common_part(table, axis) for axis in axes], axis=0)  # P - M G - G M' + M G M' with M = I - T, G = P - P+
+    # P - M G - G M' + M G M' with M = I - T, G = P - P+
+    T = np.sum([_common_part(table, axis) for axis in axes], axis=0)
     return change - T @ change, P_plus + T @ (table.covariance - P_plus) @ T.T
 
 
@@ -170,36 +219,58 @@ def _common_part(table: ThermalTable, axis: str) -> NDArray:
 
 
 def session_covariance(
-    *, axis_index: ArrayLike, time_s: ArrayLike, duration_s: ArrayLike, gyro: GyroNoise, run_length_s: float,
-    power_on_s: float = 0.0, sigma_misalignment_mrad: ArrayLike = 0.0,
-) -> NDArray:  # fmt: skip
-    """T: covariance of one session's departure from the table, averaged over each point, shape (m, m) [(deg/h)^2].
+    *,
+    axis_index: ArrayLike,
+    time_s: ArrayLike,
+    duration_s: ArrayLike,
+    gyro: GyroNoise,
+    run_length_s: float,
+    power_on_s: float = 0.0,
+    sigma_misalignment_mrad: ArrayLike = 0.0,
+) -> NDArray:
+    """T: covariance of one session's departure from the table, averaged over each point, shape (m,
+    m) [(deg/h)^2].
 
-    Per axis, axes independent: turn-on (a constant), flicker of two-sided PSD B^2 / (2 pi f) down to
-    1 / (4 run_length_s), rate random walk K^2 t since `power_on_s`, and (15 deg/h sigma_misalignment)^2 for Earth
-    rate leaking in on this session's heading (one sigma, or one for each of x, y, z).
-    Source: formats.md section 3, physics.md 6.8.
+    Per axis, axes independent: turn-on (a constant), flicker of two-sided PSD B^2 / (2 pi f) down
+    to 1 / (4 run_length_s), rate random walk K^2 t since `power_on_s`, and (15 deg/h
+    sigma_misalignment)^2 for Earth rate leaking in on this session's heading (one sigma, or one for
+    each of x, y, z). Source: formats.md section 3, physics.md 6.8.
     """
     axis = np.asarray(axis_index, dtype=np.int64)
     start, end = bin_edges(time_s, duration_s)
-    misalignment = EARTH_RATE_RAD_S / DEG_PER_HOUR * MILLIRADIAN * np.broadcast_to(sigma_misalignment_mrad, 3)[axis]
+    misalignment = (
+        EARTH_RATE_RAD_S
+        / DEG_PER_HOUR
+        * MILLIRADIAN
+        * np.broadcast_to(sigma_misalignment_mrad, 3)[axis]
+    )
     T = (
         gyro.turn_on_deg_h**2
         + misalignment[:, None] ** 2
-        + gyro.bias_instability_deg_h**2 * flicker_covariance(start, end, lowest_hz=0.25 / run_length_s)
-        + gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(start - power_on_s, end - power_on_s)
+        + gyro.bias_instability_deg_h**2
+        * flicker_covariance(start, end, lowest_hz=0.25 / run_length_s)
+        + gyro.rate_random_walk_deg_h_sqrt_h**2
+        / HOUR
+        * random_walk_covariance(start - power_on_s, end - power_on_s)
     )
     return T * (axis[:, None] == axis[None, :])
 
 
 def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Start and end of each point [s] from its centre and duration (at least 1 s, for flicker's sake)."""
-    centre, half = np.asarray(time_s, dtype=float), 0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0)
+    """Start and end of each point [s] from its centre and duration (at least 1 s, for flicker's
+    sake).
+    """
+    centre, half = (
+        np.asarray(time_s, dtype=float),
+        0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0),
+    )
     return centre - half, centre + half
 
 
 def random_walk_covariance(start_s: NDArray, end_s: NDArray) -> NDArray:
-    """Bin means of a unit random walk that starts at 0 (variance t [s]): mean of min(u, v) over bins, shape (m, m)."""
+    """Bin means of a unit random walk that starts at 0 (variance t [s]): mean of min(u, v) over
+    bins, shape (m, m).
+    """
 
     def integral(x: NDArray, y: NDArray) -> NDArray:  # of min(u, v) over [0, x] x [0, y]
         low, high = np.minimum(x, y), np.maximum(x, y)
@@ -224,8 +295,12 @@ def flicker_covariance(start_s: NDArray, end_s: NDArray, *, lowest_hz: float) ->
     return _bin_mean(integral, start_s, end_s)
 
 
-def _bin_mean(integral: Callable[[NDArray, NDArray], NDArray], start_s: NDArray, end_s: NDArray) -> NDArray:
-    """Mean of a kernel over each pair of bins, from its double integral I with d2I/(du dv) = kernel."""
+def _bin_mean(
+    integral: Callable[[NDArray, NDArray], NDArray], start_s: NDArray, end_s: NDArray
+) -> NDArray:
+    """Mean of a kernel over each pair of bins, from its double integral I with d2I/(du dv) =
+    kernel.
+    """
     a, b = start_s[:, None], end_s[:, None]
     c, d = start_s[None, :], end_s[None, :]
     total = integral(b, d) - integral(a, d) - integral(b, c) + integral(a, c)
@@ -233,22 +308,38 @@ def _bin_mean(integral: Callable[[NDArray, NDArray], NDArray], start_s: NDArray,
 
 
 def _judged(
-    table: ThermalTable, innovation: NDArray, S: NDArray, gain: NDArray, *, change: NDArray, P_plus: NDArray,
-    nis: float, dof: int,
-) -> MergeResult:  # fmt: skip
-    """The result, merged only where neither NIS nor the shift of any axis is beyond its 99.9 % bound.
+    table: ThermalTable,
+    innovation: NDArray,
+    S: NDArray,
+    gain: NDArray,
+    *,
+    change: NDArray,
+    P_plus: NDArray,
+    nis: float,
+    dof: int,
+) -> MergeResult:
+    """The result, merged only where neither NIS nor the shift of any axis is beyond its 99.9 %
+    bound.
 
-    A NIS below its band is no reason to keep a session out: a table may well be better than its sigma says.
+    A NIS below its band is no reason to keep a session out: a table may well be better than its
+    sigma says.
     """
     candidate = table.replaced(parameters=table.parameters + change, covariance=_symmetric(P_plus))
     band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], dof)) if dof else (0.0, 0.0)
     axis_z = _axis_shifts(table, change, table.covariance - candidate.covariance)
     consistent = bool(nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
     return MergeResult(
-        table=candidate if consistent else table, candidate=candidate, innovation_deg_h=innovation,
-        innovation_covariance=S, gain=gain, nis=nis, dof=dof, band=(float(band[0]), float(band[1])), axis_z=axis_z,
+        table=candidate if consistent else table,
+        candidate=candidate,
+        innovation_deg_h=innovation,
+        innovation_covariance=S,
+        gain=gain,
+        nis=nis,
+        dof=dof,
+        band=(float(band[0]), float(band[1])),
+        axis_z=axis_z,
         consistent=consistent,
-    )  # fmt: skip
+    )
 
 
 def _axis_shifts(table: ThermalTable, change: NDArray, expected: NDArray) -> NDArray:

@@ -1,4 +1,5 @@
-"""What is believed of a table's errors before any data: a common shift of each axis plus a smooth curve over it.
+"""What is believed of a table's errors before any data: a common shift of each axis plus a smooth
+curve over it.
 
 Source: formats.md section 2 (`covariance` null), physics.md 6.8.
 """
@@ -11,13 +12,19 @@ KERNEL_LENGTH_degC = 30.0  # of the smooth rest
 
 
 def prior_covariance(
-    nodes_degC: tuple[NDArray, NDArray, NDArray], sigmas_deg_h: tuple[NDArray, NDArray, NDArray], *,
-    hermite: bool = False, common_fraction: float = COMMON_FRACTION, length_degC: float = KERNEL_LENGTH_degC,
-) -> NDArray:  # fmt: skip
-    """The covariance that goes with sigmas alone (formats.md, section 2: `covariance` null), shape (n, n).
+    nodes_degC: tuple[NDArray, NDArray, NDArray],
+    sigmas_deg_h: tuple[NDArray, NDArray, NDArray],
+    *,
+    hermite: bool = False,
+    common_fraction: float = COMMON_FRACTION,
+    length_degC: float = KERNEL_LENGTH_degC,
+) -> NDArray:
+    """The covariance that goes with sigmas alone (formats.md, section 2: `covariance` null), shape
+    (n, n).
 
-    Per axis sigma_i sigma_j (c + (1 - c) rho), axes uncorrelated. Slopes get the derivatives of the same kernel with
-    the sigma of their own node; the change of sigma from node to node is neglected there.
+    Per axis sigma_i sigma_j (c + (1 - c) rho), axes uncorrelated. Slopes get the derivatives of the
+    same kernel with the sigma of their own node; the change of sigma from node to node is neglected
+    there.
     """
     sizes = [t.size for t in nodes_degC]
     count = sum(sizes)
@@ -34,7 +41,8 @@ def prior_covariance(
 
 
 def smooth_kernel(nodes_degC: ArrayLike, length_degC: float, *, slopes: bool = False) -> NDArray:
-    """Unit covariance rho = exp(-dT^2 / 2 l^2) of a smooth curve at nodes; with `slopes`, of values then slopes.
+    """Unit covariance rho = exp(-dT^2 / 2 l^2) of a smooth curve at nodes; with `slopes`, of values
+    then slopes.
 
     cov(v, m') = d rho/dT' = (T - T')/l^2 rho; cov(m, m') = (1/l^2 - dT^2/l^4) rho.
     """

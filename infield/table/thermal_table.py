@@ -1,10 +1,13 @@
-"""The thermal bias table of one gyro triad: node values over temperature, with their full joint covariance.
+"""The thermal bias table of one gyro triad: node values over temperature, with their full joint
+covariance.
 
-Unit: deg/h, deg/h/degC and (deg/h)^2 throughout, in memory as in the file. A table is a border record (read, printed,
-stored, compared to 0 ulp), so it is never converted; kernels that want rad/s multiply by `units.DEG_PER_HOUR`.
+Unit: deg/h, deg/h/degC and (deg/h)^2 throughout, in memory as in the file. A table is a border
+record (read, printed, stored, compared to 0 ulp), so it is never converted; kernels that want rad/s
+multiply by `units.DEG_PER_HOUR`.
 
-Bias is what the gyro reads above the truth: subtract it. It is the mean over power-ons; the sigma excludes the
-turn-on bias of any one session. Parameters beta: values of x, y, z nodes, then (hermite) slopes of x, y, z nodes.
+Bias is what the gyro reads above the truth: subtract it. It is the mean over power-ons; the sigma
+excludes the turn-on bias of any one session. Parameters beta: values of x, y, z nodes, then
+(hermite) slopes of x, y, z nodes.
 """
 
 from collections.abc import Mapping
@@ -18,14 +21,17 @@ from infield.table.prior import COMMON_FRACTION, KERNEL_LENGTH_degC, prior_covar
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")
-DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}  # no table for a unit (formats.md, section 2)
+# no table for a unit (formats.md, section 2)
+DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 DAYS_PER_YEAR = 365.25
-ROUNDING = 1e-9  # asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding
+# asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
 class AgeingModel:
-    """How a table's covariance grows with time: random walks of each axis's common shift and of its smooth shape.
+    """How a table's covariance grows with time: random walks of each axis's common shift and of its
+    smooth shape.
 
     Zero unless configured. Source: physics.md 6.8, Q = q_c dt 11' + q_s dt K_l.
     """
@@ -41,10 +47,10 @@ class ThermalTable:
 
     Parameters
     ----------
-    temperature_degC : three arrays, each strictly increasing, at least two nodes; the axes may differ.
-    parameters : shape (n,) [deg/h; deg/h/degC], the order given at the top of this module.
-    covariance : shape (n, n), symmetric and positive semidefinite, units to match.
-    provenance : what the file says of the parent and the runs; carried, never interpreted here.
+    temperature_degC : three arrays, each strictly increasing, at least two nodes; the axes may
+    differ. parameters : shape (n,) [deg/h; deg/h/degC], the order given at the top of this module.
+    covariance : shape (n, n), symmetric and positive semidefinite, units to match. provenance :
+    what the file says of the parent and the runs; carried, never interpreted here.
 
     Raises
     ------
@@ -65,11 +71,15 @@ class ThermalTable:
         _check_one_of("gyro_technology", self.gyro_technology, GYRO_TECHNOLOGIES)
         _check_one_of("interpolation", self.interpolation, INTERPOLATIONS)
         nodes = tuple(
-            frozen_array(t, (None,), f"axes.{axis}.temperature_degC") for axis, t in zip(AXES, self.temperature_degC)
+            frozen_array(t, (None,), f"axes.{axis}.temperature_degC")
+            for axis, t in zip(AXES, self.temperature_degC)
         )
         for axis, t in zip(AXES, nodes):
             if t.size < 2 or not np.all(np.isfinite(t)) or not np.all(np.diff(t) > 0):
-                raise InputError(f"axes.{axis}.temperature_degC: needs at least two finite, strictly increasing values")
+                raise InputError(
+                    f"axes.{axis}.temperature_degC: needs at least two finite, strictly increasing"
+                    " values"
+                )
         n = sum(t.size for t in nodes) * (2 if self.interpolation == "hermite" else 1)
         beta = frozen_array(self.parameters, (n,), "table parameters")
         if not np.all(np.isfinite(beta)):
@@ -95,9 +105,11 @@ class ThermalTable:
         return slice(values.start + count, values.stop + count)
 
     def basis(self, axis: str | int, temperature_degC: ArrayLike) -> NDArray:
-        """Rows h(T) with bias = h @ parameters, shape (k, n_parameters), over the whole parameter vector.
+        """Rows h(T) with bias = h @ parameters, shape (k, n_parameters), over the whole parameter
+        vector.
 
-        Hat rows, or the cubic Hermite rows of physics.md 2.2; beyond the nodes the end value is held.
+        Hat rows, or the cubic Hermite rows of physics.md 2.2; beyond the nodes the end value is
+        held.
         """
         nodes = self.temperature_degC[axis_number(axis)]
         T = np.clip(np.atleast_1d(np.asarray(temperature_degC, dtype=float)), nodes[0], nodes[-1])
@@ -119,46 +131,63 @@ class ThermalTable:
         return self.basis(axis, temperature_degC) @ self.parameters
 
     def sigma_deg_h(self, axis: str | int, temperature_degC: ArrayLike) -> NDArray:
-        """Standard deviation at each temperature, shape (k,) [deg/h]; beyond the nodes it grows as in `extended_to`."""
+        """Standard deviation at each temperature, shape (k,) [deg/h]; beyond the nodes it grows as
+        in `extended_to`.
+        """
         rows, nodes = self.basis(axis, temperature_degC), self.temperature_degC[axis_number(axis)]
         T = np.atleast_1d(np.asarray(temperature_degC, dtype=float))
         beyond = T - np.clip(T, nodes[0], nodes[-1])
-        held = 2.0 * self._variance_beyond(axis) * -np.expm1(-(beyond**2) / (2 * KERNEL_LENGTH_degC**2))
+        held = (
+            2.0
+            * self._variance_beyond(axis)
+            * -np.expm1(-(beyond**2) / (2 * KERNEL_LENGTH_degC**2))
+        )
         variance = np.einsum("ki,ij,kj->k", rows, self.covariance, rows) + held
         return np.sqrt(np.maximum(variance, 0.0))
 
     def in_range(self, axis: str | int, temperature_degC: ArrayLike) -> NDArray:
         """True where the temperature lies within the nodes of the axis, shape (k,)."""
-        nodes, T = self.temperature_degC[axis_number(axis)], np.atleast_1d(np.asarray(temperature_degC, dtype=float))
+        nodes, T = (
+            self.temperature_degC[axis_number(axis)],
+            np.atleast_1d(np.asarray(temperature_degC, dtype=float)),
+        )
         return (T >= nodes[0]) & (T <= nodes[-1])
 
     def replaced(self, **changes: Any) -> "ThermalTable":
-        """The same table with some fields changed (parameters, covariance, provenance, created_utc ...)."""
+        """The same table with some fields changed (parameters, covariance, provenance, created_utc
+        ...).
+        """
         return replace(self, **changes)
 
     def aged(self, days: float, model: AgeingModel) -> "ThermalTable":
-        """The table after `days` (none, if negative): values stay, the covariance grows by Q (physics.md 6.8)."""
+        """The table after `days` (none, if negative): values stay, the covariance grows by Q
+        (physics.md 6.8).
+        """
         years = max(days, 0.0) / DAYS_PER_YEAR
         Q = np.zeros_like(self.covariance)
         for axis in AXES:
             block = self._block(axis)
             smooth = smooth_kernel(
-                self.temperature_degC[axis_number(axis)], model.length_degC, slopes=self.interpolation == "hermite"
+                self.temperature_degC[axis_number(axis)],
+                model.length_degC,
+                slopes=self.interpolation == "hermite",
             )
             common = np.zeros(block.size)
             common[: self.temperature_degC[axis_number(axis)].size] = 1.0
             Q[np.ix_(block, block)] = years * (
-                model.common_deg_h_sqrt_year**2 * np.outer(common, common) + model.shape_deg_h_sqrt_year**2 * smooth
+                model.common_deg_h_sqrt_year**2 * np.outer(common, common)
+                + model.shape_deg_h_sqrt_year**2 * smooth
             )
         return replace(self, covariance=self.covariance + Q)
 
     def extended_to(self, low_degC: float, high_degC: float) -> "ThermalTable":
-        """Nodes added at the end spacing until every axis covers low..high; existing nodes keep their bits.
+        """Nodes added at the end spacing until every axis covers low..high; existing nodes keep
+        their bits.
 
-        A new node holds the end value (slope 0) plus a random change delta(T) of the smooth kernel since the end,
-        var delta = 2 v (1 - exp(-d^2 / 2 l^2)), independent of all else. v is the smooth share of the technology's
-        default variance plus the variance of the table's own values over temperature: what is known of a unit where
-        it was never calibrated.
+        A new node holds the end value (slope 0) plus a random change delta(T) of the smooth kernel
+        since the end, var delta = 2 v (1 - exp(-d^2 / 2 l^2)), independent of all else. v is the
+        smooth share of the technology's default variance plus the variance of the table's own
+        values over temperature: what is known of a unit where it was never calibrated.
         """
         if all(t[0] <= low_degC and t[-1] >= high_degC for t in self.temperature_degC):
             return self
@@ -173,17 +202,22 @@ class ThermalTable:
             for end, new, first in ((0, lo, 0), (-1, hi, lo.size + t.size)):
                 if new.size:
                     self._hold_end(A, Q, wide, axis, new=new, first=first, end=end)
-        return replace(wide, parameters=A @ self.parameters, covariance=A @ self.covariance @ A.T + Q)
+        return replace(
+            wide, parameters=A @ self.parameters, covariance=A @ self.covariance @ A.T + Q
+        )
 
     def common_weights(self, axis: str | int) -> NDArray:
         """Row (n,) that takes a change of the parameters to the common part of an axis.
 
-        The common part is the generalised least squares mean of the node values, weights P^-1 1 / (1' P^-1 1) with
-        the covariance P of this table. For P = v 11' + S that is the posterior mean of the common shift, unshrunk, and
-        data that only see differences between temperatures (rows that sum to zero) move it by exactly nothing.
+        The common part is the generalised least squares mean of the node values, weights P^-1 1 /
+        (1' P^-1 1) with the covariance P of this table. For P = v 11' + S that is the posterior
+        mean of the common shift, unshrunk, and data that only see differences between temperatures
+        (rows that sum to zero) move it by exactly nothing.
         """
         nodes = self.values_of(axis)
-        weights = np.linalg.pinv(self.covariance[nodes, nodes], rcond=1e-12, hermitian=True).sum(axis=0)
+        weights = np.linalg.pinv(self.covariance[nodes, nodes], rcond=1e-12, hermitian=True).sum(
+            axis=0
+        )
         if weights.sum() <= 0.0:
             weights = np.ones(weights.size)
         row = np.zeros(self.n_parameters)
@@ -191,13 +225,19 @@ class ThermalTable:
         return row
 
     def common_shift(self, axis: str | int, updated: "ThermalTable") -> float:
-        """How far an update moved the common part of an axis [deg/h]; `self` is the table before it."""
+        """How far an update moved the common part of an axis [deg/h]; `self` is the table before
+        it.
+        """
         return float(self.common_weights(axis) @ (updated.parameters - self.parameters))
 
     def _block(self, axis: str | int) -> NDArray:
         """Indices of an axis's values, then its slopes."""
         values = np.r_[self.values_of(axis)]
-        return np.r_[values, np.r_[self.slopes_of(axis)]] if self.interpolation == "hermite" else values
+        return (
+            np.r_[values, np.r_[self.slopes_of(axis)]]
+            if self.interpolation == "hermite"
+            else values
+        )
 
     def _variance_beyond(self, axis: str | int) -> float:
         smooth = (1.0 - COMMON_FRACTION) * DEFAULT_SIGMA_deg_h[self.gyro_technology] ** 2
@@ -211,7 +251,15 @@ class ThermalTable:
             A[new.start + shift + np.arange(size), np.r_[old]] = 1.0
 
     def _hold_end(
-        self, A: NDArray, Q: NDArray, wide: "ThermalTable", axis: str, *, new: NDArray, first: int, end: int
+        self,
+        A: NDArray,
+        Q: NDArray,
+        wide: "ThermalTable",
+        axis: str,
+        *,
+        new: NDArray,
+        first: int,
+        end: int,
     ) -> None:
         """Fill A and Q for the nodes added on one side of one axis."""
         hermite, values = self.interpolation == "hermite", self.values_of(axis)
@@ -220,10 +268,13 @@ class ThermalTable:
         if hermite:
             rows = np.r_[rows, wide.slopes_of(axis).start + first + np.arange(new.size)]
         kernel = smooth_kernel(
-            np.r_[self.temperature_degC[axis_number(axis)][end], new], KERNEL_LENGTH_degC, slopes=hermite
+            np.r_[self.temperature_degC[axis_number(axis)][end], new],
+            KERNEL_LENGTH_degC,
+            slopes=hermite,
         )
         m = new.size
-        B = np.zeros((rows.size, kernel.shape[0]))  # changes since the end: value - end value; slopes as they are
+        # changes since the end: value - end value; slopes as they are
+        B = np.zeros((rows.size, kernel.shape[0]))
         B[:m, 1 : m + 1], B[:m, 0] = np.eye(m), -1.0
         if hermite:
             B[m:, m + 2 :] = np.eye(m)
@@ -231,22 +282,38 @@ class ThermalTable:
 
 
 def default_table(
-    *, imu_serial: str, gyro_technology: str, created_utc: str, low_degC: float = -40.0, high_degC: float = 70.0,
-    spacing_degC: float = 10.0, sigma_deg_h: float | None = None, interpolation: str = "linear", gyro_mode: str = "",
-) -> ThermalTable:  # fmt: skip
-    """What is believed of a unit that has no table: bias 0, the sigma of its technology (or the one given)."""
+    *,
+    imu_serial: str,
+    gyro_technology: str,
+    created_utc: str,
+    low_degC: float = -40.0,
+    high_degC: float = 70.0,
+    spacing_degC: float = 10.0,
+    sigma_deg_h: float | None = None,
+    interpolation: str = "linear",
+    gyro_mode: str = "",
+) -> ThermalTable:
+    """What is believed of a unit that has no table: bias 0, the sigma of its technology (or the one
+    given).
+    """
     _check_one_of("gyro_technology", gyro_technology, GYRO_TECHNOLOGIES)
     sigma = DEFAULT_SIGMA_deg_h[gyro_technology] if sigma_deg_h is None else sigma_deg_h
     first = spacing_degC * np.floor(low_degC / spacing_degC)
-    nodes = first + spacing_degC * np.arange(max(2, int(np.ceil((high_degC - first) / spacing_degC)) + 1))
+    nodes = first + spacing_degC * np.arange(
+        max(2, int(np.ceil((high_degC - first) / spacing_degC)) + 1)
+    )
     hermite = interpolation == "hermite"
     sigmas = np.full(nodes.size, sigma)
     return ThermalTable(
-        imu_serial=imu_serial, gyro_technology=gyro_technology, gyro_mode=gyro_mode, created_utc=created_utc,
-        interpolation=interpolation, temperature_degC=(nodes, nodes, nodes),
+        imu_serial=imu_serial,
+        gyro_technology=gyro_technology,
+        gyro_mode=gyro_mode,
+        created_utc=created_utc,
+        interpolation=interpolation,
+        temperature_degC=(nodes, nodes, nodes),
         parameters=np.zeros(3 * nodes.size * (2 if hermite else 1)),
         covariance=prior_covariance((nodes,) * 3, (sigmas,) * 3, hermite=hermite),
-    )  # fmt: skip
+    )
 
 
 def axis_number(axis: str | int) -> int:

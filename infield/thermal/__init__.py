@@ -1,1 +1,3 @@
-"""Thermal models before the table: fibre-optic ramps, ring-laser gradients, and a stored model taken out of a log."""
+"""Thermal models before the table: fibre-optic ramps, ring-laser gradients, and a stored model
+taken out of a log.
+"""

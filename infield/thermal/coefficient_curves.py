@@ -1,10 +1,13 @@
-"""Least squares for b = K_T(T) + K_delta(T) dT/dt over block means, the slow drift of each power-on marginalised.
+"""Least squares for b = K_T(T) + K_delta(T) dT/dt over block means, the slow drift of each power-on
+marginalised.
 
-    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k,   r = dT/dt [degC/min], e ~ N(0, sigma_k^2), t ~ N(0, C)
+    y_k = B_T(T_k) theta_T + r_k B_d(T_k) theta_d + t_bin(k) + e_k,   r = dT/dt [degC/min], e ~ N(0,
+    sigma_k^2), t ~ N(0, C)
 
-C holds turn-on, flicker and rate random walk of each run over its bins (`merge.session_covariance`). Smooth curves are cubic
-B-splines under a penalty on differences of their coefficients, its weights averaged over their evidence (Eilers, Marx
-(1996); Wood (2017), section 6.2); any other basis goes unpenalised. A level common to all rows belongs to K_T.
+C holds turn-on, flicker and rate random walk of each run over its bins
+(`merge.session_covariance`). Smooth curves are cubic B-splines under a penalty on differences of
+their coefficients, its weights averaged over their evidence (Eilers, Marx (1996); Wood (2017),
+section 6.2); any other basis goes unpenalised. A level common to all rows belongs to K_T.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,7 +20,8 @@ from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
-VALUE_ORDER, CURVATURE_ORDER = 2, 3  # differences penalised for values, and where the second derivative must be smooth
+# differences penalised for values, and where the second derivative must be smooth
+VALUE_ORDER, CURVATURE_ORDER = 2, 3
 STEPS = np.arange(-3.0, 2.51, 0.5)  # log10 of a difference over the smallest sigma: what is tried
 FLAT = 1e-12  # relative precision added so that a null space of the penalty has a factor
 NEGLIGIBLE = 3.0  # log evidence below the best by more than this has no share
@@ -27,9 +31,11 @@ Solved = tuple[float, NDArray, NDArray]  # log evidence, mean, covariance
 
 @dataclass(frozen=True)
 class AxisBlocks:
-    """One gyro's block means: n rows of temperature [degC], rate [degC/min], bias [deg/h] and its white sigma.
+    """One gyro's block means: n rows of temperature [degC], rate [degC/min], bias [deg/h] and its
+    white sigma.
 
-    bin (n,): index of the drift bin of each row, drift (m, m) [(deg/h)^2]: prior covariance of the bins.
+    bin (n,): index of the drift bin of each row, drift (m, m) [(deg/h)^2]: prior covariance of the
+    bins.
     """
 
     temperature_degC: NDArray
@@ -42,7 +48,9 @@ class AxisBlocks:
 
 @dataclass(frozen=True)
 class CurveFit:
-    """Both curves: bases, coefficients (T first), covariance; chi2 of the residual over `rows` rows."""
+    """Both curves: bases, coefficients (T first), covariance; chi2 of the residual over `rows`
+    rows.
+    """
 
     bases: tuple[Basis, ...]
     sizes: tuple[int, ...]
@@ -57,7 +65,9 @@ class CurveFit:
         return slice(start, start + self.sizes[which])
 
     def linear(self, which: int, rows: NDArray) -> tuple[NDArray, NDArray]:
-        """Value (k,) and covariance (k, k) of linear functions rows (k, p) of one curve's coefficients."""
+        """Value (k,) and covariance (k, k) of linear functions rows (k, p) of one curve's
+        coefficients.
+        """
         part = self.part(which)
         return rows @ self.theta[part], rows @ self.covariance[part, part] @ rows.T
 
@@ -71,43 +81,63 @@ class CurveFit:
 
 
 class Reduced:
-    """The blocks with their drift marginalised: M = W - W D (D'WD + C^-1)^-1 D'W, D the indicator of the bins."""
+    """The blocks with their drift marginalised: M = W - W D (D'WD + C^-1)^-1 D'W, D the indicator
+    of the bins.
+    """
 
     def __init__(self, blocks: AxisBlocks) -> None:
         self.blocks, self.weight = blocks, blocks.sigma_deg_h**-2.0
         self._bins = blocks.drift.shape[0]
-        root, lower = cho_factor(blocks.drift + np.diag(1e-9 * np.diag(blocks.drift) + 1e-30), lower=True)
+        root, lower = cho_factor(
+            blocks.drift + np.diag(1e-9 * np.diag(blocks.drift) + 1e-30), lower=True
+        )
         precision = cho_solve((root, lower), np.eye(self._bins))
         precision[np.diag_indices(self._bins)] += np.bincount(blocks.bin, self.weight, self._bins)
         self._factor = cho_factor(0.5 * (precision + precision.T), lower=True)
 
     def product(self, A: NDArray, B: NDArray) -> NDArray:
         """A' M B for columns of rows."""
-        return A.T @ (self.weight[:, None] * B) - self._binned(A).T @ cho_solve(self._factor, self._binned(B))
+        return A.T @ (self.weight[:, None] * B) - self._binned(A).T @ cho_solve(
+            self._factor, self._binned(B)
+        )
 
     def design(self, bases: Sequence[Basis]) -> NDArray:
-        """Rows of the model: the first basis for K_T, the second, where there is one, times the rate for K_delta."""
+        """Rows of the model: the first basis for K_T, the second, where there is one, times the
+        rate for K_delta.
+        """
         columns = [basis(self.blocks.temperature_degC) for basis in bases]
         if len(columns) > 1:
             columns[1] = columns[1] * self.blocks.rate_degC_min[:, None]
         return np.concatenate(columns, axis=1)
 
     def fit(self, bases: Sequence[Basis], penalties: Sequence[NDArray | None] = ()) -> CurveFit:
-        """Least squares with given penalties, their weights from the evidence; None: that curve is free."""
+        """Least squares with given penalties, their weights from the evidence; None: that curve is
+        free.
+        """
         X, y = self.design(bases), self.blocks.bias_deg_h[:, None]
         A, b, c = self.product(X, X), self.product(X, y)[:, 0], float(self.product(y, y)[0, 0])
         sizes = tuple(basis(self.blocks.temperature_degC[:1]).shape[1] for basis in bases)
         penalties = [*penalties, *[None] * (len(sizes) - len(penalties))]
         solve = partial(_solve, A, b, c, sizes, penalties)
         scale = float(self.blocks.sigma_deg_h.min())
-        weight, found = _weighed(lambda at: solve([(scale * 10.0 ** STEPS[k]) ** -2.0 for k in at]), penalties)
+        weight, found = _weighed(
+            lambda at: solve([(scale * 10.0 ** STEPS[k]) ** -2.0 for k in at]), penalties
+        )
         theta = np.einsum("k,ki->i", weight, np.array([mean for _, mean, _ in found]))
-        P = sum(w * (cov + np.outer(mean - theta, mean - theta)) for w, (_, mean, cov) in zip(weight, found))
+        P = sum(
+            w * (cov + np.outer(mean - theta, mean - theta))
+            for w, (_, mean, cov) in zip(weight, found)
+        )
         chi2 = c - 2.0 * float(b @ theta) + float(theta @ A @ theta)
         return CurveFit(
-            bases=tuple(bases), sizes=sizes, theta=theta, covariance=P, chi2=chi2, rows=self.weight.size,
+            bases=tuple(bases),
+            sizes=sizes,
+            theta=theta,
+            covariance=P,
+            chi2=chi2,
+            rows=self.weight.size,
             effective=float(np.trace(P @ A)),
-        )  # fmt: skip
+        )
 
     def _binned(self, A: NDArray) -> NDArray:
         out = np.zeros((self._bins, A.shape[1]))
@@ -115,29 +145,56 @@ class Reduced:
         return out
 
 
-def smooth_basis(low_degC: float, high_degC: float, order: int = VALUE_ORDER) -> tuple[Basis, NDArray]:
-    """Cubic B-splines over a range, held beyond it, and the penalty D'D of their differences of an order."""
-    count = int(np.clip(round((high_degC - low_degC) / SPACING_degC), FEWEST_INTERVALS, MOST_INTERVALS))
-    basis = spline_basis(np.linspace(low_degC, high_degC, count + 1), degree=3, multiplicity=1, open_ends=False)
+def smooth_basis(
+    low_degC: float, high_degC: float, order: int = VALUE_ORDER
+) -> tuple[Basis, NDArray]:
+    """Cubic B-splines over a range, held beyond it, and the penalty D'D of their differences of an
+    order.
+    """
+    count = int(
+        np.clip(round((high_degC - low_degC) / SPACING_degC), FEWEST_INTERVALS, MOST_INTERVALS)
+    )
+    basis = spline_basis(
+        np.linspace(low_degC, high_degC, count + 1), degree=3, multiplicity=1, open_ends=False
+    )
     D = np.diff(np.eye(count + 3), order, axis=0)
     return basis, D.T @ D
 
 
 def spline_basis(
-    breaks_degC: NDArray, *, degree: int, multiplicity: int, open_ends: bool = True, derivative: int = 0
+    breaks_degC: NDArray,
+    *,
+    degree: int,
+    multiplicity: int,
+    open_ends: bool = True,
+    derivative: int = 0,
 ) -> Basis:
-    """B-splines on breakpoints; inner ones repeated `multiplicity` times (degree: only the value is continuous).
+    """B-splines on breakpoints; inner ones repeated `multiplicity` times (degree: only the value is
+    continuous).
 
-    Temperatures beyond the ends take the value at the end. open_ends False: uniform knots beyond the ends.
+    Temperatures beyond the ends take the value at the end. open_ends False: uniform knots beyond
+    the ends.
     """
     breaks = np.asarray(breaks_degC, dtype=float)
     if open_ends:
-        knots = np.r_[[breaks[0]] * (degree + 1), np.repeat(breaks[1:-1], multiplicity), [breaks[-1]] * (degree + 1)]
+        knots = np.r_[
+            [breaks[0]] * (degree + 1),
+            np.repeat(breaks[1:-1], multiplicity),
+            [breaks[-1]] * (degree + 1),
+        ]
     else:
         h = breaks[1] - breaks[0]
-        knots = np.r_[breaks[0] - h * np.arange(degree, 0, -1), breaks, breaks[-1] + h * np.arange(1, degree + 1)]
+        knots = np.r_[
+            breaks[0] - h * np.arange(degree, 0, -1),
+            breaks,
+            breaks[-1] + h * np.arange(1, degree + 1),
+        ]
     splines = BSpline(knots, np.eye(knots.size - degree - 1), degree)
-    return _Evaluated(splines.derivative(derivative) if derivative else splines, float(breaks[0]), float(breaks[-1]))
+    return _Evaluated(
+        splines.derivative(derivative) if derivative else splines,
+        float(breaks[0]),
+        float(breaks[-1]),
+    )
 
 
 @dataclass(frozen=True)
@@ -160,9 +217,16 @@ def derivative_rows(basis: Basis, temperature_degC: NDArray, order: int) -> NDAr
 
 
 def _solve(
-    A: NDArray, b: NDArray, c: float, sizes: tuple[int, ...], penalties: Sequence[NDArray | None], weights: list[float]
+    A: NDArray,
+    b: NDArray,
+    c: float,
+    sizes: tuple[int, ...],
+    penalties: Sequence[NDArray | None],
+    weights: list[float],
 ) -> Solved:
-    """Log evidence, mean and covariance; Bayesian regression with precision weight x penalty (improper in its null space)."""
+    """Log evidence, mean and covariance; Bayesian regression with precision weight x penalty
+    (improper in its null space).
+    """
     H, start, rank_terms = A.copy(), 0, 0.0
     for size, penalty, weight in zip(sizes, penalties, weights):
         if penalty is not None:
@@ -179,17 +243,24 @@ def _solve(
     return 0.5 * float(b @ theta) - 0.5 * c - 0.5 * log_det + rank_terms, theta, 0.5 * (P + P.T)
 
 
-def _weighed(solve: Callable[[Sequence[int]], Solved], penalties: Sequence[NDArray | None]) -> tuple[NDArray, list[Solved]]:
+def _weighed(
+    solve: Callable[[Sequence[int]], Solved], penalties: Sequence[NDArray | None]
+) -> tuple[NDArray, list[Solved]]:
     """Solutions around the best steps of the penalties, each with its share of the evidence.
 
-    A single best step takes the smoothness for known: the intervals of 200 simulated units were then 15 % too short.
+    A single best step takes the smoothness for known: the intervals of 200 simulated units were
+    then 15 % too short.
     """
     free = [which for which, penalty in enumerate(penalties) if penalty is not None]
     at = (len(STEPS) // 2,) * len(penalties)
     tried: dict[tuple[int, ...], Solved] = {at: solve(at)}
 
     def neighbours(at: tuple[int, ...]) -> list[tuple[int, ...]]:
-        near = [(*at[:which], at[which] + sense, *at[which + 1 :]) for which in free for sense in (-1, 1)]
+        near = [
+            (*at[:which], at[which] + sense, *at[which + 1 :])
+            for which in free
+            for sense in (-1, 1)
+        ]
         return [key for key in near if 0 <= min(key) and max(key) < len(STEPS)]
 
     while True:  # climb

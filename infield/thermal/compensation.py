@@ -1,7 +1,9 @@
-"""A fitted thermal model in use: its bias along a run's temperatures, taken out of the log in batch or in real-time order.
+"""A fitted thermal model in use: its bias along a run's temperatures, taken out of the log in batch
+or in real-time order.
 
-A model has two parts: what a settled unit has at a temperature (the part that a thermal table holds as well), and what rates
-and gradients add. "all" takes out both, "rates" the second alone, so that the table stays the bias of the settled unit.
+A model has two parts: what a settled unit has at a temperature (the part that a thermal table holds
+as well), and what rates and gradients add. "all" takes out both, "rates" the second alone, so that
+the table stays the bias of the settled unit.
 """
 
 from collections.abc import Callable
@@ -21,7 +23,9 @@ PARTS = ("all", "rates")
 
 
 class ThermalModel(Protocol):
-    """Temperatures, rates [degC/min] and gradient lines (n, 3) in, bias [deg/h] (n, 3) out; 0 for a gyro without a model."""
+    """Temperatures, rates [degC/min] and gradient lines (n, 3) in, bias [deg/h] (n, 3) out; 0 for a
+    gyro without a model.
+    """
 
     @property
     def axes(self) -> tuple[str, ...]: ...
@@ -33,9 +37,13 @@ class ThermalModel(Protocol):
 
     def settled_deg_h(self, temperature_degC: NDArray) -> NDArray: ...
 
-    def rates_deg_h(self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray) -> NDArray: ...
+    def rates_deg_h(
+        self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
+    ) -> NDArray: ...
 
-    def rates_sigma_deg_h(self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray) -> NDArray:
+    def rates_sigma_deg_h(
+        self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
+    ) -> NDArray:
         """What is not known of `rates_deg_h`, 1 sigma."""
         ...
 
@@ -47,7 +55,9 @@ class ThermalModel(Protocol):
 BiasSeries = Callable[[NDArray], NDArray]
 
 
-def bias_deg_h(model: ThermalModel, T: NDArray, rate: NDArray, gradient: NDArray, *, part: str = "all") -> NDArray:
+def bias_deg_h(
+    model: ThermalModel, T: NDArray, rate: NDArray, gradient: NDArray, *, part: str = "all"
+) -> NDArray:
     """The model's bias (n, 3); part: "all" or "rates"."""
     if part not in PARTS:
         raise ValueError(f"part {part!r}, needed one of {', '.join(PARTS)}")
@@ -55,18 +65,30 @@ def bias_deg_h(model: ThermalModel, T: NDArray, rate: NDArray, gradient: NDArray
     return rates if part == "rates" else rates + model.settled_deg_h(T)
 
 
-def batch_series(model: ThermalModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all") -> BiasSeries:
-    """Bias (k, 3) [deg/h] at any times from the smoothed temperatures and lines of the whole run, straight between nodes."""
+def batch_series(
+    model: ThermalModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all"
+) -> BiasSeries:
+    """Bias (k, 3) [deg/h] at any times from the smoothed temperatures and lines of the whole run,
+    straight between nodes.
+    """
     nodes = temperature.time_s
     lines = gradient_lines(log).at(nodes) if model.lines else np.zeros((nodes.size, 3))
-    bias = bias_deg_h(model, temperature.temperature_degC, temperature.rate_degC_min, lines, part=part)
+    bias = bias_deg_h(
+        model, temperature.temperature_degC, temperature.rate_degC_min, lines, part=part
+    )
     return lambda time_s: np.stack([np.interp(time_s, nodes, column) for column in bias.T], axis=1)
 
 
 def causal_series(model: ThermalModel, log: TemperatureLog, *, part: str = "all") -> BiasSeries:
-    """The same in real-time order: at each time from readings up to it alone; 0 before the first and where there is none."""
+    """The same in real-time order: at each time from readings up to it alone; 0 before the first
+    and where there is none.
+    """
     T, rate = causal_rates(log.time_s, log.gyro_degC)
-    lines = np.zeros_like(T) if log.gradient_degC is None else causal_rates(log.time_s, log.gradient_degC)[0]
+    lines = (
+        np.zeros_like(T)
+        if log.gradient_degC is None
+        else causal_rates(log.time_s, log.gradient_degC)[0]
+    )
     bias = bias_deg_h(model, T, rate, np.where(np.isfinite(lines), lines, 0.0), part=part)
     bias = np.where(np.isfinite(bias), bias, 0.0)
 
@@ -78,22 +100,33 @@ def causal_series(model: ThermalModel, log: TemperatureLog, *, part: str = "all"
 
 
 def compensate_batch(
-    imu: ImuLog, model: ThermalModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all"
+    imu: ImuLog,
+    model: ThermalModel,
+    log: TemperatureLog,
+    temperature: GyroTemperature,
+    *,
+    part: str = "all",
 ) -> ImuLog:
     """The increments less the model's bias, with the smoothed temperatures of the whole run."""
     series = batch_series(model, log, temperature, part=part)
     return compensate(imu, gyro_bias_rad_s=series(imu.time_s - 0.5 * imu.dt_s) * DEG_PER_HOUR)
 
 
-def compensate_causal(imu: ImuLog, model: ThermalModel, log: TemperatureLog, *, part: str = "all") -> ImuLog:
+def compensate_causal(
+    imu: ImuLog, model: ThermalModel, log: TemperatureLog, *, part: str = "all"
+) -> ImuLog:
     """The same in real-time order: each row sees only readings up to its own time."""
-    return compensate(imu, gyro_bias_rad_s=causal_series(model, log, part=part)(imu.time_s) * DEG_PER_HOUR)
+    return compensate(
+        imu, gyro_bias_rad_s=causal_series(model, log, part=part)(imu.time_s) * DEG_PER_HOUR
+    )
 
 
 def less(imu: ImuSource, series: BiasSeries) -> ImuSource:
     """A log less a bias; one that is in its file stays there."""
 
     def correct(piece: ImuLog) -> ImuLog:
-        return compensate(piece, gyro_bias_rad_s=series(piece.time_s - 0.5 * piece.dt_s) * DEG_PER_HOUR)
+        return compensate(
+            piece, gyro_bias_rad_s=series(piece.time_s - 0.5 * piece.dt_s) * DEG_PER_HOUR
+        )
 
     return corrected(imu, correct)

@@ -1,10 +1,13 @@
-"""Fibre-optic gyro: temperature coefficient K_T(T) and rate coefficient K_delta(T) from chamber ramps (CN 106017511).
+"""Fibre-optic gyro: temperature coefficient K_T(T) and rate coefficient K_delta(T) from chamber
+ramps (CN 106017511).
 
-    b(T, dT/dt) = K_T(T) + K_delta(T) dT/dt        b [deg/h], dT/dt [degC/min], K_delta [deg/h per degC/min]
+    b(T, dT/dt) = K_T(T) + K_delta(T) dT/dt        b [deg/h], dT/dt [degC/min], K_delta [deg/h per
+    degC/min]
 
-Three ways: `document_subtraction` as the document has it, which leaves K_delta times the slow rate inside K_T;
-`exact_separation`, two equations in two unknowns; `up_down`, the fast pair alone. The estimate is the exact separation as a
-least-squares fit over all blocks, each with its own rate (`coefficient_curves`). Source: physics.md section 5.
+Three ways: `document_subtraction` as the document has it, which leaves K_delta times the slow rate
+inside K_T; `exact_separation`, two equations in two unknowns; `up_down`, the fast pair alone. The
+estimate is the exact separation as a least-squares fit over all blocks, each with its own rate
+(`coefficient_curves`). Source: physics.md section 5.
 """
 
 from collections.abc import Sequence
@@ -32,28 +35,38 @@ KT, KD = 0, 1
 def document_subtraction(
     fast_deg_h: NDArray, slow_deg_h: NDArray, fast_rate: float, slow_rate: float
 ) -> tuple[NDArray, NDArray]:
-    """K_T, K_delta as the document subtracts: the slow ramp is K_T, the difference over the fast rate K_delta.
+    """K_T, K_delta as the document subtracts: the slow ramp is K_T, the difference over the fast
+    rate K_delta.
 
-    K_T keeps K_delta slow_rate and K_delta is read low by slow_rate / fast_rate (10 % in the document's example).
+    K_T keeps K_delta slow_rate and K_delta is read low by slow_rate / fast_rate (10 % in the
+    document's example).
     """
     del slow_rate  # the document leaves it out: that is its error
     return np.asarray(slow_deg_h), (np.asarray(fast_deg_h) - slow_deg_h) / fast_rate
 
 
-def exact_separation(fast_deg_h: NDArray, slow_deg_h: NDArray, fast_rate: float, slow_rate: float) -> tuple[NDArray, NDArray]:
+def exact_separation(
+    fast_deg_h: NDArray, slow_deg_h: NDArray, fast_rate: float, slow_rate: float
+) -> tuple[NDArray, NDArray]:
     """K_T, K_delta from two ramps at signed rates [degC/min]: two equations, two unknowns."""
     K_delta = (np.asarray(fast_deg_h) - slow_deg_h) / (fast_rate - slow_rate)
     return slow_deg_h - K_delta * slow_rate, K_delta
 
 
 def up_down(up_deg_h: NDArray, down_deg_h: NDArray, rate: float) -> tuple[NDArray, NDArray]:
-    """K_T, K_delta from one ramp up and one down at the same unsigned rate: the rate term is odd in dT/dt."""
-    return 0.5 * (np.asarray(up_deg_h) + down_deg_h), (np.asarray(up_deg_h) - down_deg_h) / (2.0 * rate)
+    """K_T, K_delta from one ramp up and one down at the same unsigned rate: the rate term is odd in
+    dT/dt.
+    """
+    return 0.5 * (np.asarray(up_deg_h) + down_deg_h), (np.asarray(up_deg_h) - down_deg_h) / (
+        2.0 * rate
+    )
 
 
 @dataclass(frozen=True)
 class Curves:
-    """K_T and K_delta on a temperature grid (k,) [degC], with covariances (k, k), or None where only values are stated."""
+    """K_T and K_delta on a temperature grid (k,) [degC], with covariances (k, k), or None where
+    only values are stated.
+    """
 
     temperature_degC: NDArray
     K_T_deg_h: NDArray
@@ -64,13 +77,15 @@ class Curves:
 
 @dataclass(frozen=True)
 class AxisFit:
-    """One gyro: the fit over all blocks and its curves; fast_pair: the same fit to the fast runs alone.
+    """One gyro: the fit over all blocks and its curves; fast_pair: the same fit to the fast runs
+    alone.
 
-    document, two_ramps, fast_ramps: closed forms on smooth curves of single ramps (subtraction, exact separation, up and
-    down), None where the runs lack the ramps.
+    document, two_ramps, fast_ramps: closed forms on smooth curves of single ramps (subtraction,
+    exact separation, up and down), None where the runs lack the ramps.
 
     scatter: chi2 of the residual per degree of freedom, before the sigmas were widened by its root.
-    level_deg_h, level_sigma_deg_h: mean of K_T over the grid, and how well it is known apart from Earth rate.
+    level_deg_h, level_sigma_deg_h: mean of K_T over the grid, and how well it is known apart from
+    Earth rate.
     """
 
     axis: str
@@ -89,7 +104,9 @@ class AxisFit:
 
 @dataclass(frozen=True)
 class RampStudy:
-    """All that came of the runs; refused: why nothing could be separated, empty where it could. axes: of the fitted gyros."""
+    """All that came of the runs; refused: why nothing could be separated, empty where it could.
+    axes: of the fitted gyros.
+    """
 
     fast: tuple[RampRun, ...]
     slow: tuple[RampRun, ...]
@@ -102,34 +119,53 @@ class RampStudy:
 
 
 def separate(
-    fast: Sequence[RampRun], slow: Sequence[RampRun], twin: TwinModel, *, remounted: bool = False, one_sided: bool = False
+    fast: Sequence[RampRun],
+    slow: Sequence[RampRun],
+    twin: TwinModel,
+    *,
+    remounted: bool = False,
+    one_sided: bool = False,
 ) -> RampStudy:
-    """Fit every gyro with a thermometer. fast, slow: runs by their role; slow may be empty (the fast up/down pair alone).
+    """Fit every gyro with a thermometer. fast, slow: runs by their role; slow may be empty (the
+    fast up/down pair alone).
 
-    remounted: the unit was moved between runs, so each has its own unknown share of Earth rate (also found from the level).
-    one_sided: accept ramps of one direction, where the level of K_delta rests on the repeatability of the turn-on bias.
+    remounted: the unit was moved between runs, so each has its own unknown share of Earth rate
+    (also found from the level). one_sided: accept ramps of one direction, where the level of
+    K_delta rests on the repeatability of the turn-on bias.
     """
     runs = (*fast, *slow)
-    notes = ["the unit stands on another level in some runs: taken as mounted anew"] if levels_differ(runs) else []
+    notes = (
+        ["the unit stands on another level in some runs: taken as mounted anew"]
+        if levels_differ(runs)
+        else []
+    )
     if len({run.heading_known for run in runs}) > 1:
-        notes.append("some runs have a surveyed heading, some not: each has its own share of Earth rate")
+        notes.append(
+            "some runs have a surveyed heading, some not: each has its own share of Earth rate"
+        )
     moved = remounted or bool(notes)
     study = RampStudy(tuple(fast), tuple(slow), twin, (), tuple(notes), remounted=moved)
     why = _cannot_separate(fast, slow, free=moved, one_sided=one_sided)
     if why:
         return replace(study, refused=why)
     usable = [k for k, axis in enumerate(AXES) if all(axis not in run.unusable for run in runs)]
-    notes += [f"gyro {axis}: no thermometer, left out" for k, axis in enumerate(AXES) if k not in usable]
+    notes += [
+        f"gyro {axis}: no thermometer, left out" for k, axis in enumerate(AXES) if k not in usable
+    ]
     axes = tuple(_fit_axis(k, fast, slow, twin, moved) for k in usable)
     notes += [
-        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.2f} times as much as white noise and the twin's drift say: "
-        "sigmas are widened by that" for a in axes if a.scatter > 1.5
-    ]  # fmt: skip
+        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.2f} times as much as white"
+        " noise and the twin's drift say: sigmas are widened by that"
+        for a in axes
+        if a.scatter > 1.5
+    ]
     against = tuple(
-        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.1f} times as much as white noise and the twin's drift say, "
-        f"needed at most {np.sqrt(CONTRADICTS):g}: something else than temperature and its rate moves this bias"
-        for a in axes if a.scatter > CONTRADICTS
-    )  # fmt: skip
+        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.1f} times as much as white"
+        f" noise and the twin's drift say, needed at most {np.sqrt(CONTRADICTS):g}: something else"
+        " than temperature and its rate moves this bias"
+        for a in axes
+        if a.scatter > CONTRADICTS
+    )
     return replace(study, axes=() if against else axes, notes=tuple(notes), inconsistent=against)
 
 
@@ -138,42 +174,64 @@ def levels_differ(runs: Sequence[RampRun]) -> bool:
     return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
 
 
-def _cannot_separate(fast: Sequence[RampRun], slow: Sequence[RampRun], *, free: bool, one_sided: bool) -> tuple[str, ...]:
+def _cannot_separate(
+    fast: Sequence[RampRun], slow: Sequence[RampRun], *, free: bool, one_sided: bool
+) -> tuple[str, ...]:
     """Reasons, each with what was measured, what was needed and what would help."""
     for role, runs in (("fast", fast), ("slow", slow)):
         for run in runs:
             if run.turned_rad > TURNED_RAD:
                 return (
-                    f"moving base: {role} run {run.run_id} turns by {np.degrees(run.turned_rad):.2g} deg, needed rest within "
-                    f"{np.degrees(TURNED_RAD):.2g} deg: Earth rate would pass for a thermal bias",
+                    (
+                        f"moving base: {role} run {run.run_id} turns by"
+                        f" {np.degrees(run.turned_rad):.2g} deg, needed rest within"
+                        f" {np.degrees(TURNED_RAD):.2g} deg: Earth rate would pass for a thermal"
+                        " bias"
+                    ),
                 )
             if not run.legs:
                 swing = float(np.ptp(run.temperature_degC.mean(axis=1))) if run.time_s.size else 0.0
                 return (
-                    f"cannot separate: {role} run {run.run_id} holds no steady ramp: its temperature spans {swing:.1f} degC, "
-                    "needed one way over 10 degC or more at a rate steady within 30 %, 10 min or longer",
+                    (
+                        f"cannot separate: {role} run {run.run_id} holds no steady ramp: its"
+                        f" temperature spans {swing:.1f} degC, needed one way over 10 degC or more"
+                        " at a rate steady within 30 %, 10 min or longer"
+                    ),
                 )
     f_legs, s_legs = ([leg for run in runs for leg in run.legs] for runs in (fast, slow))
     f_rate = max(abs(leg.rate_degC_min) for leg in f_legs)
     s_rate = max((abs(leg.rate_degC_min) for leg in s_legs), default=0.0)
     if slow and s_rate > EQUAL_RATES * f_rate:
         return (
-            f"cannot separate: equal rates: fast {f_rate:.4g}, slow {s_rate:.4g} degC/min, needed a slow rate of at most "
-            f"{EQUAL_RATES:g} of the fast one (ten times lower is usual); or give the fast run alone, without --slow",
+            (
+                f"cannot separate: equal rates: fast {f_rate:.4g}, slow {s_rate:.4g} degC/min,"
+                f" needed a slow rate of at most {EQUAL_RATES:g} of the fast one (ten times lower"
+                " is usual); or give the fast run alone, without --slow"
+            ),
         )
     both = {leg.direction for leg in (f_legs + s_legs if not free else f_legs)} == {"up", "down"}
     if not both and (not one_sided or free or not slow):
         way = "heats" if f_legs[0].direction == "up" else "cools"
         return (
-            f"cannot separate: same-sign ramps: every ramp {way}, needed one up and one down over the same temperatures"
+            f"cannot separate: same-sign ramps: every ramp {way}, needed one up and one down over"
+            " the same temperatures"
             + (" in one run, since each run has its own share of Earth rate" if free else "")
-            + ("; with --one-sided two rates of one sign are taken, and the level of K_delta then rests on the turn-on bias of "
-               "the runs" if slow and not free else "; run the ramp back as well"),
-        )  # fmt: skip
+            + (
+                "; with --one-sided two rates of one sign are taken, and the level of K_delta then"
+                " rests on the turn-on bias of the runs"
+                if slow and not free
+                else "; run the ramp back as well"
+            ),
+        )
     overlap = _overlap(f_legs, s_legs, pair=not slow)
     if overlap < OVERLAP_degC:
         which = "the ramps up and down" if not slow else "fast and slow ramps"
-        return (f"cannot separate: {which} share {overlap:.1f} degC, needed {OVERLAP_degC:g}: run both over one range",)
+        return (
+            (
+                f"cannot separate: {which} share {overlap:.1f} degC, needed {OVERLAP_degC:g}: run"
+                " both over one range"
+            ),
+        )
     return ()
 
 
@@ -181,41 +239,65 @@ def _overlap(fast: list[Leg], slow: list[Leg], *, pair: bool) -> float:
     """Widest range that a ramp of either kind passed [degC]: up and down, else fast and slow."""
     first = [leg for leg in fast if leg.direction == "up"] if pair else fast
     second = [leg for leg in fast if leg.direction == "down"] if pair else slow
-    shared = [min(a.high_degC, b.high_degC) - max(a.low_degC, b.low_degC) for a in first for b in second]
+    shared = [
+        min(a.high_degC, b.high_degC) - max(a.low_degC, b.low_degC) for a in first for b in second
+    ]
     return max([0.0, *shared])
 
 
-def _fit_axis(k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: TwinModel, free: bool) -> AxisFit:
+def _fit_axis(
+    k: int, fast: Sequence[RampRun], slow: Sequence[RampRun], twin: TwinModel, free: bool
+) -> AxisFit:
     runs = (*fast, *slow)
     blocks = axis_blocks(runs, k, twin, free=free)
     reduced, fit = _fitted(blocks)
     scatter = fit.chi2 / max(fit.dof, 1.0)
     if scatter > INFLATE_ABOVE:
         wider = np.sqrt(scatter)
-        reduced, fit = _fitted(replace(blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * scatter))
+        reduced, fit = _fitted(
+            replace(blocks, sigma_deg_h=blocks.sigma_deg_h * wider, drift=blocks.drift * scatter)
+        )
     T = blocks.temperature_degC
     low, high = np.ceil(T.min() / GRID_degC) * GRID_degC, np.floor(T.max() / GRID_degC) * GRID_degC
     grid = np.arange(low, high + 0.5 * GRID_degC, GRID_degC)
     curves = _curves(fit, grid, _rate_share(runs, k))
     assert curves.K_T_covariance is not None
-    common = 0.0 if free else max(float(run.level_sigma_deg_h[k]) for run in runs)  # else it is in the covariance, run by run
+    # else it is in the covariance, run by run
+    common = 0.0 if free else max(float(run.level_sigma_deg_h[k]) for run in runs)
     level_sigma = float(np.hypot(np.sqrt(curves.K_T_covariance.mean()), common))
     pair = None
     if slow and {leg.direction for run in fast for leg in run.legs} == {"up", "down"}:
-        pair = _curves(_fitted(axis_blocks(fast, k, twin, free=free))[1], grid, _rate_share(fast, k))
+        pair = _curves(
+            _fitted(axis_blocks(fast, k, twin, free=free))[1], grid, _rate_share(fast, k)
+        )
     document, two_ramps, fast_ramps = _closed_forms(fast, slow, k, twin, grid)
     return AxisFit(
-        axis=AXES[k], reduced=reduced, fit=fit, curves=curves, fast_pair=pair, document=document, two_ramps=two_ramps,
+        axis=AXES[k],
+        reduced=reduced,
+        fit=fit,
+        curves=curves,
+        fast_pair=pair,
+        document=document,
+        two_ramps=two_ramps,
         fast_ramps=fast_ramps,
-        scatter=scatter, level_deg_h=float(curves.K_T_deg_h.mean()), level_sigma_deg_h=level_sigma,
-        level_known=level_sigma < 0.25 * max(float(np.ptp(curves.K_T_deg_h)), 1e-9) or all(run.heading_known for run in runs),
-    )  # fmt: skip
+        scatter=scatter,
+        level_deg_h=float(curves.K_T_deg_h.mean()),
+        level_sigma_deg_h=level_sigma,
+        level_known=level_sigma < 0.25 * max(float(np.ptp(curves.K_T_deg_h)), 1e-9)
+        or all(run.heading_known for run in runs),
+    )
 
 
 def axis_blocks(
-    runs: Sequence[RampRun], k: int, twin: TwinModel, *, free: bool = False, rows: Sequence[NDArray] | None = None
+    runs: Sequence[RampRun],
+    k: int,
+    twin: TwinModel,
+    *,
+    free: bool = False,
+    rows: Sequence[NDArray] | None = None,
 ) -> AxisBlocks:
-    """Blocks of one gyro over several runs with the drift of each; rows: of each run, None: its steady ones.
+    """Blocks of one gyro over several runs with the drift of each; rows: of each run, None: its
+    steady ones.
 
     free: each run has its own share of Earth rate.
     """
@@ -228,14 +310,22 @@ def axis_blocks(
         bins = np.floor((t - t[0]) / bin_s).astype(int)
         count, before = int(bins[-1]) + 1, sum(d.shape[0] for d in drifts)
         drift = session_covariance(
-            axis_index=np.zeros(count), time_s=t[0] + bin_s * (np.arange(count) + 0.5), duration_s=np.full(count, bin_s),
-            gyro=twin.gyro, run_length_s=float(run.time_s[-1]),
-        )  # fmt: skip
+            axis_index=np.zeros(count),
+            time_s=t[0] + bin_s * (np.arange(count) + 0.5),
+            duration_s=np.full(count, bin_s),
+            gyro=twin.gyro,
+            run_length_s=float(run.time_s[-1]),
+        )
         drifts.append(drift + (run.level_sigma_deg_h[k] ** 2 if free else 0.0))
-        columns.append((
-            run.temperature_degC[chosen, k], run.rate_degC_min[chosen, k], run.bias_deg_h[chosen, k],
-            np.full(chosen.size, run.sigma_deg_h[k]), before + bins,
-        ))  # fmt: skip
+        columns.append(
+            (
+                run.temperature_degC[chosen, k],
+                run.rate_degC_min[chosen, k],
+                run.bias_deg_h[chosen, k],
+                np.full(chosen.size, run.sigma_deg_h[k]),
+                before + bins,
+            )
+        )
     size = sum(d.shape[0] for d in drifts)
     joint, at = np.zeros((size, size)), 0
     for drift in drifts:
@@ -247,7 +337,9 @@ def axis_blocks(
 
 def _fitted(blocks: AxisBlocks, terms: int = 2) -> tuple[Reduced, CurveFit]:
     """Smooth curves over the range of the blocks; terms 1: K_T alone."""
-    basis, penalty = smooth_basis(float(blocks.temperature_degC.min()), float(blocks.temperature_degC.max()))
+    basis, penalty = smooth_basis(
+        float(blocks.temperature_degC.min()), float(blocks.temperature_degC.max())
+    )
     reduced = Reduced(blocks)
     return reduced, reduced.fit([basis] * terms, [penalty] * terms)
 
@@ -266,16 +358,23 @@ def _curves(fit: CurveFit, grid: NDArray, rate_share: float) -> Curves:
 def _closed_forms(
     fast: Sequence[RampRun], slow: Sequence[RampRun], k: int, twin: TwinModel, grid: NDArray
 ) -> tuple[Curves | None, Curves | None, Curves | None]:
-    """Subtraction and exact separation, up with up, down with down, the two then averaged; and the fast ramp up and down."""
-    ramps = {(role, way): _ramp_curve(runs, way, k, twin, grid) for role, runs in (("fast", fast), ("slow", slow))
-             for way in ("up", "down")}  # fmt: skip
+    """Subtraction and exact separation, up with up, down with down, the two then averaged; and the
+    fast ramp up and down.
+    """
+    ramps = {
+        (role, way): _ramp_curve(runs, way, k, twin, grid)
+        for role, runs in (("fast", fast), ("slow", slow))
+        for way in ("up", "down")
+    }
     subtracted, exact = [], []
     for way in ("up", "down"):
         quick, steady = ramps["fast", way], ramps["slow", way]
         if quick is not None and steady is not None:
             subtracted.append(document_subtraction(quick[0], steady[0], quick[1], steady[1]))
             exact.append(exact_separation(quick[0], steady[0], quick[1], steady[1]))
-    pairs = [Curves(grid, *np.mean(found, axis=0)) if found else None for found in (subtracted, exact)]
+    pairs = [
+        Curves(grid, *np.mean(found, axis=0)) if found else None for found in (subtracted, exact)
+    ]
     up, down = ramps["fast", "up"], ramps["fast", "down"]
     both = None if up is None or down is None else up_down(up[0], down[0], 0.5 * (up[1] - down[1]))
     return pairs[0], pairs[1], None if both is None else Curves(grid, *both)
@@ -284,12 +383,17 @@ def _closed_forms(
 def _ramp_curve(
     runs: Sequence[RampRun], direction: str, k: int, twin: TwinModel, grid: NDArray
 ) -> tuple[NDArray, float] | None:
-    """Smooth curve of the bias over the first ramp of a direction, NaN where it did not pass, and its signed rate."""
+    """Smooth curve of the bias over the first ramp of a direction, NaN where it did not pass, and
+    its signed rate.
+    """
     for run in runs:
         for leg in run.legs:
             if leg.direction == direction:
                 blocks = axis_blocks([run], k, twin, rows=[np.arange(leg.start, leg.end)])
                 value = _fitted(blocks, 1)[1].at(KT, grid)[0]
                 T = blocks.temperature_degC
-                return np.where((grid >= T.min()) & (grid <= T.max()), value, np.nan), leg.rate_degC_min
+                return (
+                    np.where((grid >= T.min()) & (grid <= T.max()), value, np.nan),
+                    leg.rate_degC_min,
+                )
     return None

@@ -1,7 +1,9 @@
-"""One gyro of the ring-laser gradient fit: normal equations by run, the choice of terms on held-out blocks, the coefficients.
+"""One gyro of the ring-laser gradient fit: normal equations by run, the choice of terms on held-out
+blocks, the coefficients.
 
-Blocks of one gyro over several runs, each run's turn-on, flicker and random walk marginalised (`fog_ramps.axis_blocks`): runs
-are independent of each other, so their normal equations add, and leaving one out is a subtraction.
+Blocks of one gyro over several runs, each run's turn-on, flicker and random walk marginalised
+(`fog_ramps.axis_blocks`): runs are independent of each other, so their normal equations add, and
+leaving one out is a subtraction.
 """
 
 from collections.abc import Sequence
@@ -26,14 +28,17 @@ from infield.thermal.gradient_terms import (
     hold_apart,
     rest_nodes,
     term_sets,
-)  # fmt: skip
+)
 from infield.thermal.ramp_runs import BLOCK_S
 from ins.records import AXES, TwinModel
 
 STRETCH_MIN, STRETCHES = 20, 5  # of a run: every fifth stretch is held out in turn
-RESIDUAL_S = 300.0  # residuals are quoted for means over this, as long as the bins of `recal update`
+# residuals are quoted for means over this, as long as the bins of `recal update`
+RESIDUAL_S = 300.0
 TEMPERATURE_ONLY = ("K1", "K2", "K3")
-CHANCE = 4.0  # chi2 of all held-out blocks that a term must take off to be kept; with less, terms that are none come in often
+# chi2 of all held-out blocks that a term must take off to be kept; with less, terms that are none
+# come in often
+CHANCE = 4.0
 LEAST_REST_deg_h = 1e-3
 KNOWN_LEVEL_deg_h = 0.01  # sigma of what Earth rate may have left in K1, below which K1 is a bias
 
@@ -42,8 +47,8 @@ KNOWN_LEVEL_deg_h = 0.01  # sigma of what Earth rate may have left in K1, below 
 class Residual:
     """RMS [deg/h] of held-out means over RESIDUAL_S, each run less its own mean.
 
-    before: no model; temperature_only: K1..K3 and the rest; terms: K1..K6 without the rest; model: K1..K6 and the rest;
-    noise: what white noise and the twin's drift alone would leave.
+    before: no model; temperature_only: K1..K3 and the rest; terms: K1..K6 without the rest; model:
+    K1..K6 and the rest; noise: what white noise and the twin's drift alone would leave.
     """
 
     before_deg_h: float
@@ -76,13 +81,15 @@ class Choice:
 
 @dataclass(frozen=True)
 class AxisModel:
-    """One gyro: coefficients theta (8 + m,), those of TERMS (0 where not used) and of the rest's nodes; covariance of all.
+    """One gyro: coefficients theta (8 + m,), those of TERMS (0 where not used) and of the rest's
+    nodes; covariance of all.
 
-    The covariance is that of all terms the data hold apart, used or not: it covers what leaving some out does to the others.
-    orders: the best choice of each number of terms; temperature_only (8 + m,): the best fit without rates and lines.
-    condition: of the terms used; condition_all: of all before any was dropped, condition_uncentred: those with
-    temperatures counted from 0 degC. held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
-    `fog_ramps`. level_known: K1 is a bias, not a share of Earth rate.
+    The covariance is that of all terms the data hold apart, used or not: it covers what leaving
+    some out does to the others. orders: the best choice of each number of terms; temperature_only
+    (8 + m,): the best fit without rates and lines. condition: of the terms used; condition_all: of
+    all before any was dropped, condition_uncentred: those with temperatures counted from 0 degC.
+    held_out: stretches; by_run: whole runs, None where there is one. scatter: as in `fog_ramps`.
+    level_known: K1 is a bias, not a share of Earth rate.
     """
 
     axis: str
@@ -114,10 +121,18 @@ class AxisModel:
 
 
 class AxisFit:
-    """One gyro over all runs: rows by run or stretch, their normal equations, the choice of terms, the fit."""
+    """One gyro over all runs: rows by run or stretch, their normal equations, the choice of terms,
+    the fit.
+    """
 
     def __init__(
-        self, k: int, runs: Sequence[GradientRun], twin: TwinModel, reference: float, lines: tuple[str, ...], free: bool
+        self,
+        k: int,
+        runs: Sequence[GradientRun],
+        twin: TwinModel,
+        reference: float,
+        lines: tuple[str, ...],
+        free: bool,
     ) -> None:
         self.k, self.runs, self.twin, self.reference, self.free = k, runs, twin, reference, free
         self.allowed = [name for name in TERMS if name not in LINES or name[-1] in lines]
@@ -135,7 +150,9 @@ class AxisFit:
         rests = [k * max(self.twin.gyro.turn_on_deg_h, LEAST_REST_deg_h) for k in REST_OF_TURN_ON]
         orders = _choose(folds, kept, rests)
         best = _shortest(orders, sum(gram.rows for gram in folds))
-        plain = min(_choose(folds, [n for n in kept if n in TEMPERATURE_ONLY], rests), key=lambda c: c.chi2)
+        plain = min(
+            _choose(folds, [n for n in kept if n in TEMPERATURE_ONLY], rests), key=lambda c: c.chi2
+        )
         bare = replace(best, rest_deg_h=0.0)
         self.extra = self._reading_errors(whole.solve(best.mask, best.rest_deg_h)[0])
         whole = self._sum(self.all)
@@ -145,18 +162,31 @@ class AxisFit:
         P *= max(scatter, INFLATE_ABOVE)
         level = float(max(run.blocks.level_sigma_deg_h[self.k] for run in self.runs))
         P[0, 0] += 0.0 if self.free else level**2
-        allowed, used = np.array([name in self.allowed for name in TERMS]), np.flatnonzero(best.mask)
+        allowed, used = (
+            np.array([name in self.allowed for name in TERMS]),
+            np.flatnonzero(best.mask),
+        )
         return AxisModel(
-            axis=AXES[self.k], theta=theta, covariance=P, nodes_degC=self.nodes, range_degC=self.range, choice=best,
-            orders=orders, collinear=tuple(dropped), not_better=tuple(name for name in kept if name not in best.used),
+            axis=AXES[self.k],
+            theta=theta,
+            covariance=P,
+            nodes_degC=self.nodes,
+            range_degC=self.range,
+            choice=best,
+            orders=orders,
+            collinear=tuple(dropped),
+            not_better=tuple(name for name in kept if name not in best.used),
             temperature_only=whole.solve(plain.mask, plain.rest_deg_h)[0],
             condition=condition_number(whole.A[np.ix_(used, used)]),
             condition_all=self._condition(whole, allowed),
             condition_uncentred=self._condition(self._sum(self.all, 0.0), allowed),
-            held_out=self._held_out(stretches, (plain, bare, best)), by_run=self._by_run((plain, bare, best)),
+            held_out=self._held_out(stretches, (plain, bare, best)),
+            by_run=self._by_run((plain, bare, best)),
             scatter=float(scatter),
-            level_known=all(run.blocks.heading_known for run in self.runs) or level < KNOWN_LEVEL_deg_h, rows=whole.rows,
-        )  # fmt: skip
+            level_known=all(run.blocks.heading_known for run in self.runs)
+            or level < KNOWN_LEVEL_deg_h,
+            rows=whole.rows,
+        )
 
     @staticmethod
     def _condition(gram: Gram, allowed: NDArray) -> float:
@@ -166,9 +196,13 @@ class AxisFit:
     def _stretches(self, j: int, run: GradientRun) -> list[Part]:
         """A run cut into stretches of STRETCH_MIN, every fifth of one fold."""
         rows = np.flatnonzero(run.usable)
-        stretch = np.floor((run.blocks.time_s[rows] - run.blocks.time_s[rows[0]]) / (60.0 * STRETCH_MIN)).astype(int)
+        stretch = np.floor(
+            (run.blocks.time_s[rows] - run.blocks.time_s[rows[0]]) / (60.0 * STRETCH_MIN)
+        ).astype(int)
         found = [(s, rows[stretch == s]) for s in np.unique(stretch)]
-        return [Part(j, at, int((s + j) % STRETCHES)) for s, at in found if at.size >= STRETCH_MIN // 2]
+        return [
+            Part(j, at, int((s + j) % STRETCHES)) for s, at in found if at.size >= STRETCH_MIN // 2
+        ]
 
     def _by_run(self, choices: Sequence[Choice]) -> Residual | None:
         """Each run with the coefficients of the others, None where there is one run."""
@@ -189,15 +223,25 @@ class AxisFit:
     def _columns(self, j: int, rows: NDArray, reference: float) -> NDArray:
         b, k = self.runs[j].blocks, self.k
         lines = self.runs[j].gradient_degC[rows]
-        return columns(b.temperature_degC[rows, k], b.rate_degC_min[rows, k], lines, reference, self.nodes)
+        return columns(
+            b.temperature_degC[rows, k], b.rate_degC_min[rows, k], lines, reference, self.nodes
+        )
 
     def _gram(self, j: int, rows: NDArray, reference: float) -> Gram:
         reduced, X = Reduced(self._blocks(j, rows)), self._columns(j, rows, reference)
         y = reduced.blocks.bias_deg_h[:, None]
-        return Gram(reduced.product(X, X), reduced.product(X, y)[:, 0], float(reduced.product(y, y)[0, 0]), rows.size)
+        return Gram(
+            reduced.product(X, X),
+            reduced.product(X, y)[:, 0],
+            float(reduced.product(y, y)[0, 0]),
+            rows.size,
+        )
 
     def _sum(self, parts: list[tuple[int, NDArray]], reference: float | None = None) -> Gram:
-        grams = [self._gram(j, rows, self.reference if reference is None else reference) for j, rows in parts]
+        grams = [
+            self._gram(j, rows, self.reference if reference is None else reference)
+            for j, rows in parts
+        ]
         return sum(grams[1:], grams[0])
 
     def _noise(self) -> NDArray:
@@ -205,16 +249,32 @@ class AxisFit:
         out = np.zeros(len(TERMS))
         for run in self.runs:
             T = run.blocks.temperature_degC[run.usable, self.k] - self.reference
-            rate2, weight = run.sigma_rate_degC_min[self.k] ** 2, run.blocks.sigma_deg_h[self.k] ** -2.0
-            out += weight * np.r_[0, 0, 0, T.size * rate2, np.sum(T**2) * rate2, T.size * run.sigma_gradient_degC**2]
+            rate2, weight = (
+                run.sigma_rate_degC_min[self.k] ** 2,
+                run.blocks.sigma_deg_h[self.k] ** -2.0,
+            )
+            out += (
+                weight
+                * np.r_[
+                    0,
+                    0,
+                    0,
+                    T.size * rate2,
+                    np.sum(T**2) * rate2,
+                    T.size * run.sigma_gradient_degC**2,
+                ]
+            )
         return out
 
     def _reading_errors(self, theta: NDArray) -> NDArray:
         """Variance that errors of rate and lines add to a block of each run."""
-        return np.array([
-            (theta[3] * run.sigma_rate_degC_min[self.k]) ** 2 + np.sum((theta[5:8] * run.sigma_gradient_degC) ** 2)
-            for run in self.runs
-        ])  # fmt: skip
+        return np.array(
+            [
+                (theta[3] * run.sigma_rate_degC_min[self.k]) ** 2
+                + np.sum((theta[5:8] * run.sigma_gradient_degC) ** 2)
+                for run in self.runs
+            ]
+        )
 
     def _held_out(self, parts: list[Part], choices: Sequence[Choice]) -> Residual:
         """Each part with the coefficients of the other folds."""
@@ -222,14 +282,19 @@ class AxisFit:
         left: list[list[NDArray]] = [[] for _ in self.runs]
         for part in parts:
             others = [gram for name, gram in zip(names, folds) if name != part.fold]
-            train, X = sum(others[1:], others[0]), self._columns(part.run, part.rows, self.reference)
+            train, X = (
+                sum(others[1:], others[0]),
+                self._columns(part.run, part.rows, self.reference),
+            )
             y = self.runs[part.run].blocks.bias_deg_h[part.rows, self.k]
             foretold = [X @ train.solve(choice.mask, choice.rest_deg_h)[0] for choice in choices]
             left[part.run].append(np.stack([y, *(y - value for value in foretold)], axis=1))
         squares, floor, count = np.zeros(len(choices) + 1), 0.0, 0
         for j, run in enumerate(self.runs):
             rows = np.concatenate([part.rows for part in parts if part.run == j])
-            means, time_s, minutes = five_minute_means(run.blocks.time_s[rows], np.concatenate(left[j]))
+            means, time_s, minutes = five_minute_means(
+                run.blocks.time_s[rows], np.concatenate(left[j])
+            )
             squares += np.sum((means - means.mean(axis=0)) ** 2, axis=0)
             floor += noise_of_means(self.twin, run, self.k, time_s, minutes)
             count += len(means)
@@ -238,19 +303,30 @@ class AxisFit:
 
 
 def five_minute_means(time_s: NDArray, values: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Means (m, c) of block values (n, c) over RESIDUAL_S, their centres and how many blocks each has."""
-    group = np.unique(np.floor((time_s - time_s[0]) / RESIDUAL_S).astype(int), return_inverse=True)[1]
+    """Means (m, c) of block values (n, c) over RESIDUAL_S, their centres and how many blocks each
+    has.
+    """
+    group = np.unique(np.floor((time_s - time_s[0]) / RESIDUAL_S).astype(int), return_inverse=True)[
+        1
+    ]
     count = np.bincount(group)
     means = np.stack([np.bincount(group, column) / count for column in values.T], axis=1)
     return means, np.bincount(group, time_s) / count, count
 
 
-def noise_of_means(twin: TwinModel, run: GradientRun, k: int, time_s: NDArray, blocks: NDArray) -> float:
-    """Expected sum of squares about their mean of such means of one gyro that hold noise alone [(deg/h)^2]."""
+def noise_of_means(
+    twin: TwinModel, run: GradientRun, k: int, time_s: NDArray, blocks: NDArray
+) -> float:
+    """Expected sum of squares about their mean of such means of one gyro that hold noise alone
+    [(deg/h)^2].
+    """
     drift = session_covariance(
-        axis_index=np.zeros(time_s.size), time_s=time_s, duration_s=blocks * BLOCK_S, gyro=twin.gyro,
+        axis_index=np.zeros(time_s.size),
+        time_s=time_s,
+        duration_s=blocks * BLOCK_S,
+        gyro=twin.gyro,
         run_length_s=float(run.blocks.time_s[-1]),
-    )  # fmt: skip
+    )
     P = drift + np.diag(run.blocks.sigma_deg_h[k] ** 2 / blocks)
     return float(np.trace(P) - P.mean() * len(P))
 
@@ -270,7 +346,10 @@ def _choose(folds: list[Gram], kept: Sequence[str], rests: Sequence[float]) -> t
     for use in term_sets(kept):
         names = tuple(name for name, yes in zip(TERMS, use) if yes)
         for rest in rests:
-            chi2 = sum(held.misfit(gram.solve(use, rest)[0]) for held, gram in zip(folds, train)) / rows
+            chi2 = (
+                sum(held.misfit(gram.solve(use, rest)[0]) for held, gram in zip(folds, train))
+                / rows
+            )
             if len(names) not in best or chi2 < best[len(names)].chi2:
                 best[len(names)] = Choice(names, rest, chi2)
     return tuple(best[size] for size in sorted(best))

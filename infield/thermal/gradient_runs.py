@@ -1,7 +1,9 @@
-"""Runs of a unit at rest -> minute means for the ring-laser gradient fit: bias, temperature, its rate, gradient lines.
+"""Runs of a unit at rest -> minute means for the ring-laser gradient fit: bias, temperature, its
+rate, gradient lines.
 
-A gradient line is a logged temperature difference (Tdiff of US 8,781,778); each gyro has one, and any of them may move any
-gyro. Rate and lines come from the interval smoother, so that the steps of a coarse thermometer do not pass for a rate.
+A gradient line is a logged temperature difference (Tdiff of US 8,781,778); each gyro has one, and
+any of them may move any gyro. Rate and lines come from the interval smoother, so that the steps of
+a coarse thermometer do not pass for a rate.
 """
 
 from dataclasses import dataclass
@@ -10,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.ramp_runs import BLOCK_S, RampRun, covered_blocks, ramp_run
-from infield.thermometer.gyro_temperature import FEWEST_ROWS, GyroTemperature, gyro_temperature, too_short
+from infield.thermometer.gyro_temperature import (
+    FEWEST_ROWS,
+    GyroTemperature,
+    gyro_temperature,
+    too_short,
+)
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
 from ins.records import AXES, InputError, Run, TemperatureLog, TwinModel
 from ins.thermometer_faults import check_thermometers
@@ -20,7 +27,9 @@ FLAT_degC = 0.05  # a line that moves less says nothing
 
 @dataclass(frozen=True)
 class GradientLines:
-    """Smoothed lines at nodes time_s (n,): value_degC (n, 3), NaN for a line that is not logged; smooth: None there."""
+    """Smoothed lines at nodes time_s (n,): value_degC (n, 3), NaN for a line that is not logged;
+    smooth: None there.
+    """
 
     time_s: NDArray
     value_degC: NDArray
@@ -31,14 +40,17 @@ class GradientLines:
         return tuple(axis for axis, smooth in zip(AXES, self.smooth) if smooth is not None)
 
     def at(self, time_s: NDArray) -> NDArray:
-        """Lines (k, 3) at given times; the end values are held outside the log, 0 for a line that is not logged."""
+        """Lines (k, 3) at given times; the end values are held outside the log, 0 for a line that
+        is not logged.
+        """
         values = np.where(np.isfinite(self.value_degC), self.value_degC, 0.0)
         return np.stack([np.interp(time_s, self.time_s, column) for column in values.T], axis=1)
 
 
 @dataclass(frozen=True)
 class GradientRun:
-    """Minute means of one run: `blocks` (rates over a minute), gradient_degC (n, 3), usable rows (n,), lines logged.
+    """Minute means of one run: `blocks` (rates over a minute), gradient_degC (n, 3), usable rows
+    (n,), lines logged.
 
     sigma_rate_degC_min, sigma_gradient_degC (3,): of one block in the middle of the run.
     """
@@ -66,7 +78,12 @@ def gradient_lines(log: TemperatureLog) -> GradientLines:
         for k, name in enumerate(names):
             rows = np.flatnonzero(checked.valid[name])
             if rows.size >= max(min(FEWEST_ROWS, log.time_s.size), 3):
-                found = smooth_readings(nodes, log.time_s[rows], log.gradient_degC[rows, k], checked.resolution_degC[name])
+                found = smooth_readings(
+                    nodes,
+                    log.time_s[rows],
+                    log.gradient_degC[rows, k],
+                    checked.resolution_degC[name],
+                )
                 smooth[k], value[:, k] = found, found.value_degC
     return GradientLines(nodes, value, tuple(smooth))
 
@@ -80,12 +97,18 @@ def gradient_run(run: Run, twin: TwinModel) -> GradientRun:
     blocks = ramp_run(run, twin, temperature=temperature, window_s=BLOCK_S)
     seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]
     gradient = lines.at(blocks.time_s)
-    moving = tuple(axis for axis in lines.logged if np.ptp(gradient[:, AXES.index(axis)], axis=0) > FLAT_degC)
+    moving = tuple(
+        axis for axis in lines.logged if np.ptp(gradient[:, AXES.index(axis)], axis=0) > FLAT_degC
+    )
     middle = float(blocks.time_s[blocks.time_s.size // 2]) if blocks.time_s.size else 0.0
     return GradientRun(
-        blocks=blocks, gradient_degC=gradient, usable=covered_blocks(temperature, blocks.time_s, seen), lines=moving,
-        sigma_rate_degC_min=blocks.rate_sigma_degC_min, sigma_gradient_degC=_line_sigma(lines, temperature, middle),
-    )  # fmt: skip
+        blocks=blocks,
+        gradient_degC=gradient,
+        usable=covered_blocks(temperature, blocks.time_s, seen),
+        lines=moving,
+        sigma_rate_degC_min=blocks.rate_sigma_degC_min,
+        sigma_gradient_degC=_line_sigma(lines, temperature, middle),
+    )
 
 
 def _line_sigma(lines: GradientLines, temperature: GyroTemperature, middle_s: float) -> NDArray:

@@ -1,10 +1,13 @@
-"""The terms of the ring-laser gradient model, their Gram matrices over blocks, and which of them the data hold apart.
+"""The terms of the ring-laser gradient model, their Gram matrices over blocks, and which of them
+the data hold apart.
 
-    b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + sum_i K6i Tdiff_i        [deg/h]      US 8,781,778, claim 1
+    b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + sum_i K6i Tdiff_i        [deg/h]      US
+    8,781,778, claim 1
 
-T is centred: T = temperature - reference; dT/dt in degC/min. What of the bias follows temperature but no parabola is a rest of
-straight pieces between nodes, each N(0, s^2): without it a wave of the curve passes for a gradient where heater and ramp keep
-step (squared normalised error of K6 1.5 on average, up to 5 sigma). Source of the form: physics.md section 3.
+T is centred: T = temperature - reference; dT/dt in degC/min. What of the bias follows temperature
+but no parabola is a rest of straight pieces between nodes, each N(0, s^2): without it a wave of the
+curve passes for a gradient where heater and ramp keep step (squared normalised error of K6 1.5 on
+average, up to 5 sigma). Source of the form: physics.md section 3.
 """
 
 from collections.abc import Sequence
@@ -17,14 +20,20 @@ from numpy.typing import NDArray
 LINES = ("K6x", "K6y", "K6z")
 TERMS = ("K1", "K2", "K3", "K4", "K5", *LINES)
 UNITS = {
-    "K1": "deg/h", "K2": "deg/h per degC", "K3": "deg/h per degC^2", "K4": "deg/h per degC/min",
-    "K5": "deg/h per degC and degC/min", **dict.fromkeys(LINES, "deg/h per degC"),
-}  # fmt: skip
+    "K1": "deg/h",
+    "K2": "deg/h per degC",
+    "K3": "deg/h per degC^2",
+    "K4": "deg/h per degC/min",
+    "K5": "deg/h per degC and degC/min",
+    **dict.fromkeys(LINES, "deg/h per degC"),
+}
 NEEDS = {"K3": "K2", "K5": "K4"}  # a term that is not there without another
-COLLINEAR = 30.0  # condition index from which on a dependency is strong (Belsley, Kuh, Welsch (1980), section 3.2)
+# condition index from which on a dependency is strong (Belsley, Kuh, Welsch (1980), section 3.2)
+COLLINEAR = 30.0
 INVOLVED = 0.3  # of a column of length 1: what another must carry of it to be named
 REST_degC = 10.0
-REST_OF_TURN_ON = (1.0, 2.0, 4.0)  # s over the twin's turn-on: what is tried; no curve is a parabola to less than that
+# s over the twin's turn-on: what is tried; no curve is a parabola to less than that
+REST_OF_TURN_ON = (1.0, 2.0, 4.0)
 NOISY = 0.05  # share of what a column has of its own that may be noise of the thermometers
 
 
@@ -41,7 +50,9 @@ class Gram:
         return Gram(self.A + other.A, self.b + other.b, self.c + other.c, self.rows + other.rows)
 
     def solve(self, use: NDArray, rest_deg_h: float = 0.0) -> tuple[NDArray, NDArray]:
-        """Coefficients (p,), 0 for terms not used, and their covariance (p, p); rest_deg_h: s of the nodes, 0: none."""
+        """Coefficients (p,), 0 for terms not used, and their covariance (p, p); rest_deg_h: s of
+        the nodes, 0: none.
+        """
         P, theta = np.zeros_like(self.A), np.zeros(self.b.size)
         prior = np.zeros(self.b.size)
         prior[len(TERMS) :] = rest_deg_h**-2.0 if rest_deg_h else 0.0
@@ -57,7 +68,9 @@ class Gram:
 
 @dataclass(frozen=True)
 class Collinear:
-    """A term that was dropped: with which others it goes, the condition number with it, the share of its own that is noise."""
+    """A term that was dropped: with which others it goes, the condition number with it, the share
+    of its own that is noise.
+    """
 
     term: str
     others: tuple[str, ...]
@@ -68,13 +81,27 @@ class Collinear:
         if self.condition > COLLINEAR:
             why = f"condition number {self.condition:.0f}, limit {COLLINEAR:.0f}"
         else:
-            why = f"{self.noise_share:.0%} of what it has of its own is noise of the thermometers, limit {NOISY:.0%}"
+            why = (
+                f"{self.noise_share:.0%} of what it has of its own is noise of the thermometers,"
+                f" limit {NOISY:.0%}"
+            )
         along = " and ".join(self.others) or "the rest"
-        return f"{self.term} goes with {along} ({why}): dropped, and right only while heat flows as in these runs"
+        return (
+            f"{self.term} goes with {along} ({why}): dropped, and right only while heat flows as in"
+            " these runs"
+        )
 
 
-def columns(T: NDArray, rate: NDArray, gradient: NDArray, reference_degC: float, nodes_degC: NDArray | None = None) -> NDArray:
-    """Columns (n, 8) of TERMS from one gyro's temperature and rate (n,) and the lines (n, 3); then of the rest's nodes."""
+def columns(
+    T: NDArray,
+    rate: NDArray,
+    gradient: NDArray,
+    reference_degC: float,
+    nodes_degC: NDArray | None = None,
+) -> NDArray:
+    """Columns (n, 8) of TERMS from one gyro's temperature and rate (n,) and the lines (n, 3); then
+    of the rest's nodes.
+    """
     t = T - reference_degC
     terms = [np.ones_like(t), t, t**2, rate, t * rate, gradient]
     return np.column_stack(terms if nodes_degC is None else [*terms, rest_columns(T, nodes_degC)])
@@ -86,12 +113,16 @@ def rest_nodes(low_degC: float, high_degC: float) -> NDArray:
 
 
 def rest_columns(T: NDArray, nodes_degC: NDArray) -> NDArray:
-    """Weights (n, m) of the nodes at temperatures (n,), straight between them, the ends held beyond."""
+    """Weights (n, m) of the nodes at temperatures (n,), straight between them, the ends held
+    beyond.
+    """
     return np.stack([np.interp(T, nodes_degC, unit) for unit in np.eye(nodes_degC.size)], axis=1)
 
 
 def term_sets(allowed: Sequence[str]) -> list[NDArray]:
-    """Every set of terms with K1 whose members' needs are met, as masks (p,); the smallest first."""
+    """Every set of terms with K1 whose members' needs are met, as masks (p,); the smallest
+    first.
+    """
     free = [name for name in TERMS[1:] if name in allowed]
     found = []
     for chosen in product((False, True), repeat=len(free)):
@@ -107,10 +138,14 @@ def condition_number(A: NDArray) -> float:
     return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
 
 
-def hold_apart(A: NDArray, noise: NDArray, allowed: Sequence[str], own: str) -> tuple[list[str], list[Collinear]]:
-    """Terms that the data hold apart, and those dropped: each joins, the most wanted first, if it is none of those before it.
+def hold_apart(
+    A: NDArray, noise: NDArray, allowed: Sequence[str], own: str
+) -> tuple[list[str], list[Collinear]]:
+    """Terms that the data hold apart, and those dropped: each joins, the most wanted first, if it
+    is none of those before it.
 
-    noise (p,): what errors of the readings alone make of the diagonal of A. own: the gyro's own line, wanted before others.
+    noise (p,): what errors of the readings alone make of the diagonal of A. own: the gyro's own
+    line, wanted before others.
     """
     wanted = ["K2", "K4", "K3", "K5", own, *(line for line in LINES if line != own)]
     kept, dropped = ["K1"], []
@@ -134,7 +169,12 @@ def _collinear(A: NDArray, noise: NDArray, names: list[str]) -> Collinear | None
     of_noise = float(np.r_[on_others, 1.0] ** 2 @ (noise[at] / length**2)) / own
     if condition <= COLLINEAR and of_noise <= NOISY:
         return None
-    return Collinear(names[-1], tuple(n for n, c in zip(names, on_others) if abs(c) > INVOLVED), condition, of_noise)
+    return Collinear(
+        names[-1],
+        tuple(n for n, c in zip(names, on_others) if abs(c) > INVOLVED),
+        condition,
+        of_noise,
+    )
 
 
 def _scaled(A: NDArray) -> tuple[NDArray, NDArray]:

@@ -1,4 +1,6 @@
-"""A fitted ring-laser model on a run that nothing was fitted to: what it leaves, smoothed and in real-time order."""
+"""A fitted ring-laser model on a run that nothing was fitted to: what it leaves, smoothed and in
+real-time order.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -17,9 +19,11 @@ from ins.records import AXES, Run, TwinModel
 
 @dataclass(frozen=True)
 class RlgHeldOut:
-    """Five-minute means of one run, each gyro less its mean: before, with temperature alone, after (smoothed), in real time.
+    """Five-minute means of one run, each gyro less its mean: before, with temperature alone, after
+    (smoothed), in real time.
 
-    rms_deg_h, noise_deg_h: by gyro; rms_deg_h[axis] (4,) in that order. means[axis]: time (m,) and values (m, 4).
+    rms_deg_h, noise_deg_h: by gyro; rms_deg_h[axis] (4,) in that order. means[axis]: time (m,) and
+    values (m, 4).
     """
 
     run: GradientRun
@@ -30,14 +34,24 @@ class RlgHeldOut:
 
 
 def held_out_run(
-    run: Run, model: RlgModel, fits: tuple[AxisModel, ...], twin: TwinModel, *, settle_s: float = 600.0
+    run: Run,
+    model: RlgModel,
+    fits: tuple[AxisModel, ...],
+    twin: TwinModel,
+    *,
+    settle_s: float = 600.0,
 ) -> RlgHeldOut:
-    """Compensates the increments both ways and averages them; left out: settle_s, in which the causal filter starts."""
+    """Compensates the increments both ways and averages them; left out: settle_s, in which the
+    causal filter starts.
+    """
     assert run.temperature is not None  # gradient_run has refused a run without
     raw, imu, log = gradient_run(run, twin), run.imu.whole(), run.temperature
     batch, causal = (
         gradient_run(replace(run, imu=left), twin).blocks.bias_deg_h
-        for left in (compensate_batch(imu, model, log, gyro_temperature(log)), compensate_causal(imu, model, log))
+        for left in (
+            compensate_batch(imu, model, log, gyro_temperature(log)),
+            compensate_causal(imu, model, log),
+        )
     )
     b, rms, noise, means = raw.blocks, {}, {}, {}
     inside = model.inside(b.temperature_degC)
@@ -46,8 +60,13 @@ def held_out_run(
         rows = np.flatnonzero(raw.usable & inside[:, k] & (b.time_s - b.time_s[0] > settle_s))
         if rows.size < 3 * int(settle_s / BLOCK_S):
             continue
-        X = columns(b.temperature_degC[rows, k], b.rate_degC_min[rows, k], raw.gradient_degC[rows], model.reference_degC,
-                    fit.nodes_degC)  # fmt: skip
+        X = columns(
+            b.temperature_degC[rows, k],
+            b.rate_degC_min[rows, k],
+            raw.gradient_degC[rows],
+            model.reference_degC,
+            fit.nodes_degC,
+        )
         plain = b.bias_deg_h[rows, k] - X @ fit.temperature_only
         values = np.column_stack([b.bias_deg_h[rows, k], plain, batch[rows, k], causal[rows, k]])
         found, time_s, blocks = five_minute_means(b.time_s[rows], values)

@@ -1,9 +1,11 @@
-"""Piecewise polynomial models of K_T(T) and K_delta(T): few continuous segments, breakpoints at inflections of the curves.
+"""Piecewise polynomial models of K_T(T) and K_delta(T): few continuous segments, breakpoints at
+inflections of the curves.
 
-An inflection is where the second derivative of the smooth curve changes sign, significantly so on both sides; its interval is
-every temperature around it at which the second derivative may be zero (Fieller's set, 95 %). Knots, their number and the
-degree are chosen by BIC with the sigma of the blocks known; where the inflections do not suffice, segments are halved and the
-added breakpoints are marked so. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
+An inflection is where the second derivative of the smooth curve changes sign, significantly so on
+both sides; its interval is every temperature around it at which the second derivative may be zero
+(Fieller's set, 95 %). Knots, their number and the degree are chosen by BIC with the sigma of the
+blocks known; where the inflections do not suffice, segments are halved and the added breakpoints
+are marked so. Sources: CN 106017511 (segments at inflections), Schwarz (1978).
 """
 
 from collections.abc import Sequence
@@ -13,10 +15,19 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.coefficient_curves import Basis, CurveFit, Reduced, derivative_rows, smooth_basis, spline_basis
+from infield.thermal.coefficient_curves import (
+    Basis,
+    CurveFit,
+    Reduced,
+    derivative_rows,
+    smooth_basis,
+    spline_basis,
+)
 
 STEP_degC = 0.25
-SURE = 1.96  # sigmas: of an interval's end, and of the sign of the second derivative on either side of an inflection
+# sigmas: of an interval's end, and of the sign of the second derivative on either side of an
+# inflection
+SURE = 1.96
 DEGREES = (1, 2, 3)
 MOST_ADDED = 4
 NEAREST_degC = 4.0  # no two breakpoints closer than this, nor to an end
@@ -24,7 +35,9 @@ NEAREST_degC = 4.0  # no two breakpoints closer than this, nor to an end
 
 @dataclass(frozen=True)
 class Breakpoint:
-    """Where two segments meet, with its 95 % interval; kind: inflection, or added (a halved segment, no interval)."""
+    """Where two segments meet, with its 95 % interval; kind: inflection, or added (a halved
+    segment, no interval).
+    """
 
     temperature_degC: float
     low_degC: float
@@ -38,7 +51,8 @@ class Breakpoint:
 
 @dataclass(frozen=True)
 class Piecewise:
-    """One curve: edges (m + 1,) with the breakpoints inside, coefficients (m, degree + 1) in (T - edge_j)^k, rising k.
+    """One curve: edges (m + 1,) with the breakpoints inside, coefficients (m, degree + 1) in (T -
+    edge_j)^k, rising k.
 
     Beyond the edges the end value is held.
     """
@@ -53,7 +67,9 @@ class Piecewise:
 
     def __call__(self, temperature_degC: NDArray) -> NDArray:
         T = np.clip(temperature_degC, self.edges_degC[0], self.edges_degC[-1])
-        j = np.clip(np.searchsorted(self.edges_degC, T, side="right") - 1, 0, len(self.coefficients) - 1)
+        j = np.clip(
+            np.searchsorted(self.edges_degC, T, side="right") - 1, 0, len(self.coefficients) - 1
+        )
         u, value = T - self.edges_degC[j], np.zeros(np.shape(T))
         for k in range(self.degree, -1, -1):
             value = value * u + self.coefficients[j, k]
@@ -62,7 +78,9 @@ class Piecewise:
 
 @dataclass(frozen=True)
 class PiecewisePair:
-    """Both curves fitted together; inflections found, whether or not a breakpoint stands there; BIC and chi2 per degree."""
+    """Both curves fitted together; inflections found, whether or not a breakpoint stands there; BIC
+    and chi2 per degree.
+    """
 
     K_T: Piecewise
     K_delta: Piecewise
@@ -71,7 +89,9 @@ class PiecewisePair:
     scatter: float
 
 
-def inflections(fit: CurveFit, which: int, low_degC: float, high_degC: float) -> tuple[Breakpoint, ...]:
+def inflections(
+    fit: CurveFit, which: int, low_degC: float, high_degC: float
+) -> tuple[Breakpoint, ...]:
     """Inflections of a smooth curve, in order of temperature."""
     T = np.arange(low_degC, high_degC + 0.5 * STEP_degC, STEP_degC)
     value, P = fit.linear(which, derivative_rows(fit.bases[which], T, 2))
@@ -83,7 +103,11 @@ def inflections(fit: CurveFit, which: int, low_degC: float, high_degC: float) ->
             crossings = a + np.flatnonzero(np.diff(np.sign(value[a : b + 1])) != 0)
             middle = crossings[len(crossings) // 2]
             share = value[middle] / (value[middle] - value[middle + 1])
-            found.append(Breakpoint(float(T[middle] + share * STEP_degC), float(T[a]), float(T[b]), "inflection"))
+            found.append(
+                Breakpoint(
+                    float(T[middle] + share * STEP_degC), float(T[a]), float(T[b]), "inflection"
+                )
+            )
     return tuple(found)
 
 
@@ -103,14 +127,23 @@ def piecewise_pair(reduced: Reduced, degrees: Sequence[int] = DEGREES) -> Piecew
     bases = [_basis(low, high, *choice) for choice in chosen]
     fit = reduced.fit(bases)
     pieces = [_polynomials(fit, which, low, high, *chosen[which]) for which in range(2)]
-    return PiecewisePair(pieces[0], pieces[1], (bends[0], bends[1]), _bic(fit), fit.chi2 / max(fit.dof, 1.0))
+    return PiecewisePair(
+        pieces[0], pieces[1], (bends[0], bends[1]), _bic(fit), fit.chi2 / max(fit.dof, 1.0)
+    )
 
 
 def _choose(
-    reduced: Reduced, bases: list[Basis], which: int, bends: tuple[Breakpoint, ...], low: float, high: float,
+    reduced: Reduced,
+    bases: list[Basis],
+    which: int,
+    bends: tuple[Breakpoint, ...],
+    low: float,
+    high: float,
     degrees: Sequence[int],
-) -> tuple[tuple[Breakpoint, ...], int]:  # fmt: skip
-    """Breakpoints and degree of one curve by BIC: the surest inflections first, then halves of the longest segment."""
+) -> tuple[tuple[Breakpoint, ...], int]:
+    """Breakpoints and degree of one curve by BIC: the surest inflections first, then halves of the
+    longest segment.
+    """
     sure = sorted(bends, key=lambda bend: bend.sigma_degC)
     ladder: list[tuple[Breakpoint, ...]] = [()]
     for bend in sure:
@@ -133,7 +166,10 @@ def _choose(
 
 
 def _apart(knots: Sequence[Breakpoint], at: float, low: float, high: float) -> bool:
-    return all(abs(at - other) >= NEAREST_degC for other in (low, high, *(b.temperature_degC for b in knots)))
+    return all(
+        abs(at - other) >= NEAREST_degC
+        for other in (low, high, *(b.temperature_degC for b in knots))
+    )
 
 
 def _basis(low: float, high: float, knots: Sequence[Breakpoint], degree: int) -> Basis:
@@ -145,8 +181,12 @@ def _bic(fit: CurveFit) -> float:
     return fit.chi2 + len(fit.theta) * float(np.log(fit.rows))
 
 
-def _polynomials(fit: CurveFit, which: int, low: float, high: float, knots: tuple[Breakpoint, ...], degree: int) -> Piecewise:
-    """Local powers of each segment from degree + 1 of its values; the value at each breakpoint is shared exactly."""
+def _polynomials(
+    fit: CurveFit, which: int, low: float, high: float, knots: tuple[Breakpoint, ...], degree: int
+) -> Piecewise:
+    """Local powers of each segment from degree + 1 of its values; the value at each breakpoint is
+    shared exactly.
+    """
     edges = np.array([low, *(b.temperature_degC for b in knots), high])
     theta, rows = fit.theta[fit.part(which)], []
     for a, b in pairwise(edges):

@@ -1,8 +1,10 @@
-"""Chamber runs of a unit at rest -> block means of gyro output, temperature and its rate, and the ramps among them.
+"""Chamber runs of a unit at rest -> block means of gyro output, temperature and its rate, and the
+ramps among them.
 
-A block is a minute: ten-second sums first (their scatter is the white noise as it is, quantisation included), bumps and
-tilts out, Earth rate as far as level, latitude and a surveyed heading tell it subtracted. What remains of Earth rate is one
-constant an axis while the unit stays where it is: it shifts K_T as a whole and nothing else.
+A block is a minute: ten-second sums first (their scatter is the white noise as it is, quantisation
+included), bumps and tilts out, Earth rate as far as level, latitude and a surveyed heading tell it
+subtracted. What remains of Earth rate is one constant an axis while the unit stays where it is: it
+shifts K_T as a whole and nothing else.
 """
 
 from dataclasses import dataclass
@@ -12,7 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.coarse import REST_FORCE_M_S2, block_sums
-from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, no_thermometer, too_short
+from infield.thermometer.gyro_temperature import (
+    GyroTemperature,
+    gyro_temperature,
+    no_thermometer,
+    too_short,
+)
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TwinModel
@@ -22,14 +29,18 @@ BLOCK_S = 60.0
 FEWEST_SHARE = 0.6  # of a block that must be left
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S, WINDOW_degC = 120.0, 1800.0, 0.3  # over which a rate is read
 STEADY = 0.3  # a ramp's rate stays within this share of its median; the rest is soak or turning
-BUMP_SIGMAS, BUMP_ROWS = 8.0, 61  # a ten-second sum this far from the median of its ten minutes was bumped
-RIPPLE_BLOCKS = 11  # the sense of a ramp is that of the median over so many: a chamber's control may ripple
+# a ten-second sum this far from the median of its ten minutes was bumped
+BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
+# the sense of a ramp is that of the median over so many: a chamber's control may ripple
+RIPPLE_BLOCKS = 11
 SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10
 
 
 @dataclass(frozen=True)
 class Leg:
-    """One steady ramp of a run: rows of its blocks (start, end), temperatures passed and signed rate."""
+    """One steady ramp of a run: rows of its blocks (start, end), temperatures passed and signed
+    rate.
+    """
 
     start: int
     end: int
@@ -44,11 +55,13 @@ class Leg:
 
 @dataclass(frozen=True)
 class RampRun:
-    """Block means of one run: time_s (n,) of the centres; temperature_degC, rate_degC_min, bias_deg_h (n, 3).
+    """Block means of one run: time_s (n,) of the centres; temperature_degC, rate_degC_min,
+    bias_deg_h (n, 3).
 
-    bias_deg_h: gyro output less what is known of Earth rate. sigma_deg_h (3,): white noise of one block. level_sigma_deg_h
-    (3,): of the constant that Earth rate may have left. legs: the ramps; steady (n,): blocks within one.
-    turned_rad: largest net turn over a span that was left out; a unit that turned has another share of Earth rate since.
+    bias_deg_h: gyro output less what is known of Earth rate. sigma_deg_h (3,): white noise of one
+    block. level_sigma_deg_h (3,): of the constant that Earth rate may have left. legs: the ramps;
+    steady (n,): blocks within one. turned_rad: largest net turn over a span that was left out; a
+    unit that turned has another share of Earth rate since.
     """
 
     run_id: str
@@ -83,17 +96,24 @@ class RampRun:
 
 
 def ramp_run(
-    run: Run, twin: TwinModel, *, temperature: GyroTemperature | None = None, window_s: float | None = None
+    run: Run,
+    twin: TwinModel,
+    *,
+    temperature: GyroTemperature | None = None,
+    window_s: float | None = None,
 ) -> RampRun:
-    """Block means and ramps of a run. InputError where the log cannot be used as it is (an applied table, no thermometer).
+    """Block means and ramps of a run. InputError where the log cannot be used as it is (an applied
+    table, no thermometer).
 
-    temperature: the run's, where it is made already; window_s: over which a rate is read, None: by the ramps themselves.
+    temperature: the run's, where it is made already; window_s: over which a rate is read, None: by
+    the ramps themselves.
     """
     header = run.header
     if header.applied_table_sha256 is not None:
         raise InputError(
-            f"{header.run_id}: run.json: applied_table_sha256 is {header.applied_table_sha256[:12]}, needed null: the ramps "
-            "are fitted to raw gyro output"
+            f"{header.run_id}: run.json: applied_table_sha256 is"
+            f" {header.applied_table_sha256[:12]}, needed null: the ramps are fitted to raw gyro"
+            " output"
         )
     why = too_short(run.temperature)
     if why or run.temperature is None:
@@ -111,12 +131,24 @@ def ramp_run(
     covered = covered_blocks(temperature, t, seen)
     legs = _legs(t, T[:, seen].mean(axis=1), rate[:, seen].mean(axis=1), covered)
     return RampRun(
-        run_id=header.run_id, sha256=run.sha256, imu_serial=header.imu_serial, gyro_technology=header.gyro_technology,
-        time_s=t, temperature_degC=T, rate_degC_min=rate, bias_deg_h=bias, sigma_deg_h=blocks.sigma / DEG_PER_HOUR,
-        rate_sigma_degC_min=_rate_sigma(temperature, t, window), level_sigma_deg_h=level_sigma, legs=legs,
-        excluded=(*blocks.excluded, *temperature.spans()), unusable=temperature.unusable, roll_pitch_rad=level,
-        heading_known=run.header.survey.heading_rad is not None, turned_rad=blocks.turned_rad,
-    )  # fmt: skip
+        run_id=header.run_id,
+        sha256=run.sha256,
+        imu_serial=header.imu_serial,
+        gyro_technology=header.gyro_technology,
+        time_s=t,
+        temperature_degC=T,
+        rate_degC_min=rate,
+        bias_deg_h=bias,
+        sigma_deg_h=blocks.sigma / DEG_PER_HOUR,
+        rate_sigma_degC_min=_rate_sigma(temperature, t, window),
+        level_sigma_deg_h=level_sigma,
+        legs=legs,
+        excluded=(*blocks.excluded, *temperature.spans()),
+        unusable=temperature.unusable,
+        roll_pitch_rad=level,
+        heading_known=run.header.survey.heading_rad is not None,
+        turned_rad=blocks.turned_rad,
+    )
 
 
 class _Blocks:
@@ -128,14 +160,25 @@ class _Blocks:
         self.f_b = np.median(f, axis=0)
         moved = np.linalg.norm(f - self.f_b, axis=1) > REST_FORCE_M_S2
         step = np.diff(omega, axis=0)
-        noise = 1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0) if len(step) else np.ones(3)
+        noise = (
+            1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0)
+            if len(step)
+            else np.ones(3)
+        )
         calm = np.stack([_running_median(column, BUMP_ROWS) for column in omega.T], axis=1)
-        bumped = (np.abs(omega - calm) > BUMP_SIGMAS * np.maximum(noise, 1e-12)).any(axis=1) & ~moved
+        bumped = (np.abs(omega - calm) > BUMP_SIGMAS * np.maximum(noise, 1e-12)).any(
+            axis=1
+        ) & ~moved
         good = ~(moved | bumped)
-        self.excluded = (*_spans(begins, ends, moved, "moved or tilted"), *_spans(begins, ends, bumped, "bumped"))
+        self.excluded = (
+            *_spans(begins, ends, moved, "moved or tilted"),
+            *_spans(begins, ends, bumped, "bumped"),
+        )
         turn = (dtheta - np.median(omega, axis=0) * seconds[:, None]) * ~good[:, None]
         part = np.cumsum(np.diff(good.astype(int), prepend=1) == -1)
-        self.turned_rad = float(max(np.linalg.norm([np.bincount(part, column) for column in turn.T], axis=0)))
+        self.turned_rad = float(
+            max(np.linalg.norm([np.bincount(part, column) for column in turn.T], axis=0))
+        )
         minute = np.floor((begins - begins[0]) / BLOCK_S).astype(int)
         weight = np.where(good, seconds, 0.0)
         held = np.bincount(minute, weight)
@@ -158,20 +201,36 @@ def _running_median(values: NDArray, size: int) -> NDArray:
 
 def _spans(begins: NDArray, ends: NDArray, bad: NDArray, reason: str) -> list[Span]:
     edges = np.flatnonzero(np.diff(np.r_[0, bad.astype(int), 0]))
-    return [Span(start_s=float(begins[a]), end_s=float(ends[b - 1]), reason=reason) for a, b in edges.reshape(-1, 2)]
+    return [
+        Span(start_s=float(begins[a]), end_s=float(ends[b - 1]), reason=reason)
+        for a, b in edges.reshape(-1, 2)
+    ]
 
 
-def _earth_rate(run: Run, f_b: NDArray, twin: TwinModel) -> tuple[NDArray, NDArray, tuple[float, float]]:
-    """Known part of Earth rate in body axes, sigma of the rest (3,) [deg/h], and (roll, pitch) from the specific force.
+def _earth_rate(
+    run: Run, f_b: NDArray, twin: TwinModel
+) -> tuple[NDArray, NDArray, tuple[float, float]]:
+    """Known part of Earth rate in body axes, sigma of the rest (3,) [deg/h], and (roll, pitch) from
+    the specific force.
 
-    With a surveyed heading all of it is known; without one only the vertical part, and the horizontal one, of size
-    Omega cosL times what an axis has of the horizontal plane, may point anywhere (its RMS is 1/sqrt(2) of that).
+    With a surveyed heading all of it is known; without one only the vertical part, and the
+    horizontal one, of size Omega cosL times what an axis has of the horizontal plane, may point
+    anywhere (its RMS is 1/sqrt(2) of that).
     """
     survey, site = run.header.survey, run.header.site
     down = -f_b / np.linalg.norm(f_b)
-    roll, pitch = float(np.arctan2(down[1], down[2])), float(-np.arcsin(np.clip(down[0], -1.0, 1.0)))
+    roll, pitch = (
+        float(np.arctan2(down[1], down[2])),
+        float(-np.arcsin(np.clip(down[0], -1.0, 1.0))),
+    )
     north, _, vertical = omega_ie_n(site.lat_rad) / DEG_PER_HOUR
-    tilt = EARTH_RATE_RAD_S / DEG_PER_HOUR * max(twin.accel.turn_on_ug, 10.0) * MICRO_G / STANDARD_GRAVITY
+    tilt = (
+        EARTH_RATE_RAD_S
+        / DEG_PER_HOUR
+        * max(twin.accel.turn_on_ug, 10.0)
+        * MICRO_G
+        / STANDARD_GRAVITY
+    )
     if survey.heading_rad is None:
         known, sigma = vertical * down, north * np.sqrt(np.maximum(1.0 - down**2, 0.0) / 2.0)
     else:
@@ -196,14 +255,21 @@ def _rate_window(temperature: GyroTemperature, time_s: NDArray) -> float:
 
 
 def _rate_sigma(temperature: GyroTemperature, time_s: NDArray, window: float) -> NDArray:
-    """Sigma (3,) of a rate in the middle of the run [degC/min]; 0 for an axis without thermometer."""
+    """Sigma (3,) of a rate in the middle of the run [degC/min]; 0 for an axis without
+    thermometer.
+    """
     out = np.zeros(3)
     middle = float(time_s[time_s.size // 2]) if time_s.size else 0.0
     half = 0.5 * float(temperature.time_s[1] - temperature.time_s[0])
-    ends = [temperature.mean_rows(t - half, t + half) for t in (middle - 0.5 * window, middle + 0.5 * window)]
+    ends = [
+        temperature.mean_rows(t - half, t + half)
+        for t in (middle - 0.5 * window, middle + 0.5 * window)
+    ]
     for k, smooth in enumerate(temperature.smooth):
         if smooth is not None:
-            out[k] = 60.0 / window * float(np.sqrt(smooth.covariance((ends[1] - ends[0])[None])[0, 0]))
+            out[k] = (
+                60.0 / window * float(np.sqrt(smooth.covariance((ends[1] - ends[0])[None])[0, 0]))
+            )
     return out
 
 
@@ -214,7 +280,9 @@ def covered_blocks(temperature: GyroTemperature, time_s: NDArray, seen: list[int
 
 
 def _legs(time_s: NDArray, T: NDArray, rate: NDArray, covered: NDArray) -> tuple[Leg, ...]:
-    """Stretches of one sense of change; of each, the blocks near its median rate (weighted with the change itself)."""
+    """Stretches of one sense of change; of each, the blocks near its median rate (weighted with the
+    change itself).
+    """
     found = []
     sense = np.where(covered, np.sign(_running_median(rate, RIPPLE_BLOCKS)), 0.0)
     edges = np.flatnonzero(np.diff(np.r_[np.nan, sense, np.nan]) != 0)
@@ -225,10 +293,14 @@ def _legs(time_s: NDArray, T: NDArray, rate: NDArray, covered: NDArray) -> tuple
         middle = _weighted_median(rate[rows], np.abs(rate[rows]))
         near = rows[np.abs(rate[rows] - middle) <= STEADY * abs(middle)]
         start, end = (int(near[0]), int(near[-1]) + 1) if near.size else (a, a)
-        low, high = (float(T[start:end].min()), float(T[start:end].max())) if end > start else (0.0, 0.0)
+        low, high = (
+            (float(T[start:end].min()), float(T[start:end].max())) if end > start else (0.0, 0.0)
+        )
         if end - start >= FEWEST_BLOCKS and high - low >= SHORTEST_LEG_degC:
             minutes = (time_s[end - 1] - time_s[start]) / 60.0
-            found.append(Leg(int(start), int(end), low, high, float((T[end - 1] - T[start]) / minutes)))
+            found.append(
+                Leg(int(start), int(end), low, high, float((T[end - 1] - T[start]) / minutes))
+            )
     return tuple(found)
 
 

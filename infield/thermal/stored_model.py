@@ -1,11 +1,14 @@
-"""A stored thermal model (`recal thermal rlg|fog`) before the table: its rate and gradient terms leave the log.
+"""A stored thermal model (`recal thermal rlg|fog`) before the table: its rate and gradient terms
+leave the log.
 
 The table stays the bias of the settled unit:
 
-    raw log - (rates + gradients) -> update, replay with the table          residual table = table - settled part of the model
+    raw log - (rates + gradients) -> update, replay with the table          residual table = table -
+    settled part of the model
 
-Taking out the settled part as well and learning a table of the residual is the same sum in another order; kept apart like this
-a table means the same with a model and without one, and a store needs no second kind of table (US 5,527,003 on top of it).
+Taking out the settled part as well and learning a table of the residual is the same sum in another
+order; kept apart like this a table means the same with a model and without one, and a store needs
+no second kind of table (US 5,527,003 on top of it).
 """
 
 import hashlib
@@ -46,7 +49,9 @@ class StoredModel:
 
 @dataclass(frozen=True)
 class Removed:
-    """What a model's rate and gradient terms were along a run (3,) [deg/h]: RMS, and RMS of what is not known of them."""
+    """What a model's rate and gradient terms were along a run (3,) [deg/h]: RMS, and RMS of what is
+    not known of them.
+    """
 
     run_id: str
     rms_deg_h: NDArray
@@ -60,38 +65,58 @@ def read_thermal_model(path: Path) -> StoredModel:
     document = read_json_object(path)
     reader = READERS.get(str(document.get("schema")))
     if reader is None:
-        raise InputError(f"{path}: schema: got {str(document.get('schema'))[:60]!r}, needed one of {', '.join(READERS)}")
+        raise InputError(
+            f"{path}: schema: got {str(document.get('schema'))[:60]!r}, needed one of"
+            f" {', '.join(READERS)}"
+        )
     text = json.dumps(document, sort_keys=True, separators=(",", ":"))
     return StoredModel(
-        model=reader(document, name=str(path)), sha256=hashlib.sha256(text.encode()).hexdigest(), schema=document["schema"],
-        imu_serial=str(document.get("imu_serial")), gyro_technology=str(document.get("gyro_technology")), name=str(path),
-    )  # fmt: skip
+        model=reader(document, name=str(path)),
+        sha256=hashlib.sha256(text.encode()).hexdigest(),
+        schema=document["schema"],
+        imu_serial=str(document.get("imu_serial")),
+        gyro_technology=str(document.get("gyro_technology")),
+        name=str(path),
+    )
 
 
 def check_usable(run: Run, stored: StoredModel) -> None:
-    """InputError where the model is of another unit, or the run lacks what it needs or has lost a model already."""
+    """InputError where the model is of another unit, or the run lacks what it needs or has lost a
+    model already.
+    """
     header = run.header
     if header.imu_serial != stored.imu_serial:
         raise InputError(
-            f"run {header.run_id}: imu_serial {header.imu_serial!r}, needed {stored.imu_serial!r} as in {stored.name}"
+            f"run {header.run_id}: imu_serial {header.imu_serial!r}, needed {stored.imu_serial!r}"
+            f" as in {stored.name}"
         )
     if header.gyro_technology != stored.gyro_technology:
         raise InputError(
-            f"run {header.run_id}: gyro_technology {header.gyro_technology!r}, needed {stored.gyro_technology!r} as in "
-            f"{stored.name}"
+            f"run {header.run_id}: gyro_technology {header.gyro_technology!r}, needed"
+            f" {stored.gyro_technology!r} as in {stored.name}"
         )
     if run.temperature is None:
         raise InputError(f"run {header.run_id}: no gyro temperature, needed to use {stored.name}")
     if header.removed_model is not None:
         raise InputError(
-            f"run {header.run_id}: thermal model {header.removed_model.sha256[:12]} was taken out of it, needed the raw run"
+            f"run {header.run_id}: thermal model {header.removed_model.sha256[:12]} was taken out"
+            " of it, needed the raw run"
         )
-    logged = () if run.temperature.gradient_degC is None else [
-        axis for axis, column in zip(AXES, run.temperature.gradient_degC.T) if np.isfinite(column).any()
-    ]  # fmt: skip
+    logged = (
+        ()
+        if run.temperature.gradient_degC is None
+        else [
+            axis
+            for axis, column in zip(AXES, run.temperature.gradient_degC.T)
+            if np.isfinite(column).any()
+        ]
+    )
     lacking = [f"gradient_{axis}_degC" for axis in stored.model.lines if axis not in logged]
     if lacking:
-        raise InputError(f"run {header.run_id}: temperature: no {' '.join(lacking)}, needed by the terms of {stored.name}")
+        raise InputError(
+            f"run {header.run_id}: temperature: no {' '.join(lacking)}, needed by the terms of"
+            f" {stored.name}"
+        )
 
 
 def removed_from(run: Run, stored: StoredModel, *, part: str, batch: bool) -> Run:
@@ -99,18 +124,28 @@ def removed_from(run: Run, stored: StoredModel, *, part: str, batch: bool) -> Ru
     log = run.temperature
     assert log is not None  # check_usable
     if part == "all" and run.header.applied_table_sha256 is not None:
-        raise InputError(f"run {run.header.run_id}: applied_table_sha256 is set, needed raw gyro output, or the part rates")
-    series = batch_series(stored.model, log, gyro_temperature(log), part=part) if batch else causal_series(
-        stored.model, log, part=part
-    )  # fmt: skip
-    header = replace(run.header, removed_model=RemovedModel(sha256=stored.sha256, part=part, run_sha256=run.sha256))
+        raise InputError(
+            f"run {run.header.run_id}: applied_table_sha256 is set, needed raw gyro output, or the"
+            " part rates"
+        )
+    series = (
+        batch_series(stored.model, log, gyro_temperature(log), part=part)
+        if batch
+        else causal_series(stored.model, log, part=part)
+    )
+    header = replace(
+        run.header,
+        removed_model=RemovedModel(sha256=stored.sha256, part=part, run_sha256=run.sha256),
+    )
     return replace(run, imu=less(run.imu, series), header=header)
 
 
 def without_rates(run: Run, stored: StoredModel | None) -> tuple[Run, Removed | None]:
-    """The run as update and replay take it: its rate and gradient terms out, its settled bias in, known by its raw hash.
+    """The run as update and replay take it: its rate and gradient terms out, its settled bias in,
+    known by its raw hash.
 
-    A run of `recal thermal apply` is taken as it is where the rates are out, and gets its settled bias back where all is.
+    A run of `recal thermal apply` is taken as it is where the rates are out, and gets its settled
+    bias back where all is.
     """
     gone = run.header.removed_model
     if gone is None:
@@ -120,15 +155,17 @@ def without_rates(run: Run, stored: StoredModel | None) -> tuple[Run, Removed | 
         return removed_from(run, stored, part="rates", batch=True), removal(run, stored)
     if stored is not None and stored.sha256 != gone.sha256:
         raise InputError(
-            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out of it, {stored.name} is another"
+            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out of it,"
+            f" {stored.name} is another"
         )
     known = replace(run, sha256=gone.run_sha256)
     if gone.part == "rates":
         return known, None if stored is None else replace(removal(run, stored), already=True)
     if stored is None:
         raise InputError(
-            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out of it as a whole, needed that model "
-            "(--thermal-model) to put its settled part back, or `recal thermal apply --part rates`"
+            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out of it as a"
+            " whole, needed that model (--thermal-model) to put its settled part back, or `recal"
+            " thermal apply --part rates`"
         )
     settled = _settled(stored.model, run)
     back = less(run.imu, lambda time_s: -settled(time_s))
@@ -151,9 +188,16 @@ def removal(run: Run, stored: StoredModel) -> Removed:
     temperature = gyro_temperature(log)
     nodes, T, rate = temperature.time_s, temperature.temperature_degC, temperature.rate_degC_min
     lines = gradient_lines(log).at(nodes) if stored.model.lines else np.zeros_like(T)
-    parts = (stored.model.rates_deg_h(T, rate, lines), stored.model.rates_sigma_deg_h(T, rate, lines))
+    parts = (
+        stored.model.rates_deg_h(T, rate, lines),
+        stored.model.rates_sigma_deg_h(T, rate, lines),
+    )
     rms = [np.sqrt(np.mean(part**2, axis=0)) for part in parts]
-    share = float(stored.model.inside(T)[:, [AXES.index(axis) for axis in stored.model.axes]].all(axis=1).mean())
+    share = float(
+        stored.model.inside(T)[:, [AXES.index(axis) for axis in stored.model.axes]]
+        .all(axis=1)
+        .mean()
+    )
     return Removed(run.header.run_id, rms[0], rms[1], share, already=False)
 
 
@@ -164,49 +208,80 @@ def prepared(runs: Sequence[Run], stored: StoredModel | None) -> tuple[list[Run]
 
 
 def with_model_sigma(twin: TwinModel, removed: Sequence[Removed]) -> TwinModel:
-    """The twin with what is not known of the removed terms in its turn-on: one constant more of each session."""
+    """The twin with what is not known of the removed terms in its turn-on: one constant more of
+    each session.
+    """
     if not removed:
         return twin
     extra = max(float(found.sigma_deg_h.max()) for found in removed)
     gyro = replace(twin.gyro, turn_on_deg_h=float(np.hypot(twin.gyro.turn_on_deg_h, extra)))
-    return replace(twin, gyro=gyro, source=f"{twin.source}, turn-on widened by {extra:.4f} deg/h for the thermal model")
+    return replace(
+        twin,
+        gyro=gyro,
+        source=f"{twin.source}, turn-on widened by {extra:.4f} deg/h for the thermal model",
+    )
 
 
 def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
-    """The table of a unit without one: the model's settled part at its nodes instead of 0, its sigma as it was."""
+    """The table of a unit without one: the model's settled part at its nodes instead of 0, its
+    sigma as it was.
+    """
     parameters = table.parameters.copy()
     for k in range(len(AXES)):
         T = table.temperature_degC[k]
-        parameters[table.values_of(k)] += stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
+        parameters[table.values_of(k)] += stored.model.settled_deg_h(
+            np.repeat(T[:, None], 3, axis=1)
+        )[:, k]
     return table.replaced(parameters=parameters)
 
 
-def use_document(stored: StoredModel, removed: Sequence[Removed], table: ThermalTable) -> dict[str, Any]:
-    """What update.json and replay.json say of a model in use; residual_table: the table less the model's settled part."""
+def use_document(
+    stored: StoredModel, removed: Sequence[Removed], table: ThermalTable
+) -> dict[str, Any]:
+    """What update.json and replay.json say of a model in use; residual_table: the table less the
+    model's settled part.
+    """
     residual = {}
     for k, axis in enumerate(AXES):
         if axis in stored.model.axes:
             T = table.temperature_degC[k]
             settled = stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
-            residual[axis] = {"temperature_degC": T.tolist(), "bias_deg_h": (table.bias_deg_h(k, T) - settled).tolist()}
+            residual[axis] = {
+                "temperature_degC": T.tolist(),
+                "bias_deg_h": (table.bias_deg_h(k, T) - settled).tolist(),
+            }
     return {
-        "file": stored.name, "schema": stored.schema, "sha256": stored.sha256, "part": "rates",
-        "runs": [{"run_id": r.run_id, "rms_deg_h": dict(zip(AXES, r.rms_deg_h.tolist())),
-                  "sigma_deg_h": dict(zip(AXES, r.sigma_deg_h.tolist())), "share_inside": r.share_inside,
-                  "taken_out_before": r.already} for r in removed],
-        "residual_table": residual, "text": use_words(stored, removed),
-    }  # fmt: skip
+        "file": stored.name,
+        "schema": stored.schema,
+        "sha256": stored.sha256,
+        "part": "rates",
+        "runs": [
+            {
+                "run_id": r.run_id,
+                "rms_deg_h": dict(zip(AXES, r.rms_deg_h.tolist())),
+                "sigma_deg_h": dict(zip(AXES, r.sigma_deg_h.tolist())),
+                "share_inside": r.share_inside,
+                "taken_out_before": r.already,
+            }
+            for r in removed
+        ],
+        "residual_table": residual,
+        "text": use_words(stored, removed),
+    }
 
 
 def use_words(stored: StoredModel, removed: Sequence[Removed]) -> list[str]:
     """The same for people, one line a run."""
     lines = []
     for found in removed:
-        size = ", ".join(f"{axis} {found.rms_deg_h[AXES.index(axis)]:.4f}" for axis in stored.model.axes)
+        size = ", ".join(
+            f"{axis} {found.rms_deg_h[AXES.index(axis)]:.4f}" for axis in stored.model.axes
+        )
         worst = max(found.sigma_deg_h[AXES.index(axis)] for axis in stored.model.axes)
         when = "had left the log" if found.already else "left the log"
         lines.append(
-            f"{found.run_id}: rate and gradient terms of {stored.name} {when} before the table: "
-            f"{size} deg/h RMS, known to {worst:.4f}; {found.share_inside:.0%} inside the fitted temperatures"
+            f"{found.run_id}: rate and gradient terms of {stored.name} {when} before the table:"
+            f" {size} deg/h RMS, known to {worst:.4f}; {found.share_inside:.0%} inside the fitted"
+            " temperatures"
         )
     return lines

@@ -1,1 +1,3 @@
-"""Gyro temperatures of a run: smoothed with their covariance, and what is wrong with the thermometers."""
+"""Gyro temperatures of a run: smoothed with their covariance, and what is wrong with the
+thermometers.
+"""

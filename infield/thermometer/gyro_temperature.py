@@ -1,8 +1,10 @@
-"""Gyro temperatures of a run: smoothed with their covariance, and what is wrong with the thermometers.
+"""Gyro temperatures of a run: smoothed with their covariance, and what is wrong with the
+thermometers.
 
-What a fault costs: an axis whose thermometer cannot be used at all is left out (its bias has no temperature), a span
-without a trustworthy reading leaves its bins out, a coarse or noisy thermometer widens the sigma of the points
-(`temperature_covariance`, times the slope of the table there), and a run without any gyro temperature is refused.
+What a fault costs: an axis whose thermometer cannot be used at all is left out (its bias has no
+temperature), a span without a trustworthy reading leaves its bins out, a coarse or noisy
+thermometer widens the sigma of the points (`temperature_covariance`, times the slope of the table
+there), and a run without any gyro temperature is refused.
 """
 
 import math
@@ -19,16 +21,20 @@ from ins.thermometer_faults import HOLE_S, PLAUSIBLE_degC, ThermometerFault, che
 
 FEWEST_ROWS, SHORTEST_S = 10, 60.0  # of a temperature log that a session can be told from
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
-BRIDGED_S = 2.0 * HOLE_S  # a hole up to this is bridged by the smoother, with the sigma that it has there
-NONE_LOGGED = "no gyro temperature in the run: a bias without its temperature has no place in the table"
+# a hole up to this is bridged by the smoother, with the sigma that it has there
+BRIDGED_S = 2.0 * HOLE_S
+NONE_LOGGED = (
+    "no gyro temperature in the run: a bias without its temperature has no place in the table"
+)
 
 
 @dataclass(frozen=True)
 class GyroTemperature:
-    """Nodes time_s (n,), temperature (n, 3) [degC], rate (n, 3) [degC/min] and which rows (n, 3) rest on readings.
+    """Nodes time_s (n,), temperature (n, 3) [degC], rate (n, 3) [degC/min] and which rows (n, 3)
+    rest on readings.
 
-    unusable: axes without a thermometer; the others' mean stands in for them. smooth: per axis, None where unusable.
-    gradient_degC (n, 3): Tdiff at each gyro, None where not logged.
+    unusable: axes without a thermometer; the others' mean stands in for them. smooth: per axis,
+    None where unusable. gradient_degC (n, 3): Tdiff at each gyro, None where not logged.
     """
 
     time_s: NDArray
@@ -42,7 +48,9 @@ class GyroTemperature:
 
     def at(self, time_s: NDArray) -> NDArray:
         """Temperature (k, 3) at given times; the end values are held outside the log."""
-        return np.stack([np.interp(time_s, self.time_s, self.temperature_degC[:, i]) for i in range(3)], axis=1)
+        return np.stack(
+            [np.interp(time_s, self.time_s, self.temperature_degC[:, i]) for i in range(3)], axis=1
+        )
 
     def between(self, start_s: float, end_s: float) -> slice:
         """Rows inside [start, end]; at least one."""
@@ -51,7 +59,9 @@ class GyroTemperature:
         return slice(a, max(int(b), a + 1))
 
     def mean_rows(self, start_s: float, end_s: float) -> NDArray:
-        """Weights (n,) of the nodes in the mean over a span, straight lines between them, the ends held beyond."""
+        """Weights (n,) of the nodes in the mean over a span, straight lines between them, the ends
+        held beyond.
+        """
         middle_s = start_s + (end_s - start_s) * (np.arange(SAMPLES) + 0.5) / SAMPLES
         place = np.interp(middle_s, self.time_s, np.arange(self.time_s.size))
         j = np.minimum(place.astype(int), self.time_s.size - 2)
@@ -65,7 +75,9 @@ class GyroTemperature:
         return np.minimum(self.usable[inside].sum(axis=0) * grid / max(end_s - start_s, grid), 1.0)
 
     def temperature_covariance(self, edges_s: NDArray) -> NDArray:
-        """Covariance (3, N, N) [degC^2] of each axis's bin means, edges (N + 1,); zero for an unusable axis."""
+        """Covariance (3, N, N) [degC^2] of each axis's bin means, edges (N + 1,); zero for an
+        unusable axis.
+        """
         return np.stack([self._of_bins(axis, edges_s, rates=False) for axis in range(3)])
 
     def rate_sigma(self, edges_s: NDArray) -> NDArray:
@@ -106,7 +118,11 @@ def words(fault: ThermometerFault) -> str:
 def no_thermometer(temperature: GyroTemperature) -> tuple[str, ...]:
     """Reasons of a run whose gyro thermometers are all out."""
     kinds = {f.kind for f in temperature.faults if f.column.startswith("gyro_")}
-    said = "all gyro thermometers are stuck" if kinds == {"stuck"} else "no gyro thermometer can be used"
+    said = (
+        "all gyro thermometers are stuck"
+        if kinds == {"stuck"}
+        else "no gyro thermometer can be used"
+    )
     return (said, *(words(f) for f in temperature.faults))
 
 
@@ -125,12 +141,14 @@ def too_short(log: TemperatureLog | None) -> str:
         return ""
     seen = math.floor(10.0 * span) / 10.0  # 59.97 is not 60
     return (
-        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {seen:g} s, needed at least {FEWEST_ROWS} rows "
-        f"over {SHORTEST_S:.0f} s"
+        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {seen:g} s, needed at least"
+        f" {FEWEST_ROWS} rows over {SHORTEST_S:.0f} s"
     )
 
 
-def gyro_temperature(log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC) -> GyroTemperature:
+def gyro_temperature(
+    log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC
+) -> GyroTemperature:
     """Check the thermometers and smooth what can be trusted; one row is held for ever."""
     checked = check_thermometers(log.time_s, _columns(log), plausible_degC=plausible_degC)
     nodes = nodes_of(log.time_s)
@@ -142,15 +160,27 @@ def gyro_temperature(log: TemperatureLog, *, plausible_degC: tuple[float, float]
         rows = np.flatnonzero(checked.valid[name])
         if rows.size < max(min(FEWEST_ROWS, log.time_s.size), 3):
             continue
-        found = smooth_readings(nodes, log.time_s[rows], log.gyro_degC[rows, k], checked.resolution_degC[name])
-        smooth[k], T[:, k], usable[:, k] = found, found.value_degC, _near_readings(nodes, log.time_s[rows])
+        found = smooth_readings(
+            nodes, log.time_s[rows], log.gyro_degC[rows, k], checked.resolution_degC[name]
+        )
+        smooth[k], T[:, k], usable[:, k] = (
+            found,
+            found.value_degC,
+            _near_readings(nodes, log.time_s[rows]),
+        )
     unusable = tuple(axis for k, axis in enumerate(AXES) if smooth[k] is None)
     T = _filled(nodes, T, usable, log)
     faults = tuple(f for f in checked.faults if f.column.startswith(("gyro_", "temperature")))
     return GyroTemperature(
-        time_s=nodes, temperature_degC=T, rate_degC_min=60.0 * np.gradient(T, nodes, axis=0), usable=usable, faults=faults,
-        unusable=unusable, smooth=tuple(smooth), gradient_degC=_gradient(nodes, log),
-    )  # fmt: skip
+        time_s=nodes,
+        temperature_degC=T,
+        rate_degC_min=60.0 * np.gradient(T, nodes, axis=0),
+        usable=usable,
+        faults=faults,
+        unusable=unusable,
+        smooth=tuple(smooth),
+        gradient_degC=_gradient(nodes, log),
+    )
 
 
 def _columns(log: TemperatureLog) -> dict[str, NDArray]:
@@ -167,13 +197,17 @@ def _near_readings(nodes_s: NDArray, time_s: NDArray) -> NDArray:
     """Nodes (n,) between two readings that are not far apart, or close to one."""
     after = np.searchsorted(time_s, nodes_s)
     before, behind = time_s[np.maximum(after - 1, 0)], time_s[np.minimum(after, time_s.size - 1)]
-    bridged = max(BRIDGED_S, 5.0 * float(np.median(np.diff(time_s)))) if time_s.size > 1 else BRIDGED_S
+    bridged = (
+        max(BRIDGED_S, 5.0 * float(np.median(np.diff(time_s)))) if time_s.size > 1 else BRIDGED_S
+    )
     nearest = np.minimum(np.abs(nodes_s - before), np.abs(nodes_s - behind))
     return (behind - before <= bridged) & (nearest <= bridged)
 
 
 def _filled(nodes_s: NDArray, T: NDArray, usable: NDArray, log: TemperatureLog) -> NDArray:
-    """Where an axis has no reading: the mean of the others, shifted so that it meets the axis's own at the seams."""
+    """Where an axis has no reading: the mean of the others, shifted so that it meets the axis's own
+    at the seams.
+    """
     T = T.copy()
     trusted = np.where(usable, T, np.nan)
     for k in range(3):
@@ -199,7 +233,11 @@ def _filled(nodes_s: NDArray, T: NDArray, usable: NDArray, log: TemperatureLog) 
 def _as_read(nodes_s: NDArray, log: TemperatureLog, axis: int) -> NDArray:
     """The readings of an axis as they are, where no thermometer can be used."""
     read = np.isfinite(log.gyro_degC[:, axis])
-    return np.interp(nodes_s, log.time_s[read], log.gyro_degC[read, axis]) if read.any() else np.zeros(nodes_s.size)
+    return (
+        np.interp(nodes_s, log.time_s[read], log.gyro_degC[read, axis])
+        if read.any()
+        else np.zeros(nodes_s.size)
+    )
 
 
 def _gradient(nodes_s: NDArray, log: TemperatureLog) -> NDArray | None:

@@ -1,12 +1,14 @@
-"""The temperature behind rounded and noisy readings: a smoothing spline whose data are intervals, not values.
+"""The temperature behind rounded and noisy readings: a smoothing spline whose data are intervals,
+not values.
 
 A reading y of a thermometer with step r says y - r/2 < T + n < y + r/2, n ~ N(0, s^2): likelihood
-Phi((y + r/2 - T)/s) - Phi((y - r/2 - T)/s) (Gaussian in T for r = 0). T is an integrated random walk of the rate with
-density q, on nodes GRID_S apart, straight in between. The mode is found by Newton's method on pentadiagonal equations
-(the problem is log-concave); q and s are where Laplace's evidence is largest. A moving average of the readings instead
-follows the staircase: its rate is 0 on a step and r over the window at an edge.
-Source: Rauch, Tung, Striebel (1965) for the Gaussian case, whose smoother this equals; Rasmussen and Williams (2006),
-sections 3.4 and 3.7.1 for mode and evidence.
+Phi((y + r/2 - T)/s) - Phi((y - r/2 - T)/s) (Gaussian in T for r = 0). T is an integrated random
+walk of the rate with density q, on nodes GRID_S apart, straight in between. The mode is found by
+Newton's method on pentadiagonal equations (the problem is log-concave); q and s are where Laplace's
+evidence is largest. A moving average of the readings instead follows the staircase: its rate is 0
+on a step and r over the window at an edge. Source: Rauch, Tung, Striebel (1965) for the Gaussian
+case, whose smoother this equals; Rasmussen and Williams (2006), sections 3.4 and 3.7.1 for mode and
+evidence.
 """
 
 from dataclasses import dataclass
@@ -17,11 +19,14 @@ from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.special import ndtr
 
 GRID_S = 5.0
-DENSITIES = tuple(10.0**k for k in range(-11, -3))  # q [(degC/s)^2 / s]: a settled unit to a heated chip
+# q [(degC/s)^2 / s]: a settled unit to a heated chip
+DENSITIES = tuple(10.0**k for k in range(-11, -3))
 FIRST_DENSITY = 3  # index above: 1e-8, a cold start
-COARSE_DENSITIES = 5  # of a coarse thermometer only the first so many: faster motion cannot be told from its steps
+# of a coarse thermometer only the first so many: faster motion cannot be told from its steps
+COARSE_DENSITIES = 5
 COARSE_degC = 0.25
-NOISE_STEPS = (0.02, 0.035, 0.06, 0.1, 0.18, 0.32, 0.56, 1.0)  # s / r that are tried; above, a step is no more seen
+# s / r that are tried; above, a step is no more seen
+NOISE_STEPS = (0.02, 0.035, 0.06, 0.1, 0.18, 0.32, 0.56, 1.0)
 LEAST_NOISE_degC = 1e-3
 NEWTON_STEPS = 30
 FAINT = 1e-12  # least likelihood of an interval that is still computed as one
@@ -29,7 +34,9 @@ FAINT = 1e-12  # least likelihood of an interval that is still computed as one
 
 @dataclass(frozen=True)
 class SmoothTemperature:
-    """value (n,) at the nodes [degC]; factor: banded Cholesky factor (upper, 3 rows) of its posterior precision."""
+    """value (n,) at the nodes [degC]; factor: banded Cholesky factor (upper, 3 rows) of its
+    posterior precision.
+    """
 
     value_degC: NDArray
     factor: NDArray
@@ -50,8 +57,12 @@ def nodes_of(time_s: NDArray) -> NDArray:
     return time_s[0] + GRID_S * np.arange(int(np.ceil(span / GRID_S - 1e-9)) + 1)
 
 
-def smooth_readings(nodes_s: NDArray, time_s: NDArray, reading_degC: NDArray, step_degC: float) -> SmoothTemperature:
-    """Smooth readings (m,) taken within the nodes (n,); step_degC 0 where they are not rounded to a visible step."""
+def smooth_readings(
+    nodes_s: NDArray, time_s: NDArray, reading_degC: NDArray, step_degC: float
+) -> SmoothTemperature:
+    """Smooth readings (m,) taken within the nodes (n,); step_degC 0 where they are not rounded to a
+    visible step.
+    """
     if _noise_degC(reading_degC) > step_degC:
         step_degC = 0.0
     data = _Readings(nodes_s, time_s, reading_degC, step_degC)
@@ -68,13 +79,19 @@ def _noises(reading: NDArray, step: float) -> list[float]:
 
 
 def _noise_degC(reading: NDArray) -> float:
-    """White noise of readings without a visible step, from the median of their second differences."""
+    """White noise of readings without a visible step, from the median of their second
+    differences.
+    """
     if reading.size < 4:
         return LEAST_NOISE_degC
-    return max(float(1.4826 * np.median(np.abs(np.diff(reading, 2))) / np.sqrt(6.0)), LEAST_NOISE_degC)
+    return max(
+        float(1.4826 * np.median(np.abs(np.diff(reading, 2))) / np.sqrt(6.0)), LEAST_NOISE_degC
+    )
 
 
-def _climb(candidates: list[tuple[float, float]], start: int, data: "_Readings", x: NDArray) -> SmoothTemperature:
+def _climb(
+    candidates: list[tuple[float, float]], start: int, data: "_Readings", x: NDArray
+) -> SmoothTemperature:
     """From the start to the neighbour with more evidence until there is none."""
     tried = {start: data.fit(x, *candidates[start])}
     at = start
@@ -89,12 +106,18 @@ def _climb(candidates: list[tuple[float, float]], start: int, data: "_Readings",
 
 
 class _Readings:
-    """Readings on their nodes: j (m,) the node before, a (m,) the share of the next; equal readings of a second are one."""
+    """Readings on their nodes: j (m,) the node before, a (m,) the share of the next; equal readings
+    of a second are one.
+    """
 
     def __init__(self, nodes_s: NDArray, time_s: NDArray, reading: NDArray, step: float) -> None:
         self.dt, self.n = float(nodes_s[1] - nodes_s[0]), nodes_s.size
         second = np.floor(time_s - time_s[0]).astype(np.int64)
-        level = np.unique(reading, return_inverse=True)[1] if step > 0.0 else np.zeros(reading.size, dtype=np.int64)
+        level = (
+            np.unique(reading, return_inverse=True)[1]
+            if step > 0.0
+            else np.zeros(reading.size, dtype=np.int64)
+        )
         _, group = np.unique(second * (int(level.max()) + 1) + level, return_inverse=True)
         self.count = np.bincount(group).astype(float)
         t = np.bincount(group, time_s) / self.count
@@ -115,17 +138,23 @@ class _Readings:
         H, _ = self._equations(penalty, weight, weight)
         factor = cholesky_banded(H)
         bend = np.diff(x, 2) / self.dt**1.5
-        evidence = log_likelihood - 0.5 * (bend @ bend) / density - 0.5 * (self.n - 2) * np.log(density)
+        evidence = (
+            log_likelihood - 0.5 * (bend @ bend) / density - 0.5 * (self.n - 2) * np.log(density)
+        )
         evidence -= float(np.sum(np.log(factor[2])))
         return evidence, SmoothTemperature(x, factor, noise, density)
 
     def _at(self, x: NDArray) -> NDArray:
         return (1.0 - self.a) * x[self.j] + self.a * x[self.j + 1]
 
-    def _equations(self, penalty: NDArray, weight: NDArray, target: NDArray) -> tuple[NDArray, NDArray]:
+    def _equations(
+        self, penalty: NDArray, weight: NDArray, target: NDArray
+    ) -> tuple[NDArray, NDArray]:
         """Banded precision (3, n) and right-hand side (n,)."""
         j, a, n, H = self.j, self.a, self.n, penalty.copy()
-        H[2] += np.bincount(j, weight * (1.0 - a) ** 2, n) + np.bincount(j + 1, weight * a**2, n) + 1e-9
+        H[2] += (
+            np.bincount(j, weight * (1.0 - a) ** 2, n) + np.bincount(j + 1, weight * a**2, n) + 1e-9
+        )
         H[1] += np.bincount(j + 1, weight * a * (1.0 - a), n)
         return H, np.bincount(j, target * (1.0 - a), n) + np.bincount(j + 1, target * a, n)
 
@@ -133,7 +162,9 @@ class _Readings:
         """Log likelihood, its slope (m,) and its negative curvature (m,) in T at each reading."""
         off = self._at(x) - self.y
         if self.half == 0.0:
-            total = -0.5 * float(np.sum(self.count * (off / noise) ** 2)) - float(np.sum(self.count)) * np.log(noise)
+            total = -0.5 * float(np.sum(self.count * (off / noise) ** 2)) - float(
+                np.sum(self.count)
+            ) * np.log(noise)
             return total, -self.count * off / noise**2, self.count / noise**2
         upper, lower = (self.half - off) / noise, (-self.half - off) / noise
         left = lower > 0.0  # both bounds on the side where 1 - Phi keeps its digits
@@ -145,12 +176,16 @@ class _Readings:
         curvature = (upper * p - lower * q) / mass + ((p - q) / mass) ** 2
         curvature = np.where(far, 1.0, np.clip(curvature, 1e-9, 1.0)) / noise**2
         beyond = np.where(off > 0, upper, lower)
-        log_mass = np.where(far, np.log(FAINT) - 0.5 * np.maximum(beyond**2 - 49.0, 0.0), np.log(mass))
+        log_mass = np.where(
+            far, np.log(FAINT) - 0.5 * np.maximum(beyond**2 - 49.0, 0.0), np.log(mass)
+        )
         return float(np.sum(self.count * log_mass)), self.count * slope, self.count * curvature
 
 
 def _penalty(n: int, dt: float) -> NDArray:
-    """D'D, banded upper form (3, n), D the second differences over dt^1.5: |D x|^2 / q is what the walk says of x."""
+    """D'D, banded upper form (3, n), D the second differences over dt^1.5: |D x|^2 / q is what the
+    walk says of x.
+    """
     d = np.array([1.0, -2.0, 1.0]) / dt**1.5
     bands = np.zeros((3, n))
     for i in range(3):

@@ -1,23 +1,24 @@
-"""The compiled loop of the satellite-aided filter: navigation, covariance and updates, no Python in between. Import lazily.
+"""The compiled loop of the satellite-aided filter: navigation, covariance and updates, no Python in
+between. Import lazily.
 
-Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the solution is, six of the
-receiver and five of its antenna:
+Fifteen errors, computed - true, of the Earth-frame solution, resolved north, east, down where the
+solution is, six of the receiver and five of its antenna:
 
     P 0-2    position [m]             p'     = v - omega_en x p
-    V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N, -p_E, 2 p_D) + C del
-    T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta + C eps
-    G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a random walk
-    A 12-14  the same of the accelerometers, del [m/s^2]
-    B 15-17  slow error of the positions [m], north, east, down: a first-order Gauss-Markov process
-    W 18-20  slow error of the velocities [m/s], the same with a time constant of its own
-    L 21-23  lever arm, IMU to antenna [m], body axes; stands still
-    D 24     delay of the positions, how much older than their time they are [s]; stands still
-    E 25     delay of the velocities
+    V 3-5    velocity [m/s]           v'     = theta x f - (2 omega_ie + omega_en) x v + g/R (-p_N,
+    -p_E, 2 p_D) + C del T 6-8    attitude theta [rad]     theta' = -(omega_ie + omega_en) x theta +
+    C eps G 9-11   what the gyros read beyond the bias that is taken off, eps [rad/s], body axes; a
+    random walk A 12-14  the same of the accelerometers, del [m/s^2] B 15-17  slow error of the
+    positions [m], north, east, down: a first-order Gauss-Markov process W 18-20  slow error of the
+    velocities [m/s], the same with a time constant of its own L 21-23  lever arm, IMU to antenna
+    [m], body axes; stands still D 24     delay of the positions, how much older than their time
+    they are [s]; stands still E 25     delay of the velocities
 
-theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section 14.2.2 (ECEF), with the
-signs of CONVENTIONS.md. The antenna's five may be estimated, or considered: they then widen what is estimated and are left
-as they are (Schmidt's filter; Jazwinski 1970, section 8.2). What an update finds is taken off the solution at once, so the
-errors' means are zero in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+theta is the error of C_eb ("psi angle"); no error of position enters it. Groves (2013), section
+14.2.2 (ECEF), with the signs of CONVENTIONS.md. The antenna's five may be estimated, or considered:
+they then widen what is estimated and are left as they are (Schmidt's filter; Jazwinski 1970,
+section 8.2). What an update finds is taken off the solution at once, so the errors' means are zero
+in between. Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
 `ins.filters.aided_filter` does that.
 """
 
@@ -49,18 +50,34 @@ from ins.strapdown.loop import integrate
 MOTION, N = 15, 26  # errors that move or drive what moves; all of them
 P_, V_, T_, G_, A_, B_, W_, L_, D_, E_ = 0, 3, 6, 9, 12, 15, 18, 21, 24, 25
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
-SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6  # of the noise: sigmas and time constant of the slow error of positions
+# of the noise: sigmas and time constant of the slow error of positions
+SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
-GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4  # of the settings; CONSIDER: the antenna is, if above 0
-# what a step carries over the end of a piece: NIS and count of the standing updates so far; seconds and steps so far
-DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = 0, 1, 4, 7, 8, 9, 10, 11, 12
+# of the settings; CONSIDER: the antenna is, if above 0
+GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4
+# what a step carries over the end of a piece: NIS and count of the standing updates so far; seconds
+# and steps so far
+DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = (
+    0,
+    1,
+    4,
+    7,
+    8,
+    9,
+    10,
+    11,
+    12,
+)
 # of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
 B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
-# the trail, one row a step: time, velocity, what velocity and position have gained since the start, angular rate (NED)
+# the trail, one row a step: time, velocity, what velocity and position have gained since the start,
+# angular rate (NED)
 TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL, TRAIL_ROWS = 0, 1, 4, 7, 10, 13, 256
-# of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of the NED attitude error
+# of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of
+# the NED attitude error
 O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
-# of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each; log likelihood of each
+# of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each;
+# log likelihood of each
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
 UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3
 POLE_TAN = 1e6
@@ -78,7 +95,9 @@ def put_skew(M, i, j, a, k):
 
 @jit
 def transition(row, dt, Phi):
-    """Phi (15, 15) of a step of dt; row (36,): the strapdown output at its end, with what the step added up."""
+    """Phi (15, 15) of a step of dt; row (36,): the strapdown output at its end, with what the step
+    added up.
+    """
     lat, height, v = row[0], row[2], row[V_N : V_N + 3]
     radius = SEMI_MAJOR_AXIS_M + height
     t = min(max(tan(lat), -POLE_TAN), POLE_TAN)
@@ -119,8 +138,10 @@ def transition(row, dt, Phi):
 
 @jit
 def predict(P, Phi, dt, noise, M):
-    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in. Phi is of the first fifteen; biases stand still, so its
-    rows 9-14 are unit, and so are those of the antenna; slow errors fade."""
+    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in. Phi is of the first fifteen;
+    biases stand still, so its rows 9-14 are unit, and so are those of the antenna; slow errors
+    fade.
+    """
     for i in range(N):
         for j in range(N):
             M[i, j] = P[i, j]
@@ -161,9 +182,10 @@ def predict(P, Phi, dt, noise, M):
 
 @jit
 def update(x, P, H, z, variance, K, first):
-    """One after the other, scalar measurements z (m,) with rows H (m, 26), in place: NIS of all of them together, and
-    the log likelihood. variance (m,): independent errors. K (26,): room to work in. Errors from `first` on are considered
-    and left as they are."""
+    """One after the other, scalar measurements z (m,) with rows H (m, 26), in place: NIS of all of
+    them together, and the log likelihood. variance (m,): independent errors. K (26,): room to work
+    in. Errors from `first` on are considered and left as they are.
+    """
     nis, loglik = 0.0, 0.0
     for m in range(z.size):
         s, y = variance[m], z[m]
@@ -188,7 +210,9 @@ def update(x, P, H, z, variance, K, first):
 
 @jit
 def correct(state, bias, x):
-    """Take the errors x (26,) off the solution and make them zero: Earth-frame position, velocity, attitude, `bias` (17,)."""
+    """Take the errors x (26,) off the solution and make them zero: Earth-frame position, velocity,
+    attitude, `bias` (17,).
+    """
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
     turn = np.zeros(3)
@@ -212,15 +236,18 @@ def correct(state, bias, x):
 
 @jit
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,). Delays and what the lever
-    arm does to the velocity are the caller's."""
+    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,). Delays and
+    what the lever arm does to the velocity are the caller's.
+    """
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
-    spin = np.array([
-        rate_b[1] * lever_b[2] - rate_b[2] * lever_b[1],
-        rate_b[2] * lever_b[0] - rate_b[0] * lever_b[2],
-        rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0],
-    ])  # fmt: skip
+    spin = np.array(
+        [
+            rate_b[1] * lever_b[2] - rate_b[2] * lever_b[1],
+            rate_b[2] * lever_b[0] - rate_b[0] * lever_b[2],
+            rate_b[0] * lever_b[1] - rate_b[1] * lever_b[0],
+        ]
+    )
     for i in range(3):
         H[i, P_ + i] = H[i, B_ + i] = 1.0
         H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
@@ -239,7 +266,9 @@ def rows_of_fix(row, rate_b, lever_b, H):
 
 @jit
 def restart(P, seen):
-    """Position and velocity known no better than they were seen to be off; the attitude within RESET_TILT_RAD."""
+    """Position and velocity known no better than they were seen to be off; the attitude within
+    RESET_TILT_RAD.
+    """
     for i in range(6):
         P[i, :] = 0.0
         P[:, i] = 0.0
@@ -268,8 +297,10 @@ def leave_trail(trail, carry, row):
 
 @jit
 def past(trail, carry, time_s, out):
-    """What the solution moved since a time: out (12,) = velocity and position gained since, acceleration and angular rate there
-    (NED). From the trail, linear in velocity within a step; before the oldest row at that step's acceleration."""
+    """What the solution moved since a time: out (12,) = velocity and position gained since,
+    acceleration and angular rate there (NED). From the trail, linear in velocity within a step;
+    before the oldest row at that step's acceleration.
+    """
     now = int(carry[STEPS] - 1)
     k = now
     for _ in range(min(now, TRAIL_ROWS - 1)):
@@ -288,7 +319,8 @@ def past(trail, carry, time_s, out):
 
 @jit
 def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, out):
-    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the solution's own time (< 0).
+    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the
+    solution's own time (< 0).
 
     Compared with the solution where it was then, less the delay: the trail leads back there.
     """
@@ -302,14 +334,19 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         swings[i] = at_position[9 + j] * arm[k] - at_position[9 + k] * arm[j]
         swung[i] = at_velocity[9 + j] * arm[k] - at_velocity[9 + k] * arm[j]
         for m in range(3):  # the lever arm turned at that rate
-            H[3 + i, L_ + m] = at_velocity[9 + j] * row[C_NB + 3 * k + m] - at_velocity[9 + k] * row[C_NB + 3 * j + m]
+            H[3 + i, L_ + m] = (
+                at_velocity[9 + j] * row[C_NB + 3 * k + m]
+                - at_velocity[9 + k] * row[C_NB + 3 * j + m]
+            )
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
     off, z = np.zeros(3), np.zeros(6)
     for i in range(3):
         off[i] = state[R + i] - fix[i]
     for i in range(3):
         z[i] = C[3 * i] * off[0] + C[3 * i + 1] * off[1] + C[3 * i + 2] * off[2]
-        z[i] += arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
+        z[i] += (
+            arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
+        )
         z[3 + i] = row[V_N + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
         H[i, D_] = -(row[V_N + i] - at_position[i] + swings[i])
         H[3 + i, E_] = -at_velocity[6 + i]
@@ -356,16 +393,23 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
 
 @jit
 def stand(state, row, dt, noise, settings, x, P, bias, H, K):
-    """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's; NIS of the first.
+    """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's; NIS
+    of the first.
 
-    The rate: dtheta/dt - C_bn omega_ie = eps - C_bn (omega_ie x theta), noise ARW^2/dt + STAND_RATE^2.
+    The rate: dtheta/dt - C_bn omega_ie = eps - C_bn (omega_ie x theta), noise ARW^2/dt +
+    STAND_RATE^2.
     """
     H[:, :] = 0.0
     for i in range(3):
         H[i, V_ + i] = 1.0
-    nis, _ = update(x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_)
+    nis, _ = update(
+        x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_
+    )
     if settings[STAND_RATE] > 0.0:
-        ie, z = np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]), np.zeros(3)
+        ie, z = (
+            np.array([EARTH_RATE_RAD_S * cos(row[0]), 0.0, -EARTH_RATE_RAD_S * sin(row[0])]),
+            np.zeros(3),
+        )
         H[:, :] = 0.0
         for i in range(3):
             H[i, G_ + i] = 1.0
@@ -388,21 +432,36 @@ def emit(state, bias, P, out):
     C = dcm_ne(frame)
     w, p, q, r = state[0], state[1], state[2], state[3]
     B = (
-        w * w + p * p - q * q - r * r, 2 * (p * q - w * r), 2 * (p * r + w * q),
-        2 * (p * q + w * r), w * w - p * p + q * q - r * r, 2 * (q * r - w * p),
-        2 * (p * r - w * q), 2 * (q * r + w * p), w * w - p * p - q * q + r * r,
-    )  # fmt: skip
-    out[0], out[1], out[2] = np.arctan2(frame[0], frame[1]), np.arctan2(frame[2], frame[3]), frame[4]
+        w * w + p * p - q * q - r * r,
+        2 * (p * q - w * r),
+        2 * (p * r + w * q),
+        2 * (p * q + w * r),
+        w * w - p * p + q * q - r * r,
+        2 * (q * r - w * p),
+        2 * (p * r - w * q),
+        2 * (q * r + w * p),
+        w * w - p * p - q * q + r * r,
+    )
+    out[0], out[1], out[2] = (
+        np.arctan2(frame[0], frame[1]),
+        np.arctan2(frame[2], frame[3]),
+        frame[4],
+    )
     for i in range(3):
-        out[V_N + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+        out[V_N + i] = (
+            C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+        )
         for j in range(3):
-            out[C_NB + 3 * i + j] = C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
+            out[C_NB + 3 * i + j] = (
+                C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
+            )
     for i in range(6):
         out[O_BIAS + i] = bias[i]
     for i in range(MOTION):
         out[O_VAR + i] = P[i, i]
     radius = SEMI_MAJOR_AXIS_M + frame[4]
-    rows = np.zeros((3, MOTION))  # NED attitude error from theta and position: phi_N = theta_N - p_E/R ... (CONVENTIONS.md)
+    # NED attitude error from theta and position: phi_N = theta_N - p_E/R ... (CONVENTIONS.md)
+    rows = np.zeros((3, MOTION))
     for i in range(3):
         rows[i, T_ + i] = 1.0
     rows[0, 1], rows[1, 0] = -1.0 / radius, 1.0 / radius
@@ -418,12 +477,35 @@ def emit(state, bias, P, out):
 
 
 @jit
-def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carry, bias, x, P, noise, settings, trail,
-        fixes, fix_out, rows_out, P_out):  # fmt: skip
-    """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last end stay open.
+def run(
+    dt,
+    dtheta,
+    dv,
+    ends,
+    fix_of,
+    late_s,
+    stands,
+    emits,
+    state,
+    opened,
+    carry,
+    bias,
+    x,
+    P,
+    noise,
+    settings,
+    trail,
+    fixes,
+    fix_out,
+    rows_out,
+    P_out,
+):
+    """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last
+    end stay open.
 
-    fix_of (k,): the fix to use at a step's end, -1 for none; late_s (k,): by how much it is after the step's end (<= 0);
-    stands, emits (k,): whether the vehicle stands, whether a row is put out. P_out: (0, 15, 15) where it is not asked for.
+    fix_of (k,): the fix to use at a step's end, -1 for none; late_s (k,): by how much it is after
+    the step's end (<= 0); stands, emits (k,): whether the vehicle stands, whether a row is put out.
+    P_out: (0, 15, 15) where it is not asked for.
     """
     Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
     out, end, none = np.zeros((2, COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
@@ -443,8 +525,18 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
         for i in range(COLUMNS):
             out[0, i], out[1, i] = opened[i], 0.0
         end[0] = last - first
-        integrate(dt[first:last], turned[first:last], pushed[first:last], flat[first:last], gains, look_s, LOOK_ROWS,
-                  end if k < ends.size else none, state, out)  # fmt: skip
+        integrate(
+            dt[first:last],
+            turned[first:last],
+            pushed[first:last],
+            flat[first:last],
+            gains,
+            look_s,
+            LOOK_ROWS,
+            end if k < ends.size else none,
+            state,
+            out,
+        )
         first = last
         if k == ends.size:
             for i in range(COLUMNS):
@@ -465,8 +557,33 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
         if j >= 0:
             if stands[k]:
                 end[0] = 0
-                integrate(dt[:0], turned[:0], pushed[:0], flat[:0], gains, look_s, LOOK_ROWS, end, state, out)
-            take_fix(state, out[0], fixes[j], late_s[k], carry, trail, settings, x, P, bias, H, K, fix_out[j])
+                integrate(
+                    dt[:0],
+                    turned[:0],
+                    pushed[:0],
+                    flat[:0],
+                    gains,
+                    look_s,
+                    LOOK_ROWS,
+                    end,
+                    state,
+                    out,
+                )
+            take_fix(
+                state,
+                out[0],
+                fixes[j],
+                late_s[k],
+                carry,
+                trail,
+                settings,
+                x,
+                P,
+                bias,
+                H,
+                K,
+                fix_out[j],
+            )
         if emits[k]:
             emit(state, bias, P, rows_out[written])
             if P_out.shape[0] > 0:
@@ -476,7 +593,9 @@ def run(dt, dtheta, dv, ends, fix_of, late_s, stands, emits, state, opened, carr
             written += 1
         C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
         for i in range(3):
-            carry[V_BEFORE + i] = C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+            carry[V_BEFORE + i] = (
+                C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
+            )
         carry[DT] = 0.0
         if carry[REJECTED_SINCE] > 0.0 or (j >= 0 and fix_out[j, F_USED] == REJECTED):
             carry[REJECTED_SINCE] += step_s

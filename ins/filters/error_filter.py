@@ -1,8 +1,9 @@
-"""Kalman filter over the errors of a navigation solution, with the gyro bias as constants over time bins.
+"""Kalman filter over the errors of a navigation solution, with the gyro bias as constants over time
+bins.
 
-State: the base states of `ins.filters.error_model`, then the gyro bias of each time bin in body axes [rad/s]
-(bin 0 x, y, z, bin 1 x, ...). The bins are static and start with their full joint covariance, so the last posterior
-of every bin is its smoothed estimate; no backward pass is needed.
+State: the base states of `ins.filters.error_model`, then the gyro bias of each time bin in body
+axes [rad/s] (bin 0 x, y, z, bin 1 x, ...). The bins are static and start with their full joint
+covariance, so the last posterior of every bin is its smoothed estimate; no backward pass is needed.
 """
 
 from collections.abc import Mapping
@@ -19,10 +20,11 @@ GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, n
 
 @dataclass
 class Tally:
-    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate left out.
+    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate
+    left out.
 
-    normalised: innovations over their sigmas, (k, r) by kind; heading_gain: log of the ratio in variance of the
-    cloned heading, by kind.
+    normalised: innovations over their sigmas, (k, r) by kind; heading_gain: log of the ratio in
+    variance of the cloned heading, by kind.
     """
 
     nis: dict[str, float] = field(default_factory=dict)
@@ -33,10 +35,12 @@ class Tally:
 
 
 class ErrorFilter:
-    """x (n,), P (n, n), n = 24 + 3 bins. `sigma0` gives the base states' prior sigmas by name of `error_model`.
+    """x (n,), P (n, n), n = 24 + 3 bins. `sigma0` gives the base states' prior sigmas by name of
+    `error_model`.
 
-    bias_mean (3 bins,) and bias_covariance (3 bins, 3 bins) [rad/s, (rad/s)^2]: the prior of the gyro bias.
-    filtered (bins, 2, 3): bias and variance of each bin as they stood when its time was over.
+    bias_mean (3 bins,) and bias_covariance (3 bins, 3 bins) [rad/s, (rad/s)^2]: the prior of the
+    gyro bias. filtered (bins, 2, 3): bias and variance of each bin as they stood when its time was
+    over.
     """
 
     def __init__(
@@ -73,8 +77,9 @@ class ErrorFilter:
         self.P[index, index] = sigma**2
 
     def withdraw_prior(self, index: int, sigma: float) -> None:
-        """Take back what the prior N(0, sigma^2) of a static state said: the update of that state with variance
-        -sigma^2. Exact; needs the posterior of the state to be well inside its prior, else nothing is done.
+        """Take back what the prior N(0, sigma^2) of a static state said: the update of that state
+        with variance -sigma^2. Exact; needs the posterior of the state to be well inside its prior,
+        else nothing is done.
         """
         S = self.P[index, index] - sigma**2
         if S > -0.5 * sigma**2:
@@ -87,8 +92,8 @@ class ErrorFilter:
     def run(self, program: FilterProgram) -> None:
         """Work through a program, in place.
 
-        Raises ArithmeticError where the covariance loses its digits, ValueError where a value is not finite, both
-        with the kind of measurement and the time.
+        Raises ArithmeticError where the covariance loses its digits, ValueError where a value is
+        not finite, both with the kind of measurement and the time.
         """
         from ins.filters import error_kernel as filter_kernel
 
@@ -96,12 +101,29 @@ class ErrorFilter:
         if c.flags.size and c.flags[:, BIN].max() >= len(self.filtered):
             raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
         count = len(c.ops)
-        outcome, gain, normalised = np.zeros(count, dtype=np.int64), np.full(count, np.nan), np.zeros(len(c.z))
+        outcome, gain, normalised = (
+            np.zeros(count, dtype=np.int64),
+            np.full(count, np.nan),
+            np.zeros(len(c.z)),
+        )
         self.x, self.P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
         stopped = filter_kernel.run(
-            self.x, self.P, c.steps, c.flags, self.noise.values(), c.ops, c.index, c.value, c.z, c.variance,
-            c.gate, outcome, normalised, gain, self.filtered,
-        )  # fmt: skip
+            self.x,
+            self.P,
+            c.steps,
+            c.flags,
+            self.noise.values(),
+            c.ops,
+            c.index,
+            c.value,
+            c.z,
+            c.variance,
+            c.gate,
+            outcome,
+            normalised,
+            gain,
+            self.filtered,
+        )
         if stopped >= 0:
             where = f"{c.names[c.name[stopped]]} at {c.time_s[stopped]:.1f} s"
             if outcome[stopped] == LOST:
@@ -124,7 +146,9 @@ class ErrorFilter:
                 tally.normalised[name] = seen if before is None else np.concatenate([before, seen])
                 gained = gain[used][np.isfinite(gain[used])]  # NaN before the clone was made
                 if gained.size:
-                    tally.heading_gain[name] = tally.heading_gain.get(name, 0.0) + float(np.sum(gained))
+                    tally.heading_gain[name] = tally.heading_gain.get(name, 0.0) + float(
+                        np.sum(gained)
+                    )
         refused = np.flatnonzero(measured & (outcome == REFUSED))
         tally.rejected.extend((float(c.time_s[k]), c.names[c.name[k]]) for k in refused)
 

@@ -1,10 +1,13 @@
-"""The compiled loop of the error filter: propagation and scalar updates without Python in between. Import lazily.
+"""The compiled loop of the error filter: propagation and scalar updates without Python in between.
+Import lazily.
 
-Every compiled function of the filter lives here (numba does not see a change in another file's callee). Arrays in,
-arrays changed in place; SI and radians, silent; nothing is checked: `ins.filters.error_filter` does that.
+Every compiled function of the filter lives here (numba does not see a change in another file's
+callee). Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+`ins.filters.error_filter` does that.
 
-Core order, sixteen states that move or drive: W 0-1, POS 2-3, THETA 4-6, S 7-8, LATERAL 9 (these ten move), then
-ACCEL 10-11, SCALE_Z 12 and the bias of the step's bin 13-15, which only drive. All others stand still.
+Core order, sixteen states that move or drive: W 0-1, POS 2-3, THETA 4-6, S 7-8, LATERAL 9 (these
+ten move), then ACCEL 10-11, SCALE_Z 12 and the bias of the step's bin 13-15, which only drive. All
+others stand still.
 """
 
 from math import sqrt
@@ -32,9 +35,11 @@ JUMP_YAW, JUMP_W, JUMP_THETA, STEP_COLUMNS = 22, 23, 24, 25
 ARW, VRW, ACCEL_RRW, YAW_CREEP, LATERAL_RMS, LATERAL_TIME = 0, 1, 2, 3, 4, 5  # of the noise
 MOVE, CORE, NOISY = 10, 16, 12
 BASE = 24  # ins.filters.error_model.BASE, pinned by tests/ins/test_error_filter.py
-W, POS, THETA, S, ACCEL, LATERAL, YAW, SCALE_Z = 0, 2, 4, 7, 9, 13, 14, 16  # first index of each, as in ins.filters.error_model
+# first index of each, as in ins.filters.error_model
+W, POS, THETA, S, ACCEL, LATERAL, YAW, SCALE_Z = 0, 2, 4, 7, 9, 13, 14, 16
 CLONE_DOWN = 23
-POSITIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 13, 9, 10, 16)  # of the core states, but the bias, in the full state
+# of the core states, but the bias, in the full state
+POSITIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 13, 9, 10, 16)
 
 
 @jit
@@ -48,7 +53,8 @@ def system(step, lateral_time_s, A):
     coriolis = 2.0 * iz + ez
     A[0, 1], A[1, 0] = coriolis, -coriolis
     A[0, 2] = A[1, 3] = -g / R
-    v_dot_i = vx * ix + vy * iy + vz * iz  # v x (omega_ie x theta) = omega_ie (v . theta) - theta (v . omega_ie)
+    # v x (omega_ie x theta) = omega_ie (v . theta) - theta (v . omega_ie)
+    v_dot_i = vx * ix + vy * iy + vz * iz
     A[0, 4], A[0, 5], A[0, 6] = ix * vx - v_dot_i, ix * vy - g, ix * vz
     A[1, 4], A[1, 5], A[1, 6] = iy * vx + g, iy * vy - v_dot_i, iy * vz
     A[2, 0] = A[3, 1] = 1.0
@@ -87,7 +93,9 @@ def product(A, B, out):
 
 @jit
 def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
-    """Phi (16, 16) and Q (12, 12) of a step: exponential to third order, Simpson's rule (ins.filters.error_model.discretize)."""
+    """Phi (16, 16) and Q (12, 12) of a step: exponential to third order, Simpson's rule
+    (ins.filters.error_model.discretize).
+    """
     system(step, noise[LATERAL_TIME], A)
     product(A, A, A2)
     product(A2, A, A3)
@@ -120,11 +128,15 @@ def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
 
 @jit
 def density(A, rolling, noise, q):
-    """Spectral density q (12, 12): gyro noise enters theta and, through v x C_nb, w, just as the bias does."""
+    """Spectral density q (12, 12): gyro noise enters theta and, through v x C_nb, w, just as the
+    bias does.
+    """
     q[:, :] = 0.0
     for i in range(7):
         for j in range(7):
-            q[i, j] = noise[ARW] ** 2 * (A[i, 13] * A[j, 13] + A[i, 14] * A[j, 14] + A[i, 15] * A[j, 15])
+            q[i, j] = noise[ARW] ** 2 * (
+                A[i, 13] * A[j, 13] + A[i, 14] * A[j, 14] + A[i, 15] * A[j, 15]
+            )
     for i in range(2):
         q[i, i] += noise[VRW] ** 2
         q[10 + i, 10 + i] = noise[ACCEL_RRW] ** 2
@@ -153,7 +165,9 @@ def spread(M, q, weight, Q):
 
 @jit
 def propagate(x, P, core, Phi, Q, jump_yaw, T, block):
-    """x = F x, P = F P F' + Q, touching only the ten rows and columns that move. T (10, n), block (10, 10): scratch."""
+    """x = F x, P = F P F' + Q, touching only the ten rows and columns that move. T (10, n), block
+    (10, 10): scratch.
+    """
     n = x.size
     for i in range(MOVE):
         block[i, 0] = 0.0
@@ -214,7 +228,9 @@ def expected(x, P, index, value, R, v):
 
 @jit
 def correct(x, P, v, residual, variance):
-    """x += v residual / S, P -= v v' / S: the optimal update by one scalar, symmetric to the last bit."""
+    """x += v residual / S, P -= v v' / S: the optimal update by one scalar, symmetric to the last
+    bit.
+    """
     n = x.size
     root = sqrt(variance)
     for j in range(n):
@@ -231,7 +247,9 @@ def correct(x, P, v, residual, variance):
 
 @jit
 def measure(x, P, index, value, z, R, gate, v, normalised):
-    """Rows (m) with independent noise, one after another; all or none pass the gate. Returns what became of them."""
+    """Rows (m) with independent noise, one after another; all or none pass the gate. Returns what
+    became of them.
+    """
     for r in range(z.size):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         residual = z[r] - hx
@@ -251,7 +269,9 @@ def measure(x, P, index, value, z, R, gate, v, normalised):
 
 @jit
 def assign(x, P, target, index, value, variance, v):
-    """State `target` becomes a combination of states plus independent noise (no entries: a fresh prior)."""
+    """State `target` becomes a combination of states plus independent noise (no entries: a fresh
+    prior).
+    """
     hx, total = expected(x, P, index, value, 0.0, v)
     x[target] = hx
     for j in range(x.size):
@@ -261,12 +281,15 @@ def assign(x, P, target, index, value, variance, v):
 
 
 @jit
-def run(x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, normalised, gain, filtered):
+def run(
+    x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, normalised, gain, filtered
+):
     """Work through a program. x (n,), P (n, n) change in place.
 
-    ops (m, 4): kind of operation, step or target, first row, rows. outcome (m,), gain (m,): what became of each and
-    the log of the ratio in variance of the cloned heading; normalised (rows,): innovations over their sigma;
-    filtered (bins, 2, 3): bias and variance of each bin when it ended. Stops at the first LOST or NOT_FINITE.
+    ops (m, 4): kind of operation, step or target, first row, rows. outcome (m,), gain (m,): what
+    became of each and the log of the ratio in variance of the cloned heading; normalised (rows,):
+    innovations over their sigma; filtered (bins, 2, 3): bias and variance of each bin when it
+    ended. Stops at the first LOST or NOT_FINITE.
     """
     n = x.size
     core = np.empty(CORE, np.int64)
@@ -283,7 +306,8 @@ def run(x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, norma
         kind, which, first, count = ops[m, 0], ops[m, 1], ops[m, 2], ops[m, 3]
         outcome[m] = USED
         if kind == ADVANCE:
-            for k in range(STEP_COLUMNS):  # step[:] = ... compiles text handling for an error message, 3 s
+            # step[:] = ... compiles text handling for an error message, 3 s
+            for k in range(STEP_COLUMNS):
                 step[k] = steps[which, k]
             if flags[which, MOVING] != 0:  # errors are linearised about the velocity less its error
                 step[V_N] -= x[W]
@@ -296,7 +320,9 @@ def run(x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, norma
         elif kind == MEASURE:
             before = P[CLONE_DOWN, CLONE_DOWN]
             rows = slice(first, first + count)
-            outcome[m] = measure(x, P, index[rows], value[rows], z[rows], R[rows], gate[m], v, normalised[rows])
+            outcome[m] = measure(
+                x, P, index[rows], value[rows], z[rows], R[rows], gate[m], v, normalised[rows]
+            )
             if outcome[m] < 0:
                 return m
             if before > 0.0 and outcome[m] == USED:

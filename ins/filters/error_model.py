@@ -2,23 +2,25 @@
 
 States are errors computed - true of a free-running navigation solution, NED, horizontal channels:
 
-    w      velocity error against the true velocity resolved in the computed frame, w = dv - theta x v
-    p      position error [m]
-    theta  attitude error less the rotation that belongs to p ("drift angle", psi-angle)
+    w      velocity error against the true velocity resolved in the computed frame, w = dv - theta x
+    v p      position error [m] theta  attitude error less the rotation that belongs to p ("drift
+    angle", psi-angle)
 
-With omega_ie, omega_en at the computed position, g down and eps = C_nb (gyro bias), del = C_nb (accelerometer bias):
+With omega_ie, omega_en at the computed position, g down and eps = C_nb (gyro bias), del = C_nb
+(accelerometer bias):
 
-    w'     = -theta x g - g p/R + del - (2 omega_ie + omega_en) x w + v x (omega_ie x theta) + v x eps
-    p'     = w + theta x v - omega_en x p
-    theta' = -(omega_ie + omega_en) x theta + eps
+    w'     = -theta x g - g p/R + del - (2 omega_ie + omega_en) x w + v x (omega_ie x theta) + v x
+    eps p'     = w + theta x v - omega_en x p theta' = -(omega_ie + omega_en) x theta + eps
 
-Derived from the psi-angle error equations (Benson 1975; Groves 2013, ch. 14) by w = dv - theta x v; physics.md 6.2
-and 6.5 are the parked and level-taxi cases. A heading error does not enter w: that is the cancellation of 6.5, exact
-here by construction, and the measured velocity in body axes is C_bn w.
+Derived from the psi-angle error equations (Benson 1975; Groves 2013, ch. 14) by w = dv - theta x v;
+physics.md 6.2 and 6.5 are the parked and level-taxi cases. A heading error does not enter w: that
+is the cancellation of 6.5, exact here by construction, and the measured velocity in body axes is
+C_bn w.
 
-Ground-vehicle nuisances ride along: displacement error S over the current step, or since the vehicle stopped, in body x, y,
-accelerometer biases, crab ratio, lever arm along x, lateral velocity (Gauss-Markov), parked heading, odometer scale,
-vertical-gyro scale factor, centre-line azimuth, and two clones of theta (at the start and at a time the caller chooses).
+Ground-vehicle nuisances ride along: displacement error S over the current step, or since the
+vehicle stopped, in body x, y, accelerometer biases, crab ratio, lever arm along x, lateral velocity
+(Gauss-Markov), parked heading, odometer scale, vertical-gyro scale factor, centre-line azimuth, and
+two clones of theta (at the start and at a time the caller chooses).
 """
 
 from dataclasses import dataclass
@@ -64,7 +66,9 @@ class Step:
 @dataclass(frozen=True)
 class ProcessNoise:
     """White-noise densities driving the errors, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)],
-    accel_rrw [m/s^2/sqrt(s)], yaw_creep [rad/sqrt(s)], lateral RMS [m/s] with its correlation time [s]."""
+    accel_rrw [m/s^2/sqrt(s)], yaw_creep [rad/sqrt(s)], lateral RMS [m/s] with its correlation time
+    [s].
+    """
 
     arw: float
     vrw: float
@@ -75,7 +79,16 @@ class ProcessNoise:
 
     def values(self) -> NDArray:
         """The six in the order above."""
-        return np.array([self.arw, self.vrw, self.accel_rrw, self.yaw_creep, self.lateral_rms, self.lateral_time_s])
+        return np.array(
+            [
+                self.arw,
+                self.vrw,
+                self.accel_rrw,
+                self.yaw_creep,
+                self.lateral_rms,
+                self.lateral_time_s,
+            ]
+        )
 
 
 def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
@@ -92,10 +105,10 @@ def discretize(
 ) -> tuple[NDArray, NDArray, NDArray]:
     """Transition Phi (24, 24), bias input Gamma (24, 3), process noise Q (24, 24) over the step.
 
-    Phi and Gamma to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 = 1.3e-5 of it at 10 s),
-    Q by Simpson's rule.
-    keep_displacement: S goes on from the step before (a standing vehicle) instead of starting at zero.
-    While not rolling the lateral velocity takes no part and is held at its stationary spread.
+    Phi and Gamma to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 =
+    1.3e-5 of it at 10 s), Q by Simpson's rule. keep_displacement: S goes on from the step before (a
+    standing vehicle) instead of starting at zero. While not rolling the lateral velocity takes no
+    part and is held at its stationary spread.
     """
     from ins.filters import error_kernel as fk
 
@@ -103,9 +116,17 @@ def discretize(
     Phi, Q_noisy = square[4], np.zeros((fk.NOISY, fk.NOISY))
     flags = np.array([0, rolling, keep_displacement, 0], dtype=np.int64)
     fk.transition(
-        _row(step), flags, noise.values(), square[0], square[1], square[2], square[3], Phi,
-        np.zeros((fk.NOISY, fk.NOISY)), Q_noisy,
-    )  # fmt: skip
+        _row(step),
+        flags,
+        noise.values(),
+        square[0],
+        square[1],
+        square[2],
+        square[3],
+        Phi,
+        np.zeros((fk.NOISY, fk.NOISY)),
+        Q_noisy,
+    )
     Phi_full, Gamma = _in_full(Phi, np.eye(BASE))
     at = np.array(fk.POSITIONS[: fk.NOISY])
     Q = np.zeros((BASE, BASE))
@@ -115,7 +136,9 @@ def discretize(
 
 
 def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
-    """The core states' matrix (16, 16) placed in the base states' (24, 24), and the part (24, 3) of the bias."""
+    """The core states' matrix (16, 16) placed in the base states' (24, 24), and the part (24, 3) of
+    the bias.
+    """
     from ins.filters import error_kernel as fk
 
     at, bias = np.array(fk.POSITIONS), len(fk.POSITIONS)
@@ -126,9 +149,19 @@ def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def _row(step: Step) -> NDArray:
-    """The step as `filter_kernel` takes it. The transport rate is given, not worked out from v_n: east and north
-    rates over v_E and v_N, where there is a velocity."""
+    """The step as `filter_kernel` takes it. The transport rate is given, not worked out from v_n:
+    east and north rates over v_E and v_N, where there is a velocity.
+    """
     v_n, (north, east, down) = step.v_n, step.omega_en_n
-    over = [a / b if b != 0.0 else 0.0 for a, b in ((north, v_n[1]), (-east, v_n[0]), (-down, v_n[1]))]
-    parts = [step.dt_s], np.ravel(step.C_nb), v_n, step.omega_ie_n, over, [step.gravity, step.radius_m, step.turn_rad]
+    over = [
+        a / b if b != 0.0 else 0.0 for a, b in ((north, v_n[1]), (-east, v_n[0]), (-down, v_n[1]))
+    ]
+    parts = (
+        [step.dt_s],
+        np.ravel(step.C_nb),
+        v_n,
+        step.omega_ie_n,
+        over,
+        [step.gravity, step.radius_m, step.turn_rad],
+    )
     return np.concatenate([*parts, np.zeros(3)]).astype(float)

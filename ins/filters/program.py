@@ -1,6 +1,8 @@
-"""What a filter is to do, as arrays: steps to propagate over, and at each step rows to measure or states to set.
+"""What a filter is to do, as arrays: steps to propagate over, and at each step rows to measure or
+states to set.
 
-Written with numpy, a whole run at once; worked through by `ins.filters.error_kernel` without Python in the loop.
+Written with numpy, a whole run at once; worked through by `ins.filters.error_kernel` without Python
+in the loop.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,11 +24,12 @@ Row = Mapping[int, ArrayLike]  # state index: coefficient, one for all or (m,)
 class Steps:
     """K successive filter steps along a navigation solution: means over each, SI, navigation axes.
 
-    end_s, dt_s (K,); C_nb (K, 3, 3); v_n (K, 3); omega_ie_n (K, 3); transport (K, 3): 1/(R_E + h), 1/(R_N + h) and
-    tanL/(R_E + h) [1/m], so that omega_en_n = (a v_E, -b v_N, -c v_E); gravity, radius_m, turn_rad (K,) as in
-    `error_model.Step`; bin_index (K,): whose gyro bias drives it; rolling, keep (keep_displacement), moving (K,) bool:
-    moving steps are linearised about v_n less the filter's own velocity error.
-    jump_yaw, jump_w, jump_theta (K,): variance of a sudden turn of the vehicle, a velocity or an attitude jump.
+    end_s, dt_s (K,); C_nb (K, 3, 3); v_n (K, 3); omega_ie_n (K, 3); transport (K, 3): 1/(R_E + h),
+    1/(R_N + h) and tanL/(R_E + h) [1/m], so that omega_en_n = (a v_E, -b v_N, -c v_E); gravity,
+    radius_m, turn_rad (K,) as in `error_model.Step`; bin_index (K,): whose gyro bias drives it;
+    rolling, keep (keep_displacement), moving (K,) bool: moving steps are linearised about v_n less
+    the filter's own velocity error. jump_yaw, jump_w, jump_theta (K,): variance of a sudden turn of
+    the vehicle, a velocity or an attitude jump.
     """
 
     end_s: NDArray
@@ -50,16 +53,29 @@ class Steps:
         """The same as `filter_kernel` takes it: (K, 25) float64 and flags (K, 4) int64."""
         count = len(self.end_s)
         table = np.column_stack(
-            [self.dt_s, np.reshape(self.C_nb, (count, 9)), self.v_n, self.omega_ie_n, self.transport, self.gravity,
-             self.radius_m, self.turn_rad, self.jump_yaw, self.jump_w, self.jump_theta]
-        )  # fmt: skip
+            [
+                self.dt_s,
+                np.reshape(self.C_nb, (count, 9)),
+                self.v_n,
+                self.omega_ie_n,
+                self.transport,
+                self.gravity,
+                self.radius_m,
+                self.turn_rad,
+                self.jump_yaw,
+                self.jump_w,
+                self.jump_theta,
+            ]
+        )
         flags = np.column_stack([self.bin_index, self.rolling, self.keep, self.moving])
         return np.ascontiguousarray(table, dtype=float), np.ascontiguousarray(flags, dtype=np.int64)
 
 
 @dataclass(frozen=True)
 class _Block:
-    """Operations of one call: kind of operation, name, steps (m,), rows (m, r, nz), z and variance (m, r), gate."""
+    """Operations of one call: kind of operation, name, steps (m,), rows (m, r, nz), z and variance
+    (m, r), gate.
+    """
 
     operation: int
     name: str
@@ -98,10 +114,17 @@ class FilterProgram:
         self._blocks = [_block(ADVANCE, "", every, 0, [{}], [0.0], [0.0], 0.0)]
 
     def measure(
-        self, name: str, at: NDArray, z: Sequence[ArrayLike] | NDArray, rows: Sequence[Row],
-        variance: Sequence[ArrayLike], *, gate: float = np.inf,
-    ) -> None:  # fmt: skip
-        """At steps `at` (m,): r rows with independent noise. z, rows, variance: one entry a row, scalars or (m,).
+        self,
+        name: str,
+        at: NDArray,
+        z: Sequence[ArrayLike] | NDArray,
+        rows: Sequence[Row],
+        variance: Sequence[ArrayLike],
+        *,
+        gate: float = np.inf,
+    ) -> None:
+        """At steps `at` (m,): r rows with independent noise. z, rows, variance: one entry a row,
+        scalars or (m,).
 
         gate: innovations beyond so many sigmas leave the whole measurement out.
         """
@@ -131,33 +154,47 @@ class FilterProgram:
         at = np.concatenate([b.at for b in blocks])
         order = np.lexsort((np.repeat(np.arange(len(blocks)), [len(b.at) for b in blocks]), at))
         first = np.concatenate([[0], np.cumsum(count)[:-1]])
-        target = np.concatenate([b.at if b.operation == ADVANCE else np.full(len(b.at), b.target) for b in blocks])
+        target = np.concatenate(
+            [b.at if b.operation == ADVANCE else np.full(len(b.at), b.target) for b in blocks]
+        )
         operation = np.concatenate([np.full(len(b.at), b.operation) for b in blocks])
         ops = np.column_stack([operation, target, first, count])[order]
         steps, flags = self.steps.table()
         return Compiled(
-            steps, flags, np.ascontiguousarray(ops, dtype=np.int64),
+            steps,
+            flags,
+            np.ascontiguousarray(ops, dtype=np.int64),
             np.concatenate([_padded(b.index, width) for b in blocks]),
             np.concatenate([_padded(b.value, width) for b in blocks]),
             np.concatenate([b.z.ravel() for b in blocks]),
             np.concatenate([b.variance.ravel() for b in blocks]),
             np.concatenate([np.full(len(b.at), b.gate) for b in blocks])[order],
             np.concatenate([np.full(len(b.at), names.index(b.name)) for b in blocks])[order],
-            names, self.steps.end_s[at[order]],
-        )  # fmt: skip
+            names,
+            self.steps.end_s[at[order]],
+        )
 
 
 def _block(
-    operation: int, name: str, at: ArrayLike, target: int, rows: Sequence[Row],
-    z: Sequence[ArrayLike] | NDArray, variance: Sequence[ArrayLike], gate: float,
-) -> _Block:  # fmt: skip
+    operation: int,
+    name: str,
+    at: ArrayLike,
+    target: int,
+    rows: Sequence[Row],
+    z: Sequence[ArrayLike] | NDArray,
+    variance: Sequence[ArrayLike],
+    gate: float,
+) -> _Block:
     at = np.atleast_1d(np.asarray(at, dtype=np.int64))
     m, r, width = len(at), len(rows), max(max(len(row) for row in rows), 1)
     index, value = np.zeros((m, r, width), dtype=np.int64), np.zeros((m, r, width))
     for i, row in enumerate(rows):
         for k, (state, coefficient) in enumerate(row.items()):
             index[:, i, k], value[:, i, k] = state, coefficient
-    spread = [np.stack([np.broadcast_to(np.asarray(e, dtype=float), (m,)) for e in part], axis=1) for part in (z, variance)]
+    spread = [
+        np.stack([np.broadcast_to(np.asarray(e, dtype=float), (m,)) for e in part], axis=1)
+        for part in (z, variance)
+    ]
     return _Block(operation, name, at, target, index, value, spread[0], spread[1], gate)
 
 

@@ -1,1 +1,3 @@
-"""Strapdown mechanization: one trajectory (`mechanization`, `loop`) and many at once (`batch`), by the same formulas (`kernel`)."""
+"""Strapdown mechanization: one trajectory (`mechanization`, `loop`) and many at once (`batch`), by
+the same formulas (`kernel`).
+"""

@@ -1,13 +1,16 @@
-"""Many trajectories at once, on one clock: Monte Carlo studies of drift, finite differences about a flight.
+"""Many trajectories at once, on one clock: Monte Carlo studies of drift, finite differences about a
+flight.
 
-`navigate_batch` is `ins.strapdown.mechanization.navigate` for runs that share their times. What differs between runs is the
-initial state and either the sensor errors laid over one shared log (`SensorErrors`: nothing of the size of the log is
-made for a run) or the log itself. Each run comes out with the bits that `navigate` gives for it alone, whatever the
-number of threads and whichever runs are beside it; the sums over epochs that NavHistory has are not made.
+`navigate_batch` is `ins.strapdown.mechanization.navigate` for runs that share their times. What
+differs between runs is the initial state and either the sensor errors laid over one shared log
+(`SensorErrors`: nothing of the size of the log is made for a run) or the log itself. Each run comes
+out with the bits that `navigate` gives for it alone, whatever the number of threads and whichever
+runs are beside it; the sums over epochs that NavHistory has are not made.
 
-    errors = SensorErrors(gyro_bias_rad_s=bias)                    # (runs, 3), or (runs, bins, 3) with edges_s
-    flown = navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=2)
-    flown.lat_rad, flown.v_n_m_s                                   # (runs, epochs), (runs, epochs, 3)
+    errors = SensorErrors(gyro_bias_rad_s=bias)                    # (runs, 3), or (runs, bins, 3)
+    with edges_s flown = navigate_batch(imu, start, errors=errors, epoch_s=10.0, threads=2)
+    flown.lat_rad, flown.v_n_m_s                                   # (runs, epochs), (runs, epochs,
+    3)
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -40,8 +43,8 @@ STATES = 15  # columns of an epoch
 class BatchHistory:
     """Navigation solutions of all runs at the epoch ends; epoch 0 is the initial state.
 
-    time_s (epochs,); states (runs, epochs, 15), read-only: latitude, longitude [rad], height [m], v_n [m/s], C_nb in
-    row order. The properties are views of it.
+    time_s (epochs,); states (runs, epochs, 15), read-only: latitude, longitude [rad], height [m],
+    v_n [m/s], C_nb in row order. The properties are views of it.
     """
 
     time_s: NDArray
@@ -74,9 +77,14 @@ class BatchHistory:
 
 
 def navigate_batch(
-    imu: ImuLog | Sequence[ImuLog], initial: NavState | Sequence[NavState], *, errors: SensorErrors | None = None,
-    epoch_s: float | None = 1.0, vertical: VerticalChannel | None = None, threads: int = 1,
-) -> BatchHistory:  # fmt: skip
+    imu: ImuLog | Sequence[ImuLog],
+    initial: NavState | Sequence[NavState],
+    *,
+    errors: SensorErrors | None = None,
+    epoch_s: float | None = 1.0,
+    vertical: VerticalChannel | None = None,
+    threads: int = 1,
+) -> BatchHistory:
     """Integrate many runs from their initial states on.
 
     Parameters
@@ -88,26 +96,28 @@ def navigate_batch(
     errors : SensorErrors or None
         Each run's sensor errors, added to the shared log.
     epoch_s, vertical : as in `navigate`
-        Epochs and damping are the same for all runs; mode "hold" without a height holds each run's own.
+        Epochs and damping are the same for all runs; mode "hold" without a height holds each run's
+        own.
     threads : int
         Threads over tiles of 16 runs; the result does not depend on it.
 
     Returns
     -------
     BatchHistory
-        120 bytes a run and epoch. Besides that, memory grows with the shared log and not with runs times rows.
+        120 bytes a run and epoch. Besides that, memory grows with the shared log and not with runs
+        times rows.
 
     Raises
     ------
     InputError
-        As `navigate`, with the run named; numbers of runs that differ; times that differ between runs; errors
-        together with a log for each run.
+        As `navigate`, with the run named; numbers of runs that differ; times that differ between
+        runs; errors together with a log for each run.
 
     Notes
     -----
     Of a log for each run, the row before the first used must be valid as well.
-    14 ns a row and run in full tiles of 16 (with noise: about 45 ns more, in the drawing of it); fewer than 16 runs cost
-    as much as 16. The first call ever compiles for 5 s.
+    14 ns a row and run in full tiles of 16 (with noise: about 45 ns more, in the drawing of it);
+    fewer than 16 runs cost as much as 16. The first call ever compiles for 5 s.
 
     Pinned by: tests/ins/test_batch.py (bit for bit against `navigate` of the perturbed log)
     """
@@ -126,29 +136,43 @@ def navigate_batch(
 
 
 class _Job:
-    """What the tiles share: the log, where it starts and its epochs end, and the array they all write to."""
+    """What the tiles share: the log, where it starts and its epochs end, and the array they all
+    write to.
+    """
 
     def __init__(
-        self, imu: ImuLog | Sequence[ImuLog], initial: NavState | Sequence[NavState], errors: SensorErrors | None,
-        epoch_s: float | None, vertical: VerticalChannel,
-    ) -> None:  # fmt: skip
+        self,
+        imu: ImuLog | Sequence[ImuLog],
+        initial: NavState | Sequence[NavState],
+        errors: SensorErrors | None,
+        epoch_s: float | None,
+        vertical: VerticalChannel,
+    ) -> None:
         self.logs = [imu] if isinstance(imu, ImuLog) else list(imu)
         self.starts = [initial] if isinstance(initial, NavState) else list(initial)
-        self.errors, self.vertical, self.runs = errors or SensorErrors(), vertical, _run_count(self.logs, self.starts, errors)
+        self.errors, self.vertical, self.runs = (
+            errors or SensorErrors(),
+            vertical,
+            _run_count(self.logs, self.starts, errors),
+        )
         log, start_s = self.logs[0], self.starts[0].time_s
         self.first = int(np.searchsorted(log.time_s, start_s, side="right"))
         _check(self.logs, self.starts, self.first)
         vertical.check_interval(log.dt_s[self.first :])
         clock = EpochEnds(start_s, epoch_s)
         ends = clock.settle(log.time_s[self.first :])
-        self.ends = self.first + (np.append(ends, log.time_s.size - self.first) if clock.last_row_ends_one() else ends)
+        self.ends = self.first + (
+            np.append(ends, log.time_s.size - self.first) if clock.last_row_ends_one() else ends
+        )
         self.time_s = np.concatenate([[start_s], log.time_s[self.ends - 1]])
         self.bins = self.errors.bins(log)
         self.own_height = vertical.mode == "hold" and vertical.height_m is None
         self.height_ref = vertical.reference_height(log.time_s, log.dt_s, 0.0)
         self.shared = log
         if len(self.logs) > 1:
-            self.shared = replace(log, dtheta_rad=np.zeros_like(log.dtheta_rad), dv_m_s=np.zeros_like(log.dv_m_s))
+            self.shared = replace(
+                log, dtheta_rad=np.zeros_like(log.dtheta_rad), dv_m_s=np.zeros_like(log.dv_m_s)
+            )
         self.states = np.empty((self.runs, self.ends.size + 1, STATES))
 
     def fly(self, tile: range) -> None:
@@ -167,21 +191,36 @@ class _Job:
         while done <= self.ends.size:
             ends = self.ends[(self.ends > a) & (self.ends <= b)]
             kernel.integrate_tile(
-                self.shared.dt_s[a:b], self.shared.dtheta_rad[a:b], self.shared.dv_m_s[a:b], rows, self.bins[a:b], bias,
-                self.height_ref[a:b], self.vertical.gains(), self.vertical.look_s, ends - a, F, self.states, tile[0],
-                len(tile), done,
-            )  # fmt: skip
+                self.shared.dt_s[a:b],
+                self.shared.dtheta_rad[a:b],
+                self.shared.dv_m_s[a:b],
+                rows,
+                self.bins[a:b],
+                bias,
+                self.height_ref[a:b],
+                self.vertical.gains(),
+                self.vertical.look_s,
+                ends - a,
+                F,
+                self.states,
+                tile[0],
+                len(tile),
+                done,
+            )
             done += ends.size
             a, b = b, min(b + CHUNK_ROWS, self.shared.time_s.size)
             if done <= self.ends.size:
                 rows = own(a, b)
 
     def _load(self, tile: range, own: NDArray, begin: int) -> tuple[NDArray, NDArray]:
-        """The flat array of the kernel with the tile's starts and errors, and its biases (bins, 6, TILE)."""
+        """The flat array of the kernel with the tile's starts and errors, and its biases (bins, 6,
+        TILE).
+        """
         from ins.strapdown import batch_kernel as kernel
 
         F = np.zeros((kernel.TILE_SIZE, kernel.TILE))
-        lanes = [min(tile[0] + lane, tile[-1]) for lane in range(kernel.TILE)]  # the last run fills the tile
+        # the last run fills the tile
+        lanes = [min(tile[0] + lane, tile[-1]) for lane in range(kernel.TILE)]
         for lane, run in enumerate(lanes):
             start = self.starts[run % len(self.starts)]
             self.states[run, 0] = initial_row(start)[0, :STATES]
@@ -189,10 +228,14 @@ class _Job:
             F[kernel.BEFORE : kernel.U, lane] = self._interval_before(run, own[..., lane], begin)
             F[kernel.MATRIX : kernel.HEIGHT, lane] = self.errors.matrices(run).ravel()
             F[kernel.HEIGHT, lane] = start.site.height_m if self.own_height else 0.0
-        return F.ravel(), np.ascontiguousarray(np.stack([self.errors.biases(run) for run in lanes], axis=-1))
+        return F.ravel(), np.ascontiguousarray(
+            np.stack([self.errors.biases(run) for run in lanes], axis=-1)
+        )
 
     def _interval_before(self, run: int, own: NDArray, begin: int) -> NDArray:
-        """dtheta, dv, dt (7,) that the run read before its first row; the first row where there is none."""
+        """dtheta, dv, dt (7,) that the run read before its first row; the first row where there is
+        none.
+        """
         known = self.first > 0 and interval_at(self.logs[0], self.first - 1) is not None
         row = slice(self.first - 1, self.first) if known else slice(self.first, self.first + 1)
         read = np.hstack([self.shared.dtheta_rad[row], self.shared.dv_m_s[row]])
@@ -201,7 +244,9 @@ class _Job:
 
 
 def _own_increments(job: _Job, tile: range, width: int) -> Callable[[int, int], NDArray]:
-    """What is added to the shared rows [a, b): (b - a, 6, width), or of size 0; asked for in order, without overlap."""
+    """What is added to the shared rows [a, b): (b - a, 6, width), or of size 0; asked for in order,
+    without overlap.
+    """
     if len(job.logs) > 1:
         return partial(_logged, [job.logs[run] for run in tile], width)
     if not job.errors.noisy:
@@ -230,24 +275,37 @@ def _logged(logs: list[ImuLog], width: int, a: int, b: int) -> NDArray:
 def _run_count(logs: list[ImuLog], starts: list[NavState], errors: SensorErrors | None) -> int:
     """Runs that all agree on; a single log or start is shared."""
     if errors is not None and len(logs) > 1:
-        raise InputError("errors perturb one shared log, got a log for each run: apply them to the logs")
-    counts = {"imu": len(logs), "initial": len(starts), "errors": (errors.runs if errors is not None else None) or 1}
+        raise InputError(
+            "errors perturb one shared log, got a log for each run: apply them to the logs"
+        )
+    counts = {
+        "imu": len(logs),
+        "initial": len(starts),
+        "errors": (errors.runs if errors is not None else None) or 1,
+    }
     runs = max(counts.values())
     if min(counts.values()) == 0 or any(count not in (1, runs) for count in counts.values()):
         told = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise InputError(f"runs differ: {told}; needed one number, or 1 where shared")
     if errors is not None and errors.runs not in (None, runs):
-        raise InputError(f"runs differ: errors {errors.runs}, initial {len(starts)}; errors are never shared")
+        raise InputError(
+            f"runs differ: errors {errors.runs}, initial {len(starts)}; errors are never shared"
+        )
     return runs
 
 
 def _check(logs: list[ImuLog], starts: list[NavState], first: int) -> None:
     log, start = logs[0], starts[0]
     if first == log.time_s.size:
-        raise InputError(f"imu: ends at {log.time_s[-1]:.6g} s, needed rows after the initial {start.time_s:.6g} s")
+        raise InputError(
+            f"imu: ends at {log.time_s[-1]:.6g} s, needed rows after the initial"
+            f" {start.time_s:.6g} s"
+        )
     for run, one in enumerate(logs):
         if not (np.array_equal(one.time_s, log.time_s) and np.array_equal(one.dt_s, log.dt_s)):
-            raise InputError(f"run {run}: imu has other times than run 0, needed the same time_s and dt_s")
+            raise InputError(
+                f"run {run}: imu has other times than run 0, needed the same time_s and dt_s"
+            )
         with _naming(run, len(logs)):
             check_rows(one, first if len(logs) == 1 else max(first - 1, 0), 0)
             check_start(one, first, start)
@@ -255,7 +313,9 @@ def _check(logs: list[ImuLog], starts: list[NavState], first: int) -> None:
         with _naming(run, len(starts)):
             check_initial(state)
             if state.time_s != start.time_s:
-                raise InputError(f"initial time_s {state.time_s:.6g} s, needed {start.time_s:.6g} s as in run 0")
+                raise InputError(
+                    f"initial time_s {state.time_s:.6g} s, needed {start.time_s:.6g} s as in run 0"
+                )
 
 
 @contextmanager

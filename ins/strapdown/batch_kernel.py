@@ -1,11 +1,12 @@
 """The strapdown loop over many trajectories at once. Import lazily: this module loads numba.
 
-The step is that of ins.strapdown.kernel, operation by operation, so that a trajectory comes out with the same bits in
-either; conventions as there.
+The step is that of ins.strapdown.kernel, operation by operation, so that a trajectory comes out
+with the same bits in either; conventions as there.
 
-A tile is TILE trajectories side by side in one flat array, so that the loop over them becomes vector instructions:
-element c of lane l at (c TILE + l). Elements: the state as in integrate; this step's increments; the biases of the
-bin; (scale factor and misalignment) matrices, gyro then accelerometer; and what the lane adds to height_ref.
+A tile is TILE trajectories side by side in one flat array, so that the loop over them becomes
+vector instructions: element c of lane l at (c TILE + l). Elements: the state as in integrate; this
+step's increments; the biases of the bin; (scale factor and misalignment) matrices, gyro then
+accelerometer; and what the lane adds to height_ref.
 """
 
 import numpy as np
@@ -49,13 +50,21 @@ from ins.strapdown.kernel import (
 )
 
 TILE = 16
-INCREMENTS, BIAS, MATRIX, HEIGHT, TILE_SIZE = STATE_SIZE, STATE_SIZE + 6, STATE_SIZE + 12, STATE_SIZE + 30, STATE_SIZE + 31
+INCREMENTS, BIAS, MATRIX, HEIGHT, TILE_SIZE = (
+    STATE_SIZE,
+    STATE_SIZE + 6,
+    STATE_SIZE + 12,
+    STATE_SIZE + 30,
+    STATE_SIZE + 31,
+)
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
 
 
 @part
 def at(c, l):
-    """Where lane l of element c is. Unsigned, since numba would ask of any other index whether it is below zero."""
+    """Where lane l of element c is. Unsigned, since numba would ask of any other index whether it
+    is below zero.
+    """
     return np.uintp(c * TILE + l)
 
 
@@ -99,14 +108,25 @@ def step_lane(F, l, T, weights, height_ref, gains, small):
     """The state of lane l after one step; small: all lanes are known to turn less than 0.1 rad."""
     theta, dv = lane_vector(F, INCREMENTS, l), lane_vector(F, INCREMENTS + 3, l)
     v, q = lane_vector(F, V, l), lane_quaternion(F, l)
-    rotation, dv_start, scroll = compensate(theta, dv, lane_vector(F, BEFORE, l), lane_vector(F, BEFORE + 3, l), weights, small)
+    rotation, dv_start, scroll = compensate(
+        theta, dv, lane_vector(F, BEFORE, l), lane_vector(F, BEFORE + 3, l), weights, small
+    )
     C = dcm(q)
     dv_e = force_increment(C, dv_start, OMEGA * T)
     u, s = lane_vector(F, U, l), lane_vector(F, SEEN, l)
     up, error, pull_e = pull(add(s, u, 0.5 * T), height_ref + F[at(HEIGHT, l)], T, gains)
     u, s = look_ahead(u, s, lane_vector(F, A_USED, l), lane_vector(F, F_USED, l), dv_e, T)
     v_new, r, correction, _ = translate(
-        v, lane_vector(F, R, l), F[at(CORRECTION, l)], dv_e, rotate(C, scroll), up, error, pull_e, T, gains
+        v,
+        lane_vector(F, R, l),
+        F[at(CORRECTION, l)],
+        dv_e,
+        rotate(C, scroll),
+        up,
+        error,
+        pull_e,
+        T,
+        gains,
     )
     a, f = drift_of(v, v_new, dv_e, up, error, T, gains)
     set_lane_quaternion(F, l, turn_attitude(q, rotation_quaternion(rotation, small), OMEGA * T))
@@ -123,11 +143,21 @@ def step_lane(F, l, T, weights, height_ref, gains, small):
 
 @part
 def form_increments(F, dtheta, dv, T, own, k):
-    """The increments of every lane: (I + M)(shared) + bias T + own; the largest squared angle, this step and last."""
+    """The increments of every lane: (I + M)(shared) + bias T + own; the largest squared angle, this
+    step and last.
+    """
     shared_theta, shared_dv, largest = row(dtheta, k), row(dv, k), 0.0
     for l in range(TILE):
-        theta = add(add(shared_theta, rotate(lane_matrix(F, MATRIX, l), shared_theta), 1.0), lane_vector(F, BIAS, l), T)
-        force = add(add(shared_dv, rotate(lane_matrix(F, MATRIX + 9, l), shared_dv), 1.0), lane_vector(F, BIAS + 3, l), T)
+        theta = add(
+            add(shared_theta, rotate(lane_matrix(F, MATRIX, l), shared_theta), 1.0),
+            lane_vector(F, BIAS, l),
+            T,
+        )
+        force = add(
+            add(shared_dv, rotate(lane_matrix(F, MATRIX + 9, l), shared_dv), 1.0),
+            lane_vector(F, BIAS + 3, l),
+            T,
+        )
         set_lane_vector(F, INCREMENTS, l, theta)
         set_lane_vector(F, INCREMENTS + 3, l, force)
     if own.size > 0:
@@ -135,19 +165,22 @@ def form_increments(F, dtheta, dv, T, own, k):
             for l in range(TILE):
                 F[at(INCREMENTS + c, l)] += own[k, c, l]
     for l in range(TILE):
-        largest = max(largest, square(lane_vector(F, INCREMENTS, l)), square(lane_vector(F, BEFORE, l)))
+        largest = max(
+            largest, square(lane_vector(F, INCREMENTS, l)), square(lane_vector(F, BEFORE, l))
+        )
     return largest
 
 
 @kernel
 def integrate_tile(
     dt, dtheta, dv, own, bin_of_row, bias, height_ref, gains, look_s, ends, F, out, run, runs, epoch
-):  # fmt: skip
-    """All rows of TILE trajectories; the state after row ends[j] - 1 goes to out[run : run + runs, epoch + j].
+):
+    """All rows of TILE trajectories; the state after row ends[j] - 1 goes to out[run : run + runs,
+    epoch + j].
 
-    dtheta, dv (n, 3): shared. own (n, 6, TILE), or of size 0: increments added to them. bias (bins, 6, TILE) [rad/s,
-    m/s^2], bin_of_row (n,). F: the tile, TILE_SIZE elements a lane, carried from part to part. out (all runs, epochs,
-    C_NB_DT columns of ins.strapdown.kernel).
+    dtheta, dv (n, 3): shared. own (n, 6, TILE), or of size 0: increments added to them. bias (bins,
+    6, TILE) [rad/s, m/s^2], bin_of_row (n,). F: the tile, TILE_SIZE elements a lane, carried from
+    part to part. out (all runs, epochs, C_NB_DT columns of ins.strapdown.kernel).
     """
     bin_now, first, T_before = -1, 0, F[at(DT_BEFORE, 0)]
     count, elapsed, limit = F[at(COUNT, 0)], F[at(ELAPSED, 0)], F[at(LIMIT, 0)]
@@ -175,6 +208,12 @@ def integrate_tile(
         first = last
         if j < ends.size:
             for l in range(runs):
-                record(out[run + l], epoch + j, dcm(lane_quaternion(F, l)), lane_vector(F, V, l), lane_vector(F, R, l))
+                record(
+                    out[run + l],
+                    epoch + j,
+                    dcm(lane_quaternion(F, l)),
+                    lane_vector(F, V, l),
+                    lane_vector(F, R, l),
+                )
     F[at(DT_BEFORE, 0)] = T_before
     F[at(COUNT, 0)], F[at(ELAPSED, 0)], F[at(LIMIT, 0)] = count, elapsed, limit

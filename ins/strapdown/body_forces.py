@@ -1,4 +1,6 @@
-"""Specific force added up in the body frame of a log's start: what velocity matching compares with satellite velocities."""
+"""Specific force added up in the body frame of a log's start: what velocity matching compares with
+satellite velocities.
+"""
 
 import numpy as np
 
@@ -8,10 +10,11 @@ from ins.strapdown.kernel import cross, dcm, rotate, rotation_quaternion
 
 @jit
 def turned_forces(dtheta, dv):
-    """Attitude C_b0b after each row (n + 1, 3, 3), and the sum of C_b0b f dt up to it (n + 1, 3); row 0 is the start.
+    """Attitude C_b0b after each row (n + 1, 3, 3), and the sum of C_b0b f dt up to it (n + 1, 3);
+    row 0 is the start.
 
-    dtheta, dv (n, 3). Inertial: the turn of Earth under it is left in (0.07 mrad/s). The force acts in the mean attitude of
-    its row, to first order in the rotation (Groves 2013, eq. 5.28).
+    dtheta, dv (n, 3). Inertial: the turn of Earth under it is left in (0.07 mrad/s). The force acts
+    in the mean attitude of its row, to first order in the rotation (Groves 2013, eq. 5.28).
     """
     n = len(dtheta)
     C_b0b, force = np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3))
@@ -26,7 +29,9 @@ def turned_forces(dtheta, dv):
         theta = (dtheta[k, 0], dtheta[k, 1], dtheta[k, 2])
         dv_b = (dv[k, 0], dv[k, 1], dv[k, 2])
         turn = cross(theta, dv_b)
-        pushed = rotate(C, (dv_b[0] + 0.5 * turn[0], dv_b[1] + 0.5 * turn[1], dv_b[2] + 0.5 * turn[2]))
+        pushed = rotate(
+            C, (dv_b[0] + 0.5 * turn[0], dv_b[1] + 0.5 * turn[1], dv_b[2] + 0.5 * turn[2])
+        )
         for i in range(3):
             force[k + 1, i] = force[k, i] + pushed[i]
         a, b, c, d = rotation_quaternion(theta, False)

@@ -1,9 +1,12 @@
-"""The formulas of a strapdown step in the Earth frame, for strapdown_loop and batch_kernel. Import lazily: loads numba.
+"""The formulas of a strapdown step in the Earth frame, for strapdown_loop and batch_kernel. Import
+lazily: loads numba.
 
-Without numba, or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are tuples, matrices tuples
-of nine in row order; SI and radians, silent. No sine and no cosine of position is taken, so no latitude is special.
+Without numba, or with NUMBA_DISABLE_JIT=1, the same source runs as plain Python. Vectors are
+tuples, matrices tuples of nine in row order; SI and radians, silent. No sine and no cosine of
+position is taken, so no latitude is special.
 
-State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration correction.
+State: q (body to ECEF, scalar first), v_eb_e, r_eb_e, and the vertical channel's acceleration
+correction.
 """
 
 from math import atan2, cos, sin, sqrt
@@ -29,21 +32,24 @@ POLE_RADIUS_M = 1e-3  # closer to the pole than this, longitude is defined as 0
 SERIES_ANGLE_2 = 0.01  # below 0.1 rad a step the rotation uses power series
 MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells nothing of the slope
 
-# columns of an output row: latitude, longitude, height; v_n; C_nb in row order; then the sums over the epoch: C_nb dt,
-# and displacement_n, displacement_b, dv_f_n, dtheta_b
+# columns of an output row: latitude, longitude, height; v_n; C_nb in row order; then the sums over
+# the epoch: C_nb dt, and displacement_n, displacement_b, dv_f_n, dtheta_b
 V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
 
-# State that a stream carries over: q, v, r, vertical correction; dtheta, dv, dt of the interval before; then the
-# look-ahead: u, s, a, f, a and f of the last step, rows and time since the look-ahead began, rows it may have.
+# State that a stream carries over: q, v, r, vertical correction; dtheta, dv, dt of the interval
+# before; then the look-ahead: u, s, a, f, a and f of the last step, rows and time since the
+# look-ahead began, rows it may have.
 V, R, CORRECTION, BEFORE, DT_BEFORE, U, SEEN, A_USED, F_USED, A_LAST, F_LAST = np.array(
-    [4, 7, 10, 11, 17, 18, 21, 24, 27, 30, 33], dtype=np.int64  # np.int64: one compilation for all, see strapdown_loop
+    # np.int64: one compilation for all, see strapdown_loop
+    [4, 7, 10, 11, 17, 18, 21, 24, 27, 30, 33],
+    dtype=np.int64,
 )
 COUNT, ELAPSED, LIMIT, STATE_SIZE = 36, 37, 38, 39
 LOOK_ROWS, LOOK_S = 16, 0.16  # see strapdown_loop
 
 
-# no test of each division: none here can be by zero. A part is compiled into its callers: a loop over tiles becomes
-# vector instructions only where nothing in it is called.
+# no test of each division: none here can be by zero. A part is compiled into its callers: a loop
+# over tiles becomes vector instructions only where nothing in it is called.
 kernel = jit(error_model="numpy")
 part = jit(error_model="numpy", forceinline=True)
 
@@ -83,21 +89,30 @@ def dcm(q):
     """C from a unit quaternion, scalar first. Source: Groves (2013), section 2.2.3."""
     w, x, y, z = q
     return (
-        w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y),
-        2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x),
-        2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z,
-    )  # fmt: skip
+        w * w + x * x - y * y - z * z,
+        2 * (x * y - w * z),
+        2 * (x * z + w * y),
+        2 * (x * y + w * z),
+        w * w - x * x + y * y - z * z,
+        2 * (y * z - w * x),
+        2 * (x * z - w * y),
+        2 * (y * z + w * x),
+        w * w - x * x - y * y + z * z,
+    )
 
 
 @part
 def local_frame(r):
-    """sin and cos of latitude and of longitude, and height, by square roots alone. Source: Bowring (1985)."""
+    """sin and cos of latitude and of longitude, and height, by square roots alone. Source: Bowring
+    (1985).
+    """
     p = sqrt(r[0] * r[0] + r[1] * r[1])
     R = sqrt(p * p + r[2] * r[2])
     s, c = B * r[2] * (R + EP2 * B), A * p * R  # tan beta = (b z / a p)(1 + e'^2 b / R)
     k = 1 / sqrt(s * s + c * c)
     s, c = s * k, c * k
-    s, c = r[2] + EP2 * B * s * s * s, p - E2 * A * c * c * c  # tan L = (z + e'^2 b sin^3)/(p - e^2 a cos^3)
+    # tan L = (z + e'^2 b sin^3)/(p - e^2 a cos^3)
+    s, c = r[2] + EP2 * B * s * s * s, p - E2 * A * c * c * c
     k = 1 / sqrt(s * s + c * c)
     s, c = s * k, c * k
     height = p * c + r[2] * s - A * sqrt(1 - E2 * s * s)
@@ -108,7 +123,9 @@ def local_frame(r):
 
 @part
 def normal(r):
-    """The upward unit normal of the ellipsoid at r, ECEF, and height: local_frame without the longitude, for any r."""
+    """The upward unit normal of the ellipsoid at r, ECEF, and height: local_frame without the
+    longitude, for any r.
+    """
     p2 = r[0] * r[0] + r[1] * r[1]
     R = sqrt(p2 + r[2] * r[2])
     s, c = B * r[2] * (R + EP2 * B), A * R  # c p in local_frame
@@ -124,7 +141,8 @@ def normal(r):
 def dcm_ne_at(r, up):
     """C_ne where the normal is known."""
     p2 = r[0] * r[0] + r[1] * r[1]
-    beside = 1.0 if p2 >= POLE_RADIUS_M * POLE_RADIUS_M else 0.0  # a factor: vector instructions have no branch
+    # a factor: vector instructions have no branch
+    beside = 1.0 if p2 >= POLE_RADIUS_M * POLE_RADIUS_M else 0.0
     k = beside / sqrt(p2 + (1.0 - beside))
     sl, cl = r[1] * k, r[0] * k + (1.0 - beside)
     sL, cL = up[2], up[0] * cl + up[1] * sl
@@ -150,14 +168,18 @@ def gravity(sin_lat, height):
 def angle(a2, small):
     """(1 - cos a)/a^2 and (a - sin a)/a^3."""
     if small or a2 < SERIES_ANGLE_2:
-        return 0.5 - a2 * (1 / 24) * (1 - a2 * (1 / 30)), 1 / 6 - a2 * (1 / 120) * (1 - a2 * (1 / 42))
+        return 0.5 - a2 * (1 / 24) * (1 - a2 * (1 / 30)), 1 / 6 - a2 * (1 / 120) * (
+            1 - a2 * (1 / 42)
+        )
     a = sqrt(a2)
     return 2 * (sin(a / 2) / a) ** 2, (a - sin(a)) / (a2 * a)
 
 
 @part
 def interval_weights(dt, dt_before):
-    """What an interval and the one before make of the slope: dt/dt_before, and the weights of coning and of slope."""
+    """What an interval and the one before make of the slope: dt/dt_before, and the weights of
+    coning and of slope.
+    """
     ratio = dt / dt_before
     if dt > MAX_INTERVAL_RATIO * dt_before:
         return ratio, 0.0, 0.0
@@ -166,10 +188,11 @@ def interval_weights(dt, dt_before):
 
 @part
 def compensate(theta, dv, theta_before, dv_before, weights, small):
-    """Rotation vector, velocity increment in the body frame of the interval's start, and its scrolling part [m/s].
+    """Rotation vector, velocity increment in the body frame of the interval's start, and its
+    scrolling part [m/s].
 
-    The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the trapezoid of the
-    velocity misses: -(slope dt^2 + theta x dv) / 12. weights: of the intervals.
+    The same formulas as ins.increments, where the derivation is. Scrolling, times dt, is what the
+    trapezoid of the velocity misses: -(slope dt^2 + theta x dv) / 12. weights: of the intervals.
     small: known to turn less than 0.1 rad.
     """
     ratio, weight, slope_weight = weights
@@ -202,7 +225,9 @@ def rotation_quaternion(rotation, small):
 
 @part
 def turn_attitude(q, turned, earth_angle):
-    """q after the body turned by the quaternion `turned` (body axes) and the Earth by `earth_angle`."""
+    """q after the body turned by the quaternion `turned` (body axes) and the Earth by
+    `earth_angle`.
+    """
     a, b, c, d = q
     w, x, y, z = turned
     a, b, c, d = (
@@ -212,7 +237,10 @@ def turn_attitude(q, turned, earth_angle):
         (a * z + b * y) - (c * x - d * w),
     )
     e = -0.5 * earth_angle
-    w, e = 1 - e * e * 0.5 * (1 - e * e * (1 / 12)), e * (1 - e * e * (1 / 6) * (1 - e * e * (1 / 20)))
+    w, e = (
+        1 - e * e * 0.5 * (1 - e * e * (1 / 12)),
+        e * (1 - e * e * (1 / 6) * (1 - e * e * (1 / 20))),
+    )
     return w * a - e * d, w * b - e * c, w * c + e * b, w * d + e * a
 
 
@@ -251,7 +279,9 @@ def step_velocity(v, dv_e, g_dt_e, earth_angle):
 
 @part
 def pull(middle, height_ref, T, gains):
-    """At a place: up, height less height_ref, and the velocity increment of gravity and of the damping to that height."""
+    """At a place: up, height less height_ref, and the velocity increment of gravity and of the
+    damping to that height.
+    """
     up, height = normal(middle)
     error = height - height_ref
     return up, error, add((0.0, 0.0, 0.0), up, -T * (gravity(up[2], height) + gains[1] * error))
@@ -262,12 +292,19 @@ def translate(v, r, correction, dv_e, scroll_e, up, error, pull_e, T, gains):
     """One step of velocity and position: v, r, vertical correction, displacement."""
     v_new = add(step_velocity(v, dv_e, pull_e, OMEGA * T), up, -T * correction)
     dr = add(add(add((0.0, 0.0, 0.0), v, 0.5 * T), v_new, 0.5 * T), scroll_e, T)
-    return v_new, add(add(r, dr, 1.0), up, -T * gains[0] * error), correction + T * gains[2] * error, dr
+    return (
+        v_new,
+        add(add(r, dr, 1.0), up, -T * gains[0] * error),
+        correction + T * gains[2] * error,
+        dr,
+    )
 
 
 @part
 def look_ahead(u, s, a, f, dv_e, T):
-    """Velocity and place for the next look-up of gravity: a is what but the force acts, f what but velocity moves."""
+    """Velocity and place for the next look-up of gravity: a is what but the force acts, f what but
+    velocity moves.
+    """
     u_new = add(add(u, dv_e, 1.0), a, T)
     return u_new, add(add(add(s, u, 0.5 * T), u_new, 0.5 * T), f, T)
 
@@ -276,7 +313,11 @@ def look_ahead(u, s, a, f, dv_e, T):
 def drift_of(v, v_new, dv_e, up, error, T, gains):
     """a and f of look_ahead as they were in a step."""
     k = 1 / T
-    a = (v_new[0] - v[0] - dv_e[0]) * k, (v_new[1] - v[1] - dv_e[1]) * k, (v_new[2] - v[2] - dv_e[2]) * k
+    a = (
+        (v_new[0] - v[0] - dv_e[0]) * k,
+        (v_new[1] - v[1] - dv_e[1]) * k,
+        (v_new[2] - v[2] - dv_e[2]) * k,
+    )
     return a, add((0.0, 0.0, 0.0), up, -gains[0] * error)
 
 
@@ -289,4 +330,6 @@ def record(out, j, C, v, r):
     out[j, 0], out[j, 1], out[j, 2] = atan2(frame[0], frame[1]), atan2(frame[2], frame[3]), frame[4]
     for i in range(3):
         out[j, V_N + i] = v_n[i]
-        out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(C_ne, (C[i], C[3 + i], C[6 + i]))
+        out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(
+            C_ne, (C[i], C[3 + i], C[6 + i])
+        )

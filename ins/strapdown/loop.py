@@ -1,12 +1,15 @@
-"""The strapdown loop of one trajectory, LOOK_ROWS rows at a time. Import lazily: this module loads numba.
+"""The strapdown loop of one trajectory, LOOK_ROWS rows at a time. Import lazily: this module loads
+numba.
 
-The formulas are those of ins.strapdown.kernel; conventions as there. Only attitude, velocity and position hang on the
-row before; everything else is worked out for all rows of a block side by side, in one flat array, so that loops over
-them become vector instructions: element c of row l at (c S + l).
+The formulas are those of ins.strapdown.kernel; conventions as there. Only attitude, velocity and
+position hang on the row before; everything else is worked out for all rows of a block side by side,
+in one flat array, so that loops over them become vector instructions: element c of row l at (c S +
+l).
 
-Where gravity is looked up: at the middle of each row by a look-ahead that starts from the solution itself at most
-LOOK_ROWS rows or LOOK_S seconds before, and keeps gravity, Coriolis and damping as they were then. It is off by less
-than 1e-6 m (jerk of gravity at 300 m/s, 0.16 s), 2e-12 m/s^2 of gravity; at rows of 0.1 s and longer by nothing.
+Where gravity is looked up: at the middle of each row by a look-ahead that starts from the solution
+itself at most LOOK_ROWS rows or LOOK_S seconds before, and keeps gravity, Coriolis and damping as
+they were then. It is off by less than 1e-6 m (jerk of gravity at 300 m/s, 0.16 s), 2e-12 m/s^2 of
+gravity; at rows of 0.1 s and longer by nothing.
 """
 
 import numpy as np
@@ -51,17 +54,39 @@ from ins.strapdown.kernel import (
 )
 
 ROWS = S = LOOK_ROWS
-# Columns of a block: the row as read and as the one before; state before and after it; what it does in the body frame,
-# in the Earth frame, where it looks gravity up; its shares of the sums.
-# Columns and ZERO are np.int64, since numba compiles a function anew for each Python integer that it is given by name.
+# Columns of a block: the row as read and as the one before; state before and after it; what it does
+# in the body frame, in the Earth frame, where it looks gravity up; its shares of the sums. Columns
+# and ZERO are np.int64, since numba compiles a function anew for each Python integer that it is
+# given by name.
 ZERO = np.int64(0)
 (
-    THETA, DV, THETA_BEFORE, DV_BEFORE, T_ROW, WEIGHTS, HEIGHT_REF,
-    Q, Q_NEW, V_OLD, V_NEW, R_NEW, TURNED, DV_START, SCROLL,
-    DV_E, SCROLL_E, MIDDLE, UP, ERROR, PULL, DR, SHARE,
+    THETA,
+    DV,
+    THETA_BEFORE,
+    DV_BEFORE,
+    T_ROW,
+    WEIGHTS,
+    HEIGHT_REF,
+    Q,
+    Q_NEW,
+    V_OLD,
+    V_NEW,
+    R_NEW,
+    TURNED,
+    DV_START,
+    SCROLL,
+    DV_E,
+    SCROLL_E,
+    MIDDLE,
+    UP,
+    ERROR,
+    PULL,
+    DR,
+    SHARE,
 ) = np.array(
-    [0, 3, 6, 9, 12, 13, 16, 17, 21, 25, 28, 31, 34, 38, 41, 44, 47, 50, 53, 56, 57, 60, 63], dtype=np.int64
-)  # fmt: skip
+    [0, 3, 6, 9, 12, 13, 16, 17, 21, 25, 28, 31, 34, 38, 41, 44, 47, 50, 53, 56, 57, 60, 63],
+    dtype=np.int64,
+)
 SHARES = 21
 ONE, TWO, THREE = np.uintp(S), np.uintp(2 * S), np.uintp(3 * S)  # columns on
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
@@ -69,7 +94,9 @@ FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the s
 
 @part
 def at(c, l):
-    """Where element l of column c is. Unsigned, since numba would ask of any other index whether it is below zero."""
+    """Where element l of column c is. Unsigned, since numba would ask of any other index whether it
+    is below zero.
+    """
     return np.uintp(c * S + l)
 
 
@@ -111,9 +138,13 @@ def put_triple(state, c, a):
 def body_frame(F, l, small):
     """What a row does in the body frame of its start."""
     rotation, dv_start, scroll = compensate(
-        vector(F, THETA, l), vector(F, DV, l), vector(F, THETA_BEFORE, l), vector(F, DV_BEFORE, l),
-        vector(F, WEIGHTS, l), small,
-    )  # fmt: skip
+        vector(F, THETA, l),
+        vector(F, DV, l),
+        vector(F, THETA_BEFORE, l),
+        vector(F, DV_BEFORE, l),
+        vector(F, WEIGHTS, l),
+        small,
+    )
     put_quaternion(F, TURNED, l, rotation_quaternion(rotation, small))
     put(F, DV_START, l, dv_start)
     put(F, SCROLL, l, scroll)
@@ -121,7 +152,9 @@ def body_frame(F, l, small):
 
 @kernel
 def load(F, dt, dtheta, dv, height_ref, first, count, before):
-    """Put rows first to first + count in the block; the interval before the next, and the largest squared angle."""
+    """Put rows first to first + count in the block; the interval before the next, and the largest
+    squared angle.
+    """
     theta_before, dv_before, dt_before = before
     largest = square(theta_before)
     for l in range(count):
@@ -152,7 +185,9 @@ def share_attitude(F, l):
 
 @part
 def share_motion(F, l):
-    """What a row adds to the displacement and the force increment in NED, and to the displacement in body axes."""
+    """What a row adds to the displacement and the force increment in NED, and to the displacement
+    in body axes.
+    """
     half, v, w = 0.5 * F[at(T_ROW, l)], vector(F, V_OLD, l), vector(F, V_NEW, l)
     C, D = dcm(quaternion(F, Q, l)), dcm(quaternion(F, Q_NEW, l))
     C_ne = dcm_ne_at(vector(F, MIDDLE, l), vector(F, UP, l))
@@ -167,7 +202,9 @@ def share_motion(F, l):
 
 @kernel
 def close_rows(F, out, ends, j, k, count):
-    """Add the shares of rows k to k + count to their epochs and record the epochs that end; the next epoch."""
+    """Add the shares of rows k to k + count to their epochs and record the epochs that end; the
+    next epoch.
+    """
     a = 0
     while a < count:
         b = min(count, ends[j] - k) if j < ends.size else count
@@ -177,7 +214,13 @@ def close_rows(F, out, ends, j, k, count):
                 total += F[at(SHARE + c, l)]
             out[j, C_NB_DT + c] = total
         if j < ends.size and b == ends[j] - k:
-            record(out, j, dcm(quaternion(F, Q_NEW, b - 1)), vector(F, V_NEW, b - 1), vector(F, R_NEW, b - 1))
+            record(
+                out,
+                j,
+                dcm(quaternion(F, Q_NEW, b - 1)),
+                vector(F, V_NEW, b - 1),
+                vector(F, R_NEW, b - 1),
+            )
             j += 1
         a = b
     return j
@@ -229,9 +272,17 @@ def move(F, rows, v, r, correction, gains):
     for l in range(rows):
         put(F, V_OLD, l, v)
         v, r, correction, dr = translate(
-            v, r, correction, vector(F, DV_E, l), vector(F, SCROLL_E, l), vector(F, UP, l), F[at(ERROR, l)],
-            vector(F, PULL, l), F[at(T_ROW, l)], gains,
-        )  # fmt: skip
+            v,
+            r,
+            correction,
+            vector(F, DV_E, l),
+            vector(F, SCROLL_E, l),
+            vector(F, UP, l),
+            F[at(ERROR, l)],
+            vector(F, PULL, l),
+            F[at(T_ROW, l)],
+            gains,
+        )
         put(F, V_NEW, l, v)
         put(F, R_NEW, l, r)
         put(F, DR, l, dr)
@@ -249,16 +300,23 @@ def share(F, width):
 
 @kernel
 def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out):
-    """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to the row after it.
+    """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to
+    the row after it.
 
-    state (STATE_SIZE,), see ins.strapdown.kernel: changed in place, so that a stream cut anywhere gives the same bits.
-    out (ends.size + 1, COLUMNS), its sums set by the caller: zero, or in row 0 those of the part before. gains: k1, k2,
-    k3 of the vertical loop, all zero when free; height_ref: the height it is damped to, one a row; look_s: the longest
-    look-ahead, LOOK_S or less where the vertical loop is fast.
+    state (STATE_SIZE,), see ins.strapdown.kernel: changed in place, so that a stream cut anywhere
+    gives the same bits. out (ends.size + 1, COLUMNS), its sums set by the caller: zero, or in row 0
+    those of the part before. gains: k1, k2, k3 of the vertical loop, all zero when free;
+    height_ref: the height it is damped to, one a row; look_s: the longest look-ahead, LOOK_S or
+    less where the vertical loop is fast.
     """
     F = np.zeros((SHARE + SHARES) * S)
     q, v, r = (state[0], state[1], state[2], state[3]), triple(state, V), triple(state, R)
-    correction, count, elapsed, limit = state[CORRECTION], state[COUNT], state[ELAPSED], state[LIMIT]
+    correction, count, elapsed, limit = (
+        state[CORRECTION],
+        state[COUNT],
+        state[ELAPSED],
+        state[LIMIT],
+    )
     u, s, a, f = triple(state, U), triple(state, SEEN), triple(state, A_USED), triple(state, F_USED)
     a_last, f_last = triple(state, A_LAST), triple(state, F_LAST)
     before = triple(state, BEFORE), triple(state, BEFORE + 3), state[DT_BEFORE]
@@ -273,7 +331,11 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
             q, u, s, a, f = unit(q), v, r, a_last, f_last
             limit, count, elapsed = ROWS if limit > 0 else 1, 0, 0.0
         rows = ZERO
-        while k + rows < dt.size and count < limit and (count == 0 or elapsed + dt[k + rows] <= look_s):
+        while (
+            k + rows < dt.size
+            and count < limit
+            and (count == 0 or elapsed + dt[k + rows] <= look_s)
+        ):
             elapsed += dt[k + rows]
             rows, count = rows + 1, count + 1
         before, largest = load(F, dt, dtheta, dv, height_ref, k, rows, before)
@@ -288,15 +350,34 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
         v, r, correction = move(F, rows, v, r, correction, gains)
         last = rows - 1
         a_last, f_last = drift_of(
-            vector(F, V_OLD, last), v, vector(F, DV_E, last), vector(F, UP, last), F[at(ERROR, last)], F[at(T_ROW, last)],
+            vector(F, V_OLD, last),
+            v,
+            vector(F, DV_E, last),
+            vector(F, UP, last),
+            F[at(ERROR, last)],
+            F[at(T_ROW, last)],
             gains,
-        )  # fmt: skip
+        )
         share(F, width)
         j = close_rows(F, out, ends, j, k, rows)
         k += rows
     state[0], state[1], state[2], state[3] = q
-    state[CORRECTION], state[COUNT], state[ELAPSED], state[LIMIT] = correction, count, elapsed, limit
-    for c, value in ((V, v), (R, r), (U, u), (SEEN, s), (A_USED, a), (F_USED, f), (A_LAST, a_last), (F_LAST, f_last)):
+    state[CORRECTION], state[COUNT], state[ELAPSED], state[LIMIT] = (
+        correction,
+        count,
+        elapsed,
+        limit,
+    )
+    for c, value in (
+        (V, v),
+        (R, r),
+        (U, u),
+        (SEEN, s),
+        (A_USED, a),
+        (F_USED, f),
+        (A_LAST, a_last),
+        (F_LAST, f_last),
+    ):
         put_triple(state, c, value)
     put_triple(state, BEFORE, before[0])
     put_triple(state, BEFORE + 3, before[1])

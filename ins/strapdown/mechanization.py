@@ -1,9 +1,10 @@
 """Strapdown mechanization: inertial increments to position, velocity and attitude.
 
-The loop (ins.strapdown.loop) runs in the Earth frame with a quaternion, so poles and the date line are ordinary
-places; latitude and height come from square roots (Bowring). Coning, sculling and scrolling are compensated from
-consecutive increments (Savage, J. Guidance 21(1) and 21(2), 1998); gravity and Coriolis act at the step's middle.
-Everything is second order in the interval or better: halving it divides the error by four or more.
+The loop (ins.strapdown.loop) runs in the Earth frame with a quaternion, so poles and the date line
+are ordinary places; latitude and height come from square roots (Bowring). Coning, sculling and
+scrolling are compensated from consecutive increments (Savage, J. Guidance 21(1) and 21(2), 1998);
+gravity and Coriolis act at the step's middle. Everything is second order in the interval or better:
+halving it divides the error by four or more.
 """
 
 from collections.abc import Iterable
@@ -25,23 +26,27 @@ from ins.strapdown.start import (
 )
 
 VERTICAL_MODES = ("free", "hold", "aided")
-MIN_STEPS_PER_TIME_CONSTANT = 20  # fewer, and the discrete vertical loop is no longer the designed one
+# fewer, and the discrete vertical loop is no longer the designed one
+MIN_STEPS_PER_TIME_CONSTANT = 20
 
 
 @dataclass(frozen=True, kw_only=True)
 class VerticalChannel:
-    """What keeps the height from diverging: third-order baro-inertial loop, its three poles at -1/time_constant_s.
+    """What keeps the height from diverging: third-order baro-inertial loop, its three poles at
+    -1/time_constant_s.
 
     mode "free": nothing; an error in height grows e-fold in sqrt(R/2g) = 570 s.
     mode "hold": damped to the constant `height_m` (None: the initial height).
-    mode "aided": damped to the series (`time_s`, `height_m`), shape (n,), linear in between, constant beyond its ends.
-    Heights are above the ellipsoid. Only the down components of velocity and position are corrected.
-    The integral path removes a constant accelerometer error, so at rest the height error goes to zero.
+    mode "aided": damped to the series (`time_s`, `height_m`), shape (n,), linear in between,
+    constant beyond its ends. Heights are above the ellipsoid. Only the down components of velocity
+    and position are corrected. The integral path removes a constant accelerometer error, so at rest
+    the height error goes to zero.
 
     A step B of vertical acceleration error gives B t^2/2 exp(-t/tau) of height error.
 
     Source: the third-order loop of Widnall and Sinha, J. Guidance 3(2), 1980, pp. 172-178, with
-    s^3 + k1 s^2 + (k2 - 2g/R) s + k3 = (s + 1/tau)^3:  k1 = 3/tau, k2 = 3/tau^2 + 2g/R, k3 = 1/tau^3.
+    s^3 + k1 s^2 + (k2 - 2g/R) s + k3 = (s + 1/tau)^3:  k1 = 3/tau, k2 = 3/tau^2 + 2g/R, k3 =
+    1/tau^3.
     """
 
     mode: str = "free"
@@ -51,13 +56,22 @@ class VerticalChannel:
 
     def __post_init__(self) -> None:
         if self.mode not in VERTICAL_MODES:
-            raise InputError(f"VerticalChannel.mode {self.mode!r}, needed one of {', '.join(VERTICAL_MODES)}")
+            raise InputError(
+                f"VerticalChannel.mode {self.mode!r}, needed one of {', '.join(VERTICAL_MODES)}"
+            )
         if not 0 < self.time_constant_s < np.inf:
-            raise InputError(f"VerticalChannel.time_constant_s {self.time_constant_s} s, needed above 0")
+            raise InputError(
+                f"VerticalChannel.time_constant_s {self.time_constant_s} s, needed above 0"
+            )
         if self.mode == "aided":
             self._freeze_series()
-        elif self.time_s is not None or np.ndim(self.height_m if self.height_m is not None else 0.0) != 0:
-            raise InputError(f"VerticalChannel: a height series needs mode 'aided', got {self.mode!r}")
+        elif (
+            self.time_s is not None
+            or np.ndim(self.height_m if self.height_m is not None else 0.0) != 0
+        ):
+            raise InputError(
+                f"VerticalChannel: a height series needs mode 'aided', got {self.mode!r}"
+            )
         elif self.height_m is not None and not np.isfinite(self.height_m):
             raise InputError(f"VerticalChannel.height_m {self.height_m}, needed a finite height")
 
@@ -80,7 +94,9 @@ class VerticalChannel:
 
     @property
     def look_s(self) -> float:
-        """The longest time over which the loop's action may be taken as constant in looking gravity up."""
+        """The longest time over which the loop's action may be taken as constant in looking gravity
+        up.
+        """
         from ins.strapdown.kernel import LOOK_S
 
         return LOOK_S if self.mode == "free" else min(LOOK_S, self.time_constant_s / 100.0)
@@ -98,49 +114,58 @@ class VerticalChannel:
     def reference_height(self, time_s: NDArray, dt_s: NDArray, initial_height_m: float) -> NDArray:
         """The height it is damped to in the middle of intervals that end at time_s [m]."""
         if self.mode == "aided":
-            return np.interp(time_s - 0.5 * dt_s, np.asarray(self.time_s), np.asarray(self.height_m))
+            return np.interp(
+                time_s - 0.5 * dt_s, np.asarray(self.time_s), np.asarray(self.height_m)
+            )
         held = initial_height_m if self.height_m is None else float(self.height_m)
         return np.full(time_s.size, held)
 
 
 def navigate(
-    imu: ImuLog | Iterable[ImuLog], initial: NavState, *, epoch_s: float | None = 1.0, vertical: VerticalChannel | None = None
+    imu: ImuLog | Iterable[ImuLog],
+    initial: NavState,
+    *,
+    epoch_s: float | None = 1.0,
+    vertical: VerticalChannel | None = None,
 ) -> NavHistory:
     """Integrate the increments of `imu` from `initial` on.
 
     Parameters
     ----------
     imu : ImuLog, or its pieces in order (`ins.records.ImuSource.pieces`)
-        Rows with time_s > initial.time_s are used, each whole, and over its own dt_s. The row before them, where
-        there is one, serves the coning compensation of the first.
+        Rows with time_s > initial.time_s are used, each whole, and over its own dt_s. The row
+        before them, where there is one, serves the coning compensation of the first.
     initial : NavState
         Its time should be that of an IMU row (or the start of the first).
     epoch_s : float or None
-        Output interval: row k is at the IMU row nearest to initial.time_s + k epoch_s; what is left after the last
-        epoch end is not used. None: a row at every IMU row.
+        Output interval: row k is at the IMU row nearest to initial.time_s + k epoch_s; what is left
+        after the last epoch end is not used. None: a row at every IMU row.
     vertical : VerticalChannel or None
         None: free.
 
     Returns
     -------
     NavHistory
-        Row 0 is the initial state. Longitude in [-pi, pi]. Closer than 1 mm to a pole, longitude is 0
-        and NED is the frame that belongs to it.
+        Row 0 is the initial state. Longitude in [-pi, pi]. Closer than 1 mm to a pole, longitude is
+        0 and NED is the frame that belongs to it.
 
     Raises
     ------
     InputError
-        No row after initial.time_s, or the first starts later than it; a value that is not finite; an
-        interval not above zero; an initial attitude that is not a rotation; a vertical loop faster than the data.
+        No row after initial.time_s, or the first starts later than it; a value that is not finite;
+        an interval not above zero; an initial attitude that is not a rotation; a vertical loop
+        faster than the data.
 
     Notes
     -----
-    Left out: the northward component of normal gravity (0.8 micro-g per km of height at 45 deg), as in ins.earth.
-    The accumulations take the trapezoid of C_nb and of C_bn v_n over each interval, and leave out the position
-    correction of the vertical loop. About 0.045 microseconds a row; the first call ever compiles for 6 s of CPU.
+    Left out: the northward component of normal gravity (0.8 micro-g per km of height at 45 deg), as
+    in ins.earth. The accumulations take the trapezoid of C_nb and of C_bn v_n over each interval,
+    and leave out the position correction of the vertical loop. About 0.045 microseconds a row; the
+    first call ever compiles for 6 s of CPU.
 
-    Pinned by: tests/ins/test_mechanization.py (closed forms), tests/ins/test_mechanization_oracle.py (flights of
-    known truth, profiles of other authors, pyins)
+    Pinned by: tests/ins/test_mechanization.py (closed forms),
+    tests/ins/test_mechanization_oracle.py (flights of known truth, profiles of other authors,
+    pyins)
     """
     navigator = Navigator(initial, epoch_s=epoch_s, vertical=vertical)
     for piece in (imu,) if isinstance(imu, ImuLog) else imu:
@@ -151,17 +176,23 @@ def navigate(
 class Navigator:
     """Navigation of a log that comes in parts: `feed` each in turn, then `finish`.
 
-    The parameters are those of `navigate`, which is one `feed` and `finish`; the solution is the same to the last bit
-    however the log is cut. Of the log only the last row is kept, of the solution one row (288 bytes) an epoch.
+    The parameters are those of `navigate`, which is one `feed` and `finish`; the solution is the
+    same to the last bit however the log is cut. Of the log only the last row is kept, of the
+    solution one row (288 bytes) an epoch.
 
-    Each part must follow the one before it in time, and dt_s[0] of a part must be its true interval. Row numbers in
-    error lines count from the first row fed. A vertical loop too fast for the data is judged on the first part used.
+    Each part must follow the one before it in time, and dt_s[0] of a part must be its true
+    interval. Row numbers in error lines count from the first row fed. A vertical loop too fast for
+    the data is judged on the first part used.
 
     Pinned by: tests/ins/test_navigator.py
     """
 
     def __init__(
-        self, initial: NavState, *, epoch_s: float | None = 1.0, vertical: VerticalChannel | None = None
+        self,
+        initial: NavState,
+        *,
+        epoch_s: float | None = 1.0,
+        vertical: VerticalChannel | None = None,
     ) -> None:
         from ins.strapdown import kernel
         from ins.strapdown import loop as strapdown_loop
@@ -178,9 +209,14 @@ class Navigator:
         self._fed_rows, self._fed_s = 0, -np.inf
 
     def feed(self, imu: ImuLog) -> None:
-        """Use the rows of `imu` after the initial state; InputError as `navigate`, or where it does not follow on."""
+        """Use the rows of `imu` after the initial state; InputError as `navigate`, or where it does
+        not follow on.
+        """
         if imu.time_s[0] <= self._fed_s:
-            raise InputError(f"imu: starts at {imu.time_s[0]:.6g} s, needed after {self._fed_s:.6g} s, fed before")
+            raise InputError(
+                f"imu: starts at {imu.time_s[0]:.6g} s, needed after {self._fed_s:.6g} s, fed"
+                " before"
+            )
         first = int(np.searchsorted(imu.time_s, self._initial.time_s, side="right"))
         if first > 0:
             self._before = interval_at(imu, first - 1)
@@ -195,10 +231,14 @@ class Navigator:
         self._fed_rows, self._fed_s = self._fed_rows + imu.time_s.size, float(imu.time_s[-1])
 
     def finish(self) -> NavHistory:
-        """The solution up to here, with the epoch that ends within half an interval after the last row."""
+        """The solution up to here, with the epoch that ends within half an interval after the last
+        row.
+        """
         if not self._rows_used:
             start_s = self._initial.time_s
-            raise InputError(f"imu: ends at {self._fed_s:.6g} s, needed rows after the initial {start_s:.6g} s")
+            raise InputError(
+                f"imu: ends at {self._fed_s:.6g} s, needed rows after the initial {start_s:.6g} s"
+            )
         rows, times_s = self._rows, self._times_s
         if self._epochs.last_row_ends_one():
             out, nothing = np.stack([self._open, self._open]), np.empty((0, 3))
@@ -219,10 +259,27 @@ class Navigator:
         self._open, self._rows_used = out[-1].copy(), True
 
     def _integrate(
-        self, dt: NDArray, dtheta: NDArray, dv: NDArray, height_ref: NDArray, ends: NDArray, out: NDArray
+        self,
+        dt: NDArray,
+        dtheta: NDArray,
+        dv: NDArray,
+        height_ref: NDArray,
+        ends: NDArray,
+        out: NDArray,
     ) -> None:
         gains, look_s = self._vertical.gains(), self._vertical.look_s
-        self._loop(dt, dtheta, dv, height_ref, gains, look_s, self._kernel.LOOK_ROWS, ends, self._state, out)
+        self._loop(
+            dt,
+            dtheta,
+            dv,
+            height_ref,
+            gains,
+            look_s,
+            self._kernel.LOOK_ROWS,
+            ends,
+            self._state,
+            out,
+        )
 
 
 def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
@@ -231,8 +288,15 @@ def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
 
     square = (-1, 3, 3)
     return NavHistory(
-        time_s=time_s, lat_rad=rows[:, 0], lon_rad=rows[:, 1], height_m=rows[:, 2], v_n_m_s=rows[:, V_N:C_NB],
-        C_nb=rows[:, C_NB:C_NB_DT].reshape(square), C_nb_dt=rows[:, C_NB_DT:SUMS].reshape(square),
-        displacement_n_m=rows[:, SUMS : SUMS + 3], displacement_b_m=rows[:, SUMS + 3 : SUMS + 6],
-        dv_f_n_m_s=rows[:, SUMS + 6 : SUMS + 9], dtheta_b_rad=rows[:, SUMS + 9 :],
-    )  # fmt: skip
+        time_s=time_s,
+        lat_rad=rows[:, 0],
+        lon_rad=rows[:, 1],
+        height_m=rows[:, 2],
+        v_n_m_s=rows[:, V_N:C_NB],
+        C_nb=rows[:, C_NB:C_NB_DT].reshape(square),
+        C_nb_dt=rows[:, C_NB_DT:SUMS].reshape(square),
+        displacement_n_m=rows[:, SUMS : SUMS + 3],
+        displacement_b_m=rows[:, SUMS + 3 : SUMS + 6],
+        dv_f_n_m_s=rows[:, SUMS + 6 : SUMS + 9],
+        dtheta_b_rad=rows[:, SUMS + 9 :],
+    )

@@ -1,9 +1,10 @@
-"""Errors of many gyro and accelerometer triads, run by run, as they change the increments of one shared log.
+"""Errors of many gyro and accelerometer triads, run by run, as they change the increments of one
+shared log.
 
     dtheta' = (I + M) dtheta + b dt + sigma sqrt(dt) n        and the same for dv, in body axes
 
-b is constant over bins of time, so that any slow course (temperature, flicker, a table's residual) is followed by
-short bins; n is white, of unit variance. Signs: measured - true (CONVENTIONS.md).
+b is constant over bins of time, so that any slow course (temperature, flicker, a table's residual)
+is followed by short bins; n is white, of unit variance. Signs: measured - true (CONVENTIONS.md).
 """
 
 from dataclasses import dataclass
@@ -20,12 +21,16 @@ RUN_FIELDS = ("gyro_bias_rad_s", "accel_bias_m_s2", "gyro_matrix", "accel_matrix
 class SensorErrors:
     """What each run's sensors read beyond the shared log; None and zero: nothing.
 
-    gyro_bias_rad_s, accel_bias_m_s2 : (runs, 3), or (runs, bins, 3) with edges_s (bins + 1,), strictly increasing; a row
-        belongs to the bin in which its interval's middle lies, the first and the last bin reach beyond the edges.
-    gyro_matrix, accel_matrix : (runs, 3, 3), scale factor errors on the diagonal, misalignments beside it.
-    gyro_noise_rad_sqrt_s, accel_noise_m_s_sqrt_s : angle and velocity random walk, one for all runs;
+    gyro_bias_rad_s, accel_bias_m_s2 : (runs, 3), or (runs, bins, 3) with edges_s (bins + 1,),
+    strictly increasing; a row
+        belongs to the bin in which its interval's middle lies, the first and the last bin reach
+        beyond the edges.
+    gyro_matrix, accel_matrix : (runs, 3, 3), scale factor errors on the diagonal, misalignments
+    beside it. gyro_noise_rad_sqrt_s, accel_noise_m_s_sqrt_s : angle and velocity random walk, one
+    for all runs;
         DEG_PER_SQRT_HOUR times deg/sqrt(h), MICRO_G times ug/sqrt(Hz) (ins.units).
-    seeds : (runs,) integers, needed for noise: a run's noise depends on its seed alone, drawn row after row of the log.
+    seeds : (runs,) integers, needed for noise: a run's noise depends on its seed alone, drawn row
+    after row of the log.
     """
 
     gyro_bias_rad_s: ArrayLike | None = None
@@ -38,7 +43,11 @@ class SensorErrors:
     seeds: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        edges = None if self.edges_s is None else frozen_array(self.edges_s, (None,), "SensorErrors.edges_s")
+        edges = (
+            None
+            if self.edges_s is None
+            else frozen_array(self.edges_s, (None,), "SensorErrors.edges_s")
+        )
         if edges is not None and (edges.size < 2 or not np.all(np.diff(edges) > 0)):
             raise InputError("SensorErrors.edges_s: needs two or more edges, strictly increasing")
         object.__setattr__(self, "edges_s", edges)
@@ -50,9 +59,20 @@ class SensorErrors:
         if self.seeds is not None:
             object.__setattr__(self, "seeds", tuple(int(s) for s in np.asarray(self.seeds).ravel()))
         sigmas = np.array([self.gyro_noise_rad_sqrt_s, self.accel_noise_m_s_sqrt_s])
-        if not (np.isfinite(sigmas).all() and np.all(sigmas >= 0)) or (sigmas.any() and self.seeds is None):
-            raise InputError("SensorErrors: noise must be finite, not negative, and have seeds, one for each run")
-        if len(counts := {n: len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None}) > 1:
+        if not (np.isfinite(sigmas).all() and np.all(sigmas >= 0)) or (
+            sigmas.any() and self.seeds is None
+        ):
+            raise InputError(
+                "SensorErrors: noise must be finite, not negative, and have seeds, one for each run"
+            )
+        if (
+            len(
+                counts := {
+                    n: len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None
+                }
+            )
+            > 1
+        ):
             if len(set(counts.values())) > 1:
                 told = ", ".join(f"{name} {count}" for name, count in counts.items())
                 raise InputError(f"SensorErrors: runs differ: {told}")
@@ -69,7 +89,9 @@ class SensorErrors:
     @property
     def runs(self) -> int | None:
         """How many; None where nothing tells."""
-        return next((len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None), None)
+        return next(
+            (len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None), None
+        )
 
     @property
     def noisy(self) -> bool:
@@ -84,14 +106,22 @@ class SensorErrors:
         """Gyro and accelerometer biases (bins, 6) [rad/s, m/s^2]."""
         bins = 1 if self.edges_s is None else len(np.asarray(self.edges_s)) - 1
         out = np.zeros((bins, 6))
-        for columns, bias in ((slice(0, 3), self.gyro_bias_rad_s), (slice(3, 6), self.accel_bias_m_s2)):
+        for columns, bias in (
+            (slice(0, 3), self.gyro_bias_rad_s),
+            (slice(3, 6), self.accel_bias_m_s2),
+        ):
             if bias is not None:
                 out[:, columns] = np.asarray(bias)[run]
         return out
 
     def matrices(self, run: int) -> NDArray:
         """M of gyros and of accelerometers (2, 3, 3)."""
-        return np.stack([np.zeros((3, 3)) if m is None else np.asarray(m)[run] for m in (self.gyro_matrix, self.accel_matrix)])
+        return np.stack(
+            [
+                np.zeros((3, 3)) if m is None else np.asarray(m)[run]
+                for m in (self.gyro_matrix, self.accel_matrix)
+            ]
+        )
 
     def generator(self, run: int) -> np.random.Generator:
         """The source of a run's noise, six normal numbers a row, from row 0 of the log on."""
@@ -107,12 +137,24 @@ class SensorErrors:
         M, out = self.matrices(run), shared.copy()
         for k in range(2):
             d = shared[:, 3 * k : 3 * k + 3]
-            out[:, 3 * k : 3 * k + 3] += M[k, :, 0] * d[:, :1] + M[k, :, 1] * d[:, 1:2] + M[k, :, 2] * d[:, 2:]
+            out[:, 3 * k : 3 * k + 3] += (
+                M[k, :, 0] * d[:, :1] + M[k, :, 1] * d[:, 1:2] + M[k, :, 2] * d[:, 2:]
+            )
         return out + dt_s[:, None] * self.biases(run)[bins]
 
     def applied(self, imu: ImuLog, run: int) -> ImuLog:
-        """The log that the run's sensors would have written, to the bit that the batch navigates."""
-        rows = self.increments(run, np.hstack([imu.dtheta_rad, imu.dv_m_s]), imu.dt_s, self.bins(imu))
+        """The log that the run's sensors would have written, to the bit that the batch
+        navigates.
+        """
+        rows = self.increments(
+            run, np.hstack([imu.dtheta_rad, imu.dv_m_s]), imu.dt_s, self.bins(imu)
+        )
         if self.noisy:
             rows = rows + self.noise(self.generator(run), imu.dt_s)
-        return ImuLog(time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=rows[:, :3], dv_m_s=rows[:, 3:], source=imu.source)
+        return ImuLog(
+            time_s=imu.time_s,
+            dt_s=imu.dt_s,
+            dtheta_rad=rows[:, :3],
+            dv_m_s=rows[:, 3:],
+            source=imu.source,
+        )

@@ -1,4 +1,6 @@
-"""What navigation needs before its loop: valid rows and a valid start, the kernel's state, and where epochs end."""
+"""What navigation needs before its loop: valid rows and a valid start, the kernel's state, and
+where epochs end.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,19 +13,31 @@ ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude
 
 
 class EpochEnds:
-    """Which rows of a log, fed in parts, are nearest to start_s + k epoch_s (epoch_s None: every row)."""
+    """Which rows of a log, fed in parts, are nearest to start_s + k epoch_s (epoch_s None: every
+    row).
+    """
 
     def __init__(self, start_s: float, epoch_s: float | None) -> None:
         if epoch_s is not None and not 0 < epoch_s < np.inf:
             raise InputError(f"epoch_s {epoch_s}, needed above 0")
         self._start_s, self._epoch_s = start_s, epoch_s
         self._before_last_s = self.last_s = start_s  # the last two times seen
-        self._passed, self._ended = 0, True  # multiples of epoch_s passed; whether an epoch ended at last_s
+        # multiples of epoch_s passed; whether an epoch ended at last_s
+        self._passed, self._ended = 0, True
 
     def settle(self, time_s: NDArray) -> NDArray:
-        """Rows of this part used up at each epoch end that it settles; 0: one that ended with the last part."""
-        ends = np.arange(1, time_s.size + 1) if self._epoch_s is None else self._nearest(time_s, self._epoch_s)
-        self._before_last_s, self.last_s = float(time_s[-2] if time_s.size > 1 else self.last_s), float(time_s[-1])
+        """Rows of this part used up at each epoch end that it settles; 0: one that ended with the
+        last part.
+        """
+        ends = (
+            np.arange(1, time_s.size + 1)
+            if self._epoch_s is None
+            else self._nearest(time_s, self._epoch_s)
+        )
+        self._before_last_s, self.last_s = (
+            float(time_s[-2] if time_s.size > 1 else self.last_s),
+            float(time_s[-1]),
+        )
         self._ended = bool(ends.size and ends[-1] == time_s.size)
         return ends
 
@@ -38,7 +52,9 @@ class EpochEnds:
         return ends[1:] if self._ended and ends.size and ends[0] == 0 else ends
 
     def last_row_ends_one(self) -> bool:
-        """Whether, if no part follows, one more epoch ends at the last row: half an interval of grace."""
+        """Whether, if no part follows, one more epoch ends at the last row: half an interval of
+        grace.
+        """
         if self._ended or self._epoch_s is None:
             return False
         reach_s = self.last_s + 0.5 * (self.last_s - self._before_last_s) - self._start_s
@@ -59,7 +75,11 @@ def initial_row(initial: NavState) -> NDArray:
 
     row, site = np.zeros((1, kernel.COLUMNS)), initial.site
     row[0, : kernel.C_NB_DT] = np.concatenate(
-        [[site.lat_rad, wrap_pi(site.lon_rad), site.height_m], initial.v_n_m_s, initial.C_nb.ravel()]
+        [
+            [site.lat_rad, wrap_pi(site.lon_rad), site.height_m],
+            initial.v_n_m_s,
+            initial.C_nb.ravel(),
+        ]
     )
     return row
 
@@ -75,7 +95,9 @@ def check_rows(imu: ImuLog, first: int, fed_rows: int) -> None:
     dtheta, dv, dt = imu.dtheta_rad[first:], imu.dv_m_s[first:], imu.dt_s[first:]
     if np.isfinite(dtheta).all() and np.isfinite(dv).all() and dt.min() > 0 and dt.max() < np.inf:
         return
-    finite = np.isfinite(dtheta).all(axis=1) & np.isfinite(dv).all(axis=1) & (dt > 0) & (dt < np.inf)
+    finite = (
+        np.isfinite(dtheta).all(axis=1) & np.isfinite(dv).all(axis=1) & (dt > 0) & (dt < np.inf)
+    )
     k = int(np.argmin(finite))
     raise InputError(
         f"imu: row {fed_rows + first + k} at {imu.time_s[first + k]:.6g} s, "
@@ -89,7 +111,8 @@ def check_start(imu: ImuLog, first: int, initial: NavState) -> None:
     late = imu.time_s[first] - dt[0] - initial.time_s
     if late > dt[0]:
         raise InputError(
-            f"imu: first row starts {late:.6g} s after the initial state at {initial.time_s:.6g} s, needed at it"
+            f"imu: first row starts {late:.6g} s after the initial state at {initial.time_s:.6g} s,"
+            " needed at it"
         )
 
 

@@ -41,7 +41,9 @@ def command(
     finish(document)
 
 
-def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None) -> dict[str, Any]:
+def align(
+    run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None
+) -> dict[str, Any]:
     """Align one run and write alignment.json; returns its document."""
     import numpy as np
 
@@ -68,8 +70,8 @@ def align(run_path: Path, *, store_url: str, twin: Path | None = None, output: P
     if not unit.known:
         sigma_deg_h = float(np.max(unit.table.sigma_deg_h(0, np.zeros(1))))
         document["reasons"].append(
-            f"no table of {run.header.imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h, "
-            "what it is beyond that goes into the heading"
+            f"no table of {run.header.imu_serial} in the store: gyro bias taken as 0 +-"
+            f" {sigma_deg_h:.3g} deg/h, what it is beyond that goes into the heading"
         )
     if result.verdict == "level_only" and run.header.gyro_technology == "mems":
         document["zero_rate"] = mean_zero_rate(run, unit.twin, SessionSettings())
@@ -88,8 +90,10 @@ def _summary(document: dict[str, Any]) -> list[str]:
     if document.get("zero_rate"):
         seen = document["zero_rate"]
         lines += [
-            f"  gyro {axis} zero rate {found['bias_deg_h']:+.1f} +- {found['sigma_deg_h']:.1f} deg/h, less vertical Earth rate"
-            f"{'' if seen['heading_known'] else ', heading unknown'} ({seen['start_s']:.0f} to {seen['end_s']:.0f} s)"
+            f"  gyro {axis} zero rate {found['bias_deg_h']:+.1f} +- {found['sigma_deg_h']:.1f}"
+            " deg/h, less vertical Earth"
+            f" rate{'' if seen['heading_known'] else ', heading unknown'} ({seen['start_s']:.0f} to"
+            f" {seen['end_s']:.0f} s)"
             for axis, found in seen["gyro"].items()
         ]
     for phase in document["phases"]:

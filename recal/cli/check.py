@@ -14,13 +14,16 @@ if TYPE_CHECKING:
 
 def command(
     run: Annotated[Path, typer.Argument(help="A run directory.")],
-    serial: Annotated[str | None, typer.Option("--serial", help="The unit that it should be from.")] = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="The unit that it should be from.")
+    ] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Read a run; say what it holds, what is wrong and where. Exit code 0, or 3 where something is wrong.
+    """Read a run; say what it holds, what is wrong and where. Exit code 0, or 3 where something is
+    wrong.
 
     Example: recal check flights/2026-03-01 --json
     """
@@ -32,7 +35,9 @@ def command(
 
 
 def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:
-    """The result `recal.check/1`: verdict (ok, warnings, bad_input), what the run holds, problems, repaired spans."""
+    """The result `recal.check/1`: verdict (ok, warnings, bad_input), what the run holds, problems,
+    repaired spans.
+    """
     from ins.records import InputError
     from trajectories.runs.directory import inspect_run, read_reference
 
@@ -59,7 +64,9 @@ def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:
         "sha256": seen.run.sha256 if seen.run else None,
         "holds": {**_holds(seen), "reference": None if reference is None else _times(reference)},
         "problems": problems,
-        "repaired": [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in seen.faults],
+        "repaired": [
+            {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in seen.faults
+        ],
     }
 
 
@@ -68,7 +75,9 @@ def _holds(seen: "Inspection") -> dict[str, Any]:
 
     logs = {name: log for name, log in seen.logs.items() if name != "phases"}
     imu = logs.pop("imu", None)
-    out: dict[str, Any] = {"imu": None if imu is None else _stretch(imu.rows, imu.start_s, imu.end_s)}
+    out: dict[str, Any] = {
+        "imu": None if imu is None else _stretch(imu.rows, imu.start_s, imu.end_s)
+    }
     out |= {name: None if log is None else _times(log) for name, log in logs.items()}
     if imu is not None:
         out["imu"].update(source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu))
@@ -99,7 +108,11 @@ def _ranges(temperature: "TemperatureLog") -> dict[str, list[float]]:
             columns |= {f"{stem}_{axis}": values[:, k] for k, axis in enumerate("xyz")}
         elif values is not None and key != "time_s":
             columns[stem] = values
-    return {k: [float(np.nanmin(v)), float(np.nanmax(v))] for k, v in columns.items() if np.isfinite(v).any()}
+    return {
+        k: [float(np.nanmin(v)), float(np.nanmax(v))]
+        for k, v in columns.items()
+        if np.isfinite(v).any()
+    }
 
 
 def _at_rest(seen: "Inspection") -> dict[str, Any] | None:
@@ -114,19 +127,30 @@ def _at_rest(seen: "Inspection") -> dict[str, Any] | None:
         return None
     w = quiet.w_rad_s / DEG_PER_HOUR
     return {
-        "start_s": quiet.start_s, "end_s": quiet.end_s, "mean_f_m_s2": quiet.f_m_s2, "mean_w_deg_h": w,
-        "size_f_m_s2": float(np.linalg.norm(quiet.f_m_s2)), "size_w_deg_h": float(np.linalg.norm(w)),
+        "start_s": quiet.start_s,
+        "end_s": quiet.end_s,
+        "mean_f_m_s2": quiet.f_m_s2,
+        "mean_w_deg_h": w,
+        "size_f_m_s2": float(np.linalg.norm(quiet.f_m_s2)),
+        "size_w_deg_h": float(np.linalg.norm(w)),
         "w_down_deg_h": float(-w @ quiet.f_m_s2 / (np.linalg.norm(quiet.f_m_s2) or np.inf)),
         "expected": expected_rest(seen.header.site),
-    }  # fmt: skip
+    }
 
 
 def report_lines(result: dict[str, Any], *, quiet: bool = False) -> list[str]:
     """The same for people: what it holds, then one line for each problem."""
     lines = [] if quiet else _held_lines(result["holds"])
-    lines += [f"{p['level']}: {p['text']}" for p in result["problems"] if not quiet or p["level"] != "warning"]
+    lines += [
+        f"{p['level']}: {p['text']}"
+        for p in result["problems"]
+        if not quiet or p["level"] != "warning"
+    ]
     if not quiet:
-        lines += [f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}" for s in result["repaired"]]
+        lines += [
+            f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}"
+            for s in result["repaired"]
+        ]
         lines.append(f"{result['run']}: {result['verdict'].replace('_', ' ')}")
     return lines
 
@@ -135,17 +159,27 @@ def _held_lines(holds: dict[str, Any]) -> list[str]:
     lines = []
     for name in ("imu", "temperature", "gnss", "odometer", "reference"):
         if held := holds.get(name):
-            more = f", {held['rate_hz']:.4g} Hz {held['source']}, jitter {held['jitter']:.1%}" if name == "imu" else ""
-            lines.append(f"{name}: {held['rows']} rows, {held['start_s']:.3f} to {held['end_s']:.3f} s{more}")
+            more = (
+                f", {held['rate_hz']:.4g} Hz {held['source']}, jitter {held['jitter']:.1%}"
+                if name == "imu"
+                else ""
+            )
+            lines.append(
+                f"{name}: {held['rows']} rows, {held['start_s']:.3f} to {held['end_s']:.3f} s{more}"
+            )
             ranges = held.get("range_degC", {}).items()
             lines += [f"  {key}: {low:.2f} to {high:.2f} degC" for key, (low, high) in ranges]
     if holds.get("phases"):
-        lines.append("phases: " + ", ".join(f"{p['phase']} {p['start_s']:g}-{p['end_s']:g} s" for p in holds["phases"]))
+        lines.append(
+            "phases: "
+            + ", ".join(f"{p['phase']} {p['start_s']:g}-{p['end_s']:g} s" for p in holds["phases"])
+        )
     if rest := holds.get("at_rest"):
         want = rest["expected"]
         lines.append(
-            f"at rest {rest['start_s']:.0f} to {rest['end_s']:.0f} s: |f| {rest['size_f_m_s2']:.5f} m/s2 (site "
-            f"{want['f_m_s2']:.5f}), |w| {rest['size_w_deg_h']:.3f} deg/h (Earth {want['w_deg_h']:.3f}), about the "
-            f"vertical {rest['w_down_deg_h']:+.3f} ({want['w_down_deg_h']:+.3f})"
+            f"at rest {rest['start_s']:.0f} to {rest['end_s']:.0f} s: |f| {rest['size_f_m_s2']:.5f}"
+            f" m/s2 (site {want['f_m_s2']:.5f}), |w| {rest['size_w_deg_h']:.3f} deg/h (Earth"
+            f" {want['w_deg_h']:.3f}), about the vertical {rest['w_down_deg_h']:+.3f}"
+            f" ({want['w_down_deg_h']:+.3f})"
         )
     return lines

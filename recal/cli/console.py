@@ -1,4 +1,6 @@
-"""What every command shares: options, text on standard error, JSON on standard output, exit codes."""
+"""What every command shares: options, text on standard error, JSON on standard output, exit
+codes.
+"""
 
 import errno
 import json
@@ -12,36 +14,59 @@ from typer.core import TyperCommand
 
 DONE, FAILED, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 1, 2, 3, 4, 5
 EXIT_CODES = {
-    **dict.fromkeys(("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"), DONE),
+    **dict.fromkeys(
+        ("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"),
+        DONE,
+    ),
     **dict.fromkeys(("approved", "rejected"), DONE),
     **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
-    "intact": DONE, "broken": BAD_INPUT,
-    "up_to_date": DONE, "failed": FAILED,  # of a fleet: nothing new; nothing but breakdowns
-    "bad_input": BAD_INPUT, "level_only": REFUSED, "refused": REFUSED, "inconsistent": INCONSISTENT,
-}  # fmt: skip
+    "intact": DONE,
+    "broken": BAD_INPUT,
+    "up_to_date": DONE,
+    "failed": FAILED,  # of a fleet: nothing new; nothing but breakdowns
+    "bad_input": BAD_INPUT,
+    "level_only": REFUSED,
+    "refused": REFUSED,
+    "inconsistent": INCONSISTENT,
+}
 DEFAULT_STORE = "sqlite:///recal.db"
 
-JsonFlag = Annotated[bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")]
+JsonFlag = Annotated[
+    bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")
+]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more: the whole result on standard error.")]
+Verbose = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Say more: the whole result on standard error.")
+]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random generator.")]
 NoSeed = Annotated[
-    int | None, typer.Option("--seed", help="Accepted by every command; this one draws no random numbers.")
+    int | None,
+    typer.Option("--seed", help="Accepted by every command; this one draws no random numbers."),
 ]
 OPTIONAL_VALUE = {"--retry": "3"}
 AnyClock = Annotated[
-    bool, typer.Option("--any-clock", help="Write although the clock is behind the unit's newest revision.")
+    bool,
+    typer.Option(
+        "--any-clock", help="Write although the clock is behind the unit's newest revision."
+    ),
 ]
 StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
 ThermalModelPath = Annotated[
     Path | None,
-    typer.Option("--thermal-model", help="thermal_rlg.json or thermal_fog.json: its rates and gradients leave the log first."),
+    typer.Option(
+        "--thermal-model",
+        help="thermal_rlg.json or thermal_fog.json: its rates and gradients leave the log first.",
+    ),
 ]
-OutputPath = Annotated[Path | None, typer.Option("-o", "--output", help="Where to write (created).")]
+OutputPath = Annotated[
+    Path | None, typer.Option("-o", "--output", help="Where to write (created).")
+]
 
 
 class Command(TyperCommand):
-    """A command whose bad input is an InputError of one line, and with --json also an object on standard output."""
+    """A command whose bad input is an InputError of one line, and with --json also an object on
+    standard output.
+    """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As typer does; an option of OPTIONAL_VALUE that no number follows gets its own."""
@@ -52,20 +77,34 @@ class Command(TyperCommand):
         return super().parse_args(ctx, given)
 
     def invoke(self, ctx: Any) -> Any:
-        """As typer does; InputError also where the operating system refuses a file that nobody else asked about."""
+        """As typer does; InputError also where the operating system refuses a file that nobody else
+        asked about.
+        """
         from ins.records import InputError
 
         try:
             return super().invoke(ctx)
         except (InputError, OSError) as error:
-            if isinstance(error, OSError) and error.errno == errno.EPIPE:  # the reader has seen enough
+            # the reader has seen enough
+            if isinstance(error, OSError) and error.errno == errno.EPIPE:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
                 raise typer.Exit(DONE) from None
             if isinstance(error, OSError) and error.strerror is None:
                 raise
-            line = f"{error.filename or ctx.command_path}: {error.strerror}" if isinstance(error, OSError) else str(error)
+            line = (
+                f"{error.filename or ctx.command_path}: {error.strerror}"
+                if isinstance(error, OSError)
+                else str(error)
+            )
             if ctx.params.get("as_json"):
-                emit_json({"schema": "recal.error/1", "command": ctx.command_path, "verdict": "bad_input", "reasons": [line]})
+                emit_json(
+                    {
+                        "schema": "recal.error/1",
+                        "command": ctx.command_path,
+                        "verdict": "bad_input",
+                        "reasons": [line],
+                    }
+                )
             raise InputError(line) from error
 
 
@@ -91,7 +130,9 @@ def say(text: str, *, quiet: bool = False) -> None:
 
 
 def answer(result: dict[str, Any], *, as_json: bool, verbose: bool) -> bool:
-    """The result as -v (standard error) and --json (standard output) ask for it; whether --json did."""
+    """The result as -v (standard error) and --json (standard output) ask for it; whether --json
+    did.
+    """
     if verbose:
         print(result_text(result), file=sys.stderr, end="")
     if as_json:

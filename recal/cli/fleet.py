@@ -43,19 +43,42 @@ def fleet() -> None:
 
 @app.command("update", cls=Command)
 def update(
-    source: Annotated[Path, typer.Argument(help="A folder, searched for runs, or a manifest (.csv, .jsonl, .toml).")],
+    source: Annotated[
+        Path,
+        typer.Argument(help="A folder, searched for runs, or a manifest (.csv, .jsonl, .toml)."),
+    ],
     store: StoreUrl = DEFAULT_STORE,
     commit: Annotated[
-        bool, typer.Option("--commit/--propose", help="Merge into the tables, or keep proposals in the store for review.")
+        bool,
+        typer.Option(
+            "--commit/--propose",
+            help="Merge into the tables, or keep proposals in the store for review.",
+        ),
     ] = False,
-    dry_run: Annotated[bool, typer.Option("--dry-run", help="Store nothing, no proposals either.")] = False,
-    joint: Annotated[bool, typer.Option("--joint", help="With --commit: all runs of a unit as one update.")] = False,
-    known_only: Annotated[bool, typer.Option("--known-only", help="Refuse runs of units without a stored table.")] = False,
-    workers: Annotated[int | None, typer.Option("--workers", min=1, help="Processes here; default: one a core.")] = None,
-    cluster: Annotated[str, typer.Option("--cluster", help="A Dask scheduler instead, such as tcp://host:8786.")] = "",
-    config: Annotated[Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")] = None,
-    pages: Annotated[Pages, typer.Option("--pages", help="Drawn: a unit's last of each outcome, all, none.")] = Pages.last,
-    by: Annotated[str | None, typer.Option("--by", help="Who proposes; default: your login name.")] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Store nothing, no proposals either.")
+    ] = False,
+    joint: Annotated[
+        bool, typer.Option("--joint", help="With --commit: all runs of a unit as one update.")
+    ] = False,
+    known_only: Annotated[
+        bool, typer.Option("--known-only", help="Refuse runs of units without a stored table.")
+    ] = False,
+    workers: Annotated[
+        int | None, typer.Option("--workers", min=1, help="Processes here; default: one a core.")
+    ] = None,
+    cluster: Annotated[
+        str, typer.Option("--cluster", help="A Dask scheduler instead, such as tcp://host:8786.")
+    ] = "",
+    config: Annotated[
+        Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")
+    ] = None,
+    pages: Annotated[
+        Pages, typer.Option("--pages", help="Drawn: a unit's last of each outcome, all, none.")
+    ] = Pages.last,
+    by: Annotated[
+        str | None, typer.Option("--by", help="Who proposes; default: your login name.")
+    ] = None,
     note: Annotated[str, typer.Option("--note", help="Kept with the proposals.")] = "",
     output: OutputPath = None,
     as_json: JsonFlag = False,
@@ -63,29 +86,47 @@ def update(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Recalibrate every unit from its runs in time order, units side by side; stopped, the same call goes on.
+    """Recalibrate every unit from its runs in time order, units side by side; stopped, the same
+    call goes on.
 
     Example: recal fleet update /data/runs --store sqlite:///recal.db --workers 2 --commit
-    On a cluster: recal fleet update runs.csv --store postgresql://host/recal --cluster tcp://host:8786 --commit
+    On a cluster: recal fleet update runs.csv --store postgresql://host/recal --cluster
+    tcp://host:8786 --commit
     """
     if dry_run and commit:
-        raise typer.BadParameter("--commit stores tables, --dry-run stores nothing: give one of them")
+        raise typer.BadParameter(
+            "--commit stores tables, --dry-run stores nothing: give one of them"
+        )
     if cluster and workers is not None:
-        raise typer.BadParameter("--workers are processes here, --cluster has workers of its own: give one of them")
+        raise typer.BadParameter(
+            "--workers are processes here, --cluster has workers of its own: give one of them"
+        )
     from recal.fleet.update import FleetRequest, update_fleet
     from recal.service.config import read_config
 
     read_config(config)
     request = FleetRequest(
-        source=source, store_url=store, output=output or Path("recal-fleet"), joint=joint, known_only=known_only,
-        mode="commit" if commit else "dry" if dry_run else "propose", workers=workers or cores(), cluster=cluster,
-        config=config, pages=pages.value, by=login_name() if by is None else by, note=note,
-    )  # fmt: skip
+        source=source,
+        store_url=store,
+        output=output or Path("recal-fleet"),
+        joint=joint,
+        known_only=known_only,
+        mode="commit" if commit else "dry" if dry_run else "propose",
+        workers=workers or cores(),
+        cluster=cluster,
+        config=config,
+        pages=pages.value,
+        by=login_name() if by is None else by,
+        note=note,
+    )
     with _Bar(quiet=quiet) as bar:
         try:
             document = update_fleet(request, bar.watcher())
         except KeyboardInterrupt:
-            say(f"stopped after {bar.done} of {bar.total} runs; the same command goes on", quiet=quiet)
+            say(
+                f"stopped after {bar.done} of {bar.total} runs; the same command goes on",
+                quiet=quiet,
+            )
             raise
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, request.output, verbose=verbose):
@@ -101,17 +142,27 @@ def cores() -> int:
 def summary(document: dict[str, Any], output: Path, *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     units = len(document["units"])
-    lines = [f"{document['verdict']}: {sum(document['counts'].values())} runs of {units} unit{'s' * (units != 1)}"]
+    lines = [
+        f"{document['verdict']}: {sum(document['counts'].values())} runs of {units}"
+        f" unit{'s' * (units != 1)}"
+    ]
     lines += [f"  {reason}" for reason in document["reasons"]]
     ranked = [u for u in document["units"] if u["drift"]]
     for u in ranked[: None if verbose else 5]:
-        lines.append(f"  {u['imu_serial']}: drift {u['drift']['nm_h']:.2f} +- {u['drift']['sigma_nm_h']:.2f} NM/h removed")
+        lines.append(
+            f"  {u['imu_serial']}: drift {u['drift']['nm_h']:.2f} +- {u['drift']['sigma_nm_h']:.2f}"
+            " NM/h removed"
+        )
     stepped = [u["imu_serial"] for u in document["units"] if u["step_words"]]
     lines += [f"  disagree with their table: {', '.join(stepped[:10])}"] if stepped else []
     groups = document["left_out"]
     for group in groups[: None if verbose else 8]:
         lines.append(f"  {group['count']} {group['outcome']}: {group['example']['reason'][:200]}")
-    lines += [f"  and {len(groups) - 8} more reasons in fleet.json"] if len(groups) > 8 and not verbose else []
+    lines += (
+        [f"  and {len(groups) - 8} more reasons in fleet.json"]
+        if len(groups) > 8 and not verbose
+        else []
+    )
     return [*lines, f"report: {output / 'fleet.html'}"]
 
 
@@ -120,11 +171,24 @@ class _Bar:
 
     def __init__(self, *, quiet: bool) -> None:
         from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+        from rich.progress import (
+            BarColumn,
+            MofNCompleteColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
 
         console = Console(stderr=True)
-        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        self._progress = Progress(*columns, console=console, disable=quiet or not console.is_terminal)
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        self._progress = Progress(
+            *columns, console=console, disable=quiet or not console.is_terminal
+        )
         self._task = self._progress.add_task("reading run.json", total=None)
         self.total, self.done = 0, 0
 

@@ -25,26 +25,53 @@ if TYPE_CHECKING:
 
 
 Inputs = Annotated[
-    list[Path], typer.Argument(help="Runs of one unit on four azimuths (one run may hold several stops), or one CSV table.")
+    list[Path],
+    typer.Argument(
+        help="Runs of one unit on four azimuths (one run may hold several stops), or one CSV table."
+    ),
 ]
 Headings = Annotated[
     str | None,
-    typer.Option("--heading-deg", help="Of the stops, such as 0,90,180,270; without them the gyros find the azimuths."),
+    typer.Option(
+        "--heading-deg",
+        help="Of the stops, such as 0,90,180,270; without them the gyros find the azimuths.",
+    ),
 ]
-NorthToWest = Annotated[str | None, typer.Option("--north-to-west-deg", help="The same, counted from north to west.")]
-SigmaAzimuth = Annotated[float, typer.Option("--sigma-azimuth-arcsec", help="Of each given heading by itself.")]
-SigmaNorth = Annotated[float, typer.Option("--sigma-north-arcsec", help="Of what all given headings share: their north.")]
+NorthToWest = Annotated[
+    str | None, typer.Option("--north-to-west-deg", help="The same, counted from north to west.")
+]
+SigmaAzimuth = Annotated[
+    float, typer.Option("--sigma-azimuth-arcsec", help="Of each given heading by itself.")
+]
+SigmaNorth = Annotated[
+    float,
+    typer.Option("--sigma-north-arcsec", help="Of what all given headings share: their north."),
+]
 SigmaMounting = Annotated[
     float | None,
-    typer.Option("--sigma-mounting-arcsec", help="Of the unit's base against the turning axis: states accelerometer biases."),
+    typer.Option(
+        "--sigma-mounting-arcsec",
+        help="Of the unit's base against the turning axis: states accelerometer biases.",
+    ),
 ]
-MaxOff = Annotated[float, typer.Option("--max-off-deg", help="How far an azimuth may be off its place.")]
-Prior = Annotated[float, typer.Option("--prior-mrad", help="What a coupling may be before this, 1 sigma.")]
+MaxOff = Annotated[
+    float, typer.Option("--max-off-deg", help="How far an azimuth may be off its place.")
+]
+Prior = Annotated[
+    float, typer.Option("--prior-mrad", help="What a coupling may be before this, 1 sigma.")
+]
 Shortest = Annotated[float, typer.Option("--shortest-s", help="Stops below this are left out.")]
-Latitude = Annotated[float | None, typer.Option("--lat-deg", help="Latitude of a table (runs have their own).")]
-Sigma = Annotated[float | None, typer.Option("--sigma-deg-h", help="Of the biases of a table without sigma columns.")]
+Latitude = Annotated[
+    float | None, typer.Option("--lat-deg", help="Latitude of a table (runs have their own).")
+]
+Sigma = Annotated[
+    float | None,
+    typer.Option("--sigma-deg-h", help="Of the biases of a table without sigma columns."),
+]
 TwinPath = Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")]
-TwinOut = Annotated[Path | None, typer.Option("--twin-out", help="Write the twin with misalignment and sigma here.")]
+TwinOut = Annotated[
+    Path | None, typer.Option("--twin-out", help="Write the twin with misalignment and sigma here.")
+]
 
 
 def command(
@@ -68,11 +95,14 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Couplings of the level axes into each gyro, in arcsec with sigma, from stops on four azimuths 90 deg apart.
+    """Couplings of the level axes into each gyro, in arcsec with sigma, from stops on four azimuths
+    90 deg apart.
 
-    A table (CSV) has the columns heading_deg or north_to_west_deg, and bias_x_deg_h, sigma_x_deg_h and so on.
+    A table (CSV) has the columns heading_deg or north_to_west_deg, and bias_x_deg_h, sigma_x_deg_h
+    and so on.
 
-    Example: recal misalignment run-0 run-90 run-180 run-270 --heading-deg 0,90,180,270 --twin-out twin.json
+    Example: recal misalignment run-0 run-90 run-180 run-270 --heading-deg 0,90,180,270 --twin-out
+    twin.json
     """
     from infield.misalignment.study import AzimuthSettings
 
@@ -84,11 +114,21 @@ def command(
     )
     if is_table(inputs):
         if heading_deg or north_to_west_deg:
-            raise typer.BadParameter("a table has its azimuths in a column; --heading-deg and --north-to-west-deg are for runs")
-        study = study_of_table(inputs[0], lat_deg, _size(sigma_deg_h, "--sigma-deg-h"), twin, settings)
+            raise typer.BadParameter(
+                "a table has its azimuths in a column; --heading-deg and --north-to-west-deg are"
+                " for runs"
+            )
+        study = study_of_table(
+            inputs[0], lat_deg, _size(sigma_deg_h, "--sigma-deg-h"), twin, settings
+        )
     else:
-        sigmas = _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec"), _size(sigma_north_arcsec, "--sigma-north-arcsec")
-        study = study_of_runs(inputs, known_azimuths(heading_deg, north_to_west_deg, sigmas), store, twin, settings)
+        sigmas = (
+            _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec"),
+            _size(sigma_north_arcsec, "--sigma-north-arcsec"),
+        )
+        study = study_of_runs(
+            inputs, known_azimuths(heading_deg, north_to_west_deg, sigmas), store, twin, settings
+        )
     document = write_results(study, output, twin_out)
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
@@ -111,7 +151,9 @@ def _size(value: Any, name: str) -> Any:
 def known_azimuths(
     heading_deg: str | None, north_to_west_deg: str | None, sigmas_arcsec: tuple[float, float]
 ) -> "KnownAzimuths | None":
-    """The given headings, None where there are none; typer.BadParameter where they are no list of numbers."""
+    """The given headings, None where there are none; typer.BadParameter where they are no list of
+    numbers.
+    """
     import numpy as np
 
     from infield.misalignment.azimuth_biases import KnownAzimuths
@@ -127,14 +169,20 @@ def known_azimuths(
     except ValueError:
         angle = np.array([np.nan])
     if not np.all(np.abs(angle) <= 360.0):
-        raise typer.BadParameter(f"azimuths {text[:60]!r}, needed numbers within +-360 with commas between them")
+        raise typer.BadParameter(
+            f"azimuths {text[:60]!r}, needed numbers within +-360 with commas between them"
+        )
     heading = np.mod((angle if heading_deg else -angle) * DEG, 2 * np.pi)
     stop, north = (sigma * ARCSEC for sigma in sigmas_arcsec)
     return KnownAzimuths(heading_rad=heading, sigma_stop_rad=stop, sigma_north_rad=north)
 
 
 def study_of_runs(
-    paths: list[Path], known: "KnownAzimuths | None", store_url: str, twin: Path | None, settings: "AzimuthSettings"
+    paths: list[Path],
+    known: "KnownAzimuths | None",
+    store_url: str,
+    twin: Path | None,
+    settings: "AzimuthSettings",
 ) -> "AzimuthStudy":
     """The study of runs, with the table and the noise model of their unit."""
     from infield.misalignment.study import study_runs
@@ -150,7 +198,11 @@ def study_of_runs(
 
 
 def study_of_table(
-    path: Path, lat_deg: float | None, sigma_deg_h: float | None, twin: Path | None, settings: "AzimuthSettings"
+    path: Path,
+    lat_deg: float | None,
+    sigma_deg_h: float | None,
+    twin: Path | None,
+    settings: "AzimuthSettings",
 ) -> "AzimuthStudy":
     """The study of a table of biases; its latitude must be given, its unit is the twin's."""
     from infield.misalignment.azimuth_table import read_azimuth_table
@@ -159,17 +211,28 @@ def study_of_table(
     from ins.units import DEG
 
     if lat_deg is None or not abs(lat_deg) < 89.0:
-        raise typer.BadParameter("a table of biases needs --lat-deg, within +-89: the level Earth rate depends on it")
+        raise typer.BadParameter(
+            "a table of biases needs --lat-deg, within +-89: the level Earth rate depends on it"
+        )
     table = read_azimuth_table(path, sigma_deg_h=sigma_deg_h)
     unit = read_twin(twin) if twin else default_twin("fog")
     return study_table(
-        table.heading_rad, table.bias_deg_h, table.sigma_deg_h, lat_rad=lat_deg * DEG, twin=unit, source=str(path),
+        table.heading_rad,
+        table.bias_deg_h,
+        table.sigma_deg_h,
+        lat_rad=lat_deg * DEG,
+        twin=unit,
+        source=str(path),
         settings=settings,
-    )  # fmt: skip
+    )
 
 
-def write_results(study: "AzimuthStudy", output: Path | None, twin_out: Path | None) -> dict[str, Any]:
-    """misalignment.json, misalignment.html and, where asked for and measured, the twin; returns the document."""
+def write_results(
+    study: "AzimuthStudy", output: Path | None, twin_out: Path | None
+) -> dict[str, Any]:
+    """misalignment.json, misalignment.html and, where asked for and measured, the twin; returns the
+    document.
+    """
     from infield.misalignment.study import corrected_twin
     from infield.reports.documents.misalignment import misalignment_document
     from infield.reports.misalignment_page import misalignment_html
@@ -179,8 +242,9 @@ def write_results(study: "AzimuthStudy", output: Path | None, twin_out: Path | N
     document = misalignment_document(study, version=program_version())
     directory = output_directory(output, "misalignment")
     files = {
-        directory / "misalignment.json": result_text(document), directory / "misalignment.html": misalignment_html(document)
-    }  # fmt: skip
+        directory / "misalignment.json": result_text(document),
+        directory / "misalignment.html": misalignment_html(document),
+    }
     if twin_out is not None and document["verdict"] == "measured":
         files[twin_out] = result_text(twin_to_dict(corrected_twin(study)))
     write_files(files)
@@ -196,9 +260,15 @@ def summary(document: dict[str, Any]) -> list[str]:
         if c["verdict"] == "not_observable":
             continue
         value = round(c["value_arcsec"], 1) + 0.0  # no -0.0
-        lines.append(f"  {c['entry']:6s}{value:+9.1f} +- {c['sigma_arcsec']:.1f} arcsec ({c['verdict']})")
+        lines.append(
+            f"  {c['entry']:6s}{value:+9.1f} +- {c['sigma_arcsec']:.1f} arcsec ({c['verdict']})"
+        )
     if document["redundancy"]:
         r = document["redundancy"]
-        lines.append(f"  redundancy: chi-square {r['chi2']:.1f} of {r['dof']}, limit {r['limit_999']:.1f}")
-    lines += [f"  not observable: {row['what']}: {row['why']}" for row in document["not_observable"]]
+        lines.append(
+            f"  redundancy: chi-square {r['chi2']:.1f} of {r['dof']}, limit {r['limit_999']:.1f}"
+        )
+    lines += [
+        f"  not observable: {row['what']}: {row['why']}" for row in document["not_observable"]
+    ]
     return lines

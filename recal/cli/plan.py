@@ -1,4 +1,6 @@
-"""`recal plan`: which recordings would separate rival effects, and how large an effect must be to be seen."""
+"""`recal plan`: which recordings would separate rival effects, and how large an effect must be to
+be seen.
+"""
 
 from enum import StrEnum
 from pathlib import Path
@@ -32,16 +34,26 @@ class Technology(StrEnum):
 
 
 def command(
-    runs: Annotated[list[Path] | None, typer.Argument(help="Run directories at hand; none: plan from nothing.")] = None,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Twin file: noise model of the unit.")] = None,
+    runs: Annotated[
+        list[Path] | None, typer.Argument(help="Run directories at hand; none: plan from nothing.")
+    ] = None,
+    twin: Annotated[
+        Path | None, typer.Option("--twin", help="Twin file: noise model of the unit.")
+    ] = None,
     technology: Annotated[
         Technology, typer.Option(help="Defaults of this technology, without --twin or runs.")
     ] = Technology.rlg,
     separate: Annotated[
-        list[str] | None, typer.Option("--separate", help="Two effects A,B (repeatable); A@gyro_y sets the channel.")
+        list[str] | None,
+        typer.Option("--separate", help="Two effects A,B (repeatable); A@gyro_y sets the channel."),
     ] = None,
-    without: Annotated[list[Without] | None, typer.Option("--without", help="What there is not (repeatable).")] = None,
-    lat_deg: Annotated[float | None, typer.Option(min=-85, max=85, help="Latitude; default that of the runs, or 45.")] = None,
+    without: Annotated[
+        list[Without] | None, typer.Option("--without", help="What there is not (repeatable).")
+    ] = None,
+    lat_deg: Annotated[
+        float | None,
+        typer.Option(min=-85, max=85, help="Latitude; default that of the runs, or 45."),
+    ] = None,
     most: Annotated[int, typer.Option(min=1, max=12, help="At most so many new recordings.")] = 6,
     output: OutputPath = None,
     as_json: JsonFlag = False,
@@ -49,14 +61,23 @@ def command(
     verbose: Verbose = False,
     seed: Seed = None,
 ) -> None:
-    """Which recordings would separate rival effects, and from which size each effect is seen and told from its rival.
+    """Which recordings would separate rival effects, and from which size each effect is seen and
+    told from its rival.
 
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
     """
     document = plan(
-        runs or [], twin_path=twin, technology=technology, separate=separate or [], without=[w.value for w in without or []],
-        lat_deg=lat_deg, most=most, output=output, seed=seed or 0, quiet=quiet,
-    )  # fmt: skip
+        runs or [],
+        twin_path=twin,
+        technology=technology,
+        separate=separate or [],
+        without=[w.value for w in without or []],
+        lat_deg=lat_deg,
+        most=most,
+        output=output,
+        seed=seed or 0,
+        quiet=quiet,
+    )
     from simreal.report.plan_document import summary
 
     answer(document, as_json=as_json, verbose=verbose)
@@ -65,10 +86,18 @@ def command(
 
 
 def plan(
-    run_paths: list[Path], *, twin_path: Path | None = None, technology: str = "rlg", separate: list[str] | None = None,
-    without: list[str] | None = None, lat_deg: float | None = None, most: int = 6, output: Path | None = None, seed: int = 0,
+    run_paths: list[Path],
+    *,
+    twin_path: Path | None = None,
+    technology: str = "rlg",
+    separate: list[str] | None = None,
+    without: list[str] | None = None,
+    lat_deg: float | None = None,
+    most: int = 6,
+    output: Path | None = None,
+    seed: int = 0,
     quiet: bool = True,
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Writes plan.json and plan.html; returns the document."""
     from ins.records import Site
     from ins.units import DEG
@@ -84,19 +113,37 @@ def plan(
     twin, table, sha256 = _unit(twin_path, runs, technology)
     if lat_deg is None:
         lat_deg = runs[0].header.site.lat_rad / DEG if runs else DEFAULT_LAT_DEG
-    site = Site(lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=runs[0].header.site.height_m if runs else 0.0)
+    site = Site(
+        lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=runs[0].header.site.height_m if runs else 0.0
+    )
     with _Progress(quiet) as told:
         found = study(
-            pairs, twin, table, site, given=_views(runs, twin, table, sha256), seed=seed, without=without or (), most=most,
+            pairs,
+            twin,
+            table,
+            site,
+            given=_views(runs, twin, table, sha256),
+            seed=seed,
+            without=without or (),
+            most=most,
             progress=told,
-        )  # fmt: skip
-    document = plan_document(found, lat_deg=lat_deg, without=without or (), version=program_version())
+        )
+    document = plan_document(
+        found, lat_deg=lat_deg, without=without or (), version=program_version()
+    )
     directory = output_directory(output, "plan")
-    write_files({directory / "plan.json": result_text(document), directory / "plan.html": plan_html(document)})
+    write_files(
+        {
+            directory / "plan.json": result_text(document),
+            directory / "plan.html": plan_html(document),
+        }
+    )
     return document
 
 
-def _unit(twin_path: Path | None, runs: list["Run"], technology: str) -> tuple["TwinModel", "ThermalTable | None", str]:
+def _unit(
+    twin_path: Path | None, runs: list["Run"], technology: str
+) -> tuple["TwinModel", "ThermalTable | None", str]:
     """The twin with its table (read beside the twin file) and that table's hash."""
     from infield.table.file import read_table_dict, table_from_dict, table_sha256
     from ins.records import InputError
@@ -108,12 +155,13 @@ def _unit(twin_path: Path | None, runs: list["Run"], technology: str) -> tuple["
     for run in runs:
         if (twin.imu_serial or run.header.imu_serial) != run.header.imu_serial:
             raise InputError(
-                f"twin {twin_path}: imu_serial {twin.imu_serial}, run {run.header.run_id} is of {run.header.imu_serial}"
+                f"twin {twin_path}: imu_serial {twin.imu_serial}, run {run.header.run_id} is of"
+                f" {run.header.imu_serial}"
             )
         if twin.gyro_technology != run.header.gyro_technology:
             raise InputError(
-                f"twin {twin_path}: gyro_technology {twin.gyro_technology}, run {run.header.run_id} is of "
-                f"{run.header.gyro_technology}"
+                f"twin {twin_path}: gyro_technology {twin.gyro_technology}, run {run.header.run_id}"
+                f" is of {run.header.gyro_technology}"
             )
     path = table_path(twin, twin_path.parent)
     if path is None:
@@ -122,7 +170,9 @@ def _unit(twin_path: Path | None, runs: list["Run"], technology: str) -> tuple["
     return twin, table_from_dict(data, name=str(path)), table_sha256(data)
 
 
-def _views(runs: list["Run"], twin: "TwinModel", table: "ThermalTable | None", sha256: str) -> list["RunView"]:
+def _views(
+    runs: list["Run"], twin: "TwinModel", table: "ThermalTable | None", sha256: str
+) -> list["RunView"]:
     from ins.records import InputError
     from simreal.evidence.run_view import view_run
 

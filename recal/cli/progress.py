@@ -4,7 +4,9 @@ from types import TracebackType
 
 
 class Progress:
-    """A line on standard error that says what is being done while it lasts; call it with the words."""
+    """A line on standard error that says what is being done while it lasts; call it with the
+    words.
+    """
 
     def __init__(self, title: str, *, quiet: bool) -> None:
         from rich.console import Console
@@ -17,7 +19,12 @@ class Progress:
             self._status.start()
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
         if self._status is not None:
             self._status.stop()
 

@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, emit_json, say
+from recal.cli.console import (
+    DEFAULT_STORE,
+    JsonFlag,
+    NoSeed,
+    Quiet,
+    StoreUrl,
+    Verbose,
+    emit_json,
+    say,
+)
 
 if TYPE_CHECKING:
     import socket
@@ -21,17 +30,33 @@ NEEDS_EXTRA = "serve needs FastAPI and uvicorn: pip install strapdown-recal[web]
 def command(
     store: StoreUrl = DEFAULT_STORE,
     host: Annotated[
-        str, typer.Option("--host", help="Address to listen on; any but this machine's own needs a token.")
+        str,
+        typer.Option(
+            "--host", help="Address to listen on; any but this machine's own needs a token."
+        ),
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")] = 8000,
-    reports: Annotated[Path | None, typer.Option("--reports", help="Directory to find diagnosis reports below.")] = None,
+    port: Annotated[
+        int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")
+    ] = 8000,
+    reports: Annotated[
+        Path | None, typer.Option("--reports", help="Directory to find diagnosis reports below.")
+    ] = None,
     token_file: Annotated[
-        Path | None, typer.Option("--token-file", help="A line each: TOKEN, or NAME TOKEN; else RECAL_SERVE_TOKEN is used.")
+        Path | None,
+        typer.Option(
+            "--token-file",
+            help="A line each: TOKEN, or NAME TOKEN; else RECAL_SERVE_TOKEN is used.",
+        ),
     ] = None,
     allow_host: Annotated[
-        list[str] | None, typer.Option("--allow-host", help="A further name that browsers may use, as behind a proxy.")
+        list[str] | None,
+        typer.Option(
+            "--allow-host", help="A further name that browsers may use, as behind a proxy."
+        ),
     ] = None,
-    https: Annotated[bool, typer.Option("--https", help="A proxy adds TLS: cookies are for https only.")] = False,
+    https: Annotated[
+        bool, typer.Option("--https", help="A proxy adds TLS: cookies are for https only.")
+    ] = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -55,16 +80,31 @@ def command(
     listener = _listen(settings)
     url = _url(settings, listener)
     if as_json:
-        emit_json({"schema": "recal.serve/1", "verdict": "ok", "url": url, "read_only": not settings.tokens})
+        emit_json(
+            {
+                "schema": "recal.serve/1",
+                "verdict": "ok",
+                "url": url,
+                "read_only": not settings.tokens,
+            }
+        )
         sys.stdout.flush()
     _greet(settings, url, made, quiet=quiet)
     _run(app, listener, log=verbose)
 
 
 def _settings(
-    store: str, host: str, port: int, reports: Path | None, token_file: Path | None, names: list[str], https: bool
+    store: str,
+    host: str,
+    port: int,
+    reports: Path | None,
+    token_file: Path | None,
+    names: list[str],
+    https: bool,
 ) -> tuple[ServeSettings, str]:
-    """What to serve, and the token if one was made for this start: only on this machine, only shown on a terminal."""
+    """What to serve, and the token if one was made for this start: only on this machine, only shown
+    on a terminal.
+    """
     import secrets
 
     from recal.web.settings import ServeSettings, is_loopback, read_tokens, token_of, too_open
@@ -76,7 +116,18 @@ def _settings(
         made = secrets.token_urlsafe(24)
         tokens = (token_of(made, source="serve"),)
     hosts = tuple(name.lower() for name in names)
-    return ServeSettings(store_url=store, host=host, port=port, reports=reports, tokens=tokens, hosts=hosts, https=https), made
+    return (
+        ServeSettings(
+            store_url=store,
+            host=host,
+            port=port,
+            reports=reports,
+            tokens=tokens,
+            hosts=hosts,
+            https=https,
+        ),
+        made,
+    )
 
 
 def _listen(settings: ServeSettings) -> socket.socket:
@@ -90,7 +141,9 @@ def _listen(settings: ServeSettings) -> socket.socket:
         return socket.create_server((settings.host, settings.port), family=family, backlog=100)
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise InputError(f"serve: cannot listen on {settings.host} port {settings.port} ({why})") from None
+        raise InputError(
+            f"serve: cannot listen on {settings.host} port {settings.port} ({why})"
+        ) from None
 
 
 def _url(settings: ServeSettings, listener: socket.socket) -> str:
@@ -105,7 +158,10 @@ def _greet(settings: ServeSettings, url: str, made: str, *, quiet: bool) -> None
     if made:
         say(f"token of this start, to sign in with: {made}")
     elif not is_loopback(settings.host) and not settings.https:
-        say("recal: warning: no TLS: whoever can listen on this network reads the token and the pages (see docs/serve.md)")
+        say(
+            "recal: warning: no TLS: whoever can listen on this network reads the token and the"
+            " pages (see docs/serve.md)"
+        )
     elif not settings.tokens:
         say("read only: no token was given (--token-file or RECAL_SERVE_TOKEN)", quiet=quiet)
 
@@ -119,8 +175,17 @@ def _run(app: Any, listener: socket.socket, *, log: bool) -> None:
     logging = copy.deepcopy(uvicorn.config.LOGGING_CONFIG)
     logging["handlers"]["access"]["stream"] = "ext://sys.stderr"
     config = uvicorn.Config(
-        app, log_config=logging, log_level="info" if log else "warning", access_log=log, server_header=False,
-        proxy_headers=False, ws="none", lifespan="off", timeout_keep_alive=5, limit_concurrency=100,
-        timeout_graceful_shutdown=5, h11_max_incomplete_event_size=32_768,
-    )  # fmt: skip
+        app,
+        log_config=logging,
+        log_level="info" if log else "warning",
+        access_log=log,
+        server_header=False,
+        proxy_headers=False,
+        ws="none",
+        lifespan="off",
+        timeout_keep_alive=5,
+        limit_concurrency=100,
+        timeout_graceful_shutdown=5,
+        h11_max_incomplete_event_size=32_768,
+    )
     uvicorn.Server(config).run(sockets=[listener])

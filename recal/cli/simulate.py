@@ -16,12 +16,22 @@ EFFECTS_STREAM = 1  # of the seed: what effects draw
 
 
 def command(
-    scenario: Annotated[str, typer.Argument(help="A scenario file (TOML), or the name of a packaged one.")],
+    scenario: Annotated[
+        str, typer.Argument(help="A scenario file (TOML), or the name of a packaged one.")
+    ],
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
-    twin: Annotated[Path | None, typer.Option("--twin", help="Twin file, instead of the scenario's.")] = None,
-    table: Annotated[Path | None, typer.Option("--table", help="Factory table of the unit (JSON).")] = None,
-    truth: Annotated[Path | None, typer.Option("--truth", help="CSV of the true biases, for scoring.")] = None,
-    table_out: Annotated[Path | None, typer.Option("--table-out", help="Where to put the unit's table.")] = None,
+    twin: Annotated[
+        Path | None, typer.Option("--twin", help="Twin file, instead of the scenario's.")
+    ] = None,
+    table: Annotated[
+        Path | None, typer.Option("--table", help="Factory table of the unit (JSON).")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="CSV of the true biases, for scoring.")
+    ] = None,
+    table_out: Annotated[
+        Path | None, typer.Option("--table-out", help="Where to put the unit's table.")
+    ] = None,
     seed: Seed = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -31,18 +41,32 @@ def command(
 
     Example: recal simulate cold_parked_taxi -o run --seed 7 --table-out table.json
     """
-    result = simulate(scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed)
+    result = simulate(
+        scenario, output, twin=twin, table=table, truth=truth, table_out=table_out, seed=seed
+    )
     answer(result, as_json=as_json, verbose=verbose)
-    say(f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed {result['seed']}", quiet=quiet)
+    say(
+        f"{output}: {result['duration_s']:.0f} s at {result['rate_hz']:g} Hz, seed"
+        f" {result['seed']}",
+        quiet=quiet,
+    )
     if result["truth"] is not None:
-        off = "{position_m:.2g} m, {velocity_m_s:.2g} m/s, {attitude_deg:.2g} deg".format(**result["truth"])
+        off = "{position_m:.2g} m, {velocity_m_s:.2g} m/s, {attitude_deg:.2g} deg".format(
+            **result["truth"]
+        )
         say(f"  follows {result['truth']['file']} within {off}", quiet=quiet)
 
 
 def simulate(
-    scenario: str, output: Path, *, twin: Path | None = None, table: Path | None = None, truth: Path | None = None,
-    table_out: Path | None = None, seed: int | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    scenario: str,
+    output: Path,
+    *,
+    twin: Path | None = None,
+    table: Path | None = None,
+    truth: Path | None = None,
+    table_out: Path | None = None,
+    seed: int | None = None,
+) -> dict[str, Any]:
     """Writes the run and what else was asked for; returns the result `recal.simulate/1`."""
     from infield.table.file import json_text, read_table_dict
     from recal.service.output import write_text
@@ -60,15 +84,24 @@ def simulate(
         write_text(truth, truth_csv(simulated))
     header, imu = simulated.run.header, simulated.run.imu
     return {
-        "schema": "recal.simulate/1", "run": str(output), "run_id": header.run_id, "imu_serial": header.imu_serial,
-        "seed": plan.seed if seed is None else seed, "duration_s": imu.end_s, "rate_hz": imu.rate_hz,
-        "twin": plan.twin.source, "table": None if table_path is None else str(table_path),
-        "phases": [vars(phase) for phase in simulated.run.phases], "truth": _truth(plan),
-    }  # fmt: skip
+        "schema": "recal.simulate/1",
+        "run": str(output),
+        "run_id": header.run_id,
+        "imu_serial": header.imu_serial,
+        "seed": plan.seed if seed is None else seed,
+        "duration_s": imu.end_s,
+        "rate_hz": imu.rate_hz,
+        "twin": plan.twin.source,
+        "table": None if table_path is None else str(table_path),
+        "phases": [vars(phase) for phase in simulated.run.phases],
+        "truth": _truth(plan),
+    }
 
 
 def _truth(plan: "Scenario") -> dict[str, Any] | None:
-    """The truth file and how far the run departs from its rows; None where the scenario has none."""
+    """The truth file and how far the run departs from its rows; None where the scenario has
+    none.
+    """
     from trajectories.simulator.scenario import scenario_truth
     from trajectories.simulator.truth_file import departure
 
@@ -77,10 +110,13 @@ def _truth(plan: "Scenario") -> dict[str, Any] | None:
     return {"file": plan.profile.source, **vars(departure(scenario_truth(plan), plan.profile))}
 
 
-def _session(plan: "Scenario", seed: int | None, factory: dict[str, Any] | None) -> "tuple[SimulatedRun, UnitTruth]":
+def _session(
+    plan: "Scenario", seed: int | None, factory: dict[str, Any] | None
+) -> "tuple[SimulatedRun, UnitTruth]":
     """The session of a scenario, with the effects that its twin lists.
 
-    They are drawn from a stream of their own: the rest of the run is the same with and without them.
+    They are drawn from a stream of their own: the rest of the run is the same with and without
+    them.
     """
     from trajectories.simulator.scenario import simulate_scenario
 

@@ -1,4 +1,6 @@
-"""Where the reports of units and runs go in the output folder: names that any file system takes and that sort by time."""
+"""Where the reports of units and runs go in the output folder: names that any file system takes and
+that sort by time.
+"""
 
 import hashlib
 import re
@@ -23,6 +25,12 @@ def run_folder(run: PlannedRun) -> str:
 
 
 def _safe(text: str) -> str:
-    """The text where it is a plain name, else what is left of it with digits of its hash, so that no two are the same."""
+    """The text where it is a plain name, else what is left of it with digits of its hash, so that
+    no two are the same.
+    """
     safe = re.sub(r"[^A-Za-z0-9._-]", "_", text)[:LONGEST]
-    return safe if safe == text and not text.startswith(".") else f"_{safe}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    return (
+        safe
+        if safe == text and not text.startswith(".")
+        else f"_{safe}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+    )

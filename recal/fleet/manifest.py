@@ -1,4 +1,6 @@
-"""Which runs a fleet update takes: all below a folder, or those that a manifest names (CSV, JSON lines or TOML)."""
+"""Which runs a fleet update takes: all below a folder, or those that a manifest names (CSV, JSON
+lines or TOML).
+"""
 
 import csv
 import io
@@ -30,7 +32,9 @@ class _Entry(StrictModel):
 
 
 def listed_runs(source: Path) -> list[Listed]:
-    """The runs of a folder (any depth) or of a manifest, each once. InputError where there is none."""
+    """The runs of a folder (any depth) or of a manifest, each once. InputError where there is
+    none.
+    """
     if source.is_dir():
         found = sorted(_below(source.absolute()), key=lambda run: run.path)
         if not found:
@@ -52,7 +56,9 @@ def listed_runs(source: Path) -> list[Listed]:
 
 
 def _below(folder: Path) -> Iterator[Listed]:
-    """Run directories at any depth, links followed once; names that begin with a dot are half-written runs."""
+    """Run directories at any depth, links followed once; names that begin with a dot are
+    half-written runs.
+    """
     seen: set[tuple[int, int]] = set()
     for name, folders, files in os.walk(folder, followlinks=True):
         status = os.stat(name)
@@ -67,14 +73,23 @@ def _below(folder: Path) -> Iterator[Listed]:
             yield Listed(path=Path(name))
         elif any(end in files for end in ENDINGS):
             folders[:] = []
-            yield Listed(path=Path(name), wrong=f"{name}: run.json is missing beside the imu stream")
+            yield Listed(
+                path=Path(name), wrong=f"{name}: run.json is missing beside the imu stream"
+            )
 
 
 def _entries(source: Path) -> Iterator[_Entry]:
-    readers = {".csv": _csv_rows, ".jsonl": _json_lines, ".ndjson": _json_lines, ".toml": _toml_runs}
+    readers = {
+        ".csv": _csv_rows,
+        ".jsonl": _json_lines,
+        ".ndjson": _json_lines,
+        ".toml": _toml_runs,
+    }
     reader = readers.get(source.suffix)
     if reader is None:
-        raise InputError(f"{source}: needed a folder, or a manifest that ends in {', '.join(readers)}")
+        raise InputError(
+            f"{source}: needed a folder, or a manifest that ends in {', '.join(readers)}"
+        )
     for where, row in reader(source):
         yield parse(_Entry, row, name=where)
 
@@ -85,8 +100,14 @@ def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         for row in reader:
             where = f"{source}: line {reader.line_num}"
             if None in row or any(value is None for value in row.values()):
-                raise InputError(f"{where}: needed as many fields as the header has ({len(reader.fieldnames or ())})")
-            yield where, {str(k).strip(): v.strip() for k, v in row.items() if v.strip() or k == "path"}
+                raise InputError(
+                    f"{where}: needed as many fields as the header has"
+                    f" ({len(reader.fieldnames or ())})"
+                )
+            yield (
+                where,
+                {str(k).strip(): v.strip() for k, v in row.items() if v.strip() or k == "path"},
+            )
     except csv.Error as error:
         raise InputError(f"{source}: line {reader.line_num}: {error}") from None
 
@@ -107,7 +128,11 @@ def _json_lines(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 def _toml_runs(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
     data = read_toml(source)
     rows = data.get("run")
-    if set(data) != {"run"} or not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+    if (
+        set(data) != {"run"}
+        or not isinstance(rows, list)
+        or not all(isinstance(row, dict) for row in rows)
+    ):
         raise InputError(f"{source}: needed [[run]] sections with path, and nothing else")
     for number, row in enumerate(rows, 1):
         yield f"{source}: [[run]] {number}", row

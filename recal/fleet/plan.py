@@ -1,4 +1,6 @@
-"""From run directories to units with their runs in time order; what cannot be ordered is set aside with its reason."""
+"""From run directories to units with their runs in time order; what cannot be ordered is set aside
+with its reason.
+"""
 
 import hashlib
 import os
@@ -22,7 +24,9 @@ CLOCK_AHEAD = timedelta(days=1)
 
 @dataclass(frozen=True, kw_only=True)
 class FleetPlan:
-    """Runs by unit, each unit's in the order of their start; set_aside: those that no update is tried with."""
+    """Runs by unit, each unit's in the order of their start; set_aside: those that no update is
+    tried with.
+    """
 
     units: dict[UnitKey, tuple[PlannedRun, ...]]
     set_aside: tuple[RunOutcome, ...]
@@ -36,19 +40,31 @@ def plan_fleet(listed: Sequence[Listed], now: datetime) -> FleetPlan:
         try:
             header = _header(run)
         except InputError as error:
-            set_aside.append(RunOutcome(path=str(run.path), outcome="bad_input", reasons=(str(error),)))
+            set_aside.append(
+                RunOutcome(path=str(run.path), outcome="bad_input", reasons=(str(error),))
+            )
             continue
-        key = UnitKey(imu_serial=header.imu_serial, gyro_technology=header.gyro_technology, gyro_mode=header.gyro_mode)
+        key = UnitKey(
+            imu_serial=header.imu_serial,
+            gyro_technology=header.gyro_technology,
+            gyro_mode=header.gyro_mode,
+        )
         planned = PlannedRun(
-            path=str(run.path), unit=key, run_id=header.run_id, start_utc=header.start_utc, signature=_signature(run.path),
+            path=str(run.path),
+            unit=key,
+            run_id=header.run_id,
+            start_utc=header.start_utc,
+            signature=_signature(run.path),
             twin=None if run.twin is None else str(run.twin),
-        )  # fmt: skip
+        )
         wrong = wrong_clock(header.start_utc, now)
         if wrong:
             set_aside.append(outcome_of(planned, "bad_input", f"{run.path}/run.json: {wrong}"))
         else:
             units[key].append(planned)
-    return FleetPlan(units={key: _ordered(units[key]) for key in sorted(units)}, set_aside=tuple(set_aside))
+    return FleetPlan(
+        units={key: _ordered(units[key]) for key in sorted(units)}, set_aside=tuple(set_aside)
+    )
 
 
 def wrong_clock(start_utc: str, now: datetime) -> str:
@@ -57,7 +73,10 @@ def wrong_clock(start_utc: str, now: datetime) -> str:
     if CLOCK_FROM <= start <= now + CLOCK_AHEAD:
         return ""
     why = "the clock was not set" if start < CLOCK_FROM else "in the future"
-    return f"start_utc = {start_utc} ({why}), needed {CLOCK_FROM:%Y-%m-%d} to {now + CLOCK_AHEAD:%Y-%m-%d}"
+    return (
+        f"start_utc = {start_utc} ({why}), needed {CLOCK_FROM:%Y-%m-%d} to"
+        f" {now + CLOCK_AHEAD:%Y-%m-%d}"
+    )
 
 
 def _header(run: Listed) -> RunHeader:
@@ -65,7 +84,9 @@ def _header(run: Listed) -> RunHeader:
         raise InputError(run.wrong)
     if not run.path.is_dir():
         raise InputError(f"{run.path}: no such run directory")
-    header, errors, _ = header_from_json(read_json_object(run.path / "run.json"), name=f"{run.path}/run.json")
+    header, errors, _ = header_from_json(
+        read_json_object(run.path / "run.json"), name=f"{run.path}/run.json"
+    )
     if header is None:
         raise InputError(errors[0])
     return header
@@ -76,7 +97,10 @@ def _ordered(runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
     ordered = sorted(runs, key=lambda run: (utc(run.start_utc), run.run_id, run.path))
     starts = Counter(utc(run.start_utc) for run in ordered)
     note = "starts at the same time as another run of this unit: taken in the order of run_id"
-    return tuple(replace(run, notes=(*run.notes, note)) if starts[utc(run.start_utc)] > 1 else run for run in ordered)
+    return tuple(
+        replace(run, notes=(*run.notes, note)) if starts[utc(run.start_utc)] > 1 else run
+        for run in ordered
+    )
 
 
 def _signature(path: Path) -> str:

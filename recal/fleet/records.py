@@ -16,13 +16,17 @@ OUTCOMES = {  # outcome of a run: what it means, in the order of the report
     "refused": "nothing to gain from it, or not usable; left out",
     "bad_input": "cannot be read as a run; left out",
     "taken_out": "merged by an earlier call, but the store does not hold it now",
-    "crashed": "the program, its worker or the store broke down on it; the same command tries again",
+    "crashed": (
+        "the program, its worker or the store broke down on it; the same command tries again"
+    ),
 }
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedRun:
-    """A run whose run.json could be read; `signature` changes when a file of the run does. Times as text of run.json."""
+    """A run whose run.json could be read; `signature` changes when a file of the run does. Times as
+    text of run.json.
+    """
 
     path: str
     unit: UnitKey
@@ -35,7 +39,9 @@ class PlannedRun:
 
 @dataclass(frozen=True, kw_only=True)
 class RunOutcome:
-    """What became of a run; unit fields are empty where run.json could not be read. seconds, cpu_s: wall and CPU time."""
+    """What became of a run; unit fields are empty where run.json could not be read. seconds, cpu_s:
+    wall and CPU time.
+    """
 
     path: str
     outcome: str
@@ -60,10 +66,17 @@ class RunOutcome:
     def unit(self) -> UnitKey | None:
         if not self.imu_serial:
             return None
-        return UnitKey(imu_serial=self.imu_serial, gyro_technology=self.gyro_technology, gyro_mode=self.gyro_mode)
+        return UnitKey(
+            imu_serial=self.imu_serial,
+            gyro_technology=self.gyro_technology,
+            gyro_mode=self.gyro_mode,
+        )
 
     def to_json(self) -> dict[str, Any]:
-        return {key: list(value) if isinstance(value, tuple) else value for key, value in vars(self).items()}
+        return {
+            key: list(value) if isinstance(value, tuple) else value
+            for key, value in vars(self).items()
+        }
 
 
 def outcome_from_json(data: dict[str, Any]) -> RunOutcome:
@@ -73,18 +86,23 @@ def outcome_from_json(data: dict[str, Any]) -> RunOutcome:
 def outcome_of(run: PlannedRun, outcome: str, *reasons: str, **more: Any) -> RunOutcome:
     """An outcome with what is known of the run."""
     return RunOutcome(
-        path=run.path, outcome=outcome, reasons=reasons, signature=run.signature, run_id=run.run_id, start_utc=run.start_utc,
+        path=run.path,
+        outcome=outcome,
+        reasons=reasons,
+        signature=run.signature,
+        run_id=run.run_id,
+        start_utc=run.start_utc,
         **{"notes": run.notes, **vars(run.unit), **more},
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunTask:
     """Runs of one unit to be updated with in one go, in time order: one, or all of them jointly.
 
-    folders: where the report of each run goes; a joint update writes to the first. head: number of the unit's active
-    revision before the fleet update first began: what is in it was not merged by it.
-    merged: hash and path of the unit's runs that were.
+    folders: where the report of each run goes; a joint update writes to the first. head: number of
+    the unit's active revision before the fleet update first began: what is in it was not merged by
+    it. merged: hash and path of the unit's runs that were.
     """
 
     runs: tuple[PlannedRun, ...]

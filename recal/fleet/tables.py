@@ -20,17 +20,24 @@ CRITERIA = {
 
 
 def table_facts(store: TableStore, record: UnitRecord, now: datetime) -> dict[str, Any]:
-    """Age since the newest data in it, sigma (RMS over the nodes of the level gyros), sessions that contradict it."""
+    """Age since the newest data in it, sigma (RMS over the nodes of the level gyros), sessions that
+    contradict it.
+    """
     unit, revision = record.unit, record.active
     table = revision.table
     sigma = np.concatenate([table.sigma_deg_h(k, table.temperature_degC[k]) for k in (0, 1)])
     against = store.contradictions(unit.imu_serial, unit.gyro_technology, unit.gyro_mode)
     facts = {
-        "revision": revision.number, "kind": revision.kind, "sha256": revision.sha256, "created_utc": table.created_utc,
-        "stored_utc": revision.created_utc, "age_days": round((now - utc(table.created_utc)).total_seconds() / 86400.0, 1),
-        "sigma_deg_h": float(np.sqrt(np.mean(sigma**2))), "contradictions": len(against),
+        "revision": revision.number,
+        "kind": revision.kind,
+        "sha256": revision.sha256,
+        "created_utc": table.created_utc,
+        "stored_utc": revision.created_utc,
+        "age_days": round((now - utc(table.created_utc)).total_seconds() / 86400.0, 1),
+        "sigma_deg_h": float(np.sqrt(np.mean(sigma**2))),
+        "contradictions": len(against),
         "contradicted_by": [evidence.run_id for evidence in against[-5:]],
-    }  # fmt: skip
+    }
     return {**facts, "stale": _stale(facts, unit.gyro_technology)}
 
 
@@ -38,7 +45,14 @@ def _stale(facts: dict[str, Any], technology: str) -> list[str]:
     """Why the table needs attention; empty where it does not."""
     most = STALE_SHARE * UNKNOWN_BIAS_DEG_H[technology]
     against = facts["contradictions"]
-    reasons = [f"{against} session{'s' if against > 1 else ''} contradict{'s' if against == 1 else ''} it"] if against else []
+    reasons = (
+        [
+            f"{against} session{'s' if against > 1 else ''}"
+            f" contradict{'s' if against == 1 else ''} it"
+        ]
+        if against
+        else []
+    )
     if facts["age_days"] > STALE_DAYS:
         reasons.append(f"its newest data are {facts['age_days']:.0f} days old")
     if facts["sigma_deg_h"] > most:

@@ -1,6 +1,8 @@
-"""A unit in numbers once its runs are through: how far its table moved, where it was seen, how well it is known; its pages.
+"""A unit in numbers once its runs are through: how far its table moved, where it was seen, how well
+it is known; its pages.
 
-Everything comes from the update documents that the runs left in their folders (formats.md, section 5).
+Everything comes from the update documents that the runs left in their folders (formats.md, section
+5).
 """
 
 from collections import defaultdict
@@ -21,20 +23,29 @@ from recal.fleet.records import MERGED, RunOutcome, UnitTask
 from recal.service.output import write_text
 
 LEVEL = ("x", "y")
-DRAWN = {"last": 1, "all": None, "none": 0}  # pages of a unit: the last of each kind of outcome, of every run, none
+# pages of a unit: the last of each kind of outcome, of every run, none
+DRAWN = {"last": 1, "all": None, "none": 0}
 
 
 def summarise_unit(task: UnitTask) -> dict[str, Any]:
-    """What the fleet report says of a unit (keys of `units` in fleet.json that come from its runs)."""
+    """What the fleet report says of a unit (keys of `units` in fleet.json that come from its
+    runs).
+    """
     seen = [(o, document) for o in task.outcomes if (document := _document(o)) is not None]
     merged = [document for o, document in _one_a_folder(seen) if o.outcome in MERGED]
     contrary = [document for o, document in seen if o.outcome == "inconsistent"]
     return {
         "of": task.identity,
         "drift": _drift(merged),
-        "coverage": _coverage([document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)),
+        "coverage": _coverage(
+            [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
+        ),
         "steps": contrary[-1]["disagreement"]["steps"] if contrary else [],
-        "step_words": [reason for reason in (contrary[-1]["reasons"] if contrary else []) if "table disagrees" in reason],
+        "step_words": [
+            reason
+            for reason in (contrary[-1]["reasons"] if contrary else [])
+            if "table disagrees" in reason
+        ],
         "pages": _draw(task, seen),
     }
 
@@ -48,7 +59,9 @@ def _document(outcome: RunOutcome) -> dict[str, Any] | None:
         return None
 
 
-def _one_a_folder(seen: Sequence[tuple[RunOutcome, dict[str, Any]]]) -> list[tuple[RunOutcome, dict[str, Any]]]:
+def _one_a_folder(
+    seen: Sequence[tuple[RunOutcome, dict[str, Any]]],
+) -> list[tuple[RunOutcome, dict[str, Any]]]:
     """A joint update tells of several runs in one document."""
     best = sorted(seen, key=lambda pair: pair[0].outcome not in MERGED)
     first = {outcome.folder: (outcome, document) for outcome, document in reversed(best)}
@@ -60,7 +73,8 @@ def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
 
 
 def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """The level gyros' change from the first merge's old table to the last one's new, at the temperatures of the points.
+    """The level gyros' change from the first merge's old table to the last one's new, at the
+    temperatures of the points.
 
     None without a merge, and for MEMS: gyros that find no heading do not navigate free-inertially.
     """
@@ -74,14 +88,19 @@ def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     moved = [after.bias_deg_h(k, t) - before.bias_deg_h(k, t) for k, t in enumerate(T)]
     z = np.sqrt(np.mean(np.concatenate([m**2 / e for m, e in zip(moved, expected)])))
     return {
-        "level_change_deg_h": change.level_deg_h, "nm_h": change.drift_removed_nm_h, "sigma_nm_h": change.drift_left_nm_h,
-        "surprise_sigmas": float(z), "sigma_before_deg_h": _rms([before.sigma_deg_h(k, t) for k, t in enumerate(T)]),
+        "level_change_deg_h": change.level_deg_h,
+        "nm_h": change.drift_removed_nm_h,
+        "sigma_nm_h": change.drift_left_nm_h,
+        "surprise_sigmas": float(z),
+        "sigma_before_deg_h": _rms([before.sigma_deg_h(k, t) for k, t in enumerate(T)]),
         "sigma_after_deg_h": _rms([after.sigma_deg_h(k, t) for k, t in enumerate(T)]),
         "largest_deg_h": float(max((abs(m).max() for m in moved), default=0.0)),
         "temperature_degC": [float(min(t.min() for t in T)), float(max(t.max() for t in T))],
-        "table_before_sha256": merged[0]["table_before_sha256"], "table_after_sha256": merged[-1]["table_after_sha256"],
-        "since_utc": before.created_utc, "until_utc": after.created_utc,
-    }  # fmt: skip
+        "table_before_sha256": merged[0]["table_before_sha256"],
+        "table_after_sha256": merged[-1]["table_after_sha256"],
+        "since_utc": before.created_utc,
+        "until_utc": after.created_utc,
+    }
 
 
 def _visited(documents: Sequence[dict[str, Any]]) -> tuple[NDArray, NDArray]:
@@ -96,7 +115,9 @@ def _visited(documents: Sequence[dict[str, Any]]) -> tuple[NDArray, NDArray]:
 
 
 def _gained(before: ThermalTable, after: ThermalTable, axis: int, T: NDArray) -> NDArray:
-    """Variance (n,) of the change to expect if the old sigma was right: what the merges took from it [(deg/h)^2]."""
+    """Variance (n,) of the change to expect if the old sigma was right: what the merges took from
+    it [(deg/h)^2].
+    """
     old, new = before.sigma_deg_h(axis, T) ** 2, after.sigma_deg_h(axis, T) ** 2
     return np.maximum(old - new, 0.01 * old)
 
@@ -112,11 +133,16 @@ def _coverage(documents: Sequence[dict[str, Any]], merged: set[str]) -> list[dic
         for session in document["sessions"]:
             for band in session.get("coverage", []) if session["sha256"] in merged else []:
                 seconds[band["low_degC"]] += band["seconds"] / 3.0
-    return [{"low_degC": low, "high_degC": low + 5.0, "seconds": round(seconds[low], 1)} for low in sorted(seconds)]
+    return [
+        {"low_degC": low, "high_degC": low + 5.0, "seconds": round(seconds[low], 1)}
+        for low in sorted(seconds)
+    ]
 
 
 def _draw(task: UnitTask, seen: Sequence[tuple[RunOutcome, dict[str, Any]]]) -> list[str]:
-    """Draws update.html where it is wanted and not there yet; the folders that have one, the newest last."""
+    """Draws update.html where it is wanted and not there yet; the folders that have one, the newest
+    last.
+    """
     wanted: dict[str, dict[str, Any]] = {}
     for kind in dict.fromkeys(outcome.outcome for outcome, _ in seen):
         of_kind = [(o.folder, document) for o, document in seen if o.outcome == kind]
@@ -124,6 +150,13 @@ def _draw(task: UnitTask, seen: Sequence[tuple[RunOutcome, dict[str, Any]]]) -> 
         wanted.update(of_kind[-count:] if count else of_kind if count is None else [])
     for folder, document in wanted.items():
         page = Path(folder) / "update.html"
-        if not page.exists() or page.stat().st_mtime < (Path(folder) / "update.json").stat().st_mtime:
+        if (
+            not page.exists()
+            or page.stat().st_mtime < (Path(folder) / "update.json").stat().st_mtime
+        ):
             write_text(page, update_html(document))
-    return sorted(str(path.parent) for folder in {o.folder for o, _ in seen} if (path := Path(folder) / "update.html").exists())
+    return sorted(
+        str(path.parent)
+        for folder in {o.folder for o, _ in seen}
+        if (path := Path(folder) / "update.html").exists()
+    )

@@ -1,9 +1,10 @@
-"""The spine of `recal fleet update`: list the runs -> order them by unit -> skip what is done -> hand out -> sum up.
+"""The spine of `recal fleet update`: list the runs -> order them by unit -> skip what is done ->
+hand out -> sum up.
 
-In a commit each run of a unit is an update of its own, one after the other, as an engineer would: a run that contradicts is
-left out and remembered and the next one still counts, each revision can be rolled back alone, a kill costs one run. A proposal
-must stand on the active table, so it is one joint update of all the unit's runs (less those that contradict); so is a commit
-with `joint`.
+In a commit each run of a unit is an update of its own, one after the other, as an engineer would: a
+run that contradicts is left out and remembered and the next one still counts, each revision can be
+rolled back alone, a kill costs one run. A proposal must stand on the active table, so it is one
+joint update of all the unit's runs (less those that contradict); so is a commit with `joint`.
 """
 
 import hashlib
@@ -37,7 +38,8 @@ MODES = ("commit", "propose", "dry")  # into the table; kept in the store for re
 class FleetRequest:
     """What was asked for. mode: one of MODES; by, note: kept with proposals.
 
-    cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or none.
+    cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or
+    none.
     """
 
     source: Path
@@ -56,44 +58,65 @@ class FleetRequest:
 
 @dataclass(frozen=True)
 class Watcher:
-    """Who is told of the progress: how many runs there are and are done already, then each outcome."""
+    """Who is told of the progress: how many runs there are and are done already, then each
+    outcome.
+    """
 
     begins: Callable[[int, int], None] = lambda total, done: None
     told: Callable[[RunOutcome], None] = lambda outcome: None
 
 
 def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> dict[str, Any]:
-    """Update every unit from its runs; writes fleet.json and fleet.html and returns the document (recal.fleet/1)."""
+    """Update every unit from its runs; writes fleet.json and fleet.html and returns the document
+    (recal.fleet/1).
+    """
     watcher, now, started = watcher or Watcher(), datetime.now(UTC), time.perf_counter()
     plan = plan_fleet(listed_runs(request.source), now)
     store_url, store_file = absolute_store(request.store_url)
-    request = replace(request, store_url=store_url, output=output_directory(request.output, "fleet").absolute())
+    request = replace(
+        request, store_url=store_url, output=output_directory(request.output, "fleet").absolute()
+    )
     known = _known_units(request)
-    journal = Journal(request.output, _settings(request), {str(key): number for key, number in known.items()})
+    journal = Journal(
+        request.output, _settings(request), {str(key): number for key, number in known.items()}
+    )
     try:
         set_aside = [*plan.set_aside, *_without_table(request, plan.units, known)]
-        units = {key: runs for key, runs in plan.units.items() if not request.known_only or key in known}
+        units = {
+            key: runs for key, runs in plan.units.items() if not request.known_only or key in known
+        }
         units = {key: tuple(_noted(run, known) for run in runs) for key, runs in units.items()}
         _look_again(journal, store_url)
-        queues = [queue for key, runs in units.items() if (queue := _queue(request, journal, key, runs))]
+        queues = [
+            queue for key, runs in units.items() if (queue := _queue(request, journal, key, runs))
+        ]
         done = sum(len(runs) for runs in units.values()) - sum(len(queue.runs) for queue in queues)
         watcher.begins(sum(map(len, units.values())) + len(set_aside), done + len(set_aside))
         timing = Timing()
         if queues:
             _work(request, queues, journal, timing, watcher, store_file)
         journal.end(timing.to_json(time.perf_counter() - started))
-        document = _document(request, journal, units, set_aside, timing, time.perf_counter() - started)
+        document = _document(
+            request, journal, units, set_aside, timing, time.perf_counter() - started
+        )
     finally:
         journal.close()
-    pages = {request.output / "fleet.json": result_text(document), request.output / "fleet.html": fleet_html(document)}
+    pages = {
+        request.output / "fleet.json": result_text(document),
+        request.output / "fleet.html": fleet_html(document),
+    }
     write_files(pages)
     return document
 
 
 def _work(
-    request: FleetRequest, queues: Sequence[UnitQueue], journal: Journal, timing: Timing, watcher: Watcher,
+    request: FleetRequest,
+    queues: Sequence[UnitQueue],
+    journal: Journal,
+    timing: Timing,
+    watcher: Watcher,
     store_file: str | None,
-) -> None:  # fmt: skip
+) -> None:
     pool = _pool(request, queues, store_file)
     timing.workers, timing.where = pool.size, request.cluster or "processes on this machine"
 
@@ -113,11 +136,17 @@ def _pool(request: FleetRequest, queues: Sequence[UnitQueue], store_file: str | 
     from recal.fleet.pools.dask_pool import DaskPool, sample_paths
 
     runs = [run.path for queue in queues for run in queue.runs]
-    return DaskPool(request.cluster, sample_paths(request.output, runs, store_file), sqlite=store_file is not None)
+    return DaskPool(
+        request.cluster,
+        sample_paths(request.output, runs, store_file),
+        sqlite=store_file is not None,
+    )
 
 
 def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
-    """Units with a table, and its revision's number; a store that is going to be written is made and migrated here, once."""
+    """Units with a table, and its revision's number; a store that is going to be written is made
+    and migrated here, once.
+    """
     if request.mode == "dry" and not store_exists(request.store_url):
         return {}
     with TableStore.open(request.store_url, create=request.mode != "dry") as store:
@@ -127,8 +156,13 @@ def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
 def _settings(request: FleetRequest) -> dict[str, Any]:
     """What makes two calls the same piece of work."""
     config = hashlib.sha256(request.config.read_bytes()).hexdigest() if request.config else None
-    return {"store": store_name(request.store_url), "mode": request.mode, "joint": _jointly(request), "config": config,
-            "version": program_version()}  # fmt: skip
+    return {
+        "store": store_name(request.store_url),
+        "mode": request.mode,
+        "joint": _jointly(request),
+        "config": config,
+        "version": program_version(),
+    }
 
 
 def _jointly(request: FleetRequest) -> bool:
@@ -142,7 +176,12 @@ def _without_table(
     if not request.known_only:
         return []
     words = "the store holds no table of this unit, and --known-only was given"
-    return [outcome_of(run, "refused", words) for key, runs in units.items() if key not in known for run in runs]
+    return [
+        outcome_of(run, "refused", words)
+        for key, runs in units.items()
+        if key not in known
+        for run in runs
+    ]
 
 
 def _noted(run: PlannedRun, known: Collection[UnitKey]) -> PlannedRun:
@@ -151,7 +190,9 @@ def _noted(run: PlannedRun, known: Collection[UnitKey]) -> PlannedRun:
 
 
 def _look_again(journal: Journal, store_url: str) -> None:
-    """Runs that an earlier call committed and the store does not hold any more: a rollback is somebody's decision."""
+    """Runs that an earlier call committed and the store does not hold any more: a rollback is
+    somebody's decision.
+    """
     committed = [o for o in journal.runs.values() if o.outcome in ("committed", "taken_out")]
     if not committed or not store_exists(store_url):
         return
@@ -160,42 +201,70 @@ def _look_again(journal: Journal, store_url: str) -> None:
         for o in committed:
             held = store.has_run(o.sha256, o.imu_serial)
             if held != (o.outcome == "committed"):
-                journal.add_run(replace(o, outcome="committed" if held else "taken_out", reasons=() if held else (words,)))
+                journal.add_run(
+                    replace(
+                        o,
+                        outcome="committed" if held else "taken_out",
+                        reasons=() if held else (words,),
+                    )
+                )
 
 
-def _queue(request: FleetRequest, journal: Journal, key: UnitKey, runs: Sequence[PlannedRun]) -> UnitQueue | None:
+def _queue(
+    request: FleetRequest, journal: Journal, key: UnitKey, runs: Sequence[PlannedRun]
+) -> UnitQueue | None:
     """What is left to do for a unit; None where its runs and its summary are done."""
     name = unit_folder(key)
-    done = {run.path: o for run in runs if (o := journal.runs.get(run.path)) and _still_holds(o, run)}
+    done = {
+        run.path: o for run in runs if (o := journal.runs.get(run.path)) and _still_holds(o, run)
+    }
     left = [run for run in runs if run.path not in done]
     if left and _jointly(request):
         left, done = list(runs), {}
     folders = [str(request.output / "units" / name / run_folder(run)) for run in left]
     common: dict[str, Any] = {
-        "store_url": request.store_url, "commit": request.mode == "commit", "head": journal.heads.get(str(key), 0),
+        "store_url": request.store_url,
+        "commit": request.mode == "commit",
+        "head": journal.heads.get(str(key), 0),
         "propose": (request.by, request.note) if request.mode == "propose" else None,
         "config": str(request.config.absolute()) if request.config else None,
-    }  # fmt: skip
+    }
     if _jointly(request):
         joint = str(request.output / "units" / name / "joint")
         tasks = [RunTask(runs=tuple(left), folders=(joint,) * len(left), **common)] if left else []
     else:
-        tasks = [RunTask(runs=(run,), folders=(folder,), **common) for run, folder in zip(left, folders)]
+        tasks = [
+            RunTask(runs=(run,), folders=(folder,), **common) for run, folder in zip(left, folders)
+        ]
     queue = UnitQueue(name, tasks, list(done.values()), request.pages)
     return None if not tasks and queue.is_summed(journal.units.get(name)) else queue
 
 
 def _still_holds(outcome: RunOutcome, run: PlannedRun) -> bool:
-    return outcome.signature == run.signature and outcome.outcome != "crashed" and outcome.unit == run.unit
+    return (
+        outcome.signature == run.signature
+        and outcome.outcome != "crashed"
+        and outcome.unit == run.unit
+    )
 
 
 def _document(
-    request: FleetRequest, journal: Journal, units: dict[UnitKey, tuple[PlannedRun, ...]], set_aside: Sequence[RunOutcome],
-    timing: Timing, seconds: float,
-) -> dict[str, Any]:  # fmt: skip
+    request: FleetRequest,
+    journal: Journal,
+    units: dict[UnitKey, tuple[PlannedRun, ...]],
+    set_aside: Sequence[RunOutcome],
+    timing: Timing,
+    seconds: float,
+) -> dict[str, Any]:
     outcomes = [*(journal.runs[run.path] for runs in units.values() for run in runs), *set_aside]
     summaries = {key: journal.units.get(unit_folder(key), {}) for key in units}
     return fleet_document(
-        outcomes, summaries, store_url=request.store_url, mode=request.mode, joint=_jointly(request),
-        output=request.output, timing=timing.to_json(seconds), earlier=journal.calls,
-    )  # fmt: skip
+        outcomes,
+        summaries,
+        store_url=request.store_url,
+        mode=request.mode,
+        joint=_jointly(request),
+        output=request.output,
+        timing=timing.to_json(seconds),
+        earlier=journal.calls,
+    )

@@ -1,4 +1,6 @@
-"""Settings of `recal update` from a TOML file: frozen models, units in key names, an unknown key is an error."""
+"""Settings of `recal update` from a TOML file: frozen models, units in key names, an unknown key is
+an error.
+"""
 
 from dataclasses import fields
 from pathlib import Path
@@ -13,14 +15,19 @@ SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
 
 
 def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
-    """Sections [session] and [ageing]; what is not given keeps its default. InputError names file and key."""
+    """Sections [session] and [ageing]; what is not given keeps its default. InputError names file
+    and key.
+    """
     if path is None:
         return SessionSettings(), AgeingModel()
     data = read_toml(path)
     for key in data:
         if key not in SECTIONS:
             raise InputError(f"{path}: unknown key {key!r}, needed one of {', '.join(SECTIONS)}")
-    made = {name: _section(kind, data.get(name, {}), f"{path}: [{name}]") for name, kind in SECTIONS.items()}
+    made = {
+        name: _section(kind, data.get(name, {}), f"{path}: [{name}]")
+        for name, kind in SECTIONS.items()
+    }
     return made["session"], made["ageing"]
 
 
@@ -34,12 +41,18 @@ def _section(kind: type, values: Any, where: str) -> Any:
         if key not in known:
             raise InputError(f"{where}: unknown key {key!r}, needed one of {', '.join(known)}")
         wanted = getattr(default, key)
-        if isinstance(wanted, bool) != isinstance(value, bool) or isinstance(wanted, dict) != isinstance(value, dict):
+        if isinstance(wanted, bool) != isinstance(value, bool) or isinstance(
+            wanted, dict
+        ) != isinstance(value, dict):
             raise InputError(f"{where}: {key} = {value!r}, needed {type(wanted).__name__}")
         for number in value.values() if isinstance(value, dict) else [value]:
             if not isinstance(number, int | float) or not 0 <= number < float("inf"):
-                raise InputError(f"{where}: {key} = {value!r}, needed a number that is not negative")
-    merged = {k: ({**getattr(default, k), **v} if isinstance(v, dict) else v) for k, v in values.items()}
+                raise InputError(
+                    f"{where}: {key} = {value!r}, needed a number that is not negative"
+                )
+    merged = {
+        k: {**getattr(default, k), **v} if isinstance(v, dict) else v for k, v in values.items()
+    }
     record = kind(**merged)
     if isinstance(record, SessionSettings) and record.bin_s < 30.0:
         raise InputError(f"{where}: bin_s = {record.bin_s:g}, needed at least 30")

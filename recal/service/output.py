@@ -35,9 +35,11 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def write_files(texts: dict[Path, str], *, commit: Callable[[], object] = lambda: None) -> None:
-    """Write every file to a temporary sibling, call `commit`, then rename: a reader never sees half a file.
+    """Write every file to a temporary sibling, call `commit`, then rename: a reader never sees half
+    a file.
 
-    InputError where one cannot be written, and then `commit` was not called; where `commit` raises, no file changed.
+    InputError where one cannot be written, and then `commit` was not called; where `commit` raises,
+    no file changed.
     """
     staged: dict[Path, str] = {}
     path = Path()

@@ -1,4 +1,6 @@
-"""Table and noise model of a unit: from the command line, from the store, or from the technology's defaults."""
+"""Table and noise model of a unit: from the command line, from the store, or from the technology's
+defaults.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,7 +13,13 @@ from infield.session.parked_rates import unknown_sigma_deg_h
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import ThermalTable, default_table
-from infield.thermal.stored_model import prepared, read_thermal_model, seeded_table, use_document, with_model_sigma
+from infield.thermal.stored_model import (
+    prepared,
+    read_thermal_model,
+    seeded_table,
+    use_document,
+    with_model_sigma,
+)
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin, read_twin
@@ -19,7 +27,9 @@ from ins.twin_file import default_twin, read_twin
 
 @dataclass(frozen=True)
 class UnitInputs:
-    """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the unit, at `revision`."""
+    """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the
+    unit, at `revision`.
+    """
 
     table: ThermalTable
     table_dict: dict[str, Any]
@@ -38,9 +48,12 @@ def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> U
             revision = store.active(*key)
             twin = twin or store.twin(*key)
             return UnitInputs(
-                revision.table, revision.table_dict,
-                _checked(twin or default_twin(header.gyro_technology), run), True, revision.number,
-            )  # fmt: skip
+                revision.table,
+                revision.table_dict,
+                _checked(twin or default_twin(header.gyro_technology), run),
+                True,
+                revision.number,
+            )
         except UnknownUnit:
             pass
     twin = _checked(twin or default_twin(header.gyro_technology), run)
@@ -49,30 +62,49 @@ def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> U
 
 
 def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
-    """No table for a unit: bias 0 and its technology's sigma, widened by what |omega| of the parked log shows."""
+    """No table for a unit: bias 0 and its technology's sigma, widened by what |omega| of the parked
+    log shows.
+    """
     header, rest = run.header, find_rest(run)
     sigma = gyrocompass.UNKNOWN_BIAS_DEG_H[header.gyro_technology]
     if rest is not None:
-        sigma = gyrocompass.unknown_bias_sigma_deg_h(twin, coarse.rest_means(run.imu.between(*rest)))
-    if header.gyro_technology == "mems":  # its warm-up shows too, and it may rest where a gyrocompass sees none
-        temperature = None if too_short(run.temperature) or run.temperature is None else gyro_temperature(run.temperature)
+        sigma = gyrocompass.unknown_bias_sigma_deg_h(
+            twin, coarse.rest_means(run.imu.between(*rest))
+        )
+    # its warm-up shows too, and it may rest where a gyrocompass sees none
+    if header.gyro_technology == "mems":
+        temperature = (
+            None
+            if too_short(run.temperature) or run.temperature is None
+            else gyro_temperature(run.temperature)
+        )
         sigma = unknown_sigma_deg_h(run, twin, temperature, sigma)
     return default_table(
-        imu_serial=header.imu_serial, gyro_technology=header.gyro_technology, gyro_mode=header.gyro_mode,
-        created_utc=header.start_utc, sigma_deg_h=sigma,
-    )  # fmt: skip
+        imu_serial=header.imu_serial,
+        gyro_technology=header.gyro_technology,
+        gyro_mode=header.gyro_mode,
+        created_utc=header.start_utc,
+        sigma_deg_h=sigma,
+    )
 
 
 def with_thermal_model(
     unit: UnitInputs, runs: list[Run], path: Path | None
 ) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], dict[str, Any] | None]]:
-    """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of it beside a table."""
+    """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of
+    it beside a table.
+    """
     stored = None if path is None else read_thermal_model(path)
     runs, removed = prepared(runs, stored)
     if stored is None:
         return unit, runs, lambda table: None
-    learnt_with = {**unit.table.provenance, "thermal_model_sha256": stored.sha256}  # goes into the table that is merged
-    unit = replace(unit, twin=with_model_sigma(unit.twin, removed), table=unit.table.replaced(provenance=learnt_with))
+    # goes into the table that is merged
+    learnt_with = {**unit.table.provenance, "thermal_model_sha256": stored.sha256}
+    unit = replace(
+        unit,
+        twin=with_model_sigma(unit.twin, removed),
+        table=unit.table.replaced(provenance=learnt_with),
+    )
     if not unit.known:
         table = seeded_table(unit.table, stored)
         unit = replace(unit, table=table, table_dict=table_to_dict(table))
@@ -89,9 +121,13 @@ def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> Ta
 def _checked(twin: TwinModel, run: Run) -> TwinModel:
     header = run.header
     if twin.imu_serial and twin.imu_serial != header.imu_serial:
-        raise InputError(f"twin {twin.source}: imu_serial {twin.imu_serial}, run {header.run_id} is of {header.imu_serial}")
+        raise InputError(
+            f"twin {twin.source}: imu_serial {twin.imu_serial}, run {header.run_id} is of"
+            f" {header.imu_serial}"
+        )
     if twin.gyro_technology != header.gyro_technology:
         raise InputError(
-            f"twin {twin.source}: gyro_technology {twin.gyro_technology}, run {header.run_id} is of {header.gyro_technology}"
+            f"twin {twin.source}: gyro_technology {twin.gyro_technology}, run {header.run_id} is of"
+            f" {header.gyro_technology}"
         )
     return twin

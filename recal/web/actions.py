@@ -1,4 +1,6 @@
-"""Everything that is written: sign in and out, approve or reject a proposal, roll a table back. Every form is checked."""
+"""Everything that is written: sign in and out, approve or reject a proposal, roll a table back.
+Every form is checked.
+"""
 
 import secrets
 from urllib.parse import parse_qs, urlsplit
@@ -16,7 +18,10 @@ from recal.web.guard import BODY, Refused
 from recal.web.pages import Number
 
 MAX_FIELDS = 12
-OTHER_PAGE = "The form is not the one that this page gave you, or it is older than your session. Open the page again."
+OTHER_PAGE = (
+    "The form is not the one that this page gave you, or it is older than your session. Open the"
+    " page again."
+)
 VERDICTS = ("approved", "rejected")
 
 
@@ -43,7 +48,9 @@ def _register_door(app: FastAPI, site: Site) -> None:
             return _sign_in_page(site, request, form.get("next", "/"), wrong=True)
         answer = RedirectResponse(local_path(form.get("next", "/")), 303)
         _set_cookie(site, answer, site.session_cookie, session_id, round(SESSION_S))
-        answer.delete_cookie(site.form_cookie, path="/", secure=site.settings.https, httponly=True, samesite="strict")
+        answer.delete_cookie(
+            site.form_cookie, path="/", secure=site.settings.https, httponly=True, samesite="strict"
+        )
         return answer
 
     @app.post("/signout")
@@ -51,7 +58,13 @@ def _register_door(app: FastAPI, site: Site) -> None:
         _require_form(site, request)
         site.door.sign_out(request.cookies.get(site.session_cookie, ""))
         answer = RedirectResponse("/", 303)
-        answer.delete_cookie(site.session_cookie, path="/", secure=site.settings.https, httponly=True, samesite="strict")
+        answer.delete_cookie(
+            site.session_cookie,
+            path="/",
+            secure=site.settings.https,
+            httponly=True,
+            samesite="strict",
+        )
         return answer
 
 
@@ -63,30 +76,53 @@ def _register_decisions(app: FastAPI, site: Site) -> None:
         if verdict not in VERDICTS:
             raise Refused(400, "verdict: needed approved or rejected")
         with site.tables() as opened:
-            done = opened.decide(_number(form, "number"), verdict, *key, by=session.name or form.get("by", ""),
-                                 reason=form.get("reason", ""))  # fmt: skip
+            done = opened.decide(
+                _number(form, "number"),
+                verdict,
+                *key,
+                by=session.name or form.get("by", ""),
+                reason=form.get("reason", ""),
+            )
         return RedirectResponse(views.address("/unit", done.unit, done=verdict), 303)
 
     @app.get("/rollback")
-    def confirm_rollback(request: Request, serial: str, technology: str, to: Number, mode: str = "") -> HTMLResponse:
+    def confirm_rollback(
+        request: Request, serial: str, technology: str, to: Number, mode: str = ""
+    ) -> HTMLResponse:
         if site.require_reader(request) is None:
-            raise SignInFirst(views.address("/rollback", serial=serial, technology=technology, to=to, mode=mode))
+            raise SignInFirst(
+                views.address("/rollback", serial=serial, technology=technology, to=to, mode=mode)
+            )
         with site.tables() as opened:
             active = opened.active(serial, technology, mode)
             target = opened.revision(to, serial, technology, mode)
         change = views.change_rows({axis: change_between(active, target, axis) for axis in "xyz"})
-        return site.page(request, "rollback.html.j2", unit=active.unit, active=active, target=target, change=change,
-                         made_from=views.provenance_change(active, target))  # fmt: skip
+        return site.page(
+            request,
+            "rollback.html.j2",
+            unit=active.unit,
+            active=active,
+            target=target,
+            change=change,
+            made_from=views.provenance_change(active, target),
+        )
 
     @app.post("/rollback")
     def rollback(request: Request) -> Response:
         session, form = _require_form(site, request)
         serial, technology, mode = _unit(form)
-        note = signed_note(session.name or form.get("by", ""), form.get("reason", ""), "rolled back by ")
+        note = signed_note(
+            session.name or form.get("by", ""), form.get("reason", ""), "rolled back by "
+        )
         with site.tables() as opened:
             done = opened.rollback(
-                serial, _number(form, "to"), technology, mode, active_number=_number(form, "active"), note=note
-            )  # fmt: skip
+                serial,
+                _number(form, "to"),
+                technology,
+                mode,
+                active_number=_number(form, "active"),
+                note=note,
+            )
         return RedirectResponse(views.address("/unit", done.unit, done="rolled back"), 303)
 
 
@@ -94,8 +130,11 @@ def form_of(request: Request) -> dict[str, str]:
     """The fields of the form that the guard has read; Refused where they are no form."""
     try:
         fields = parse_qs(
-            request.scope[BODY].decode("ascii"), keep_blank_values=True, errors="strict", max_num_fields=MAX_FIELDS
-        )  # fmt: skip
+            request.scope[BODY].decode("ascii"),
+            keep_blank_values=True,
+            errors="strict",
+            max_num_fields=MAX_FIELDS,
+        )
     except ValueError:
         raise Refused(400, "The form cannot be read.") from None
     if any(len(values) > 1 for values in fields.values()):
@@ -106,7 +145,13 @@ def form_of(request: Request) -> dict[str, str]:
 def local_path(path: str) -> str:
     """A path on this site to go on to, "/" where it would lead elsewhere."""
     parts = urlsplit(path)
-    wrong = parts.scheme or parts.netloc or not path.startswith("/") or path.startswith("//") or "\\" in path
+    wrong = (
+        parts.scheme
+        or parts.netloc
+        or not path.startswith("/")
+        or path.startswith("//")
+        or "\\" in path
+    )
     return "/" if wrong or not path.isascii() or not path.isprintable() else path
 
 
@@ -116,7 +161,9 @@ def _require_form(site: Site, request: Request) -> tuple[Session, dict[str, str]
         raise Refused(403, "The server was started without a token: nothing can be written here.")
     session, form = site.session(request), form_of(request)
     if session is None:
-        raise Refused(403, "You are not signed in, or your session is over. Sign in and send the form again.")
+        raise Refused(
+            403, "You are not signed in, or your session is over. Sign in and send the form again."
+        )
     if not same(session.form_token, form.get("form_token", "")):
         raise Refused(403, OTHER_PAGE)
     return session, form
@@ -124,14 +171,28 @@ def _require_form(site: Site, request: Request) -> tuple[Session, dict[str, str]
 
 def _sign_in_page(site: Site, request: Request, path: str, *, wrong: bool = False) -> HTMLResponse:
     cookie = request.cookies.get(site.form_cookie, "") or secrets.token_urlsafe(32)
-    answer = site.page(request, "signin.html.j2", 403 if wrong else 200, next=local_path(path), wrong=wrong,
-                       form_token=site.door.form_token(cookie))  # fmt: skip
+    answer = site.page(
+        request,
+        "signin.html.j2",
+        403 if wrong else 200,
+        next=local_path(path),
+        wrong=wrong,
+        form_token=site.door.form_token(cookie),
+    )
     _set_cookie(site, answer, site.form_cookie, cookie, 3600)
     return answer
 
 
 def _set_cookie(site: Site, answer: Response, name: str, value: str, seconds: int) -> None:
-    answer.set_cookie(name, value, max_age=seconds, path="/", httponly=True, samesite="strict", secure=site.settings.https)
+    answer.set_cookie(
+        name,
+        value,
+        max_age=seconds,
+        path="/",
+        httponly=True,
+        samesite="strict",
+        secure=site.settings.https,
+    )
 
 
 def _unit(form: dict[str, str]) -> tuple[str, str, str]:

@@ -1,4 +1,6 @@
-"""The application: settings, door, drawings and reports together, each fault a page of one line, no trace, no password."""
+"""The application: settings, door, drawings and reports together, each fault a page of one line, no
+trace, no password.
+"""
 
 import base64
 import hashlib
@@ -26,15 +28,26 @@ from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
 
 TITLES = {
-    400: "This cannot be done", 403: "Not allowed", 404: "Not found", 405: "Not served", 408: "Too slow", 409: "Refused",
-    413: "Too large", 415: "Not a form", 421: "Unknown address", 429: "Too many wrong tokens", 500: "A fault of the program",
+    400: "This cannot be done",
+    403: "Not allowed",
+    404: "Not found",
+    405: "Not served",
+    408: "Too slow",
+    409: "Refused",
+    413: "Too large",
+    415: "Not a form",
+    421: "Unknown address",
+    429: "Too many wrong tokens",
+    500: "A fault of the program",
     503: "The store cannot be read",
-}  # fmt: skip
+}
 FRAMED_POLICY = (
-    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self'; base-uri 'none'; "
-    "form-action 'none'"
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; frame-ancestors 'self';"
+    " base-uri 'none'; form-action 'none'"
 )
-NO_FAULT = "The program met a case it does not know. Nothing was changed; the server's log says more."
+NO_FAULT = (
+    "The program met a case it does not know. Nothing was changed; the server's log says more."
+)
 
 
 class SignInFirst(Exception):
@@ -50,7 +63,11 @@ class Site:
 
     def __init__(self, settings: ServeSettings) -> None:
         self.settings = settings
-        self.door, self.drawings, self.reports = Door(settings.tokens), Drawings(), Reports(settings.reports)
+        self.door, self.drawings, self.reports = (
+            Door(settings.tokens),
+            Drawings(),
+            Reports(settings.reports),
+        )
         prefix = "__Host-" if settings.https else ""
         self.session_cookie, self.form_cookie = f"{prefix}recal_session", f"{prefix}recal_form"
         with self.tables() as opened:
@@ -58,7 +75,9 @@ class Site:
 
     @contextmanager
     def tables(self) -> Iterator[TableStore]:
-        """The store, opened for one request: a server that went away, or a file put in its place, is met at the next."""
+        """The store, opened for one request: a server that went away, or a file put in its place,
+        is met at the next.
+        """
         with TableStore.open(self.settings.store_url) as opened:
             yield opened
 
@@ -73,23 +92,44 @@ class Site:
             raise SignInFirst(quote(request.url.path) + query)
         return session
 
-    def page(self, request: Request | None, template: str, status: int = 200, **context: Any) -> HTMLResponse:
-        """A page under the strict policy: no script, no style but its own, nothing from elsewhere."""
+    def page(
+        self, request: Request | None, template: str, status: int = 200, **context: Any
+    ) -> HTMLResponse:
+        """A page under the strict policy: no script, no style but its own, nothing from
+        elsewhere.
+        """
         session = None if request is None else self.session(request)
-        text = _environment().get_template(template).render(
-            style=_style(), session=session, locked=self.door.locked, has_reports=self.reports.given,
-            address=views.address, **context,
-        )  # fmt: skip
+        text = (
+            _environment()
+            .get_template(template)
+            .render(
+                style=_style(),
+                session=session,
+                locked=self.door.locked,
+                has_reports=self.reports.given,
+                address=views.address,
+                **context,
+            )
+        )
         return HTMLResponse(text, status, headers={"content-security-policy": _policy()})
 
     def fault(self, status: int, line: str, request: Request | None = None) -> HTMLResponse:
         """A page that says what is wrong; the store's address is not in it."""
-        line = line.replace(f"store {self.store_name}", "the store").replace(self.store_name, "the store")
-        return self.page(request, "fault.html.j2", status, title=TITLES.get(status, f"Error {status}"), line=line)
+        line = line.replace(f"store {self.store_name}", "the store").replace(
+            self.store_name, "the store"
+        )
+        return self.page(
+            request, "fault.html.j2", status, title=TITLES.get(status, f"Error {status}"), line=line
+        )
 
     def framed(self, text: str) -> HTMLResponse:
-        """A report that was drawn elsewhere: alone in a sandbox, without scripts, forms or an origin."""
-        return HTMLResponse(text, headers={"content-security-policy": FRAMED_POLICY, "x-frame-options": "SAMEORIGIN"})
+        """A report that was drawn elsewhere: alone in a sandbox, without scripts, forms or an
+        origin.
+        """
+        return HTMLResponse(
+            text,
+            headers={"content-security-policy": FRAMED_POLICY, "x-frame-options": "SAMEORIGIN"},
+        )
 
 
 def build_app(settings: ServeSettings) -> Guard:
@@ -161,7 +201,9 @@ def _status(error: Exception) -> int:
 def _environment() -> Environment:
     shared = report_page._environment()
     assert shared.loader is not None
-    return shared.overlay(loader=ChoiceLoader([PackageLoader("recal", "web/templates"), shared.loader]))
+    return shared.overlay(
+        loader=ChoiceLoader([PackageLoader("recal", "web/templates"), shared.loader])
+    )
 
 
 @lru_cache(maxsize=1)
@@ -175,6 +217,6 @@ def _style() -> Markup:
 def _policy() -> str:
     digest = base64.b64encode(hashlib.sha256(_style().encode()).digest()).decode()
     return (
-        f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; form-action 'self'; frame-src 'self'; "
-        "frame-ancestors 'none'; base-uri 'none'"
+        f"default-src 'none'; style-src 'sha256-{digest}'; img-src data:; form-action 'self';"
+        " frame-src 'self'; frame-ancestors 'none'; base-uri 'none'"
     )

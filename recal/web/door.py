@@ -1,4 +1,6 @@
-"""Who may write: tokens, sessions, form tokens, a limit on wrong guesses. All in memory: it ends with the process."""
+"""Who may write: tokens, sessions, form tokens, a limit on wrong guesses. All in memory: it ends
+with the process.
+"""
 
 import hashlib
 import hmac
@@ -28,7 +30,9 @@ class TooManyGuesses(Exception):
 
 @dataclass(frozen=True)
 class Session:
-    """`name`: whose token opened it, empty for a shared one; `form_token` goes into each of its forms."""
+    """`name`: whose token opened it, empty for a shared one; `form_token` goes into each of its
+    forms.
+    """
 
     name: str
     form_token: str
@@ -38,7 +42,9 @@ class Session:
 class Door:
     """Sessions by the hash of their id; thread-safe."""
 
-    def __init__(self, tokens: tuple[Token, ...], clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, tokens: tuple[Token, ...], clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._tokens, self._clock = tokens, clock
         self._secret = secrets.token_bytes(32)
         self._sessions: OrderedDict[bytes, Session] = OrderedDict()
@@ -51,7 +57,9 @@ class Door:
         return not self._tokens
 
     def sign_in(self, token: str, peer: str) -> str | None:
-        """The id of a new session, None for a wrong token; TooManyGuesses where wrong ones came too often."""
+        """The id of a new session, None for a wrong token; TooManyGuesses where wrong ones came too
+        often.
+        """
         with self._lock:
             self._require_patience(peer)
             given, found = hashlib.sha256(token.encode(errors="replace")).digest(), None
@@ -63,7 +71,9 @@ class Door:
                 return None
             self._failures.pop(peer, None)
             session_id = secrets.token_urlsafe(32)
-            self._sessions[_hash(session_id)] = Session(found.name, self.form_token(session_id), self._clock() + SESSION_S)
+            self._sessions[_hash(session_id)] = Session(
+                found.name, self.form_token(session_id), self._clock() + SESSION_S
+            )
             while len(self._sessions) > MAX_SESSIONS:
                 self._sessions.popitem(last=False)
             return session_id
@@ -94,7 +104,10 @@ class Door:
             if not recent:
                 del self._failures[name]
         mine = self._failures.get(peer, deque())
-        if len(mine) >= MAX_FAILURES or sum(map(len, self._failures.values())) >= MAX_FAILURES_IN_ALL:
+        if (
+            len(mine) >= MAX_FAILURES
+            or sum(map(len, self._failures.values())) >= MAX_FAILURES_IN_ALL
+        ):
             oldest = mine[0] if mine else min(recent[0] for recent in self._failures.values())
             raise TooManyGuesses(max(1, round(oldest + FAILURE_WINDOW_S - now)))
 

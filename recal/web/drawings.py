@@ -1,4 +1,5 @@
-"""Drawings and drawn reports of the page, each made once: tables never change, so their hashes are the keys.
+"""Drawings and drawn reports of the page, each made once: tables never change, so their hashes are
+the keys.
 
 matplotlib keeps its style in one place for all threads, so one thread draws at a time.
 """
@@ -13,12 +14,28 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import GREY, NEW, OLD, PANEL_WIDTH, axis_text, in_style, new_figure, robust_limits, svg_text
+from infield.reports.figures import (
+    GREY,
+    NEW,
+    OLD,
+    PANEL_WIDTH,
+    axis_text,
+    in_style,
+    new_figure,
+    robust_limits,
+    svg_text,
+)
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
 MOST_KEPT = 64
-LINES = {"factory": (GREY, ":"), "previous": (OLD, "--"), "active": (NEW, "-"), "before": (OLD, "--"), "after": (NEW, "-")}
+LINES = {
+    "factory": (GREY, ":"),
+    "previous": (OLD, "--"),
+    "active": (NEW, "-"),
+    "before": (OLD, "--"),
+    "after": (NEW, "-"),
+}
 _STYLE_ATTRIBUTE = re.compile(r' style="([^"]*)"')
 
 
@@ -39,7 +56,9 @@ class Drawings:
         self._lock = threading.Lock()
 
     def bias_panels(self, lines: Sequence[Line]) -> list[Markup]:
-        """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for the factory one."""
+        """Bias against temperature of the three gyros, a line for each table, U(k=2) bands but for
+        the factory one.
+        """
         key = ("bias", *((line.name, line.sha256) for line in lines))
         return self._once(key, lambda: [_bias_panel(axis, lines) for axis in AXES])
 
@@ -58,7 +77,9 @@ class Drawings:
 
 
 def without_style_attributes(svg: Markup) -> Markup:
-    """The drawing with its styles as attributes of their own, which a strict Content-Security-Policy lets stand."""
+    """The drawing with its styles as attributes of their own, which a strict
+    Content-Security-Policy lets stand.
+    """
 
     def attributes(found: re.Match[str]) -> str:
         pairs = (part.partition(":") for part in found[1].split(";") if part.strip())
@@ -77,12 +98,21 @@ def _bias_panel(axis: str, lines: Sequence[Line]) -> Markup:
         T = np.union1d(nodes, np.linspace(nodes[0], nodes[-1], 121))
         bias, sigma = line.table.bias_deg_h(axis, T), line.table.sigma_deg_h(axis, T)
         if line.name != "factory":  # a band for it, too, would hide the others
-            ax.fill_between(T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0)
+            ax.fill_between(
+                T, bias - 2 * sigma, bias + 2 * sigma, color=colour, alpha=0.16, linewidth=0
+            )
             outer += [bias - 2 * sigma, bias + 2 * sigma]
         ax.plot(T, bias, dashes, color=colour)
         ax.plot(nodes, line.table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
         inner.append(bias)
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=8.0))
-    axis_text(ax, title=f"Gyro {axis}: bias against temperature", x="gyro temperature [°C]", y="bias [deg/h]")
-    label = f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
+    axis_text(
+        ax,
+        title=f"Gyro {axis}: bias against temperature",
+        x="gyro temperature [°C]",
+        y="bias [deg/h]",
+    )
+    label = (
+        f"Bias of gyro {axis} against temperature: {', '.join(line.name for line in lines)} table"
+    )
     return without_style_attributes(svg_text(figure, label))

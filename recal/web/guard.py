@@ -1,6 +1,8 @@
-"""What every request must pass and every answer carries: host, origin, size, security headers. Plain ASGI.
+"""What every request must pass and every answer carries: host, origin, size, security headers.
+Plain ASGI.
 
-Host against DNS rebinding; Origin and Sec-Fetch-Site against forms of other sites; a small body read whole beforehand.
+Host against DNS rebinding; Origin and Sec-Fetch-Site against forms of other sites; a small body
+read whole beforehand.
 """
 
 import asyncio
@@ -23,7 +25,8 @@ FORM = "application/x-www-form-urlencoded"
 HEADERS = {
     "x-content-type-options": "nosniff",
     "x-frame-options": "DENY",
-    "referrer-policy": "same-origin",  # with no-referrer, browsers would send forms with `Origin: null`
+    # with no-referrer, browsers would send forms with `Origin: null`
+    "referrer-policy": "same-origin",
     "cache-control": "no-store",
     "cross-origin-opener-policy": "same-origin",
     "cross-origin-resource-policy": "same-origin",
@@ -43,7 +46,12 @@ class Refused(Exception):
 class Guard:
     """Wraps the application; `page(status, line)` makes the answer to a refused request."""
 
-    def __init__(self, app: Callable[[Scope, Receive, Send], Awaitable[None]], settings: ServeSettings, page: Refuse) -> None:
+    def __init__(
+        self,
+        app: Callable[[Scope, Receive, Send], Awaitable[None]],
+        settings: ServeSettings,
+        page: Refuse,
+    ) -> None:
         self._app, self._settings, self._page = app, settings, page
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -78,7 +86,11 @@ class Guard:
         async def sending(message: MutableMapping[str, Any]) -> None:
             if message["type"] == "http.response.start":
                 given = {name.lower() for name, _ in message["headers"]}
-                extra = [(k.encode(), v.encode()) for k, v in {**HEADERS, **https}.items() if k.encode() not in given]
+                extra = [
+                    (k.encode(), v.encode())
+                    for k, v in {**HEADERS, **https}.items()
+                    if k.encode() not in given
+                ]
                 message = {**message, "headers": [*message["headers"], *extra]}
             await send(message)
 
@@ -87,11 +99,16 @@ class Guard:
     def _check_host(self, headers: dict[str, list[str]]) -> None:
         given = headers.get("host", [])
         if len(given) != 1 or not allowed_host(given[0], self._settings):
-            raise Refused(421, "This address is not served here. The operator may allow a name with --allow-host.")
+            raise Refused(
+                421,
+                "This address is not served here. The operator may allow a name with --allow-host.",
+            )
 
 
 def allowed_host(host: str, settings: ServeSettings) -> bool:
-    """May a browser ask under this Host? An IP address cannot be rebound; names must be known. The port does not count."""
+    """May a browser ask under this Host? An IP address cannot be rebound; names must be known. The
+    port does not count.
+    """
     try:
         parts = urlsplit(f"//{host}")
         name, _ = parts.hostname or "", parts.port
@@ -113,9 +130,15 @@ def check_origin(headers: dict[str, list[str]]) -> None:
     """Refused unless a browser says that the form came from this very site."""
     site, origin, host = (headers.get(name, []) for name in ("sec-fetch-site", "origin", "host"))
     own = [f"http://{host[0]}".lower(), f"https://{host[0]}".lower()]
-    wrong = (site and site != ["same-origin"]) or (origin and (len(origin) > 1 or origin[0].lower() not in own))
+    wrong = (site and site != ["same-origin"]) or (
+        origin and (len(origin) > 1 or origin[0].lower() not in own)
+    )
     if wrong or not (site or origin):
-        raise Refused(403, "The form did not come from this page. Open the page again and send the form from there.")
+        raise Refused(
+            403,
+            "The form did not come from this page. Open the page again and send the form from"
+            " there.",
+        )
 
 
 async def _body(headers: dict[str, list[str]], receive: Receive) -> bytes:

@@ -32,7 +32,9 @@ def register(app: FastAPI, site: Site) -> None:
 
 def _register_units(app: FastAPI, site: Site) -> None:
     @app.get("/")
-    def units(request: Request, q: str = "", sort: Sort = "serial", down: bool = False, page: Number = 1) -> HTMLResponse:
+    def units(
+        request: Request, q: str = "", sort: Sort = "serial", down: bool = False, page: Number = 1
+    ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             everything = opened.overview()
@@ -40,49 +42,90 @@ def _register_units(app: FastAPI, site: Site) -> None:
         last = max(1, -(-len(found) // views.PAGE_ROWS))
         page = min(page, last)
         shown = found[(page - 1) * views.PAGE_ROWS : page * views.PAGE_ROWS]
-        return site.page(request, "units.html.j2", units=shown, found=len(found), of=len(everything), q=q, sort=sort, down=down,
-                         page=page, last=last, undecided=sum(u.undecided for u in everything))  # fmt: skip
+        return site.page(
+            request,
+            "units.html.j2",
+            units=shown,
+            found=len(found),
+            of=len(everything),
+            q=q,
+            sort=sort,
+            down=down,
+            page=page,
+            last=last,
+            undecided=sum(u.undecided for u in everything),
+        )
 
     @app.get("/unit")
-    def unit(request: Request, serial: str, technology: str, mode: str = "", done: str = "") -> HTMLResponse:
+    def unit(
+        request: Request, serial: str, technology: str, mode: str = "", done: str = ""
+    ) -> HTMLResponse:
         site.require_reader(request)
         key = (serial, technology, mode)
         with site.tables() as opened:
             proposals = opened.proposals(*key)
             history = _history(opened, key, proposals=bool(proposals))
             contradictions = opened.contradictions(*key) if history else ()
-        context: dict[str, Any] = {"active": None, "panels": [], "lines": [], "contradictions": [], "rows": None}
+        context: dict[str, Any] = {
+            "active": None,
+            "panels": [],
+            "lines": [],
+            "contradictions": [],
+            "rows": None,
+        }
         if history:
             lines = _lines(history)
             active = history[-1]
             context = {
-                "active": active, "panels": site.drawings.bias_panels(lines), "lines": lines,
+                "active": active,
+                "panels": site.drawings.bias_panels(lines),
+                "lines": lines,
                 "rows": views.table_rows(active.table),
                 "contradictions": views.contradiction_rows(contradictions, active.table),
-            }  # fmt: skip
+            }
         diagnoses = [e for e in site.reports.all() if e.document.get("imu_serial") == serial]
         return site.page(
-            request, "unit.html.j2", unit=(history or proposals)[-1].unit, history=history[::-1][:MOST_SHOWN],
-            proposals=[views.proposal_facts(p) for p in reversed(proposals)], done=done, diagnoses=diagnoses, **context,
-        )  # fmt: skip
+            request,
+            "unit.html.j2",
+            unit=(history or proposals)[-1].unit,
+            history=history[::-1][:MOST_SHOWN],
+            proposals=[views.proposal_facts(p) for p in reversed(proposals)],
+            done=done,
+            diagnoses=diagnoses,
+            **context,
+        )
 
 
 def _register_revisions(app: FastAPI, site: Site) -> None:
     @app.get("/diff")
     def diff(
-        request: Request, serial: str, technology: str, mode: str = "", before: Number = 1, after: Number = 1
+        request: Request,
+        serial: str,
+        technology: str,
+        mode: str = "",
+        before: Number = 1,
+        after: Number = 1,
     ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             old, new = (opened.revision(k, serial, technology, mode) for k in (before, after))
         lines = [Line("before", old.sha256, old.table), Line("after", new.sha256, new.table)]
         return site.page(
-            request, "diff.html.j2", unit=new.unit, before=old, after=new, change=_change(old, new), lines=lines,
-            panels=site.drawings.bias_panels(lines), made_from=views.provenance_change(old, new),
-        )  # fmt: skip
+            request,
+            "diff.html.j2",
+            unit=new.unit,
+            before=old,
+            after=new,
+            change=_change(old, new),
+            lines=lines,
+            panels=site.drawings.bias_panels(lines),
+            made_from=views.provenance_change(old, new),
+        )
 
     @app.get("/revision/report")
-    def revision_report(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+    def revision_report(
+        request: Request, serial: str, technology: str, number: Number, mode: str = ""
+    ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             found = opened.revision(number, serial, technology, mode)
@@ -101,33 +144,56 @@ def _register_proposals(app: FastAPI, site: Site) -> None:
         counts = {name: sum(p.state == name for p in everything) for name in views.STATE_LOOKS}
         chosen = [p for p in reversed(everything) if state in ("all", p.state)]
         chosen.sort(key=lambda p: p.proposed_utc, reverse=True)
-        return site.page(request, "proposals.html.j2", state=state, counts=counts,
-                         proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]])  # fmt: skip
+        return site.page(
+            request,
+            "proposals.html.j2",
+            state=state,
+            counts=counts,
+            proposals=[views.proposal_facts(p) for p in chosen[:MOST_SHOWN]],
+        )
 
     @app.get("/proposal")
-    def proposal(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+    def proposal(
+        request: Request, serial: str, technology: str, number: Number, mode: str = ""
+    ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             full = opened.proposal(number, serial, technology, mode)
             base = _base(opened, full)
         change = None if base is None else _change(base, full)
-        lines = [] if base is None else [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
+        lines = (
+            []
+            if base is None
+            else [Line("before", base.sha256, base.table), Line("after", full.sha256, full.table)]
+        )
         return site.page(
-            request, "proposal.html.j2", p=full, unit=full.unit, report=full.report, base=base, change=change, lines=lines,
-            panels=site.drawings.bias_panels(lines) if lines else [], look=views.STATE_LOOKS[full.state],
-        )  # fmt: skip
+            request,
+            "proposal.html.j2",
+            p=full,
+            unit=full.unit,
+            report=full.report,
+            base=base,
+            change=change,
+            lines=lines,
+            panels=site.drawings.bias_panels(lines) if lines else [],
+            look=views.STATE_LOOKS[full.state],
+        )
 
 
 def _register_proposal_texts(app: FastAPI, site: Site) -> None:
     @app.get("/proposal/report")
-    def proposal_report(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> HTMLResponse:
+    def proposal_report(
+        request: Request, serial: str, technology: str, number: Number, mode: str = ""
+    ) -> HTMLResponse:
         site.require_reader(request)
         with site.tables() as opened:
             full = opened.proposal(number, serial, technology, mode)
         return site.framed(_drawn(site, full.record_sha256, {**full.report, "proposal": number}))
 
     @app.get("/proposal/update.json")
-    def proposal_document(request: Request, serial: str, technology: str, number: Number, mode: str = "") -> Response:
+    def proposal_document(
+        request: Request, serial: str, technology: str, number: Number, mode: str = ""
+    ) -> Response:
         site.require_reader(request)
         with site.tables() as opened:
             full = opened.proposal(number, serial, technology, mode)
@@ -167,8 +233,10 @@ def _register_reports(app: FastAPI, site: Site) -> None:
 
 def _history(opened: TableStore, key: tuple[str, str, str], *, proposals: bool) -> list[Revision]:
     """All revisions, the chain checked; none of a unit that has only a proposal yet."""
-    if proposals and not any((u.unit.imu_serial, u.unit.gyro_technology, u.unit.gyro_mode) == key and u.active_number
-                             for u in opened.overview()):  # fmt: skip
+    if proposals and not any(
+        (u.unit.imu_serial, u.unit.gyro_technology, u.unit.gyro_mode) == key and u.active_number
+        for u in opened.overview()
+    ):
         return []
     return opened.history(*key)
 
@@ -183,7 +251,9 @@ def _lines(history: list[Revision]) -> list[Line]:
 
 
 def _base(opened: TableStore, full: FullProposal) -> Revision | None:
-    """The table that a proposal was made from, None where it is its technology's default and not stored yet."""
+    """The table that a proposal was made from, None where it is its technology's default and not
+    stored yet.
+    """
     try:
         return opened.by_sha256(full.parent_sha256)
     except InputError:
@@ -201,7 +271,10 @@ def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
     try:
         return site.drawings.page(key, lambda: update_html(document))
     except Exception as error:  # whatever an old or damaged document makes of the template
-        line = f"This version cannot draw the stored report ({type(error).__name__}); its update.json is whole."
+        line = (
+            f"This version cannot draw the stored report ({type(error).__name__}); its update.json"
+            " is whole."
+        )
         raise Refused(409, line) from error
 
 

@@ -1,4 +1,6 @@
-"""Diagnosis reports below one directory, and nothing outside it: whatever a path says, and wherever a link points."""
+"""Diagnosis reports below one directory, and nothing outside it: whatever a path says, and wherever
+a link points.
+"""
 
 import json
 import os
@@ -16,7 +18,9 @@ MOST_DIRECTORIES, DEEPEST = 5000, 8
 
 @dataclass(frozen=True)
 class DiagnosisEntry:
-    """A diagnosis.json: its folder relative to the root, the document (empty where it cannot be read), and why."""
+    """A diagnosis.json: its folder relative to the root, the document (empty where it cannot be
+    read), and why.
+    """
 
     folder: str
     document: dict[str, Any]
@@ -45,15 +49,21 @@ class Reports:
         return self._entry(folder) if self._inside(folder, DOCUMENT) else None
 
     def text(self, folder: str, name: str) -> str | None:
-        """The text of diagnosis.json or diagnosis.html, None where there is none; InputError where it cannot be read."""
+        """The text of diagnosis.json or diagnosis.html, None where there is none; InputError where
+        it cannot be read.
+        """
         path = self._inside(folder, name) if name in (DOCUMENT, PAGE) else None
         if path is None:
             return None
         try:
-            with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as stream:
+            with os.fdopen(
+                os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb"
+            ) as stream:
                 about = os.fstat(stream.fileno())
                 if not stat.S_ISREG(about.st_mode) or about.st_size > LARGEST:
-                    raise InputError(f"{name}: {about.st_size} bytes, needed a file of at most {LARGEST}")
+                    raise InputError(
+                        f"{name}: {about.st_size} bytes, needed a file of at most {LARGEST}"
+                    )
                 return stream.read(LARGEST).decode("utf-8")
         except OSError as error:
             raise InputError(f"{name}: cannot be read ({error.strerror})") from None
@@ -61,8 +71,15 @@ class Reports:
             raise InputError(f"{name}: not UTF-8 text") from None
 
     def _inside(self, folder: str, name: str) -> Path | None:
-        """The real path of a file in a folder under the root; None where it is not there or leads out."""
-        if self._root is None or "\0" in folder or Path(folder).is_absolute() or ".." in Path(folder).parts:
+        """The real path of a file in a folder under the root; None where it is not there or leads
+        out.
+        """
+        if (
+            self._root is None
+            or "\0" in folder
+            or Path(folder).is_absolute()
+            or ".." in Path(folder).parts
+        ):
             return None
         try:
             path = (self._root / folder / name).resolve()

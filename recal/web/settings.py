@@ -1,4 +1,6 @@
-"""What the server was started with: address, store, reports, tokens. No web library here, so that refusals come first."""
+"""What the server was started with: address, store, reports, tokens. No web library here, so that
+refusals come first.
+"""
 
 import hashlib
 import ipaddress
@@ -25,7 +27,9 @@ class Token:
 
 @dataclass(frozen=True, kw_only=True)
 class ServeSettings:
-    """`hosts`: further names under which a browser may ask for the page; `https`: a proxy adds TLS before it."""
+    """`hosts`: further names under which a browser may ask for the page; `https`: a proxy adds TLS
+    before it.
+    """
 
     store_url: str
     host: str = "127.0.0.1"
@@ -37,8 +41,14 @@ class ServeSettings:
 
     def __post_init__(self) -> None:
         if not self.tokens and self.reading_needs_token:
-            why = f"on {self.host}" if not is_loopback(self.host) else "under another name or behind a proxy"
-            raise InputError(f"serve: a token is needed {why}: give --token-file or set {TOKEN_VARIABLE}")
+            why = (
+                f"on {self.host}"
+                if not is_loopback(self.host)
+                else "under another name or behind a proxy"
+            )
+            raise InputError(
+                f"serve: a token is needed {why}: give --token-file or set {TOKEN_VARIABLE}"
+            )
 
     @property
     def reading_needs_token(self) -> bool:
@@ -59,18 +69,25 @@ def is_loopback(host: str) -> bool:
 def token_of(text: str, name: str = "", *, source: str) -> Token:
     """A token; InputError where it is too short to be one. Its text is never in a message."""
     if len(text) < SHORTEST_TOKEN or not text.isascii() or not text.isprintable():
-        raise InputError(f"{source}: a token of {len(text)} characters, needed at least {SHORTEST_TOKEN}, printable ASCII")
+        raise InputError(
+            f"{source}: a token of {len(text)} characters, needed at least {SHORTEST_TOKEN},"
+            " printable ASCII"
+        )
     return Token(hashlib.sha256(text.encode()).digest(), name)
 
 
 def read_tokens(path: Path | None) -> tuple[Token, ...]:
-    """Tokens of a file (a line each: TOKEN, or NAME and TOKEN), else the one of the environment, else none."""
+    """Tokens of a file (a line each: TOKEN, or NAME and TOKEN), else the one of the environment,
+    else none.
+    """
     if path is None:
         text = os.environ.pop(TOKEN_VARIABLE, "").strip()  # popped: no child process inherits it
         return (token_of(text, source=TOKEN_VARIABLE),) if text else ()
     try:
         if path.stat().st_size > LARGEST_TOKEN_FILE:
-            raise InputError(f"{path}: larger than {LARGEST_TOKEN_FILE} bytes, needed a line for each token")
+            raise InputError(
+                f"{path}: larger than {LARGEST_TOKEN_FILE} bytes, needed a line for each token"
+            )
         lines = path.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
@@ -81,7 +98,10 @@ def read_tokens(path: Path | None) -> tuple[Token, ...]:
         if line.strip() and not line.startswith("#"):
             name, _, token = line.strip().rpartition(" ")
             if not name.isprintable() or len(name) > 200:
-                raise InputError(f"{path}: line {number}: needed TOKEN, or a NAME of at most 200 characters and TOKEN")
+                raise InputError(
+                    f"{path}: line {number}: needed TOKEN, or a NAME of at most 200 characters and"
+                    " TOKEN"
+                )
             found.append(token_of(token, name.strip(), source=f"{path}: line {number}"))
     if not found:
         raise InputError(f"{path}: holds no token")

@@ -1,4 +1,6 @@
-"""What the templates show, as plain values: rows of tables, provenance, addresses. Reads nothing, decides nothing."""
+"""What the templates show, as plain values: rows of tables, provenance, addresses. Reads nothing,
+decides nothing.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,19 +21,30 @@ STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejec
 
 def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
     """A link: any serial fits into it."""
-    key = {} if unit is None else {"serial": unit.imu_serial, "technology": unit.gyro_technology, "mode": unit.gyro_mode}
+    key = (
+        {}
+        if unit is None
+        else {"serial": unit.imu_serial, "technology": unit.gyro_technology, "mode": unit.gyro_mode}
+    )
     query = urlencode({**key, **more}, quote_via=quote)
     return f"{path}?{query}" if query else path
 
 
-def sorted_units(units: Sequence[UnitSummary], *, search: str, sort: str, descending: bool) -> list[UnitSummary]:
-    """The units whose serial, technology, mode or table hash holds the text, in the order asked for."""
+def sorted_units(
+    units: Sequence[UnitSummary], *, search: str, sort: str, descending: bool
+) -> list[UnitSummary]:
+    """The units whose serial, technology, mode or table hash holds the text, in the order asked
+    for.
+    """
     wanted = search.casefold().strip()
     found = [u for u in units if wanted in f"{u.unit} {u.sha256}".casefold()]
     keys: dict[str, Any] = {
-        "serial": lambda u: u.unit, "technology": lambda u: u.unit.gyro_technology, "changed": lambda u: u.created_utc,
-        "proposals": lambda u: u.undecided, "contradictions": lambda u: u.contradictions,
-    }  # fmt: skip
+        "serial": lambda u: u.unit,
+        "technology": lambda u: u.unit.gyro_technology,
+        "changed": lambda u: u.created_utc,
+        "proposals": lambda u: u.undecided,
+        "contradictions": lambda u: u.contradictions,
+    }
     return sorted(found, key=keys[sort], reverse=descending)
 
 
@@ -50,10 +63,18 @@ def change_rows(change: dict[str, dict[str, Any]]) -> dict[str, Any]:
     """Per gyro the rows of `stored_tables.change_between`: T, before, U, after, U, change."""
     axes = {}
     for axis, c in change.items():
-        columns = (c["temperature_degC"], c["before_deg_h"], 2.0 * c["sigma_before_deg_h"], c["after_deg_h"],
-                   2.0 * c["sigma_after_deg_h"], c["change_deg_h"])  # fmt: skip
+        columns = (
+            c["temperature_degC"],
+            c["before_deg_h"],
+            2.0 * c["sigma_before_deg_h"],
+            c["after_deg_h"],
+            2.0 * c["sigma_after_deg_h"],
+            c["change_deg_h"],
+        )
         axes[axis] = [tuple(map(float, row)) for row in zip(*columns)]
-    sigmas: list[float | None] = [row[k] / 2 for rows in axes.values() for row in rows for k in (2, 4)]
+    sigmas: list[float | None] = [
+        row[k] / 2 for rows in axes.values() for row in rows for k in (2, 4)
+    ]
     largest = {axis: max(rows, key=lambda row: abs(row[5])) for axis, rows in axes.items()}
     return {"axes": axes, "decimals": decimals_for(sigmas), "largest": largest}
 
@@ -72,21 +93,45 @@ def provenance_change(before: Revision, after: Revision) -> dict[str, Any]:
 def _runs(table: dict[str, Any]) -> dict[str, tuple[str, str]]:
     """Runs in a table's provenance by content hash: id, hash."""
     listed = table.get("provenance", {}).get("runs") or []
-    runs = [(str(r.get("run_id", "")), str(r.get("sha256", ""))) if isinstance(r, dict) else ("", str(r)) for r in listed]
+    runs = [
+        (
+            (str(r.get("run_id", "")), str(r.get("sha256", "")))
+            if isinstance(r, dict)
+            else ("", str(r))
+        )
+        for r in listed
+    ]
     return {sha256: (run_id, sha256) for run_id, sha256 in runs}
 
 
-def contradiction_rows(evidence: Sequence[SessionEvidence], table: ThermalTable) -> list[dict[str, Any]]:
-    """What each session says against the active table: per gyro its bias less the table's, with U(k=2) of the difference."""
+def contradiction_rows(
+    evidence: Sequence[SessionEvidence], table: ThermalTable
+) -> list[dict[str, Any]]:
+    """What each session says against the active table: per gyro its bias less the table's, with
+    U(k=2) of the difference.
+    """
     rows = []
     for e in evidence:
         apart, sigma_table = e.departure(table)
         sigma = (np.diag(e.covariance) + sigma_table**2) ** 0.5
-        gyros = zip(AXES, map(float, e.temperature_degC), map(float, apart), map(float, 2.0 * sigma))
-        rows.append({"run_id": e.run_id, "sha256": e.run_sha256, "start_utc": e.start_utc, "gyros": list(gyros)})
+        gyros = zip(
+            AXES, map(float, e.temperature_degC), map(float, apart), map(float, 2.0 * sigma)
+        )
+        rows.append(
+            {
+                "run_id": e.run_id,
+                "sha256": e.run_sha256,
+                "start_utc": e.start_utc,
+                "gyros": list(gyros),
+            }
+        )
     return rows
 
 
 def proposal_facts(p: Proposal) -> dict[str, Any]:
     """A proposal in a list."""
-    return {"p": p, "look": STATE_LOOKS[p.state], "href": address("/proposal", p.unit, number=p.number)}
+    return {
+        "p": p,
+        "look": STATE_LOOKS[p.state],
+        "href": address("/proposal", p.unit, number=p.number),
+    }

@@ -1,1 +1,3 @@
-"""The `effects` of a twin file: read, checked against the catalogue, and the free functions among them."""
+"""The `effects` of a twin file: read, checked against the catalogue, and the free functions among
+them.
+"""

@@ -1,7 +1,7 @@
 """Noise effects with a negative coefficient: a simulation with less noise than the twin declares.
 
-The twin's numbers hold for all three axes, so the number is lowered to what the quietest axis has and the others get
-their part back as an added noise of the same kind.
+The twin's numbers hold for all three axes, so the number is lowered to what the quietest axis has
+and the others get their part back as an added noise of the same kind.
 """
 
 from collections import defaultdict
@@ -28,15 +28,20 @@ DECLARED = {  # id of the effect: section and key of the twin, and its unit over
 
 
 def declared_square(twin: TwinModel, effect_id: str) -> float:
-    """What a twin declares of a noise effect, its coefficient squared; 0 where it declares none of the kind."""
+    """What a twin declares of a noise effect, its coefficient squared; 0 where it declares none of
+    the kind.
+    """
     if effect_id not in DECLARED:
         return 0.0
     section, field, unit = DECLARED[effect_id]
     return float((getattr(getattr(twin, section), field) / unit) ** 2)
 
 
-def without_excess(twin: TwinModel, effects: Sequence[TwinEffect], run_id: str) -> tuple[TwinModel, tuple[TwinEffect, ...]]:
-    """The twin to simulate a run with (`effects` empty) and what is to be added to that: no noise below zero.
+def without_excess(
+    twin: TwinModel, effects: Sequence[TwinEffect], run_id: str
+) -> tuple[TwinModel, tuple[TwinEffect, ...]]:
+    """The twin to simulate a run with (`effects` empty) and what is to be added to that: no noise
+    below zero.
 
     InputError where an effect takes away noise that the twin does not declare as such.
     """
@@ -48,8 +53,9 @@ def without_excess(twin: TwinModel, effects: Sequence[TwinEffect], run_id: str) 
         if item.is_noise and item.square < 0:
             if item.effect.id not in DECLARED:
                 raise InputError(
-                    f"{twin.source}: {item.effect.name} on {item.target}: coefficient {item.coefficients[0]:g}, needed 0 or "
-                    "more: the twin declares no such noise to be lowered"
+                    f"{twin.source}: {item.effect.name} on {item.target}: coefficient"
+                    f" {item.coefficients[0]:g}, needed 0 or more: the twin declares no such noise"
+                    " to be lowered"
                 )
             lowered[item.effect.id].append(item)
         else:
@@ -61,13 +67,22 @@ def without_excess(twin: TwinModel, effects: Sequence[TwinEffect], run_id: str) 
     return twin, tuple(added)
 
 
-def _lowered(twin: TwinModel, key: str, items: Sequence[TwinEffect]) -> tuple[TwinModel, list[TwinEffect]]:
+def _lowered(
+    twin: TwinModel, key: str, items: Sequence[TwinEffect]
+) -> tuple[TwinModel, list[TwinEffect]]:
     section, field, unit = DECLARED[key]
     record: Any = getattr(twin, section)
     declared = (getattr(record, field) / unit) ** 2
     effect = items[0].effect
-    left = {t: max(declared + sum(i.square for i in items if i.target == t), 0.0) for t in effect.targets}
+    left = {
+        t: max(declared + sum(i.square for i in items if i.target == t), 0.0)
+        for t in effect.targets
+    }
     least = min(left.values())
     twin = replace(twin, **{section: replace(record, **{field: float(np.sqrt(least)) * unit})})
-    back = [TwinEffect(effect, t, (float(np.sqrt(square - least)),)) for t, square in left.items() if square > least]
+    back = [
+        TwinEffect(effect, t, (float(np.sqrt(square - least)),))
+        for t, square in left.items()
+        if square > least
+    ]
     return twin, back

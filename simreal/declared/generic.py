@@ -1,7 +1,8 @@
-"""Answers without a name: free functions of temperature, its rate, time or run on one channel, as competitors.
+"""Answers without a name: free functions of temperature, its rate, time or run on one channel, as
+competitors.
 
-Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with its few parameters
-beats them where it fits, and loses where nothing named does.
+Straight lines between nodes ("hats"), at several resolutions; a smooth effect of the catalogue with
+its few parameters beats them where it fits, and loses where nothing named does.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,7 +19,8 @@ OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
 UNKNOWN = "unknown"  # of the motion, on a channel that only moving vehicles have
-MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}  # m/s, m/s, m at 10 m/s: what would matter there
+# m/s, m/s, m at 10 m/s: what would matter there
+MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}
 Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
 Quantity = Callable[[Telemetry, str], NDArray | None]
 
@@ -47,7 +49,10 @@ class Generic:
             return tuple(_fix_error(run, c) for c in (*columns, *(1j * columns)))
         axis = AXIS[self.target]
         gyro = self.target in GYROS
-        return tuple(Trace(gyro_rad_s=on_axis(c, axis)) if gyro else Trace(accel_m_s2=on_axis(c, axis)) for c in columns)
+        return tuple(
+            Trace(gyro_rad_s=on_axis(c, axis)) if gyro else Trace(accel_m_s2=on_axis(c, axis))
+            for c in columns
+        )
 
 
 def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
@@ -61,14 +66,18 @@ def generic_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
             for nodes in (4, 8, 16) if name == OF_TEMPERATURE else (4, 8):
                 out.append(_hats(name, target, quantity, _nodes(values, nodes)))
         for nodes in (4, 8, 16):
-            out.append(_hats(OF_TIME, target, _time, _nodes([_time(r, target) for r in runs], nodes)))
+            out.append(
+                _hats(OF_TIME, target, _time, _nodes([_time(r, target) for r in runs], nodes))
+            )
         if len(runs) > 1:
             out.append(Generic(OF_RUN, target, len(runs), _of_run(len(runs))))
     return (*out, *motion_functions(runs))
 
 
 def motion_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
-    """Free functions of the motion on odometer, side slip and GNSS: of speed, its square, acceleration and turn rate."""
+    """Free functions of the motion on odometer, side slip and GNSS: of speed, its square,
+    acceleration and turn rate.
+    """
     out = []
     if any(run.rolling.any() for run in runs):
         out.append(Generic(UNKNOWN, "vehicle", 4, _of_motion))
@@ -90,15 +99,21 @@ def _of_fixes(run: Telemetry) -> NDArray:
 
 
 def _fix_error(run: Telemetry, column: NDArray) -> Trace:
-    """A position error along (real) or across (imaginary) the heading, with the velocity error that goes with it not read."""
+    """A position error along (real) or across (imaginary) the heading, with the velocity error that
+    goes with it not read.
+    """
     heading = run.heading_rad
     along = np.stack([np.cos(heading), np.sin(heading), np.zeros(run.n)], axis=1)
     across = np.stack([-np.sin(heading), np.cos(heading), np.zeros(run.n)], axis=1)
-    return Trace(gnss_position_m=np.real(column)[:, None] * along + np.imag(column)[:, None] * across)
+    return Trace(
+        gnss_position_m=np.real(column)[:, None] * along + np.imag(column)[:, None] * across
+    )
 
 
 def _hats(name: str, target: str, quantity: Quantity, nodes: NDArray) -> Generic:
-    return Generic(name, target, nodes.size, _over(quantity, target, nodes), tuple(float(n) for n in nodes))
+    return Generic(
+        name, target, nodes.size, _over(quantity, target, nodes), tuple(float(n) for n in nodes)
+    )
 
 
 def _temperature(run: Telemetry, target: str) -> NDArray | None:

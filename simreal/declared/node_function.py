@@ -1,8 +1,9 @@
-"""A generic answer of the diagnosis with its values: straight lines between nodes of temperature, its rate, time or run.
+"""A generic answer of the diagnosis with its values: straight lines between nodes of temperature,
+its rate, time or run.
 
-Written in a twin as {"effect": "unknown_function_of_temperature", "target": "gyro_y", "parameters": {"nodes": [...],
-"values": [...], "unit": "deg/h"}}; the nodes of a function of run are run ids. Before the first and beyond the last
-node the value stays.
+Written in a twin as {"effect": "unknown_function_of_temperature", "target": "gyro_y", "parameters":
+{"nodes": [...], "values": [...], "unit": "deg/h"}}; the nodes of a function of run are run ids.
+Before the first and beyond the last node the value stays.
 """
 
 from dataclasses import dataclass
@@ -29,7 +30,9 @@ def unit_of(target: str) -> str:
 
 @dataclass(frozen=True)
 class NodeFunction(CatalogueEffect):
-    """Values (in the unit of the target) at increasing nodes: degC, degC/min or s; of a run: one value (no nodes)."""
+    """Values (in the unit of the target) at increasing nodes: degC, degC/min or s; of a run: one
+    value (no nodes).
+    """
 
     nodes: tuple[float, ...] = ()
     values: tuple[float, ...] = ()

@@ -1,9 +1,10 @@
-"""The `effects` of a twin (formats.md, section 3): read, checked against the catalogue, and what they add to a run.
+"""The `effects` of a twin (formats.md, section 3): read, checked against the catalogue, and what
+they add to a run.
 
-Parameters are the effect's coefficients and shape parameters by name, each a number in the declared unit or as in
-diagnosis.json, {"value": 0.03, "sigma": 0.004, "unit": "deg/h per degC/min"}, so that a cause can be pasted. `run_id`
-ties an item to one run; without it, it is in every run. A negative coefficient of a noise effect means that much less
-than the twin declares: its square is subtracted.
+Parameters are the effect's coefficients and shape parameters by name, each a number in the declared
+unit or as in diagnosis.json, {"value": 0.03, "sigma": 0.004, "unit": "deg/h per degC/min"}, so that
+a cause can be pasted. `run_id` ties an item to one run; without it, it is in every run. A negative
+coefficient of a noise effect means that much less than the twin declares: its square is subtracted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,7 +25,8 @@ from simreal.evidence.whitened import ExtraNoise
 
 SLOW = "slow_variation"
 PROCESS, RUN_ID = "process", "run_id"
-EACH = "coefficient["  # then a run id and "]": a coefficient of its own in each run (turn-on biases)
+# then a run id and "]": a coefficient of its own in each run (turn-on biases)
+EACH = "coefficient["
 
 
 @dataclass(frozen=True)
@@ -39,7 +41,9 @@ class TwinEffect:
 
     @property
     def square(self) -> float:
-        """Of a noise effect: its coefficient squared, negative where there is less noise than declared."""
+        """Of a noise effect: its coefficient squared, negative where there is less noise than
+        declared.
+        """
         return self.coefficients[0] * abs(self.coefficients[0])
 
     @property
@@ -71,8 +75,12 @@ def twin_extra_noise(effects: Sequence[TwinEffect], run_id: str | None = None) -
 
 
 def parse_effects(twin: TwinModel) -> tuple[TwinEffect, ...]:
-    """The checked `effects` of a twin. InputError names the twin file, the item and the key, what was got and needed."""
-    items = (_Item(f"{twin.source}: effects[{k}]", item).parsed() for k, item in enumerate(twin.effects))
+    """The checked `effects` of a twin. InputError names the twin file, the item and the key, what
+    was got and needed.
+    """
+    items = (
+        _Item(f"{twin.source}: effects[{k}]", item).parsed() for k, item in enumerate(twin.effects)
+    )
     return tuple(effect for effects in items for effect in effects)
 
 
@@ -95,11 +103,19 @@ class _Item:
             self._fail(f"parameters.{RUN_ID}", run_id, "the id of a run")
         if name in FUNCTIONS:
             return self._function(name, target, given, run_id)
-        by_run = {key[len(EACH) : -1]: value for key, value in given.items() if key.startswith(EACH) and key.endswith("]")}
+        by_run = {
+            key[len(EACH) : -1]: value
+            for key, value in given.items()
+            if key.startswith(EACH) and key.endswith("]")
+        }
         if by_run and not run_id:
             rest = {key: value for key, value in given.items() if not key.startswith(EACH)}
             each = [{**rest, EACH[:-1]: value, RUN_ID: run} for run, value in by_run.items()]
-            return tuple(e for one in each for e in _Item(self.where, {**self.data, "parameters": one}).parsed())
+            return tuple(
+                e
+                for one in each
+                for e in _Item(self.where, {**self.data, "parameters": one}).parsed()
+            )
         effect = self._chosen(name, target, given)
         given.pop(PROCESS, None)
         known = _names(effect)
@@ -107,17 +123,25 @@ class _Item:
             if key not in known:
                 self._fail(f"parameters.{key}", key, _nearest(key, known))
         coefficients = tuple(self._number(given, c.name, c.unit) for c in effect.coefficients)
-        shape = {p.name: self._number(given, p.name, p.unit, positive=p.low > 0) for p in effect.shape}
+        shape = {
+            p.name: self._number(given, p.name, p.unit, positive=p.low > 0) for p in effect.shape
+        }
         return (TwinEffect(effect, target, coefficients, shape, run_id),)
 
     def _chosen(self, name: str, target: str, given: Mapping[str, Any]) -> Effect:
         """The one effect that name, target, process and parameters mean."""
         named = effects_named(name)
         if not named:
-            self._fail("effect", name, _nearest(name, sorted({e.name for e in catalogue()} | set(FUNCTIONS))))
+            self._fail(
+                "effect",
+                name,
+                _nearest(name, sorted({e.name for e in catalogue()} | set(FUNCTIONS))),
+            )
         fits = [e for e in named if target in e.targets]
         if not fits:
-            self._fail("target", target, _nearest(target, sorted({t for e in named for t in e.targets})))
+            self._fail(
+                "target", target, _nearest(target, sorted({t for e in named for t in e.targets}))
+            )
         if name == SLOW:
             ids, process = [e.id for e in fits], given.get(PROCESS)
             if process not in ids:
@@ -130,10 +154,16 @@ class _Item:
             kinds = " or ".join(", ".join(c.name for c in e.coefficients) for e in fits)
             self._fail("parameters", ", ".join(given) or None, f"coefficients of one kind: {kinds}")
         if isinstance(fits[0], OutOfReach):
-            self._fail("effect", name, f"an effect that a log of this format shows (this one: {fits[0].need})")
+            self._fail(
+                "effect",
+                name,
+                f"an effect that a log of this format shows (this one: {fits[0].need})",
+            )
         return fits[0]
 
-    def _function(self, name: str, target: str, given: dict[str, Any], run_id: str) -> tuple[TwinEffect, ...]:
+    def _function(
+        self, name: str, target: str, given: dict[str, Any], run_id: str
+    ) -> tuple[TwinEffect, ...]:
         if target not in (*GYROS, *ACCELS):
             self._fail("target", target, _nearest(target, [*GYROS, *ACCELS]))
         known = ["nodes", "values", "unit"]
@@ -150,22 +180,37 @@ class _Item:
             return self._of_run(target, given["nodes"], values, run_id)
         nodes = self._numbers("nodes", given["nodes"])
         if len(nodes) != len(values) or any(b <= a for a, b in pairwise(nodes)):
-            self._fail("parameters.nodes", given["nodes"], f"{len(values)} increasing numbers, one for each value")
+            self._fail(
+                "parameters.nodes",
+                given["nodes"],
+                f"{len(values)} increasing numbers, one for each value",
+            )
         return (TwinEffect(_function(name, target, nodes, values), target, (1.0,), {}, run_id),)
 
-    def _of_run(self, target: str, runs: Any, values: tuple[float, ...], run_id: str) -> tuple[TwinEffect, ...]:
-        if not (isinstance(runs, list) and len(runs) == len(values) and all(isinstance(r, str) and r for r in runs)):
+    def _of_run(
+        self, target: str, runs: Any, values: tuple[float, ...], run_id: str
+    ) -> tuple[TwinEffect, ...]:
+        if not (
+            isinstance(runs, list)
+            and len(runs) == len(values)
+            and all(isinstance(r, str) and r for r in runs)
+        ):
             self._fail("parameters.nodes", runs, "run ids, one for each value")
         if run_id:
             self._fail(f"parameters.{RUN_ID}", run_id, "none: the nodes are the runs")
-        return tuple(TwinEffect(_function(OF_RUN, target, (), (v,)), target, (1.0,), {}, r) for r, v in zip(runs, values))
+        return tuple(
+            TwinEffect(_function(OF_RUN, target, (), (v,)), target, (1.0,), {}, r)
+            for r, v in zip(runs, values)
+        )
 
     def _numbers(self, key: str, given: Any) -> tuple[float, ...]:
         if not (isinstance(given, list) and given and all(_is_number(v) for v in given)):
             self._fail(f"parameters.{key}", given, "a list of numbers")
         return tuple(float(v) for v in given)
 
-    def _number(self, given: Mapping[str, Any], name: str, unit: str, *, positive: bool = False) -> float:
+    def _number(
+        self, given: Mapping[str, Any], name: str, unit: str, *, positive: bool = False
+    ) -> float:
         """A plain number, or one with sigma and unit as in diagnosis.json."""
         key, needed = f"parameters.{name}", f"a number [{unit}]"
         value = given.get(name)
@@ -186,12 +231,18 @@ class _Item:
         raise InputError(f"{self.where}: {key}: got {said}, needed {needed}")
 
 
-def _function(name: str, target: str, nodes: tuple[float, ...], values: tuple[float, ...]) -> NodeFunction:
-    return NodeFunction(id=name, name=name, targets=(target,), coefficients=(), nodes=nodes, values=values)
+def _function(
+    name: str, target: str, nodes: tuple[float, ...], values: tuple[float, ...]
+) -> NodeFunction:
+    return NodeFunction(
+        id=name, name=name, targets=(target,), coefficients=(), nodes=nodes, values=values
+    )
 
 
 def _misfit(effect: Effect, given: Mapping[str, Any]) -> tuple[int, int]:
-    """Parameters given that the effect has not, and those of its own that are not given: kinds of one name differ so."""
+    """Parameters given that the effect has not, and those of its own that are not given: kinds of
+    one name differ so.
+    """
     own, said = set(_names(effect)), set(given) - {PROCESS}
     return len(said - own), len(own - said)
 

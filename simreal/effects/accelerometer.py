@@ -1,4 +1,6 @@
-"""Errors of single accelerometers (gap.md 2b, A01 to A09): measured less true specific force, along the sensor's axis."""
+"""Errors of single accelerometers (gap.md 2b, A01 to A09): measured less true specific force, along
+the sensor's axis.
+"""
 
 from collections.abc import Sequence
 
@@ -13,7 +15,16 @@ from simreal.effects.parts.formula import FormulaEffect, OutOfReach, with_parts
 from simreal.effects.parts.gyro_effect import one, several
 from simreal.effects.parts.gyro_needs import TEMPERATURE_CHANGE_degC, swing
 from simreal.effects.parts.play import heating_sense
-from simreal.effects.parts.recordings import brakes, flies, has_accel_temperatures, lacking, needs_turns, over, span, turns
+from simreal.effects.parts.recordings import (
+    brakes,
+    flies,
+    has_accel_temperatures,
+    lacking,
+    needs_turns,
+    over,
+    span,
+    turns,
+)
 from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 REFERENCE_degC = 25.0
@@ -30,7 +41,9 @@ def on_accel(run: Telemetry, target: str, *series: NDArray) -> tuple[Trace, ...]
 def accel_degC(run: Telemetry, target: str) -> NDArray:
     """Temperature of the target's accelerometer (n,); InputError where none is logged."""
     if run.accel_degC is None:
-        raise InputError(f"run {run.run_index}: no accelerometer temperature, needed by this effect")
+        raise InputError(
+            f"run {run.run_index}: no accelerometer temperature, needed by this effect"
+        )
     return run.accel_degC[:, AXIS[target]]
 
 
@@ -46,8 +59,12 @@ def warm_up(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def hysteresis(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """h times the heating sense: +h on the heating branch, -h on the cooling one; h is half of the split."""
-    return on_accel(run, target, MICRO_G * heating_sense(accel_degC(run, target), shape["width_degC"]))
+    """h times the heating sense: +h on the heating branch, -h on the cooling one; h is half of the
+    split.
+    """
+    return on_accel(
+        run, target, MICRO_G * heating_sense(accel_degC(run, target), shape["width_degC"])
+    )
 
 
 def scale_factor(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -57,7 +74,9 @@ def scale_factor(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]
 
 def second_order(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """K2 f^2, f in g."""
-    return on_accel(run, target, MICRO_G * (run.force_m_s2[:, AXIS[target]] / STANDARD_GRAVITY) ** 2)
+    return on_accel(
+        run, target, MICRO_G * (run.force_m_s2[:, AXIS[target]] / STANDARD_GRAVITY) ** 2
+    )
 
 
 def cross_axes(target: str) -> tuple[int, int]:
@@ -68,14 +87,20 @@ def cross_axes(target: str) -> tuple[int, int]:
 
 def misalignment(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """M_kj f_j of the two other axes."""
-    return on_accel(run, target, *(MILLIRADIAN * run.force_m_s2[:, axis] for axis in cross_axes(target)))
+    return on_accel(
+        run, target, *(MILLIRADIAN * run.force_m_s2[:, axis] for axis in cross_axes(target))
+    )
 
 
 def size_effect(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Component of w' x r + w x (w x r) for r, the place of this accelerometer from the reference point of the unit."""
+    """Component of w' x r + w x (w x r) for r, the place of this accelerometer from the reference
+    point of the unit.
+    """
     rate, angular = run.rate_rad_s, run.rate_of(run.rate_rad_s)
     turning = skew(angular) + skew(rate) @ skew(rate)
-    return on_accel(run, target, *(CENTIMETRE * turning[:, AXIS[target], axis] for axis in range(3)))
+    return on_accel(
+        run, target, *(CENTIMETRE * turning[:, AXIS[target], axis] for axis in range(3))
+    )
 
 
 def white_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
@@ -101,7 +126,12 @@ def needs_turn_round(runs: Sequence[Telemetry], target: str) -> str:
     if not has_accel_temperatures(runs):
         return "an accelerometer temperature"
     swings = np.array([swing(accel_degC(run, target)) for run in runs]).max(axis=0)
-    return lacking((bool(swings.min() > TEMPERATURE_CHANGE_degC), "temperature rising and falling (a run that cools)"))
+    return lacking(
+        (
+            bool(swings.min() > TEMPERATURE_CHANGE_degC),
+            "temperature rising and falling (a run that cools)",
+        )
+    )
 
 
 def needs_own_force(runs: Sequence[Telemetry], target: str) -> str:
@@ -118,8 +148,15 @@ def needs_cross_force(runs: Sequence[Telemetry], target: str) -> str:
     """A vertical accelerometer is seen while parked only, where cross forces are a constant."""
     if target == "accel_z":
         return lacking((flies(runs), "flight"))
-    changes = max(span(over(runs, lambda run, j=axis: run.force_m_s2[:, j])) for axis in cross_axes(target))  # type: ignore[misc]
-    return lacking((changes > CHANGING_m_s2 and (brakes(runs) or flies(runs) or turns(runs)), "accelerations of the vehicle"))
+    changes = max(
+        span(over(runs, lambda run, j=axis: run.force_m_s2[:, j])) for axis in cross_axes(target)
+    )  # type: ignore[misc]
+    return lacking(
+        (
+            changes > CHANGING_m_s2 and (brakes(runs) or flies(runs) or turns(runs)),
+            "accelerations of the vehicle",
+        )
+    )
 
 
 def needs_rotation(runs: Sequence[Telemetry], target: str) -> str:
@@ -129,71 +166,142 @@ def needs_rotation(runs: Sequence[Telemetry], target: str) -> str:
 
 def _misalignment(axis: str) -> tuple[FormulaEffect, ...]:
     others = [f"to_{name}" for name in "xyz" if name != axis]
-    return with_parts(FormulaEffect(
-        f"accel_misalignment_{axis}", "accel_misalignment", (f"accel_{axis}",), several(others, "mrad", 0.05, 0.25),
-        rivals=("imu_size_effect", "accel_scale_factor", "axis_or_unit_error"),
-        source="gap.md A06", formula=misalignment, need=needs_cross_force,
-    ))  # fmt: skip
+    return with_parts(
+        FormulaEffect(
+            f"accel_misalignment_{axis}",
+            "accel_misalignment",
+            (f"accel_{axis}",),
+            several(others, "mrad", 0.05, 0.25),
+            rivals=("imu_size_effect", "accel_scale_factor", "axis_or_unit_error"),
+            source="gap.md A06",
+            formula=misalignment,
+            need=needs_cross_force,
+        )
+    )
 
 
 ACCELEROMETER = (
     *with_parts(
         FormulaEffect(
-            "accel_thermal", "accel_thermal", ACCELS,
-            (Coefficient("linear", "ug per degC", 0.5, 5.0), Coefficient("quadratic", "ug per degC^2", 0.005, 0.1)),
-            rivals=("platform_settling", "platform_mount_sag", "accel_warmup_transient", "accel_thermal_hysteresis",
-                "accel_bias_instability", "accel_rate_random_walk", "vertical_deflection", "schuler_start_error"),
+            "accel_thermal",
+            "accel_thermal",
+            ACCELS,
+            (
+                Coefficient("linear", "ug per degC", 0.5, 5.0),
+                Coefficient("quadratic", "ug per degC^2", 0.005, 0.1),
+            ),
+            rivals=(
+                "platform_settling",
+                "platform_mount_sag",
+                "accel_warmup_transient",
+                "accel_thermal_hysteresis",
+                "accel_bias_instability",
+                "accel_rate_random_walk",
+                "vertical_deflection",
+                "schuler_start_error",
+            ),
             source="gap.md A01",
-            formula=thermal, need=needs_warming,
+            formula=thermal,
+            need=needs_warming,
         ),
         "linear",
     ),
     FormulaEffect(
-        "accel_warmup_transient", "accel_warmup_transient", ACCELS, one("ug", 10.0, 100.0),
+        "accel_warmup_transient",
+        "accel_warmup_transient",
+        ACCELS,
+        one("ug", 10.0, 100.0),
         shape=(ShapeParameter("tau_s", "s", 120.0, 3600.0, 8),),
-        rivals=("accel_thermal", "platform_settling"), source="gap.md A02", formula=warm_up,
+        rivals=("accel_thermal", "platform_settling"),
+        source="gap.md A02",
+        formula=warm_up,
     ),
     FormulaEffect(
-        "accel_thermal_hysteresis", "accel_thermal_hysteresis", ACCELS, one("ug", 10.0, 30.0),
+        "accel_thermal_hysteresis",
+        "accel_thermal_hysteresis",
+        ACCELS,
+        one("ug", 10.0, 30.0),
         shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
-        rivals=("accel_thermal",), source="gap.md A03", formula=hysteresis, need=needs_turn_round,
+        rivals=("accel_thermal",),
+        source="gap.md A03",
+        formula=hysteresis,
+        need=needs_turn_round,
     ),
     FormulaEffect(
-        "accel_scale_factor", "accel_scale_factor", ACCELS, one("ppm", 50.0, 200.0),
-        rivals=("vertical_deflection", "clock_rate", "accel_g2_sensitivity", "accel_misalignment", "axis_or_unit_error",
-            "baro_lag"),
+        "accel_scale_factor",
+        "accel_scale_factor",
+        ACCELS,
+        one("ppm", 50.0, 200.0),
+        rivals=(
+            "vertical_deflection",
+            "clock_rate",
+            "accel_g2_sensitivity",
+            "accel_misalignment",
+            "axis_or_unit_error",
+            "baro_lag",
+        ),
         source="gap.md A04",
-        formula=scale_factor, need=needs_own_force,
+        formula=scale_factor,
+        need=needs_own_force,
     ),
     FormulaEffect(
-        "accel_g2_sensitivity", "accel_g2_sensitivity", ACCELS, one("ug per g^2", 5.0, 20.0),
+        "accel_g2_sensitivity",
+        "accel_g2_sensitivity",
+        ACCELS,
+        one("ug per g^2", 5.0, 20.0),
         rivals=("accel_scale_factor", "engine_start", "sculling_residual"),
-        source="gap.md A05", formula=second_order, need=needs_squares,
+        source="gap.md A05",
+        formula=second_order,
+        need=needs_squares,
     ),
     *(effect for axis in "xyz" for effect in _misalignment(axis)),
     FormulaEffect(
-        "imu_size_effect", "imu_size_effect", ACCELS, several("xyz", "cm", 2.0, 6.0),
-        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"), source="gap.md A07",
-        formula=size_effect, need=needs_rotation,
+        "imu_size_effect",
+        "imu_size_effect",
+        ACCELS,
+        several("xyz", "cm", 2.0, 6.0),
+        rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"),
+        source="gap.md A07",
+        formula=size_effect,
+        need=needs_rotation,
     ),
     FormulaEffect(
-        "accel_noise", "accel_noise", ACCELS, one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
+        "accel_noise",
+        "accel_noise",
+        ACCELS,
+        one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
         repeats="S",
         rivals=("platform_sway", "timestamp_jitter", "engine_start", "saturation_or_rounding"),
-        source="gap.md A08, white", noise_formula=white_noise,
+        source="gap.md A08, white",
+        noise_formula=white_noise,
     ),
     FormulaEffect(
-        "accel_bias_instability", "slow_variation", ACCELS,
-        (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),), repeats="S",
-        rivals=("accel_rate_random_walk", "accel_thermal"), source="gap.md A08, flicker", noise_formula=flicker_noise,
+        "accel_bias_instability",
+        "slow_variation",
+        ACCELS,
+        (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),),
+        repeats="S",
+        rivals=("accel_rate_random_walk", "accel_thermal"),
+        source="gap.md A08, flicker",
+        noise_formula=flicker_noise,
     ),
     FormulaEffect(
-        "accel_rate_random_walk", "slow_variation", ACCELS,
-        (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),), repeats="S",
-        rivals=("accel_bias_instability", "accel_thermal"), source="gap.md A08, random walk", noise_formula=random_walk,
+        "accel_rate_random_walk",
+        "slow_variation",
+        ACCELS,
+        (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),),
+        repeats="S",
+        rivals=("accel_bias_instability", "accel_thermal"),
+        source="gap.md A08, random walk",
+        noise_formula=random_walk,
     ),
     OutOfReach(
-        "sculling_residual", "sculling_residual", ACCELS, one("ug", 1.0, 50.0),
-        rivals=("accel_g2_sensitivity", "gyro_accel_skew"), source="gap.md A09", need="raw data at 500 Hz under vibration",
+        "sculling_residual",
+        "sculling_residual",
+        ACCELS,
+        one("ug", 1.0, 50.0),
+        rivals=("accel_g2_sensitivity", "gyro_accel_skew"),
+        source="gap.md A09",
+        need="raw data at 500 Hz under vibration",
     ),
-)  # fmt: skip
+)

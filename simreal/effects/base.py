@@ -1,8 +1,9 @@
-"""What an effect is: parameters with units and bounds, its trace in a run, its injection, and its rivals.
+"""What an effect is: parameters with units and bounds, its trace in a run, its injection, and its
+rivals.
 
-An effect is a class with one implementation that serves three jobs: injected into a simulation, signature for the
-diagnosis, and the simulation with the effect added. Users register their own under the entry point group
-`recal.effects` (see examples/own_effect.py).
+An effect is a class with one implementation that serves three jobs: injected into a simulation,
+signature for the diagnosis, and the simulation with the effect added. Users register their own
+under the entry point group `recal.effects` (see examples/own_effect.py).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,9 +25,9 @@ Shape = Mapping[str, float]
 class Coefficient:
     """A linear parameter: the trace is proportional to it.
 
-    unit : as in the name of the field's data sheets; low, high : its usual size (absolute value) for a
-    navigation-grade unit after factory compensation. A size outside is named and flagged, never excluded.
-    signed: False for what can only add (an RMS, a dead band).
+    unit : as in the name of the field's data sheets; low, high : its usual size (absolute value)
+    for a navigation-grade unit after factory compensation. A size outside is named and flagged,
+    never excluded. signed: False for what can only add (an RMS, a dead band).
     """
 
     name: str
@@ -38,7 +39,8 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class ShapeParameter:
-    """A parameter that the trace is not linear in (time constant, onset, period), with bounds and a grid for the scan.
+    """A parameter that the trace is not linear in (time constant, onset, period), with bounds and a
+    grid for the scan.
 
     spread "log": bounds and grid are geometric. of_time: the bounds are cut to the run (an onset).
     """
@@ -56,19 +58,25 @@ class ShapeParameter:
         a, b = self.low if low is None else low, self.high if high is None else high
         if self.steps == 1:
             return np.array([np.sqrt(a * b) if self.spread == "log" else 0.5 * (a + b)])
-        return np.geomspace(a, b, self.steps) if self.spread == "log" else np.linspace(a, b, self.steps)
+        return (
+            np.geomspace(a, b, self.steps)
+            if self.spread == "log"
+            else np.linspace(a, b, self.steps)
+        )
 
 
 @dataclass(frozen=True)
 class AddedNoise:
-    """Noise that an effect adds to one channel, per unit of its coefficient squared (variances add).
+    """Noise that an effect adds to one channel, per unit of its coefficient squared (variances
+    add).
 
     Densities of a channel of rate (gyro, rad/s) or specific force (accel, m/s^2):
-    white: two-sided PSD; flicker: B^2; walk: K^2 [per s]; markov: variance with correlation markov_tau_s; bounded:
-    variance of a white, bounded angle or velocity whose difference is read (quantisation); sway: variance of the
-    velocity of the twin's sway oscillator, level accelerometers only.
-    profile: (n,) variance factor over the run's instants where the noise is not steady; None: 1.
-    temperature: variance of the thermometer's white noise [degC^2]. odometer, gnss: variance of a sample.
+    white: two-sided PSD; flicker: B^2; walk: K^2 [per s]; markov: variance with correlation
+    markov_tau_s; bounded: variance of a white, bounded angle or velocity whose difference is read
+    (quantisation); sway: variance of the velocity of the twin's sway oscillator, level
+    accelerometers only. profile: (n,) variance factor over the run's instants where the noise is
+    not steady; None: 1. temperature: variance of the thermometer's white noise [degC^2]. odometer,
+    gnss: variance of a sample.
     """
 
     channel: str
@@ -87,10 +95,12 @@ class AddedNoise:
 class Effect(Protocol):
     """The protocol that users' own effects follow as well.
 
-    id : short key, unique. name : as in reports (gap.md section 2). targets : channels it may sit on.
-    repeats : "R" repeats from run to run (one coefficient for all), "P" has one of its own in each run, "E" is an event of
+    id : short key, unique. name : as in reports (gap.md section 2). targets : channels it may sit
+    on. repeats : "R" repeats from run to run (one coefficient for all), "P" has one of its own in
+    each run, "E" is an event of
         one run, "S" stochastic.
-    coefficients, shape : its parameters. rivals : names it is easily confused with, and why it matters.
+    coefficients, shape : its parameters. rivals : names it is easily confused with, and why it
+    matters.
     """
 
     @property
@@ -109,10 +119,14 @@ class Effect(Protocol):
     def rivals(self) -> tuple[str, ...]: ...
 
     def needs(self, runs: Sequence[Telemetry], target: str) -> str:
-        """What the runs lack for this effect to be seen at all ("turns", "a gyro temperature"); empty: nothing."""
+        """What the runs lack for this effect to be seen at all ("turns", "a gyro temperature");
+        empty: nothing.
+        """
 
     def traces(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-        """Trace of one unit of each coefficient in a run; empty traces for a purely stochastic effect."""
+        """Trace of one unit of each coefficient in a run; empty traces for a purely stochastic
+        effect.
+        """
 
     def noise(self, run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
         """Noise added by one unit of the (single) coefficient; empty for a deterministic effect."""
@@ -120,9 +134,11 @@ class Effect(Protocol):
 
 @dataclass(frozen=True)
 class CatalogueEffect:
-    """Base of the catalogue's effects: the fields of the protocol, and nothing added. Subclasses override.
+    """Base of the catalogue's effects: the fields of the protocol, and nothing added. Subclasses
+    override.
 
-    log_prior : added to its log Bayes factor in nats; below 0 for what is gross or not there at all, and for effects of
+    log_prior : added to its log Bayes factor in nats; below 0 for what is gross or not there at
+    all, and for effects of
         one name on one target, which share the prior of one.
     """
 

@@ -1,4 +1,6 @@
-"""All effects the diagnosis may name: the project's own, and users' under the entry point group `recal.effects`."""
+"""All effects the diagnosis may name: the project's own, and users' under the entry point group
+`recal.effects`.
+"""
 
 from functools import cache
 from importlib.metadata import entry_points
@@ -21,18 +23,32 @@ GROUP = "recal.effects"
 
 @cache
 def catalogue() -> tuple[Effect, ...]:
-    """The catalogue with the effects that installed packages add; an entry point names an effect or a tuple of them.
+    """The catalogue with the effects that installed packages add; an entry point names an effect or
+    a tuple of them.
 
     InputError where one of them does not follow the protocol or takes an id that is in use.
     """
-    own = (*GYRO_THERMAL, *GYRO_EVENTS, *GYRO_RATE, *GYRO_NOISE, *COMPENSATION, *ACCELEROMETER, *PLATFORM, *WHEELS,
-           *NAVIGATION, *DATA)  # fmt: skip
+    own = (
+        *GYRO_THERMAL,
+        *GYRO_EVENTS,
+        *GYRO_RATE,
+        *GYRO_NOISE,
+        *COMPENSATION,
+        *ACCELEROMETER,
+        *PLATFORM,
+        *WHEELS,
+        *NAVIGATION,
+        *DATA,
+    )
     found, ids = list(own), {e.id for e in own}
     for point in entry_points(group=GROUP):
         loaded = point.load()
         for effect in loaded if isinstance(loaded, tuple | list) else (loaded,):
             if not isinstance(effect, Effect):
-                raise InputError(f"entry point {point.name} of {GROUP}: {effect!r} does not follow simreal.effects.base.Effect")
+                raise InputError(
+                    f"entry point {point.name} of {GROUP}: {effect!r} does not follow"
+                    " simreal.effects.base.Effect"
+                )
             if effect.id in ids:
                 raise InputError(f"entry point {point.name} of {GROUP}: id {effect.id!r} is in use")
             found.append(effect)
@@ -41,6 +57,8 @@ def catalogue() -> tuple[Effect, ...]:
 
 
 def effects_named(name: str, among: tuple[Effect, ...] | None = None) -> tuple[Effect, ...]:
-    """The effects that go by a name (several kinds of `slow_variation` share theirs), or by an id."""
+    """The effects that go by a name (several kinds of `slow_variation` share theirs), or by an
+    id.
+    """
     every = catalogue() if among is None else among
     return tuple(e for e in every if name in (e.name, e.id))

@@ -1,7 +1,9 @@
-"""The thermal compensation itself at fault: the table misapplied (gap.md D05), or fed by a slow or offset thermometer (D04).
+"""The thermal compensation itself at fault: the table misapplied (gap.md D05), or fed by a slow or
+offset thermometer (D04).
 
-Temperatures are the readings, and what an effect adds is measured less what the twin's table predicts at them; so the
-same series serves as the signature and, the readings untouched, as the injection.
+Temperatures are the readings, and what an effect adds is measured less what the twin's table
+predicts at them; so the same series serves as the signature and, the readings untouched, as the
+injection.
 """
 
 from collections.abc import Sequence
@@ -17,8 +19,10 @@ from simreal.effects.parts.gyro_effect import gyro_effect, on_gyro, one
 from simreal.effects.parts.gyro_needs import gyro_degC, gyro_degC_min, lacks_temperature_rate
 from simreal.effects.telemetry import Telemetry, Trace
 
-WHOLE_LOG_PRIOR = -1.0  # a blunder is -2, -1 or 1 times the table; any other share is a drift that looks like it
-LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR  # a table that moves by less over the runs has no temperature in it
+# a blunder is -2, -1 or 1 times the table; any other share is a drift that looks like it
+WHOLE_LOG_PRIOR = -1.0
+# a table that moves by less over the runs has no temperature in it
+LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR
 LEAST_SPAN_degC = 0.2  # readings that move by less tell no slope
 SLOPE_STEP_degC = 0.5
 
@@ -26,7 +30,9 @@ SLOPE_STEP_degC = 0.5
 def table_rad_s(run: Telemetry) -> NDArray:
     """The twin's table at the readings (n, 3); InputError without one."""
     if run.table_deg_h is None:
-        raise InputError(f"run {run.run_index}: no thermal table at its temperatures, needed by this effect")
+        raise InputError(
+            f"run {run.run_index}: no thermal table at its temperatures, needed by this effect"
+        )
     return DEG_PER_HOUR * run.table_deg_h
 
 
@@ -39,7 +45,11 @@ def lacks_table(runs: Sequence[Telemetry], target: str) -> str:
     """The table of this gyro must move with the temperatures of the runs."""
     if any(run.table_deg_h is None for run in runs):
         return "a thermal table and a gyro temperature"
-    return "" if _moves([table_rad_s(run)[:, AXIS[target]] for run in runs]) else "a gyro temperature that moves the table"
+    return (
+        ""
+        if _moves([table_rad_s(run)[:, AXIS[target]] for run in runs])
+        else "a gyro temperature that moves the table"
+    )
 
 
 def lacks_moving_table(runs: Sequence[Telemetry], target: str) -> str:
@@ -47,13 +57,17 @@ def lacks_moving_table(runs: Sequence[Telemetry], target: str) -> str:
     if any(run.table_deg_h is None for run in runs):
         return "a thermal table and a gyro temperature"
     moves = any(_moves([table_rad_s(run)[:, k]]) for run in runs for k in range(3))
-    return lacks_temperature_rate(runs, GYROS[0]) or ("" if moves else "a gyro temperature that moves the table")
+    return lacks_temperature_rate(runs, GYROS[0]) or (
+        "" if moves else "a gyro temperature that moves the table"
+    )
 
 
 def table_slope(run: Telemetry) -> NDArray:
-    """Slope of the twin's table at the readings (n, 3) [rad/s per degC]; 0 for a gyro whose readings do not move.
+    """Slope of the twin's table at the readings (n, 3) [rad/s per degC]; 0 for a gyro whose
+    readings do not move.
 
-    From the run's own readings: the table at even steps of temperature, so that noise of the readings does not enter.
+    From the run's own readings: the table at even steps of temperature, so that noise of the
+    readings does not enter.
     """
     table = table_rad_s(run)
     return np.stack([_slope(gyro_degC(run, gyro), table[:, AXIS[gyro]]) for gyro in GYROS], axis=1)
@@ -65,15 +79,17 @@ def _slope(T: NDArray, table: NDArray) -> NDArray:
         return np.zeros(T.size)
     grid = np.linspace(low, high, max(round((high - low) / SLOPE_STEP_degC), 2) + 1)
     order = np.argsort(T)
-    return np.interp(T, grid, np.gradient(np.interp(grid, T[order], table[order]), grid, edge_order=2))
+    return np.interp(
+        T, grid, np.gradient(np.interp(grid, T[order], table[order]), grid, edge_order=2)
+    )
 
 
 def sensor_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Thermometers that are slow by 1 s, and that read high by 1 degC, all three alike.
 
-    The gyros follow the table at the true temperature, T_read + tau dT_read/dt (a first-order lag, exactly) or
-    T_read - offset: measured - predicted = slope (tau dT_read/dt - offset). Left out: the curvature of the table, a part
-    shift / 2 x (slope of the slope) / slope of it.
+    The gyros follow the table at the true temperature, T_read + tau dT_read/dt (a first-order lag,
+    exactly) or T_read - offset: measured - predicted = slope (tau dT_read/dt - offset). Left out:
+    the curvature of the table, a part shift / 2 x (slope of the slope) / slope of it.
     """
     slope = table_slope(run)
     rate = np.stack([gyro_degC_min(run, gyro) for gyro in GYROS], axis=1) / 60.0
@@ -87,17 +103,24 @@ def _moves(tables: Sequence[NDArray]) -> bool:
 COMPENSATION: tuple[Effect, ...] = (
     *with_parts(
         gyro_effect(
-            "temperature_sensor_error", targets=("temperature",),
+            "temperature_sensor_error",
+            targets=("temperature",),
             coefficients=(*one("s", 10.0, 300.0), Coefficient("offset", "degC", 0.2, 5.0)),
-            formula=sensor_error, need=lacks_moving_table,
+            formula=sensor_error,
+            need=lacks_moving_table,
             rivals=("gyro_thermal_rate", "gyro_thermal_lag", "gyro_thermal_quadratic"),
             source="gap.md D04: k1 tau dT/dt; k1 offset",
         ),
-        lag="coefficient", offset="offset",
+        lag="coefficient",
+        offset="offset",
     ),
     gyro_effect(
-        "compensation_misapplied", coefficients=one("times the table", 0.5, 2.0),
-        formula=misapplied, need=lacks_table, log_prior=WHOLE_LOG_PRIOR,
-        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic"), source="gap.md D05",
+        "compensation_misapplied",
+        coefficients=one("times the table", 0.5, 2.0),
+        formula=misapplied,
+        need=lacks_table,
+        log_prior=WHOLE_LOG_PRIOR,
+        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic"),
+        source="gap.md D05",
     ),
-)  # fmt: skip
+)

@@ -1,4 +1,6 @@
-"""Gyro errors tied to a power-on, to the time or to nothing that is logged (gap.md G01, G09, G10, G27, G28)."""
+"""Gyro errors tied to a power-on, to the time or to nothing that is logged (gap.md G01, G09, G10,
+G27, G28).
+"""
 
 from collections.abc import Sequence
 
@@ -24,13 +26,17 @@ def ramp(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """1 deg/h from `onset_s` on; the interval that holds the onset takes its part, so that the onset can be refined."""
+    """1 deg/h from `onset_s` on; the interval that holds the onset takes its part, so that the
+    onset can be refined.
+    """
     return on_gyro(target, DEG_PER_HOUR * after_onset(run, shape))
 
 
 def common_step(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """The same step of 1 deg/h on all three gyros."""
-    return (Trace(gyro_rad_s=DEG_PER_HOUR * np.repeat(after_onset(run, shape)[:, None], 3, axis=1)),)
+    return (
+        Trace(gyro_rad_s=DEG_PER_HOUR * np.repeat(after_onset(run, shape)[:, None], 3, axis=1)),
+    )
 
 
 def after_onset(run: Telemetry, shape: Shape) -> NDArray:
@@ -45,29 +51,56 @@ def lacks_second_power_on(runs: Sequence[Telemetry], target: str) -> str:
 
 GYRO_EVENTS: tuple[Effect, ...] = (
     gyro_effect(
-        "gyro_turn_on_bias", repeats="P", coefficients=one("deg/h", 3e-3, 0.01),
-        formula=constant, need=lacks_second_power_on,
-        rivals=("site_latitude_error", "gyro_g_sensitivity", "gyro_thermal_hysteresis", "gyro_misalignment",
-            "gyro_magnetic_sensitivity", "gyro_dither_coning", "platform_yaw_creep"),
+        "gyro_turn_on_bias",
+        repeats="P",
+        coefficients=one("deg/h", 3e-3, 0.01),
+        formula=constant,
+        need=lacks_second_power_on,
+        rivals=(
+            "site_latitude_error",
+            "gyro_g_sensitivity",
+            "gyro_thermal_hysteresis",
+            "gyro_misalignment",
+            "gyro_magnetic_sensitivity",
+            "gyro_dither_coning",
+            "platform_yaw_creep",
+        ),
         source="gap.md G01; repeats P: a coefficient of its own at each power-on",
     ),
     gyro_effect(
-        "gyro_rate_ramp", coefficients=one("deg/h/h", 1e-3, 5e-3), formula=ramp,
+        "gyro_rate_ramp",
+        coefficients=one("deg/h/h", 1e-3, 5e-3),
+        formula=ramp,
         rivals=("gyro_warmup_transient", "gyro_rate_random_walk", "platform_yaw_creep"),
         source="IEEE Std 952-1997, annex C: rate ramp",
     ),
     gyro_effect(
-        "gyro_bias_step", repeats="E", coefficients=one("deg/h", 2e-3, 0.02), shape=(ONSET,),
-        formula=step, rivals=("platform_step", "engine_start", "gyro_common_mode", "gyro_g2_sensitivity"),
+        "gyro_bias_step",
+        repeats="E",
+        coefficients=one("deg/h", 2e-3, 0.02),
+        shape=(ONSET,),
+        formula=step,
+        rivals=("platform_step", "engine_start", "gyro_common_mode", "gyro_g2_sensitivity"),
         source="gap.md G10: mode reset",
     ),
     OutOfReach(
-        "gyro_supply_voltage", "gyro_supply_voltage", GYROS, one("deg/h per V", 1e-3, 0.01), need="housekeeping voltages",
-        rivals=("gyro_common_mode",), source="gap.md G27",
+        "gyro_supply_voltage",
+        "gyro_supply_voltage",
+        GYROS,
+        one("deg/h per V", 1e-3, 0.01),
+        need="housekeeping voltages",
+        rivals=("gyro_common_mode",),
+        source="gap.md G27",
     ),
-    gyro_effect(  # its target stands for the triad: three equal hypotheses would share one probability
-        "gyro_common_mode", targets=("gyro_x",), repeats="E", coefficients=one("deg/h", 2e-3, 0.02),
-        shape=(ONSET,), formula=common_step, rivals=("gyro_bias_step", "gyro_supply_voltage", "clock_rate"),
+    # its target stands for the triad: three equal hypotheses would share one probability
+    gyro_effect(
+        "gyro_common_mode",
+        targets=("gyro_x",),
+        repeats="E",
+        coefficients=one("deg/h", 2e-3, 0.02),
+        shape=(ONSET,),
+        formula=common_step,
+        rivals=("gyro_bias_step", "gyro_supply_voltage", "clock_rate"),
         source="gap.md G28: one reference voltage or clock of three gyros",
     ),
-)  # fmt: skip
+)

@@ -1,6 +1,8 @@
-"""Noise of gyros beyond what the twin declares (gap.md G21 to G26), in the twin's units; variances add.
+"""Noise of gyros beyond what the twin declares (gap.md G21 to G26), in the twin's units; variances
+add.
 
-Slow processes are `slow_variation` in reports (formats.md, section 5); their ids, and the rivals of others, say which.
+Slow processes are `slow_variation` in reports (formats.md, section 5); their ids, and the rivals of
+others, say which.
 """
 
 from collections.abc import Sequence
@@ -18,7 +20,9 @@ WARMTH_degC = 20.0  # over which noise that grows with temperature grows e-fold 
 
 
 def quantization(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    """A pulse of 1 arcsec: the accumulated angle is off by a uniform error of variance 1/12 arcsec^2."""
+    """A pulse of 1 arcsec: the accumulated angle is off by a uniform error of variance 1/12
+    arcsec^2.
+    """
     return (AddedNoise(target, bounded=ARCSEC**2 / 12.0),)
 
 
@@ -43,10 +47,14 @@ def gauss_markov(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise,
 
 
 def thermal_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    """1 deg/sqrt(h) at 25 degC (rate_share 0, variance exp((T - 25) / 20)) or at 1 degC/min (rate_share 1, its square)."""
+    """1 deg/sqrt(h) at 25 degC (rate_share 0, variance exp((T - 25) / 20)) or at 1 degC/min
+    (rate_share 1, its square).
+    """
     share = shape["rate_share"]
     warm, ramp = np.exp(above_reference(run, target) / WARMTH_degC), gyro_degC_min(run, target) ** 2
-    return (AddedNoise(target, white=DEG_PER_SQRT_HOUR**2, profile=(1.0 - share) * warm + share * ramp),)
+    return (
+        AddedNoise(target, white=DEG_PER_SQRT_HOUR**2, profile=(1.0 - share) * warm + share * ramp),
+    )
 
 
 def lacks_ten_minutes(runs: Sequence[Telemetry], target: str) -> str:
@@ -71,37 +79,72 @@ def lacks_seconds(runs: Sequence[Telemetry], target: str) -> str:
 
 GYRO_NOISE: tuple[Effect, ...] = (
     gyro_effect(
-        "gyro_quantization", repeats="S", coefficients=one("arcsec", 0.3, 1.0, signed=False),
-        noise_formula=quantization, need=lacks_seconds,
-        rivals=("gyro_angle_random_walk", "timestamp_jitter", "saturation_or_rounding", "platform_sway"),
+        "gyro_quantization",
+        repeats="S",
+        coefficients=one("arcsec", 0.3, 1.0, signed=False),
+        noise_formula=quantization,
+        need=lacks_seconds,
+        rivals=(
+            "gyro_angle_random_walk",
+            "timestamp_jitter",
+            "saturation_or_rounding",
+            "platform_sway",
+        ),
         source="IEEE Std 952-1997, annex C, and formats.md section 3",
     ),
     gyro_effect(
-        "gyro_angle_random_walk", repeats="S", coefficients=one("deg/sqrt(h)", 1e-3, 5e-3, signed=False),
+        "gyro_angle_random_walk",
+        repeats="S",
+        coefficients=one("deg/sqrt(h)", 1e-3, 5e-3, signed=False),
         noise_formula=angle_random_walk,
-        rivals=("gyro_quantization", "gyro_noise_thermal", "platform_sway", "timestamp_jitter", "saturation_or_rounding"),
+        rivals=(
+            "gyro_quantization",
+            "gyro_noise_thermal",
+            "platform_sway",
+            "timestamp_jitter",
+            "saturation_or_rounding",
+        ),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        "slow_variation", id="gyro_bias_instability", repeats="S", coefficients=one("deg/h", 1e-3, 5e-3, signed=False),
-        noise_formula=bias_instability, need=lacks_half_an_hour,
-        rivals=("gyro_gauss_markov", "gyro_rate_random_walk"), source="IEEE Std 952-1997, annex C",
+        "slow_variation",
+        id="gyro_bias_instability",
+        repeats="S",
+        coefficients=one("deg/h", 1e-3, 5e-3, signed=False),
+        noise_formula=bias_instability,
+        need=lacks_half_an_hour,
+        rivals=("gyro_gauss_markov", "gyro_rate_random_walk"),
+        source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        "slow_variation", id="gyro_rate_random_walk", repeats="S", coefficients=one("deg/h/sqrt(h)", 5e-4, 5e-3, signed=False),
-        noise_formula=rate_random_walk, need=lacks_half_an_hour,
+        "slow_variation",
+        id="gyro_rate_random_walk",
+        repeats="S",
+        coefficients=one("deg/h/sqrt(h)", 5e-4, 5e-3, signed=False),
+        noise_formula=rate_random_walk,
+        need=lacks_half_an_hour,
         rivals=("gyro_rate_ramp", "gyro_bias_instability", "gyro_gauss_markov", "gyro_mode_hop"),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        "slow_variation", id="gyro_gauss_markov", repeats="S", coefficients=one("deg/h", 1e-3, 0.01, signed=False),
-        shape=(ShapeParameter("tau_s", "s", 50.0, 1000.0, 3),), noise_formula=gauss_markov,
-        need=lacks_ten_minutes, rivals=("gyro_bias_instability", "gyro_rate_random_walk", "gyro_mode_hop"),
+        "slow_variation",
+        id="gyro_gauss_markov",
+        repeats="S",
+        coefficients=one("deg/h", 1e-3, 0.01, signed=False),
+        shape=(ShapeParameter("tau_s", "s", 50.0, 1000.0, 3),),
+        noise_formula=gauss_markov,
+        need=lacks_ten_minutes,
+        rivals=("gyro_bias_instability", "gyro_rate_random_walk", "gyro_mode_hop"),
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        "gyro_noise_thermal", repeats="S", coefficients=one("deg/sqrt(h)", 5e-4, 3e-3, signed=False),
-        shape=(ShapeParameter("rate_share", "", 0.0, 1.0, 3, "linear"),), noise_formula=thermal_noise,
-        need=lacks_temperature_rate, rivals=("gyro_angle_random_walk",), source="gap.md G26",
+        "gyro_noise_thermal",
+        repeats="S",
+        coefficients=one("deg/sqrt(h)", 5e-4, 3e-3, signed=False),
+        shape=(ShapeParameter("rate_share", "", 0.0, 1.0, 3, "linear"),),
+        noise_formula=thermal_noise,
+        need=lacks_temperature_rate,
+        rivals=("gyro_angle_random_walk",),
+        source="gap.md G26",
     ),
-)  # fmt: skip
+)

@@ -1,7 +1,7 @@
 """Gyro errors of temperature and of the time since power-on (gap.md, G02 to G08, G11).
 
-Temperatures count from T0 = 25 degC, so that a coefficient means the same in all runs; what a term adds at T0 belongs
-to the turn-on bias. Temperatures are those of the gyro concerned.
+Temperatures count from T0 = 25 degC, so that a coefficient means the same in all runs; what a term
+adds at T0 belongs to the turn-on bias. Temperatures are those of the gyro concerned.
 """
 
 from dataclasses import dataclass
@@ -31,7 +31,9 @@ REFERENCE_degC = 25.0
 
 @dataclass(frozen=True)
 class Period(ShapeParameter):
-    """A period whose grid is even in frequency, as a periodogram's: the phase over a span grows evenly."""
+    """A period whose grid is even in frequency, as a periodogram's: the phase over a span grows
+    evenly.
+    """
 
     def grid(self, low: float | None = None, high: float | None = None) -> NDArray:
         a, b = self.low if low is None else low, self.high if high is None else high
@@ -54,7 +56,8 @@ def quadratic(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def parabola(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """A parabola about a centre that is not known: 1 deg/h per degC^2 of (T - T0)^2, and 1 deg/h per degC of T - T0.
+    """A parabola about a centre that is not known: 1 deg/h per degC^2 of (T - T0)^2, and 1 deg/h
+    per degC of T - T0.
 
     A centre at Tc makes the second coefficient 2 (T0 - Tc) times the first.
     """
@@ -73,14 +76,20 @@ def gradient(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 def lag(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """1 deg/h per degC of T_lag - T, T_lag behind a first-order lag `tau_s`; -tau dT/dt when tau is short."""
+    """1 deg/h per degC of T_lag - T, T_lag behind a first-order lag `tau_s`; -tau dT/dt when tau is
+    short.
+    """
     T = gyro_degC(run, target)
     return on_gyro(target, DEG_PER_HOUR * (lagged(run.time_s, T, shape["tau_s"]) - T))
 
 
 def hysteresis(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Half of the split between the branches: +1 deg/h while heating, -1 while cooling, 0 at the start."""
-    return on_gyro(target, DEG_PER_HOUR * heating_sense(gyro_degC(run, target), shape["width_degC"]))
+    """Half of the split between the branches: +1 deg/h while heating, -1 while cooling, 0 at the
+    start.
+    """
+    return on_gyro(
+        target, DEG_PER_HOUR * heating_sense(gyro_degC(run, target), shape["width_degC"])
+    )
 
 
 def warmup(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
@@ -95,64 +104,107 @@ def mode_hop(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 
 SQUARE = one("deg/h per degC^2", 1e-5, 1e-4)
-QUADRATIC_RIVALS = ("gyro_thermal_linear", "gyro_warmup_transient", "compensation_misapplied", "temperature_sensor_error")
+QUADRATIC_RIVALS = (
+    "gyro_thermal_linear",
+    "gyro_warmup_transient",
+    "compensation_misapplied",
+    "temperature_sensor_error",
+)
 QUADRATIC = (
     gyro_effect(
-        "gyro_thermal_quadratic", coefficients=SQUARE, formula=quadratic, need=lacks_temperature, rivals=QUADRATIC_RIVALS,
+        "gyro_thermal_quadratic",
+        coefficients=SQUARE,
+        formula=quadratic,
+        need=lacks_temperature,
+        rivals=QUADRATIC_RIVALS,
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
     gyro_effect(
-        "gyro_thermal_quadratic", id="gyro_thermal_parabola",
+        "gyro_thermal_quadratic",
+        id="gyro_thermal_parabola",
         coefficients=(*SQUARE, Coefficient("linear", "deg/h per degC", 5e-4, 3e-3)),
-        formula=parabola, need=lacks_temperature, rivals=QUADRATIC_RIVALS,
+        formula=parabola,
+        need=lacks_temperature,
+        rivals=QUADRATIC_RIVALS,
         source="IEEE Std 647-2006, drift rate terms of temperature; gap.md G03: k3 beside k2",
     ),
-)  # fmt: skip
+)
 GYRO_THERMAL: tuple[Effect, ...] = (
     gyro_effect(
-        "gyro_thermal_linear", coefficients=one("deg/h per degC", 5e-4, 3e-3),
-        formula=linear, need=lacks_temperature,
-        rivals=("gyro_warmup_transient", "gyro_thermal_rate", "gyro_thermal_quadratic", "compensation_misapplied"),
+        "gyro_thermal_linear",
+        coefficients=one("deg/h per degC", 5e-4, 3e-3),
+        formula=linear,
+        need=lacks_temperature,
+        rivals=(
+            "gyro_warmup_transient",
+            "gyro_thermal_rate",
+            "gyro_thermal_quadratic",
+            "compensation_misapplied",
+        ),
         source="IEEE Std 647-2006, drift rate terms of temperature",
     ),
     *sharing_prior(*QUADRATIC),
     gyro_effect(
-        "gyro_thermal_rate", coefficients=one("deg/h per degC/min", 0.01, 0.5),
-        formula=rate, need=lacks_temperature_rate,
-        rivals=("gyro_thermal_gradient", "gyro_thermal_lag", "gyro_thermal_linear", "temperature_sensor_error",
-            "platform_mount_sag"),
+        "gyro_thermal_rate",
+        coefficients=one("deg/h per degC/min", 0.01, 0.5),
+        formula=rate,
+        need=lacks_temperature_rate,
+        rivals=(
+            "gyro_thermal_gradient",
+            "gyro_thermal_lag",
+            "gyro_thermal_linear",
+            "temperature_sensor_error",
+            "platform_mount_sag",
+        ),
         source="Shupe (1980), Applied Optics 19, 654",
     ),
     gyro_effect(
-        "gyro_thermal_gradient", coefficients=one("deg/h per degC", 2e-3, 0.02),
-        formula=gradient, need=lacks_gradient, rivals=("gyro_thermal_rate",),
+        "gyro_thermal_gradient",
+        coefficients=one("deg/h per degC", 2e-3, 0.02),
+        formula=gradient,
+        need=lacks_gradient,
+        rivals=("gyro_thermal_rate",),
         source="US 8,781,778: bias on T_block and T_diff",
     ),
     gyro_effect(
-        "gyro_thermal_lag", coefficients=one("deg/h per degC", 5e-4, 0.01),
+        "gyro_thermal_lag",
+        coefficients=one("deg/h per degC", 5e-4, 0.01),
         shape=(ShapeParameter("tau_s", "s", 60.0, 1800.0, 8),),
-        formula=lag, need=lacks_temperature_rate,
+        formula=lag,
+        need=lacks_temperature_rate,
         rivals=("gyro_thermal_rate", "gyro_thermal_hysteresis", "temperature_sensor_error"),
         source="gap.md G06: coil slower than its sensor",
     ),
     gyro_effect(
-        "gyro_thermal_hysteresis", coefficients=one("deg/h", 2e-3, 0.01),
+        "gyro_thermal_hysteresis",
+        coefficients=one("deg/h", 2e-3, 0.01),
         shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
-        formula=hysteresis, need=lacks_heating_and_cooling,
+        formula=hysteresis,
+        need=lacks_heating_and_cooling,
         rivals=("gyro_turn_on_bias", "gyro_thermal_lag"),
         source="simreal.effects.parts.play",
     ),
     gyro_effect(
-        "gyro_warmup_transient", coefficients=one("deg/h", 5e-3, 0.05),
-        shape=(ShapeParameter("tau_s", "s", 180.0, 1800.0, 8),), formula=warmup,
-        rivals=("gyro_thermal_linear", "gyro_thermal_quadratic", "gyro_rate_ramp", "platform_settling", "platform_yaw_creep"),
+        "gyro_warmup_transient",
+        coefficients=one("deg/h", 5e-3, 0.05),
+        shape=(ShapeParameter("tau_s", "s", 180.0, 1800.0, 8),),
+        formula=warmup,
+        rivals=(
+            "gyro_thermal_linear",
+            "gyro_thermal_quadratic",
+            "gyro_rate_ramp",
+            "platform_settling",
+            "platform_yaw_creep",
+        ),
         source="Wu and Gu (2002): turn-on section of a ring laser gyro's warm-up",
     ),
     gyro_effect(
-        "gyro_mode_hop", coefficients=several(("sin", "cos"), "deg/h", 1e-3, 0.01),
+        "gyro_mode_hop",
+        coefficients=several(("sin", "cos"), "deg/h", 1e-3, 0.01),
         shape=(Period("period_degC", "degC", 3.0, 10.0, 16, "linear"),),
-        formula=mode_hop, need=lacks_temperature,
+        formula=mode_hop,
+        need=lacks_temperature,
         rivals=("gyro_rate_random_walk", "gyro_gauss_markov"),
         source="gap.md G11: etalon of a path length that grows with temperature",
     ),
-)  # fmt: skip
+)

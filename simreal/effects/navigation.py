@@ -1,4 +1,6 @@
-"""Effects between IMU and position: GNSS antenna and delay, and what needs more than a log (gap.md 2c, F01 to F05)."""
+"""Effects between IMU and position: GNSS antenna and delay, and what needs more than a log (gap.md
+2c, F01 to F05).
+"""
 
 from collections.abc import Sequence
 
@@ -14,9 +16,11 @@ from simreal.effects.wheels import MILLISECOND
 
 
 def gnss_antenna(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Antenna at the logged lever arm plus l: C_nb l and C_nb (w_eb x l); a fix of dt ago: -v dt and -v' dt.
+    """Antenna at the logged lever arm plus l: C_nb l and C_nb (w_eb x l); a fix of dt ago: -v dt
+    and -v' dt.
 
-    Left out: l along body z, which a level vehicle shows in heights only, and those are not compared.
+    Left out: l along body z, which a level vehicle shows in heights only, and those are not
+    compared.
     """
     C_nb = run.C_nb
     w_eb_b = run.rate_rad_s - np.einsum("nij,i->nj", C_nb, omega_ie_n(run.lat_rad))
@@ -27,7 +31,10 @@ def gnss_antenna(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]
         )
         for axis in range(2)
     )
-    late = Trace(gnss_position_m=-MILLISECOND * run.v_n_m_s, gnss_velocity_m_s=-MILLISECOND * run.rate_of(run.v_n_m_s))
+    late = Trace(
+        gnss_position_m=-MILLISECOND * run.v_n_m_s,
+        gnss_velocity_m_s=-MILLISECOND * run.rate_of(run.v_n_m_s),
+    )
     return (*arms, late)
 
 
@@ -39,31 +46,50 @@ def needs_gnss_turns(runs: Sequence[Telemetry], target: str) -> str:
 NAVIGATION = (
     *with_parts(
         FormulaEffect(
-            "gnss_lever_arm_or_latency", "gnss_lever_arm_or_latency", ("gnss",),
+            "gnss_lever_arm_or_latency",
+            "gnss_lever_arm_or_latency",
+            ("gnss",),
             (*several("xy", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
             rivals=("lever_arm", "airframe_flexure", "imu_size_effect", "false_standstill"),
-            source="gap.md F02; true less logged", formula=gnss_antenna,
+            source="gap.md F02; true less logged",
+            formula=gnss_antenna,
             need=needs_gnss_turns,
         )
     ),
     OutOfReach(
-        "coning_residual", "coning_residual", GYROS, one("deg/h", 0.0003, 0.003),
-        rivals=("gyro_g2_sensitivity", "gyro_dither_coning"), source="gap.md F01",
+        "coning_residual",
+        "coning_residual",
+        GYROS,
+        one("deg/h", 0.0003, 0.003),
+        rivals=("gyro_g2_sensitivity", "gyro_dither_coning"),
+        source="gap.md F01",
         need="raw data at 500 Hz under vibration",
     ),
     OutOfReach(
-        "airframe_flexure", "airframe_flexure", ("vehicle",), one("mrad/g", 1.0, 5.0),
-        rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"), source="gap.md F03",
+        "airframe_flexure",
+        "airframe_flexure",
+        ("vehicle",),
+        one("mrad/g", 1.0, 5.0),
+        rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"),
+        source="gap.md F03",
         need="flight with an attitude reference at the antenna",
     ),
     OutOfReach(
-        "schuler_start_error", "schuler_start_error", ("vehicle",),
+        "schuler_start_error",
+        "schuler_start_error",
+        ("vehicle",),
         several(("tilt_north", "tilt_east"), "arcsec", 5.0, 50.0),
-        rivals=("vertical_deflection", "accel_thermal"), source="gap.md F04",
+        rivals=("vertical_deflection", "accel_thermal"),
+        source="gap.md F04",
         need="the unit's own navigation output over 42 minutes or more",
     ),
     OutOfReach(
-        "baro_lag", "baro_lag", ("vehicle",), one("% of climb", 1.0, 3.0),
-        rivals=("accel_scale_factor",), source="gap.md F05", need="a barometer in a climb",
+        "baro_lag",
+        "baro_lag",
+        ("vehicle",),
+        one("% of climb", 1.0, 3.0),
+        rivals=("accel_scale_factor",),
+        source="gap.md F05",
+        need="a barometer in a climb",
     ),
-)  # fmt: skip
+)

@@ -1,7 +1,9 @@
-"""Motions of the vehicle that the twin does not make, and errors of its site (gap.md 2b, P01 to P08).
+"""Motions of the vehicle that the twin does not make, and errors of its site (gap.md 2b, P01 to
+P08).
 
-A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the accelerometers -q x f. A vehicle
-that has yawed rolls along its own x axis afterwards: its way turns with it, what the sensors feel of the way does not.
+A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the
+accelerometers -q x f. A vehicle that has yawed rolls along its own x axis afterwards: its way turns
+with it, what the sensors feel of the way does not.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,12 +28,15 @@ STEP_TAKES_s = 1.0  # a boarding or fuel step is no jump
 ROTATIONAL_SWAY_s = 1.0  # correlation time of the angle in gusts
 VEHICLE, SITE = ("vehicle",), ("site",)
 LATITUDE_STEP_rad = 1e-4  # of the derivative of gravity
-ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)  # cut to the run
+# cut to the run
+ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)
 
 
 def turned(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray, axis: int) -> Trace:
     """The trace of a rotation about one body axis, (n,) angle over the intervals and (n,) rate."""
-    gyro, accel = (_less_turn(angle_rad, vector, axis) for vector in (run.rate_rad_s, run.force_m_s2))
+    gyro, accel = (
+        _less_turn(angle_rad, vector, axis) for vector in (run.rate_rad_s, run.force_m_s2)
+    )
     gyro[:, axis] += angle_rate_rad_s
     return Trace(gyro_rad_s=gyro, accel_m_s2=accel)
 
@@ -45,10 +50,14 @@ def _less_turn(angle_rad: NDArray, vector: NDArray, axis: int) -> NDArray:
 
 
 def yawed(run: Telemetry, angle_rad: NDArray, angle_rate_rad_s: NDArray) -> Trace:
-    """The trace of a heading that changes: of all that the gyros feel, of gravity, and of the way that GNSS sees."""
+    """The trace of a heading that changes: of all that the gyros feel, of gravity, and of the way
+    that GNSS sees.
+    """
     gravity_b = in_body(run, -gravity_n(run.lat_rad, run.height_m))
     gyro = _less_turn(angle_rad, run.rate_rad_s, 2) + on_axis(angle_rate_rad_s, 2)
-    v_n = angle_rad[:, None] * np.stack([-run.v_n_m_s[:, 1], run.v_n_m_s[:, 0], np.zeros(run.n)], axis=1)
+    v_n = angle_rad[:, None] * np.stack(
+        [-run.v_n_m_s[:, 1], run.v_n_m_s[:, 0], np.zeros(run.n)], axis=1
+    )
     return Trace(
         gyro_rad_s=gyro,
         accel_m_s2=_less_turn(angle_rad, gravity_b, 2),
@@ -63,7 +72,9 @@ def integral(run: Telemetry, rate: NDArray) -> NDArray:
 
 
 def turned_in_time(run: Telemetry, angle: Callable[[NDArray], NDArray], axis: int) -> Trace:
-    """The same for an angle [rad] given as a function of time [s]: the gyro's increments add up to it exactly."""
+    """The same for an angle [rad] given as a function of time [s]: the gyro's increments add up to
+    it exactly.
+    """
     begin, end = angle(run.time_s - 0.5 * run.dt_s), angle(run.time_s + 0.5 * run.dt_s)
     mean, rate = 0.5 * (begin + end), (end - begin) / run.dt_s
     return yawed(run, mean, rate) if axis == 2 else turned(run, mean, rate, axis)
@@ -80,20 +91,26 @@ def in_body(run: Telemetry, vector_n: NDArray) -> NDArray:
 
 
 def sway(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    """The twin's own oscillator, stronger: each accelerometer's share of the level velocity, for 1 m/s north and east."""
+    """The twin's own oscillator, stronger: each accelerometer's share of the level velocity, for 1
+    m/s north and east.
+    """
     C_nb = run.C_nb[int(np.argmax(run.parked))]
     share = C_nb[0] ** 2 + C_nb[1] ** 2
     return tuple(AddedNoise(channel, sway=float(part)) for channel, part in zip(ACCELS, share))
 
 
 def sway_rotation(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise, ...]:
-    """Gusts that rock the vehicle: the gyros read the change of a bounded angle, the accelerometers g times the angle.
+    """Gusts that rock the vehicle: the gyros read the change of a bounded angle, the accelerometers
+    g times the angle.
 
     Neglected: that the two agree (their coherence), and the shape of the spectrum within a second.
     """
     g = float(gravity_magnitude(run.lat_rad, run.height_m))
     gyros = tuple(AddedNoise(channel, bounded=ARCSEC**2) for channel in ("gyro_x", "gyro_y"))
-    accels = tuple(AddedNoise(channel, white=(g * ARCSEC) ** 2 * ROTATIONAL_SWAY_s) for channel in ("accel_x", "accel_y"))
+    accels = tuple(
+        AddedNoise(channel, white=(g * ARCSEC) ** 2 * ROTATIONAL_SWAY_s)
+        for channel in ("accel_x", "accel_y")
+    )
     return gyros + accels
 
 
@@ -113,7 +130,8 @@ def step(run: Telemetry, target: str, shape: Shape, axis: int) -> Trace:
 
 
 def yaw_creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Heading A (1 - exp(-t/tau)) of tyres or a tow bar that unwind, t since the first parked second.
+    """Heading A (1 - exp(-t/tau)) of tyres or a tow bar that unwind, t since the first parked
+    second.
 
     It creeps while the vehicle is parked only, and stays where it got to in between.
     """
@@ -145,7 +163,9 @@ def mount_sag(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """Roll and pitch of the unit on its mount, in proportion to (T - 25 degC)."""
     temperature = mount_temperature(run)
     if temperature is None:
-        raise InputError(f"run {run.run_index}: no gyro or block temperature, needed by platform_mount_sag")
+        raise InputError(
+            f"run {run.run_index}: no gyro or block temperature, needed by platform_mount_sag"
+        )
     angle = ARCSEC * (temperature - REFERENCE_degC)
     return tuple(turned(run, angle, run.rate_of(angle), axis) for axis in (0, 1))
 
@@ -163,31 +183,48 @@ def engine_noise(run: Telemetry, target: str, shape: Shape) -> tuple[AddedNoise,
 
 
 def latitude_error(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Entered less true latitude: Earth rate and gravity of the true place less those of the entered one, and GNSS.
+    """Entered less true latitude: Earth rate and gravity of the true place less those of the
+    entered one, and GNSS.
 
-    With the entered latitude north of the true one GNSS reads south of where the twin puts the vehicle.
+    With the entered latitude north of the true one GNSS reads south of where the twin puts the
+    vehicle.
     """
     L = run.lat_rad
     rate_n = ARCMIN * EARTH_RATE_RAD_S * np.array([np.sin(L), 0.0, np.cos(L)])  # -d omega_ie / dL
-    slope = gravity_magnitude(L + LATITUDE_STEP_rad, run.height_m) - gravity_magnitude(L - LATITUDE_STEP_rad, run.height_m)
-    force_n = ARCMIN * np.array([0.0, 0.0, float(slope) / (2 * LATITUDE_STEP_rad)])  # f = -g, less: +dg/dL
+    slope = gravity_magnitude(L + LATITUDE_STEP_rad, run.height_m) - gravity_magnitude(
+        L - LATITUDE_STEP_rad, run.height_m
+    )
+    # f = -g, less: +dg/dL
+    force_n = ARCMIN * np.array([0.0, 0.0, float(slope) / (2 * LATITUDE_STEP_rad)])
     north_m = -ARCMIN * (float(radii_of_curvature(L)[0]) + run.height_m)
     position = on_axis(np.full(run.n, north_m), 0)
-    return (Trace(gyro_rad_s=in_body(run, rate_n), accel_m_s2=in_body(run, force_n), gnss_position_m=position),)
+    return (
+        Trace(
+            gyro_rad_s=in_body(run, rate_n),
+            accel_m_s2=in_body(run, force_n),
+            gnss_position_m=position,
+        ),
+    )
 
 
 def deflection(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """Gravity that pulls to the north and to the east of plumb, and stronger gravity: the specific force is the opposite."""
+    """Gravity that pulls to the north and to the east of plumb, and stronger gravity: the specific
+    force is the opposite.
+    """
     g = float(gravity_magnitude(run.lat_rad, run.height_m))
     sizes = (g * ARCSEC, g * ARCSEC, MILLIGAL)
-    return tuple(Trace(accel_m_s2=in_body(run, -size * np.eye(3)[axis])) for axis, size in enumerate(sizes))
+    return tuple(
+        Trace(accel_m_s2=in_body(run, -size * np.eye(3)[axis])) for axis, size in enumerate(sizes)
+    )
 
 
 def needs_mount_temperature(runs: Sequence[Telemetry], target: str) -> str:
     known = [t for t in map(mount_temperature, runs) if t is not None]
     if not known or len(known) < len(runs):
         return "a gyro or block temperature"
-    return lacking((span(np.concatenate(known)) > TEMPERATURE_CHANGE_degC, "a temperature that changes"))
+    return lacking(
+        (span(np.concatenate(known)) > TEMPERATURE_CHANGE_degC, "a temperature that changes")
+    )
 
 
 def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
@@ -197,65 +234,134 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
 YAW_RIVALS = ("gyro_turn_on_bias", "gyro_rate_ramp", "gyro_warmup_transient")
 YAW_CREEP = (
     FormulaEffect(
-        "platform_yaw_creep", "platform_yaw_creep", VEHICLE, one("arcsec", 5.0, 100.0),
-        shape=(ShapeParameter("tau_s", "s", 300.0, 7200.0, 5),), repeats="E", rivals=YAW_RIVALS,
-        source="gap.md P04, relaxing", formula=yaw_creep, need=needs_standstill,
+        "platform_yaw_creep",
+        "platform_yaw_creep",
+        VEHICLE,
+        one("arcsec", 5.0, 100.0),
+        shape=(ShapeParameter("tau_s", "s", 300.0, 7200.0, 5),),
+        repeats="E",
+        rivals=YAW_RIVALS,
+        source="gap.md P04, relaxing",
+        formula=yaw_creep,
+        need=needs_standstill,
     ),
     FormulaEffect(
-        "platform_yaw_drift", "platform_yaw_creep", VEHICLE, (Coefficient("drift", "arcsec/h", 5.0, 100.0),), repeats="E",
-        rivals=YAW_RIVALS, source="gap.md P04, steady", formula=yaw_drift, need=needs_standstill,
+        "platform_yaw_drift",
+        "platform_yaw_creep",
+        VEHICLE,
+        (Coefficient("drift", "arcsec/h", 5.0, 100.0),),
+        repeats="E",
+        rivals=YAW_RIVALS,
+        source="gap.md P04, steady",
+        formula=yaw_drift,
+        need=needs_standstill,
     ),
-)  # fmt: skip
+)
 PLATFORM = (
     FormulaEffect(
-        "platform_sway", "platform_sway", VEHICLE, one("m/s", 0.001, 0.02, signed=False), repeats="S",
-        rivals=("accel_noise",), source="gap.md P01 (a)", noise_formula=sway,
+        "platform_sway",
+        "platform_sway",
+        VEHICLE,
+        one("m/s", 0.001, 0.02, signed=False),
+        repeats="S",
+        rivals=("accel_noise",),
+        source="gap.md P01 (a)",
+        noise_formula=sway,
     ),
     FormulaEffect(
-        "platform_sway_rotation", "platform_sway", VEHICLE,
-        (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),), repeats="S",
-        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"), source="gap.md P01 (b)",
+        "platform_sway_rotation",
+        "platform_sway",
+        VEHICLE,
+        (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),),
+        repeats="S",
+        rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"),
+        source="gap.md P01 (b)",
         noise_formula=sway_rotation,
     ),
     *with_parts(
         FormulaEffect(
-            "platform_settling", "platform_settling", VEHICLE, several(("roll", "pitch"), "arcsec", 20.0, 200.0),
-            shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),), repeats="E",
-            rivals=("platform_mount_sag", "accel_warmup_transient", "gyro_warmup_transient", "accel_thermal"),
+            "platform_settling",
+            "platform_settling",
+            VEHICLE,
+            several(("roll", "pitch"), "arcsec", 20.0, 200.0),
+            shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),),
+            repeats="E",
+            rivals=(
+                "platform_mount_sag",
+                "accel_warmup_transient",
+                "gyro_warmup_transient",
+                "accel_thermal",
+            ),
             source="gap.md P02",
-            formula=EachAlone(settling, 2), need=needs_standstill,
+            formula=EachAlone(settling, 2),
+            need=needs_standstill,
         )
     ),
     *with_parts(
         FormulaEffect(
-            "platform_step", "platform_step", VEHICLE, several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
-            shape=(ONSET,), repeats="E", rivals=("gyro_bias_step", "engine_start"), source="gap.md P03",
+            "platform_step",
+            "platform_step",
+            VEHICLE,
+            several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
+            shape=(ONSET,),
+            repeats="E",
+            rivals=("gyro_bias_step", "engine_start"),
+            source="gap.md P03",
             formula=EachAlone(step, 3),
         )
     ),
     *sharing_prior(*YAW_CREEP),
     FormulaEffect(
-        "platform_mount_sag", "platform_mount_sag", VEHICLE, several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
-        rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"), source="gap.md P05",
-        formula=mount_sag, need=needs_mount_temperature,
+        "platform_mount_sag",
+        "platform_mount_sag",
+        VEHICLE,
+        several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
+        rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"),
+        source="gap.md P05",
+        formula=mount_sag,
+        need=needs_mount_temperature,
     ),
     FormulaEffect(
-        "engine_start", "engine_start", VEHICLE, several("xyz", "ug", 10.0, 200.0), shape=(ONSET,), repeats="E",
+        "engine_start",
+        "engine_start",
+        VEHICLE,
+        several("xyz", "ug", 10.0, 200.0),
+        shape=(ONSET,),
+        repeats="E",
         rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step", "gyro_g2_sensitivity"),
-        source="gap.md P06, bias", formula=engine_step,
+        source="gap.md P06, bias",
+        formula=engine_step,
     ),
     FormulaEffect(
-        "engine_start_noise", "engine_start", VEHICLE, (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
-        shape=(ONSET,), repeats="E", rivals=("accel_noise",), source="gap.md P06, noise", noise_formula=engine_noise,
+        "engine_start_noise",
+        "engine_start",
+        VEHICLE,
+        (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
+        shape=(ONSET,),
+        repeats="E",
+        rivals=("accel_noise",),
+        source="gap.md P06, noise",
+        noise_formula=engine_noise,
     ),
     FormulaEffect(
-        "site_latitude_error", "site_latitude_error", SITE, one("arcmin", 0.2, 5.0),
-        rivals=("gyro_turn_on_bias", "gyro_misalignment", "gyro_magnetic_sensitivity"), source="gap.md P07; entered less true",
+        "site_latitude_error",
+        "site_latitude_error",
+        SITE,
+        one("arcmin", 0.2, 5.0),
+        rivals=("gyro_turn_on_bias", "gyro_misalignment", "gyro_magnetic_sensitivity"),
+        source="gap.md P07; entered less true",
         formula=latitude_error,
     ),
     FormulaEffect(
-        "vertical_deflection", "vertical_deflection", SITE,
-        (*several(("north", "east"), "arcsec", 5.0, 20.0), Coefficient("anomaly", "mGal", 10.0, 50.0)),
-        rivals=("accel_scale_factor", "accel_thermal", "schuler_start_error"), source="gap.md P08", formula=deflection,
+        "vertical_deflection",
+        "vertical_deflection",
+        SITE,
+        (
+            *several(("north", "east"), "arcsec", 5.0, 20.0),
+            Coefficient("anomaly", "mGal", 10.0, 50.0),
+        ),
+        rivals=("accel_scale_factor", "accel_thermal", "schuler_start_error"),
+        source="gap.md P08",
+        formula=deflection,
     ),
-)  # fmt: skip
+)

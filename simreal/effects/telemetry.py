@@ -1,7 +1,9 @@
-"""What is known of a run second by second: the quantities that effects depend on, and what an effect adds to a log.
+"""What is known of a run second by second: the quantities that effects depend on, and what an
+effect adds to a log.
 
-Both the diagnosis (on a grid of seconds, from the estimated motion) and the injection into a simulation (at the rows of
-the log) hand this record to the same effect, so that an effect is written once.
+Both the diagnosis (on a grid of seconds, from the estimated motion) and the injection into a
+simulation (at the rows of the log) hand this record to the same effect, so that an effect is
+written once.
 """
 
 from collections.abc import Iterable
@@ -18,13 +20,16 @@ class Telemetry:
     """A run at n instants `time_s` (since power-on), each the middle of an interval `dt_s` long.
 
     run_index : which of the runs under study; effects that repeat do not look at it.
-    rate_rad_s, force_m_s2 (n, 3) : true body rate (Earth rate included) and specific force, as estimated.
-    C_nb (n, 3, 3), v_n_m_s (n, 3) : attitude and velocity. speed_m_s (n,) : along body x. turn_rad_s (n,) : rate of the
+    rate_rad_s, force_m_s2 (n, 3) : true body rate (Earth rate included) and specific force, as
+    estimated. C_nb (n, 3, 3), v_n_m_s (n, 3) : attitude and velocity. speed_m_s (n,) : along body
+    x. turn_rad_s (n,) : rate of the
         heading. kind (n,) : PARKED, ROLLING or AIRBORNE. lat_rad, height_m : of the site.
-    temperature_degC, temperature_rate_degC_min (n, 3) : of the gyros, smoothed; None where not logged.
-    accel_degC (n, 3) : of the accelerometers (the gyros' where not logged). gradient_degC (n, 3), block_degC,
+    temperature_degC, temperature_rate_degC_min (n, 3) : of the gyros, smoothed; None where not
+    logged. accel_degC (n, 3) : of the accelerometers (the gyros' where not logged). gradient_degC
+    (n, 3), block_degC,
         ambient_degC (n,) : None where not logged.
-    table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing shows north.
+    table_deg_h (n, 3) : the twin's table at these temperatures. heading_known : False where nothing
+    shows north.
     """
 
     run_index: int
@@ -81,12 +86,13 @@ class Telemetry:
 
 @dataclass(frozen=True)
 class Trace:
-    """What an effect adds to a run's channels, (n, ...) at the instants of a `Telemetry`; None: nothing.
+    """What an effect adds to a run's channels, (n, ...) at the instants of a `Telemetry`; None:
+    nothing.
 
     gyro_rad_s, accel_m_s2 (n, 3) : measured less true, body axes.
     lateral_m_s (n,) : side velocity of the no-slip point that the twin does not expect (body y).
-    odometer_m_s (n,) : read less true. gnss_position_m, gnss_velocity_m_s (n, 3) : read less true, NED.
-    temperature_degC (n, 3) : read less true.
+    odometer_m_s (n,) : read less true. gnss_position_m, gnss_velocity_m_s (n, 3) : read less true,
+    NED. temperature_degC (n, 3) : read less true.
     """
 
     gyro_rad_s: NDArray | None = None

@@ -1,6 +1,7 @@
 """Wheels on the ground: odometer, the no-slip point, stops that are none (gap.md 2c, O01 to O08).
 
-Odometer errors are read less true; lateral_m_s is the side velocity (body y) of the logged no-slip point.
+Odometer errors are read less true; lateral_m_s is the side velocity (body y) of the logged no-slip
+point.
 """
 
 from collections.abc import Sequence
@@ -40,14 +41,17 @@ def odometer_scale(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ..
 
 
 def boresight(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-    """v angle, with the direction of rolling less the heading of body x (the twin's crab with the other sign)."""
+    """v angle, with the direction of rolling less the heading of body x (the twin's crab with the
+    other sign).
+    """
     return (Trace(lateral_m_s=MILLIRADIAN * run.speed_m_s * run.rolling),)
 
 
 def lever_arm(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """True place d of the point that does not slip, less the logged one: v_logged = v_true - w x d.
 
-    The logged point then has the side velocity -w_z d_x, and the odometer, which reads at the true one, -w_z d_y more.
+    The logged point then has the side velocity -w_z d_x, and the odometer, which reads at the true
+    one, -w_z d_y more.
     """
     turn = run.turn_rad_s * run.rolling
     return Trace(lateral_m_s=-turn), Trace(odometer_m_s=-turn)
@@ -56,7 +60,8 @@ def lever_arm(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 def side_slip(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
     """v c a_lat, with a_lat = v w_z: tyres that run at an angle in proportion to the side force.
 
-    Turns at one speed show it just as a lever arm in x: only turns at two speeds tell the two apart.
+    Turns at one speed show it just as a lever arm in x: only turns at two speeds tell the two
+    apart.
     """
     return (Trace(lateral_m_s=MILLIRADIAN * run.speed_m_s**2 * run.turn_rad_s * run.rolling),)
 
@@ -90,47 +95,101 @@ def creep(run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
 
 def needs_stop_with_gnss(runs: Sequence[Telemetry], target: str) -> str:
     seen = [run for run in runs if run.has_gnss]
-    return lacking((has_gnss(runs), "GNSS"), (any(bool(np.any(stops(run))) for run in seen or runs), "a stop after taxi"))
+    return lacking(
+        (has_gnss(runs), "GNSS"),
+        (any(bool(np.any(stops(run))) for run in seen or runs), "a stop after taxi"),
+    )
 
 
 WHEELS = (
     FormulaEffect(
-        "odometer_scale", "odometer_scale", ("odometer",), one("ppm", 1000.0, 10000.0),
-        rivals=("wheel_slip", "clock_rate"), source="gap.md O01", formula=odometer_scale, need=odometer_taxi,
+        "odometer_scale",
+        "odometer_scale",
+        ("odometer",),
+        one("ppm", 1000.0, 10000.0),
+        rivals=("wheel_slip", "clock_rate"),
+        source="gap.md O01",
+        formula=odometer_scale,
+        need=odometer_taxi,
     ),
     FormulaEffect(
-        "odometer_boresight", "odometer_boresight", ("vehicle",), one("mrad", 1.7, 17.0),
-        rivals=("side_slip",), source="gap.md O02; direction of rolling less heading", formula=boresight, need=taxi,
+        "odometer_boresight",
+        "odometer_boresight",
+        ("vehicle",),
+        one("mrad", 1.7, 17.0),
+        rivals=("side_slip",),
+        source="gap.md O02; direction of rolling less heading",
+        formula=boresight,
+        need=taxi,
     ),
     *with_parts(
         FormulaEffect(
-            "lever_arm", "lever_arm", ("vehicle",), several("xy", "m", 0.1, 3.0),
-            rivals=("side_slip", "odometer_time_offset", "imu_size_effect", "gnss_lever_arm_or_latency"),
-            source="gap.md O03; true less logged", formula=lever_arm, need=needs_turns,
+            "lever_arm",
+            "lever_arm",
+            ("vehicle",),
+            several("xy", "m", 0.1, 3.0),
+            rivals=(
+                "side_slip",
+                "odometer_time_offset",
+                "imu_size_effect",
+                "gnss_lever_arm_or_latency",
+            ),
+            source="gap.md O03; true less logged",
+            formula=lever_arm,
+            need=needs_turns,
         ),
         "x",
     ),
     FormulaEffect(
-        "side_slip", "side_slip", ("vehicle",), one("mrad per m/s2", 1.7, 17.0),
-        rivals=("lever_arm", "odometer_boresight"), source="gap.md O04", formula=side_slip, need=needs_turns,
+        "side_slip",
+        "side_slip",
+        ("vehicle",),
+        one("mrad per m/s2", 1.7, 17.0),
+        rivals=("lever_arm", "odometer_boresight"),
+        source="gap.md O04",
+        formula=side_slip,
+        need=needs_turns,
     ),
     FormulaEffect(
-        "wheel_slip", "wheel_slip", ("odometer",), one("% per m/s2", 0.1, 3.0),
+        "wheel_slip",
+        "wheel_slip",
+        ("odometer",),
+        one("% per m/s2", 0.1, 3.0),
         rivals=("odometer_time_offset", "odometer_scale", "odometer_quantization"),
-        source="gap.md O05", formula=wheel_slip, need=odometer_braking,
-    ),
-    FormulaEffect(
-        "odometer_time_offset", "odometer_time_offset", ("odometer",), one("ms", 10.0, 200.0),
-        rivals=("wheel_slip", "lever_arm"), source="gap.md O06; the odometer's delay", formula=time_offset,
+        source="gap.md O05",
+        formula=wheel_slip,
         need=odometer_braking,
     ),
     FormulaEffect(
-        "odometer_quantization", "odometer_quantization", ("odometer",),
-        one("cm/s", 1.0, 5.0, signed=False), repeats="S", rivals=("wheel_slip",),
-        source="gap.md O07; one pulse counted over a second", noise_formula=quantization, need=odometer_taxi,
+        "odometer_time_offset",
+        "odometer_time_offset",
+        ("odometer",),
+        one("ms", 10.0, 200.0),
+        rivals=("wheel_slip", "lever_arm"),
+        source="gap.md O06; the odometer's delay",
+        formula=time_offset,
+        need=odometer_braking,
     ),
     FormulaEffect(
-        "false_standstill", "false_standstill", ("vehicle",), one("cm/s", 1.0, 5.0),
-        repeats="E", rivals=("gnss_lever_arm_or_latency",), source="gap.md O08", formula=creep, need=needs_stop_with_gnss,
+        "odometer_quantization",
+        "odometer_quantization",
+        ("odometer",),
+        one("cm/s", 1.0, 5.0, signed=False),
+        repeats="S",
+        rivals=("wheel_slip",),
+        source="gap.md O07; one pulse counted over a second",
+        noise_formula=quantization,
+        need=odometer_taxi,
     ),
-)  # fmt: skip
+    FormulaEffect(
+        "false_standstill",
+        "false_standstill",
+        ("vehicle",),
+        one("cm/s", 1.0, 5.0),
+        repeats="E",
+        rivals=("gnss_lever_arm_or_latency",),
+        source="gap.md O08",
+        formula=creep,
+        need=needs_stop_with_gnss,
+    ),
+)

@@ -1,1 +1,3 @@
-"""Runs as whitened rows: the parked stretch, what follows it, fixes, and the noise that the twin declares."""
+"""Runs as whitened rows: the parked stretch, what follows it, fixes, and the noise that the twin
+declares.
+"""

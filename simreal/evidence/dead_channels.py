@@ -1,8 +1,8 @@
 """Gyros and accelerometers that say nothing: no value in any row, or the same one in all.
 
-What the others see is looked at all the same. In place of the dead sensor's reading stands what gravity and Earth rate
-leave for it at rest, so that level and heading can be had; its own rows are no evidence (`Seconds.dead`), and nothing
-is navigated with it.
+What the others see is looked at all the same. In place of the dead sensor's reading stands what
+gravity and Earth rate leave for it at rest, so that level and heading can be had; its own rows are
+no evidence (`Seconds.dead`), and nothing is navigated with it.
 """
 
 from dataclasses import replace
@@ -21,32 +21,46 @@ FIRST_S = 300.0  # of the log: the vehicle stands, as a rule
 
 
 def dead_columns(imu: ImuSource) -> NDArray:
-    """Sensors (6,), gyros then accelerometers, without a value or without any change over the log."""
+    """Sensors (6,), gyros then accelerometers, without a value or without any change over the
+    log.
+    """
     low, high = np.full(6, np.inf), np.full(6, -np.inf)
     for piece in imu.pieces():
         rate = np.hstack([piece.dtheta_rad, piece.dv_m_s]) / piece.dt_s[:, None]
         low, high = np.fmin(low, np.fmin.reduce(rate)), np.fmax(high, np.fmax.reduce(rate))
     with np.errstate(invalid="ignore"):
-        return np.asarray(~np.isfinite(low) | (high - low <= SAME * np.maximum(np.abs(low), np.abs(high))))
+        return np.asarray(
+            ~np.isfinite(low) | (high - low <= SAME * np.maximum(np.abs(low), np.abs(high)))
+        )
 
 
 def with_dead_filled(run: Run, dead: NDArray) -> tuple[Run, NDArray, list[str]] | str:
-    """The run with constants in place of dead sensors, these constants (6,), and notes; words where too few are left."""
+    """The run with constants in place of dead sensors, these constants (6,), and notes; words where
+    too few are left.
+    """
     if not dead.any():
         return run, np.zeros(6), []
     names = [f"{kind}_{axis}" for kind in ("gyro", "accel") for axis in AXES]
     listed = ", ".join(name for name, gone in zip(names, dead) if gone)
     heading = run.header.survey.heading_rad
     if dead[3:].sum() > 1 or dead[:3].sum() > (3 if heading is not None else 1):
-        return f"{listed}: no values that change; level needs two accelerometers, heading two gyros or a survey"
+        return (
+            f"{listed}: no values that change; level needs two accelerometers, heading two gyros or"
+            " a survey"
+        )
     middle = _medians(run.imu)
-    notes = [f"{listed}: no values that change, left out; what follows the parked stretch is not looked at"]
+    notes = [
+        f"{listed}: no values that change, left out; what follows the parked stretch is not"
+        " looked at"
+    ]
     force = _force(middle[3:], dead[3:], run)
     rate, more = _rate(middle[:3], dead[:3], -force / np.linalg.norm(force), run)
     fill = np.concatenate([rate, force])
 
     def put(piece: ImuLog) -> ImuLog:
-        values = np.where(dead, fill * piece.dt_s[:, None], np.hstack([piece.dtheta_rad, piece.dv_m_s]))
+        values = np.where(
+            dead, fill * piece.dt_s[:, None], np.hstack([piece.dtheta_rad, piece.dv_m_s])
+        )
         return replace(piece, dtheta_rad=values[:, :3].copy(), dv_m_s=values[:, 3:].copy())
 
     return replace(run, imu=corrected(run.imu, put)), fill, notes + more
@@ -63,7 +77,9 @@ def _medians(imu: ImuSource) -> NDArray:
 
 
 def _force(seen: NDArray, dead: NDArray, run: Run) -> NDArray:
-    """Specific force at rest: a dead z has what is left of gravity, a dead x or y is taken as level."""
+    """Specific force at rest: a dead z has what is left of gravity, a dead x or y is taken as
+    level.
+    """
     force = np.where(dead, 0.0, seen)
     gravity = float(gravity_magnitude(run.header.site.lat_rad, run.header.site.height_m))
     if dead[2]:
@@ -72,7 +88,9 @@ def _force(seen: NDArray, dead: NDArray, run: Run) -> NDArray:
 
 
 def _rate(seen: NDArray, dead: NDArray, down: NDArray, run: Run) -> tuple[NDArray, list[str]]:
-    """Earth rate at rest, from a surveyed heading, else the vertical part, else the size of the whole."""
+    """Earth rate at rest, from a surveyed heading, else the vertical part, else the size of the
+    whole.
+    """
     rate, lat = np.where(dead, 0.0, seen), run.header.site.lat_rad
     if not dead.any():
         return rate, []
@@ -85,4 +103,7 @@ def _rate(seen: NDArray, dead: NDArray, down: NDArray, run: Run) -> tuple[NDArra
         rate[k] = (omega_ie_n(lat)[2] - rate @ down) / down[k]
         return rate, []
     rate[k] = np.sqrt(max(EARTH_RATE_RAD_S**2 - float(rate @ rate), 0.0))
-    return rate, [f"gyro_{AXES[k]} dead: two headings fit, the one with a positive rate on it is taken (a survey would tell)"]
+    return rate, [
+        f"gyro_{AXES[k]} dead: two headings fit, the one with a positive rate on it is taken (a"
+        " survey would tell)"
+    ]

@@ -1,8 +1,9 @@
 """What the twin says the noise of one channel is, as covariances of means and as expected scatter.
 
-A channel is a mean rate or specific force: white noise (PSD N^2), flicker (PSD B^2 / 2 pi f from 1/(4 x run length)),
-rate random walk (variance K^2 t), a turn-on constant, a Markov process, and the difference of a bounded process:
-the quantised angle of a gyro (white), the sway velocity of a standing vehicle (damped oscillator). formats.md, section 3.
+A channel is a mean rate or specific force: white noise (PSD N^2), flicker (PSD B^2 / 2 pi f from
+1/(4 x run length)), rate random walk (variance K^2 t), a turn-on constant, a Markov process, and
+the difference of a bounded process: the quantised angle of a gyro (white), the sway velocity of a
+standing vehicle (damped oscillator). formats.md, section 3.
 """
 
 from dataclasses import dataclass, replace
@@ -21,10 +22,12 @@ FLICKER_GRID_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelNoise:
-    """Variances and densities in SI: white [unit^2/Hz], flicker B^2, walk K^2 [unit^2/s], turn_on, markov variance;
+    """Variances and densities in SI: white [unit^2/Hz], flicker B^2, walk K^2 [unit^2/s], turn_on,
+    markov variance;
 
-    bounded: variance of a white bounded integral (angle, velocity); sway: velocity variance of an oscillator with
-    circular frequency sway_w and damping sway_zeta. run_s: length of the run (lowest frequency of the flicker).
+    bounded: variance of a white bounded integral (angle, velocity); sway: velocity variance of an
+    oscillator with circular frequency sway_w and damping sway_zeta. run_s: length of the run
+    (lowest frequency of the flicker).
     """
 
     white: float = 0.0
@@ -42,21 +45,36 @@ class ChannelNoise:
     def with_added(self, added: AddedNoise, scale: float) -> "ChannelNoise":
         """Together with an effect's noise, `scale` in units of its coefficient squared."""
         return replace(
-            self, white=self.white + scale * added.white, flicker=self.flicker + scale * added.flicker,
-            walk=self.walk + scale * added.walk, bounded=self.bounded + scale * added.bounded,
-            sway=self.sway + scale * added.sway, markov=self.markov + scale * added.markov,
+            self,
+            white=self.white + scale * added.white,
+            flicker=self.flicker + scale * added.flicker,
+            walk=self.walk + scale * added.walk,
+            bounded=self.bounded + scale * added.bounded,
+            sway=self.sway + scale * added.sway,
+            markov=self.markov + scale * added.markov,
             markov_tau_s=added.markov_tau_s or self.markov_tau_s,
-        )  # fmt: skip
+        )
 
     def only(self, added: AddedNoise) -> "ChannelNoise":
-        """An effect's noise alone, per unit of its coefficient squared, on this channel's run and oscillator."""
+        """An effect's noise alone, per unit of its coefficient squared, on this channel's run and
+        oscillator.
+        """
         return replace(
-            self, white=added.white, flicker=added.flicker, walk=added.walk, turn_on=0.0, markov=added.markov,
-            markov_tau_s=added.markov_tau_s or 1.0, bounded=added.bounded, sway=added.sway,
-        )  # fmt: skip
+            self,
+            white=added.white,
+            flicker=added.flicker,
+            walk=added.walk,
+            turn_on=0.0,
+            markov=added.markov,
+            markov_tau_s=added.markov_tau_s or 1.0,
+            bounded=added.bounded,
+            sway=added.sway,
+        )
 
     def covariance(self, n: int, dt_s: float, start_s: float = 0.0) -> NDArray:
-        """Covariance (n, n) of means over n intervals of dt_s on end from start_s after power-on."""
+        """Covariance (n, n) of means over n intervals of dt_s on end from start_s after
+        power-on.
+        """
         end = start_s + dt_s * (np.arange(n) + 1.0)
         C = toeplitz(self._stationary(n, dt_s)) + self.turn_on
         if self.walk:
@@ -66,7 +84,9 @@ class ChannelNoise:
         return C
 
     def scatter(self, rows: int, dt_s: float) -> tuple[float, float]:
-        """Expected sum of squared deviations of `rows` row means from their mean, and its degrees of freedom."""
+        """Expected sum of squared deviations of `rows` row means from their mean, and its degrees
+        of freedom.
+        """
         if rows < 2:
             return 0.0, 0.0
         C = toeplitz(self._stationary(rows, dt_s, slow=False))
@@ -105,34 +125,47 @@ def _markov_means(lag_s: NDArray, dt_s: float, tau_s: float) -> NDArray:
 
 
 def _flicker_means(n: int, dt_s: float, run_s: float) -> NDArray:
-    """Autocovariance (n,) of means over dt_s of unit flicker, PSD 1/(2 pi |f|) from 1/(4 run_s): a sum over its lines."""
+    """Autocovariance (n,) of means over dt_s of unit flicker, PSD 1/(2 pi |f|) from 1/(4 run_s): a
+    sum over its lines.
+    """
     step = min(FLICKER_GRID_S, dt_s)
     per = round(dt_s / step)
     m = next_fast_len(int(np.ceil(max(4.0 * run_s, 2.0 * n * dt_s) / step)), real=True)
     f = np.fft.rfftfreq(m, step)
     lowest = 0.98 / (4.0 * run_s)  # the line there carries the band about it
-    psd = np.where(f >= lowest, 1.0 / (2.0 * np.pi * np.maximum(f, lowest)), 0.0) * np.sinc(f * dt_s) ** 2
+    psd = (
+        np.where(f >= lowest, 1.0 / (2.0 * np.pi * np.maximum(f, lowest)), 0.0)
+        * np.sinc(f * dt_s) ** 2
+    )
     return np.fft.irfft(psd, m)[: n * per : per] / step
 
 
 def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[ChannelNoise, ...]:
     """The six channels of a parked unit: gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2].
 
-    C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its share of the level
-    sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is that of the accumulated angle: uniform, q^2/12.
+    C_nb (3, 3): parked attitude. The heading creeps (white rate on z); each accelerometer feels its
+    share of the level sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is
+    that of the accumulated angle: uniform, q^2/12.
     """
     g, a, v = twin.gyro, twin.accel, twin.vehicle
     gyro = ChannelNoise(
-        white=(g.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2, flicker=(g.bias_instability_deg_h * DEG_PER_HOUR) ** 2,
-        walk=(g.rate_random_walk_deg_h_sqrt_h * DEG_PER_HOUR / 60.0) ** 2, turn_on=(g.turn_on_deg_h * DEG_PER_HOUR) ** 2,
-        bounded=g.quantization_rad**2 / 12.0, run_s=run_s,
-    )  # fmt: skip
+        white=(g.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2,
+        flicker=(g.bias_instability_deg_h * DEG_PER_HOUR) ** 2,
+        walk=(g.rate_random_walk_deg_h_sqrt_h * DEG_PER_HOUR / 60.0) ** 2,
+        turn_on=(g.turn_on_deg_h * DEG_PER_HOUR) ** 2,
+        bounded=g.quantization_rad**2 / 12.0,
+        run_s=run_s,
+    )
     creep = (v.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0) ** 2
     accel = ChannelNoise(
-        white=(a.vrw_ug_sqrt_hz * MICRO_G) ** 2, flicker=(a.bias_instability_ug * MICRO_G) ** 2,
-        walk=(a.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2, turn_on=(a.turn_on_ug * MICRO_G) ** 2,
-        sway_w=2.0 * np.pi * v.sway_hz, sway_zeta=v.sway_damping, run_s=run_s,
-    )  # fmt: skip
+        white=(a.vrw_ug_sqrt_hz * MICRO_G) ** 2,
+        flicker=(a.bias_instability_ug * MICRO_G) ** 2,
+        walk=(a.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2,
+        turn_on=(a.turn_on_ug * MICRO_G) ** 2,
+        sway_w=2.0 * np.pi * v.sway_hz,
+        sway_zeta=v.sway_damping,
+        run_s=run_s,
+    )
     share = C_nb[0] ** 2 + C_nb[1] ** 2
     x, y, z = (replace(accel, sway=float(s) * v.sway_m_s**2) for s in share)
     return gyro, gyro, replace(gyro, white=gyro.white + creep), x, y, z

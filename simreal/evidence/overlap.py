@@ -1,4 +1,6 @@
-"""Streams that have nothing to say about a run, since their times lie outside its inertial log, are left out."""
+"""Streams that have nothing to say about a run, since their times lie outside its inertial log, are
+left out.
+"""
 
 from dataclasses import replace
 from typing import Any
@@ -12,7 +14,9 @@ STREAMS = ("temperature", "gnss", "odometer")
 
 
 def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
-    """The run without streams that overlap its IMU for less than a minute, and what was left out, in words."""
+    """The run without streams that overlap its IMU for less than a minute, and what was left out,
+    in words.
+    """
     start, end = float(run.imu.start_s), float(run.imu.end_s)
     gone: dict[str, Any] = {}
     notes = []
@@ -23,7 +27,10 @@ def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
         inside = stream.time_s[(stream.time_s > start) & (stream.time_s <= end)]
         if inside.size < 2 or float(np.ptp(inside)) < min(LEAST_S, 0.5 * (end - start)):
             gone[name] = None
-            first, last = (float(f(stream.time_s)) if stream.time_s.size else float("nan") for f in (np.min, np.max))
+            first, last = (
+                float(f(stream.time_s)) if stream.time_s.size else float("nan")
+                for f in (np.min, np.max)
+            )
             said = f"{name} covers {first:.0f} to {last:.0f} s, the IMU {start:.0f} to {end:.0f} s"
             notes.append(f"run {run.header.run_id}: {said}: left out")
     return (replace(run, **gone) if gone else run), tuple(notes)

@@ -1,9 +1,11 @@
-"""The parked stretch of a run: ten-second means less what the twin expects, whitened with the twin's own noise.
+"""The parked stretch of a run: ten-second means less what the twin expects, whitened with the
+twin's own noise.
 
     r_c = b_c(t) + (A phi)_c + noise,   c = gyro x, y, z, accelerometer x, y, z
 
-phi: error of the nominal attitude, which the run itself gave and nobody else knows, so it is wide: what a heading or a
-level can absorb never counts as a gap. Everything is linear: the same operator whitens the data and every signature.
+phi: error of the nominal attitude, which the run itself gave and nobody else knows, so it is wide:
+what a heading or a level can absorb never counts as a gap. Everything is linear: the same operator
+whitens the data and every signature.
 """
 
 from dataclasses import dataclass, replace
@@ -32,7 +34,8 @@ def cholesky_of(noise: ChannelNoise, bins: int, start_s: float) -> NDArray:
 
 @dataclass(frozen=True)
 class Handoff:
-    """What the parked stretch knows at its end of phi (3), gyro biases (3), accelerometer biases (3): SI.
+    """What the parked stretch knows at its end of phi (3), gyro biases (3), accelerometer biases
+    (3): SI.
 
     mean (9, m) for each of the m columns whitened with it, covariance (9, 9).
     """
@@ -42,9 +45,13 @@ class Handoff:
 
 
 class ParkedBlock:
-    """Whitening of one run's parked stretch; channels in the order of `Seconds`, bins of ten seconds."""
+    """Whitening of one run's parked stretch; channels in the order of `Seconds`, bins of ten
+    seconds.
+    """
 
-    def __init__(self, view: RunView, twin: TwinModel, noise: tuple[ChannelNoise, ...] | None = None) -> None:
+    def __init__(
+        self, view: RunView, twin: TwinModel, noise: tuple[ChannelNoise, ...] | None = None
+    ) -> None:
         first = int(np.searchsorted(view.seconds.end_s, view.start_s + 1e-6))
         self.bins = int((view.end_s - view.start_s + 1e-6) // BIN_S)
         self.seconds = slice(first, first + self.bins * int(BIN_S))
@@ -52,7 +59,10 @@ class ParkedBlock:
         self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
         self.live = ~view.seconds.dead
         site = view.run.header.site
-        omega_n, gravity = omega_ie_n(site.lat_rad), float(gravity_magnitude(site.lat_rad, site.height_m))
+        omega_n, gravity = (
+            omega_ie_n(site.lat_rad),
+            float(gravity_magnitude(site.lat_rad, site.height_m)),
+        )
         force_n = np.array([0.0, 0.0, -gravity])
         # measured less nominal = C_bn (phi x vector): C_true = (I - [phi x]) C_nominal
         self.A = np.vstack([-view.C_nb.T @ skew(omega_n), -view.C_nb.T @ skew(force_n)])
@@ -71,7 +81,9 @@ class ParkedBlock:
         tilde = np.zeros((6, self.bins, 3))
         for c in range(6):
             if self.live[c]:
-                tilde[c] = np.outer(solve_triangular(self._factors[c], ones, lower=True), self.A[c] * self._sigma0)
+                tilde[c] = np.outer(
+                    solve_triangular(self._factors[c], ones, lower=True), self.A[c] * self._sigma0
+                )
         self._tilde = tilde.reshape(-1, 3)  # per sigma of phi
         U, s, _ = np.linalg.svd(self._tilde, full_matrices=False)
         self._U, self._shrink = U, 1.0 - 1.0 / np.sqrt(1.0 + s**2)
@@ -80,7 +92,9 @@ class ParkedBlock:
         prior = np.zeros(6)
         for c, noise in enumerate(self.noise):
             to_end = _covariance_with_end(noise, self.bins, self.start_s)
-            self._gains[c] = solve_triangular(self._factors[c], to_end[:-1], lower=True) if self.live[c] else 0.0
+            self._gains[c] = (
+                solve_triangular(self._factors[c], to_end[:-1], lower=True) if self.live[c] else 0.0
+            )
             prior[c] = to_end[-1]
         self._end_variance = prior - np.sum(self._gains**2, axis=1)
 
@@ -100,22 +114,31 @@ class ParkedBlock:
         return out * self.live[:, None, None]
 
     def whiten(self, residual: NDArray) -> tuple[NDArray, Handoff]:
-        """Whitened columns (6 * bins, m) of residuals (6, bins, m), and what they say of the state at the end."""
+        """Whitened columns (6 * bins, m) of residuals (6, bins, m), and what they say of the state
+        at the end.
+        """
         m = residual.shape[2]
         z = np.zeros_like(residual)
         for c in range(6):
             used = np.flatnonzero(np.any(residual[c] != 0.0, axis=0))
             if used.size and self.live[c]:
-                z[c][:, used] = solve_triangular(self._factors[c], residual[c][:, used], lower=True, check_finite=False)
+                z[c][:, used] = solve_triangular(
+                    self._factors[c], residual[c][:, used], lower=True, check_finite=False
+                )
         flat = z.reshape(self.rows, m)
         phi = self._posterior @ (self._tilde.T @ flat)
-        bias = np.einsum("cb,cbm->cm", self._gains, (flat - self._tilde @ phi).reshape(6, self.bins, m))
+        bias = np.einsum(
+            "cb,cbm->cm", self._gains, (flat - self._tilde @ phi).reshape(6, self.bins, m)
+        )
         white = flat - self._U @ (self._shrink[:, None] * (self._U.T @ flat))
-        return white, Handoff(np.vstack([self._sigma0[:, None] * phi, bias]), self._end_covariance())
+        return white, Handoff(
+            np.vstack([self._sigma0[:, None] * phi, bias]), self._end_covariance()
+        )
 
     def _end_covariance(self) -> NDArray:
         P = np.zeros((9, 9))
-        carried = -np.einsum("cb,cbk->ck", self._gains, self._tilde.reshape(6, self.bins, 3))  # of phi's error
+        # of phi's error
+        carried = -np.einsum("cb,cbk->ck", self._gains, self._tilde.reshape(6, self.bins, 3))
         P[:3, :3] = np.outer(self._sigma0, self._sigma0) * self._posterior
         P[3:, :3] = carried @ self._posterior * self._sigma0
         P[:3, 3:] = P[3:, :3].T
@@ -124,7 +147,8 @@ class ParkedBlock:
 
 
 def _covariance_with_end(noise: ChannelNoise, bins: int, start_s: float) -> NDArray:
-    """Covariance of the slow bias (no white, no bounded noise) over the ten seconds after with each bin's mean (bins,),
-    then its own variance."""
+    """Covariance of the slow bias (no white, no bounded noise) over the ten seconds after with each
+    bin's mean (bins,), then its own variance.
+    """
     slow = replace(noise, white=0.0, bounded=0.0, sway=0.0)
     return slow.covariance(bins + 1, BIN_S, start_s)[-1]

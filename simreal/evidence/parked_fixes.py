@@ -1,4 +1,6 @@
-"""Satellite fixes while parked against the entered site: one-minute means, whitened, and what they say of the site."""
+"""Satellite fixes while parked against the entered site: one-minute means, whitened, and what they
+say of the site.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +26,28 @@ class ParkedFixes:
         self.time_s: NDArray
         self._count: NDArray
         self.time_s, self._count, self._mean = np.zeros(0), np.zeros(0), np.zeros((COMPONENTS, 0))
-        self._sigma = np.array([twin.gnss.sigma_horizontal_m] * 2 + [twin.gnss.sigma_velocity_m_s] * 2)
+        self._sigma = np.array(
+            [twin.gnss.sigma_horizontal_m] * 2 + [twin.gnss.sigma_velocity_m_s] * 2
+        )
         self._start_s, self._end = view.start_s, view.seconds.end_s
         if gnss is None:
             return
-        inside = (gnss.time_s > view.start_s) & (gnss.time_s <= view.end_s) & np.isfinite(gnss.lat_rad + gnss.lon_rad)
+        inside = (
+            (gnss.time_s > view.start_s)
+            & (gnss.time_s <= view.end_s)
+            & np.isfinite(gnss.lat_rad + gnss.lon_rad)
+        )
         inside &= np.isfinite(gnss.v_n_m_s).all(axis=1)
         if not inside.any():
             return
         at = ((gnss.time_s[inside] - view.start_s - 1e-6) // BIN_S).astype(int)
         arm = view.C_nb @ np.asarray(view.run.header.gnss_lever_arm_m, dtype=float)
         way = displacement_ned(
-            gnss.lat_rad[inside], gnss.lon_rad[inside], lat0_rad=site.lat_rad, lon0_rad=site.lon_rad, height0_m=site.height_m
+            gnss.lat_rad[inside],
+            gnss.lon_rad[inside],
+            lat0_rad=site.lat_rad,
+            lon0_rad=site.lon_rad,
+            height0_m=site.height_m,
         )
         values = np.hstack([way[:, :2] - arm[:2], gnss.v_n_m_s[inside, :2]])
         count = np.bincount(at)
@@ -49,7 +61,9 @@ class ParkedFixes:
         return COMPONENTS * self.time_s.size
 
     def whiten_data(self) -> tuple[NDArray, NDArray]:
-        """Whitened rows (rows,) and the position error of the entered site that they show (2,) [m], site less truth."""
+        """Whitened rows (rows,) and the position error of the entered site that they show (2,) [m],
+        site less truth.
+        """
         z, offset = self._whiten(self._mean[:, :, None])
         return z[:, 0], offset[:, 0]
 
@@ -62,7 +76,9 @@ class ParkedFixes:
                 if values is not None:
                     sums = np.vstack([np.zeros((1, 2)), np.cumsum(values[:, :2], axis=0)])
                     first = np.maximum(ends - int(BIN_S), 0)
-                    out[offset : offset + 2, :, k] = ((sums[ends] - sums[first]) / np.maximum(ends - first, 1)[:, None]).T
+                    out[offset : offset + 2, :, k] = (
+                        (sums[ends] - sums[first]) / np.maximum(ends - first, 1)[:, None]
+                    ).T
         return self._whiten(out)
 
     @property
@@ -75,7 +91,8 @@ class ParkedFixes:
         z = values * root[None, :, None] / self._sigma[:, None, None]
         if not self.time_s.size:
             return z.reshape(0, values.shape[2]), np.zeros((2, values.shape[2]))
-        known = np.sqrt(self._count.sum())  # the site's error spreads over the bins of a component as root
+        # the site's error spreads over the bins of a component as root
+        known = np.sqrt(self._count.sum())
         s = SITE_SIGMA_M * known / self._sigma[0]
         unit = root / known
         along = np.einsum("b,cbm->cm", unit, z[:2])

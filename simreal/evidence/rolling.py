@@ -1,13 +1,15 @@
-"""What follows the parked stretch: innovations of the navigation-mode filter, whitened, for the data and every signature.
+"""What follows the parked stretch: innovations of the navigation-mode filter, whitened, for the
+data and every signature.
 
-The nominal solution starts at the end of the parked stretch; its errors obey `ins.filters.error_model`, and the wheels (no side
-slip), odometer, GNSS and stops measure them as in `infield.session.taxi_heading`. The filter is linear, so its gains are worked
-out once and then replayed: a column is the data, or what an effect would add to them.
+The nominal solution starts at the end of the parked stretch; its errors obey
+`ins.filters.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them as
+in `infield.session.taxi_heading`. The filter is linear, so its gains are worked out once and then
+replayed: a column is the data, or what an effect would add to them.
 
     e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
 
-e: state that the effect makes less what the filter makes of it; u: sensor errors over the step; m: the effect's own part
-in the measurement.
+e: state that the effect makes less what the filter makes of it; u: sensor errors over the step; m:
+the effect's own part in the measurement.
 """
 
 from collections.abc import Callable
@@ -45,13 +47,21 @@ GYRO = slice(em.BASE, em.BASE + 3)
 STATES = em.BASE + 3
 YAW_JITTER_RAD = 0.1 * ARCSEC
 STOP_EDGE = 5  # seconds at both ends of a stop in which the vehicle may still roll
-CHANNEL = {"lateral": "vehicle", "odometer": "odometer", "gnss": "gnss", "still": "vehicle", "stop": "vehicle",
-           "heading held": "gyro_z"}  # fmt: skip
+CHANNEL = {
+    "lateral": "vehicle",
+    "odometer": "odometer",
+    "gnss": "gnss",
+    "still": "vehicle",
+    "stop": "vehicle",
+    "heading held": "gyro_z",
+}
 
 
 @dataclass(frozen=True)
 class RollingRows:
-    """Labels of the whitened rows (k): time, channel ("vehicle", "odometer", "gnss", "gyro_z"), kind as in Telemetry."""
+    """Labels of the whitened rows (k): time, channel ("vehicle", "odometer", "gnss", "gyro_z"),
+    kind as in Telemetry.
+    """
 
     time_s: NDArray
     channel: NDArray
@@ -98,7 +108,12 @@ class RollingBlock:
                     P -= np.outer(v, v / root**2)
                     self._rows.append((h, v / root, root))
                     labels.append(
-                        (steps.end_s[now], CHANNEL[c.names[c.name[number]]], KIND[int(self.views.kind[now])], root**2)
+                        (
+                            steps.end_s[now],
+                            CHANNEL[c.names[c.name[number]]],
+                            KIND[int(self.views.kind[now])],
+                            root**2,
+                        )
                     )
             else:
                 M = np.eye(STATES)
@@ -106,7 +121,9 @@ class RollingBlock:
                 P = M @ P @ M.T
                 P[which, which] += c.variance[first]
         time_s, channel, kinds, variance = zip(*labels) if labels else ((), (), (), ())
-        self.labels = RollingRows(np.array(time_s), np.array(channel, dtype=object), np.array(kinds), np.array(variance))
+        self.labels = RollingRows(
+            np.array(time_s), np.array(channel, dtype=object), np.array(kinds), np.array(variance)
+        )
 
     def whiten_data(self) -> NDArray:
         """Innovations of the run itself over their sigmas (rows,)."""
@@ -114,20 +131,26 @@ class RollingBlock:
         return self._replay(-self._x0[:, None], None, None, lambda r, _: c.z[r])[:, 0]
 
     def whiten(self, traces: list[Trace], start: Handoff, site_m: NDArray) -> NDArray:
-        """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked stretch made of them."""
+        """What effects add to the innovations (rows, m); start, site_m (2, m): what the parked
+        stretch made of them.
+        """
         m = len(traces)
         imu = np.zeros((len(self.seconds), 6, m))
-        own = np.zeros((len(self.seconds), 6, m))  # lateral, odometer, GNSS north, east, velocity north, east
+        # lateral, odometer, GNSS north, east, velocity north, east
+        own = np.zeros((len(self.seconds), 6, m))
         for k, trace in enumerate(traces):
             for array, at, values in (
-                (imu, slice(0, 3), trace.gyro_rad_s), (imu, slice(3, 6), trace.accel_m_s2),
+                (imu, slice(0, 3), trace.gyro_rad_s),
+                (imu, slice(3, 6), trace.accel_m_s2),
                 (own, slice(0, 1), trace.lateral_m_s),
-                (own, slice(1, 2), trace.odometer_m_s), (own, slice(2, 4), trace.gnss_position_m),
+                (own, slice(1, 2), trace.odometer_m_s),
+                (own, slice(2, 4), trace.gnss_position_m),
                 (own, slice(4, 6), trace.gnss_velocity_m_s),
-            ):  # fmt: skip
+            ):
                 if values is not None:
                     width = at.stop - at.start
-                    fixes = array is own and at.start >= 2  # read at the end of a step, the others over it
+                    # read at the end of a step, the others over it
+                    fixes = array is own and at.start >= 2
                     array[:, at, k] = self._ends(values) if fixes else self._means(values, width)
         e = np.zeros((STATES, m))
         _set_start(e, -start.mean)
@@ -142,7 +165,14 @@ class RollingBlock:
             if name == "odometer":
                 return -own[step, 1] * dt[step]
             if name == "gnss":
-                return -own[step, 2 + first_state - em.POS.start if first_state >= em.POS.start else 4 + first_state]
+                return -own[
+                    step,
+                    (
+                        2 + first_state - em.POS.start
+                        if first_state >= em.POS.start
+                        else 4 + first_state
+                    ),
+                ]
             return np.zeros(m)
 
         return self._replay(e, imu[:, :3], imu[:, 3:], measured)
@@ -155,7 +185,11 @@ class RollingBlock:
         return out
 
     def _replay(
-        self, e: NDArray, gyro: NDArray | None, accel: NDArray | None, measured: Callable[[int, int], NDArray | float]
+        self,
+        e: NDArray,
+        gyro: NDArray | None,
+        accel: NDArray | None,
+        measured: Callable[[int, int], NDArray | float],
     ) -> NDArray:
         c, steps = self.compiled, self.program.steps
         out = np.zeros((len(self._rows), e.shape[1]))
@@ -188,7 +222,9 @@ class RollingBlock:
         return np.asarray((sums[last] - sums[first]) / np.maximum(last - first, 1)[:, None])
 
     def _ends(self, values: NDArray) -> NDArray:
-        """North and east of a trace at the ends of the steps (K, 2): between the middles of the seconds."""
+        """North and east of a trace at the ends of the steps (K, 2): between the middles of the
+        seconds.
+        """
         last = self.seconds[:, 1]
         after = np.minimum(last, len(values) - 1)
         return np.asarray(0.5 * (values[np.maximum(last - 1, 0), :2] + values[after, :2]))
@@ -198,11 +234,15 @@ KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}
 
 
 def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]:
-    """The filter's steps and measurements over the solution, as `alignment.navigation_filter.sweep` lays them down."""
+    """The filter's steps and measurements over the solution, as `alignment.navigation_filter.sweep`
+    lays them down.
+    """
     history = view.history
     assert history is not None
     codes = {PARKED: STILL, ROLLING: ROLL, AIRBORNE: AIR}
-    at = np.clip(np.searchsorted(view.seconds.end_s, history.time_s - 1e-6), 0, view.seconds.end_s.size - 1)
+    at = np.clip(
+        np.searchsorted(view.seconds.end_s, history.time_s - 1e-6), 0, view.seconds.end_s.size - 1
+    )
     kind = np.array([codes[int(k)] for k in view.telemetry.kind[at]])
     rolls = np.convolve(kind == ROLL, np.ones(2 * STOP_EDGE + 1), mode="same") > 0.5
     kind[rolls & (kind == STILL)] = ROLL  # the wheels do not slip while they stand either
@@ -228,7 +268,8 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
 
 
 def _level(views: StepViews) -> StepViews:
-    """The way in body axes by the level velocity alone: the vertical loop's own velocity, seen through the unit's tilt, is
+    """The way in body axes by the level velocity alone: the vertical loop's own velocity, seen
+    through the unit's tilt, is
 
     no way of the wheels (on a slope s of the ground this leaves s^2 of the way).
     """
@@ -246,24 +287,40 @@ def _aids(view: RunView, twin: TwinModel) -> list[Aid]:
         aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m))
     if run.gnss is not None and run.gnss.time_s.size > 1:
         noise = twin.gnss
-        bare = replace(run.gnss, sigma_horizontal_m=None, sigma_vertical_m=None, sigma_velocity_m_s=None)
-        aids.append(GnssAid(bare, header.gnss_lever_arm_m, noise.sigma_horizontal_m, noise.sigma_velocity_m_s))
+        bare = replace(
+            run.gnss, sigma_horizontal_m=None, sigma_vertical_m=None, sigma_velocity_m_s=None
+        )
+        aids.append(
+            GnssAid(
+                bare, header.gnss_lever_arm_m, noise.sigma_horizontal_m, noise.sigma_velocity_m_s
+            )
+        )
     return aids
 
 
 def _sway_way(twin: TwinModel) -> float:
-    """The jitter that gives a step of a second the variance that sway gives its way (`taxi_heading._way_variance`)."""
+    """The jitter that gives a step of a second the variance that sway gives its way
+    (`taxi_heading._way_variance`).
+    """
     v = twin.vehicle
     w = 2.0 * np.pi * max(v.sway_hz, 1e-3)
-    fine = np.arange(-20, 20) / 20.0 + 0.025  # way over 1 s: integral of the velocity's autocorrelation, triangle weight
-    way = v.sway_m_s**2 * float(np.mean((1.0 - np.abs(fine)) * oscillator(np.abs(fine), w, v.sway_damping))) * 2.0
+    # way over 1 s: integral of the velocity's autocorrelation, triangle weight
+    fine = np.arange(-20, 20) / 20.0 + 0.025
+    way = (
+        v.sway_m_s**2
+        * float(np.mean((1.0 - np.abs(fine)) * oscillator(np.abs(fine), w, v.sway_damping)))
+        * 2.0
+    )
     return float(np.sqrt(max(0.5 * (way - LATERAL_FLOOR_M**2), 0.0)))
 
 
 def _step_seconds(view: RunView, views: StepViews) -> NDArray:
     """First and last row (K, 2) of the seconds that each step holds."""
     end = view.seconds.end_s
-    return np.stack([np.searchsorted(end, views.start_s + 1e-6), np.searchsorted(end, views.end_s + 1e-6)], axis=1)
+    return np.stack(
+        [np.searchsorted(end, views.start_s + 1e-6), np.searchsorted(end, views.end_s + 1e-6)],
+        axis=1,
+    )
 
 
 def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, NDArray, NDArray]:
@@ -271,11 +328,18 @@ def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, 
     v = steps.v_n[k]
     east, north, down = steps.transport[k]
     step = em.Step(
-        dt_s=float(steps.dt_s[k]), C_nb=steps.C_nb[k], v_n=v, omega_ie_n=steps.omega_ie_n[k],
-        omega_en_n=np.array([east * v[1], -north * v[0], -down * v[1]]), gravity=float(steps.gravity[k]),
-        radius_m=float(steps.radius_m[k]), turn_rad=float(steps.turn_rad[k]),
-    )  # fmt: skip
-    Phi, Gamma, Q = em.discretize(step, noise, rolling=bool(steps.rolling[k]), keep_displacement=bool(steps.keep[k]))
+        dt_s=float(steps.dt_s[k]),
+        C_nb=steps.C_nb[k],
+        v_n=v,
+        omega_ie_n=steps.omega_ie_n[k],
+        omega_en_n=np.array([east * v[1], -north * v[0], -down * v[1]]),
+        gravity=float(steps.gravity[k]),
+        radius_m=float(steps.radius_m[k]),
+        turn_rad=float(steps.turn_rad[k]),
+    )
+    Phi, Gamma, Q = em.discretize(
+        step, noise, rolling=bool(steps.rolling[k]), keep_displacement=bool(steps.keep[k])
+    )
     full, noise_full = np.eye(STATES), np.zeros((STATES, STATES))
     full[: em.BASE, : em.BASE], full[: em.BASE, GYRO] = Phi, Gamma
     noise_full[: em.BASE, : em.BASE] = Q
@@ -288,8 +352,12 @@ def _row(index: NDArray, value: NDArray) -> NDArray:
     return h
 
 
-def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -> tuple[NDArray, NDArray]:
-    """State and covariance at the end of the parked stretch (column 0 of the handoff is the data)."""
+def _start(
+    twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray
+) -> tuple[NDArray, NDArray]:
+    """State and covariance at the end of the parked stretch (column 0 of the handoff is the
+    data).
+    """
     x, P = np.zeros((STATES, 1)), np.zeros((STATES, STATES))
     _set_start(x, start.mean[:, :1])
     x[em.KAPPA] = -twin.vehicle.crab_mrad * MILLIRADIAN
@@ -299,7 +367,8 @@ def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -
     P[em.W, em.W] = np.eye(2) * max(twin.vehicle.sway_m_s, 1e-4) ** 2
     x[em.POS, 0] = fixes.whiten_data()[1]
     P[em.POS, em.POS] = np.eye(2) * fixes.site_variance_m2
-    tilt = np.arccos(min(abs(float(C_nb[2, 2])), 1.0))  # of the unit on its wheels: body axes are not quite the wheels'
+    # of the unit on its wheels: body axes are not quite the wheels'
+    tilt = np.arccos(min(abs(float(C_nb[2, 2])), 1.0))
     P[em.ODOMETER, em.ODOMETER] = P[em.KAPPA, em.KAPPA] = (0.5 * tilt**2) ** 2
     P[em.LATERAL, em.LATERAL] = max(twin.vehicle.lateral_noise_m_s, 1e-3) ** 2
     return x[:, 0], P
@@ -307,7 +376,11 @@ def _start(twin: TwinModel, start: Handoff, fixes: ParkedFixes, C_nb: NDArray) -
 
 def _start_states() -> list[int]:
     """Where phi, the gyro biases and the level accelerometer biases sit."""
-    return [*range(em.THETA.start, em.THETA.stop), *range(GYRO.start, GYRO.stop), *range(em.ACCEL.start, em.ACCEL.stop)]
+    return [
+        *range(em.THETA.start, em.THETA.stop),
+        *range(GYRO.start, GYRO.stop),
+        *range(em.ACCEL.start, em.ACCEL.stop),
+    ]
 
 
 def _set_start(e: NDArray, mean: NDArray) -> None:
@@ -315,8 +388,14 @@ def _set_start(e: NDArray, mean: NDArray) -> None:
 
 
 def _bias_walk(twin: TwinModel) -> NDArray:
-    """Variance per second by which the gyro biases wander: random walk and a walk that reaches the flicker in an hour."""
-    walk = np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h) * DEG_PER_HOUR / 60.0
+    """Variance per second by which the gyro biases wander: random walk and a walk that reaches the
+    flicker in an hour.
+    """
+    walk = (
+        np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h)
+        * DEG_PER_HOUR
+        / 60.0
+    )
     out = np.zeros(STATES)
     out[GYRO] = walk**2
     return out

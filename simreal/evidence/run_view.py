@@ -1,7 +1,9 @@
-"""One run as the diagnosis sees it: what the twin expects at each second, where it is parked, where it moves.
+"""One run as the diagnosis sees it: what the twin expects at each second, where it is parked, where
+it moves.
 
-Attitude, motion and heading come from the run itself: gravity and Earth rate over the parked stretch, then free-inertial
-navigation. The `reference` stream is never read. Time is the run's clock (seconds since power-on).
+Attitude, motion and heading come from the run itself: gravity and Earth rate over the parked
+stretch, then free-inertial navigation. The `reference` stream is never read. Time is the run's
+clock (seconds since power-on).
 """
 
 from dataclasses import dataclass, field, replace
@@ -14,7 +16,12 @@ from alignment.motion import stillness
 from infield.session.navigated import compensated_imu, find_rest, table_series
 from infield.session.pipeline import with_applied_table_undone
 from infield.table.thermal_table import ThermalTable
-from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range, too_short
+from infield.thermometer.gyro_temperature import (
+    GyroTemperature,
+    gyro_temperature,
+    plausible_range,
+    too_short,
+)
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
@@ -30,17 +37,19 @@ SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
 MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
 QUIET_TIMES, LEANING_M_S2, SENSORS = 12.0, 0.3, 6
-UNKNOWN_HEADING_RAD = 0.1  # turn-on bias over the level Earth rate beyond this: no heading, no navigation
+# turn-on bias over the level Earth rate beyond this: no heading, no navigation
+UNKNOWN_HEADING_RAD = 0.1
 
 
 @dataclass(frozen=True)
 class RunView:
-    """A run cut in two: the parked stretch (start_s, end_s], judged on the sensors themselves, and what follows,
+    """A run cut in two: the parked stretch (start_s, end_s], judged on the sensors themselves, and
+    what follows,
 
-    judged through navigation (`history`, from end_s on, None where nothing follows or no heading is known).
-    seconds : of the log less what the twin expects of the unit (table, scale factors, misalignment, biases).
-    C_nb (3, 3) : nominal parked attitude. sigma_heading_rad : what is known of its heading (survey), else wide.
-    notes : what had to be left out, in words.
+    judged through navigation (`history`, from end_s on, None where nothing follows or no heading is
+    known). seconds : of the log less what the twin expects of the unit (table, scale factors,
+    misalignment, biases). C_nb (3, 3) : nominal parked attitude. sigma_heading_rad : what is known
+    of its heading (survey), else wide. notes : what had to be left out, in words.
     """
 
     run: Run
@@ -64,11 +73,14 @@ class RunView:
         return float(self.run.imu.end_s - self.run.imu.start_s)
 
 
-def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, *, table_sha256: str = "") -> RunView | str:
+def view_run(
+    run: Run, index: int, table: ThermalTable | None, twin: TwinModel, *, table_sha256: str = ""
+) -> RunView | str:
     """The run as the diagnosis sees it; words where it cannot be used at all.
 
-    table None: the twin has none, or the run no gyro temperature to enter it with. A log from which the twin's own table
-    was subtracted already (`applied_table_sha256`) has it added back first; InputError for another one.
+    table None: the twin has none, or the run no gyro temperature to enter it with. A log from which
+    the twin's own table was subtracted already (`applied_table_sha256`) has it added back first;
+    InputError for another one.
     """
     notes: list[str] = []
     temperature = _temperature(run, table, notes)
@@ -84,28 +96,52 @@ def view_run(run: Run, index: int, table: ThermalTable | None, twin: TwinModel, 
     notes += said
     imu = compensated_imu(run, table, temperature, twin)
     level_earth_rate = EARTH_RATE_RAD_S * np.cos(run.header.site.lat_rad)
-    knows_north = bool(twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * level_earth_rate)
+    knows_north = bool(
+        twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * level_earth_rate
+    )
     seconds = _without(seconds_of(imu), dead, fill)
     rest = find_rest(run) if knows_north else _quiet_stretch(run, seconds)
     shortest = SHORTEST_PARK_S if knows_north else SHORTEST_LEVEL_S
     if rest is None:
-        return f"the log never rests for {shortest:.0f} s; a parked stretch of 5 min or more is needed"
+        return (
+            f"the log never rests for {shortest:.0f} s; a parked stretch of 5 min or more is needed"
+        )
     start_s = float(np.ceil(rest[0] - 1e-6))
     C_nb = _attitude(imu, rest)
     kind = _kinds(run, imu, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
     edge_s = BLIND_EDGE_S if dead.any() else EDGE_S
-    end_s = float(seconds.end_s[moves[0]] - 1.0 - edge_s) if moves.size else float(seconds.end_s[-1])
+    end_s = (
+        float(seconds.end_s[moves[0]] - 1.0 - edge_s) if moves.size else float(seconds.end_s[-1])
+    )
     if end_s - start_s < shortest:
-        return f"parked for {max(end_s - start_s, 0.0):.0f} s only, {shortest:.0f} s or more are needed"
+        return (
+            f"parked for {max(end_s - start_s, 0.0):.0f} s only, {shortest:.0f} s or more are"
+            " needed"
+        )
     C_nb, sigma_heading = _best_attitude(imu, run, seconds, (start_s, end_s))
     history = None
     if moves.size and knows_north and not dead.any():
         history = _navigation(imu, run, end_s, C_nb)
     elif moves.size and not knows_north:
-        notes.append("the unit does not find north: what follows the parked stretch is not looked at")
-    telemetry = _telemetry(run, index, table, temperature, seconds, kind, C_nb, history, knows_north)
-    return RunView(run, telemetry, seconds, start_s, end_s, C_nb, sigma_heading, history, temperature, tuple(notes))
+        notes.append(
+            "the unit does not find north: what follows the parked stretch is not looked at"
+        )
+    telemetry = _telemetry(
+        run, index, table, temperature, seconds, kind, C_nb, history, knows_north
+    )
+    return RunView(
+        run,
+        telemetry,
+        seconds,
+        start_s,
+        end_s,
+        C_nb,
+        sigma_heading,
+        history,
+        temperature,
+        tuple(notes),
+    )
 
 
 def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
@@ -115,12 +151,18 @@ def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
 
 def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> GyroTemperature | None:
     if why := too_short(run.temperature):
-        notes.append(why if run.temperature is not None else "no gyro temperature logged: the twin's table is not applied")
+        notes.append(
+            why
+            if run.temperature is not None
+            else "no gyro temperature logged: the twin's table is not applied"
+        )
         return None
     assert run.temperature is not None
-    found = gyro_temperature(run.temperature) if table is None else gyro_temperature(
-        run.temperature, plausible_degC=plausible_range(table)
-    )  # fmt: skip
+    found = (
+        gyro_temperature(run.temperature)
+        if table is None
+        else gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
+    )
     if len(found.unusable) == 3:
         notes.append("no gyro thermometer can be used: the twin's table is not applied")
         return None
@@ -128,16 +170,25 @@ def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> Gyro
 
 
 def _attitude(imu: ImuSource, rest: tuple[float, float]) -> NDArray:
-    """Over the whole first rest: what boarding or rocking does to it is for the diagnosis to find."""
+    """Over the whole first rest: what boarding or rocking does to it is for the diagnosis to
+    find.
+    """
     return coarse.gyrocompass_dcm(coarse.rest_means(imu.between(*rest)))
 
 
-def _best_attitude(imu: ImuSource, run: Run, seconds: Seconds, span: tuple[float, float]) -> tuple[NDArray, float]:
-    """Nominal attitude over the whole parked stretch; a surveyed heading, where there is one, with its sigma."""
+def _best_attitude(
+    imu: ImuSource, run: Run, seconds: Seconds, span: tuple[float, float]
+) -> tuple[NDArray, float]:
+    """Nominal attitude over the whole parked stretch; a surveyed heading, where there is one, with
+    its sigma.
+    """
     means = coarse.rest_means(imu.between(*span))
     inside = (seconds.end_s > span[0]) & (seconds.end_s <= span[1])
-    rate = seconds.mean[inside, :3].mean(axis=0)  # what rocks has no mean; a median of blocks keeps some of it
-    C_nb = coarse.gyrocompass_dcm(coarse.RestMeans(means.f_ib_b, rate, means.sigma_omega_rad_s, means.seconds))
+    # what rocks has no mean; a median of blocks keeps some of it
+    rate = seconds.mean[inside, :3].mean(axis=0)
+    C_nb = coarse.gyrocompass_dcm(
+        coarse.RestMeans(means.f_ib_b, rate, means.sigma_omega_rad_s, means.seconds)
+    )
     survey = run.header.survey
     if survey.heading_rad is None or not survey.sigma_heading_rad:
         return C_nb, np.inf
@@ -145,16 +196,30 @@ def _best_attitude(imu: ImuSource, run: Run, seconds: Seconds, span: tuple[float
     return dcm_from_euler(roll, pitch, survey.heading_rad), survey.sigma_heading_rad
 
 
-def _kinds(run: Run, imu: ImuSource, rest: tuple[float, float], C_nb: NDArray, seconds: Seconds, *, navigable: bool) -> NDArray:
+def _kinds(
+    run: Run,
+    imu: ImuSource,
+    rest: tuple[float, float],
+    C_nb: NDArray,
+    seconds: Seconds,
+    *,
+    navigable: bool,
+) -> NDArray:
     """PARKED, ROLLING or AIRBORNE for each second; before the first rest ROLLING."""
     start_s = float(np.ceil(rest[0] - 1e-6))
     kind = np.full(seconds.end_s.size, PARKED)
     kind[seconds.end_s <= start_s] = ROLLING
     if navigable:
         start = NavState(time_s=start_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-        history = navigate(imu.pieces(start_s, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run))
+        history = navigate(
+            imu.pieces(start_s, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run)
+        )
         motion = stillness.classify(history, run.phases)
-        codes = np.select([motion.kind == stillness.AIRBORNE, motion.kind == stillness.ROLLING], [AIRBORNE, ROLLING], PARKED)
+        codes = np.select(
+            [motion.kind == stillness.AIRBORNE, motion.kind == stillness.ROLLING],
+            [AIRBORNE, ROLLING],
+            PARKED,
+        )
         at = np.searchsorted(seconds.end_s, motion.time_s - 1e-6)
         inside = at < kind.size
         kind[at[inside]] = codes[inside]
@@ -166,30 +231,46 @@ def _kinds(run: Run, imu: ImuSource, rest: tuple[float, float], C_nb: NDArray, s
 
 
 def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
-    """A phase logged as parked is believed as long as nothing accelerates the vehicle for ten seconds.
+    """A phase logged as parked is believed as long as nothing accelerates the vehicle for ten
+    seconds.
 
     The diagnosis never drops sway: rocking and gusts have no mean, a vehicle that leaves has.
     """
-    force = np.stack([np.convolve(c, np.ones(MEAN_S) / MEAN_S, mode="same") for c in seconds.mean[:, 3:].T], axis=1)
+    force = np.stack(
+        [np.convolve(c, np.ones(MEAN_S) / MEAN_S, mode="same") for c in seconds.mean[:, 3:].T],
+        axis=1,
+    )
     for phase in run.phases:
         if phase.phase not in PARKED_PHASES:
             continue
         own = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s - EDGE_S)
-        inner = own & (seconds.end_s > seconds.end_s[0] + MEAN_S) & (seconds.end_s < seconds.end_s[-1] - MEAN_S)
+        inner = (
+            own
+            & (seconds.end_s > seconds.end_s[0] + MEAN_S)
+            & (seconds.end_s < seconds.end_s[-1] - MEAN_S)
+        )
         if inner.sum() < MEAN_S:
             continue
-        if (np.linalg.norm(force[inner] - np.median(force[inner], axis=0), axis=1) < MOVING_M_S2).all():
+        if (
+            np.linalg.norm(force[inner] - np.median(force[inner], axis=0), axis=1) < MOVING_M_S2
+        ).all():
             kind[own] = PARKED
 
 
 def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
-    """The longest stretch whose seconds scatter and lean as little as the log's quiet ones do, bumps of two seconds apart.
+    """The longest stretch whose seconds scatter and lean as little as the log's quiet ones do,
+    bumps of two seconds apart.
 
-    For units that drift too fast for a rest to be told from their rates. Logged phases that move are left out.
+    For units that drift too fast for a rest to be told from their rates. Logged phases that move
+    are left out.
     """
     rows = np.maximum(seconds.rows, 1)[:, None]
     scatter = np.sqrt(seconds.scatter / rows)
-    quiet = np.quantile(scatter[seconds.rows > 1], 0.2, axis=0) if np.any(seconds.rows > 1) else np.zeros(SENSORS)
+    quiet = (
+        np.quantile(scatter[seconds.rows > 1], 0.2, axis=0)
+        if np.any(seconds.rows > 1)
+        else np.zeros(SENSORS)
+    )
     still = (scatter <= QUIET_TIMES * quiet + 1e-9).all(axis=1)
     force = seconds.mean[:, 3:]
     still &= np.linalg.norm(np.gradient(force, axis=0), axis=1) < LEANING_M_S2
@@ -209,20 +290,31 @@ def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
 
 def _navigation(imu: ImuSource, run: Run, start_s: float, C_nb: NDArray) -> NavHistory:
     start = NavState(time_s=start_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-    return navigate(imu.pieces(start_s - 2.0, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run))
+    return navigate(
+        imu.pieces(start_s - 2.0, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run)
+    )
 
 
 def _vertical(run: Run) -> VerticalChannel:
     if run.gnss is None or run.gnss.time_s.size < 2 or not np.isfinite(run.gnss.height_m).all():
         return VerticalChannel(mode="hold")
     offset = run.header.site.height_m - float(run.gnss.height_m[0])
-    return VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m + offset)
+    return VerticalChannel(
+        mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m + offset
+    )
 
 
 def _telemetry(
-    run: Run, index: int, table: ThermalTable | None, temperature: GyroTemperature | None, seconds: Seconds,
-    kind: NDArray, C_nb: NDArray, history: NavHistory | None, knows_north: bool,
-) -> Telemetry:  # fmt: skip
+    run: Run,
+    index: int,
+    table: ThermalTable | None,
+    temperature: GyroTemperature | None,
+    seconds: Seconds,
+    kind: NDArray,
+    C_nb: NDArray,
+    history: NavHistory | None,
+    knows_north: bool,
+) -> Telemetry:
     site, n, t = run.header.site, seconds.end_s.size, seconds.middle_s
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     C = np.broadcast_to(C_nb, (n, 3, 3)).copy()
@@ -234,26 +326,46 @@ def _telemetry(
         at = np.searchsorted(seconds.end_s, history.time_s[1:] - 1e-6)
         keep = at < n
         at, rows = at[keep], 1 + np.flatnonzero(keep)
-        C[at] = history.C_nb_dt[rows] / np.diff(history.time_s)[rows - 1][:, None, None]  # mean over the second
+        # mean over the second
+        C[at] = history.C_nb_dt[rows] / np.diff(history.time_s)[rows - 1][:, None, None]
         moving = kind[at] != PARKED
-        v[at] = np.where(moving[:, None], history.displacement_n_m[rows], 0.0)  # epochs of a second: way is mean velocity
+        # epochs of a second: way is mean velocity
+        v[at] = np.where(moving[:, None], history.displacement_n_m[rows], 0.0)
         heading = euler_from_dcm(history.C_nb)[2]
         turn[at] = np.where(moving, wrap_pi(heading[rows] - heading[rows - 1]), 0.0)
         rate[at], force[at] = seconds.mean[at, :3], seconds.mean[at, 3:]
     said = {} if temperature is None else _thermal(run, table, temperature, t)
     speed = np.einsum("nj,nj->n", C[:, :, 0], v)
     return Telemetry(
-        run_index=index, time_s=t, dt_s=1.0, rate_rad_s=rate, force_m_s2=force, C_nb=C, v_n_m_s=v, speed_m_s=speed,
-        turn_rad_s=turn, kind=kind, lat_rad=site.lat_rad, height_m=site.height_m, heading_known=knows_north,
-        has_gnss=run.gnss is not None, has_odometer=run.odometer is not None, **said,
-    )  # fmt: skip
+        run_index=index,
+        time_s=t,
+        dt_s=1.0,
+        rate_rad_s=rate,
+        force_m_s2=force,
+        C_nb=C,
+        v_n_m_s=v,
+        speed_m_s=speed,
+        turn_rad_s=turn,
+        kind=kind,
+        lat_rad=site.lat_rad,
+        height_m=site.height_m,
+        heading_known=knows_north,
+        has_gnss=run.gnss is not None,
+        has_odometer=run.odometer is not None,
+        **said,
+    )
 
 
-def _thermal(run: Run, table: ThermalTable | None, temperature: GyroTemperature, t: NDArray) -> dict[str, NDArray]:
+def _thermal(
+    run: Run, table: ThermalTable | None, temperature: GyroTemperature, t: NDArray
+) -> dict[str, NDArray]:
     """Temperatures at the seconds; those beside the gyros' as read, straight between readings."""
     assert run.temperature is not None
     log, T = run.temperature, temperature.at(t)
-    rate = np.stack([np.interp(t, temperature.time_s, temperature.rate_degC_min[:, k]) for k in range(3)], axis=1)
+    rate = np.stack(
+        [np.interp(t, temperature.time_s, temperature.rate_degC_min[:, k]) for k in range(3)],
+        axis=1,
+    )
     out = {"temperature_degC": T, "temperature_rate_degC_min": rate, "accel_degC": T}
     for name in ("accel_degC", "gradient_degC", "block_degC", "ambient_degC"):
         values = getattr(log, name)
@@ -266,11 +378,15 @@ def _thermal(run: Run, table: ThermalTable | None, temperature: GyroTemperature,
 
 
 def _smooth(t: NDArray, time_s: NDArray, values: NDArray) -> NDArray:
-    """Readings at other times, means over a minute (thermal masses are slower; thermometers are coarse)."""
+    """Readings at other times, means over a minute (thermal masses are slower; thermometers are
+    coarse).
+    """
     good = np.isfinite(values)
     if good.sum() < 2:
         return np.zeros_like(t)
     raw = np.interp(t, time_s[good], values[good])
     half = 30
-    padded = np.concatenate([2 * raw[0] - raw[1 : half + 1][::-1], raw, 2 * raw[-1] - raw[-half - 1 : -1][::-1]])
+    padded = np.concatenate(
+        [2 * raw[0] - raw[1 : half + 1][::-1], raw, 2 * raw[-1] - raw[-half - 1 : -1][::-1]]
+    )
     return np.convolve(padded, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")

@@ -1,4 +1,6 @@
-"""A log by seconds: mean rate and specific force, and how much the rows scatter within each second."""
+"""A log by seconds: mean rate and specific force, and how much the rows scatter within each
+second.
+"""
 
 from dataclasses import dataclass
 
@@ -13,10 +15,12 @@ SHORTEST_S = 60.0
 
 @dataclass(frozen=True)
 class Seconds:
-    """Seconds (n) of a log: `end_s` (n,), `rows` (n,) and, columns gyro x y z [rad/s] then accel x y z [m/s^2]:
+    """Seconds (n) of a log: `end_s` (n,), `rows` (n,) and, columns gyro x y z [rad/s] then accel x
+    y z [m/s^2]:
 
-    mean (n, 6); scatter (n, 6): sum of squared deviations of the rows from the second's mean. Seconds without rows
-    hold the mean of the one before (rows 0). dead (6,): columns without any variation or not finite.
+    mean (n, 6); scatter (n, 6): sum of squared deviations of the rows from the second's mean.
+    Seconds without rows hold the mean of the one before (rows 0). dead (6,): columns without any
+    variation or not finite.
     """
 
     end_s: NDArray
@@ -36,8 +40,15 @@ def seconds_of(imu: ImuSource) -> Seconds:
     start_s = float(np.floor(imu.start_s - 0.5 / imu.rate_hz))
     count = int(np.floor(imu.end_s - start_s + 1e-6))
     if count < SHORTEST_S:
-        raise InputError(f"imu: {imu.end_s - imu.start_s:.0f} s, needed at least {SHORTEST_S:.0f} s")
-    sums, squares, length, rows = (np.zeros((count, 6)), np.zeros((count, 6)), np.zeros(count), np.zeros(count, int))
+        raise InputError(
+            f"imu: {imu.end_s - imu.start_s:.0f} s, needed at least {SHORTEST_S:.0f} s"
+        )
+    sums, squares, length, rows = (
+        np.zeros((count, 6)),
+        np.zeros((count, 6)),
+        np.zeros(count),
+        np.zeros(count, int),
+    )
     for time_s, dt_s, increments in whole_seconds(imu, start_s - 1.0, start_s + count):
         at = np.ceil(time_s - start_s - 1e-6).astype(int) - 1
         keep = (at >= 0) & (at < count)
@@ -60,4 +71,11 @@ def seconds_of(imu: ImuSource) -> Seconds:
     last = np.maximum.accumulate(np.where(empty, -1, np.arange(count)))
     mean = mean[np.maximum(last, 0)]
     dead = ~np.isfinite(mean).all(axis=0) | (np.ptp(mean, axis=0) == 0.0)
-    return Seconds(start_s + 1.0 + np.arange(count), np.where(dead, 0.0, mean), squares, rows, 1.0 / imu.rate_hz, dead)
+    return Seconds(
+        start_s + 1.0 + np.arange(count),
+        np.where(dead, 0.0, mean),
+        squares,
+        rows,
+        1.0 / imu.rate_hz,
+        dead,
+    )

@@ -1,8 +1,8 @@
 """All runs as one set of whitened rows, and the same operator for signatures.
 
-Under the twin every row is N(0, 1) and independent, whatever the channel: ten-second means of the parked sensors,
-parked fixes, innovations of what follows. What happens within ten seconds enters as sums of squares over their expected
-value (`Scatter`), chi-square distributed.
+Under the twin every row is N(0, 1) and independent, whatever the channel: ten-second means of the
+parked sensors, parked fixes, innovations of what follows. What happens within ten seconds enters as
+sums of squares over their expected value (`Scatter`), chi-square distributed.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,9 +22,21 @@ from simreal.evidence.parked_fixes import COMPONENTS, ParkedFixes
 from simreal.evidence.rolling import RollingBlock
 from simreal.evidence.run_view import RunView
 
-CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z", "temperature", "odometer", "gnss", "vehicle")
+CHANNELS = (
+    "gyro_x",
+    "gyro_y",
+    "gyro_z",
+    "accel_x",
+    "accel_y",
+    "accel_z",
+    "temperature",
+    "odometer",
+    "gnss",
+    "vehicle",
+)
 SENSORS = 6
-BANDS = ((1, 4), (4, 10))  # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
+# DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
+BANDS = ((1, 4), (4, 10))
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(BIN_S)
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
@@ -35,9 +47,11 @@ SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
 
 @dataclass(frozen=True)
 class Rows:
-    """Labels of whitened rows (k): run and channel numbers, time [s], kind of motion, temperature (NaN: none) [degC].
+    """Labels of whitened rows (k): run and channel numbers, time [s], kind of motion, temperature
+    (NaN: none) [degC].
 
-    steady: the row takes part in tests of variance (its sigma is that of the twin, not a nuisance's).
+    steady: the row takes part in tests of variance (its sigma is that of the twin, not a
+    nuisance's).
     """
 
     run: NDArray
@@ -51,7 +65,8 @@ class Rows:
 
 @dataclass(frozen=True)
 class Scatter:
-    """Sums of squares within blocks of ten seconds over their expectation, one run: ratio (7, bands, blocks), dof the same.
+    """Sums of squares within blocks of ten seconds over their expectation, one run: ratio (7,
+    bands, blocks), dof the same.
 
     Channels as the first seven of CHANNELS; dof 0 where there is nothing to compare.
     """
@@ -73,17 +88,29 @@ class ExtraNoise:
 
     def in_run(self, run: Telemetry) -> tuple[AddedNoise, ...]:
         """What it adds to a run per unit of `square`; nothing where it is an event of another."""
-        return self.effect.noise(run, self.target, self.shape) if self.run in (None, run.run_index) else ()
+        return (
+            self.effect.noise(run, self.target, self.shape)
+            if self.run in (None, run.run_index)
+            else ()
+        )
 
 
-def channel_noises_with(twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]) -> tuple[ChannelNoise, ...]:
-    """The six channels with extra noise; noise that is not steady enters by its mean over the run."""
+def channel_noises_with(
+    twin: TwinModel, view: RunView, extra: Sequence[ExtraNoise]
+) -> tuple[ChannelNoise, ...]:
+    """The six channels with extra noise; noise that is not steady enters by its mean over the
+    run.
+    """
     noises = list(channel_noises(twin, view.run_s, view.C_nb))
     for item in extra:
         for added in item.in_run(view.telemetry):
             c = CHANNELS.index(added.channel)
             if c < SENSORS:
-                mean = 1.0 if added.profile is None else float(added.profile[view.telemetry.parked].mean())
+                mean = (
+                    1.0
+                    if added.profile is None
+                    else float(added.profile[view.telemetry.parked].mean())
+                )
                 noises[c] = noises[c].with_added(added, mean * item.square)
     return tuple(noises)
 
@@ -95,20 +122,31 @@ def with_extra(twin: TwinModel, run: Telemetry, extra: Sequence[ExtraNoise]) -> 
             more = added.sample * item.square
             if added.channel == "odometer" and more:
                 total = max(twin.odometer.noise_m_s**2 + more, 1e-12)
-                twin = replace(twin, odometer=replace(twin.odometer, noise_m_s=float(np.sqrt(total))))
+                twin = replace(
+                    twin, odometer=replace(twin.odometer, noise_m_s=float(np.sqrt(total)))
+                )
             elif added.channel == "temperature" and more:
                 total = max(twin.temperature.noise_degC**2 + more, 1e-12)
-                twin = replace(twin, temperature=replace(twin.temperature, noise_degC=float(np.sqrt(total))))
+                twin = replace(
+                    twin, temperature=replace(twin.temperature, noise_degC=float(np.sqrt(total)))
+                )
     return twin
 
 
 class RunEvidence:
-    """One run whitened with the twin's noise and what `extra` adds to its channels; `known`: what the twin expects of
+    """One run whitened with the twin's noise and what `extra` adds to its channels; `known`: what
+    the twin expects of
 
     the effects that it lists, taken off the data.
     """
 
-    def __init__(self, view: RunView, twin: TwinModel, extra: Sequence[ExtraNoise] = (), known: Trace | None = None) -> None:
+    def __init__(
+        self,
+        view: RunView,
+        twin: TwinModel,
+        extra: Sequence[ExtraNoise] = (),
+        known: Trace | None = None,
+    ) -> None:
         self.view, self.twin = view, with_extra(twin, view.telemetry, extra)
         twin = self.twin
         self.parked = ParkedBlock(view, twin, channel_noises_with(twin, view, extra))
@@ -116,7 +154,9 @@ class RunEvidence:
         data = self.parked.residual(view)[:, :, None]
         z_parked, handoff = self.parked.whiten(data)
         self.handoff = handoff
-        self.rolling = None if view.history is None else RollingBlock(view, twin, handoff, self.fixes)
+        self.rolling = (
+            None if view.history is None else RollingBlock(view, twin, handoff, self.fixes)
+        )
         parts = [z_parked[:, 0], self.fixes.whiten_data()[0]]
         if self.rolling is not None:
             parts.append(self.rolling.whiten_data())
@@ -138,7 +178,9 @@ class RunEvidence:
         return np.vstack(parts)
 
     def outlier_times(self) -> list[float]:
-        """Middles of the parked bins, at most OUTLIERS, in which a sensor's row is beyond what noise ever is."""
+        """Middles of the parked bins, at most OUTLIERS, in which a sensor's row is beyond what
+        noise ever is.
+        """
         rows = np.abs(self.z[: self.parked.rows]).reshape(SENSORS, self.parked.bins).max(axis=0)
         order = [k for k in np.argsort(-rows) if rows[k] > OUTLIER_SIGMA][:OUTLIERS]
         return [self.view.start_s + BIN_S * (k + 0.5) for k in order]
@@ -157,40 +199,69 @@ class RunEvidence:
         """Labels of the rows, in the order of `z`."""
         p, f = self.parked, self.fixes
         bin_s = self.view.start_s + BIN_S * (np.arange(p.bins) + 0.5)
-        time_s = np.concatenate([np.tile(bin_s, SENSORS), np.tile(f.time_s - 0.5 * FIX_BIN_S, COMPONENTS if f.rows else 0)])
-        channel = np.concatenate([np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))])
+        time_s = np.concatenate(
+            [
+                np.tile(bin_s, SENSORS),
+                np.tile(f.time_s - 0.5 * FIX_BIN_S, COMPONENTS if f.rows else 0),
+            ]
+        )
+        channel = np.concatenate(
+            [np.repeat(np.arange(SENSORS), p.bins), np.full(f.rows, CHANNELS.index("gnss"))]
+        )
         kind = np.full(time_s.size, PARKED)
         steady = np.concatenate([np.repeat(p.live, p.bins), np.ones(f.rows, bool)])
         variance = np.ones(time_s.size)
         if self.rolling is not None:
             r = self.rolling.labels
             codes = np.array([CHANNELS.index(c) for c in r.channel], dtype=int)
-            rolling_ok = (codes != CHANNELS.index("gyro_z")) & ~((codes == CHANNELS.index("vehicle")) & (r.kind == PARKED))
-            rolling_ok &= (codes != CHANNELS.index("vehicle")) | (self._speed_at(r.time_s) > SIDE_STEADY_M_S)
-            time_s, channel, kind = (np.concatenate(pair) for pair in ((time_s, r.time_s), (channel, codes), (kind, r.kind)))
-            steady, variance = np.concatenate([steady, rolling_ok]), np.concatenate([variance, r.variance])
+            rolling_ok = (codes != CHANNELS.index("gyro_z")) & ~(
+                (codes == CHANNELS.index("vehicle")) & (r.kind == PARKED)
+            )
+            rolling_ok &= (codes != CHANNELS.index("vehicle")) | (
+                self._speed_at(r.time_s) > SIDE_STEADY_M_S
+            )
+            time_s, channel, kind = (
+                np.concatenate(pair)
+                for pair in ((time_s, r.time_s), (channel, codes), (kind, r.kind))
+            )
+            steady, variance = (
+                np.concatenate([steady, rolling_ok]),
+                np.concatenate([variance, r.variance]),
+            )
         T = np.full(time_s.size, np.nan)
         gyro_T = self.view.telemetry.temperature_degC
         if gyro_T is not None:
             axis = np.where(channel < SENSORS, channel % 3, 0)
             for k in range(3):
-                T[axis == k] = np.interp(time_s[axis == k], self.view.telemetry.time_s, gyro_T[:, k])
-        return Rows(np.full(time_s.size, number), channel.astype(int), time_s, kind, T, steady, variance)
+                T[axis == k] = np.interp(
+                    time_s[axis == k], self.view.telemetry.time_s, gyro_T[:, k]
+                )
+        return Rows(
+            np.full(time_s.size, number), channel.astype(int), time_s, kind, T, steady, variance
+        )
 
 
 class Evidence:
     """All runs under one twin."""
 
     def __init__(
-        self, views: Sequence[RunView], twin: TwinModel, extra: Sequence[ExtraNoise] = (),
+        self,
+        views: Sequence[RunView],
+        twin: TwinModel,
+        extra: Sequence[ExtraNoise] = (),
         known: Sequence[Trace | None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.views, self.twin, self.extra = tuple(views), twin, tuple(extra)
         self.known = tuple(known) if known is not None else (None,) * len(self.views)
         self.runs = [RunEvidence(view, twin, extra, own) for view, own in zip(views, self.known)]
         self.offsets = np.concatenate([[0], np.cumsum([r.z.size for r in self.runs])])
         labels = [r.rows(k) for k, r in enumerate(self.runs)]
-        self.rows = Rows(*(np.concatenate([getattr(rows, name) for rows in labels]) for name in Rows.__dataclass_fields__))
+        self.rows = Rows(
+            *(
+                np.concatenate([getattr(rows, name) for rows in labels])
+                for name in Rows.__dataclass_fields__
+            )
+        )
         self.z = np.concatenate([r.z for r in self.runs])
 
     @property
@@ -212,14 +283,18 @@ def block_spectrum(noise: ChannelNoise) -> NDArray:
 
 
 def block_freedom(noise: ChannelNoise, low: int, high: int) -> float:
-    """Degrees of freedom that a block's DCT squares [low, high), over their expectation, add to a long sum of blocks.
+    """Degrees of freedom that a block's DCT squares [low, high), over their expectation, add to a
+    long sum of blocks.
 
-    m^2 / sum of squared correlations, within the block and with its neighbours (Satterthwaite): sway puts its leaps of
-    velocity from end to end of a block into all of them alike, 1.2 instead of 3 in the slow band of the default twin.
+    m^2 / sum of squared correlations, within the block and with its neighbours (Satterthwaite):
+    sway puts its leaps of velocity from end to end of a block into all of them alike, 1.2 instead
+    of 3 in the slow band of the default twin.
     """
     D = dct(np.eye(PER_BLOCK), axis=0, norm="ortho")[low:high]
     C = noise.covariance((1 + NEAR_BLOCKS) * PER_BLOCK, 1.0)
-    blocks = [D @ C[:PER_BLOCK, k * PER_BLOCK : (k + 1) * PER_BLOCK] @ D.T for k in range(1 + NEAR_BLOCKS)]
+    blocks = [
+        D @ C[:PER_BLOCK, k * PER_BLOCK : (k + 1) * PER_BLOCK] @ D.T for k in range(1 + NEAR_BLOCKS)
+    ]
     sigma = np.sqrt(np.diag(blocks[0]))
     squares = [float(np.sum((block / np.outer(sigma, sigma)) ** 2)) for block in blocks]
     return (high - low) ** 2 / (squares[0] + 2.0 * sum(squares[1:]))
@@ -252,7 +327,8 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
 
 
 def _leave_out_bursts(ratio: NDArray, dof: NDArray) -> None:
-    """Few blocks that scatter far beyond the rest are events (boarding, a bump), not noise: taken out, in place.
+    """Few blocks that scatter far beyond the rest are events (boarding, a bump), not noise: taken
+    out, in place.
 
     What they do to the ten-second means stays in the rows.
     """
@@ -261,10 +337,14 @@ def _leave_out_bursts(ratio: NDArray, dof: NDArray) -> None:
     dof[wild & few] = 0.0
 
 
-def _thermometer(view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDArray, dof: NDArray) -> None:
-    """Scatter of the gyro thermometers about straight lines through blocks of a minute, in the first band of theirs.
+def _thermometer(
+    view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDArray, dof: NDArray
+) -> None:
+    """Scatter of the gyro thermometers about straight lines through blocks of a minute, in the
+    first band of theirs.
 
-    Only where the declared noise is not small beside the rounding (else the rounding error is not white).
+    Only where the declared noise is not small beside the rounding (else the rounding error is not
+    white).
     """
     log, noise = view.run.temperature, twin.temperature
     expected = noise.noise_degC**2 + noise.resolution_degC**2 / 12.0
@@ -278,7 +358,9 @@ def _thermometer(view: RunView, twin: TwinModel, parked: ParkedBlock, ratio: NDA
     groups = inside[: inside.size // n * n].reshape(-1, n)
     x = np.stack([np.ones(n), np.linspace(-1, 1, n), np.linspace(-1, 1, n) ** 2], axis=1)
     Q, _ = np.linalg.qr(x)
-    at = np.minimum(((log.time_s[groups[:, -1]] - view.start_s - 1e-6) // BIN_S).astype(int), parked.bins - 1)
+    at = np.minimum(
+        ((log.time_s[groups[:, -1]] - view.start_s - 1e-6) // BIN_S).astype(int), parked.bins - 1
+    )
     total, count = np.zeros(parked.bins), np.zeros(parked.bins)
     for axis in range(3):
         values = log.gyro_degC[groups, axis]

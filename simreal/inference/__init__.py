@@ -1,1 +1,3 @@
-"""Which effects explain the gap: bank of hypotheses, scoring, attribution, shrink on held-out data."""
+"""Which effects explain the gap: bank of hypotheses, scoring, attribution, shrink on held-out
+data.
+"""

@@ -1,12 +1,15 @@
-"""Put a found effect back into the twin: how much of the gap is gone on data that the effect was not fitted to.
+"""Put a found effect back into the twin: how much of the gap is gone on data that the effect was
+not fitted to.
 
     S = N / D,  N = 2 d'z - |d|^2,  D = |z|^2 - m
 
-z: whitened held-out rows in the channels the effect touches (slow part), less what the other found effects make there;
-d: the effect as fitted elsewhere. S = 1 - |s - d|^2 / |s|^2 for the true effect s, so never above 1. The interval is
-Fieller's, from var(N - S D) = 4 |d - S s|^2 + 2 S^2 m, since D may be near zero.
+z: whitened held-out rows in the channels the effect touches (slow part), less what the other found
+effects make there; d: the effect as fitted elsewhere. S = 1 - |s - d|^2 / |s|^2 for the true effect
+s, so never above 1. The interval is Fieller's, from var(N - S D) = 4 |d - S s|^2 + 2 S^2 m, since D
+may be near zero.
 
-What repeats is held out run by run; an event, or all there is of one run, by alternate half-minutes; noise by runs.
+What repeats is held out run by run; an event, or all there is of one run, by alternate
+half-minutes; noise by runs.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +40,9 @@ FEW_SIGMA = 8.0
 
 @dataclass(frozen=True)
 class Shrink:
-    """Share of the excess gone on held-out data, with its 95 % interval; size: of the held-out gap, in sigmas."""
+    """Share of the excess gone on held-out data, with its 95 % interval; size: of the held-out gap,
+    in sigmas.
+    """
 
     fraction: float
     interval_95: tuple[float, float]
@@ -52,7 +57,9 @@ class Shrink:
 
 
 def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = None) -> Shrink:
-    """The shrink by one slot, the others in; held: runs kept apart for it, else the runs take turns."""
+    """The shrink by one slot, the others in; held: runs kept apart for it, else the runs take
+    turns.
+    """
     slot = attribution.slots[number]
     if held is not None and slot.extra is None and held.judges(slot):
         return held.shrink(number)
@@ -63,21 +70,30 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
     own_run = repeats in ("E", "P") or slot.hypothesis.name == OF_RUN
     touched = _touched(attribution, slot)
     if runs > 1 and not own_run:
-        parts = [_fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True) for k in range(runs)]
+        parts = [
+            _fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True)
+            for k in range(runs)
+        ]
         how = "leave one run out"
     else:
         if slot.hypothesis.run is not None:
             touched = touched & (evidence.rows.run == slot.hypothesis.run)
-        parts = [_fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False) for odd in (False, True)]
+        parts = [
+            _fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False)
+            for odd in (False, True)
+        ]
         how = "alternate half-minutes"
     N, D, dd, dz, m, loose = (float(sum(p[k] for p in parts)) for k in range(6))
-    if how != "leave one run out" and loose > LOOSE * max(D, dd):  # half the data do not fix it: an event is short
+    # half the data do not fix it: an event is short
+    if how != "leave one run out" and loose > LOOSE * max(D, dd):
         return _in_sample(attribution, slot, touched)
     return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
 
 
 def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink:
-    """On the data it was fitted to, less what the fit owes to their noise (Mallows): not held out."""
+    """On the data it was fitted to, less what the fit owes to their noise (Mallows): not held
+    out.
+    """
     columns, z = attribution.columns, attribution.evidence.z
     A = _dense(attribution.bank, columns, attribution.evidence.size)
     beta, _ = fit(attribution.bank, columns)
@@ -88,16 +104,29 @@ def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink
     inside = np.abs(d) > 0.01 * np.abs(d).max()  # where the event is
     D = float(rest[inside] @ rest[inside]) - int(inside.sum())
     return replace(
-        fieller(2.0 * dz - dd - 2.0 * cost, D, dd=dd, dz=dz, m=float(inside.sum()), how="the same run, less the fit"),
+        fieller(
+            2.0 * dz - dd - 2.0 * cost,
+            D,
+            dd=dd,
+            dz=dz,
+            m=float(inside.sum()),
+            how="the same run, less the fit",
+        ),
         held_out=False,
     )
 
 
 class HeldOut:
-    """Runs that took no part in the attribution: they only judge what the found effects are worth."""
+    """Runs that took no part in the attribution: they only judge what the found effects are
+    worth.
+    """
 
     def __init__(
-        self, attribution: Attribution, views: Sequence[RunView], first: int, known: Sequence[Trace | None] | None = None
+        self,
+        attribution: Attribution,
+        views: Sequence[RunView],
+        first: int,
+        known: Sequence[Trace | None] | None = None,
     ) -> None:
         """views: all runs, those held out from number `first` on, under the same noise."""
         found = attribution.evidence
@@ -106,7 +135,11 @@ class HeldOut:
         bank = Bank(evidence, (), with_generic=False)
         slots = []
         for slot in attribution.slots:
-            if slot.group is None or not isinstance(slot.hypothesis, Hypothesis) or not self.judges(slot):
+            if (
+                slot.group is None
+                or not isinstance(slot.hypothesis, Hypothesis)
+                or not self.judges(slot)
+            ):
                 slots.append(replace(slot, group=None))
                 continue
             h = slot.hypothesis
@@ -129,14 +162,17 @@ class HeldOut:
         slot = self._of_all.slots[number]
         rows = self._of_all.evidence.rows
         held = rows.run >= self._first
-        N, D, dd, dz, m, _ = _fold(self._of_all, slot, held, _touched(self._of_all, slot), by_run=True)
+        N, D, dd, dz, m, _ = _fold(
+            self._of_all, slot, held, _touched(self._of_all, slot), by_run=True
+        )
         return fieller(N, D, dd=dd, dz=dz, m=m, how="runs held out")
 
 
 def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = "") -> Shrink:
     """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %."""
     S = np.linspace(-1.0, 1.0, 2001)
-    s2 = max(D, dz**2 / dd if dd > 0 else 0.0, 0.0)  # the effect is at least what its projection on the fit shows
+    # the effect is at least what its projection on the fit shows
+    s2 = max(D, dz**2 / dd if dd > 0 else 0.0, 0.0)
     variance = 4.0 * np.maximum(dd - 2.0 * S * dz + S**2 * s2, 0.0) + 2.0 * S**2 * m + 1e-12
     ratio = (N - S * D) ** 2 / variance
     inside = ratio <= ratio.min() + SURE**2  # the least is above zero where S = N / D lies beyond 1
@@ -170,16 +206,21 @@ def _block_mask(evidence: Evidence, odd: bool) -> NDArray:
 def _fold(
     attribution: Attribution, slot: Slot, held: NDArray, touched: NDArray, *, by_run: bool
 ) -> tuple[float, float, float, float, float, float]:
-    """N, D, |d|^2, d'z, m and the variance of d of one fold: fitted on the rows not held, judged on those held."""
+    """N, D, |d|^2, d'z, m and the variance of d of one fold: fitted on the rows not held, judged on
+    those held.
+    """
     bank, evidence = attribution.bank, attribution.evidence
     columns = attribution.columns
     A = _dense(bank, columns, evidence.size)
     train = ~held
     gram = A[train].T @ A[train]
-    whole = np.maximum(np.sum(A**2, axis=0), 1e-300)  # rows without the effect leave its coefficient at zero
+    # rows without the effect leave its coefficient at zero
+    whole = np.maximum(np.sum(A**2, axis=0), 1e-300)
     scale = 1.0 / np.sqrt(whole)
     ridge = RIDGE * np.eye(whole.size)
-    beta = scale * np.linalg.solve(gram * np.outer(scale, scale) + ridge, scale * (A[train].T @ evidence.z[train]))
+    beta = scale * np.linalg.solve(
+        gram * np.outer(scale, scale) + ridge, scale * (A[train].T @ evidence.z[train])
+    )
     mine = np.isin(columns, slot.columns)
     others = evidence.z - A[:, ~mine] @ beta[~mine]
     d, z = A[:, mine] @ beta[mine], others
@@ -191,7 +232,9 @@ def _fold(
         d, z, m = d[where], z[where], int(where.sum())
     dd, dz = float(d @ d), float(d @ z)
     own = np.flatnonzero(mine)
-    C = np.linalg.inv(gram * np.outer(scale, scale) + ridge)[np.ix_(own, own)] * np.outer(scale[own], scale[own])
+    C = np.linalg.inv(gram * np.outer(scale, scale) + ridge)[np.ix_(own, own)] * np.outer(
+        scale[own], scale[own]
+    )
     loose = float(np.sum((A[where][:, mine] @ C) * A[where][:, mine]))
     return 2.0 * dz - dd, float(z @ z) - m, dd, dz, float(m), loose
 
@@ -201,7 +244,9 @@ def energetic(values: NDArray) -> float:
 
 
 def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray]:
-    """The fixed subspace: the first transform indices of each channel's rows in time order, run by run."""
+    """The fixed subspace: the first transform indices of each channel's rows in time order, run by
+    run.
+    """
     rows = evidence.rows
     groups = []
     for run in np.unique(rows.run[where]):
@@ -217,24 +262,43 @@ def _low_band(evidence: Evidence, where: NDArray) -> Callable[[NDArray], NDArray
 
 def _dense(bank: Bank, columns: NDArray, size: int) -> NDArray:
     return (
-        np.stack([bank.signature(np.array([c]), np.ones(1)) for c in columns], axis=1) if columns.size else np.zeros((size, 0))
+        np.stack([bank.signature(np.array([c]), np.ones(1)) for c in columns], axis=1)
+        if columns.size
+        else np.zeros((size, 0))
     )
 
 
 def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:
-    """Excess of the squares that is gone when each run is judged with the coefficient found in the others."""
-    hypothesis, evidence, squares = slot.hypothesis, attribution.plain_evidence, attribution.plain_squares
+    """Excess of the squares that is gone when each run is judged with the coefficient found in the
+    others.
+    """
+    hypothesis, evidence, squares = (
+        slot.hypothesis,
+        attribution.plain_evidence,
+        attribution.plain_squares,
+    )
     assert isinstance(hypothesis, NoiseHypothesis) and slot.extra is not None
     ratio = squares.ratio(attribution.plain_residual[:, None])[:, 0]
     runs = range(len(evidence.runs)) if hypothesis.run is None else (hypothesis.run,)
     shape = dict(slot.extra.shape)
-    terms = [term_of(evidence, squares, hypothesis.effect, hypothesis.target, shape, k) for k in runs]
-    excess = np.array([float(np.sum(squares.dof[t.index] * t.factor * (ratio[t.index] - 1.0))) for t in terms])
+    terms = [
+        term_of(evidence, squares, hypothesis.effect, hypothesis.target, shape, k) for k in runs
+    ]
+    excess = np.array(
+        [float(np.sum(squares.dof[t.index] * t.factor * (ratio[t.index] - 1.0))) for t in terms]
+    )
     unit = np.array([float(np.sum(squares.dof[t.index] * t.factor**2)) for t in terms])
     q = slot.extra.square
-    spread = np.array([
-        float(np.sqrt(np.sum(2.0 * squares.dof[t.index] * t.factor**2 * (1.0 + q * t.factor) ** 2))) for t in terms
-    ])  # fmt: skip
+    spread = np.array(
+        [
+            float(
+                np.sqrt(
+                    np.sum(2.0 * squares.dof[t.index] * t.factor**2 * (1.0 + q * t.factor) ** 2)
+                )
+            )
+            for t in terms
+        ]
+    )
     total, seen = float(unit.sum()), float(excess.sum())
     found = seen / max(total, 1e-300)  # the coefficient squared, all runs together
     sigma = float(np.sqrt(np.sum(spread**2))) / max(total, 1e-300)

@@ -1,7 +1,8 @@
-"""Which effects explain the gap: forward selection of single effects, refined, swept, and reported as credible sets.
+"""Which effects explain the gap: forward selection of single effects, refined, swept, and reported
+as credible sets.
 
-Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see `scoring`). The
-threshold comes from replicates of the twin's own noise on the very same runs.
+Each slot holds one effect; its posterior runs over all hypotheses given the other slots (SuSiE, see
+`scoring`). The threshold comes from replicates of the twin's own noise on the very same runs.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,7 +18,13 @@ from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence, ExtraNoise
 from simreal.inference.bank import Bank, Group, Hypothesis, limits
-from simreal.inference.noise_hypotheses import NoiseHypothesis, Squares, log_bf, noise_hypotheses, observed
+from simreal.inference.noise_hypotheses import (
+    NoiseHypothesis,
+    Squares,
+    log_bf,
+    noise_hypotheses,
+    observed,
+)
 from simreal.inference.scoring import Scorer, fit
 
 MOST_EFFECTS = 6
@@ -36,9 +43,11 @@ AnyHypothesis = Hypothesis | NoiseHypothesis
 
 @dataclass
 class Slot:
-    """One found effect: the chosen hypothesis with its group (refined) or its noise, its log posterior odds, and
+    """One found effect: the chosen hypothesis with its group (refined) or its noise, its log
+    posterior odds, and
 
-    `posterior`: probability of every hypothesis of the scan, in the order of `Attribution.hypotheses`.
+    `posterior`: probability of every hypothesis of the scan, in the order of
+    `Attribution.hypotheses`.
     """
 
     hypothesis: AnyHypothesis
@@ -93,14 +102,25 @@ class Attributor:
     """The search over one set of runs under one twin."""
 
     def __init__(
-        self, views: Sequence[RunView], twin: TwinModel, effects: Sequence[Effect], *, alpha: float,
-        rng: np.random.Generator, replicates: int = REPLICATES, extra: Sequence[ExtraNoise] = (),
+        self,
+        views: Sequence[RunView],
+        twin: TwinModel,
+        effects: Sequence[Effect],
+        *,
+        alpha: float,
+        rng: np.random.Generator,
+        replicates: int = REPLICATES,
+        extra: Sequence[ExtraNoise] = (),
         known: Sequence[Trace | None] | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.views, self.twin, self.effects = views, twin, effects
         self._extra, self._known = tuple(extra), known  # what the twin lists already
         self._set(self._under(()))
-        self.plain, self.plain_squares, self.not_testable = self.evidence, self.squares, list(self.bank.not_testable)
+        self.plain, self.plain_squares, self.not_testable = (
+            self.evidence,
+            self.squares,
+            list(self.bank.not_testable),
+        )
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
         self.slots: list[Slot] = []
@@ -134,13 +154,26 @@ class Attributor:
         self._noise_instead()
         self._finish()
         return Attribution(
-            self.slots, self.evidence, self.bank, self.squares, self.hypotheses, self.threshold, first, self.replicate_max,
-            self.plain, self.plain_squares, self._plain_residual(), self.replicate_z, self.replicate_ratio,
+            self.slots,
+            self.evidence,
+            self.bank,
+            self.squares,
+            self.hypotheses,
+            self.threshold,
+            first,
+            self.replicate_max,
+            self.plain,
+            self.plain_squares,
+            self._plain_residual(),
+            self.replicate_z,
+            self.replicate_ratio,
             self.not_testable,
-        )  # fmt: skip
+        )
 
     def _forward(self, *, pairs: bool = True) -> float:
-        """Add effects until none reaches the threshold; the evidence gained, less what each slot costs."""
+        """Add effects until none reaches the threshold; the evidence gained, less what each slot
+        costs.
+        """
         total = 0.0
         while self._room():
             found = self._best(self.slots, pairs=pairs)
@@ -155,14 +188,17 @@ class Attributor:
         return total
 
     def _room(self) -> bool:
-        """Noise has as many places of its own: a unit of another grade needs one on each channel."""
+        """Noise has as many places of its own: a unit of another grade needs one on each
+        channel.
+        """
         noise = sum(s.extra is not None for s in self.slots)
         return noise < MOST_EFFECTS and len(self.slots) - noise < MOST_EFFECTS
 
     def _noise_instead(self) -> None:
         """A slow noise beside named effects on one channel: would the noise alone have done?
 
-        A drifting path can be drawn by two smooth named effects; the noise found after them is then too small to tell.
+        A drifting path can be drawn by two smooth named effects; the noise found after them is then
+        too small to tell.
         """
         slow = [s for s in self.slots if s.hypothesis.name == "slow_variation"]
         channels = {s.hypothesis.target for s in slow}
@@ -172,7 +208,11 @@ class Attributor:
         self.slots = []
         self._set(self._under(()))
         odds, _ = self._odds([])
-        noise = [k for k, h in enumerate(self.noises) if h.name == "slow_variation" and h.target in channels]
+        noise = [
+            k
+            for k, h in enumerate(self.noises)
+            if h.name == "slow_variation" and h.target in channels
+        ]
         first = len(self.bank.hypotheses)
         best = max(noise, key=lambda k: odds[first + k])
         slot = self._noise_slot(self.noises[best], float(odds[first + best]))
@@ -197,11 +237,15 @@ class Attributor:
         for r, run in enumerate(self.plain.runs):
             traces = [self.bank.traces_of(int(c), r) for c in columns]
             here = np.array([t is not None for t in traces])
-            out[self.plain.rows_of(r)] -= run.whiten([t for t in traces if t is not None]) @ beta[here]
+            out[self.plain.rows_of(r)] -= (
+                run.whiten([t for t in traces if t is not None]) @ beta[here]
+            )
         return out
 
     def _odds(self, others: Sequence[Slot]) -> tuple[NDArray, NDArray]:
-        """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of all groups."""
+        """Log posterior odds (h,) of all hypotheses given other slots, and the log Bayes factors of
+        all groups.
+        """
         columns = columns_of(others)
         lp, groups = self.scorer.log_posterior(columns, self.bank.score[:, None])
         z = self.evidence.z
@@ -224,7 +268,8 @@ class Attributor:
         events = np.array([h.run is not None for h in self.bank.hypotheses])
         event = int(np.argmax(np.where(events, odds[:known], -np.inf)))
         if best >= known and events[event] and odds[event] > self.threshold:
-            self._slot(event, odds, groups, others)  # a sharp event off its grid looks like noise: refine it first
+            # a sharp event off its grid looks like noise: refine it first
+            self._slot(event, odds, groups, others)
             odds, groups = self._odds(others)
             best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
@@ -238,7 +283,9 @@ class Attributor:
 
     def _slot(self, number: int, odds: NDArray, groups: NDArray, others: Sequence[Slot]) -> Slot:
         if number >= len(self.bank.hypotheses):
-            slot = self._noise_slot(self.noises[number - len(self.bank.hypotheses)], float(odds[number]))
+            slot = self._noise_slot(
+                self.noises[number - len(self.bank.hypotheses)], float(odds[number])
+            )
             slot.posterior = np.exp(odds - logsumexp(odds))  # as it is before its own noise is in
             return slot
         hypothesis = self.bank.hypotheses[number]
@@ -248,7 +295,9 @@ class Attributor:
         return self._at_onset(slot, others)
 
     def _at_onset(self, slot: Slot, others: Sequence[Slot]) -> Slot:
-        """The other events of this run at the onset found: a scan in steps of minutes misses what lasts seconds."""
+        """The other events of this run at the onset found: a scan in steps of minutes misses what
+        lasts seconds.
+        """
         assert slot.group is not None
         onset = slot.group.shape.get("onset_s")
         if onset is None:
@@ -262,7 +311,9 @@ class Attributor:
                 shapes = [{**near.shape, "onset_s": onset + d} for d in ONSET_OFFSETS_S]
                 columns = columns_of(others)
                 groups = self.bank.append(h.effect, h.target, shapes, h.run)
-                fits = Scorer(self.bank, [replace(h, groups=groups)]).groups_log_bf(columns, self.bank.score[:, None])[:, 0]
+                fits = Scorer(self.bank, [replace(h, groups=groups)]).groups_log_bf(
+                    columns, self.bank.score[:, None]
+                )[:, 0]
                 h.refine(groups[int(np.argmax(fits))])
                 numbers.append(number)
         if not numbers:
@@ -280,14 +331,20 @@ class Attributor:
     def _noise_slot(self, hypothesis: NoiseHypothesis, odds: float) -> Slot:
         scores, best = log_bf(hypothesis, self.squares, self._ratio, self._z)
         at = int(np.argmax(scores[:, 0]))
-        square = _refined_level(float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z))
+        square = _refined_level(
+            float(best[at, 0]), *observed(hypothesis.terms[at], self.squares, self._ratio, self._z)
+        )
         if square < 0:
             square = max(square, -MOST_MISSING * hypothesis.declared)
-        extra = ExtraNoise(hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run)
+        extra = ExtraNoise(
+            hypothesis.effect, hypothesis.target, hypothesis.shapes[at], square, hypothesis.run
+        )
         return Slot(hypothesis, None, extra, odds)
 
     def _refined(self, hypothesis: Hypothesis, group: Group, others: Sequence[Slot]) -> Group:
-        """Continuous shape parameters: finer and finer grids about the best, one parameter at a time."""
+        """Continuous shape parameters: finer and finer grids about the best, one parameter at a
+        time.
+        """
         effect = hypothesis.effect
         if effect is None or not effect.shape:
             return group
@@ -316,12 +373,15 @@ class Attributor:
         return entered
 
     def _pair(self, single: Slot, others: Sequence[Slot]) -> Slot | None:
-        """Two named effects on the channel of a generic answer, where together they explain it better.
+        """Two named effects on the channel of a generic answer, where together they explain it
+        better.
 
         The better of them is returned; the other is found in the next round.
         """
         target = single.hypothesis.target
-        on_channel = [k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target]
+        on_channel = [
+            k for k, h in enumerate(self.bank.hypotheses) if h.named and h.target == target
+        ]
         if not on_channel:
             return None
         base = columns_of(others)
@@ -332,7 +392,9 @@ class Attributor:
         for k in order:
             group = mine.groups[k]
             hypothesis = mine.hypotheses[mine.owner[k]]
-            rest, _ = mine.log_posterior(np.concatenate([base, group.columns]), self.bank.score[:, None])
+            rest, _ = mine.log_posterior(
+                np.concatenate([base, group.columns]), self.bank.score[:, None]
+            )
             rest[mine.owner[k]] = -np.inf
             total = groups[k, 0] + group.log_weight + hypothesis.log_prior + float(rest[:, 0].max())
             if float(rest[:, 0].max()) > self.threshold and total > best:
@@ -362,7 +424,9 @@ class Attributor:
         slot.hypothesis = found
         assert slot.group is not None
         if found.effect is not None:
-            slot.group = found.refine(self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0])
+            slot.group = found.refine(
+                self.bank.append(found.effect, found.target, [slot.group.shape], found.run)[0]
+            )
             self.scorer = Scorer(self.bank)
         else:
             slot.group = next(g for g in found.groups if g.shape == slot.group.shape)
@@ -401,7 +465,9 @@ class Attributor:
                 if likelier is not None:
                     slot = self.slots[place] = self._slot(likelier, odds, groups, others)
                     odds, _ = self._odds(others)
-                own = next(k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key)
+                own = next(
+                    k for k, h in enumerate(self.bank.hypotheses) if h.key == slot.hypothesis.key
+                )
                 slot.log_odds = float(odds[own])
                 if slot.log_odds < self.threshold and not np.any(odds >= self.threshold):
                     del self.slots[place]
@@ -410,7 +476,9 @@ class Attributor:
             place += 1
 
     def _likelier_name(self, slot: Slot, odds: NDArray) -> int | None:
-        """The best hypothesis of the name whose parts are together likelier than the slot's own name; None: it is that."""
+        """The best hypothesis of the name whose parts are together likelier than the slot's own
+        name; None: it is that.
+        """
         names: dict[tuple[str, str], list[int]] = {}
         for number, h in enumerate(self.bank.hypotheses):
             names.setdefault((h.name, h.target), []).append(number)
@@ -437,7 +505,9 @@ def _refined_level(square: float, n: NDArray, ratio: NDArray, a: NDArray) -> flo
 
 
 def tail_quantile(values: NDArray, level: float) -> float:
-    """The value that maxima exceed with probability `level`: exponential tail through the upper TAIL of replicates."""
+    """The value that maxima exceed with probability `level`: exponential tail through the upper
+    TAIL of replicates.
+    """
     start = float(np.quantile(values, 1.0 - TAIL))
     beyond = values[values > start] - start
     if level >= TAIL or not beyond.size:

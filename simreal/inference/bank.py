@@ -1,7 +1,8 @@
-"""The bank of hypotheses: whitened signatures of every effect, target and grid point, and of the free functions.
+"""The bank of hypotheses: whitened signatures of every effect, target and grid point, and of the
+free functions.
 
-All that the attribution needs of them is their Gram matrix and their products with the data, so both the data and the
-replicates of the noise are judged by the same few numbers.
+All that the attribution needs of them is their Gram matrix and their products with the data, so
+both the data and the replicates of the noise are judged by the same few numbers.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,16 +17,20 @@ from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
 from simreal.effects.telemetry import Telemetry, Trace
 from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence
 
-SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])  # squared sizes that the prior mixes
+# squared sizes that the prior mixes
+SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])
 GENERIC_LOG_PRIOR, RUN_LOG_PRIOR = -2.0, -3.0
 REACH = 100.0  # times the upper end of the usual range, and the prior is thin
-NAVIGATION_TURN_ON = {"gyro": 0.003, "accel": 30.0}  # deg/h and ug of the units the catalogue's usual sizes are for
+# deg/h and ug of the units the catalogue's usual sizes are for
+NAVIGATION_TURN_ON = {"gyro": 0.003, "accel": 30.0}
 OUTLIER_OFFSETS_S = (-4.0, -1.0, 2.0)
 
 
 @dataclass(frozen=True)
 class Group:
-    """One grid point of a hypothesis: its shape parameters and the bank's columns, one a coefficient."""
+    """One grid point of a hypothesis: its shape parameters and the bank's columns, one a
+    coefficient.
+    """
 
     shape: Mapping[str, float]
     columns: NDArray
@@ -102,9 +107,13 @@ def silent(target: str) -> str:
 
 
 class Bank:
-    """Columns of all hypotheses over an evidence; `gram` (m, m), `score` (m,) = columns' products with the data."""
+    """Columns of all hypotheses over an evidence; `gram` (m, m), `score` (m,) = columns' products
+    with the data.
+    """
 
-    def __init__(self, evidence: Evidence, effects: Sequence[Effect], *, with_generic: bool = True) -> None:
+    def __init__(
+        self, evidence: Evidence, effects: Sequence[Effect], *, with_generic: bool = True
+    ) -> None:
         self.evidence = evidence
         self.telemetry = [view.telemetry for view in evidence.views]
         self.hypotheses: list[Hypothesis] = []
@@ -124,16 +133,29 @@ class Bank:
         if lacks := effect.needs(self.telemetry, target) or self._silent(target):
             self.not_testable.append((effect.name, target, lacks))
             return
-        if not effect.coefficients or not effect.traces(self.telemetry[0], target, shapes_of(effect, self.telemetry[0])[0]):
+        if not effect.coefficients or not effect.traces(
+            self.telemetry[0], target, shapes_of(effect, self.telemetry[0])[0]
+        ):
             return
         runs = range(len(self.telemetry)) if effect.repeats == "E" else (None,)
         for run in runs:
-            prior = getattr(effect, "log_prior", 0.0) - (np.log(len(self.telemetry)) if run is not None else 0.0)
+            prior = getattr(effect, "log_prior", 0.0) - (
+                np.log(len(self.telemetry)) if run is not None else 0.0
+            )
             hypothesis = Hypothesis(effect.name, target, effect, run=run, log_prior=float(prior))
-            whole = next((h for h in self.hypotheses if h.key == (getattr(effect, "whole", None), target, run)), None)
+            whole = next(
+                (
+                    h
+                    for h in self.hypotheses
+                    if h.key == (getattr(effect, "whole", None), target, run)
+                ),
+                None,
+            )
             if whole is not None:  # a part of an effect whose columns are there already
                 kept = list(getattr(effect, "kept", ()))
-                hypothesis.groups = [Group(g.shape, g.columns[kept], g.scale[kept]) for g in whole.groups]
+                hypothesis.groups = [
+                    Group(g.shape, g.columns[kept], g.scale[kept]) for g in whole.groups
+                ]
                 hypothesis.weigh()
                 self.hypotheses.append(hypothesis)
                 continue
@@ -145,29 +167,44 @@ class Bank:
 
     def _silent(self, target: str) -> str:
         """What is missing where a sensor has no values in any run."""
-        if target not in CHANNELS[:SENSORS] or any(run.parked.live[CHANNELS.index(target)] for run in self.evidence.runs):
+        if target not in CHANNELS[:SENSORS] or any(
+            run.parked.live[CHANNELS.index(target)] for run in self.evidence.runs
+        ):
             return ""
         return silent(target)
 
     def _at_outliers(self, shape: Mapping[str, float], run: int) -> list[dict[str, float]]:
-        """Onsets at a run's outliers: what lasts seconds falls between the points of a scan in minutes."""
+        """Onsets at a run's outliers: what lasts seconds falls between the points of a scan in
+        minutes.
+        """
         if "onset_s" not in shape:
             return []
-        return [{**shape, "onset_s": t + d} for t in self.evidence.runs[run].outlier_times() for d in OUTLIER_OFFSETS_S]
+        return [
+            {**shape, "onset_s": t + d}
+            for t in self.evidence.runs[run].outlier_times()
+            for d in OUTLIER_OFFSETS_S
+        ]
 
-    def new_group(self, effect: Effect, target: str, shape: Mapping[str, float], run: int | None) -> Group:
-        """Columns of an effect at a grid point, entered in the bank's list; they are whitened by `_fill`."""
+    def new_group(
+        self, effect: Effect, target: str, shape: Mapping[str, float], run: int | None
+    ) -> Group:
+        """Columns of an effect at a grid point, entered in the bank's list; they are whitened by
+        `_fill`.
+        """
         first = len(self._specs)
         scale = unit_scale(effect, target, self.evidence)
         typical = [scale * np.sqrt(c.low * c.high) for c in effect.coefficients]
         own: list[tuple[Trace, ...] | None] = [
-            effect.traces(t, target, shape) if run in (None, k) else None for k, t in enumerate(self.telemetry)
+            effect.traces(t, target, shape) if run in (None, k) else None
+            for k, t in enumerate(self.telemetry)
         ]
         if effect.repeats == "P":  # a coefficient of its own in each run
             for k in range(len(self.telemetry)):
                 traces = own[k]
                 assert traces is not None
-                self._specs.append([traces[0] if j == k else None for j in range(len(self.telemetry))])
+                self._specs.append(
+                    [traces[0] if j == k else None for j in range(len(self.telemetry))]
+                )
             typical = typical * len(self.telemetry)
         else:
             for c in range(len(effect.coefficients)):
@@ -175,7 +212,10 @@ class Bank:
         return Group(shape, np.arange(first, len(self._specs)), np.array(typical))
 
     def _add_generic(self, generic: Generic) -> None:
-        same = next((h for h in self.hypotheses if (h.name, h.target) == (generic.name, generic.target)), None)
+        same = next(
+            (h for h in self.hypotheses if (h.name, h.target) == (generic.name, generic.target)),
+            None,
+        )
         if same is None:
             prior = RUN_LOG_PRIOR if generic.name == OF_RUN else GENERIC_LOG_PRIOR
             same = Hypothesis(generic.name, generic.target, None, generic, log_prior=prior)
@@ -188,17 +228,24 @@ class Bank:
         twin = self.evidence.twin
         motion = MOTION_SIZE.get(generic.target)
         typical = (
-            motion or twin.gyro.turn_on_deg_h * 4.848e-6 if generic.target in GYROS else twin.accel.turn_on_ug * 9.80665e-6
+            motion or twin.gyro.turn_on_deg_h * 4.848e-6
+            if generic.target in GYROS
+            else twin.accel.turn_on_ug * 9.80665e-6
         )
         same.groups.append(
-            Group({"nodes": float(generic.resolution)}, np.arange(first, first + count), np.full(count, typical))
+            Group(
+                {"nodes": float(generic.resolution)},
+                np.arange(first, first + count),
+                np.full(count, typical),
+            )
         )
 
     def _fill(self) -> None:
         """Whiten what has been entered since the last call."""
         runs, new = self.evidence.runs, self._specs
         m = len(new)
-        self.blocks: list[tuple[NDArray, NDArray]] = []  # of each run: columns present, whitened (rows, k)
+        # of each run: columns present, whitened (rows, k)
+        self.blocks: list[tuple[NDArray, NDArray]] = []
         for k, run in enumerate(runs):
             present = np.array([c for c in range(m) if new[c][k] is not None], dtype=int)
             traces = [t for c in present if (t := new[c][k]) is not None]
@@ -208,7 +255,9 @@ class Bank:
             self.gram[np.ix_(present, present)] += _gram(A, self.evidence.runs[k].blocks)
             self.score[present] += A.T @ self.evidence.z[self.evidence.rows_of(k)]
 
-    def append(self, effect: Effect, target: str, shapes: Sequence[Mapping[str, float]], run: int | None) -> list[Group]:
+    def append(
+        self, effect: Effect, target: str, shapes: Sequence[Mapping[str, float]], run: int | None
+    ) -> list[Group]:
         """New grid points of an effect, whitened and entered beside the others."""
         before = len(self._specs)
         groups = [self.new_group(effect, target, shape, run) for shape in shapes]
@@ -229,7 +278,9 @@ class Bank:
         gram, score = np.zeros((m, m)), np.zeros(m)
         gram[:before, :before], score[:before] = self.gram, self.score
         for k, evidence in enumerate(self.evidence.runs):
-            fresh = np.array([c for c in range(before, m) if self._specs[c][k] is not None], dtype=int)
+            fresh = np.array(
+                [c for c in range(before, m) if self._specs[c][k] is not None], dtype=int
+            )
             if not fresh.size:
                 continue
             new = evidence.whiten([t for c in fresh if (t := self._specs[c][k]) is not None])
@@ -239,7 +290,10 @@ class Bank:
             gram[np.ix_(present, fresh)] += cross
             gram[np.ix_(fresh, present)] += cross.T
             score[fresh] += new.T @ self.evidence.z[self.evidence.rows_of(k)]
-            self.blocks[k] = np.concatenate([present, fresh]), np.hstack([A, new.astype(np.float32)])
+            self.blocks[k] = (
+                np.concatenate([present, fresh]),
+                np.hstack([A, new.astype(np.float32)]),
+            )
         self.gram, self.score = gram, score
 
     def signature(self, columns: NDArray, coefficients: NDArray) -> NDArray:
@@ -282,8 +336,8 @@ def _gram(A: NDArray, blocks: Sequence[slice]) -> NDArray:
 
 
 def size_weights(group_norm: float, low: float, high: float) -> NDArray:
-    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range, falling as its inverse root
-    beyond it, thin beyond REACH times its end; at most 1 together.
+    """Log weights of SIZES for a signature of this norm per unit: flat over the usual range,
+    falling as its inverse root beyond it, thin beyond REACH times its end; at most 1 together.
 
     Where the data cannot choose, the more usual of two sizes leads and the other stays in the set.
     """

@@ -1,4 +1,6 @@
-"""A found effect in words and numbers: probability, what it cannot be told from, coefficients with sigma and usual size."""
+"""A found effect in words and numbers: probability, what it cannot be told from, coefficients with
+sigma and usual size.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -17,14 +19,17 @@ CREDIBLE = 0.95
 SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
 UNLISTED = ("unknown", "")
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
-UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}  # of free functions of motion
+# of free functions of motion
+UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
 LEAST = 0.01  # probability below which an answer is not listed
 ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
 
 
 @dataclass(frozen=True)
 class Value:
-    """A parameter with its sigma (NaN: not estimated), unit and usual range (None: no such thing)."""
+    """A parameter with its sigma (NaN: not estimated), unit and usual range (None: no such
+    thing).
+    """
 
     value: float
     sigma: float
@@ -39,7 +44,9 @@ class Value:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another answer: its probability in this slot and how alike its signature is (|cos|, NaN: noise)."""
+    """Another answer: its probability in this slot and how alike its signature is (|cos|, NaN:
+    noise).
+    """
 
     effect: str
     target: str
@@ -51,9 +58,10 @@ class Rival:
 class Cause:
     """One found effect.
 
-    probability: of this name on this target. rivals: the rest of the 95 % credible set and what cannot be told apart.
-    run_id: of an event. size: norm of the whitened effect. rms: of the effect per channel while parked, SI.
-    id: which of the effects of that name. nodes, values: of a free function.
+    probability: of this name on this target. rivals: the rest of the 95 % credible set and what
+    cannot be told apart. run_id: of an event. size: norm of the whitened effect. rms: of the effect
+    per channel while parked, SI. id: which of the effects of that name. nodes, values: of a free
+    function.
     """
 
     effect: str
@@ -87,11 +95,21 @@ def cause_of(attribution: Attribution, number: int, shrink: Shrink | None) -> Ca
     effect = h.effect
     parameters, nodes, values = _parameters(attribution, slot)
     return Cause(
-        effect=h.name, target=h.target, id=h.name if effect is None else effect.id, probability=probability,
-        rivals=_rivals(attribution, slot, shares), parameters=parameters, run_id=run_id, size=_size(attribution, slot),
-        shrink=shrink, named=effect is not None, nodes=nodes, values=values, rms=_rms(attribution, slot),
+        effect=h.name,
+        target=h.target,
+        id=h.name if effect is None else effect.id,
+        probability=probability,
+        rivals=_rivals(attribution, slot, shares),
+        parameters=parameters,
+        run_id=run_id,
+        size=_size(attribution, slot),
+        shrink=shrink,
+        named=effect is not None,
+        nodes=nodes,
+        values=values,
+        rms=_rms(attribution, slot),
         class_="R" if effect is None else effect.repeats,
-    )  # fmt: skip
+    )
 
 
 def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
@@ -100,7 +118,8 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
     for hypothesis, p in zip(attribution.hypotheses, slot.posterior):
         key = hypothesis.name, hypothesis.target
         shares[key] = shares.get(key, 0.0) + float(p)
-    alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))  # what it adds to the others: two may cancel
+    # what it adds to the others: two may cancel
+    alien = unlisted(float(np.sqrt(2.0 * max(slot.log_odds, 0.0))))
     shares = {key: (1.0 - alien) * p for key, p in shares.items()}
     shares[UNLISTED] = alien
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
@@ -109,13 +128,15 @@ def shares_of(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], flo
 def unlisted(size: float) -> float:
     """Probability that the cause is none of the catalogue's and only looks like one of them.
 
-    No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many sigmas leaves less room for a
-    look-alike, whose difference would show.
+    No catalogue is complete: a share of OUTSIDE is kept for what is not in it. An effect of many
+    sigmas leaves less room for a look-alike, whose difference would show.
     """
     return OUTSIDE / (1.0 + (size / ROOM_SIGMA) ** 2)
 
 
-def _rivals(attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], float]) -> tuple[Rival, ...]:
+def _rivals(
+    attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], float]
+) -> tuple[Rival, ...]:
     own, total, out = (slot.hypothesis.name, slot.hypothesis.target), 0.0, []
     cosines = _cosines(attribution, slot)
     total = shares.get(own, 0.0) + shares.get(UNLISTED, 0.0)
@@ -132,7 +153,9 @@ def _rivals(attribution: Attribution, slot: Slot, shares: dict[tuple[str, str], 
 
 
 def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], float]:
-    """Largest |cos| of the slot's fitted signature with each other hypothesis's span, the other slots projected out."""
+    """Largest |cos| of the slot's fitted signature with each other hypothesis's span, the other
+    slots projected out.
+    """
     if slot.group is None:
         return {}
     bank = attribution.bank
@@ -145,20 +168,27 @@ def _cosines(attribution: Attribution, slot: Slot) -> dict[tuple[str, str], floa
     for h in bank.hypotheses:
         for group in h.groups:
             c = group.columns
-            if c.size > own.size:  # a wider effect holds many others; its probability says whether it is one
+            # a wider effect holds many others; its probability says whether it is one
+            if c.size > own.size:
                 continue
             cross = gram[np.ix_(c, own)] @ beta
             G = gram[np.ix_(c, c)]
             if norm <= 0 or np.diag(G).max() <= 1e-9 * max(np.diag(bank.gram)[c].max(), 1e-300):
                 continue
             scale = 1.0 / np.sqrt(np.maximum(np.diag(G), 1e-300))
-            inner = (cross * scale) @ np.linalg.pinv(G * np.outer(scale, scale), rcond=1e-6, hermitian=True) @ (cross * scale)
+            inner = (
+                (cross * scale)
+                @ np.linalg.pinv(G * np.outer(scale, scale), rcond=1e-6, hermitian=True)
+                @ (cross * scale)
+            )
             key = h.name, h.target
             out[key] = max(out.get(key, 0.0), float(np.sqrt(np.clip(inner / norm, 0.0, 1.0))))
     return out
 
 
-def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value], tuple[float, ...], tuple[float, ...]]:
+def _parameters(
+    attribution: Attribution, slot: Slot
+) -> tuple[dict[str, Value], tuple[float, ...], tuple[float, ...]]:
     h = slot.hypothesis
     if isinstance(h, NoiseHypothesis):
         return _noise_parameters(attribution, slot), (), ()
@@ -168,17 +198,25 @@ def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value],
     value, sigma = beta[at], np.sqrt(np.maximum(np.diag(covariance)[at], 0.0))
     if h.effect is None:
         assert slot.group is not None and h.generic is not None
-        unit, si = UNITS.get(h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G))
+        unit, si = UNITS.get(
+            h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G)
+        )
         values = tuple(float(v) / si for v in value)
         nodes = attribution.bank.generic_of(h, slot.group).nodes
-        return {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)}, nodes, values
+        return (
+            {"rms": Value(float(np.sqrt(np.mean(np.square(values)))), float("nan"), unit)},
+            nodes,
+            values,
+        )
     scale = unit_scale(h.effect, h.target, attribution.evidence)
     out = {}
     for k, c in enumerate(h.effect.coefficients):
         usual = (scale * c.low, scale * c.high)
         if h.effect.repeats == "P":
             for r, view in enumerate(attribution.evidence.views):
-                out[f"{c.name}[{view.name}]"] = Value(float(value[r]), float(sigma[r]), c.unit, usual)
+                out[f"{c.name}[{view.name}]"] = Value(
+                    float(value[r]), float(sigma[r]), c.unit, usual
+                )
         else:
             out[c.name] = Value(float(value[k]), float(sigma[k]), c.unit, usual)
     assert slot.group is not None
@@ -189,7 +227,9 @@ def _parameters(attribution: Attribution, slot: Slot) -> tuple[dict[str, Value],
 
 
 def _shape_sigma(attribution: Attribution, slot: Slot, effect: Effect, name: str) -> float:
-    """From the curvature of the fit about its best: three points, two of them a few per cent away."""
+    """From the curvature of the fit about its best: three points, two of them a few per cent
+    away.
+    """
     assert isinstance(slot.hypothesis, Hypothesis) and slot.group is not None
     bank, h = attribution.bank, slot.hypothesis
     centre = float(slot.group.shape[name])
@@ -213,7 +253,11 @@ def _noise_parameters(attribution: Attribution, slot: Slot) -> dict[str, Value]:
     at = h.shapes.index(dict(extra.shape)) if dict(extra.shape) in h.shapes else 0
     term = h.terms[at]
     s = 1.0 + extra.square * term.factor
-    information = float(np.sum(0.5 * squares.dof[term.index] * (term.factor / s) ** 2)) if term.index.size else 0.0
+    information = (
+        float(np.sum(0.5 * squares.dof[term.index] * (term.factor / s) ** 2))
+        if term.index.size
+        else 0.0
+    )
     value = float(np.sign(extra.square) * np.sqrt(abs(extra.square)))
     sigma = 0.5 / max(abs(value), 1e-30) / np.sqrt(information) if information > 0 else float("nan")
     c = h.effect.coefficients[-1]
@@ -236,7 +280,9 @@ def _size(attribution: Attribution, slot: Slot) -> float:
 
 
 def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
-    """RMS of the effect on the gyros [rad/s] and accelerometers [m/s^2] over all parked seconds, where it is not zero."""
+    """RMS of the effect on the gyros [rad/s] and accelerometers [m/s^2] over all parked seconds,
+    where it is not zero.
+    """
     if slot.group is None:
         return {}
     columns = attribution.columns
@@ -260,7 +306,9 @@ def _rms(attribution: Attribution, slot: Slot) -> dict[str, float]:
     return {n: float(v) for n, v in zip(names, rms) if v > 0}
 
 
-def posterior_bars(attribution: Attribution, slot: Slot, most: int = 8) -> list[tuple[str, str, float]]:
+def posterior_bars(
+    attribution: Attribution, slot: Slot, most: int = 8
+) -> list[tuple[str, str, float]]:
     """The most probable answers of a slot."""
     shares = shares_of(attribution, slot)
     return [(name, target, p) for (name, target), p in list(shares.items())[:most]]

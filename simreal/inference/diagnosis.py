@@ -1,6 +1,8 @@
-"""diagnose(runs, twin): where simulator and logs disagree, which effect causes it, how far the gap shrinks with it.
+"""diagnose(runs, twin): where simulator and logs disagree, which effect causes it, how far the gap
+shrinks with it.
 
-runs -> views -> whitened evidence -> cells -> attribution -> what is left -> shrink on held-out data -> twin with effects
+runs -> views -> whitened evidence -> cells -> attribution -> what is left -> shrink on held-out
+data -> twin with effects
 """
 
 from collections.abc import Sequence
@@ -34,7 +36,9 @@ PHASES = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
 
 @dataclass(frozen=True)
 class Place:
-    """Where a part of the gap lies; share of the total excess. temperature: None where there is none."""
+    """Where a part of the gap lies; share of the total excess. temperature: None where there is
+    none.
+    """
 
     channel: str
     phase: str
@@ -48,8 +52,9 @@ class Place:
 class Diagnosis:
     """Everything that the document and the report say; they compute nothing.
 
-    score, score_after: mean squared normalised residual in the located cells (all, if none), floor the twin's own.
-    bars: the most probable answers of each cause. cells: before; cells_after. unused: runs that could not be looked at.
+    score, score_after: mean squared normalised residual in the located cells (all, if none), floor
+    the twin's own. bars: the most probable answers of each cause. cells: before; cells_after.
+    unused: runs that could not be looked at.
     """
 
     verdict: str
@@ -79,18 +84,27 @@ class Diagnosis:
 
 
 def diagnose(
-    runs: Sequence[Run], twin: TwinModel, table: ThermalTable | None, *, alpha: float = DEFAULT_ALPHA, seed: int = 0,
-    effects: Sequence[Effect] | None = None, table_sha256: str = "", hold_out: Sequence[str] = (), replicates: int = 300,
-) -> Diagnosis:  # fmt: skip
+    runs: Sequence[Run],
+    twin: TwinModel,
+    table: ThermalTable | None,
+    *,
+    alpha: float = DEFAULT_ALPHA,
+    seed: int = 0,
+    effects: Sequence[Effect] | None = None,
+    table_sha256: str = "",
+    hold_out: Sequence[str] = (),
+    replicates: int = 300,
+) -> Diagnosis:
     """The sim-to-real gap of runs of one unit.
 
     Parameters
     ----------
     runs : power-on sessions of the twin's unit. table : the twin's, exact; None: it has none.
-    alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is left".
-    effects : the catalogue to choose from. hold_out : run ids that only judge the shrink.
+    alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is
+    left". effects : the catalogue to choose from. hold_out : run ids that only judge the shrink.
 
-    Raises InputError where a run is of another unit, no run can be looked at, or a run to hold out is not among them.
+    Raises InputError where a run is of another unit, no run can be looked at, or a run to hold out
+    is not among them.
     """
     rng = np.random.default_rng(seed)
     views, unused = _views(runs, twin, table, table_sha256)
@@ -100,28 +114,43 @@ def diagnose(
     known = [twin_traces(listed, v.telemetry, v.name) if listed else None for v in [*views, *held]]
     extra = [e for k, v in enumerate(views) for e in _listed_noise(listed, v.name, k)]
     attribution = Attributor(
-        views, twin, chosen, alpha=alpha, rng=rng, replicates=replicates, extra=extra, known=known[: len(views)]
+        views,
+        twin,
+        chosen,
+        alpha=alpha,
+        rng=rng,
+        replicates=replicates,
+        extra=extra,
+        known=known[: len(views)],
     ).explain()
     apart = HeldOut(attribution, [*views, *held], len(views), known) if held else None
     return _diagnosed(attribution, [*views, *held], unused, twin, alpha, replicates, apart)
 
 
 def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
-    """Noise that the twin lists: what is in every run once, with the first; events with their own."""
+    """Noise that the twin lists: what is in every run once, with the first; events with their
+    own.
+    """
     always = twin_extra_noise([item for item in listed if not item.run_id]) if number == 0 else []
     events = twin_extra_noise([item for item in listed if item.run_id == run_id])
     return [*always, *(replace(e, run=number) for e in events)]
 
 
-def _split(views: Sequence[RunView], hold_out: Sequence[str]) -> tuple[list[RunView], list[RunView]]:
+def _split(
+    views: Sequence[RunView], hold_out: Sequence[str]
+) -> tuple[list[RunView], list[RunView]]:
     """Runs to attribute on, numbered anew, and those held out."""
     if strangers := [name for name in hold_out if name not in {v.name for v in views}]:
-        raise InputError(f"hold out {strangers[0]!r}: not among the runs ({', '.join(v.name for v in views)})")
+        raise InputError(
+            f"hold out {strangers[0]!r}: not among the runs ({', '.join(v.name for v in views)})"
+        )
     kept = [v for v in views if v.name not in hold_out]
     if not kept:
         raise InputError("hold out: no run is left to diagnose")
     ordered = [*kept, *(v for v in views if v.name in hold_out)]
-    numbered = [replace(v, telemetry=replace(v.telemetry, run_index=k)) for k, v in enumerate(ordered)]
+    numbered = [
+        replace(v, telemetry=replace(v.telemetry, run_index=k)) for k, v in enumerate(ordered)
+    ]
     return numbered[: len(kept)], numbered[len(kept) :]
 
 
@@ -133,10 +162,14 @@ def _views(
     for run in runs:
         header = run.header
         if twin.imu_serial and header.imu_serial != twin.imu_serial:
-            raise InputError(f"run {header.run_id}: imu_serial {header.imu_serial}, the twin is of {twin.imu_serial}")
+            raise InputError(
+                f"run {header.run_id}: imu_serial {header.imu_serial}, the twin is of"
+                f" {twin.imu_serial}"
+            )
         if header.gyro_technology != twin.gyro_technology:
             raise InputError(
-                f"run {header.run_id}: gyro_technology {header.gyro_technology}, the twin is {twin.gyro_technology}"
+                f"run {header.run_id}: gyro_technology {header.gyro_technology}, the twin is"
+                f" {twin.gyro_technology}"
             )
         view = view_run(run, len(views), table, twin, table_sha256=table_sha256)
         if isinstance(view, str):
@@ -149,9 +182,14 @@ def _views(
 
 
 def _diagnosed(
-    attribution: Attribution, views: Sequence[RunView], unused: Sequence[tuple[str, str]], twin: TwinModel, alpha: float,
-    replicates: int, apart: HeldOut | None = None,
-) -> Diagnosis:  # fmt: skip
+    attribution: Attribution,
+    views: Sequence[RunView],
+    unused: Sequence[tuple[str, str]],
+    twin: TwinModel,
+    alpha: float,
+    replicates: int,
+    apart: HeldOut | None = None,
+) -> Diagnosis:
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
     cells = cells_of(evidence, squares)
     _, _, null = measure_cells(cells, squares.dof, attribution.replicate_ratio)
@@ -166,7 +204,10 @@ def _diagnosed(
     ratio_after = after_squares.ratio(residual[:, None])[:, 0]
     after = locate(cells, after_squares, ratio_after, threshold)
     p_after, looks_like = leftover.judge(residual, ratio_after, statistics)
-    causes = tuple(cause_of(attribution, k, shrink_of(attribution, k, apart)) for k in range(len(attribution.slots)))
+    causes = tuple(
+        cause_of(attribution, k, shrink_of(attribution, k, apart))
+        for k in range(len(attribution.slots))
+    )
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * alpha
@@ -175,23 +216,40 @@ def _diagnosed(
     verdict = _verdict(causes, present)
     order = np.argsort([-c.probability for c in causes], kind="stable")
     return Diagnosis(
-        verdict=verdict, sentence=_sentence(verdict, causes, where, looks_like if present else ""),
+        verdict=verdict,
+        sentence=_sentence(verdict, causes, where, looks_like if present else ""),
         score=_score(before, inside),
-        floor=_floor(cells, squares, attribution, inside), p_value=min(2.0 * min(p_max, p_before), 1.0),
-        score_after=_score(after, inside), p_value_after=p_after, where=where,
-        causes=tuple(causes[k] for k in order), bars=tuple(bars[k] for k in order), left_present=bool(present),
-        left_share=_left_share(before, after), looks_like=looks_like if present else "",
-        not_testable=_not_testable(attribution), cells=before, cells_after=after, views=tuple(views),
-        unused=tuple(unused), twin=twin, alpha=alpha, threshold=attribution.threshold, replicates=replicates,
-        attribution=attribution, notes=tuple(f"{v.name}: {n}" for v in views for n in v.notes),
-    )  # fmt: skip
+        floor=_floor(cells, squares, attribution, inside),
+        p_value=min(2.0 * min(p_max, p_before), 1.0),
+        score_after=_score(after, inside),
+        p_value_after=p_after,
+        where=where,
+        causes=tuple(causes[k] for k in order),
+        bars=tuple(bars[k] for k in order),
+        left_present=bool(present),
+        left_share=_left_share(before, after),
+        looks_like=looks_like if present else "",
+        not_testable=_not_testable(attribution),
+        cells=before,
+        cells_after=after,
+        views=tuple(views),
+        unused=tuple(unused),
+        twin=twin,
+        alpha=alpha,
+        threshold=attribution.threshold,
+        replicates=replicates,
+        attribution=attribution,
+        notes=tuple(f"{v.name}: {n}" for v in views for n in v.notes),
+    )
 
 
 def _score(table: CellTable, inside: NDArray) -> float:
     return float((table.rho * table.dof)[inside].sum() / table.dof[inside].sum())
 
 
-def _floor(cells: Sequence[Cell], squares: Squares, attribution: Attribution, inside: NDArray) -> float:
+def _floor(
+    cells: Sequence[Cell], squares: Squares, attribution: Attribution, inside: NDArray
+) -> float:
     rho, n, _ = measure_cells(cells, squares.dof, attribution.replicate_ratio)
     return float(((rho * n[:, None])[inside].sum(axis=0) / n[inside].sum()).mean())
 
@@ -211,13 +269,20 @@ def _verdict(causes: Sequence[Cause], present: bool) -> str:
     return "partly_explained" if present or len(named) < len(causes) else "explained"
 
 
-def _sentence(verdict: str, causes: Sequence[Cause], where: Sequence[Place], looks_like: str) -> str:
+def _sentence(
+    verdict: str, causes: Sequence[Cause], where: Sequence[Place], looks_like: str
+) -> str:
     """The verdict in one sentence (words of gap.md section 3.6)."""
     if verdict == "no_gap":
         return "No gap beyond the noise floor."
     said = []
     for cause in causes:
-        others = sorted({r.effect if r.target == cause.target else f"{r.effect} on {r.target}" for r in cause.rivals})
+        others = sorted(
+            {
+                r.effect if r.target == cause.target else f"{r.effect} on {r.target}"
+                for r in cause.rivals
+            }
+        )
         what = f"{cause.effect} on {cause.target}"
         if cause.effect == "slow_variation":
             what = f"a slow variation on {cause.target}, not tied to any logged quantity"
@@ -239,11 +304,15 @@ def _sentence(verdict: str, causes: Sequence[Cause], where: Sequence[Place], loo
     return f"{head[verdict]} {' and '.join(said)}{tail}."
 
 
-def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tuple[tuple[Place, ...], NDArray]:
-    """Channels by their share of the gap, with band, time and temperature; and the cells that are located.
+def _places(
+    attribution: Attribution, cells: CellTable, after: CellTable
+) -> tuple[tuple[Place, ...], NDArray]:
+    """Channels by their share of the gap, with band, time and temperature; and the cells that are
+    located.
 
-    A found effect counts where it enters: on its target if that is a channel (a gyro's drift also shows in GNSS), else on
-    the channels that hold its energy. What is left counts in the cells that still stand out.
+    A found effect counts where it enters: on its target if that is a channel (a gyro's drift also
+    shows in GNSS), else on the channels that hold its energy. What is left counts in the cells that
+    still stand out.
     """
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
     channels = np.array([CHANNELS.index(c.channel) for c in cells.cells])
@@ -258,9 +327,12 @@ def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tup
             ratio = squares.ratio(signature[:, None])[:, 0]
             for quick in squares.quick.values():
                 ratio[quick] = 0.0
-            energy = np.array([float((squares.dof[c.index] * ratio[c.index]).sum()) for c in cells.cells])
+            energy = np.array(
+                [float((squares.dof[c.index] * ratio[c.index]).sum()) for c in cells.cells]
+            )
         target = slot.hypothesis.target
-        if target in CHANNELS and target != "vehicle":  # as a target it is the vehicle, as a channel its side slip
+        # as a target it is the vehicle, as a channel its side slip
+        if target in CHANNELS and target != "vehicle":
             own = energy * (channels == CHANNELS.index(target))
             energy = own * (energy.sum() / own.sum()) if own.sum() > 0 else energy
         by_cell += energy
@@ -275,7 +347,9 @@ def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tup
         mine = channels == number
         largest = float(by_cell[mine].max())
         own = [cells.cells[k] for k in np.flatnonzero(mine & (by_cell > 0.1 * largest))]
-        places.append(_place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total)))
+        places.append(
+            _place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total))
+        )
     places.sort(key=lambda p: -p.share)
     return tuple(places[:MOST_PLACES]), marked
 
@@ -292,17 +366,30 @@ def _noise_cells(attribution: Attribution, slot: Slot, cells: CellTable) -> NDAr
     factor = np.zeros(attribution.plain_squares.dof.size)
     h = slot.hypothesis
     assert isinstance(h, NoiseHypothesis) and slot.extra is not None
-    term = term_of(attribution.plain_evidence, attribution.plain_squares, h.effect, h.target, dict(slot.extra.shape), h.run)
+    term = term_of(
+        attribution.plain_evidence,
+        attribution.plain_squares,
+        h.effect,
+        h.target,
+        dict(slot.extra.shape),
+        h.run,
+    )
     factor[term.index] = np.abs(slot.extra.square) * term.factor
     dof = attribution.plain_squares.dof
     change = np.array([float((dof[c.index] * factor[c.index] ** 2).sum()) for c in cells.cells])
     return np.asarray(change / max(change.sum(), 1e-300))
 
 
-def _place(evidence: Evidence, channel: str, cells: Sequence[Cell], explained: NDArray, share: float) -> Place:
+def _place(
+    evidence: Evidence, channel: str, cells: Sequence[Cell], explained: NDArray, share: float
+) -> Place:
     rows = evidence.rows
     at = np.flatnonzero(rows.channel == CHANNELS.index(channel))
-    e = explained[at] ** 2 if np.any(explained[at]) else (evidence.z[at] ** 2 if at.size else np.zeros(0))
+    e = (
+        explained[at] ** 2
+        if np.any(explained[at])
+        else (evidence.z[at] ** 2 if at.size else np.zeros(0))
+    )
     if not at.size:
         span, kind, warm = (evidence.views[0].start_s, evidence.views[0].end_s), PARKED, None
     else:
@@ -313,7 +400,9 @@ def _place(evidence: Evidence, channel: str, cells: Sequence[Cell], explained: N
         warm = _span(T[np.isfinite(T)], e[inside][np.isfinite(T)])
     low = min(c.frequency_hz[0] for c in cells)
     high = max(min(c.frequency_hz[1], 1e3) for c in cells)
-    return Place(channel, _phase_name(evidence, kind, span), warm, (float(low), float(high)), span, share)
+    return Place(
+        channel, _phase_name(evidence, kind, span), warm, (float(low), float(high)), span, share
+    )
 
 
 def _span(values: NDArray, weights: NDArray) -> tuple[float, float] | None:
@@ -322,11 +411,15 @@ def _span(values: NDArray, weights: NDArray) -> tuple[float, float] | None:
     order = np.argsort(values)
     total = np.cumsum(weights[order]) / weights.sum()
     a, b = np.searchsorted(total, SPAN)
-    return float(values[order][min(a, values.size - 1)]), float(values[order][min(b, values.size - 1)])
+    return float(values[order][min(a, values.size - 1)]), float(
+        values[order][min(b, values.size - 1)]
+    )
 
 
 def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str:
-    """The logged phase that holds the middle of the span, else the kind of motion in words of formats.md."""
+    """The logged phase that holds the middle of the span, else the kind of motion in words of
+    formats.md.
+    """
     middle = 0.5 * (span[0] + span[1])
     for view in evidence.views:
         for phase in view.run.phases:
@@ -338,7 +431,8 @@ def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str
 
 
 def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:
-    """Effects that no target of these runs can show, with what they need, each once; those that only a silent sensor
+    """Effects that no target of these runs can show, with what they need, each once; those that
+    only a silent sensor
 
     cannot show come with it as the target (else "").
     """

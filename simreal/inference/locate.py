@@ -1,8 +1,11 @@
-"""Where the gap lies: sums of squares in cells of channel, kind of motion and octave band, and what is left at the end.
+"""Where the gap lies: sums of squares in cells of channel, kind of motion and octave band, and what
+is left at the end.
 
-    D = n/2 (rho - 1 - ln rho) - 1/2 nats,   rho = mean square over expectation, n degrees of freedom
+    D = n/2 (rho - 1 - ln rho) - 1/2 nats,   rho = mean square over expectation, n degrees of
+    freedom
 
-two-sided: a twin that is too noisy has a gap as well. Levels come from replicates of the twin's own noise.
+two-sided: a twin that is too noisy has a gap as well. Levels come from replicates of the twin's own
+noise.
 """
 
 from collections.abc import Sequence
@@ -23,7 +26,9 @@ WINDOW_S = 600.0
 
 @dataclass(frozen=True)
 class Cell:
-    """Squares (indices into `Squares`) of one channel and band over all runs; moving: rows after the parked stretch."""
+    """Squares (indices into `Squares`) of one channel and band over all runs; moving: rows after
+    the parked stretch.
+    """
 
     channel: str
     frequency_hz: tuple[float, float]
@@ -34,7 +39,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class CellTable:
-    """Cells with their mean square rho, degrees of freedom and D [nats]; threshold: family-wise at the level asked."""
+    """Cells with their mean square rho, degrees of freedom and D [nats]; threshold: family-wise at
+    the level asked.
+    """
 
     cells: tuple[Cell, ...]
     rho: NDArray
@@ -57,11 +64,21 @@ def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
             parts = [index[low:high] for (_, k), index in squares.slow.items() if k == c]
             index = np.concatenate(parts) if parts else np.zeros(0, int)
             if index.size:
-                out.append(Cell(channel, (low / (2 * longest), min(high / (2 * longest), 0.5 / BIN_S)), False, index, number))
+                out.append(
+                    Cell(
+                        channel,
+                        (low / (2 * longest), min(high / (2 * longest), 0.5 / BIN_S)),
+                        False,
+                        index,
+                        number,
+                    )
+                )
         for b in range(len(BANDS) + 1):
             parts = [index for (_, k, band), index in squares.quick.items() if (k, band) == (c, b)]
             if parts:
-                out.append(Cell(channel, BAND_HZ[b], False, np.concatenate(parts), len(OCTAVES) + b))
+                out.append(
+                    Cell(channel, BAND_HZ[b], False, np.concatenate(parts), len(OCTAVES) + b)
+                )
     for c in range(SENSORS + 1, len(CHANNELS)):
         parts = [index for (_, k), (index, _) in squares.single.items() if k == c]
         if parts:
@@ -69,10 +86,14 @@ def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
     return tuple(out)
 
 
-def measure_cells(cells: Sequence[Cell], dof: NDArray, ratio: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def measure_cells(
+    cells: Sequence[Cell], dof: NDArray, ratio: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
     """rho (cells, reps), n (cells,), D (cells, reps) from squares (k, reps)."""
     n = np.array([dof[c.index].sum() for c in cells])
-    rho = np.array([(dof[c.index][:, None] * ratio[c.index]).sum(axis=0) for c in cells]) / n[:, None]
+    rho = (
+        np.array([(dof[c.index][:, None] * ratio[c.index]).sum(axis=0) for c in cells]) / n[:, None]
+    )
     safe = np.maximum(rho, 1e-6)
     return rho, n, 0.5 * n[:, None] * (safe - 1.0 - np.log(safe)) - 0.5
 
@@ -84,13 +105,21 @@ def locate(cells: Sequence[Cell], squares: Squares, ratio: NDArray, threshold: f
 
 
 class Leftover:
-    """Tests whether anything is left in whitened rows, each calibrated on replicates, then together.
+    """Tests whether anything is left in whitened rows, each calibrated on replicates, then
+    together.
 
-    Tests: cells (two-sided), means over temperature bands and over ten-minute windows of each channel, bursts,
-    kurtosis, scatter against temperature rate, correlation between channels.
+    Tests: cells (two-sided), means over temperature bands and over ten-minute windows of each
+    channel, bursts, kurtosis, scatter against temperature rate, correlation between channels.
     """
 
-    names = ("cells", "temperature bands", "time windows", "burst", "kurtosis", "cross-channel correlation")
+    names = (
+        "cells",
+        "temperature bands",
+        "time windows",
+        "burst",
+        "kurtosis",
+        "cross-channel correlation",
+    )
 
     def __init__(self, evidence: Evidence, cells: Sequence[Cell], squares: Squares) -> None:
         self.evidence, self.cells, self.squares = evidence, tuple(cells), squares
@@ -102,14 +131,22 @@ class Leftover:
                 if at.size < 20:
                     continue
                 window = (rows.time_s[at] // WINDOW_S).astype(int)
-                self._windows += [at[window == w] for w in np.unique(window) if np.sum(window == w) >= 10]
+                self._windows += [
+                    at[window == w] for w in np.unique(window) if np.sum(window == w) >= 10
+                ]
         for c in range(SENSORS):
-            at = np.flatnonzero((rows.channel == c) & (rows.kind == PARKED) & np.isfinite(rows.temperature_degC))
+            at = np.flatnonzero(
+                (rows.channel == c) & (rows.kind == PARKED) & np.isfinite(rows.temperature_degC)
+            )
             if at.size:
                 T = rows.temperature_degC[at]
-                band = np.minimum((12 * (T - T.min()) / max(float(np.ptp(T)), 1e-9)).astype(int), 11)
+                band = np.minimum(
+                    (12 * (T - T.min()) / max(float(np.ptp(T)), 1e-9)).astype(int), 11
+                )
                 self._bands += [at[band == b] for b in range(12) if np.sum(band == b) >= 10]
-        self._steady = [np.flatnonzero((rows.channel == c) & rows.steady) for c in range(len(CHANNELS))]
+        self._steady = [
+            np.flatnonzero((rows.channel == c) & rows.steady) for c in range(len(CHANNELS))
+        ]
 
     def statistics(self, z: NDArray, ratio: NDArray) -> NDArray:
         """The six statistics (6, reps) of rows (rows, reps) and squares (k, reps)."""
@@ -117,8 +154,18 @@ class Leftover:
         zero = np.zeros(z.shape[1])
         mean = [self._largest_sum(z, groups) for groups in (self._bands, self._windows)]
         used = [at for at in self._steady[:SENSORS] if at.size >= 50]
-        burst = np.max([np.abs(z[at]).max(axis=0) - np.sqrt(2 * np.log(at.size)) for at in used], axis=0) if used else zero
-        tails = [((z[at] ** 4).mean(axis=0) - 3.0 * (z[at] ** 2).mean(axis=0) ** 2) * np.sqrt(at.size / 24.0) for at in used]
+        burst = (
+            np.max(
+                [np.abs(z[at]).max(axis=0) - np.sqrt(2 * np.log(at.size)) for at in used], axis=0
+            )
+            if used
+            else zero
+        )
+        tails = [
+            ((z[at] ** 4).mean(axis=0) - 3.0 * (z[at] ** 2).mean(axis=0) ** 2)
+            * np.sqrt(at.size / 24.0)
+            for at in used
+        ]
         kurtosis = np.max(np.abs(tails), axis=0) if tails else zero
         return np.stack([nats.max(axis=0), *mean, burst, kurtosis, self._correlation(z)])
 
@@ -147,7 +194,9 @@ class Leftover:
         """
         seen = self.statistics(z[:, None], ratio[:, None])[:, 0]
         p = np.array([_tail(replicates[k], seen[k]) for k in range(len(seen))])
-        ranks = np.array([[_tail(replicates[k], v) for v in replicates[k]] for k in range(len(seen))])
+        ranks = np.array(
+            [[_tail(replicates[k], v) for v in replicates[k]] for k in range(len(seen))]
+        )
         smallest = ranks.min(axis=0)
         together = float((1 + np.sum(smallest <= p.min())) / (1 + smallest.size))
         if together <= 2.0 / (1 + smallest.size):  # beyond what the replicates resolve
@@ -156,7 +205,9 @@ class Leftover:
 
 
 def _tail(values: NDArray, seen: float) -> float:
-    """Probability of a value this large among replicates, an exponential tail beyond the upper seventh."""
+    """Probability of a value this large among replicates, an exponential tail beyond the upper
+    seventh.
+    """
     start = float(np.quantile(values, 0.85))
     beyond = values[values > start] - start
     if seen <= start or not beyond.size or beyond.mean() <= 0:

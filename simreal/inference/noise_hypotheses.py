@@ -1,8 +1,8 @@
 """Noise beyond (or below) what the twin declares, as hypotheses on sums of squares.
 
-Each kind of noise multiplies the expected squares of the whitened data by 1 + q a: a from the twin's own covariance,
-q the square of the coefficient, unknown, log-uniform over the usual range and beyond, or negative where the twin declares
-more than there is.
+Each kind of noise multiplies the expected squares of the whitened data by 1 + q a: a from the
+twin's own covariance, q the square of the coefficient, unknown, log-uniform over the usual range
+and beyond, or negative where the twin declares more than there is.
 """
 
 from collections.abc import Sequence
@@ -19,19 +19,29 @@ from simreal.declared.declared_noise import declared_square
 from simreal.effects.base import AddedNoise, Effect
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.evidence.parked import BIN_S, cholesky_of
-from simreal.evidence.whitened import BANDS, CHANNELS, SENSORS, Evidence, RunEvidence, block_spectrum
+from simreal.evidence.whitened import (
+    BANDS,
+    CHANNELS,
+    SENSORS,
+    Evidence,
+    RunEvidence,
+    block_spectrum,
+)
 from simreal.inference.bank import shapes_of, unit_scale
 
 LEVELS = 28
 BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
 SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
-COMPONENTS = 120  # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
+# of a slow noise; what is beyond is as small as a hundredth of the first for all of them
+COMPONENTS = 120
 COARSE = 12  # blocks of ten seconds that are summed for noise that is not steady
 
 
 @dataclass(frozen=True)
 class Basis:
-    """Principal components of a slow noise in a channel's whitened parked rows: first row, vectors (bins, k), values (k,)."""
+    """Principal components of a slow noise in a channel's whitened parked rows: first row, vectors
+    (bins, k), values (k,).
+    """
 
     first: int
     vectors: NDArray
@@ -40,10 +50,11 @@ class Basis:
 
 @dataclass(frozen=True)
 class Term:
-    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of each.
+    """Where a noise shows: indices into the squares of an evidence (`Squares`) and the factor a of
+    each.
 
-    bases: of a slow noise, whose own principal components see more of it than the cosine transform does; they stand for
-    the entries marked `slow` (k,).
+    bases: of a slow noise, whose own principal components see more of it than the cosine transform
+    does; they stand for the entries marked `slow` (k,).
     """
 
     index: NDArray
@@ -66,25 +77,32 @@ class NoiseHypothesis:
     run: int | None = None
     named: bool = True
     usual: float = np.inf  # upper end of the usual coefficient, squared
-    declared: float = 0.0  # what the twin declares of this noise, squared: the most that can be missing
+    # what the twin declares of this noise, squared: the most that can be missing
+    declared: float = 0.0
 
     @property
     def key(self) -> tuple[str, str, int | None]:
         return self.effect.id, self.target, self.run
 
     def tried(self) -> tuple[NDArray, NDArray]:
-        """Squares of the coefficient tried and their log weights; beyond the usual size they fall as its inverse."""
+        """Squares of the coefficient tried and their log weights; beyond the usual size they fall
+        as its inverse.
+        """
         below = -self.declared * np.array(BELOW) if self.declared > 0 else np.zeros(0)
         up = len(self.levels)
-        weights = np.log((0.8 if below.size else 1.0) / up) - 0.5 * np.log(np.maximum(self.levels / self.usual, 1.0))
-        return np.concatenate([self.levels, below]), np.concatenate([weights, np.full(below.size, np.log(0.2 / len(BELOW)))])
+        weights = np.log((0.8 if below.size else 1.0) / up) - 0.5 * np.log(
+            np.maximum(self.levels / self.usual, 1.0)
+        )
+        return np.concatenate([self.levels, below]), np.concatenate(
+            [weights, np.full(below.size, np.log(0.2 / len(BELOW)))]
+        )
 
 
 class Squares:
     """All sums of squares of an evidence: `ratio` (k,) over expectation with `dof` (k,).
 
-    First the cosine transform of each sensor's whitened parked rows, run after run, then scatter within ten seconds summed
-    over COARSE blocks, then single rows of odometer, GNSS and vehicle.
+    First the cosine transform of each sensor's whitened parked rows, run after run, then scatter
+    within ten seconds summed over COARSE blocks, then single rows of odometer, GNSS and vehicle.
     """
 
     def __init__(self, evidence: Evidence) -> None:
@@ -118,7 +136,9 @@ class Squares:
         self.dof = np.concatenate(dof) if dof else np.zeros(0)
 
     def ratio(self, z: NDArray, rng: np.random.Generator | None = None) -> NDArray:
-        """Ratios (k, reps) of rows (rows, reps); the scatter is the data's, or drawn where an rng is given."""
+        """Ratios (k, reps) of rows (rows, reps); the scatter is the data's, or drawn where an rng
+        is given.
+        """
         out = np.ones((self.dof.size, z.shape[1]))
         for (r, c), index in self.slow.items():
             first = int(self.evidence.offsets[r]) + c * index.size
@@ -130,7 +150,9 @@ class Squares:
                 out[index] = (total / np.maximum(self.dof[index], 1e-9))[:, None]
             else:
                 freedom = self.dof[index][:, None]
-                out[index] = rng.chisquare(np.maximum(freedom, 1e-9), (index.size, z.shape[1])) / np.maximum(freedom, 1e-9)
+                out[index] = rng.chisquare(
+                    np.maximum(freedom, 1e-9), (index.size, z.shape[1])
+                ) / np.maximum(freedom, 1e-9)
         for index, rows in self.single.values():
             out[index] = z[rows] ** 2
         return out
@@ -142,8 +164,12 @@ def _coarse(values: NDArray) -> NDArray:
 
 
 @lru_cache(maxsize=128)
-def slow_basis(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> tuple[NDArray, NDArray]:
-    """Principal components (bins, k) and values (k,) of unit added noise in whitened ten-second means."""
+def slow_basis(
+    noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float
+) -> tuple[NDArray, NDArray]:
+    """Principal components (bins, k) and values (k,) of unit added noise in whitened ten-second
+    means.
+    """
     C = _whitened(noise, added, bins, start_s)
     values, vectors = np.linalg.eigh(0.5 * (C + C.T))
     keep = np.argsort(-values)[:COMPONENTS]
@@ -158,7 +184,9 @@ def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float)
 
 @lru_cache(maxsize=512)
 def slow_factor(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
-    """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second means."""
+    """a (bins,): what unit added noise does to the squares of the transform of whitened ten-second
+    means.
+    """
     C = _whitened(noise, added, bins, start_s)
     return np.asarray(np.diag(dct(dct(C, axis=0, norm="ortho"), axis=1, norm="ortho")))
 
@@ -169,10 +197,14 @@ def quick_factor(noise: ChannelNoise, added: AddedNoise, rows: int, row_dt_s: fl
     more, base = block_spectrum(noise.only(added)), block_spectrum(noise)
     bands = [float((more[a:b] / base[a:b]).mean()) for a, b in BANDS]
     scatter, _ = noise.scatter(rows, row_dt_s)
-    return np.array([*bands, noise.only(added).scatter(rows, row_dt_s)[0] / scatter if scatter > 0 else 0.0])
+    return np.array(
+        [*bands, noise.only(added).scatter(rows, row_dt_s)[0] / scatter if scatter > 0 else 0.0]
+    )
 
 
-def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Effect]) -> list[NoiseHypothesis]:
+def noise_hypotheses(
+    evidence: Evidence, squares: Squares, effects: Sequence[Effect]
+) -> list[NoiseHypothesis]:
     """All stochastic effects that these runs can show."""
     out = []
     telemetry = [view.telemetry for view in evidence.views]
@@ -184,27 +216,54 @@ def noise_hypotheses(evidence: Evidence, squares: Squares, effects: Sequence[Eff
                 continue
             coefficient = effect.coefficients[-1]
             scale = unit_scale(effect, target, evidence)
-            levels = np.geomspace(0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS) ** 2
+            levels = (
+                np.geomspace(
+                    0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS
+                )
+                ** 2
+            )
             event = effect.repeats == "E"
-            prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(len(telemetry))
+            prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(
+                len(telemetry)
+            )
             for run in range(len(telemetry)) if event else (None,):
                 shapes = shapes_of(effect, telemetry[run or 0])
                 terms = [term_of(evidence, squares, effect, target, shape, run) for shape in shapes]
                 usual = float((scale * coefficient.high) ** 2)
                 declared = declared_square(evidence.twin, effect.id)
-                out.append(NoiseHypothesis(
-                    effect.name, target, effect, float(prior), shapes, terms, levels, run, usual=usual, declared=declared
-                ))  # fmt: skip
+                out.append(
+                    NoiseHypothesis(
+                        effect.name,
+                        target,
+                        effect,
+                        float(prior),
+                        shapes,
+                        terms,
+                        levels,
+                        run,
+                        usual=usual,
+                        declared=declared,
+                    )
+                )
     return out
 
 
 def term_of(
-    evidence: Evidence, squares: Squares, effect: Effect, target: str, shape: dict[str, float], only: int | None = None
+    evidence: Evidence,
+    squares: Squares,
+    effect: Effect,
+    target: str,
+    shape: dict[str, float],
+    only: int | None = None,
 ) -> Term:
-    """Where a noise effect shows and how much, per unit of its coefficient squared; only: the run of an event."""
+    """Where a noise effect shows and how much, per unit of its coefficient squared; only: the run
+    of an event.
+    """
     index, factor, slow, bases = [], [], [], []
     for r, run in enumerate(evidence.runs):
-        for added in () if only not in (None, r) else effect.noise(run.view.telemetry, target, shape):
+        for added in (
+            () if only not in (None, r) else effect.noise(run.view.telemetry, target, shape)
+        ):
             basis = _basis(evidence, squares, r, added)
             bases += [] if basis is None else [basis]
             for part, (where, a) in enumerate(_factors(squares, r, run, added)):
@@ -225,8 +284,12 @@ def _basis(evidence: Evidence, squares: Squares, r: int, added: AddedNoise) -> B
     return Basis(int(evidence.offsets[r]) + c * parked.bins, vectors, values)
 
 
-def observed(term: Term, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Degrees of freedom (k,), squares over expectation (k, reps) and factors (k,) of a noise; z (rows, reps)."""
+def observed(
+    term: Term, squares: Squares, ratio: NDArray, z: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
+    """Degrees of freedom (k,), squares over expectation (k, reps) and factors (k,) of a noise; z
+    (rows, reps).
+    """
     rest = ~term.slow if term.bases else np.ones(term.index.size, bool)
     n, y, a = [squares.dof[term.index[rest]]], [ratio[term.index[rest]]], [term.factor[rest]]
     for basis in term.bases:
@@ -237,7 +300,9 @@ def observed(term: Term, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[
     return np.concatenate(n), np.concatenate(y), np.concatenate(a)
 
 
-def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> list[tuple[NDArray, NDArray]]:
+def _factors(
+    squares: Squares, r: int, run: RunEvidence, added: AddedNoise
+) -> list[tuple[NDArray, NDArray]]:
     c = CHANNELS.index(added.channel)
     out = []
     if c >= SENSORS:
@@ -261,7 +326,9 @@ def _factors(squares: Squares, r: int, run: RunEvidence, added: AddedNoise) -> l
     if (r, c) in squares.slow:
         index = squares.slow[r, c]
         out.append((index, mean_profile * slow_factor(noise, steady, index.size, start_s)))
-    bands = quick_factor(noise, steady, int(np.median(run.view.seconds.rows)), run.view.seconds.row_dt_s)
+    bands = quick_factor(
+        noise, steady, int(np.median(run.view.seconds.rows)), run.view.seconds.row_dt_s
+    )
     for b, a in enumerate(bands):
         if (r, c, b) in squares.quick:
             index = squares.quick[r, c, b]
@@ -275,8 +342,12 @@ def _samples(run: RunEvidence, channel: str) -> float:
     return 1.0 if log is None else max(1.0 / float(np.median(np.diff(log.time_s))), 1.0)
 
 
-def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray) -> tuple[NDArray, NDArray]:
-    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z (rows, reps)."""
+def log_bf(
+    hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDArray
+) -> tuple[NDArray, NDArray]:
+    """Log Bayes factors (shapes, reps) and the best q (shapes, reps) of a noise; ratio (k, reps), z
+    (rows, reps).
+    """
     scores, best = [], []
     tried, weights = hypothesis.tried()
     for term in hypothesis.terms:
@@ -292,6 +363,8 @@ def log_bf(hypothesis: NoiseHypothesis, squares: Squares, ratio: NDArray, z: NDA
 
 
 def _fits(n: NDArray, y: NDArray, s: NDArray) -> NDArray:
-    """Log likelihood ratios (levels, reps) of scaling the expected squares by s (levels, k): n/2 (y (1 - 1/s) - ln s)."""
+    """Log likelihood ratios (levels, reps) of scaling the expected squares by s (levels, k): n/2 (y
+    (1 - 1/s) - ln s).
+    """
     s = np.maximum(s, 1e-3)
     return np.asarray((0.5 * n * (1.0 - 1.0 / s)) @ y - 0.5 * (np.log(s) @ n)[:, None])

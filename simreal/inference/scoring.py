@@ -1,13 +1,15 @@
 """Bayes factors of single effects, in closed form, given what has been selected already.
 
-    log BF = log mean_v sum_i [ y_i^2 w_i / (2 (1 + w_i)) - ln(1 + w_i) / 2 ],   w_i = v lambda_i / lambda_max
+    log BF = log mean_v sum_i [ y_i^2 w_i / (2 (1 + w_i)) - ln(1 + w_i) / 2 ],   w_i = v lambda_i /
+    lambda_max
 
-y_i: products of the data with the effect's principal signatures, orthogonal to the selected effects, unit length;
-lambda_i: their squared lengths in units of the catalogue's typical coefficients; v: squared size, mixed over
-`bank.SIZES`. A hypothesis averages over its grid of shapes, so that freedom costs what it should.
+y_i: products of the data with the effect's principal signatures, orthogonal to the selected
+effects, unit length; lambda_i: their squared lengths in units of the catalogue's typical
+coefficients; v: squared size, mixed over `bank.SIZES`. A hypothesis averages over its grid of
+shapes, so that freedom costs what it should.
 
-Source: single-effect regression of Wang, Sarkar, Carbonetto and Stephens (2020), J. R. Stat. Soc. B 82, 1273; the mixture over
-sizes as in Wakefield (2009), Genet. Epidemiol. 33, 79.
+Source: single-effect regression of Wang, Sarkar, Carbonetto and Stephens (2020), J. R. Stat. Soc. B
+82, 1273; the mixture over sizes as in Wakefield (2009), Genet. Epidemiol. 33, 79.
 """
 
 from collections.abc import Sequence
@@ -18,13 +20,17 @@ from scipy.special import logsumexp
 
 from simreal.inference.bank import SIZES, Bank, Group, Hypothesis, size_weights
 
-ALIKE = 1e-4  # squared length left after projection, of the whole: below, an effect is one of the selected ones
-DEAD = 1e-6  # squared length in usual sizes below which an effect leaves no trace at all in these runs
+# squared length left after projection, of the whole: below, an effect is one of the selected ones
+ALIKE = 1e-4
+# squared length in usual sizes below which an effect leaves no trace at all in these runs
+DEAD = 1e-6
 GENERIC_RANGE = (0.03, 30.0)  # of a free function's coefficients, in turn-on sigmas
 
 
 class Scorer:
-    """Log Bayes factors of a bank's groups and hypotheses, for the data or for many replicates at once."""
+    """Log Bayes factors of a bank's groups and hypotheses, for the data or for many replicates at
+    once.
+    """
 
     def __init__(self, bank: Bank, hypotheses: Sequence[Hypothesis] | None = None) -> None:
         self.bank = bank
@@ -58,7 +64,9 @@ class Scorer:
         else:
             values, vectors = np.linalg.eigh(gram[np.ix_(c, c)] * np.outer(scale, scale))
             values = np.maximum(values, 0.0)
-            projected = vectors.T @ (b[c] * scale[:, None]) / np.sqrt(np.maximum(values, 1e-300))[:, None]
+            projected = (
+                vectors.T @ (b[c] * scale[:, None]) / np.sqrt(np.maximum(values, 1e-300))[:, None]
+            )
         top = float(values.max())
         if top < ALIKE * before.max() or top < DEAD:
             return np.zeros(b.shape[1])
@@ -68,17 +76,24 @@ class Scorer:
         live = share > 1e-8
         y2, share = projected[live] ** 2, share[live]
         w = SIZES[:, None] * share  # (V, p)
-        fit = 0.5 * np.einsum("vp,pr->vr", w / (1.0 + w), y2) - 0.5 * np.log1p(w).sum(axis=1)[:, None]
+        fit = (
+            0.5 * np.einsum("vp,pr->vr", w / (1.0 + w), y2) - 0.5 * np.log1p(w).sum(axis=1)[:, None]
+        )
         return np.asarray(logsumexp(fit + weights[:, None], axis=0))
 
     def log_posterior(self, selected: NDArray, score: NDArray) -> tuple[NDArray, NDArray]:
-        """Unnormalised log posterior of each hypothesis (h, reps) and the groups' log Bayes factors."""
+        """Unnormalised log posterior of each hypothesis (h, reps) and the groups' log Bayes
+        factors.
+        """
         groups = self.groups_log_bf(selected, score)
         out = np.full((len(self.hypotheses), score.shape[1]), -np.inf)
         for h in range(len(self.hypotheses)):
             mine = groups[self._owner == h]
             if mine.size:
-                out[h] = logsumexp(mine + self._weight[self._owner == h][:, None], axis=0) + self._log_prior[h]
+                out[h] = (
+                    logsumexp(mine + self._weight[self._owner == h][:, None], axis=0)
+                    + self._log_prior[h]
+                )
         return out, groups
 
     def groups_of(self, hypothesis: int) -> NDArray:
@@ -95,7 +110,9 @@ def usual_range(hypothesis: Hypothesis) -> tuple[float, float]:
 
 
 def condition(gram: NDArray, score: NDArray, selected: NDArray) -> tuple[NDArray, NDArray]:
-    """Gram matrix and products with the selected columns projected out (their coefficients are free)."""
+    """Gram matrix and products with the selected columns projected out (their coefficients are
+    free).
+    """
     if not selected.size:
         return gram, score
     inverse = _inverse(gram[np.ix_(selected, selected)])
@@ -104,11 +121,16 @@ def condition(gram: NDArray, score: NDArray, selected: NDArray) -> tuple[NDArray
 
 
 def _inverse(S: NDArray) -> NDArray:
-    """Pseudo-inverse of a Gram matrix, scaled first; a signature without any trace keeps the coefficient 0."""
+    """Pseudo-inverse of a Gram matrix, scaled first; a signature without any trace keeps the
+    coefficient 0.
+    """
     diagonal = np.diag(S)
     seen = diagonal > 1e-24 * max(float(diagonal.max()), 1e-300)
     scale = np.where(seen, 1.0 / np.sqrt(np.where(seen, diagonal, 1.0)), 0.0)
-    return np.asarray(np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True) * np.outer(scale, scale))
+    return np.asarray(
+        np.linalg.pinv(S * np.outer(scale, scale), rcond=1e-10, hermitian=True)
+        * np.outer(scale, scale)
+    )
 
 
 def fit(bank: Bank, selected: NDArray) -> tuple[NDArray, NDArray]:

@@ -1,7 +1,8 @@
-"""What the found effects cost a user: the parked stretch aligned and navigated with and without them in the log.
+"""What the found effects cost a user: the parked stretch aligned and navigated with and without
+them in the log.
 
-Both solutions have the same noise, so their difference is the effects' alone. Only deterministic effects on gyros and
-accelerometers have such a number.
+Both solutions have the same noise, so their difference is the effects' alone. Only deterministic
+effects on gyros and accelerometers have such a number.
 """
 
 from collections.abc import Iterator
@@ -30,9 +31,11 @@ NOTHING = Trace()
 
 @dataclass(frozen=True)
 class UserLevel:
-    """One run: aligned over `align_s`, then free-inertial over `navigated_s`, with the log as it is and less the effects.
+    """One run: aligned over `align_s`, then free-inertial over `navigated_s`, with the log as it is
+    and less the effects.
 
-    heading_change_arcmin : of the alignment, as it is less without. rate_nm_h, speed_m_s : (as it is, without), at the end.
+    heading_change_arcmin : of the alignment, as it is less without. rate_nm_h, speed_m_s : (as it
+    is, without), at the end.
     """
 
     run_id: str
@@ -44,9 +47,15 @@ class UserLevel:
 
 
 def user_level(
-    view: RunView, trace: Trace, table: ThermalTable | None, twin: TwinModel, *, known: Trace = NOTHING
+    view: RunView,
+    trace: Trace,
+    table: ThermalTable | None,
+    twin: TwinModel,
+    *,
+    known: Trace = NOTHING,
 ) -> UserLevel | None:
-    """The numbers of one run; None where it is parked too briefly, finds no north, or no effect touches its sensors.
+    """The numbers of one run; None where it is parked too briefly, finds no north, or no effect
+    touches its sensors.
 
     known : what the twin expects of the effects that it lists already; subtracted from both.
     """
@@ -58,23 +67,36 @@ def user_level(
     as_it_is, heading = _flown(view, imu, known, start, end)
     without, heading_without = _flown(view, imu, total([known, trace]), start, end)
     return UserLevel(
-        run_id=view.name, align_s=ALIGN_S, navigated_s=float(as_it_is.time_s[-1]),
+        run_id=view.name,
+        align_s=ALIGN_S,
+        navigated_s=float(as_it_is.time_s[-1]),
         heading_change_arcmin=float(wrap_pi(heading - heading_without)) / ARCMIN,
         rate_nm_h=(as_it_is.rate_nm_h, without.rate_nm_h),
         speed_m_s=(float(as_it_is.speed_m_s[-1]), float(without.speed_m_s[-1])),
-    )  # fmt: skip
+    )
 
 
-def _flown(view: RunView, imu: ImuSource, trace: Trace, start: float, end: float) -> tuple[Drift, float]:
+def _flown(
+    view: RunView, imu: ImuSource, trace: Trace, start: float, end: float
+) -> tuple[Drift, float]:
     """Drift from the end of the alignment, and the heading that the alignment gave."""
     align_end = start + ALIGN_S
-    C_nb = coarse.gyrocompass_dcm(coarse.rest_means(_less(imu.between(start, align_end), view, trace)))
+    C_nb = coarse.gyrocompass_dcm(
+        coarse.rest_means(_less(imu.between(start, align_end), view, trace))
+    )
     initial = NavState(time_s=align_end, site=view.run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-    history = navigate(_pieces(imu, view, trace, align_end, end), initial, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
+    history = navigate(
+        _pieces(imu, view, trace, align_end, end),
+        initial,
+        epoch_s=1.0,
+        vertical=VerticalChannel(mode="hold"),
+    )
     return parked_drift(history, view.run.header.site, end), float(euler_from_dcm(C_nb)[2])
 
 
-def _pieces(imu: ImuSource, view: RunView, trace: Trace, start: float, end: float) -> Iterator[ImuLog]:
+def _pieces(
+    imu: ImuSource, view: RunView, trace: Trace, start: float, end: float
+) -> Iterator[ImuLog]:
     for piece in imu.pieces(start - 2.0, end):
         yield _less(piece, view, trace)
 
@@ -86,8 +108,13 @@ def _less(piece: ImuLog, view: RunView, trace: Trace) -> ImuLog:
     def increments(rates: NDArray | None) -> NDArray | float:
         if rates is None:
             return 0.0
-        return np.stack([np.interp(middle, t, column) for column in rates.T], axis=1) * piece.dt_s[:, None]
+        return (
+            np.stack([np.interp(middle, t, column) for column in rates.T], axis=1)
+            * piece.dt_s[:, None]
+        )
 
     return replace(
-        piece, dtheta_rad=piece.dtheta_rad - increments(trace.gyro_rad_s), dv_m_s=piece.dv_m_s - increments(trace.accel_m_s2)
+        piece,
+        dtheta_rad=piece.dtheta_rad - increments(trace.gyro_rad_s),
+        dv_m_s=piece.dv_m_s - increments(trace.accel_m_s2),
     )

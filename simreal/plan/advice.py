@@ -1,4 +1,6 @@
-"""What to record next: one plain sentence a rival, for the report of a diagnosis that could not choose."""
+"""What to record next: one plain sentence a rival, for the report of a diagnosis that could not
+choose.
+"""
 
 from collections.abc import Sequence
 
@@ -18,18 +20,25 @@ _LAST: list[RecordingMaker] = []
 
 
 def advice(
-    confounded: Sequence[tuple[str, str]], evidence: Evidence, table: ThermalTable | None = None, *, without: Sequence[str] = ()
+    confounded: Sequence[tuple[str, str]],
+    evidence: Evidence,
+    table: ThermalTable | None = None,
+    *,
+    without: Sequence[str] = (),
 ) -> list[str]:
     """Sentences that say which recording tells the first of a credible set from the others.
 
-    confounded : (effect name, target), most probable first; free functions and noise have no signature and are passed
-    over. evidence : the runs of the diagnosis. table : the twin's. Empty where there is nothing to tell apart.
+    confounded : (effect name, target), most probable first; free functions and noise have no
+    signature and are passed over. evidence : the runs of the diagnosis. table : the twin's. Empty
+    where there is nothing to tell apart.
     """
     pairs = _pairs(confounded)
     if not pairs:
         return []
     last = evidence.views[-1]
-    heading_deg = round(float(np.median(last.telemetry.heading_rad[last.telemetry.parked])) / DEG) % 360.0
+    heading_deg = (
+        round(float(np.median(last.telemetry.heading_rad[last.telemetry.parked])) / DEG) % 360.0
+    )
     planner = Planner(pairs, _maker(evidence.twin, table, last.run.header.site), evidence.views)
     now = planner.plan((), "now")
     plans = planner.best_next(now, short_list(heading_deg, without))
@@ -68,9 +77,14 @@ def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
     if then.lacks:
         return f"To tell {names}, record {then.lacks}; none of the usual recordings has it."
     if then.score <= now.score + LEAST_GAIN:
-        return f"No usual recording tells {names} better than these runs: |cos| stays {then.cos:.2f}."
+        return (
+            f"No usual recording tells {names} better than these runs: |cos| stays {then.cos:.2f}."
+        )
     was = "; these runs do not show it" if now.lacks else f" instead of {_times(now)}"
-    return f"To tell {names}, record {best.recordings[-1].words}: told from {_times(then)} the usual size on{was}."
+    return (
+        f"To tell {names}, record {best.recordings[-1].words}: told from {_times(then)} the usual"
+        f" size on{was}."
+    )
 
 
 def _times(judged: Judged) -> str:

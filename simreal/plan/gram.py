@@ -1,11 +1,13 @@
-"""How well one effect is told from another in a set of runs: from Gram matrices of whitened signatures.
+"""How well one effect is told from another in a set of runs: from Gram matrices of whitened
+signatures.
 
-An effect of size Delta (norm of its whitened signature) is told from a rival, which adapts its shape and coefficients
-as well as it can, by what is left of it,
+An effect of size Delta (norm of its whitened signature) is told from a rival, which adapts its
+shape and coefficients as well as it can, by what is left of it,
 
     Delta^2 (1 - cos^2) / 2 >= ln 19 nats   (95 % odds),
 
-cos: between the signature and its projection on the rival's columns. Runs are independent, so their Gram matrices add.
+cos: between the signature and its projection on the rival's columns. Runs are independent, so their
+Gram matrices add.
 """
 
 from collections.abc import Sequence
@@ -22,7 +24,8 @@ from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import Bank, Group, shapes_of
 
 ODDS_NATS = float(np.log(19.0))  # 95 % against 5 %
-SEEN_DELTA = 4.0  # size that the diagnosis calls found in the mean: log odds of 5 nats (see `plan.seen_sizes`)
+# size that the diagnosis calls found in the mean: log odds of 5 nats (see `plan.seen_sizes`)
+SEEN_DELTA = 4.0
 LEAST_LEFT = 1e-6  # of a squared signature; nearer than that is the same
 ROUNDING = 1e-6  # of the bank's Gram matrix, which is summed in single precision
 SAME_COS2 = 1.0 - 1e-5  # a signature that the rival's columns hold whole
@@ -57,33 +60,45 @@ class Contender:
 
 
 class _OpenBank(Bank):
-    """The columns of all contenders in one run, whatever that run alone lacks; what it has no temperature for is left out."""
+    """The columns of all contenders in one run, whatever that run alone lacks; what it has no
+    temperature for is left out.
+    """
 
     def __init__(self, evidence: Evidence, contenders: Sequence[Contender]) -> None:
         self._wanted = {e.key: e for e in contenders}
         self.found: dict[tuple[str, str], list[Group]] = {}
-        super().__init__(evidence, list({e.effect.id: e.effect for e in contenders}.values()), with_generic=False)
+        super().__init__(
+            evidence, list({e.effect.id: e.effect for e in contenders}.values()), with_generic=False
+        )
 
     def _add_effect(self, effect: Effect, target: str) -> None:
         contender = self._wanted.get((effect.id, target))
         if contender is not None:
             try:
                 self.found[contender.key] = [
-                    self.new_group(effect, target, shape, None) for shape in contender.grid(self.telemetry[0])
+                    self.new_group(effect, target, shape, None)
+                    for shape in contender.grid(self.telemetry[0])
                 ]
             except InputError:
                 return
 
 
 class RunGrams:
-    """Gram matrix of all contenders in one run, in units of the geometric mean of their usual sizes."""
+    """Gram matrix of all contenders in one run, in units of the geometric mean of their usual
+    sizes.
+    """
 
     def __init__(self, view: RunView, twin: TwinModel, contenders: Sequence[Contender]) -> None:
         self.view, self.telemetry = view, view.telemetry
         bank = _OpenBank(Evidence([view], twin), contenders)
-        self.columns = {key: np.stack([g.columns for g in groups]) for key, groups in bank.found.items()}  # (shapes, p)
+        # (shapes, p)
+        self.columns = {
+            key: np.stack([g.columns for g in groups]) for key, groups in bank.found.items()
+        }
         self.usual = {key: groups[0].scale for key, groups in bank.found.items()}
-        scale = np.concatenate([np.zeros(0), *(g.scale for groups in bank.found.values() for g in groups)])
+        scale = np.concatenate(
+            [np.zeros(0), *(g.scale for groups in bank.found.values() for g in groups)]
+        )
         self.gram = bank.gram * np.outer(scale, scale)
 
     def block(self, h: Contender, k: Contender) -> NDArray:
@@ -99,10 +114,11 @@ class RunGrams:
 
 @dataclass(frozen=True)
 class Told:
-    """A true effect against a rival, for each shape v the true one may have (an event: in each run that may hold it).
+    """A true effect against a rival, for each shape v the true one may have (an event: in each run
+    that may hold it).
 
-    cos (v,): with the rival's best match. delta, delta_low, delta_high (v,): size at the geometric mean and at both ends of
-    the usual range.
+    cos (v,): with the rival's best match. delta, delta_low, delta_high (v,): size at the geometric
+    mean and at both ends of the usual range.
     """
 
     cos: NDArray
@@ -117,7 +133,9 @@ class Told:
 
     @property
     def margin(self) -> float:
-        """Size at the geometric mean of the usual range over the size needed to be seen and told: median over the shapes."""
+        """Size at the geometric mean of the usual range over the size needed to be seen and told:
+        median over the shapes.
+        """
         return float(np.median(self.delta / np.maximum(self.delta_needed, SEEN_DELTA)))
 
     @property
@@ -127,7 +145,9 @@ class Told:
 
 
 def told(runs: Sequence[RunGrams], h: Contender, k: Contender) -> Told:
-    """How well the true effect h is told from k in a set of runs; both must leave traces in all of them."""
+    """How well the true effect h is told from k in a set of runs; both must leave traces in all of
+    them.
+    """
     events = [e.effect.repeats == "E" for e in (h, k)]
     if not any(events):
         blocks = [[_together(runs, h, k)]]
@@ -145,7 +165,9 @@ Matrices = tuple[NDArray, NDArray, NDArray]  # H (s, p, p), K (t, q, q), X (s, t
 
 
 def _together(runs: Sequence[RunGrams], h: Contender, k: Contender) -> Matrices:
-    """Over all runs: products add where a coefficient is common to the runs, and stand apart where each has its own."""
+    """Over all runs: products add where a coefficient is common to the runs, and stand apart where
+    each has its own.
+    """
     H, K = (_joined([run.own(e) for run in runs], e) for e in (h, k))
     apart_h, apart_k = (e.effect.repeats == "P" for e in (h, k))
     X = np.stack([run.block(h, k) for run in runs])  # (runs, s, t, p, q)
@@ -172,7 +194,9 @@ def _joined(own: list[NDArray], e: Contender) -> NDArray:
     return out.reshape(s, n * p, n * p)
 
 
-def _with_event(runs: Sequence[RunGrams], r: int, h: Contender, k: Contender, *, of: int) -> Matrices:
+def _with_event(
+    runs: Sequence[RunGrams], r: int, h: Contender, k: Contender, *, of: int
+) -> Matrices:
     """One of the two (0: h, 1: k) happens in run r only, the other in all."""
     mine = runs[r]
     other = k if of == 0 else h
@@ -190,7 +214,9 @@ def _with_event(runs: Sequence[RunGrams], r: int, h: Contender, k: Contender, *,
 
 
 def _against(h: Contender, rivals: list[Matrices]) -> tuple[NDArray, ...]:
-    """cos, delta, delta_low, delta_high (s,) of h against its best rival; mean over the directions of its coefficients."""
+    """cos, delta, delta_low, delta_high (s,) of h against its best rival; mean over the directions
+    of its coefficients.
+    """
     H = rivals[0][0]
     whole = np.einsum("spp->s", H)
     share = np.zeros(whole.size)
@@ -208,4 +234,6 @@ def _inverse(K: NDArray) -> NDArray:
     """Inverses (t, q, q) where there is one, of what is there elsewhere."""
     size = np.sqrt(np.maximum(np.einsum("tqq->tq", K), 1e-300))
     unit = K / (size[:, :, None] * size[:, None, :])
-    return np.linalg.pinv(unit, rcond=ROUNDING, hermitian=True) / (size[:, :, None] * size[:, None, :])
+    return np.linalg.pinv(unit, rcond=ROUNDING, hermitian=True) / (
+        size[:, :, None] * size[:, None, :]
+    )

@@ -12,26 +12,50 @@ from simreal.effects.catalogue import catalogue, effects_named
 from simreal.plan.gram import SAME_COS2, Contender, RunGrams, Told, told
 
 CLASSICAL = (  # gap.md, end of section 2: what is confused when the recordings are poor
-    "gyro_thermal_linear,gyro_warmup_transient", "gyro_thermal_quadratic,gyro_warmup_transient",
-    "gyro_thermal_linear,gyro_thermal_rate", "gyro_thermal_linear,gyro_thermal_quadratic",
-    "gyro_thermal_rate,gyro_thermal_gradient", "gyro_thermal_rate,gyro_thermal_lag",
-    "gyro_thermal_lag,gyro_thermal_hysteresis", "gyro_warmup_transient,gyro_rate_ramp",
-    "gyro_misalignment,gyro_magnetic_sensitivity", "gyro_misalignment,site_latitude_error",
-    "gyro_magnetic_sensitivity,site_latitude_error", "gyro_g_sensitivity,gyro_turn_on_bias",
-    "platform_settling,accel_warmup_transient", "gyro_scale_factor,clock_rate", "lever_arm,side_slip",
+    "gyro_thermal_linear,gyro_warmup_transient",
+    "gyro_thermal_quadratic,gyro_warmup_transient",
+    "gyro_thermal_linear,gyro_thermal_rate",
+    "gyro_thermal_linear,gyro_thermal_quadratic",
+    "gyro_thermal_rate,gyro_thermal_gradient",
+    "gyro_thermal_rate,gyro_thermal_lag",
+    "gyro_thermal_lag,gyro_thermal_hysteresis",
+    "gyro_warmup_transient,gyro_rate_ramp",
+    "gyro_misalignment,gyro_magnetic_sensitivity",
+    "gyro_misalignment,site_latitude_error",
+    "gyro_magnetic_sensitivity,site_latitude_error",
+    "gyro_g_sensitivity,gyro_turn_on_bias",
+    "platform_settling,accel_warmup_transient",
+    "gyro_scale_factor,clock_rate",
+    "lever_arm,side_slip",
     "odometer_scale,wheel_slip",
-)  # fmt: skip
+)
 TURNED = "gyro_z"  # the gyro that a taxi turns about
 TURNING = ("gyro_scale_factor", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in")
 INSEPARABLE = (  # gap.md, end of section 2: no parked recording helps
-    ("turn-on bias of the east gyro", "heading error", "parked, both are one constant east rate; taxi with GNSS or odometer, "
-     "or a surveyed heading, shows the heading itself"),
-    ("vertical deflection or gravity anomaly", "accelerometer bias", "parked at one site, both are one constant; record at "
-     "another site"),
-    ("platform settling", "bending of the mounting tray", "both move the same two channels; only an instrument beside the "
-     "unit tells"),
-    ("platform yaw creep", "drift of the vertical gyro", "parked, both are one rate about z; a heading reference tells"),
-)  # fmt: skip
+    (
+        "turn-on bias of the east gyro",
+        "heading error",
+        (
+            "parked, both are one constant east rate; taxi with GNSS or odometer, "
+            "or a surveyed heading, shows the heading itself"
+        ),
+    ),
+    (
+        "vertical deflection or gravity anomaly",
+        "accelerometer bias",
+        "parked at one site, both are one constant; record at another site",
+    ),
+    (
+        "platform settling",
+        "bending of the mounting tray",
+        "both move the same two channels; only an instrument beside the unit tells",
+    ),
+    (
+        "platform yaw creep",
+        "drift of the vertical gyro",
+        "parked, both are one rate about z; a heading reference tells",
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -48,10 +72,11 @@ class Pair:
 
 @dataclass(frozen=True)
 class Judged:
-    """A pair in a set of runs: what the runs lack to show one of them (in words), or how far each is told from the other.
+    """A pair in a set of runs: what the runs lack to show one of them (in words), or how far each
+    is told from the other.
 
-    special : "a" or "b" where that effect is a special case of the other, which has more coefficients: the simpler is
-    then preferred, and what has to be told is the other from it.
+    special : "a" or "b" where that effect is a special case of the other, which has more
+    coefficients: the simpler is then preferred, and what has to be told is the other from it.
     """
 
     pair: Pair
@@ -62,7 +87,9 @@ class Judged:
 
     @cached_property
     def both(self) -> tuple[Told, ...]:
-        return tuple(t for name in "ab" if (t := getattr(self, name)) is not None and name != self.special)
+        return tuple(
+            t for name in "ab" if (t := getattr(self, name)) is not None and name != self.special
+        )
 
     @property
     def cos(self) -> float:
@@ -84,7 +111,9 @@ class Judged:
 
     @property
     def margin(self) -> float:
-        """Usual size over the size needed, whichever of the two is harder to tell; 0 where not testable."""
+        """Usual size over the size needed, whichever of the two is harder to tell; 0 where not
+        testable.
+        """
         return min((t.margin for t in self.both), default=0.0)
 
     @property
@@ -94,7 +123,9 @@ class Judged:
 
     @property
     def score(self) -> float:
-        """0 to 1: half for effects at the upper end of the usual range, half for those of its geometric mean."""
+        """0 to 1: half for effects at the upper end of the usual range, half for those of its
+        geometric mean.
+        """
         return 0.5 * min(self.margin, 1.0) + 0.5 * min(self.margin_high, 1.0)
 
     @property
@@ -107,10 +138,15 @@ class Judged:
 
 
 def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:
-    """Which of a pair ("a", "b", or neither "") is a special case of the other, as rich runs show."""
+    """Which of a pair ("a", "b", or neither "") is a special case of the other, as rich runs
+    show.
+    """
     judged = judge(runs, pair)
     for name, e, other, t in (("a", pair.a, pair.b, judged.a), ("b", pair.b, pair.a, judged.b)):
-        more = len(other.effect.coefficients) > len(e.effect.coefficients) and other.effect.repeats == e.effect.repeats == "R"
+        more = (
+            len(other.effect.coefficients) > len(e.effect.coefficients)
+            and other.effect.repeats == e.effect.repeats == "R"
+        )
         if more and t is not None and t.delta.min() > 0.0 and float((t.cos**2).min()) > SAME_COS2:
             return name
     return ""
@@ -130,19 +166,28 @@ def judge(runs: Sequence[RunGrams], pair: Pair, special: str = "") -> Judged:
 
 
 def read_pair(text: str) -> Pair:
-    """The pair in "A,B" or "A@gyro_y,B@gyro_y"; InputError for names that are not in the catalogue."""
+    """The pair in "A,B" or "A@gyro_y,B@gyro_y"; InputError for names that are not in the
+    catalogue.
+    """
     names = [part.strip() for part in text.split(",")]
     if len(names) != 2 or not all(names):
-        raise InputError(f"--separate {text!r}: needed two effects with a comma between them, for example {CLASSICAL[0]}")
+        raise InputError(
+            f"--separate {text!r}: needed two effects with a comma between them, for example"
+            f" {CLASSICAL[0]}"
+        )
     first = contender(names[0])
     second = contender(names[1], beside=first.target)
     if first.key == second.key:
-        raise InputError(f"--separate {text!r}: both are {first.label}, needed two different effects")
+        raise InputError(
+            f"--separate {text!r}: both are {first.label}, needed two different effects"
+        )
     return Pair(first, second)
 
 
 def contender(text: str, *, beside: str = "") -> Contender:
-    """An effect by name and, after "@", its target; without one the rival's (`beside`) or else the first it may have."""
+    """An effect by name and, after "@", its target; without one the rival's (`beside`) or else the
+    first it may have.
+    """
     name, _, target = text.partition("@")
     found = effects_named(name)
     if not found:
@@ -152,11 +197,16 @@ def contender(text: str, *, beside: str = "") -> Contender:
         raise InputError(f"effect {name!r} is not in the catalogue; {hint}")
     signed = [e for e in found if e.repeats != "S"]
     if not signed:
-        raise InputError(f"effect {name!r} is noise: it has no signature to compare, needed an effect that has one")
+        raise InputError(
+            f"effect {name!r} is noise: it has no signature to compare, needed an effect that"
+            " has one"
+        )
     targets = [t for e in signed for t in e.targets]
     usual = TURNED if signed[0].id in TURNING and TURNED in targets else targets[0]
     wanted = target or (beside if beside in targets else usual)
     for effect in signed:
         if wanted in effect.targets:
             return Contender(effect, wanted)
-    raise InputError(f"effect {name!r} on {wanted!r}: needed one of {', '.join(dict.fromkeys(targets))}")
+    raise InputError(
+        f"effect {name!r} on {wanted!r}: needed one of {', '.join(dict.fromkeys(targets))}"
+    )

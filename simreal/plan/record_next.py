@@ -1,4 +1,6 @@
-"""What to record next: for each cause that the runs leave open, the recording that would tell it from its rivals."""
+"""What to record next: for each cause that the runs leave open, the recording that would tell it
+from its rivals.
+"""
 
 from infield.table.thermal_table import ThermalTable
 from simreal.declared.twin_effects import SLOW
@@ -19,10 +21,14 @@ def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:
         out += advice(names, diagnosis.attribution.plain_evidence, table)
     out += [_again(c) for c in diagnosis.causes if not c.named]
     if len(diagnosis.attribution.evidence.views) == 1:
-        out += [_repeats(c) for c in diagnosis.causes if c.named and c.class_ == "R" and not c.rivals]
+        out += [
+            _repeats(c) for c in diagnosis.causes if c.named and c.class_ == "R" and not c.rivals
+        ]
     out += [_slow(c) for c in diagnosis.causes if c.effect == SLOW and not _below_declared(c)]
     if diagnosis.left_present:
-        out.append("For what is left: a repeat under the same conditions, to see whether it comes again.")
+        out.append(
+            "For what is left: a repeat under the same conditions, to see whether it comes again."
+        )
     return list(dict.fromkeys(out))
 
 
@@ -33,15 +39,15 @@ def _likely(cause: Cause) -> list[Rival]:
 def _again(cause: Cause) -> str:
     """For an answer without a name."""
     return (
-        f"For {cause.effect} on {cause.target}: other starts (ambient, hot, cooling), to see whether it goes with temperature, "
-        "its rate, time since power-on or the run."
+        f"For {cause.effect} on {cause.target}: other starts (ambient, hot, cooling), to see"
+        " whether it goes with temperature, its rate, time since power-on or the run."
     )
 
 
 def _slow(cause: Cause) -> str:
     return (
-        f"For the slow variation on {cause.target}: three hours or more at a steady temperature, with all the housekeeping "
-        "there is, to see what it follows."
+        f"For the slow variation on {cause.target}: three hours or more at a steady temperature,"
+        " with all the housekeeping there is, to see what it follows."
     )
 
 
@@ -50,4 +56,6 @@ def _below_declared(cause: Cause) -> bool:
 
 
 def _repeats(cause: Cause) -> str:
-    return f"A second run with another start, to see whether {cause.effect} on {cause.target} repeats."
+    return (
+        f"A second run with another start, to see whether {cause.effect} on {cause.target} repeats."
+    )

@@ -1,7 +1,9 @@
-"""Recordings that a plan may ask for: what they are called, and a simulated run of each as the diagnosis would see it.
+"""Recordings that a plan may ask for: what they are called, and a simulated run of each as the
+diagnosis would see it.
 
-A recording is made with the twin's noise along a motion of `trajectories.simulator.motions` and a temperature history of
-`trajectories.simulator.thermal`. Only its motion and temperatures matter here: the whitening does not depend on the noise drawn.
+A recording is made with the twin's noise along a motion of `trajectories.simulator.motions` and a
+temperature history of `trajectories.simulator.thermal`. Only its motion and temperatures matter
+here: the whitening does not depend on the noise drawn.
 """
 
 from collections.abc import Sequence
@@ -24,26 +26,40 @@ from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
 
 RATE_HZ = 10.0
-HOT_RESTART = ThermalHistory(ambient_degC=20.0, start_degC=42.0, settled_degC=42.0)  # switched off for a moment
+# switched off for a moment
+HOT_RESTART = ThermalHistory(ambient_degC=20.0, start_degC=42.0, settled_degC=42.0)
 START_WORDS = {
-    "cold": "a cold start", "ambient": "a start at ambient temperature", "hot": "a hot start in the sun",
-    "cooling": "a cooling start (warm unit in cold air)", "hot_restart": "a restart while warm",
-}  # fmt: skip
+    "cold": "a cold start",
+    "ambient": "a start at ambient temperature",
+    "hot": "a hot start in the sun",
+    "cooling": "a cooling start (warm unit in cold air)",
+    "hot_restart": "a restart while warm",
+}
 AIDS = ("gnss", "odometer")
 WITHOUT = (*AIDS, "taxi", "gradient")  # what a plan may be told to do without
 TAXI_COST_HOURS, AID_COST_HOURS = 0.5, 0.1  # trouble of a recording, to choose among equals
 _LEG = Straight(duration_s=60.0)
 _TAXI: tuple[Segment, ...] = (
-    Turn(angle_deg=90.0), _LEG, Stop(duration_s=40.0), Turn(angle_deg=-90.0, speed_m_s=6.0), _LEG, Turn(angle_deg=-90.0),
-    Stop(duration_s=40.0), Turn(angle_deg=90.0, speed_m_s=6.0), _LEG, Stop(duration_s=60.0),
-)  # fmt: skip
+    Turn(angle_deg=90.0),
+    _LEG,
+    Stop(duration_s=40.0),
+    Turn(angle_deg=-90.0, speed_m_s=6.0),
+    _LEG,
+    Turn(angle_deg=-90.0),
+    Stop(duration_s=40.0),
+    Turn(angle_deg=90.0, speed_m_s=6.0),
+    _LEG,
+    Stop(duration_s=60.0),
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """One power-on: where its temperature starts, parked heading, length, whether it ends in a taxi with turns, and aids.
+    """One power-on: where its temperature starts, parked heading, length, whether it ends in a taxi
+    with turns, and aids.
 
-    variant: 0 as the name says; else another day, its temperatures a few degC off (`trajectories.simulator.thermal`).
+    variant: 0 as the name says; else another day, its temperatures a few degC off
+    (`trajectories.simulator.thermal`).
     """
 
     start: str = "cold"
@@ -63,8 +79,16 @@ class Recording:
     def words(self) -> str:
         """What to do, in plain words."""
         aids = " and ".join({"gnss": "GNSS", "odometer": "odometer"}[aid] for aid in self.aids)
-        end = f", then a taxi with left and right turns and stops{f', with {aids} logged' if aids else ''}" if self.taxi else ""
-        return f"{START_WORDS[self.start]}, {self.hours:g} h parked on heading {self.heading_deg:g} deg{end}"
+        end = (
+            ", then a taxi with left and right turns and"
+            f" stops{f', with {aids} logged' if aids else ''}"
+            if self.taxi
+            else ""
+        )
+        return (
+            f"{START_WORDS[self.start]}, {self.hours:g} h parked on heading {self.heading_deg:g}"
+            f" deg{end}"
+        )
 
     @property
     def cost_hours(self) -> float:
@@ -72,9 +96,13 @@ class Recording:
 
 
 def candidates(without: Sequence[str] = ()) -> tuple[Recording, ...]:
-    """The recordings a plan chooses from: starts by length, by heading, and ending in a taxi with and without aids."""
+    """The recordings a plan chooses from: starts by length, by heading, and ending in a taxi with
+    and without aids.
+    """
     out = [Recording(start=s) for s in START_WORDS]
-    out += [Recording(start=s, hours=h) for h in (2.0, 3.0) for s in ("cold", "ambient", "hot_restart")]
+    out += [
+        Recording(start=s, hours=h) for h in (2.0, 3.0) for s in ("cold", "ambient", "hot_restart")
+    ]
     out += [Recording(start=s, heading_deg=h) for h in (90.0, 180.0, 270.0) for s in START_WORDS]
     if "taxi" not in without:
         live = tuple(aid for aid in AIDS if aid not in without)
@@ -84,13 +112,24 @@ def candidates(without: Sequence[str] = ()) -> tuple[Recording, ...]:
 
 
 def short_list(heading_deg: float, without: Sequence[str] = ()) -> tuple[Recording, ...]:
-    """A few recordings that settle most questions, for an answer in seconds: on the heading known already and beside it."""
+    """A few recordings that settle most questions, for an answer in seconds: on the heading known
+    already and beside it.
+    """
     beside = (heading_deg + 90.0) % 360.0
-    out = [Recording(start=s, heading_deg=heading_deg) for s in ("ambient", "cooling", "hot_restart")]
+    out = [
+        Recording(start=s, heading_deg=heading_deg) for s in ("ambient", "cooling", "hot_restart")
+    ]
     out.append(Recording(start="hot_restart", heading_deg=heading_deg, hours=3.0))
     out.append(Recording(start="cooling", heading_deg=beside))
     if "taxi" not in without:
-        out.append(Recording(start="ambient", heading_deg=beside, taxi=True, aids=tuple(a for a in AIDS if a not in without)))
+        out.append(
+            Recording(
+                start="ambient",
+                heading_deg=beside,
+                taxi=True,
+                aids=tuple(a for a in AIDS if a not in without),
+            )
+        )
     return tuple(out)
 
 
@@ -106,35 +145,55 @@ class RecordingMaker:
     _made: dict[Recording, Run] = field(default_factory=dict)
 
     def view(self, recording: Recording, index: int = 0) -> RunView:
-        """The recording as the diagnosis would see it. InputError where the simulated unit cannot be used at all."""
+        """The recording as the diagnosis would see it. InputError where the simulated unit cannot
+        be used at all.
+        """
         full = replace(recording, aids=AIDS)
         if full not in self._made:
             self._made[full] = self._simulate(full)
         run = self._made[full]
-        run = replace(run, gnss=run.gnss if "gnss" in recording.aids else None,
-                      odometer=run.odometer if "odometer" in recording.aids else None)  # fmt: skip
+        run = replace(
+            run,
+            gnss=run.gnss if "gnss" in recording.aids else None,
+            odometer=run.odometer if "odometer" in recording.aids else None,
+        )
         if "gradient" in self.without and run.temperature is not None:
             run = replace(run, temperature=replace(run.temperature, gradient_degC=None))
         view = view_run(run, index, self.table, self.twin)
         if isinstance(view, str):
-            raise InputError(f"twin {self.twin.source}: a simulated recording ({recording.name}) cannot be used: {view}")
+            raise InputError(
+                f"twin {self.twin.source}: a simulated recording ({recording.name}) cannot be used:"
+                f" {view}"
+            )
         level = np.round(dcm_from_euler(0.0, 0.0, recording.heading_deg * DEG), 12)
-        return replace(view, C_nb=level)  # as simulated: one noise covariance serves all recordings of a length
+        # as simulated: one noise covariance serves all recordings of a length
+        return replace(view, C_nb=level)
 
     def _simulate(self, recording: Recording) -> Run:
         twin = replace(self.twin, effects=())
         rng = np.random.default_rng([self.seed, recording.variant])
-        thermal = HOT_RESTART if recording.start == "hot_restart" else thermal_history(
-            recording.start, rng=rng if recording.variant else None
-        )  # fmt: skip
+        thermal = (
+            HOT_RESTART
+            if recording.start == "hot_restart"
+            else thermal_history(recording.start, rng=rng if recording.variant else None)
+        )
         parked_s = recording.hours * HOUR
         motion = lay((Park(duration_s=parked_s), *(_TAXI if recording.taxi else ())))
         truth = build_truth(motion, self.site, heading_rad=recording.heading_deg * DEG)
         unit = aged_unit(
-            np.random.default_rng(self.seed), gyro_technology=twin.gyro_technology, ageing_offset_deg_h=0.0,
-            ageing_shape_deg_h=0.0, table=None if self.table is None else table_to_dict(self.table),
-        )  # fmt: skip
+            np.random.default_rng(self.seed),
+            gyro_technology=twin.gyro_technology,
+            ageing_offset_deg_h=0.0,
+            ageing_shape_deg_h=0.0,
+            table=None if self.table is None else table_to_dict(self.table),
+        )
         return simulate_run(
-            ideal_sensors(truth, RATE_HZ), thermal, unit, twin, rng=rng, with_gnss=recording.taxi, with_odometer=recording.taxi,
+            ideal_sensors(truth, RATE_HZ),
+            thermal,
+            unit,
+            twin,
+            rng=rng,
+            with_gnss=recording.taxi,
+            with_odometer=recording.taxi,
             run_id=recording.name,
-        ).run  # fmt: skip
+        ).run

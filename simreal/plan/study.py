@@ -1,7 +1,8 @@
 """Which recordings separate rival effects: judged with the very operator that whitens a diagnosis.
 
-Candidate recordings are simulated with the twin, viewed and whitened as real ones are (`plan_recordings`, `plan_gram`);
-a greedy search takes the recording that separates most, then the next given the first, and so on.
+Candidate recordings are simulated with the twin, viewed and whitened as real ones are
+(`plan_recordings`, `plan_gram`); a greedy search takes the recording that separates most, then the
+next given the first, and so on.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,23 +21,35 @@ from simreal.plan.gram import Contender, RunGrams
 from simreal.plan.pairs import Judged, Pair, judge, special_case
 from simreal.plan.recordings import Recording, RecordingMaker, candidates
 
-NULL_NATS = 5.0  # log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four (simreal.inference.attribute)
+# log odds that a null stays below at alpha 1 %: 5.2 on one cold hour, 4.8 on four
+# (simreal.inference.attribute)
+NULL_NATS = 5.0
 DELTAS = np.linspace(1.0, 20.0, 191)  # sizes tried for the smallest that is seen
-LEAST_GAIN, LEAST_EACH = 0.1, 0.01  # of the score, and for each pair: a recording that separates no more must gain this
+# of the score, and for each pair: a recording that separates no more must gain this
+LEAST_GAIN, LEAST_EACH = 0.1, 0.01
 EQUAL_GAIN = 0.03  # of the best gain: within it, the cheaper recording is taken
 COMPARED: dict[str, tuple[Recording, ...]] = {
     "1 cold": (Recording(),),
     "1 cooling": (Recording(start="cooling"),),
     "3 cold": (Recording(), Recording(variant=1), Recording(variant=2)),
-    "cold + ambient + cooling": (Recording(), Recording(start="ambient"), Recording(start="cooling")),
+    "cold + ambient + cooling": (
+        Recording(),
+        Recording(start="ambient"),
+        Recording(start="cooling"),
+    ),
     "with a hot restart": (
-        Recording(), Recording(start="ambient"), Recording(start="cooling"), Recording(start="hot_restart"),
+        Recording(),
+        Recording(start="ambient"),
+        Recording(start="cooling"),
+        Recording(start="hot_restart"),
     ),
     "the same on four headings": (
-        Recording(), Recording(start="ambient", heading_deg=90.0), Recording(start="cooling", heading_deg=180.0),
+        Recording(),
+        Recording(start="ambient", heading_deg=90.0),
+        Recording(start="cooling", heading_deg=180.0),
         Recording(start="hot_restart", heading_deg=270.0),
     ),
-}  # fmt: skip
+}
 Progress = Callable[[str], None]
 
 
@@ -64,11 +77,12 @@ class Plan:
 
 @dataclass(frozen=True)
 class Study:
-    """The answer. given: what the runs at hand do (None: there are none); next_best: single recordings, best first;
+    """The answer. given: what the runs at hand do (None: there are none); next_best: single
+    recordings, best first;
 
-    chosen: the smallest set found (beside the given runs); compared: usual plans; reach: all candidates together.
-    seen: smallest size Delta that the diagnosis calls found; usual: geometric mean of the usual sizes of each coefficient
-    for this unit; both by contender.
+    chosen: the smallest set found (beside the given runs); compared: usual plans; reach: all
+    candidates together. seen: smallest size Delta that the diagnosis calls found; usual: geometric
+    mean of the usual sizes of each coefficient for this unit; both by contender.
     """
 
     pairs: tuple[Pair, ...]
@@ -85,9 +99,13 @@ class Study:
 
 
 class Planner:
-    """Judges sets of recordings beside given runs; every recording is simulated and whitened once."""
+    """Judges sets of recordings beside given runs; every recording is simulated and whitened
+    once.
+    """
 
-    def __init__(self, pairs: Sequence[Pair], maker: RecordingMaker, given: Sequence[RunView] = ()) -> None:
+    def __init__(
+        self, pairs: Sequence[Pair], maker: RecordingMaker, given: Sequence[RunView] = ()
+    ) -> None:
         self.pairs, self.maker = tuple(pairs), maker
         self.contenders = list({e.key: e for pair in pairs for e in (pair.a, pair.b)}.values())
         self.given = [RunGrams(view, maker.twin, self.contenders) for view in given]
@@ -100,14 +118,18 @@ class Planner:
 
     def gram(self, recording: Recording) -> RunGrams:
         if recording not in self._grams:
-            self._grams[recording] = RunGrams(self.maker.view(recording), self.maker.twin, self.contenders)
+            self._grams[recording] = RunGrams(
+                self.maker.view(recording), self.maker.twin, self.contenders
+            )
         return self._grams[recording]
 
     def grams(self, recordings: Sequence[Recording]) -> list[RunGrams]:
         return [*self.given, *(self.gram(r) for r in recordings)]
 
     def learn_special_cases(self, rich: Sequence[Recording]) -> None:
-        """Finds the pairs of which one is a special case of the other, from a rich set of recordings."""
+        """Finds the pairs of which one is a special case of the other, from a rich set of
+        recordings.
+        """
         runs = [self.gram(r) for r in rich]
         self.special = {pair.label: special_case(runs, pair) for pair in self.pairs}
 
@@ -115,11 +137,17 @@ class Planner:
         """The given runs with these recordings."""
         runs = self.grams(recordings)
         title = name or " + ".join(r.name for r in recordings)
-        return Plan(title, tuple(recordings), tuple(judge(runs, p, self.special.get(p.label, "")) for p in self.pairs))
+        return Plan(
+            title,
+            tuple(recordings),
+            tuple(judge(runs, p, self.special.get(p.label, "")) for p in self.pairs),
+        )
 
     def best_next(self, before: Plan, among: Sequence[Recording]) -> list[Plan]:
         """The plan with one more recording, best first; among near equals the cheaper."""
-        tried = [self.plan((*before.recordings, r), r.name) for r in among if r not in before.recordings]
+        tried = [
+            self.plan((*before.recordings, r), r.name) for r in among if r not in before.recordings
+        ]
         top = max((p.score - before.score for p in tried), default=0.0)
         near = [p for p in tried if p.score - before.score >= (1.0 - EQUAL_GAIN) * top]
         near.sort(key=lambda p: (p.recordings[-1].cost_hours, -p.score))
@@ -134,7 +162,10 @@ class Planner:
         while len(steps) < most and any(j.score < 1.0 for j in now.judged):
             ranked = self.best_next(now, among)
             first = first or ranked
-            if not ranked or not (ranked[0].separated > now.separated or ranked[0].score - now.score >= self.least_gain):
+            if not ranked or not (
+                ranked[0].separated > now.separated
+                or ranked[0].score - now.score >= self.least_gain
+            ):
                 break
             now = ranked[0]
             steps.append(now)
@@ -150,10 +181,20 @@ class Planner:
 
 
 def study(
-    pairs: Sequence[Pair], twin: TwinModel, table: ThermalTable | None, site: Site, *, given: Sequence[RunView] = (),
-    seed: int = 0, without: Sequence[str] = (), most: int = 6, progress: Progress = lambda _: None,
-) -> Study:  # fmt: skip
-    """Everything a plan says. given: views of runs at hand; without: what cannot be had (see `plan_recordings.WITHOUT`)."""
+    pairs: Sequence[Pair],
+    twin: TwinModel,
+    table: ThermalTable | None,
+    site: Site,
+    *,
+    given: Sequence[RunView] = (),
+    seed: int = 0,
+    without: Sequence[str] = (),
+    most: int = 6,
+    progress: Progress = lambda _: None,
+) -> Study:
+    """Everything a plan says. given: views of runs at hand; without: what cannot be had (see
+    `plan_recordings.WITHOUT`).
+    """
     maker = RecordingMaker(twin, table, site, seed, tuple(without))
     planner = Planner(pairs, maker, given)
     among = candidates(without)
@@ -165,19 +206,32 @@ def study(
     steps, first = planner.choose(among, most)
     chosen = planner.thinned(steps[-1]) if steps else planner.plan((), "no recording")
     progress("comparing")
-    compared = () if given else tuple(planner.plan(recordings, name) for name, recordings in COMPARED.items())
+    compared = (
+        ()
+        if given
+        else tuple(planner.plan(recordings, name) for name, recordings in COMPARED.items())
+    )
     views = [g.view for g in planner.grams(chosen.recordings) or planner.grams(among[:1])]
     return Study(
-        pairs=tuple(pairs), twin=twin, given=planner.plan((), "the given runs") if given else None,
-        next_best=tuple(first[:5]), chosen=chosen, steps=tuple(steps), compared=compared,
+        pairs=tuple(pairs),
+        twin=twin,
+        given=planner.plan((), "the given runs") if given else None,
+        next_best=tuple(first[:5]),
+        chosen=chosen,
+        steps=tuple(steps),
+        compared=compared,
         reach=planner.plan(among, "all of the recordings together"),
         seen=seen_sizes(views, twin, planner.contenders),
-        usual={k: v for r in among for k, v in planner.gram(r).usual.items()}, run_ids=tuple(v.name for v in given),
-    )  # fmt: skip
+        usual={k: v for r in among for k, v in planner.gram(r).usual.items()},
+        run_ids=tuple(v.name for v in given),
+    )
 
 
-def seen_sizes(views: Sequence[RunView], twin: TwinModel, contenders: Sequence[Contender]) -> dict[tuple[str, str], float]:
-    """Smallest size Delta whose mean log odds reach NULL_NATS in these runs, by contender; inf where it leaves no trace.
+def seen_sizes(
+    views: Sequence[RunView], twin: TwinModel, contenders: Sequence[Contender]
+) -> dict[tuple[str, str], float]:
+    """Smallest size Delta whose mean log odds reach NULL_NATS in these runs, by contender; inf
+    where it leaves no trace.
 
     The odds are those of the attribution, its search over shapes and runs included.
     """
@@ -186,7 +240,11 @@ def seen_sizes(views: Sequence[RunView], twin: TwinModel, contenders: Sequence[C
     for contender in contenders:
         bank = Bank(evidence, (contender.effect,), with_generic=False)
         mine = [h for h in bank.hypotheses if h.target == contender.target]
-        out[contender.key] = _seen(bank, mine[0].groups[len(mine[0].groups) // 2], Scorer(bank, mine)) if mine else np.inf
+        out[contender.key] = (
+            _seen(bank, mine[0].groups[len(mine[0].groups) // 2], Scorer(bank, mine))
+            if mine
+            else np.inf
+        )
     return out
 
 

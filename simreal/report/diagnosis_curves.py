@@ -1,7 +1,8 @@
-"""What a found effect looks like in the runs: the residual of its main channel with the fitted effect, run by run.
+"""What a found effect looks like in the runs: the residual of its main channel with the fitted
+effect, run by run.
 
-Where the effect repeats and there are several runs, the curve of a run has the coefficients of the *other* runs, so what
-is seen is a forecast.
+Where the effect repeats and there are several runs, the curve of a run has the coefficients of the
+*other* runs, so what is seen is a forecast.
 """
 
 from collections.abc import Sequence
@@ -23,14 +24,17 @@ from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.scoring import fit
 
 MINUTE_BINS = 6
-VARIES = 0.2  # of its RMS: an effect whose scatter within a run is larger is no constant of that run
+# of its RMS: an effect whose scatter within a run is larger is no constant of that run
+VARIES = 0.2
 BY_RUN = "leave one run out"
 LEAST_ELSEWHERE = 1e-3  # share of an effect's information: below, it is not in those runs
 
 
 @dataclass(frozen=True)
 class RunCurve:
-    """One run: time_min (n,), measured (n,) and effect (n,) in the overlay's unit. held_out: fitted on the other runs."""
+    """One run: time_min (n,), measured (n,) and effect (n,) in the overlay's unit. held_out: fitted
+    on the other runs.
+    """
 
     run_id: str
     time_min: NDArray
@@ -41,10 +45,12 @@ class RunCurve:
 
 @dataclass(frozen=True)
 class Overlay:
-    """A cause along the runs. unit "deg/h" or "ug": one-minute means of a parked channel, less the attitude, the constant
+    """A cause along the runs. unit "deg/h" or "ug": one-minute means of a parked channel, less the
+    attitude, the constant
 
-    of the run (not where the effect is one itself) and the other effects. unit "": evidence summed along the run, what the
-    matched filter gives (measured) and what it gives if the effect is as fitted (effect).
+    of the run (not where the effect is one itself) and the other effects. unit "": evidence summed
+    along the run, what the matched filter gives (measured) and what it gives if the effect is as
+    fitted (effect).
     """
 
     channel: str
@@ -55,7 +61,10 @@ class Overlay:
 def slot_order(diagnosis: Diagnosis) -> list[int]:
     """The attribution's slot behind each of the diagnosis's causes."""
     slots = diagnosis.attribution.slots
-    p = [shares_of(diagnosis.attribution, s).get((s.hypothesis.name, s.hypothesis.target), 0.0) for s in slots]
+    p = [
+        shares_of(diagnosis.attribution, s).get((s.hypothesis.name, s.hypothesis.target), 0.0)
+        for s in slots
+    ]
     return [int(k) for k in np.argsort([-v for v in p], kind="stable")]
 
 
@@ -66,12 +75,21 @@ def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
 
 
 def fitted_trace(diagnosis: Diagnosis, run: int) -> Trace:
-    """What all found effects together add to the seconds of a run (a number among `diagnosis.views`)."""
-    return _traced(diagnosis, run, np.ones(diagnosis.attribution.columns.size, bool), _fit(diagnosis.attribution))
+    """What all found effects together add to the seconds of a run (a number among
+    `diagnosis.views`).
+    """
+    return _traced(
+        diagnosis,
+        run,
+        np.ones(diagnosis.attribution.columns.size, bool),
+        _fit(diagnosis.attribution),
+    )
 
 
 def known_trace(diagnosis: Diagnosis, run: int) -> Trace:
-    """What the twin itself expects of the effects that it lists, where the diagnosis took it off the data."""
+    """What the twin itself expects of the effects that it lists, where the diagnosis took it off
+    the data.
+    """
     known = diagnosis.attribution.evidence.known
     if run < len(known):
         return known[run] or Trace()
@@ -82,21 +100,27 @@ def known_trace(diagnosis: Diagnosis, run: int) -> Trace:
 
 
 def _traced(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray) -> Trace:
-    """The trace of some of the found columns in any of the runs; a run held out has no part in events of others."""
+    """The trace of some of the found columns in any of the runs; a run held out has no part in
+    events of others.
+    """
     attribution, bank = diagnosis.attribution, diagnosis.attribution.bank
     columns, parts = attribution.columns, []
     if run < len(attribution.evidence.views):
         parts = [(b, bank.traces_of(int(c), run)) for c, b in zip(columns[mine], beta[mine])]
     else:
         for slot in attribution.slots:
-            for c, trace in zip(slot.columns, _unit_traces(attribution, slot, diagnosis.views[run].telemetry)):
+            for c, trace in zip(
+                slot.columns, _unit_traces(attribution, slot, diagnosis.views[run].telemetry)
+            ):
                 at = int(np.flatnonzero(columns == c)[0])
                 parts.append((beta[at] if mine[at] else 0.0, trace))
     return total(trace.scaled(float(b)) for b, trace in parts if trace is not None)
 
 
 def _unit_traces(attribution: Attribution, slot: Slot, run: Telemetry) -> Sequence[Trace]:
-    """Of a slot in a run that took no part: its columns' traces, none for what belongs to one run."""
+    """Of a slot in a run that took no part: its columns' traces, none for what belongs to one
+    run.
+    """
     h = slot.hypothesis
     if slot.group is None or not isinstance(h, Hypothesis) or not HeldOut.judges(slot):
         return ()
@@ -107,7 +131,9 @@ def _unit_traces(attribution: Attribution, slot: Slot, run: Telemetry) -> Sequen
 
 
 def coefficients_without(attribution: Attribution, run: int) -> NDArray:
-    """Coefficients of all slots' columns fitted on the other runs; as fitted on all where only this run has them."""
+    """Coefficients of all slots' columns fitted on the other runs; as fitted on all where only this
+    run has them.
+    """
     bank, columns, evidence = attribution.bank, attribution.columns, attribution.evidence
     present, A = bank.blocks[run]
     place = {int(c): j for j, c in enumerate(present)}
@@ -123,7 +149,9 @@ def coefficients_without(attribution: Attribution, run: int) -> NDArray:
     score = score - rest[:, ~seen] @ beta[~seen]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(rest)[seen], 1e-300))
     scaled = rest[np.ix_(seen, seen)] * np.outer(scale, scale)
-    beta[seen] = scale * (np.linalg.pinv(scaled, rcond=1e-8, hermitian=True) @ (scale * score[seen]))
+    beta[seen] = scale * (
+        np.linalg.pinv(scaled, rcond=1e-8, hermitian=True) @ (scale * score[seen])
+    )
     return beta
 
 
@@ -146,21 +174,29 @@ def _overlay(diagnosis: Diagnosis, number: int, how: str) -> Overlay | None:
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
-        beta = coefficients_without(attribution, r) if how == BY_RUN and not apart else _fit(attribution)
+        beta = (
+            coefficients_without(attribution, r)
+            if how == BY_RUN and not apart
+            else _fit(attribution)
+        )
         curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or how == BY_RUN))
     unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
     return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))
 
 
 def _main_channel(evidence: Evidence, energy: NDArray) -> tuple[bool, int]:
-    """Whether most of an effect's whitened energy is in the parked sensors, and the channel with most of it there."""
+    """Whether most of an effect's whitened energy is in the parked sensors, and the channel with
+    most of it there.
+    """
     parked = np.zeros(energy.size, bool)
     for r, run in enumerate(evidence.runs):
         first = int(evidence.offsets[r])
         parked[first : first + run.parked.rows] = True
     on_sensors = float(energy[parked].sum()) > 0.5 * float(energy.sum())
     rows = parked if on_sensors else ~parked
-    return on_sensors, int(np.bincount(evidence.rows.channel[rows], energy[rows], minlength=len(CHANNELS)).argmax())
+    return on_sensors, int(
+        np.bincount(evidence.rows.channel[rows], energy[rows], minlength=len(CHANNELS)).argmax()
+    )
 
 
 def _evidence_of(diagnosis: Diagnosis, run: int) -> RunEvidence:
@@ -168,12 +204,20 @@ def _evidence_of(diagnosis: Diagnosis, run: int) -> RunEvidence:
     evidence = diagnosis.attribution.evidence
     if run < len(evidence.runs):
         return evidence.runs[run]
-    return RunEvidence(diagnosis.views[run], diagnosis.twin, evidence.extra, known_trace(diagnosis, run))
+    return RunEvidence(
+        diagnosis.views[run], diagnosis.twin, evidence.extra, known_trace(diagnosis, run)
+    )
 
 
-def _parked_curve(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool) -> RunCurve:
+def _parked_curve(
+    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
+) -> RunCurve:
     view, block = diagnosis.views[run], _evidence_of(diagnosis, run).parked
-    traces = [_traced(diagnosis, run, mine, beta), _traced(diagnosis, run, ~mine, beta), known_trace(diagnosis, run)]
+    traces = [
+        _traced(diagnosis, run, mine, beta),
+        _traced(diagnosis, run, ~mine, beta),
+        known_trace(diagnosis, run),
+    ]
     effect, rest, known = (block.of_traces([t])[:, :, 0] for t in traces)
     left = block.residual(view) - known - effect - rest
     phi = block.whiten(left[:, :, None])[1].mean[:3, 0]
@@ -193,13 +237,16 @@ def _means(values: NDArray) -> NDArray:
     return values[:n].reshape(-1, MINUTE_BINS).mean(axis=1) if n else np.array([values.mean()])
 
 
-def _evidence_curve(diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool) -> RunCurve:
+def _evidence_curve(
+    diagnosis: Diagnosis, run: int, mine: NDArray, beta: NDArray, channel: int, *, held_out: bool
+) -> RunCurve:
     evidence = _evidence_of(diagnosis, run)
     traces = [_traced(diagnosis, run, mine, beta), _traced(diagnosis, run, ~mine, beta)]
     d, others = evidence.whiten(traces).T
     time_s = evidence.rows(run).time_s
     order = np.argsort(time_s, kind="stable")
     measured, effect = np.cumsum((d * (evidence.z - others))[order]), np.cumsum((d**2)[order])
-    first = int(np.searchsorted(effect, 1e-4 * effect[-1]))  # nothing to see before the effect begins
+    # nothing to see before the effect begins
+    first = int(np.searchsorted(effect, 1e-4 * effect[-1]))
     t = time_s[order][first:] / 60.0
     return RunCurve(diagnosis.views[run].name, t, measured[first:], effect[first:], held_out)

@@ -9,7 +9,9 @@ from infield.reports import page as report_page
 
 
 def render_page(template: str, **context: Any) -> str:
-    """The page of a template in `simreal/report/templates`; filters and base page as in `infield.reports.page`."""
+    """The page of a template in `simreal/report/templates`; filters and base page as in
+    `infield.reports.page`.
+    """
     return _environment().get_template(template).render(**context)
 
 
@@ -17,4 +19,6 @@ def render_page(template: str, **context: Any) -> str:
 def _environment() -> Environment:
     shared = report_page._environment()
     assert shared.loader is not None
-    return shared.overlay(loader=ChoiceLoader([PackageLoader("simreal.report", "templates"), shared.loader]))
+    return shared.overlay(
+        loader=ChoiceLoader([PackageLoader("simreal.report", "templates"), shared.loader])
+    )

@@ -6,48 +6,79 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import BLUE, GREY, VERMILLION, axis_text, in_style, new_figure, svg_text
+from infield.reports.figures import (
+    BLUE,
+    GREY,
+    VERMILLION,
+    axis_text,
+    in_style,
+    new_figure,
+    svg_text,
+)
 from simreal.report.page import render_page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BADGES = {"separated": "good", "separated_when_large": "fair", "not_separated": "bad", "not_testable": "none"}
+BADGES = {
+    "separated": "good",
+    "separated_when_large": "fair",
+    "not_separated": "bad",
+    "not_testable": "none",
+}
 WORDS = {
-    "separated": "separated", "separated_when_large": "only when large", "not_separated": "not separated",
+    "separated": "separated",
+    "separated_when_large": "only when large",
+    "not_separated": "not separated",
     "not_testable": "not testable",
-}  # fmt: skip
+}
 TICKS = (0.1, 1.0, 4.0, 10.0, 100.0)
 FLOOR_DELTA, ROOF_DELTA = 0.1, 200.0  # of the drawing
 
 
 def plan_html(document: dict[str, Any]) -> str:
     """The page of a document made by `plan_document`."""
-    plans = [p for p in (document["given"], *document["compared"], document["recommended"]) if p is not None]
+    plans = [
+        p
+        for p in (document["given"], *document["compared"], document["recommended"])
+        if p is not None
+    ]
     return render_page(
-        "plan.html.j2", d=document, headline=headline(document), banner=_banner(document["recommended"]), badges=BADGES,
-        words=WORDS, plans=plans, sizes_text=sizes_text, sizes=_sizes(document["recommended"]),
-    )  # fmt: skip
+        "plan.html.j2",
+        d=document,
+        headline=headline(document),
+        banner=_banner(document["recommended"]),
+        badges=BADGES,
+        words=WORDS,
+        plans=plans,
+        sizes_text=sizes_text,
+        sizes=_sizes(document["recommended"]),
+    )
 
 
 def headline(document: dict[str, Any]) -> str:
     """The plan in one sentence."""
     best = document["recommended"]
-    done, large = (sum(p["verdict"] == v for p in best["pairs"]) for v in ("separated", "separated_when_large"))
+    done, large = (
+        sum(p["verdict"] == v for p in best["pairs"]) for v in ("separated", "separated_when_large")
+    )
     n, pairs = len(best["recordings"]), len(best["pairs"])
     beside = " beside the given runs" if document["given"] is not None else ""
     if not n:
         return f"No recording of the list separates more{beside}."
     tail = f", {large} of them only when the effect is large" if large else ""
     return (
-        f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h) separate{'s' if n == 1 else ''} {done + large} of "
-        f"{pairs} pair{'s' if pairs > 1 else ''}{tail}."
+        f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h)"
+        f" separate{'s' if n == 1 else ''} {done + large} of {pairs}"
+        f" pair{'s' if pairs > 1 else ''}{tail}."
     )
 
 
 def sizes_text(coefficients: list[dict[str, Any]], key: str) -> str:
     """The sizes of an effect's coefficients; equal ones once."""
-    texts = [span(c[key]) if key == "usual" else coefficient(c[key], c["unit"]) for c in coefficients]
+    texts = [
+        span(c[key]) if key == "usual" else coefficient(c[key], c["unit"]) for c in coefficients
+    ]
     each = " each" if len(texts) > 1 and key != "usual" else ""
     return texts[0] + each if len(set(texts)) == 1 else ", ".join(texts)
 
@@ -72,12 +103,20 @@ def span(usual: list[float]) -> str:
 
 def _banner(best: dict[str, Any]) -> str:
     verdicts = {p["verdict"] for p in best["pairs"]}
-    return "good" if verdicts == {"separated"} else "fair" if verdicts & {"separated", "separated_when_large"} else "none"
+    return (
+        "good"
+        if verdicts == {"separated"}
+        else "fair"
+        if verdicts & {"separated", "separated_when_large"}
+        else "none"
+    )
 
 
 @in_style
 def _sizes(best: dict[str, Any]) -> Markup | None:
-    """Usual size of each effect of each pair in the plan, and the size from which it is told from its rival."""
+    """Usual size of each effect of each pair in the plan, and the size from which it is told from
+    its rival.
+    """
     rows = [(p, m) for p in best["pairs"] if "a" in p for m in (p["a"], p["b"])]
     if not rows:
         return None
@@ -98,8 +137,16 @@ def _sizes(best: dict[str, Any]) -> Markup | None:
             label="usual size" if y == 0 else None,
         )
         needed = max(m["delta_needed"], m["delta_seen"])
-        ax.plot(min(needed, ROOF_DELTA), y, marker="|", markersize=11, markeredgewidth=2.2, color=VERMILLION, linestyle="none",
-                label="told from its rival from here on" if y == 0 else None)  # fmt: skip
+        ax.plot(
+            min(needed, ROOF_DELTA),
+            y,
+            marker="|",
+            markersize=11,
+            markeredgewidth=2.2,
+            color=VERMILLION,
+            linestyle="none",
+            label="told from its rival from here on" if y == 0 else None,
+        )
         if y % 4 == 3:
             ax.axhline(y + 0.5, color=GREY, linewidth=0.4)
     ax.set_xscale("log")
@@ -111,5 +158,7 @@ def _sizes(best: dict[str, Any]) -> Markup | None:
     axis_text(ax, x="size Delta in the whole plan (norm of the whitened effect)")
     figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)
     return svg_text(
-        figure, "Usual size of each effect in the recommended plan, and the size from which it is told from its rival"
+        figure,
+        "Usual size of each effect in the recommended plan, and the size from which it is told from"
+        " its rival",
     )

@@ -1,9 +1,10 @@
-"""Effects put into a simulated run: what they add to the IMU, the odometer, GNSS and the thermometers, noise included.
+"""Effects put into a simulated run: what they add to the IMU, the odometer, GNSS and the
+thermometers, noise included.
 
-Rates become increments that add up exactly over each interval of the telemetry. A side velocity l(t) along body y is a real
-motion: the accelerometers feel l' e_y + (w_ib + w_ie) x l e_y, the gyros the turn of the local level, GNSS the way; sway
-is laid over alike. First order: left out are products of two effects, and a rotation's swing of the antenna
-(300 arcsec of roll at 5 m: 7 mm).
+Rates become increments that add up exactly over each interval of the telemetry. A side velocity
+l(t) along body y is a real motion: the accelerometers feel l' e_y + (w_ib + w_ie) x l e_y, the
+gyros the turn of the local level, GNSS the way; sway is laid over alike. First order: left out are
+products of two effects, and a rotation's swing of the antenna (300 arcsec of roll at 5 m: 7 mm).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +27,9 @@ BEYOND_S = 60.0  # the first and the last value hold this far outside the teleme
 
 @dataclass(frozen=True)
 class SideMotion:
-    """The side velocity laid over the motion, sway apart: v_n_m_s, way_n_m (n, 3) at the telemetry's instants, NED."""
+    """The side velocity laid over the motion, sway apart: v_n_m_s, way_n_m (n, 3) at the
+    telemetry's instants, NED.
+    """
 
     v_n_m_s: NDArray
     way_n_m: NDArray
@@ -43,21 +46,29 @@ class Injected:
 
 
 def inject(
-    run: Run, telemetry: Telemetry, effects: Sequence[TwinEffect], rng: np.random.Generator, *,
+    run: Run,
+    telemetry: Telemetry,
+    effects: Sequence[TwinEffect],
+    rng: np.random.Generator,
+    *,
     vehicle: VehicleNoise | None = None,
-) -> Run:  # fmt: skip
+) -> Run:
     """A run with effects added; those of other runs are passed over.
 
-    telemetry: of this run. effects: none with a negative noise coefficient (see `without_excess`). vehicle: the twin's, for
-    the frequency of sway.
+    telemetry: of this run. effects: none with a negative noise coefficient (see `without_excess`).
+    vehicle: the twin's, for the frequency of sway.
     """
     return injected(run, telemetry, effects, rng, vehicle=vehicle).run
 
 
-def injector(telemetry: Telemetry, twin: TwinModel) -> Callable[[Run, tuple[dict[str, Any], ...], np.random.Generator], Run]:
-    """`inject` in the form that `simreal.twin.replicate.replicate` takes; effects that lower declared noise are in the twin already
+def injector(
+    telemetry: Telemetry, twin: TwinModel
+) -> Callable[[Run, tuple[dict[str, Any], ...], np.random.Generator], Run]:
+    """`inject` in the form that `simreal.twin.replicate.replicate` takes; effects that lower
+    declared noise are in the twin already
 
-    (simulate with `lowered(twin, run_id)`)."""
+    (simulate with `lowered(twin, run_id)`).
+    """
 
     def add(run: Run, effects: tuple[dict[str, Any], ...], rng: np.random.Generator) -> Run:
         listed = parse_effects(replace(twin, effects=effects))
@@ -73,9 +84,13 @@ def lowered(twin: TwinModel, run_id: str) -> TwinModel:
 
 
 def injected(
-    run: Run, telemetry: Telemetry, effects: Sequence[TwinEffect], rng: np.random.Generator, *,
+    run: Run,
+    telemetry: Telemetry,
+    effects: Sequence[TwinEffect],
+    rng: np.random.Generator,
+    *,
     vehicle: VehicleNoise | None = None,
-) -> Injected:  # fmt: skip
+) -> Injected:
     """The run with its effects, and what was added."""
     own = [item for item in effects if item.in_run(run.header.run_id)]
     imu = run.imu.whole()
@@ -83,20 +98,27 @@ def injected(
     draws = draw(own, telemetry, imu.time_s, imu.dt_s, vehicle or VehicleNoise(), rng)
     side = _side_motion(telemetry, trace)
     changed = replace(
-        run, imu=_imu(imu, telemetry, trace, draws, side),
+        run,
+        imu=_imu(imu, telemetry, trace, draws, side),
         temperature=_temperature(run.temperature, telemetry, trace, draws, rng),
         odometer=_odometer(run.odometer, telemetry, trace, draws, rng),
         gnss=_gnss(run.gnss, telemetry, trace, draws, side, rng),
-    )  # fmt: skip
+    )
     return Injected(replace(changed, sha256=run_sha256(changed)), trace, draws, side)
 
 
 def increments(telemetry: Telemetry, rate: NDArray, time_s: NDArray, dt_s: NDArray) -> NDArray:
-    """Increments (m, c) over rows of a rate (n, c) that is constant in each interval of the telemetry."""
-    edge = np.append(telemetry.time_s - 0.5 * telemetry.dt_s, telemetry.time_s[-1] + 0.5 * telemetry.dt_s)
+    """Increments (m, c) over rows of a rate (n, c) that is constant in each interval of the
+    telemetry.
+    """
+    edge = np.append(
+        telemetry.time_s - 0.5 * telemetry.dt_s, telemetry.time_s[-1] + 0.5 * telemetry.dt_s
+    )
     edge = np.concatenate([[edge[0] - BEYOND_S], edge, [edge[-1] + BEYOND_S]])
     held = np.concatenate([rate[:1], rate, rate[-1:]])
-    total = np.concatenate([np.zeros_like(held[:1]), np.cumsum(held * np.diff(edge)[:, None], axis=0)])
+    total = np.concatenate(
+        [np.zeros_like(held[:1]), np.cumsum(held * np.diff(edge)[:, None], axis=0)]
+    )
     return at(time_s, edge, total) - at(time_s - dt_s, edge, total)
 
 
@@ -146,7 +168,9 @@ def _felt_sway(draws: Draws, telemetry: Telemetry, C_nb: NDArray) -> NDArray:
 
 
 def _between(time_s: NDArray, telemetry: Telemetry) -> NDArray:
-    """Attitude (m, 3, 3) at other times, straight between the telemetry's (its columns a little short in a turn)."""
+    """Attitude (m, 3, 3) at other times, straight between the telemetry's (its columns a little
+    short in a turn).
+    """
     return at(time_s, telemetry.time_s, telemetry.C_nb.reshape(-1, 9)).reshape(-1, 3, 3)
 
 
@@ -163,18 +187,28 @@ def _rounded(dtheta: NDArray, quantum_rad: NDArray) -> NDArray:
 
 
 def _temperature(
-    log: TemperatureLog | None, telemetry: Telemetry, trace: Trace, draws: Draws, rng: np.random.Generator
+    log: TemperatureLog | None,
+    telemetry: Telemetry,
+    trace: Trace,
+    draws: Draws,
+    rng: np.random.Generator,
 ) -> TemperatureLog | None:
     if log is None or (trace.temperature_degC is None and not draws.temperature_variance):
         return log
-    gyro = log.gyro_degC + np.sqrt(draws.temperature_variance) * rng.standard_normal(log.gyro_degC.shape)
+    gyro = log.gyro_degC + np.sqrt(draws.temperature_variance) * rng.standard_normal(
+        log.gyro_degC.shape
+    )
     if trace.temperature_degC is not None:
         gyro += at(log.time_s, telemetry.time_s, trace.temperature_degC)
     return replace(log, gyro_degC=gyro)
 
 
 def _odometer(
-    log: OdometerLog | None, telemetry: Telemetry, trace: Trace, draws: Draws, rng: np.random.Generator
+    log: OdometerLog | None,
+    telemetry: Telemetry,
+    trace: Trace,
+    draws: Draws,
+    rng: np.random.Generator,
 ) -> OdometerLog | None:
     if log is None:
         return None
@@ -187,7 +221,12 @@ def _odometer(
 
 
 def _gnss(
-    log: GnssLog | None, telemetry: Telemetry, trace: Trace, draws: Draws, side: SideMotion, rng: np.random.Generator
+    log: GnssLog | None,
+    telemetry: Telemetry,
+    trace: Trace,
+    draws: Draws,
+    side: SideMotion,
+    rng: np.random.Generator,
 ) -> GnssLog | None:
     if log is None:
         return None
@@ -203,8 +242,14 @@ def _gnss(
     return replace(log, lat_rad=lat, lon_rad=lon, height_m=height, v_n_m_s=log.v_n_m_s + velocity)
 
 
-def moved_by(lat_rad: NDArray, lon_rad: NDArray, height_m: NDArray, way_n_m: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def moved_by(
+    lat_rad: NDArray, lon_rad: NDArray, height_m: NDArray, way_n_m: NDArray
+) -> tuple[NDArray, NDArray, NDArray]:
     """A place moved by a short way (n, 3), NED."""
     meridian, transverse = radii_of_curvature(lat_rad)
     east_rad = way_n_m[:, 1] / ((transverse + height_m) * np.cos(lat_rad))
-    return lat_rad + way_n_m[:, 0] / (meridian + height_m), lon_rad + east_rad, height_m - way_n_m[:, 2]
+    return (
+        lat_rad + way_n_m[:, 0] / (meridian + height_m),
+        lon_rad + east_rad,
+        height_m - way_n_m[:, 2],
+    )

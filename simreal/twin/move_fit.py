@@ -1,9 +1,10 @@
-"""The motion of one moving stretch: navigated from the stand before it, corrected by all that is known of it.
+"""The motion of one moving stretch: navigated from the stand before it, corrected by all that is
+known of it.
 
-Unknowns are the attitude at its start, gyro and accelerometer biases as straight lines between knots, crab and odometer
-scale. A least-squares fit (`move_rows`) holds the solution's errors against rest and level at the next stand, no side
-slip on wheels, odometer and GNSS. The solution is then navigated again with what was found, so that the result is one
-consistent motion.
+Unknowns are the attitude at its start, gyro and accelerometer biases as straight lines between
+knots, crab and odometer scale. A least-squares fit (`move_rows`) holds the solution's errors
+against rest and level at the next stand, no side slip on wheels, odometer and GNSS. The solution is
+then navigated again with what was found, so that the result is one consistent motion.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ from simreal.twin.move_rows import Rows, gnss_rows, hats, sensitivity, stop_rows
 from simreal.twin.stands import airborne
 
 EPOCH_S = 0.1
-KNOT_S = {"rlg": 60.0, "fog": 60.0, "mems": 10.0}  # random walk of the tilt between knots: below 2 cm/s
+# random walk of the tilt between knots: below 2 cm/s
+KNOT_S = {"rlg": 60.0, "fog": 60.0, "mems": 10.0}
 MOST_KNOTS = 60
 PASSES = 3
 LEAST_TILT_RAD, LEAST_GYRO_DEG_H, LEAST_ACCEL_UG = 2e-5, 5e-3, 20.0
@@ -34,7 +36,8 @@ HUBER_SIGMAS, HUBER_ROUNDS = 3.0, 3
 class MoveStart:
     """At the end of a stand: time, place, C_nb (3, 3), sigma of its heading.
 
-    gyro_bias_rad_s, accel_bias_m_s2 (3,): what the sensors read there beyond Earth rate and gravity.
+    gyro_bias_rad_s, accel_bias_m_s2 (3,): what the sensors read there beyond Earth rate and
+    gravity.
     """
 
     time_s: float
@@ -66,7 +69,9 @@ class _Correction:
         self.sigma = _prior_sigma(start, twin, self.knots_s)
 
     def add(self, step: NDArray, until_s: float) -> None:
-        """Take a step of the fit in; biases at knots that it did not reach are those of the last that it did."""
+        """Take a step of the fit in; biases at knots that it did not reach are those of the last
+        that it did.
+        """
         self.found = self.found + step
         self.C_nb = dcm_from_rotation_vector(-step[:3]) @ self.C_nb
         reached = int(np.searchsorted(self.knots_s, until_s, side="right"))
@@ -81,19 +86,30 @@ class _Correction:
 
 
 def fit_move(
-    run: Run, imu: ImuSource, twin: TwinModel, start: MoveStart, *, end_s: float, C_nb_stop: NDArray | None,
+    run: Run,
+    imu: ImuSource,
+    twin: TwinModel,
+    start: MoveStart,
+    *,
+    end_s: float,
+    C_nb_stop: NDArray | None,
     gnss: GnssLog | None,
-) -> MoveFit:  # fmt: skip
+) -> MoveFit:
     """The solution from `start` to end_s. imu: compensated with what the twin believes.
 
-    C_nb_stop (3, 3): level of the stand at end_s, None where the log ends in motion. gnss: relative to the site.
+    C_nb_stop (3, 3): level of the stand at end_s, None where the log ends in motion. gnss: relative
+    to the site.
     """
     vertical = VerticalChannel(mode="hold")
     if gnss is not None:
-        vertical = VerticalChannel(mode="aided", time_s=gnss.time_s, height_m=gnss.height_m, time_constant_s=HEIGHT_S)
+        vertical = VerticalChannel(
+            mode="aided", time_s=gnss.time_s, height_m=gnss.height_m, time_constant_s=HEIGHT_S
+        )
     now = _Correction(start, end_s, twin)
     sigma = start.sigma_heading_rad
-    for until_s in _horizons(start.time_s, end_s, early=gnss is not None and twin.gyro_technology == "mems"):
+    for until_s in _horizons(
+        start.time_s, end_s, early=gnss is not None and twin.gyro_technology == "mems"
+    ):
         history = _navigated(imu, start, now, until_s, vertical)
         in_air = airborne(run, history.time_s, history.v_n_m_s, start.site.height_m)
         s = sensitivity(history, now.knots_s)
@@ -110,7 +126,9 @@ def fit_move(
 
 
 def _horizons(start_s: float, end_s: float, *, early: bool) -> list[float]:
-    """How far each pass goes: PASSES to the end; `early`: before that in growing parts, for a solution that runs away."""
+    """How far each pass goes: PASSES to the end; `early`: before that in growing parts, for a
+    solution that runs away.
+    """
     parts, reach = [], FIRST_PART_S
     while early and start_s + reach < end_s:
         parts += [start_s + reach, start_s + reach]
@@ -118,12 +136,18 @@ def _horizons(start_s: float, end_s: float, *, early: bool) -> list[float]:
     return parts + [end_s] * PASSES
 
 
-def _navigated(imu: ImuSource, start: MoveStart, now: _Correction, end_s: float, vertical: VerticalChannel) -> NavHistory:
+def _navigated(
+    imu: ImuSource, start: MoveStart, now: _Correction, end_s: float, vertical: VerticalChannel
+) -> NavHistory:
     lead_s = 2.0 / imu.rate_hz
 
     def corrected(piece):
         gyro, accel = now.bias(piece.time_s)
-        return compensate(piece, gyro_bias_rad_s=start.gyro_bias_rad_s + gyro, accel_bias_m_s2=start.accel_bias_m_s2 + accel)
+        return compensate(
+            piece,
+            gyro_bias_rad_s=start.gyro_bias_rad_s + gyro,
+            accel_bias_m_s2=start.accel_bias_m_s2 + accel,
+        )
 
     first = NavState(time_s=start.time_s, site=start.site, v_n_m_s=np.zeros(3), C_nb=now.C_nb)
     pieces = map(corrected, imu.pieces(start.time_s - lead_s, end_s + 1e-6))
@@ -140,16 +164,23 @@ def _prior_sigma(start: MoveStart, twin: TwinModel, knots_s: NDArray) -> NDArray
     step_h = np.diff(knots_s).mean() / HOUR
     wander = np.hypot(gyro.bias_instability_deg_h, gyro.rate_random_walk_deg_h_sqrt_h)
     gyro_deg_h = np.hypot(np.hypot(wander, LEAST_GYRO_DEG_H), gyro.arw_deg_sqrt_h / np.sqrt(step_h))
-    accel_ug = np.hypot(max(accel.turn_on_ug, LEAST_ACCEL_UG), accel.vrw_ug_sqrt_hz / np.sqrt(step_h * HOUR))
-    return np.concatenate([
-        [_tilt_sigma(twin), _tilt_sigma(twin), max(start.sigma_heading_rad, 1e-6)],
-        np.full(3 * knots_s.size, gyro_deg_h * DEG_PER_HOUR), np.full(3 * knots_s.size, accel_ug * MICRO_G),
-        [SIGMA_CRAB_RAD, SIGMA_ODOMETER],
-    ])  # fmt: skip
+    accel_ug = np.hypot(
+        max(accel.turn_on_ug, LEAST_ACCEL_UG), accel.vrw_ug_sqrt_hz / np.sqrt(step_h * HOUR)
+    )
+    return np.concatenate(
+        [
+            [_tilt_sigma(twin), _tilt_sigma(twin), max(start.sigma_heading_rad, 1e-6)],
+            np.full(3 * knots_s.size, gyro_deg_h * DEG_PER_HOUR),
+            np.full(3 * knots_s.size, accel_ug * MICRO_G),
+            [SIGMA_CRAB_RAD, SIGMA_ODOMETER],
+        ]
+    )
 
 
 def _least_squares(rows: list[Rows], now: _Correction) -> tuple[NDArray, float]:
-    """What to add to the correction, and the sigma of the heading; rows far off count less (Huber)."""
+    """What to add to the correction, and the sigma of the heading; rows far off count less
+    (Huber).
+    """
     prior = 1.0 / now.sigma**2
     prior[-2:] = [1.0 / SIGMA_CRAB_RAD**2, 1.0 / SIGMA_ODOMETER**2]
     mean = -now.found

@@ -1,7 +1,8 @@
 """What a moving stretch shows of the errors of its navigation solution: linear rows for `move_fit`.
 
-Errors are computed - true. Per unknown: attitude at the start (3), gyro biases at K knots (3 K), accelerometer biases
-(3 K), crab, odometer scale. Each block of rows says z = H x + noise, z being computed less observed.
+Errors are computed - true. Per unknown: attitude at the start (3), gyro biases at K knots (3 K),
+accelerometer biases (3 K), crab, odometer scale. Each block of rows says z = H x + noise, z being
+computed less observed.
 """
 
 from dataclasses import dataclass
@@ -31,7 +32,8 @@ class Rows:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Errors per unknown at nodes (m): phi (m, 3, P) [rad]; dv [m/s], dp [m], north and east, (m, 2, P).
+    """Errors per unknown at nodes (m): phi (m, 3, P) [rad]; dv [m/s], dp [m], north and east, (m,
+    2, P).
 
     at: rows of the history at the nodes.
     """
@@ -56,9 +58,10 @@ def hats(time_s: NDArray, knots_s: NDArray) -> NDArray:
 def sensitivity(history: NavHistory, knots_s: NDArray) -> Sensitivity:
     """The errors along a solution, step by step of about a second, for each unknown.
 
-    phi' = -omega_in x phi + C_nb b_g - d omega_en,  dv' = phi x f + C_nb b_a - (2 omega_ie + omega_en) x dv,  dp' = dv;
-    d omega_en = (dv_E, -dv_N, -dv_E tanL) / R. Level velocity and position only: the height is held or aided.
-    Source: Groves (2013), eq. (14.63) without the terms of position in gravity and Earth rate.
+    phi' = -omega_in x phi + C_nb b_g - d omega_en,  dv' = phi x f + C_nb b_a - (2 omega_ie +
+    omega_en) x dv,  dp' = dv; d omega_en = (dv_E, -dv_N, -dv_E tanL) / R. Level velocity and
+    position only: the height is held or aided. Source: Groves (2013), eq. (14.63) without the terms
+    of position in gravity and Earth rate.
     """
     t, K = history.time_s, knots_s.size
     every = max(round(NODE_S / np.median(np.diff(t))), 1)
@@ -98,7 +101,9 @@ def _dynamics(history: NavHistory, at: NDArray) -> NDArray:
 
 
 def stop_rows(s: Sensitivity, C_nb_stop: NDArray, sigma_tilt_rad: float) -> list[Rows]:
-    """At the next stand: no velocity, and its level (C_nb_stop (3, 3), of which the heading is not used)."""
+    """At the next stand: no velocity, and its level (C_nb_stop (3, 3), of which the heading is not
+    used).
+    """
     history = s.history
     rest = history.v_n_m_s[history.time_s > history.time_s[-1] - 2.0].mean(axis=0)
     roll, pitch, _ = euler_from_dcm(C_nb_stop)
@@ -112,14 +117,17 @@ def stop_rows(s: Sensitivity, C_nb_stop: NDArray, sigma_tilt_rad: float) -> list
 
 
 def wheel_velocity(history: NavHistory, lever_b_m: NDArray) -> NDArray:
-    """Velocity of the wheel reference point in body axes at each epoch (n, 3): C_bn v + omega x lever."""
+    """Velocity of the wheel reference point in body axes at each epoch (n, 3): C_bn v + omega x
+    lever.
+    """
     dt = np.diff(history.time_s, prepend=history.time_s[0] - 1.0)
     spin = history.dtheta_b_rad / dt[:, None]
     return np.einsum("nji,nj->ni", history.C_nb, history.v_n_m_s) + np.cross(spin, lever_b_m)
 
 
 def wheel_rows(s: Sensitivity, run: Run, twin: TwinModel, on_wheels: NDArray) -> list[Rows]:
-    """No side slip but the twin's crab (what is beyond it is an unknown) and side noise; the odometer along body x.
+    """No side slip but the twin's crab (what is beyond it is an unknown) and side noise; the
+    odometer along body x.
 
     on_wheels (n,): epochs of the history on the ground.
     """
@@ -130,20 +138,27 @@ def wheel_rows(s: Sensitivity, run: Run, twin: TwinModel, on_wheels: NDArray) ->
     side = _body_row(s, rolls, 1)
     side[:, -2] = -v_b[rolls, 0]
     slip = v_b[rolls, 1] + v_b[rolls, 0] * np.tan(twin.vehicle.crab_mrad * MILLIRADIAN)
-    white = max(twin.vehicle.lateral_noise_m_s, LEAST_LATERAL_M_S) * np.sqrt(2.0 * LATERAL_S / NODE_S)
+    white = max(twin.vehicle.lateral_noise_m_s, LEAST_LATERAL_M_S) * np.sqrt(
+        2.0 * LATERAL_S / NODE_S
+    )
     rows = [Rows(side, slip, np.full(rolls.size, white))]
     if run.odometer is not None:
         rows += _odometer_rows(s, rolls, v_b[rolls, 0], run.odometer, twin)
     return rows
 
 
-def _odometer_rows(s: Sensitivity, rolls: NDArray, v_x: NDArray, log: OdometerLog, twin: TwinModel) -> list[Rows]:
+def _odometer_rows(
+    s: Sensitivity, rolls: NDArray, v_x: NDArray, log: OdometerLog, twin: TwinModel
+) -> list[Rows]:
     nearest = np.clip(np.searchsorted(log.time_s, s.time_s[rolls]), 1, log.time_s.size - 1)
-    near = (np.abs(log.time_s[nearest] - s.time_s[rolls]) < NODE_S) & (np.diff(log.time_s)[nearest - 1] < 2 * NODE_S)
+    near = (np.abs(log.time_s[nearest] - s.time_s[rolls]) < NODE_S) & (
+        np.diff(log.time_s)[nearest - 1] < 2 * NODE_S
+    )
     speed = np.interp(s.time_s[rolls[near]], log.time_s, log.speed_m_s)
     along = _body_row(s, rolls[near], 0)
     along[:, -1] = -speed
-    sigma = np.hypot(twin.odometer.noise_m_s, twin.vehicle.sway_m_s) + 5e-3  # braking between two samples
+    # braking between two samples
+    sigma = np.hypot(twin.odometer.noise_m_s, twin.vehicle.sway_m_s) + 5e-3
     return [Rows(along, v_x[near] - speed, np.full(speed.size, sigma))]
 
 
@@ -157,11 +172,21 @@ def gnss_rows(s: Sensitivity, gnss: GnssLog, lever_b_m: NDArray, twin: TwinModel
     spot = np.clip(np.searchsorted(history.time_s, t), 1, history.time_s.size - 1)
     arm_n = history.C_nb[spot] @ lever_b_m
     dt = history.time_s[spot] - history.time_s[spot - 1]
-    swing = np.einsum("nij,nj->ni", history.C_nb[spot], np.cross(history.dtheta_b_rad[spot] / dt[:, None], lever_b_m))
+    swing = np.einsum(
+        "nij,nj->ni",
+        history.C_nb[spot],
+        np.cross(history.dtheta_b_rad[spot] / dt[:, None], lever_b_m),
+    )
     v_n = np.stack([np.interp(t, history.time_s, v) for v in history.v_n_m_s.T], axis=1) + swing
-    lat, lon = (np.interp(t, history.time_s, x) for x in (history.lat_rad, np.unwrap(history.lon_rad)))
+    lat, lon = (
+        np.interp(t, history.time_s, x) for x in (history.lat_rad, np.unwrap(history.lon_rad))
+    )
     way = displacement_ned(
-        gnss.lat_rad[fixes], gnss.lon_rad[fixes], lat0_rad=lat, lon0_rad=lon, height0_m=history.height_m[spot]
+        gnss.lat_rad[fixes],
+        gnss.lon_rad[fixes],
+        lat0_rad=lat,
+        lon0_rad=lon,
+        height0_m=history.height_m[spot],
     )
     j = np.clip(np.searchsorted(nodes, t) - 1, 0, nodes.size - 2)
     a = ((t - nodes[j]) / (nodes[j + 1] - nodes[j]))[:, None]
@@ -170,12 +195,17 @@ def gnss_rows(s: Sensitivity, gnss: GnssLog, lever_b_m: NDArray, twin: TwinModel
     return [
         Rows((1 - a) * values[j, axis] + a * values[j + 1, axis], z[:, axis], sigma)
         for axis in range(2)
-        for values, z, sigma in ((s.dv, v_n - gnss.v_n_m_s[fixes], sigma_v), (s.dp, arm_n[:, :2] - way[:, :2], sigma_p))
+        for values, z, sigma in (
+            (s.dv, v_n - gnss.v_n_m_s[fixes], sigma_v),
+            (s.dp, arm_n[:, :2] - way[:, :2], sigma_p),
+        )
     ]
 
 
 def _sigma(logged: NDArray | None, fixes: NDArray, declared: float) -> NDArray:
-    """The larger of what the receiver says and the twin declares; the twin's where it says nothing."""
+    """The larger of what the receiver says and the twin declares; the twin's where it says
+    nothing.
+    """
     if logged is None:
         return np.full(fixes.size, declared)
     return np.fmax(np.where(logged[fixes] > 0, logged[fixes], np.nan), declared)
@@ -184,4 +214,6 @@ def _sigma(logged: NDArray | None, fixes: NDArray, declared: float) -> NDArray:
 def _body_row(s: Sensitivity, at: NDArray, axis: int) -> NDArray:
     """Rows (r, P) of the velocity along a body axis: C_bn (dv - phi x v)."""
     e, v = s.history.C_nb[s.at[at]][:, :, axis], s.history.v_n_m_s[s.at[at]]
-    return np.einsum("mi,mip->mp", e[:, :2], s.dv[at]) + np.einsum("mi,mip->mp", np.cross(e, v), s.phi[at])
+    return np.einsum("mi,mip->mp", e[:, :2], s.dv[at]) + np.einsum(
+        "mi,mip->mp", np.cross(e, v), s.phi[at]
+    )

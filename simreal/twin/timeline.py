@@ -9,7 +9,8 @@ SLOWEST_HZ, FASTEST_HZ = 10.0, 2000.0  # that sensors are simulated at
 
 
 def even_rate(imu: ImuSource) -> tuple[float, bool]:
-    """Rate [Hz] to simulate a log at, and whether its stamps are those of one even clock at that rate.
+    """Rate [Hz] to simulate a log at, and whether its stamps are those of one even clock at that
+    rate.
 
     Where they are not (lost rows, jitter), the nominal rate.
     """

@@ -1,8 +1,10 @@
-"""twin.json with the found effects in its `effects` (formats.md, section 3), ready to be simulated and diagnosed again.
+"""twin.json with the found effects in its `effects` (formats.md, section 3), ready to be simulated
+and diagnosed again.
 
-Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape parameters as plain numbers in the
-effect's units; `run_id` for what belongs to one run, `process` for a slow variation, nodes, values and unit for a free
-function. The table is copied beside the twin, so the file needs nothing else.
+Each item has the parameters that `simreal.declared.twin_effects` reads: coefficients and shape
+parameters as plain numbers in the effect's units; `run_id` for what belongs to one run, `process`
+for a slow variation, nodes, values and unit for a free function. The table is copied beside the
+twin, so the file needs nothing else.
 """
 
 from collections.abc import Sequence
@@ -20,17 +22,24 @@ from simreal.inference.causes import Cause
 TABLE_NAME = "table.json"
 
 
-def twin_with_causes(twin: TwinModel, causes: Sequence[Cause], run_ids: Sequence[str], *, with_table: bool) -> dict[str, Any]:
+def twin_with_causes(
+    twin: TwinModel, causes: Sequence[Cause], run_ids: Sequence[str], *, with_table: bool
+) -> dict[str, Any]:
     """The twin as a plain dict, the causes after the effects that it has already.
 
-    run_ids : of the runs, in the order of the diagnosis. with_table : a table is written beside it, as TABLE_NAME.
+    run_ids : of the runs, in the order of the diagnosis. with_table : a table is written beside it,
+    as TABLE_NAME.
     """
     added = tuple(item for cause in causes for item in effect_items(cause, run_ids))
-    return twin_to_dict(replace(twin, table=TABLE_NAME if with_table else None, effects=(*twin.effects, *added)))
+    return twin_to_dict(
+        replace(twin, table=TABLE_NAME if with_table else None, effects=(*twin.effects, *added))
+    )
 
 
 def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
-    """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of its own."""
+    """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of
+    its own.
+    """
     if cause.effect == UNKNOWN:  # of the motion: found, but nothing that a simulator can make
         return []
     if not cause.named:
@@ -59,7 +68,11 @@ def _item(cause: Cause, parameters: dict[str, Any]) -> dict[str, Any]:
 
 def _function(cause: Cause, run_ids: Sequence[str]) -> dict[str, Any]:
     nodes = list(run_ids) if cause.effect == OF_RUN else [float(n) for n in cause.nodes]
-    return {"nodes": nodes, "values": [float(v) for v in cause.values], "unit": unit_of(cause.target)}
+    return {
+        "nodes": nodes,
+        "values": [float(v) for v in cause.values],
+        "unit": unit_of(cause.target),
+    }
 
 
 def _by_run(cause: Cause) -> dict[str, dict[str, float]]:

@@ -31,12 +31,17 @@ def ideal_of(segments=TEN_MINUTES, lat_deg=45.0, heading_deg=17.0):
 
 
 def simulate(ideal, seed, *, twin=DEFAULT_TWIN, size=1.0, **options):
-    """One seeded run of a unit whose bias is drawn with `size` times PRIOR_DEG_H about the table."""
+    """One seeded run of a unit whose bias is drawn with `size` times PRIOR_DEG_H about the
+    table.
+    """
     rng = np.random.default_rng([seed, 20260302])
     unit = aged_unit(
-        rng, ageing_offset_deg_h=size * OFFSET, ageing_shape_deg_h=size * SHAPE, table=table_to_zero(),
+        rng,
+        ageing_offset_deg_h=size * OFFSET,
+        ageing_shape_deg_h=size * SHAPE,
+        table=table_to_zero(),
         gyro_technology=twin.gyro_technology,
-    )  # fmt: skip
+    )
     return simulate_run(ideal, thermal_history("ambient"), unit, twin, rng=rng, **options)
 
 

@@ -1,4 +1,6 @@
-"""Levelling and analytic gyrocompass: closed form, disturbed beginnings, and where there is no rest."""
+"""Levelling and analytic gyrocompass: closed form, disturbed beginnings, and where there is no
+rest.
+"""
 
 import numpy as np
 import pytest
@@ -14,14 +16,28 @@ from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.vehicle import Boarding, Bump, Gust
 
 
-def resting(lat_deg, *, roll=0.0, pitch=0.0, heading=0.0, gyro=(0, 0, 0), accel=(0, 0, 0), seconds=120.0, dt=0.1):
+def resting(
+    lat_deg,
+    *,
+    roll=0.0,
+    pitch=0.0,
+    heading=0.0,
+    gyro=(0, 0, 0),
+    accel=(0, 0, 0),
+    seconds=120.0,
+    dt=0.1,
+):
     """True C_nb and the log of a resting unit with sensor errors."""
     C_nb, n = dcm_from_euler(roll, pitch, heading), round(seconds / dt)
     rate = C_nb.T @ omega_ie_n(lat_deg * DEG) + gyro
     force = C_nb.T @ [0.0, 0.0, -float(gravity_magnitude(lat_deg * DEG, 0.0))] + accel
     time_s = dt * np.arange(1, n + 1)
-    log = ImuLog(time_s=time_s, dt_s=np.full(n, dt), dtheta_rad=np.tile(rate * dt, (n, 1)),
-                 dv_m_s=np.tile(force * dt, (n, 1)))  # fmt: skip
+    log = ImuLog(
+        time_s=time_s,
+        dt_s=np.full(n, dt),
+        dtheta_rad=np.tile(rate * dt, (n, 1)),
+        dv_m_s=np.tile(force * dt, (n, 1)),
+    )
     return C_nb, log
 
 
@@ -35,8 +51,13 @@ def test_gyrocompass_is_exact_with_perfect_sensors(lat_deg, heading_deg):
 
 @pytest.mark.parametrize("lat_deg", [-45.0, 0.1, 45.0, 70.0])
 def test_gyrocompass_errors_are_those_of_the_closed_form(lat_deg):
-    """phi_N = -del_E / g, phi_E = del_N / g, psi = -eps_E / (Omega cosL) + del_E / g tanL (physics.md 6.4)."""
-    gyro, accel = 0.01 * DEG_PER_HOUR * np.array([0.5, 1.0, -0.3]), 50 * MICRO_G * np.array([1.0, -0.6, 0.2])
+    """phi_N = -del_E / g, phi_E = del_N / g, psi = -eps_E / (Omega cosL) + del_E / g tanL
+    (physics.md 6.4).
+    """
+    gyro, accel = (
+        0.01 * DEG_PER_HOUR * np.array([0.5, 1.0, -0.3]),
+        50 * MICRO_G * np.array([1.0, -0.6, 0.2]),
+    )
     C_nb, log = resting(lat_deg, gyro=gyro, accel=accel)  # heading 0: body axes are NED
     phi = rotation_vector_from_dcm(coarse.gyrocompass_dcm(coarse.rest_means(log)) @ C_nb.T)
     g, L = float(gravity_magnitude(lat_deg * DEG, 0.0)), lat_deg * DEG
@@ -46,7 +67,9 @@ def test_gyrocompass_errors_are_those_of_the_closed_form(lat_deg):
 
 @pytest.mark.parametrize("lat_deg", [-45.0, 0.1, 45.0, 70.0])
 def test_latitude_from_the_rates(lat_deg):
-    """North gyro error e turns the found latitude by -e sinL / Omega, a down error by -e cosL / Omega."""
+    """North gyro error e turns the found latitude by -e sinL / Omega, a down error by -e cosL /
+    Omega.
+    """
     _, log = resting(lat_deg, roll=0.02, heading=1.0)
     latitude, excess = coarse.latitude_from_rates(coarse.rest_means(log))
     assert latitude == pytest.approx(lat_deg * DEG, abs=1e-9)
@@ -54,16 +77,22 @@ def test_latitude_from_the_rates(lat_deg):
     north, down = (0.01 * DEG_PER_HOUR * np.eye(3)[k] for k in (0, 2))
     for error, slope in ((north, -np.sin(lat_deg * DEG)), (down, -np.cos(lat_deg * DEG))):
         found, _ = coarse.latitude_from_rates(coarse.rest_means(resting(lat_deg, gyro=error)[1]))
-        assert found - lat_deg * DEG == pytest.approx(slope * error.sum() / EARTH_RATE_RAD_S, abs=1e-6)
+        assert found - lat_deg * DEG == pytest.approx(
+            slope * error.sum() / EARTH_RATE_RAD_S, abs=1e-6
+        )
 
 
 def test_nothing_to_align_on_is_an_error():
     with pytest.raises(ValueError, match="no gravity or no level rate"):
-        coarse.gyrocompass_dcm(coarse.RestMeans(np.array([0.0, 0.0, -9.8]), np.array([0, 0, 1e-5]), np.zeros(3), 60.0))
+        coarse.gyrocompass_dcm(
+            coarse.RestMeans(np.array([0.0, 0.0, -9.8]), np.array([0, 0, 1e-5]), np.zeros(3), 60.0)
+        )
 
 
 def test_one_spoilt_block_does_not_move_the_means():
-    """Somebody steps in for 8 s of a minute: the plain mean is off by 2 mrad, the block median by nothing."""
+    """Somebody steps in for 8 s of a minute: the plain mean is off by 2 mrad, the block median by
+    nothing.
+    """
     _, log = resting(45.0, seconds=120.0)
     dv = log.dv_m_s.copy()
     dv[615:695] += [0.03, 0.0, 0.0]
@@ -73,15 +102,22 @@ def test_one_spoilt_block_does_not_move_the_means():
 
 
 def test_sigma_of_the_mean_rate_is_honest():
-    """ARW alone over ten minutes, 20 runs: error over sigma in its 99.9 % chi-square band (60 degrees of freedom)."""
+    """ARW alone over ten minutes, 20 runs: error over sigma in its 99.9 % chi-square band (60
+    degrees of freedom).
+    """
     _, log = resting(45.0, seconds=600.0)
     arw, normalised = 0.002 / 60 * DEG, []
     for seed in range(20):
-        noise = arw * np.sqrt(0.1) * np.random.default_rng(seed).standard_normal(log.dtheta_rad.shape)
-        noisy = ImuLog(time_s=log.time_s, dt_s=log.dt_s, dtheta_rad=log.dtheta_rad + noise, dv_m_s=log.dv_m_s)
+        noise = (
+            arw * np.sqrt(0.1) * np.random.default_rng(seed).standard_normal(log.dtheta_rad.shape)
+        )
+        noisy = ImuLog(
+            time_s=log.time_s, dt_s=log.dt_s, dtheta_rad=log.dtheta_rad + noise, dv_m_s=log.dv_m_s
+        )
         means = coarse.rest_means(noisy)
         normalised.append((means.omega_ib_b - log.dtheta_rad[0] / 0.1) / means.sigma_omega_rad_s)
-    assert 0.51 < np.mean(np.square(normalised)) < 1.72  # the median's own 1.25, and a scatter from 60 blocks
+    # the median's own 1.25, and a scatter from 60 blocks
+    assert 0.51 < np.mean(np.square(normalised)) < 1.72
 
 
 PARK = (Park(duration_s=900.0),)
@@ -94,14 +130,23 @@ def test_first_rest_of_a_parked_log_is_its_first_ten_minutes():
 
 
 def test_first_rest_survives_people_and_a_bump():
-    events = [Boarding(time_s=95.0, heading_arcsec=8.0), Bump(time_s=203.0, velocity_m_s=0.3), Boarding(time_s=301.0)]
+    events = [
+        Boarding(time_s=95.0, heading_arcsec=8.0),
+        Bump(time_s=203.0, velocity_m_s=0.3),
+        Boarding(time_s=301.0),
+    ]
     start_s, end_s = coarse.first_rest(simulate(ideal_of(PARK), 2, events=events).run.imu)
     assert end_s - start_s > 500.0
 
 
 def test_first_rest_after_a_disturbed_beginning():
     """Rolling and turning for 100 s, then rest: the rest is found behind it."""
-    segments = (Straight(duration_s=20.0), Turn(angle_deg=90.0), Turn(angle_deg=-90.0), Straight(duration_s=10.0))
+    segments = (
+        Straight(duration_s=20.0),
+        Turn(angle_deg=90.0),
+        Turn(angle_deg=-90.0),
+        Straight(duration_s=10.0),
+    )
     ideal = ideal_of((*segments, Stop(duration_s=10.0), Park(duration_s=600.0)))
     rest = ideal.truth.motion.rest[0]
     start_s, end_s = coarse.first_rest(simulate(ideal, 3).run.imu)

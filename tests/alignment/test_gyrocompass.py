@@ -1,4 +1,6 @@
-"""Fine alignment against simulated truth: honest sigma at every latitude, disturbances, the latitude test, refusals."""
+"""Fine alignment against simulated truth: honest sigma at every latitude, disturbances, the
+latitude test, refusals.
+"""
 
 from dataclasses import replace
 
@@ -30,14 +32,18 @@ PEOPLE = [
 
 
 def band(dof, probability=0.999):
-    """Two-sided chi-square band of a mean square; each test here is passed by 1 - probability of sound filters not."""
+    """Two-sided chi-square band of a mean square; each test here is passed by 1 - probability of
+    sound filters not.
+    """
     tail = 0.5 * (1.0 - probability)
     return chi2.ppf(tail, dof) / dof, chi2.ppf(1.0 - tail, dof) / dof
 
 
 def align(simulated, *, site=None, sigma=SIGMA_DEG_H, twin=DEFAULT_TWIN, **options):
     run = simulated.run
-    return gyrocompass.align(run.imu, site or run.header.site, twin, bias_sigma_deg_h=sigma, **options)
+    return gyrocompass.align(
+        run.imu, site or run.header.site, twin, bias_sigma_deg_h=sigma, **options
+    )
 
 
 def normalised(result, simulated):
@@ -48,7 +54,9 @@ def normalised(result, simulated):
 @pytest.mark.parametrize("runs", [RUNS, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("lat_deg", [-45.0, 0.1, 45.0, 70.0])
 def test_sigma_is_honest(lat_deg, runs):
-    """Units and accelerometer turn-ons: mean squared normalised error of each angle in its 99.9 % band."""
+    """Units and accelerometer turn-ons: mean squared normalised error of each angle in its 99.9 %
+    band.
+    """
     ideal, z = ideal_of(lat_deg=lat_deg), []
     for seed in range(runs):
         simulated = simulate(ideal, 100 * int(abs(lat_deg)) + seed)
@@ -59,11 +67,14 @@ def test_sigma_is_honest(lat_deg, runs):
     assert (np.mean(np.square(z), axis=0) > low).all()
     assert (np.mean(np.square(z), axis=0) < high).all()
     expected = SIGMA_DEG_H[0] * DEG_PER_HOUR / (earth.EARTH_RATE_RAD_S * np.cos(lat_deg * DEG))
-    assert expected < result.sigma_heading_rad < 1.25 * expected  # bias, 10 min of ARW, 50 micro-g tanL
+    # bias, 10 min of ARW, 50 micro-g tanL
+    assert expected < result.sigma_heading_rad < 1.25 * expected
 
 
 def averaged_heading_error(simulated):
-    """A plain averaging aligner: TRIAD of the mean force and the mean rate over the same ten minutes."""
+    """A plain averaging aligner: TRIAD of the mean force and the mean rate over the same ten
+    minutes.
+    """
     imu = simulated.run.imu
     seconds = float(imu.dt_s.sum())
     force, rate = imu.dv_m_s.sum(axis=0) / seconds, imu.dtheta_rad.sum(axis=0) / seconds
@@ -73,7 +84,9 @@ def averaged_heading_error(simulated):
 
 
 def test_people_and_gusts_do_not_spoil_it_as_they_spoil_an_average():
-    """RMS heading error over 10 runs: about 1 mrad (the bias's own) against 10 mrad of the average."""
+    """RMS heading error over 10 runs: about 1 mrad (the bias's own) against 10 mrad of the
+    average.
+    """
     errors, averaged, z = [], [], []
     for seed in range(10):
         simulated = simulate(ideal_of(), 300 + seed, events=PEOPLE)
@@ -92,13 +105,24 @@ def test_people_and_gusts_do_not_spoil_it_as_they_spoil_an_average():
 
 def test_excess_motion_is_listed():
     result = align(simulate(ideal_of(), 300, events=PEOPLE))
-    assert [s.reason for s in result.excluded] == ["loading", "motion", "loading", "motion", "loading"]
-    assert all(s.start_s < event.time_s and s.end_s > event.time_s + 30.0 for s, event in zip(result.excluded, PEOPLE))
+    assert [s.reason for s in result.excluded] == [
+        "loading",
+        "motion",
+        "loading",
+        "motion",
+        "loading",
+    ]
+    assert all(
+        s.start_s < event.time_s and s.end_s > event.time_s + 30.0
+        for s, event in zip(result.excluded, PEOPLE)
+    )
 
 
 def at_latitude(simulated, offset_deg):
     site = simulated.run.header.site
-    return Site(lat_rad=site.lat_rad + offset_deg * DEG, lon_rad=site.lon_rad, height_m=site.height_m)
+    return Site(
+        lat_rad=site.lat_rad + offset_deg * DEG, lon_rad=site.lon_rad, height_m=site.height_m
+    )
 
 
 @pytest.mark.parametrize("runs", [8, pytest.param(200, marks=pytest.mark.slow)])
@@ -154,9 +178,17 @@ def test_mems_finds_level_only_and_says_why():
 
 
 def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
-    """0.3 deg/h along the Earth rate shows as |omega| in excess of it and widens the sigma; along east it cannot."""
-    _, means = None, coarse.RestMeans(
-        np.array([0.0, 0.0, -9.8]), earth.omega_ie_n(45 * DEG) * (1 + 0.3 / 15.04), np.zeros(3), 600.0
+    """0.3 deg/h along the Earth rate shows as |omega| in excess of it and widens the sigma; along
+    east it cannot.
+    """
+    _, means = (
+        None,
+        coarse.RestMeans(
+            np.array([0.0, 0.0, -9.8]),
+            earth.omega_ie_n(45 * DEG) * (1 + 0.3 / 15.04),
+            np.zeros(3),
+            600.0,
+        ),
     )
     assert gyrocompass.unknown_bias_sigma_deg_h(DEFAULT_TWIN, means) == pytest.approx(0.3, rel=0.01)
     quiet = replace(means, omega_ib_b=earth.omega_ie_n(45 * DEG))
@@ -164,16 +196,20 @@ def test_an_unknown_unit_takes_the_bias_that_its_rates_show():
 
 
 def test_a_noisier_unit_is_aligned_with_the_noise_it_shows():
-    """ARW and VRW five times the twin's: NIS finds it, the sigma stays honest, the reason names it."""
+    """ARW and VRW five times the twin's: NIS finds it, the sigma stays honest, the reason names
+    it.
+    """
     noisy = replace(
-        DEFAULT_TWIN, gyro=replace(DEFAULT_TWIN.gyro, arw_deg_sqrt_h=0.01),
+        DEFAULT_TWIN,
+        gyro=replace(DEFAULT_TWIN.gyro, arw_deg_sqrt_h=0.01),
         accel=replace(DEFAULT_TWIN.accel, vrw_ug_sqrt_hz=50.0),
-    )  # fmt: skip
+    )
     z = []
     for seed in range(5):
         simulated = simulate(ideal_of(), 700 + seed, twin=noisy)
         result = align(simulated)
-        assert result.verdict in ("aligned", "inconsistent")  # the latitude test knows the twin's noise only
+        # the latitude test knows the twin's noise only
+        assert result.verdict in ("aligned", "inconsistent")
         assert "noisier than its noise model" in result.reasons[0]
         z.append(normalised(result, simulated)[2])
     low, high = band(5)
@@ -193,7 +229,9 @@ def test_nothing_at_rest_is_refused():
 
 
 def test_rolling_straight_all_the_way_is_not_a_rest_that_can_be_aligned():
-    """Straight at 9.5 m/s looks at rest in force and rate; its side motion does not fit any noise."""
+    """Straight at 9.5 m/s looks at rest in force and rate; its side motion does not fit any
+    noise.
+    """
     result = align(simulate(ideal_of((Straight(duration_s=400.0),)), 1))
     assert result.verdict == "refused"
     assert "it moves" in result.reasons[0]
@@ -230,14 +268,24 @@ def test_document_holds_the_keys_of_the_contract():
     run: Run = simulated.run
     document = alignment_document(align(simulated), run)
     assert document["schema"] == "recal.alignment/1"
-    keys = ("roll_deg", "pitch_deg", "heading_deg", "sigma_roll_deg", "sigma_pitch_deg", "sigma_heading_deg", "phases",
-            "duration_s", "verdict", "reasons")  # fmt: skip
+    keys = (
+        "roll_deg",
+        "pitch_deg",
+        "heading_deg",
+        "sigma_roll_deg",
+        "sigma_pitch_deg",
+        "sigma_heading_deg",
+        "phases",
+        "duration_s",
+        "verdict",
+        "reasons",
+    )
     assert set(keys) <= set(document)
     assert document["heading_deg"] == pytest.approx(17.0, abs=0.5)
     assert 0.0 <= document["heading_deg"] < 360.0
     assert set(document["phases"][0]) == {"phase", "start_s", "end_s"}
     assert document["duration_s"] == pytest.approx(600.0, abs=3.0)
-    refused = alignment_document(align(simulated, site=Site(lat_rad=1.4, lon_rad=0.0, height_m=0.0)), run)
+    refused = alignment_document(
+        align(simulated, site=Site(lat_rad=1.4, lon_rad=0.0, height_m=0.0)), run
+    )
     assert np.isnan(refused["heading_deg"])
-
-

@@ -1,4 +1,6 @@
-"""Clipping and shocks are found and taken out of a parked log; what a vehicle really does is left alone."""
+"""Clipping and shocks are found and taken out of a parked log; what a vehicle really does is left
+alone.
+"""
 
 import numpy as np
 import pytest
@@ -26,33 +28,50 @@ def repair(imu):
 
 def left(run, fixed):
     """Net angle [rad] and velocity [m/s] by which a repaired log differs from the true one."""
-    return (fixed.dtheta_rad - run.imu.dtheta_rad).sum(axis=0), (fixed.dv_m_s - run.imu.dv_m_s).sum(axis=0)
+    return (fixed.dtheta_rad - run.imu.dtheta_rad).sum(axis=0), (fixed.dv_m_s - run.imu.dv_m_s).sum(
+        axis=0
+    )
 
 
 @pytest.mark.parametrize("sway_m_s", [0.001, 0.02])
 @pytest.mark.parametrize(
     ("sensor", "axis", "rows", "total", "reason"),
-    [("gyro", "x", 5, 0.05, "clipping"), ("gyro", "z", 5, -0.05, "clipping"), ("gyro", "y", 1, 0.3, "shock"),
-     ("accelerometer", "x", 5, 0.5, "clipping"), ("accelerometer", "y", 1, -0.1, "shock"),
-     ("accelerometer", "z", 4, -8.0, "clipping")],
-)  # fmt: skip
+    [
+        ("gyro", "x", 5, 0.05, "clipping"),
+        ("gyro", "z", 5, -0.05, "clipping"),
+        ("gyro", "y", 1, 0.3, "shock"),
+        ("accelerometer", "x", 5, 0.5, "clipping"),
+        ("accelerometer", "y", 1, -0.1, "shock"),
+        ("accelerometer", "z", 4, -8.0, "clipping"),
+    ],
+)
 def test_what_a_burst_leaves_is_taken_out(sway_m_s, sensor, axis, rows, total, reason):
     run = parked(sway_m_s=sway_m_s)
     bad = stuck_at_full_scale(run, sensor=sensor, axis=axis, at_s=300.3, rows=rows, total=total)
     fixed, (fault,) = repair(bad.imu)
     assert fault.reason == reason
-    assert fault.start_s <= 300.3 and fault.end_s >= 300.3 + 0.1 * rows and fault.end_s - fault.start_s < 6.0
+    assert (
+        fault.start_s <= 300.3
+        and fault.end_s >= 300.3 + 0.1 * rows
+        and fault.end_s - fault.start_s < 6.0
+    )
     turn, velocity = left(run, fixed)
     assert np.abs(turn).max() < 3.0 * fault.turn_sigma_rad
     assert np.abs(velocity[:2]).max() < 4.0 * fault.velocity_sigma_m_s
     assert abs(velocity[2]) < 0.01
 
 
-@pytest.mark.parametrize("event", [
-    Boarding(time_s=300.0, roll_arcsec=60.0, pitch_arcsec=-40.0, heading_arcsec=20.0),
-    Gust(time_s=300.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=300.0, velocity_m_s=0.5),
-    Push(time_s=300.0, distance_m=3.0, speed_m_s=0.2), Push(time_s=300.0, distance_m=-8.0, ramp_s=1.0, turn_deg=0.8),
-], ids=["loading", "gust", "bump", "push", "push and turn"])  # fmt: skip
+@pytest.mark.parametrize(
+    "event",
+    [
+        Boarding(time_s=300.0, roll_arcsec=60.0, pitch_arcsec=-40.0, heading_arcsec=20.0),
+        Gust(time_s=300.0, duration_s=30.0, sway_m_s=0.1),
+        Bump(time_s=300.0, velocity_m_s=0.5),
+        Push(time_s=300.0, distance_m=3.0, speed_m_s=0.2),
+        Push(time_s=300.0, distance_m=-8.0, ramp_s=1.0, turn_deg=0.8),
+    ],
+    ids=["loading", "gust", "bump", "push", "push and turn"],
+)
 @pytest.mark.parametrize("sway_m_s", [0.001, 0.02])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_real_event_is_not_repaired(event, sway_m_s, seed):
@@ -63,10 +82,13 @@ def test_a_real_event_is_not_repaired(event, sway_m_s, seed):
     assert not turn.any() and not velocity.any()
 
 
-@pytest.mark.parametrize("segments", [
-    (*PARK, Straight(duration_s=200.0)),
-    (*PARK, Straight(duration_s=100.0, speed_m_s=0.5), Stop(duration_s=60.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "segments",
+    [
+        (*PARK, Straight(duration_s=200.0)),
+        (*PARK, Straight(duration_s=100.0, speed_m_s=0.5), Stop(duration_s=60.0)),
+    ],
+)
 def test_driving_off_is_not_repaired(segments):
     assert not [f for f in repair(parked(segments=segments).imu)[1] if f.reason]
 
@@ -89,11 +111,15 @@ def test_a_clipped_bump_leaves_no_velocity():
 @pytest.mark.parametrize("sway_m_s", [0.001, 0.02])
 @pytest.mark.parametrize("source", ["rates", "increments"])
 def test_lost_rows_do_not_hold_one_row_of_sway(sway_m_s, source):
-    """0.7 s are lost; held over by the next row's rate alone, 20 mm/s of sway leave up to 0.1 m/s."""
+    """0.7 s are lost; held over by the next row's rate alone, 20 mm/s of sway leave up to 0.1
+    m/s.
+    """
     run = parked(sway_m_s=sway_m_s)
     keep = (run.imu.time_s < 300.25) | (run.imu.time_s > 300.95)
-    columns = [column[keep] / (run.imu.dt_s[keep, None] if source == "rates" else 1.0)
-               for column in (run.imu.dtheta_rad, run.imu.dv_m_s)]  # fmt: skip
+    columns = [
+        column[keep] / (run.imu.dt_s[keep, None] if source == "rates" else 1.0)
+        for column in (run.imu.dtheta_rad, run.imu.dv_m_s)
+    ]
     held, _ = imu_log(run.imu.time_s[keep], *columns, source=source)
     fixed, (fault,) = repair(held)
     assert fault.reason == "dropout" and fault.start_s < 300.25 and 300.95 < fault.end_s
@@ -104,7 +130,9 @@ def test_lost_rows_do_not_hold_one_row_of_sway(sway_m_s, source):
 
 
 def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading():
-    """2 mrad in one row: Earth rate cannot tell within ten minutes; nobody knows, and the sigma says so."""
+    """2 mrad in one row: Earth rate cannot tell within ten minutes; nobody knows, and the sigma
+    says so.
+    """
     run = parked()
     bad = stuck_at_full_scale(run, sensor="gyro", axis="z", at_s=300.3, rows=1, total=0.002)
     _, (fault,) = repair(bad.imu)
@@ -112,13 +140,16 @@ def test_a_turn_that_only_the_vertical_gyro_felt_widens_the_heading():
 
 
 @pytest.mark.parametrize(
-    ("sensor", "axis", "total"), [("gyro", "x", 0.05), ("gyro", "z", -0.05), ("accelerometer", "x", 0.5)]
+    ("sensor", "axis", "total"),
+    [("gyro", "x", 0.05), ("gyro", "z", -0.05), ("accelerometer", "x", 0.5)],
 )
 def test_a_session_goes_on_after_a_burst(sensor, axis, total):
     """Used to end the parked time at the burst: too short, refused."""
     run = simulated(1, HALF_HOUR).run
     before = estimate_of(run)
-    after = estimate_of(stuck_at_full_scale(run, sensor=sensor, axis=axis, at_s=800.3, rows=5, total=total))
+    after = estimate_of(
+        stuck_at_full_scale(run, sensor=sensor, axis=axis, at_s=800.3, rows=5, total=total)
+    )
     (span,) = after.solution.motion.excluded()
     assert span.reason == "clipping" and span.start_s < 800.3 and 830.8 < span.end_s < 850.0
     sigma = np.sqrt(np.diag(before.covariance))

@@ -1,4 +1,6 @@
-"""The first parked stretch of a log by its raw seconds: found in a flight, cut where the unit is turned, blind to a warm-up."""
+"""The first parked stretch of a log by its raw seconds: found in a flight, cut where the unit is
+turned, blind to a warm-up.
+"""
 
 import numpy as np
 import pytest
@@ -13,8 +15,12 @@ ARW_RAD_SQRT_S = 0.3 * np.pi / 180.0 / 60.0
 VRW_M_S_SQRT_S = 100e-6 * 9.81
 
 
-def log(seconds, rng, *, drift_deg_h_s=(0.0, 0.0, 0.0), bias_deg_h=(300.0, -800.0, 50.0), edit=None):
-    """A resting unit with a bias that drifts by so much each second; `edit` changes rates (n, 3) and forces (n, 3)."""
+def log(
+    seconds, rng, *, drift_deg_h_s=(0.0, 0.0, 0.0), bias_deg_h=(300.0, -800.0, 50.0), edit=None
+):
+    """A resting unit with a bias that drifts by so much each second; `edit` changes rates (n, 3)
+    and forces (n, 3).
+    """
     t = (1 + np.arange(int(seconds * RATE_HZ))) / RATE_HZ
     rate = (np.array(bias_deg_h) + np.outer(t, drift_deg_h_s)) * DEG_PER_HOUR
     force = np.tile([0.1, -0.2, -9.8], (t.size, 1))
@@ -22,10 +28,12 @@ def log(seconds, rng, *, drift_deg_h_s=(0.0, 0.0, 0.0), bias_deg_h=(300.0, -800.
         edit(t, rate, force)
     dt = 1.0 / RATE_HZ
     return ImuLog(
-        time_s=t, dt_s=np.full(t.size, dt), source="test",
+        time_s=t,
+        dt_s=np.full(t.size, dt),
+        source="test",
         dtheta_rad=rate * dt + ARW_RAD_SQRT_S * np.sqrt(dt) * rng.standard_normal((t.size, 3)),
         dv_m_s=force * dt + VRW_M_S_SQRT_S * np.sqrt(dt) * rng.standard_normal((t.size, 3)),
-    )  # fmt: skip
+    )
 
 
 def shaken(t, rate, force):

@@ -1,4 +1,6 @@
-"""Smoothed tilt rates: closed form of sigma, scatter against truth, what smoothing gains, gaps, quiet truth."""
+"""Smoothed tilt rates: closed form of sigma, scatter against truth, what smoothing gains, gaps,
+quiet truth.
+"""
 
 from dataclasses import replace
 
@@ -20,7 +22,12 @@ ARW = 0.002 * DEG_PER_SQRT_HOUR
 def rates(history, still=None, *, arw=ARW, velocity_sigma=1e-3, rate_sigma=0.01):
     still = np.ones(len(history.time_s), bool) if still is None else still
     return smoothed_tilt_rates(
-        history, still, arw=arw, vrw=1e-4, velocity_sigma_m_s=velocity_sigma, rate_sigma_rad_s=rate_sigma * DEG_PER_HOUR
+        history,
+        still,
+        arw=arw,
+        vrw=1e-4,
+        velocity_sigma_m_s=velocity_sigma,
+        rate_sigma_rad_s=rate_sigma * DEG_PER_HOUR,
     )
 
 
@@ -29,7 +36,9 @@ def simulated_history(seed=1, twin=REFERENCE_TWIN):
 
 
 def driven(history, u_north, u_east, rng=None, arw=0.0):
-    """Velocity error of given tilt rates (k,), by stepping physics.md 6.2 with a half-second Euler-Cromer scheme."""
+    """Velocity error of given tilt rates (k,), by stepping physics.md 6.2 with a half-second
+    Euler-Cromer scheme.
+    """
     from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 
     lat, height = history.lat_rad[0], history.height_m[0]
@@ -38,11 +47,19 @@ def driven(history, u_north, u_east, rng=None, arw=0.0):
     v, p, theta, out = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros((len(history.time_s), 3))
     for k in range(1, len(history.time_s)):
         dt = (history.time_s[k] - history.time_s[k - 1]) / parts
-        kick = arw * np.sqrt(dt * parts) * rng.standard_normal(2) / parts if rng is not None else np.zeros(2)
+        kick = (
+            arw * np.sqrt(dt * parts) * rng.standard_normal(2) / parts
+            if rng is not None
+            else np.zeros(2)
+        )
         for _ in range(parts):
             theta = theta + np.array([u_north[k], u_east[k]]) * dt + kick
-            a = np.array([-g * (theta[1] + p[0] / (meridian + height)) - coriolis * v[1],
-                          g * (theta[0] - p[1] / (transverse + height)) + coriolis * v[0]])  # fmt: skip
+            a = np.array(
+                [
+                    -g * (theta[1] + p[0] / (meridian + height)) - coriolis * v[1],
+                    g * (theta[0] - p[1] / (transverse + height)) + coriolis * v[0],
+                ]
+            )
             v = v + a * dt
             p = p + v * dt
         out[k, :2] = v
@@ -50,7 +67,9 @@ def driven(history, u_north, u_east, rng=None, arw=0.0):
 
 
 def test_a_constant_rate_is_found_to_five_digits_over_an_hour():
-    """Silent, 0.01 deg/h north and -0.004 east: the Schuler and Coriolis terms are the model's own."""
+    """Silent, 0.01 deg/h north and -0.004 east: the Schuler and Coriolis terms are the model's
+    own.
+    """
     history = simulated_history()
     ones = np.ones(len(history.time_s)) * DEG_PER_HOUR
     found = rates(driven(history, 0.01 * ones, -0.004 * ones), arw=1e-3 * ARW, velocity_sigma=1e-6)
@@ -67,11 +86,15 @@ def test_a_rate_that_changes_is_followed():
     for rate in found:
         seen_from_one_side = rate in (found[0], found[-1])
         allowed = rate.sigma_rad_s / DEG_PER_HOUR if seen_from_one_side else 3e-5
-        assert rate.u_north_rad_s / DEG_PER_HOUR == pytest.approx(0.01 * rate.time_s / 3600.0, abs=allowed)
+        assert rate.u_north_rad_s / DEG_PER_HOUR == pytest.approx(
+            0.01 * rate.time_s / 3600.0, abs=allowed
+        )
 
 
 def test_scatter_is_the_sigma():
-    """Angle random walk alone, 6 runs x 12 windows x 2 axes: two-sided 99.9 %, widened for neighbours' correlation."""
+    """Angle random walk alone, 6 runs x 12 windows x 2 axes: two-sided 99.9 %, widened for
+    neighbours' correlation.
+    """
     history, rng, z = simulated_history(), np.random.default_rng(8), []
     none = np.zeros(len(history.time_s))
     for _ in range(6):
@@ -83,11 +106,15 @@ def test_scatter_is_the_sigma():
 
 
 def test_what_smoothing_gains():
-    """Windows of 300 s are limited by the angle random walk, 0.0069 deg/h: the parabola of the bracket is a tenth above
-    it, the filter 3 %, the smoother at it; the first window, of which the filter sees one side, gains 14 %."""
+    """Windows of 300 s are limited by the angle random walk, 0.0069 deg/h: the parabola of the
+    bracket is a tenth above it, the filter 3 %, the smoother at it; the first window, of which the
+    filter sees one side, gains 14 %.
+    """
     history = simulated_history()
     smoothed = rates(history)
-    bracket = tilt_rates(history, np.ones(len(history.time_s), bool), arw=ARW, velocity_sigma_m_s=1e-3)
+    bracket = tilt_rates(
+        history, np.ones(len(history.time_s), bool), arw=ARW, velocity_sigma_m_s=1e-3
+    )
     floor = 0.002 / np.sqrt(300.0 / 3600.0)
     for rate, window in zip(smoothed, bracket):
         assert rate.time_s == window.time_s
@@ -95,7 +122,8 @@ def test_what_smoothing_gains():
         assert rate.sigma_rad_s < 0.9 * window.sigma_rad_s
         assert rate.sigma_rad_s / DEG_PER_HOUR == pytest.approx(floor, rel=0.05)
     assert smoothed[0].sigma_rad_s < 0.87 * smoothed[0].sigma_filtered_rad_s
-    assert smoothed[-1].sigma_rad_s == pytest.approx(smoothed[-1].sigma_filtered_rad_s)  # nothing comes after it
+    # nothing comes after it
+    assert smoothed[-1].sigma_rad_s == pytest.approx(smoothed[-1].sigma_filtered_rad_s)
 
 
 def test_a_disturbed_stretch_is_not_measured():

@@ -1,4 +1,6 @@
-"""The worked examples: one page for every recorded file, and the script that runs them finds what has changed."""
+"""The worked examples: one page for every recorded file, and the script that runs them finds what
+has changed.
+"""
 
 import importlib.util
 import re
@@ -11,9 +13,15 @@ ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
 DATA = ROOT.parent / "shared" / "data"
 FILES = (
-    "x_LN100_up.ins", "x_adi_up.txt", "calgary_project_data.BIN", "apm_fixedwing_TestLog2.mat", "ardupilot_log171.bin",
-    "groves_Profile_0.csv", "groves_Profile_1.csv", "groves_Profile_2.csv",
-)  # fmt: skip
+    "x_LN100_up.ins",
+    "x_adi_up.txt",
+    "calgary_project_data.BIN",
+    "apm_fixedwing_TestLog2.mat",
+    "ardupilot_log171.bin",
+    "groves_Profile_0.csv",
+    "groves_Profile_1.csv",
+    "groves_Profile_2.csv",
+)
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +47,10 @@ def test_every_file_has_a_page_with_commands_and_its_licence(runner, file):
     commands = [s.command for block in runner.BLOCK.findall(text) for s in runner.steps_of(block)]
     assert any(f"data/{file}" in c for c in commands)
     assert all(
-        s.output.strip() for block in runner.BLOCK.findall(text) for s in runner.steps_of(block) if "recal align" in s.command
+        s.output.strip()
+        for block in runner.BLOCK.findall(text)
+        for s in runner.steps_of(block)
+        if "recal align" in s.command
     )
 
 
@@ -59,7 +70,11 @@ def test_no_recorded_file_is_without_a_page():
         ("y: observed", "y: not_observable", False),
         ("exit code 4", "exit code 3", False),
         ("a\nb", "a", False),
-        ("revision 1 2026-11-21T18:14:10Z 3d1e3478dbf6", "revision 1 2027-01-02T03:04:05Z 0123456789ab", True),
+        (
+            "revision 1 2026-11-21T18:14:10Z 3d1e3478dbf6",
+            "revision 1 2027-01-02T03:04:05Z 0123456789ab",
+            True,
+        ),
         ("p under 1e-300", "p under 1e-300", True),
         ("-12.62 arcmin", "12.62 arcmin", False),
     ],
@@ -70,17 +85,24 @@ def test_differences_are_those_beyond_the_tolerance(runner, expected, got, agree
 
 def test_a_page_is_run_and_rewritten(runner, tmp_path):
     page = tmp_path / "page.md"
-    page.write_text("Text.\n\n```console\n$ echo one 1.0\none 1.0\n$ cat <<E\n> two\n> E\n```\n\n```console\n$ ls data\n```\n")
+    page.write_text(
+        "Text.\n\n```console\n$ echo one 1.0\none 1.0\n$ cat <<E\n> two\n> E\n```\n\n```console\n$"
+        " ls data\n```\n"
+    )
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "file").touch()
     ran = runner.outputs(page, tmp_path / "data")
     assert [got for _, got in ran] == ["one 1.0\n", "two\n", "file\n"]
     assert [runner.differences(step.output, got) == [] for step, got in ran] == [True, False, False]
     page.write_text(runner.rewritten(page, ran))
-    assert page.read_text() == (
-        "Text.\n\n```console\n$ echo one 1.0\none 1.0\n$ cat <<E\n> two\n> E\ntwo\n```\n\n```console\n$ ls data\nfile\n```\n"
+    assert (
+        page.read_text() == "Text.\n\n```console\n$ echo one 1.0\none 1.0\n$ cat <<E\n> two\n>"
+        " E\ntwo\n```\n\n```console\n$ ls data\nfile\n```\n"
     )
-    assert all(runner.differences(step.output, got) == [] for step, got in runner.outputs(page, tmp_path / "data"))
+    assert all(
+        runner.differences(step.output, got) == []
+        for step, got in runner.outputs(page, tmp_path / "data")
+    )
 
 
 def test_a_page_whose_file_is_absent_says_so(runner, tmp_path):
@@ -93,10 +115,15 @@ def test_a_page_whose_file_is_absent_says_so(runner, tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "page", sorted(p for pattern in ("guides/*.md", "examples/*.md") for p in (ROOT / "docs").glob(pattern))
+    "page",
+    sorted(
+        p for pattern in ("guides/*.md", "examples/*.md") for p in (ROOT / "docs").glob(pattern)
+    ),
 )
 def test_pages_print_what_they_say(runner, page):
     if why := runner.missing(page, DATA):
         pytest.skip(why)
-    wrong = [d for step, got in runner.outputs(page, DATA) for d in runner.differences(step.output, got)]
+    wrong = [
+        d for step, got in runner.outputs(page, DATA) for d in runner.differences(step.output, got)
+    ]
     assert wrong == []

@@ -1,4 +1,6 @@
-"""The documentation is true where that can be checked: links, commands in code blocks, reference pages, formulas."""
+"""The documentation is true where that can be checked: links, commands in code blocks, reference
+pages, formulas.
+"""
 
 import re
 import shlex
@@ -10,7 +12,11 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-PAGES = [p for p in (*ROOT.glob("*.md"), *DOCS.rglob("*.md")) if not {"generated", "_build"} & set(p.relative_to(ROOT).parts)]
+PAGES = [
+    p
+    for p in (*ROOT.glob("*.md"), *DOCS.rglob("*.md"))
+    if not {"generated", "_build"} & set(p.relative_to(ROOT).parts)
+]
 FENCE = re.compile(r"^(`{3,})([^\n`]*)\n(.*?)^\1\s*$", re.M | re.S)
 LINK = re.compile(r"!?\[[^\]\n]*\]\(([^)\s]+)\)")
 FORMULA = re.compile(r"\$\$(.+?)\$\$|(?<![\\$\w])\$([^$\n]+?)\$(?![\w$])", re.S)
@@ -49,10 +55,12 @@ def test_links_of_the_site_alone_are_added(extension):
     from site_links import with_site_links
 
     text = (
-        "`ins.earth.gravity_n`, `ins.nothing`: *files*<!-- site: ../generated/files/run.md -->, [c](../../CONVENTIONS.md#a)\n"
+        "`ins.earth.gravity_n`, `ins.nothing`: *files*<!-- site: ../generated/files/run.md -->,"
+        " [c](../../CONVENTIONS.md#a)\n"
     )
-    assert with_site_links(text, "guides/page") == (
-        "[`ins.earth.gravity_n`](../generated/api/ins.md#insearthgravity_n), `ins.nothing`: "
+    assert (
+        with_site_links(text, "guides/page")
+        == "[`ins.earth.gravity_n`](../generated/api/ins.md#insearthgravity_n), `ins.nothing`: "
         "[files](../generated/files/run.md), [c](../generated/project/conventions.md#a)\n"
     )
     block = "```\n`ins.earth.gravity_n`\n```\n"
@@ -60,7 +68,9 @@ def test_links_of_the_site_alone_are_added(extension):
 
 
 def command_lines(text):
-    """What a reader would type, from the code blocks: lines after a prompt, continued ones joined, split at ; | and &&."""
+    """What a reader would type, from the code blocks: lines after a prompt, continued ones joined,
+    split at ; | and &&.
+    """
     for _, _, block in FENCE.findall(text):
         joined = re.sub(r"\\\n>?\s*", " ", block)
         for line in joined.splitlines():
@@ -88,8 +98,16 @@ def test_commands_and_their_options_exist(page, tree):
 
 
 def test_an_unknown_option_and_an_unknown_command_are_found(tree):
-    lines = list(command_lines("```\n$ recal update run --comit; recal updat run\n$ cat x | recal check run\n```"))
-    assert [unknown_words(line, tree) for line in lines if line.startswith("recal")] == [["--comit"], ["updat"], []]
+    lines = list(
+        command_lines(
+            "```\n$ recal update run --comit; recal updat run\n$ cat x | recal check run\n```"
+        )
+    )
+    assert [unknown_words(line, tree) for line in lines if line.startswith("recal")] == [
+        ["--comit"],
+        ["updat"],
+        [],
+    ]
 
 
 def test_every_command_has_a_page_with_all_its_options(tree, extension):
@@ -110,10 +128,24 @@ def test_file_pages_hold_the_models_keys(extension):
 
     pages = file_pages()
     assert "| `imu_serial` | text (length >= 1, length <= 200) | needed |" in pages["run"]
-    assert "`site.lat_deg` | number (>= -90, <= 90)" in pages["run"] and "`dtheta_x_rad`" in pages["run"]
+    assert (
+        "`site.lat_deg` | number (>= -90, <= 90)" in pages["run"]
+        and "`dtheta_x_rad`" in pages["run"]
+    )
     assert "| `gyro.arw_deg_sqrt_h` | 0.002 | 0.3 |" in pages["twin"]
-    assert "`axes.x.slope_deg_h_degC`" in pages["table"] and "`gyro_thermal_rate`" in pages["effects"]
-    for schema in ("update", "alignment", "replay", "diagnosis", "plan", "check", "misalignment", "demo"):
+    assert (
+        "`axes.x.slope_deg_h_degC`" in pages["table"] and "`gyro_thermal_rate`" in pages["effects"]
+    )
+    for schema in (
+        "update",
+        "alignment",
+        "replay",
+        "diagnosis",
+        "plan",
+        "check",
+        "misalignment",
+        "demo",
+    ):
         assert f"## recal.{schema}/1" in pages["results"], schema
     assert "points[]\n  axis\n  time_s" in pages["results"]
 
@@ -140,8 +172,12 @@ def test_formulas_are_drawn(page, extension):
 def test_accents_and_bold_letters_stay_with_their_letter(extension):
     from mathml import FormulaError, mathml
 
-    assert "<mover><mrow><mi>\U0001d73d</mi></mrow><mo>" in mathml(r"\dot{\boldsymbol\theta} = a", block=True)
-    assert "<msub><mover><mi>v</mi><mo>&#x000A8;</mo></mover><mi>E</mi></msub>" in mathml(r"\ddot v_E", block=False)
+    assert "<mover><mrow><mi>\U0001d73d</mi></mrow><mo>" in mathml(
+        r"\dot{\boldsymbol\theta} = a", block=True
+    )
+    assert "<msub><mover><mi>v</mi><mo>&#x000A8;</mo></mover><mi>E</mi></msub>" in mathml(
+        r"\ddot v_E", block=False
+    )
     assert "\U0001d42f" in mathml(r"\mathbf v", block=False)
     with pytest.raises(FormulaError, match="nosuch"):
         mathml(r"\nosuch x", block=False)
@@ -149,6 +185,19 @@ def test_accents_and_bold_letters_stay_with_their_letter(extension):
 
 def test_the_site_is_read_without_a_warning(tmp_path):
     """All of Sphinx but the writing of pages; .ci/run writes them too."""
-    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "dummy", "-d", str(tmp_path / "trees")]
-    found = subprocess.run([*command, str(DOCS), str(tmp_path / "out")], capture_output=True, text=True, cwd=ROOT)
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "-q",
+        "-W",
+        "--keep-going",
+        "-b",
+        "dummy",
+        "-d",
+        str(tmp_path / "trees"),
+    ]
+    found = subprocess.run(
+        [*command, str(DOCS), str(tmp_path / "out")], capture_output=True, text=True, cwd=ROOT
+    )
     assert found.returncode == 0, found.stderr

@@ -1,7 +1,9 @@
-"""Effects against the plain formula of gap.md: what is richer in them stays within the tolerance written beside it.
+"""Effects against the plain formula of gap.md: what is richer in them stays within the tolerance
+written beside it.
 
-Each case: target, parameters, the plain formula over a `Seen` (gyro [deg/h] or accelerometer [micro-g] of the target's
-axis), and the part of the largest value by which the shape may depart from it.
+Each case: target, parameters, the plain formula over a `Seen` (gyro [deg/h] or accelerometer
+[micro-g] of the target's axis), and the part of the largest value by which the shape may depart
+from it.
 """
 
 import numpy as np
@@ -42,35 +44,99 @@ def centripetal_ug(seen, arm_m):
 WARM = {"amplitude_deg_h": 0.02, "tau_s": 400.0}
 CASES = {
     "gyro_thermal_rate": (
-        "gyro_x", {"coefficient_deg_h_min_degC": 0.03, "shell_s": 0.2}, lambda s: 0.03 * rate_degC_min(s), 0.01),
+        "gyro_x",
+        {"coefficient_deg_h_min_degC": 0.03, "shell_s": 0.2},
+        lambda s: 0.03 * rate_degC_min(s),
+        0.01,
+    ),
     "gyro_thermal_quadratic": (
-        "gyro_z", {"coefficient_deg_h_degC2": 1e-4}, lambda s: 1e-4 * (s.gyro_degC[:, 2] - 20) ** 2, 0.1),
-    "gyro_thermal_gradient": ("gyro_y", {"coefficient_deg_h_degC": 0.01}, lambda s: 0.01 * s.gradient_degC[:, 1], 1e-6),
-    "gyro_thermal_lag": ("gyro_y", {"coefficient_deg_h_degC": 0.01, "tau_s": 200.0}, lambda s: 0.01 * lagging(s, 200.0), 0.12),
+        "gyro_z",
+        {"coefficient_deg_h_degC2": 1e-4},
+        lambda s: 1e-4 * (s.gyro_degC[:, 2] - 20) ** 2,
+        0.1,
+    ),
+    "gyro_thermal_gradient": (
+        "gyro_y",
+        {"coefficient_deg_h_degC": 0.01},
+        lambda s: 0.01 * s.gradient_degC[:, 1],
+        1e-6,
+    ),
+    "gyro_thermal_lag": (
+        "gyro_y",
+        {"coefficient_deg_h_degC": 0.01, "tau_s": 200.0},
+        lambda s: 0.01 * lagging(s, 200.0),
+        0.12,
+    ),
     "gyro_warmup_transient": ("gyro_x", WARM, lambda s: 0.02 * np.exp(-s.time_s / 400.0), 0.08),
-    "gyro_rate_ramp": ("gyro_x", {"slope_deg_h_h": 0.003}, lambda s: 0.003 * s.time_s / 3600.0, 1e-6),
+    "gyro_rate_ramp": (
+        "gyro_x",
+        {"slope_deg_h_h": 0.003},
+        lambda s: 0.003 * s.time_s / 3600.0,
+        1e-6,
+    ),
     "gyro_mode_hop": (
-        "gyro_x", {"amplitude_deg_h": 0.005, "period_degC": 6.0, "phase_rad": 1.0},
-        lambda s: 0.005 * np.sin(2 * np.pi * s.gyro_degC[:, 0] / 6.0 + 1.0), 0.5),
-    "gyro_scale_factor": ("gyro_z", {"scale_ppm": 20.0}, lambda s: 20e-6 * body_rate_deg_h(s, 2), 1e-6),
-    "gyro_scale_asymmetry": ("gyro_z", {"asymmetry_ppm": 20.0}, lambda s: 20e-6 * np.abs(body_rate_deg_h(s, 2)), 0.05),
+        "gyro_x",
+        {"amplitude_deg_h": 0.005, "period_degC": 6.0, "phase_rad": 1.0},
+        lambda s: 0.005 * np.sin(2 * np.pi * s.gyro_degC[:, 0] / 6.0 + 1.0),
+        0.5,
+    ),
+    "gyro_scale_factor": (
+        "gyro_z",
+        {"scale_ppm": 20.0},
+        lambda s: 20e-6 * body_rate_deg_h(s, 2),
+        1e-6,
+    ),
+    "gyro_scale_asymmetry": (
+        "gyro_z",
+        {"asymmetry_ppm": 20.0},
+        lambda s: 20e-6 * np.abs(body_rate_deg_h(s, 2)),
+        0.05,
+    ),
     "gyro_misalignment": (
-        "gyro_x", {"arcsec_xyz": [500.0, 0.0, 10.0]}, lambda s: 10 * ARCSEC * body_rate_deg_h(s, 2), 1e-6),
+        "gyro_x",
+        {"arcsec_xyz": [500.0, 0.0, 10.0]},
+        lambda s: 10 * ARCSEC * body_rate_deg_h(s, 2),
+        1e-6,
+    ),
     "gyro_g_sensitivity": (
-        "gyro_y", {"deg_h_g": 0.002, "direction": [0.0, 0.0, 1.0]}, lambda s: 0.002e-6 * force_ug(s, 2), 1e-6),
+        "gyro_y",
+        {"deg_h_g": 0.002, "direction": [0.0, 0.0, 1.0]},
+        lambda s: 0.002e-6 * force_ug(s, 2),
+        1e-6,
+    ),
     "clock_rate": ("gyro_z", {"ppm": 30.0}, lambda s: 30e-6 * body_rate_deg_h(s, 2), 1e-6),
     "accel_thermal": ("accel_x", {"ug_degC": 2.0}, lambda s: 2.0 * (s.accel_degC[:, 0] - 20), 0.12),
     "accel_warmup_transient": (
-        "accel_y", {"amplitude_ug": 40.0, "tau_s": 400.0}, lambda s: 40.0 * np.exp(-s.time_s / 400.0), 0.08),
-    "accel_scale_factor": ("accel_z", {"scale_ppm": 100.0}, lambda s: 100e-6 * force_ug(s, 2), 0.025),
+        "accel_y",
+        {"amplitude_ug": 40.0, "tau_s": 400.0},
+        lambda s: 40.0 * np.exp(-s.time_s / 400.0),
+        0.08,
+    ),
+    "accel_scale_factor": (
+        "accel_z",
+        {"scale_ppm": 100.0},
+        lambda s: 100e-6 * force_ug(s, 2),
+        0.025,
+    ),
     "imu_size_effect": (
-        "accel_x", {"arm_m": [0.05, 0.03, 0.0]}, lambda s: centripetal_ug(s, [0.05, 0.03]), 0.1),
+        "accel_x",
+        {"arm_m": [0.05, 0.03, 0.0]},
+        lambda s: centripetal_ug(s, [0.05, 0.03]),
+        0.1,
+    ),
     "vertical_deflection": (
-        "accel_x", {"arcsec_north_east": [10.0, -5.0], "anomaly_mgal": 0.0},
-        lambda s: 4.848 * (10 * np.cos(s.heading_rad) - 5 * np.sin(s.heading_rad)), 0.01),
+        "accel_x",
+        {"arcsec_north_east": [10.0, -5.0], "anomaly_mgal": 0.0},
+        lambda s: 4.848 * (10 * np.cos(s.heading_rad) - 5 * np.sin(s.heading_rad)),
+        0.01,
+    ),
     "platform_mount_sag": (
-        "accel_y", {"arcsec_xyz": [20.0, 0.0, 0.0]}, lambda s: -4.848 * 20 * (s.block_degC - s.block_degC[0]) / 30, 0.15),
-}  # fmt: skip
+        "accel_y",
+        {"arcsec_xyz": [20.0, 0.0, 0.0]},
+        lambda s: -4.848 * 20 * (s.block_degC - s.block_degC[0]) / 30,
+        0.15,
+    ),
+}
 
 
 @pytest.mark.parametrize("name", list(CASES))
@@ -90,7 +156,8 @@ def test_yaw_creep_is_felt_by_the_vertical_gyro_alone(short):
     gyro, accel, _ = change(short, 0, planted("platform_yaw_creep", "vehicle", **p))
     crept = np.cumsum(gyro[:2900], axis=0)[-1] * short.seen[0].dt_s * DEG_PER_HOUR / ARCSEC
     assert crept[2] == pytest.approx(30.0, rel=0.01) and np.abs(crept[:2]).max() < 1.0
-    assert np.abs(accel[:2900]).max() < 10.0  # 30 arcsec about a vertical that is up to 1 deg askew: 2.5 micro-g
+    # 30 arcsec about a vertical that is up to 1 deg askew: 2.5 micro-g
+    assert np.abs(accel[:2900]).max() < 10.0
 
 
 def test_a_larger_wheel_reads_in_proportion(short):
@@ -109,12 +176,20 @@ def test_pulses_of_the_wheel_lose_no_way(short):
     assert lost_m.min() > -1e-9 and lost_m.max() < 0.0301
 
 
-@pytest.mark.parametrize("name, key, per_row", [
-    ("gyro_angle_random_walk", "deg_sqrt_h", 60.0 * np.sqrt(10.0)), ("accel_noise", "ug_sqrt_hz", np.sqrt(10.0)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "name, key, per_row",
+    [
+        ("gyro_angle_random_walk", "deg_sqrt_h", 60.0 * np.sqrt(10.0)),
+        ("accel_noise", "ug_sqrt_hz", np.sqrt(10.0)),
+    ],
+)
 def test_more_white_noise_has_its_density(short, name, key, per_row):
-    """A density N gives rows over 0.1 s a sigma of N sqrt(10); 1 deg/sqrt(h) is 60 deg/h/sqrt(Hz)."""
-    gyro, accel, _ = change(short, 0, planted(name, "gyro_x" if "gyro" in name else "accel_x", seed=1, **{key: 2.0}))
+    """A density N gives rows over 0.1 s a sigma of N sqrt(10); 1 deg/sqrt(h) is 60
+    deg/h/sqrt(Hz).
+    """
+    gyro, accel, _ = change(
+        short, 0, planted(name, "gyro_x" if "gyro" in name else "accel_x", seed=1, **{key: 2.0})
+    )
     rows = (gyro if "gyro" in name else accel)[:, 0]
     assert np.std(rows) == pytest.approx(2.0 * per_row, rel=0.04)
 

@@ -17,7 +17,9 @@ from trajectories.simulator.vehicle import disturb
 
 
 def test_a_temperature_slope_follows_the_true_temperature(short):
-    gyro, _, _ = change(short, 0, planted("gyro_thermal_linear", "gyro_y", coefficient_deg_h_degC=0.002))
+    gyro, _, _ = change(
+        short, 0, planted("gyro_thermal_linear", "gyro_y", coefficient_deg_h_degC=0.002)
+    )
     off = short.seen[0].gyro_degC[:, 1] - 20.0
     np.testing.assert_allclose(gyro[:, 1], 0.002 * off, rtol=0.04, atol=1e-9)
     assert not gyro[:, [0, 2]].any()
@@ -25,14 +27,22 @@ def test_a_temperature_slope_follows_the_true_temperature(short):
 
 def test_a_rate_term_changes_sign_with_cooling(short):
     p = {"coefficient_deg_h_min_degC": 0.03, "shell_s": 30.0}
-    warm, cool = (change(short, k, planted("gyro_thermal_rate", "gyro_x", **p))[0][2000:2900, 0] for k in (0, 3))
+    warm, cool = (
+        change(short, k, planted("gyro_thermal_rate", "gyro_x", **p))[0][2000:2900, 0]
+        for k in (0, 3)
+    )
     assert warm.min() > 0 > cool.max()
 
 
 def test_hysteresis_splits_heating_from_cooling(parked):
     p = {"half_split_deg_h": 0.005, "width_degC": 2.0}
-    warm, cool = (change(parked, k, planted("gyro_thermal_hysteresis", "gyro_x", **p))[0][:, 0] for k in (0, 3))
-    assert warm[-1] == pytest.approx(-0.005, rel=1e-3) and cool[-1] == pytest.approx(0.005, rel=1e-3)
+    warm, cool = (
+        change(parked, k, planted("gyro_thermal_hysteresis", "gyro_x", **p))[0][:, 0]
+        for k in (0, 3)
+    )
+    assert warm[-1] == pytest.approx(-0.005, rel=1e-3) and cool[-1] == pytest.approx(
+        0.005, rel=1e-3
+    )
     assert abs(warm[0]) < 1e-3
 
 
@@ -48,13 +58,16 @@ def test_settling_turns_gyros_and_accelerometers_together(short):
     p = {"run": 0, "tau_s": 60.0, "arcsec_xyz": [30.0, 50.0, 0.0]}
     gyro, accel, _ = change(short, 0, planted("platform_settling", "vehicle", **p))
     turned = np.cumsum(gyro, axis=0)[2900] * short.seen[0].dt_s * DEG_PER_HOUR / ARCSEC
-    assert turned[:2] == pytest.approx([30.0, 50.0], rel=0.03)  # Earth rate seen askew: 1 arcsec in 300 s
+    # Earth rate seen askew: 1 arcsec in 300 s
+    assert turned[:2] == pytest.approx([30.0, 50.0], rel=0.03)
     assert accel[2900, 0] == pytest.approx(4.848 * turned[1], rel=0.03)
     assert accel[2900, 1] == pytest.approx(-4.848 * turned[0], rel=0.03)
 
 
 def test_an_arm_swings_the_unit_and_its_fixes(short):
-    """P at (1.5, 0.4, 0) from the IMU: v = -w x arm, in the fixes and as the integral of the specific force."""
+    """P at (1.5, 0.4, 0) from the IMU: v = -w x arm, in the fixes and as the integral of the
+    specific force.
+    """
     seen = short.seen[1]
     arm = np.array([1.5, 0.4, 0.0])
     _, accel, run = change(short, 1, planted("lever_arm", "vehicle", arm_m=arm.tolist()))
@@ -71,7 +84,9 @@ def test_tyres_drift_out_of_a_turn(short):
     seen = short.seen[0]
     _, _, run = change(short, 0, planted("side_slip", "vehicle", deg_s2_m=0.4, wind_rad=0.0))
     rows = seen.nearest(run.gnss.time_s)
-    slip_b = turned_back(seen.C_nb[rows], run.gnss.v_n_m_s - short.runs_without[0].gnss.v_n_m_s)[:, 1]
+    slip_b = turned_back(seen.C_nb[rows], run.gnss.v_n_m_s - short.runs_without[0].gnss.v_n_m_s)[
+        :, 1
+    ]
     right = seen.omega_nb_b[rows, 2] > 0.08
     left = seen.omega_nb_b[rows, 2] < -0.08
     assert slip_b[right].mean() < -0.005 and slip_b[left].mean() > 0.005
@@ -81,20 +96,27 @@ def test_a_late_odometer_reads_low_in_acceleration(short):
     seen = short.seen[0]
     run = change(short, 0, planted("odometer_time_offset", "odometer", late_s=0.1))[2]
     more = run.odometer.speed_m_s - short.runs_without[0].odometer.speed_m_s
-    np.testing.assert_allclose(more, -0.1 * seen.acceleration_m_s2[seen.nearest(run.odometer.time_s)], atol=0.01)
+    np.testing.assert_allclose(
+        more, -0.1 * seen.acceleration_m_s2[seen.nearest(run.odometer.time_s)], atol=0.01
+    )
     assert more.min() < -0.03
 
 
 def test_the_field_of_the_earth_turns_with_the_heading(parked):
     p = {"deg_h_gauss": 0.01, "direction": [1.0, 0.0, 0.0]}
-    north, south = (change(parked, k, planted("gyro_magnetic_sensitivity", "gyro_z", **p))[0][0, 2] for k in (0, 2))
+    north, south = (
+        change(parked, k, planted("gyro_magnetic_sensitivity", "gyro_z", **p))[0][0, 2]
+        for k in (0, 2)
+    )
     assert north > 0.001 and south < -0.001
 
 
 def test_a_table_subtracted_twice(short):
     gyro, _, _ = change(short, 0, planted("compensation_misapplied", "gyro_x", coefficient=-1.0))
     curve = short.table["axes"]["x"]
-    expected = -np.interp(short.seen[0].gyro_degC[:, 0], curve["temperature_degC"], curve["bias_deg_h"])
+    expected = -np.interp(
+        short.seen[0].gyro_degC[:, 0], curve["temperature_degC"], curve["bias_deg_h"]
+    )
     np.testing.assert_allclose(gyro[:, 0], expected, atol=1e-9)
 
 
@@ -108,7 +130,11 @@ def test_quanta_are_whole_and_lose_nothing(short):
 
 def test_a_wrong_thermometer_leaves_the_sensors_alone(short):
     gyro, accel, run = change(
-        short, 0, planted("temperature_sensor_error", "temperature", kind="late", tau_s=300.0, offset_degC=0.0)
+        short,
+        0,
+        planted(
+            "temperature_sensor_error", "temperature", kind="late", tau_s=300.0, offset_degC=0.0
+        ),
     )
     assert not gyro.any() and not accel.any()
     late = run.temperature.gyro_degC - short.runs_without[0].temperature.gyro_degC
@@ -118,19 +144,27 @@ def test_a_wrong_thermometer_leaves_the_sensors_alone(short):
 def test_a_wrong_site_is_in_the_header_only(short):
     gyro, accel, run = change(short, 0, planted("site_latitude_error", "site", arcmin=2.0))
     assert not gyro.any() and not accel.any()
-    assert run.header.site.lat_rad - short.runs_without[0].header.site.lat_rad == pytest.approx(120.0 * ARCSEC)
+    assert run.header.site.lat_rad - short.runs_without[0].header.site.lat_rad == pytest.approx(
+        120.0 * ARCSEC
+    )
 
 
 def test_a_unit_set_askew_is_a_crab_of_the_vehicle():
-    """Against trajectories.simulator.vehicle, which lays a crab over a run by its own formulas: 0.02 of 700 micro-g."""
+    """Against trajectories.simulator.vehicle, which lays a crab over a run by its own formulas:
+    0.02 of 700 micro-g.
+    """
     ideal = runs.ideal_run(90.0, 1, SHORT_S, True)
-    crab = VehicleNoise(crab_mrad=5.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0)
+    crab = VehicleNoise(
+        crab_mrad=5.0, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0
+    )
     theirs = disturb(ideal, crab, (), np.random.default_rng(0))
     trial = draw_trial(1, effects=0, parked_s=SHORT_S)
     seen = runs.seen_of(ideal, STARTS["cold"], number=0, of=1, twin=trial.twin, table=trial.table)
     bare = streams_of(trial.runs_without[0])
     bare = replace(bare, dtheta_rad=ideal.dtheta_rad, dv_m_s=ideal.dv_m_s, gnss=None)
-    ours = EFFECTS["odometer_boresight"].lay(bare, seen, "vehicle", {"yaw_deg": -5e-3 / DEG, "pitch_deg": 0.0}, 1.0)
+    ours = EFFECTS["odometer_boresight"].lay(
+        bare, seen, "vehicle", {"yaw_deg": -5e-3 / DEG, "pitch_deg": 0.0}, 1.0
+    )
     assert np.abs(theirs.dv_m_s - ideal.dv_m_s).max() > 500 * MICRO_G * seen.dt_s
     assert np.abs(ours.dv_m_s - theirs.dv_m_s).max() < 0.02 * MICRO_G * seen.dt_s
     assert np.abs(ours.dtheta_rad - theirs.dtheta_rad).max() < 1e-4 * DEG_PER_HOUR * seen.dt_s
@@ -141,12 +175,18 @@ def test_brakes_make_the_wheels_slip(short):
     more = run.odometer.speed_m_s - short.runs_without[0].odometer.speed_m_s
     seen = short.seen[0]
     rows = seen.nearest(run.odometer.time_s)
-    assert more[seen.acceleration_m_s2[rows] < -0.3].max() <= 0 < more[seen.acceleration_m_s2[rows] > 0.3].max()
+    assert (
+        more[seen.acceleration_m_s2[rows] < -0.3].max()
+        <= 0
+        < more[seen.acceleration_m_s2[rows] > 0.3].max()
+    )
 
 
 def test_an_old_fix_lies_behind(short):
     seen, plain = short.seen[0], short.runs_without[0]
-    run = change(short, 0, planted("gnss_lever_arm_or_latency", "gnss", kind="latency", late_s=0.1))[2]
+    run = change(
+        short, 0, planted("gnss_lever_arm_or_latency", "gnss", kind="latency", late_s=0.1)
+    )[2]
     rows = seen.nearest(run.gnss.time_s)
     north_m = (run.gnss.lat_rad - plain.gnss.lat_rad) * 6.367e6
     np.testing.assert_allclose(north_m, -0.1 * seen.v_n_m_s[rows, 0], atol=0.02)
@@ -155,13 +195,17 @@ def test_an_old_fix_lies_behind(short):
 
 @pytest.mark.parametrize("kind, key", [("to and fro", "accel"), ("rocking", "gyro")])
 def test_sway_has_its_size(short, kind, key):
-    """To and fro: fixes move with that RMS. Rocking: gyros turn, and accelerometers see g times the angle."""
+    """To and fro: fixes move with that RMS. Rocking: gyros turn, and accelerometers see g times the
+    angle.
+    """
     rms = 0.01 if kind == "to and fro" else 50.0 * ARCSEC
     p = {"kind": kind, "rms": rms, "hz": 0.3, "damping": 0.2, "seed": 5}
     gyro, accel, run = change(short, 0, planted("platform_sway", "vehicle", **p))
     dt = short.seen[0].dt_s
     if key == "accel":
-        assert np.std(run.gnss.v_n_m_s[:, 0] - short.runs_without[0].gnss.v_n_m_s[:, 0]) == pytest.approx(rms, rel=0.15)
+        assert np.std(
+            run.gnss.v_n_m_s[:, 0] - short.runs_without[0].gnss.v_n_m_s[:, 0]
+        ) == pytest.approx(rms, rel=0.15)
         assert np.abs(gyro).max() < 0.01
         return
     roll = np.cumsum(gyro[:2900, 0]) * dt * DEG_PER_HOUR
@@ -174,7 +218,8 @@ def test_an_engine_shifts_and_shakes_from_its_start_on(short):
     p = EFFECTS["engine_start"].draw(np.random.default_rng(4), short.seen)
     gyro, accel, _ = change(short, p["run"], planted("engine_start", "vehicle", **p))
     before, after = (
-        side(short.seen[p["run"]].time_s, p["onset_s"]) for side in (lambda t, s: t < s - 60, lambda t, s: t > s + 60)
+        side(short.seen[p["run"]].time_s, p["onset_s"])
+        for side in (lambda t, s: t < s - 60, lambda t, s: t > s + 60)
     )
     assert np.abs(accel[before]).max() < 1e-3 and np.abs(gyro[before]).max() < 1e-6
     white = p["accel_ug_sqrt_hz"] / np.sqrt(short.seen[0].dt_s)

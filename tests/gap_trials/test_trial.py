@@ -27,7 +27,10 @@ def test_the_same_seed_makes_the_same_trial():
 
 def test_noise_does_not_depend_on_the_effect():
     """Runs without are the same whatever is planted."""
-    a, b = (draw_trial(5, names=[name], parked_s=SHORT_S) for name in ("gyro_rate_ramp", "platform_sway"))
+    a, b = (
+        draw_trial(5, names=[name], parked_s=SHORT_S)
+        for name in ("gyro_rate_ramp", "platform_sway")
+    )
     assert [r.sha256 for r in a.runs_without] == [r.sha256 for r in b.runs_without]
     assert a.truth[0].effect == "gyro_rate_ramp" and b.truth[0].effect == "platform_sway"
 
@@ -38,11 +41,13 @@ def test_effects_are_linear_in_their_size(short, name):
     parameters = effect.draw(np.random.default_rng(2), short.seen)
     number = parameters.get("run", 0)
     one, three = (
-        change(short, number, planted(name, effect.targets[0], size, **parameters)) for size in (1.0, 3.0)
-    )  # fmt: skip
+        change(short, number, planted(name, effect.targets[0], size, **parameters))
+        for size in (1.0, 3.0)
+    )
     touched = False
     for a, b in zip(one[:2], three[:2]):
-        np.testing.assert_allclose(b, 3 * a, rtol=1e-6, atol=1e-4)  # atol: the rounding of 9.8 m/s^2 in rows, in micro-g
+        # atol: the rounding of 9.8 m/s^2 in rows, in micro-g
+        np.testing.assert_allclose(b, 3 * a, rtol=1e-6, atol=1e-4)
         touched |= bool(np.abs(a).max() > 0)
     plain = short.runs_without[number]
     speeds = [run.odometer.speed_m_s - plain.odometer.speed_m_s for run in (one[2], three[2])]
@@ -70,7 +75,9 @@ def test_with_sizes_keeps_noise_and_draws():
     trial = draw_trial(21, names=["gyro_thermal_linear"], parked_s=SHORT_S)
     double = trial.with_sizes([2.0])
     axis = "xyz".index(trial.truth[0].target[-1])
-    once, twice = (t.runs[0].imu.dtheta_rad - t.runs_without[0].imu.dtheta_rad for t in (trial, double))
+    once, twice = (
+        t.runs[0].imu.dtheta_rad - t.runs_without[0].imu.dtheta_rad for t in (trial, double)
+    )
     np.testing.assert_allclose(twice, 2 * once, atol=1e-16)
     assert np.abs(once[:, axis]).max() > 0
     assert double.truth[0].parameters == trial.truth[0].parameters
@@ -82,8 +89,12 @@ def test_with_sizes_keeps_noise_and_draws():
 def test_noise_that_is_five_percent_off(which_seed):
     trial = draw_noise_trial(which_seed, plan="one_cold", parked_s=SHORT_S)
     truth = trial.truth[0].parameters
-    key, axis = ("dv_m_s", 2) if truth["which"] == "accel" else ("dtheta_rad", 0)  # no sway, no yaw creep there
-    spread = [np.std(np.diff(getattr(r[0].imu, key)[:2900, axis])) for r in (trial.runs, trial.runs_without)]
+    # no sway, no yaw creep there
+    key, axis = ("dv_m_s", 2) if truth["which"] == "accel" else ("dtheta_rad", 0)
+    spread = [
+        np.std(np.diff(getattr(r[0].imu, key)[:2900, axis]))
+        for r in (trial.runs, trial.runs_without)
+    ]
     assert spread[0] / spread[1] == pytest.approx(truth["factor"], rel=2e-3)
     with pytest.raises(InputError, match="no size"):
         trial.with_sizes([2.0])
@@ -96,7 +107,9 @@ def test_two_effects_hit_different_targets():
 
 
 def test_plans_plant_only_what_they_can_show():
-    rng_names = {draw_trial(seed, plan="one_cold", parked_s=60.0).truth[0].effect for seed in range(25)}
+    rng_names = {
+        draw_trial(seed, plan="one_cold", parked_s=60.0).truth[0].effect for seed in range(25)
+    }
     assert len(rng_names) > 8
     assert all(not EFFECTS[name].needs & {"taxi", "runs"} for name in rng_names)
     with pytest.raises(InputError, match="no effect left"):
@@ -119,4 +132,6 @@ def test_files_of_a_trial_read_back(tmp_path):
 
 def test_trials_never_import_the_diagnosis():
     for path in Path(runs.__file__).parent.glob("*.py"):
-        assert not re.search(r"^\s*(from|import)\s+simreal", path.read_text(), re.MULTILINE), path.name
+        assert not re.search(r"^\s*(from|import)\s+simreal", path.read_text(), re.MULTILINE), (
+            path.name
+        )

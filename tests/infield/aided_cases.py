@@ -1,4 +1,6 @@
-"""Simulated flights for the aided filter, with the errors of a solution against their truth in the filter's own terms."""
+"""Simulated flights for the aided filter, with the errors of a solution against their truth in the
+filter's own terms.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +15,16 @@ from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from tests.scenarios.study import table_to_zero
 from trajectories.simulator.motions import lay
-from trajectories.simulator.segments import Climb, Cruise, Park, Segment, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.segments import (
+    Climb,
+    Cruise,
+    Park,
+    Segment,
+    Straight,
+    TakeOff,
+    Turn,
+    TurnFlight,
+)
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SimulatedRun, simulate_run
 from trajectories.simulator.thermal import thermal_history
@@ -23,17 +34,27 @@ from trajectories.simulator.unit_truth import aged_unit
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 LEVER_M = (2.0, -0.5, -1.0)
 FLIGHT: tuple[Segment, ...] = (
-    Straight(duration_s=30.0), Turn(angle_deg=90.0), TakeOff(lift_off_speed_m_s=40.0),
-    Climb(height_m=300.0, rate_m_s=5.0, speed_m_s=60.0), TurnFlight(angle_deg=120.0), Cruise(duration_s=60.0),
-    TurnFlight(angle_deg=-200.0), Cruise(duration_s=120.0),
-)  # fmt: skip
+    Straight(duration_s=30.0),
+    Turn(angle_deg=90.0),
+    TakeOff(lift_off_speed_m_s=40.0),
+    Climb(height_m=300.0, rate_m_s=5.0, speed_m_s=60.0),
+    TurnFlight(angle_deg=120.0),
+    Cruise(duration_s=60.0),
+    TurnFlight(angle_deg=-200.0),
+    Cruise(duration_s=120.0),
+)
 AIRBORNE_S = 140.0  # after the end of the first park: turning and climbing
 
 
 @lru_cache(maxsize=8)
-def ideal(park_s: float = 60.0, segments: tuple[Segment, ...] = FLIGHT, heading_deg: float = 130.0) -> IdealSensors:
+def ideal(
+    park_s: float = 60.0, segments: tuple[Segment, ...] = FLIGHT, heading_deg: float = 130.0
+) -> IdealSensors:
     """A noise-free flight of eight minutes at 10 Hz, made once."""
-    return ideal_sensors(build_truth(lay([Park(duration_s=park_s), *segments]), SITE, heading_rad=heading_deg * DEG), 10.0)
+    return ideal_sensors(
+        build_truth(lay([Park(duration_s=park_s), *segments]), SITE, heading_rad=heading_deg * DEG),
+        10.0,
+    )
 
 
 def twin_of(technology: str, *, flicker: bool = True) -> TwinModel:
@@ -41,17 +62,31 @@ def twin_of(technology: str, *, flicker: bool = True) -> TwinModel:
     twin = default_twin(technology)
     if flicker:
         return twin
-    gyro, accel = replace(twin.gyro, bias_instability_deg_h=0.0), replace(twin.accel, bias_instability_ug=0.0)
+    gyro, accel = (
+        replace(twin.gyro, bias_instability_deg_h=0.0),
+        replace(twin.accel, bias_instability_ug=0.0),
+    )
     return replace(twin, gyro=gyro, accel=accel)
 
 
 def flown(base: IdealSensors, twin: TwinModel, seed: int) -> SimulatedRun:
     """A unit without a thermal bias in this flight, GNSS at 1 Hz."""
-    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0, table=table_to_zero())
+    unit = aged_unit(
+        np.random.default_rng(5),
+        ageing_offset_deg_h=0.0,
+        ageing_shape_deg_h=0.0,
+        table=table_to_zero(),
+    )
     return simulate_run(
-        base, thermal_history("ambient"), unit, twin, rng=np.random.default_rng([seed, 3]), with_gnss=True,
-        gnss_lever_arm_m=LEVER_M, with_phases=False,
-    )  # fmt: skip
+        base,
+        thermal_history("ambient"),
+        unit,
+        twin,
+        rng=np.random.default_rng([seed, 3]),
+        with_gnss=True,
+        gnss_lever_arm_m=LEVER_M,
+        with_phases=False,
+    )
 
 
 def errors(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
@@ -67,24 +102,34 @@ def errors(made: SimulatedRun, history: AidedHistory) -> np.ndarray:
 
 def motion_errors(reference: ReferenceLog, history: AidedHistory) -> np.ndarray:
     """Position, velocity and attitude errors (k, 9) in Earth axes, resolved north, east, down."""
-    k = np.minimum(np.searchsorted(reference.time_s, history.time_s - 1e-6), reference.time_s.size - 1)
+    k = np.minimum(
+        np.searchsorted(reference.time_s, history.time_s - 1e-6), reference.time_s.size - 1
+    )
     lat, lon = reference.lat_rad[k], reference.lon_rad[k]
     C_en, C_en_true = dcm_en(history.lat_rad, history.lon_rad), dcm_en(lat, lon)
     r = ecef_from_geodetic(history.lat_rad, history.lon_rad, history.height_m)
     r = r - ecef_from_geodetic(lat, lon, reference.height_m[k])
-    v = np.einsum("kij,kj->ki", C_en, history.v_n_m_s) - np.einsum("kij,kj->ki", C_en_true, reference.v_n_m_s[k])
-    C_eb = C_en_true @ dcm_from_euler(reference.roll_rad[k], reference.pitch_rad[k], reference.heading_rad[k])
+    v = np.einsum("kij,kj->ki", C_en, history.v_n_m_s) - np.einsum(
+        "kij,kj->ki", C_en_true, reference.v_n_m_s[k]
+    )
+    C_eb = C_en_true @ dcm_from_euler(
+        reference.roll_rad[k], reference.pitch_rad[k], reference.heading_rad[k]
+    )
     theta = rotation_vector_from_dcm(C_en @ history.C_nb @ np.swapaxes(C_eb, 1, 2))
     return np.hstack([np.einsum("kji,kj->ki", C_en, e) for e in (r, v, theta)])
 
 
 def normalised(made: SimulatedRun, history: AidedHistory, first: int) -> np.ndarray:
-    """Mean squared error over variance of position, velocity, attitude (3,), over the rows from `first` on."""
+    """Mean squared error over variance of position, velocity, attitude (3,), over the rows from
+    `first` on.
+    """
     ratio = errors(made, history)[first:] ** 2 / history.variance[first:]
     return np.asarray(ratio[:, :9].reshape(-1, 3, 3).mean(axis=(0, 2)))
 
 
-def gauss_markov(time_s: np.ndarray, rng: np.random.Generator, sigma: float, fades_s: float) -> np.ndarray:
+def gauss_markov(
+    time_s: np.ndarray, rng: np.random.Generator, sigma: float, fades_s: float
+) -> np.ndarray:
     """Three first-order Gauss-Markov errors (n, 3) at these times."""
     e = sigma * rng.standard_normal((time_s.size, 3))
     for k, fade in enumerate(np.exp(-np.diff(time_s) / fades_s)):
@@ -92,14 +137,19 @@ def gauss_markov(time_s: np.ndarray, rng: np.random.Generator, sigma: float, fad
     return e
 
 
-def late_velocities(made: SimulatedRun, time_s: np.ndarray, v_n_m_s: np.ndarray, seconds: float) -> np.ndarray:
-    """The velocities of a flight's fixes, noise and all, moved to be so much older than their time."""
+def late_velocities(
+    made: SimulatedRun, time_s: np.ndarray, v_n_m_s: np.ndarray, seconds: float
+) -> np.ndarray:
+    """The velocities of a flight's fixes, noise and all, moved to be so much older than their
+    time.
+    """
     ref = made.reference
     C_nb = dcm_from_euler(ref.roll_rad, ref.pitch_rad, ref.heading_rad)
     antenna = ref.v_n_m_s + np.gradient(C_nb @ np.array(LEVER_M), ref.time_s, axis=0)
     was, late = (
-        np.stack([np.interp(t, ref.time_s, v) for v in antenna.T], axis=1) for t in (time_s, time_s - seconds)
-    )  # fmt: skip
+        np.stack([np.interp(t, ref.time_s, v) for v in antenna.T], axis=1)
+        for t in (time_s, time_s - seconds)
+    )
     return np.asarray(v_n_m_s - was + late)
 
 

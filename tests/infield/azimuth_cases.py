@@ -1,4 +1,6 @@
-"""A quiet unit with a misalignment that no table knows, and its runs on four azimuths, each made once."""
+"""A quiet unit with a misalignment that no table knows, and its runs on four azimuths, each made
+once.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -22,7 +24,11 @@ _FOG = default_twin("fog")
 TWIN = replace(
     _FOG,
     gyro=replace(
-        _FOG.gyro, arw_deg_sqrt_h=3e-4, bias_instability_deg_h=2e-4, rate_random_walk_deg_h_sqrt_h=2e-4, turn_on_deg_h=2e-4
+        _FOG.gyro,
+        arw_deg_sqrt_h=3e-4,
+        bias_instability_deg_h=2e-4,
+        rate_random_walk_deg_h_sqrt_h=2e-4,
+        turn_on_deg_h=2e-4,
     ),
     accel=replace(_FOG.accel, turn_on_ug=10.0),
     vehicle=replace(_FOG.vehicle, yaw_creep_arcsec_sqrt_h=0.3, sway_m_s=2e-4),
@@ -34,7 +40,12 @@ STOP_S = 900.0
 
 @lru_cache(maxsize=1)
 def unit():
-    return aged_unit(np.random.default_rng(5), gyro_technology="fog", ageing_offset_deg_h=0.001, ageing_shape_deg_h=0.0005)
+    return aged_unit(
+        np.random.default_rng(5),
+        gyro_technology="fog",
+        ageing_offset_deg_h=0.001,
+        ageing_shape_deg_h=0.0005,
+    )
 
 
 @lru_cache(maxsize=1)
@@ -44,7 +55,9 @@ def table():
 
 @lru_cache(maxsize=16)
 def ideal_of(segments, heading_deg):
-    truth = build_truth(lay(segments), SITE, heading_rad=heading_deg * DEG, roll_rad=2e-3, pitch_rad=-1e-3)
+    truth = build_truth(
+        lay(segments), SITE, heading_rad=heading_deg * DEG, roll_rad=2e-3, pitch_rad=-1e-3
+    )
     return ideal_sensors(truth, 10.0)
 
 
@@ -57,10 +70,15 @@ def four_stops(turn_s=60.0, angles_deg=(90.0, 90.0, 90.0), stop_s=STOP_S):
 
 def simulated(segments, heading_deg, seed=1, twin=TRUTH, **options):
     return simulate_run(
-        ideal_of(segments, heading_deg), thermal_history("ambient"), unit(), twin,
-        rng=np.random.default_rng([seed, round(heading_deg)]), run_id=f"run-{heading_deg:.0f}-{seed}", with_phases=False,
+        ideal_of(segments, heading_deg),
+        thermal_history("ambient"),
+        unit(),
+        twin,
+        rng=np.random.default_rng([seed, round(heading_deg)]),
+        run_id=f"run-{heading_deg:.0f}-{seed}",
+        with_phases=False,
         **options,
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=4)

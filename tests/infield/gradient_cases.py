@@ -1,4 +1,6 @@
-"""Minute means of a ring-laser unit from a truth written apart from the fit: temperatures by recursion, drift by recursion."""
+"""Minute means of a ring-laser unit from a truth written apart from the fit: temperatures by
+recursion, drift by recursion.
+"""
 
 import numpy as np
 
@@ -12,35 +14,70 @@ NAMES = ("K1", "K2", "K3", "K4", "K5", "K6x", "K6y", "K6z")
 
 
 class Unit:
-    """True terms of three gyros, T counted from 25 degC; wave: what of the curve is no parabola [deg/h]."""
+    """True terms of three gyros, T counted from 25 degC; wave: what of the curve is no parabola
+    [deg/h].
+    """
 
     def __init__(self, rng, *, wave=0.0, gradients=1.0):
         sign = rng.choice([-1.0, 1.0], (3, 5))
-        self.K1, self.K2, self.K3 = 0.02 * rng.standard_normal(3), 0.001 * rng.standard_normal(3), 1e-5 * rng.standard_normal(3)
+        self.K1, self.K2, self.K3 = (
+            0.02 * rng.standard_normal(3),
+            0.001 * rng.standard_normal(3),
+            1e-5 * rng.standard_normal(3),
+        )
         self.K4 = sign[:, 0] * rng.uniform(0.03, 0.06, 3)
         self.K5 = sign[:, 1] * rng.uniform(2e-4, 8e-4, 3)
         self.K6 = gradients * np.diag(sign[:, 2] * rng.uniform(0.02, 0.05, 3))
-        self.K6 += gradients * np.diag(sign[:, 3] * rng.uniform(0.01, 0.02, 3))[[1, 2, 0]]  # of another gyro's line
+        # of another gyro's line
+        self.K6 += gradients * np.diag(sign[:, 3] * rng.uniform(0.01, 0.02, 3))[[1, 2, 0]]
         self.wave, self.phase = wave, rng.uniform(0.0, 2 * np.pi, 3)
 
     def bias(self, k, T, rate, lines):
         t = T - 25.0
-        curve = self.K1[k] + self.K2[k] * t + self.K3[k] * t**2 + self.wave * np.sin(2 * np.pi * t / 65.0 + self.phase[k])
+        curve = (
+            self.K1[k]
+            + self.K2[k] * t
+            + self.K3[k] * t**2
+            + self.wave * np.sin(2 * np.pi * t / 65.0 + self.phase[k])
+        )
         return curve + (self.K4[k] + self.K5[k] * t) * rate + lines @ self.K6[k]
 
     def terms(self, k, reference):
         """The true coefficients with T counted from a reference, by hand from the polynomial."""
         d = reference - 25.0
-        return np.array([
-            self.K1[k] + self.K2[k] * d + self.K3[k] * d**2, self.K2[k] + 2 * self.K3[k] * d, self.K3[k],
-            self.K4[k] + self.K5[k] * d, self.K5[k], *self.K6[k],
-        ])  # fmt: skip
+        return np.array(
+            [
+                self.K1[k] + self.K2[k] * d + self.K3[k] * d**2,
+                self.K2[k] + 2 * self.K3[k] * d,
+                self.K3[k],
+                self.K4[k] + self.K5[k] * d,
+                self.K5[k],
+                *self.K6[k],
+            ]
+        )
 
 
-def temperatures(*, rate=1.0, low=-15.0, high=40.0, soak=25, heater=4.0, period=80, side=(0.8, -0.3, 0.2), back=True):
-    """Chamber air up and down; block, gyros and lines each a lag of it, minute by minute: T, rate and lines (n, 3)."""
+def temperatures(
+    *,
+    rate=1.0,
+    low=-15.0,
+    high=40.0,
+    soak=25,
+    heater=4.0,
+    period=80,
+    side=(0.8, -0.3, 0.2),
+    back=True,
+):
+    """Chamber air up and down; block, gyros and lines each a lag of it, minute by minute: T, rate
+    and lines (n, 3).
+    """
     up = np.arange(low, high, rate)
-    air = np.r_[np.full(soak, low), up, np.full(soak, high), *((up[::-1], np.full(soak, low)) if back else ())]
+    air = np.r_[
+        np.full(soak, low),
+        up,
+        np.full(soak, high),
+        *((up[::-1], np.full(soak, low)) if back else ()),
+    ]
     n, steps = air.size, 10
     block, hot, gyro = air[0], 0.0, np.full(3, air[0])
     T, lines = np.empty((n, 3)), np.empty((n, 3))
@@ -54,8 +91,19 @@ def temperatures(*, rate=1.0, low=-15.0, high=40.0, soak=25, heater=4.0, period=
     return T, np.gradient(T, axis=0), lines
 
 
-def case(rng, unit, *, earth=(0.0, 0.0, 0.0), run_id="run", noise=1.0, with_lines=True, roll_rad=0.0, turned=0.0, twin=TWIN,
-         **profile):  # fmt: skip
+def case(
+    rng,
+    unit,
+    *,
+    earth=(0.0, 0.0, 0.0),
+    run_id="run",
+    noise=1.0,
+    with_lines=True,
+    roll_rad=0.0,
+    turned=0.0,
+    twin=TWIN,
+    **profile,
+):
     """One power-on: minute blocks with white noise, turn-on, random walk and flicker."""
     T, rate, lines = temperatures(**profile)
     n, g = len(T), twin.gyro
@@ -63,19 +111,43 @@ def case(rng, unit, *, earth=(0.0, 0.0, 0.0), run_id="run", noise=1.0, with_line
     bias = np.empty((n, 3))
     for k in range(3):
         walk = np.cumsum(rng.standard_normal(n)) * g.rate_random_walk_deg_h_sqrt_h / np.sqrt(60.0)
-        drift = g.turn_on_deg_h * rng.standard_normal() + walk + flicker(rng, n, g.bias_instability_deg_h)
-        bias[:, k] = unit.bias(k, T[:, k], rate[:, k], lines) + earth[k] + noise * (drift + white * rng.standard_normal(n))
+        drift = (
+            g.turn_on_deg_h * rng.standard_normal()
+            + walk
+            + flicker(rng, n, g.bias_instability_deg_h)
+        )
+        bias[:, k] = (
+            unit.bias(k, T[:, k], rate[:, k], lines)
+            + earth[k]
+            + noise * (drift + white * rng.standard_normal(n))
+        )
     blocks = RampRun(
-        run_id=run_id, sha256="", imu_serial="SN-1", gyro_technology="rlg", time_s=60.0 * (np.arange(n) + 0.5),
-        temperature_degC=T, rate_degC_min=rate, bias_deg_h=bias, sigma_deg_h=np.full(3, white),
-        rate_sigma_degC_min=np.full(3, 1e-3), level_sigma_deg_h=np.array([7.5, 7.5, 0.001]), legs=(), excluded=(), unusable=(),
-        roll_pitch_rad=(roll_rad, 0.0), heading_known=False, turned_rad=turned,
-    )  # fmt: skip
+        run_id=run_id,
+        sha256="",
+        imu_serial="SN-1",
+        gyro_technology="rlg",
+        time_s=60.0 * (np.arange(n) + 0.5),
+        temperature_degC=T,
+        rate_degC_min=rate,
+        bias_deg_h=bias,
+        sigma_deg_h=np.full(3, white),
+        rate_sigma_degC_min=np.full(3, 1e-3),
+        level_sigma_deg_h=np.array([7.5, 7.5, 0.001]),
+        legs=(),
+        excluded=(),
+        unusable=(),
+        roll_pitch_rad=(roll_rad, 0.0),
+        heading_known=False,
+        turned_rad=turned,
+    )
     return GradientRun(
-        blocks=blocks, gradient_degC=lines if with_lines else np.zeros((n, 3)), usable=np.ones(n, dtype=bool),
-        lines=("x", "y", "z") if with_lines else (), sigma_rate_degC_min=np.full(3, 1e-3),
+        blocks=blocks,
+        gradient_degC=lines if with_lines else np.zeros((n, 3)),
+        usable=np.ones(n, dtype=bool),
+        lines=("x", "y", "z") if with_lines else (),
+        sigma_rate_degC_min=np.full(3, 1e-3),
         sigma_gradient_degC=np.full(3, 1e-3),
-    )  # fmt: skip
+    )
 
 
 SIDES = ((0.8, -0.3, 0.2), (-0.2, 0.7, 0.4), (0.3, 0.4, -0.8))
@@ -85,5 +157,6 @@ def three_runs(rng, unit, **more):
     """Three days in the chamber, each heated from another side."""
     rates, periods = (0.8, 1.2, 1.0), (90, 75, 105)
     return [
-        case(rng, unit, run_id=f"day-{k}", side=SIDES[k], rate=rates[k], period=periods[k], **more) for k in range(3)
-    ]  # fmt: skip
+        case(rng, unit, run_id=f"day-{k}", side=SIDES[k], rate=rates[k], period=periods[k], **more)
+        for k in range(3)
+    ]

@@ -1,4 +1,6 @@
-"""MEMS units drawn from the prior of a blank table, and warm-ups of them on headings that nobody knows."""
+"""MEMS units drawn from the prior of a blank table, and warm-ups of them on headings that nobody
+knows.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -19,34 +21,58 @@ from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
 
-SIGMA_DEG_H = 30.0  # of the blank table: 70 % of the variance common, 30 % smooth (formats.md, section 2)
-GYRO = GyroNoise(arw_deg_sqrt_h=0.2, bias_instability_deg_h=5.0, rate_random_walk_deg_h_sqrt_h=5.0, turn_on_deg_h=100.0)
-TWIN = replace(default_twin("mems"), gyro=GYRO, accel=AccelNoise(vrw_ug_sqrt_hz=100.0, turn_on_ug=3000.0))
+# of the blank table: 70 % of the variance common, 30 % smooth (formats.md, section 2)
+SIGMA_DEG_H = 30.0
+GYRO = GyroNoise(
+    arw_deg_sqrt_h=0.2,
+    bias_instability_deg_h=5.0,
+    rate_random_walk_deg_h_sqrt_h=5.0,
+    turn_on_deg_h=100.0,
+)
+TWIN = replace(
+    default_twin("mems"), gyro=GYRO, accel=AccelNoise(vrw_ug_sqrt_hz=100.0, turn_on_ug=3000.0)
+)
 WARM_UP = replace(
-    thermal_history("ambient"), start_degC=20.0, settled_degC=43.5, block_tau_s=600.0, gyro_tau_s=(60.0, 70.0, 50.0)
+    thermal_history("ambient"),
+    start_degC=20.0,
+    settled_degC=43.5,
+    block_tau_s=600.0,
+    gyro_tau_s=(60.0, 70.0, 50.0),
 )
 LAT_RAD = 45.0 * DEG
 
 
 def blank():
-    return default_table(imu_serial="SN-1", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z", sigma_deg_h=SIGMA_DEG_H)
+    return default_table(
+        imu_serial="SN-1",
+        gyro_technology="mems",
+        created_utc="2026-01-01T00:00:00Z",
+        sigma_deg_h=SIGMA_DEG_H,
+    )
 
 
 def unit(seed):
     """A unit whose curve is a draw from the blank table's own prior."""
     return aged_unit(
-        np.random.default_rng([seed, 3]), imu_serial="SN-1", gyro_technology="mems", table=table_to_dict(blank()),
-        ageing_offset_deg_h=SIGMA_DEG_H * np.sqrt(0.7), ageing_shape_deg_h=SIGMA_DEG_H * np.sqrt(0.3),
-    )  # fmt: skip
+        np.random.default_rng([seed, 3]),
+        imu_serial="SN-1",
+        gyro_technology="mems",
+        table=table_to_dict(blank()),
+        ageing_offset_deg_h=SIGMA_DEG_H * np.sqrt(0.7),
+        ageing_shape_deg_h=SIGMA_DEG_H * np.sqrt(0.3),
+    )
 
 
 @lru_cache(maxsize=32)
 def ideal(heading_deg, duration_s=2400.0, lat_rad=LAT_RAD):
     site = Site(lat_rad=lat_rad, lon_rad=7 * DEG, height_m=250.0)
     truth = build_truth(
-        lay((Park(duration_s=duration_s),), alignment_s=60.0), site, heading_rad=heading_deg * DEG, roll_rad=0.02,
+        lay((Park(duration_s=duration_s),), alignment_s=60.0),
+        site,
+        heading_rad=heading_deg * DEG,
+        roll_rad=0.02,
         pitch_rad=-0.03,
-    )  # fmt: skip
+    )
     return ideal_sensors(truth, 10.0)
 
 
@@ -55,9 +81,15 @@ def session(seed, number=0, *, heading_deg=None, thermal=WARM_UP, twin=TWIN, **o
     rng = np.random.default_rng([seed, number, 5])
     heading_deg = 15.0 * rng.integers(24) if heading_deg is None else heading_deg
     return simulate_run(
-        ideal(heading_deg), thermal, unit(seed), twin, rng=rng, run_id=f"run-{seed}-{number}",
-        start_utc=f"2026-03-{number + 1:02d}T05:00:00Z", **options,
-    )  # fmt: skip
+        ideal(heading_deg),
+        thermal,
+        unit(seed),
+        twin,
+        rng=rng,
+        run_id=f"run-{seed}-{number}",
+        start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
+        **options,
+    )
 
 
 def updated(runs, table=None, twin=TWIN, **options):
@@ -73,7 +105,9 @@ def squared_error(table, truth, temperature_degC=(22.0, 32.0, 43.0)):
 
 
 def shape_error_deg_h(table, truth, low_degC=22.0, high_degC=43.0):
-    """RMS over the warm-up of the table's error less its mean on each axis: what a start-up calibration leaves."""
+    """RMS over the warm-up of the table's error less its mean on each axis: what a start-up
+    calibration leaves.
+    """
     T = np.linspace(low_degC, high_degC, 50)
     error = np.stack([table.bias_deg_h(axis, T) - truth.bias_deg_h(axis, T) for axis in "xyz"])
     return float(np.sqrt(np.mean((error - error.mean(axis=1, keepdims=True)) ** 2)))

@@ -1,4 +1,6 @@
-"""Block means of chamber ramps from a truth that no estimator knows: tanh and sine curves, drift by recursion."""
+"""Block means of chamber ramps from a truth that no estimator knows: tanh and sine curves, drift by
+recursion.
+"""
 
 import numpy as np
 from scipy.signal import lfilter
@@ -10,7 +12,9 @@ TWIN = TwinModel(gyro_technology="fog", gyro=GyroNoise())
 
 
 class Truth:
-    """K_T and K_delta of three gyros: neither polynomial nor spline; inflections of K_delta at its tanh centre and between."""
+    """K_T and K_delta of three gyros: neither polynomial nor spline; inflections of K_delta at its
+    tanh centre and between.
+    """
 
     def __init__(self, rng, *, size=0.3):
         self.a = 0.1 * rng.standard_normal((3, 3))
@@ -26,10 +30,21 @@ class Truth:
 
 
 def ramp(
-    rng, truth, *, rates=(0.5, -0.5), low=-20.0, high=40.0, twin=TWIN, earth=(0.0, 0.0, 0.0), run_id="run", noise=1.0,
+    rng,
+    truth,
+    *,
+    rates=(0.5, -0.5),
+    low=-20.0,
+    high=40.0,
+    twin=TWIN,
+    earth=(0.0, 0.0, 0.0),
+    run_id="run",
+    noise=1.0,
     roll_rad=0.0,
-):  # fmt: skip
-    """One power-on: legs at these rates [degC/min], minute blocks; white noise, turn-on, random walk and flicker."""
+):
+    """One power-on: legs at these rates [degC/min], minute blocks; white noise, turn-on, random
+    walk and flicker.
+    """
     T, rate, legs = [], [], []
     for r in rates:
         minutes = int((high - low) / abs(r))
@@ -42,18 +57,41 @@ def ramp(
     bias = np.empty((n, 3))
     for k in range(3):
         walk = np.cumsum(rng.standard_normal(n)) * g.rate_random_walk_deg_h_sqrt_h / np.sqrt(60.0)
-        drift = g.turn_on_deg_h * rng.standard_normal() + walk + flicker(rng, n, g.bias_instability_deg_h)
-        bias[:, k] = truth.K_T(k, T) + truth.K_delta(k, T) * rate + earth[k] + noise * (drift + white * rng.standard_normal(n))
+        drift = (
+            g.turn_on_deg_h * rng.standard_normal()
+            + walk
+            + flicker(rng, n, g.bias_instability_deg_h)
+        )
+        bias[:, k] = (
+            truth.K_T(k, T)
+            + truth.K_delta(k, T) * rate
+            + earth[k]
+            + noise * (drift + white * rng.standard_normal(n))
+        )
     return RampRun(
-        run_id=run_id, sha256="", imu_serial="SN-1", gyro_technology="fog", time_s=60.0 * (np.arange(n) + 0.5),
-        temperature_degC=np.repeat(T[:, None], 3, 1), rate_degC_min=np.repeat(rate[:, None], 3, 1), bias_deg_h=bias,
-        sigma_deg_h=np.full(3, white), rate_sigma_degC_min=np.full(3, 1e-4), level_sigma_deg_h=np.array([7.5, 7.5, 0.001]),
-        legs=tuple(legs), excluded=(), unusable=(), roll_pitch_rad=(roll_rad, 0.0), heading_known=False,
-    )  # fmt: skip
+        run_id=run_id,
+        sha256="",
+        imu_serial="SN-1",
+        gyro_technology="fog",
+        time_s=60.0 * (np.arange(n) + 0.5),
+        temperature_degC=np.repeat(T[:, None], 3, 1),
+        rate_degC_min=np.repeat(rate[:, None], 3, 1),
+        bias_deg_h=bias,
+        sigma_deg_h=np.full(3, white),
+        rate_sigma_degC_min=np.full(3, 1e-4),
+        level_sigma_deg_h=np.array([7.5, 7.5, 0.001]),
+        legs=tuple(legs),
+        excluded=(),
+        unusable=(),
+        roll_pitch_rad=(roll_rad, 0.0),
+        heading_known=False,
+    )
 
 
 def flicker(rng, n, B):
-    """1/f noise as Gauss-Markov processes half a decade apart, 1 to 31623 min: two-sided PSD B^2 / (2 pi f), within 10 %."""
+    """1/f noise as Gauss-Markov processes half a decade apart, 1 to 31623 min: two-sided PSD B^2 /
+    (2 pi f), within 10 %.
+    """
     sigma = B * np.sqrt(np.log(10.0**0.5) / np.pi)
     out = np.zeros(n)
     for tau in 10.0 ** np.arange(0.0, 5.0, 0.5):

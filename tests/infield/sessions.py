@@ -1,4 +1,6 @@
-"""One simulated unit with a factory table and its sessions, for the tests of estimate, spine and document."""
+"""One simulated unit with a factory table and its sessions, for the tests of estimate, spine and
+document.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -23,9 +25,14 @@ from trajectories.simulator.unit_truth import aged_unit
 
 TWIN = DEFAULT_TWIN
 TAXI = (
-    Park(duration_s=1800.0), Turn(angle_deg=90.0), Straight(duration_s=60.0), Stop(duration_s=60.0),
-    Turn(angle_deg=90.0), Straight(duration_s=60.0), Stop(duration_s=60.0),
-)  # fmt: skip
+    Park(duration_s=1800.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=60.0),
+    Stop(duration_s=60.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=60.0),
+    Stop(duration_s=60.0),
+)
 PARKED = (Park(duration_s=1800.0),)
 SETTINGS = SessionSettings()
 
@@ -52,19 +59,31 @@ def factory() -> ThermalTable:
 
 
 @lru_cache(maxsize=16)
-def simulated(seed=1, segments=TAXI, start="ambient", start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
+def simulated(
+    seed=1, segments=TAXI, start="ambient", start_utc="2026-03-01T05:00:00Z", heading_deg=0.0
+):
     rng = np.random.default_rng([seed, 77])
     return simulate_run(
-        ideal_of(segments, heading_deg), thermal_history(start), unit(), TWIN, rng=rng, run_id=f"run-{seed}",
+        ideal_of(segments, heading_deg),
+        thermal_history(start),
+        unit(),
+        TWIN,
+        rng=rng,
+        run_id=f"run-{seed}",
         start_utc=start_utc,
-    )  # fmt: skip
+    )
 
 
 def estimate_of(run, table=None, settings=SETTINGS, twin=TWIN):
     return estimate_session(
-        run, table or factory(), gyro_temperature(run.temperature), twin, settings, rest=find_rest(run),
+        run,
+        table or factory(),
+        gyro_temperature(run.temperature),
+        twin,
+        settings,
+        rest=find_rest(run),
         end_s=session_end(run),
-    )  # fmt: skip
+    )
 
 
 @lru_cache(maxsize=4)

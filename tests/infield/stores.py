@@ -1,7 +1,8 @@
-"""Stores on SQLite and PostgreSQL for the tests: the fixtures `url` and `store`, tables, updates, edits from behind.
+"""Stores on SQLite and PostgreSQL for the tests: the fixtures `url` and `store`, tables, updates,
+edits from behind.
 
-PostgreSQL takes part where RECAL_TEST_POSTGRES_URL names a database (`.ci/postgres run COMMAND` makes one); each test gets a
-schema of its own in it.
+PostgreSQL takes part where RECAL_TEST_POSTGRES_URL names a database (`.ci/postgres run COMMAND`
+makes one); each test gets a schema of its own in it.
 """
 
 import os
@@ -30,8 +31,14 @@ def database_url(kind, folder):
         return
     server = os.environ.get("RECAL_TEST_POSTGRES_URL")
     if not server:
-        pytest.skip("RECAL_TEST_POSTGRES_URL names no PostgreSQL database; .ci/postgres run COMMAND makes one")
-    schema, admin = f"t_{uuid.uuid4().hex}", create_engine(server, isolation_level="AUTOCOMMIT", poolclass=NullPool)
+        pytest.skip(
+            "RECAL_TEST_POSTGRES_URL names no PostgreSQL database; .ci/postgres run COMMAND"
+            " makes one"
+        )
+    schema, admin = (
+        f"t_{uuid.uuid4().hex}",
+        create_engine(server, isolation_level="AUTOCOMMIT", poolclass=NullPool),
+    )
     with admin.connect() as c:
         c.execute(CreateSchema(schema))
     try:
@@ -42,7 +49,11 @@ def database_url(kind, folder):
 
 
 def in_schema(server, schema):
-    return make_url(server).update_query_dict({"options": f"-csearch_path={schema}"}).render_as_string(hide_password=False)
+    return (
+        make_url(server)
+        .update_query_dict({"options": f"-csearch_path={schema}"})
+        .render_as_string(hide_password=False)
+    )
 
 
 @pytest.fixture(params=DATABASES)
@@ -58,7 +69,9 @@ def store(url):
 
 
 def tamper(url, *statements):
-    """SQL on the database itself, past foreign keys and triggers; a statement may bring its parameters."""
+    """SQL on the database itself, past foreign keys and triggers; a statement may bring its
+    parameters.
+    """
     engine = create_engine(url, poolclass=NullPool)
     with engine.begin() as c:
         if c.dialect.name == "postgresql":
@@ -80,7 +93,12 @@ def rows(url, sql):
 
 def table(serial="SN-1", technology="rlg", mode="", high=20.0):
     return default_table(
-        imu_serial=serial, gyro_technology=technology, gyro_mode=mode, created_utc=UTC, low_degC=0, high_degC=high
+        imu_serial=serial,
+        gyro_technology=technology,
+        gyro_mode=mode,
+        created_utc=UTC,
+        low_degC=0,
+        high_degC=high,
     )
 
 
@@ -94,7 +112,9 @@ def updated(revision, shift_deg_h=0.001):
 
 def commit(store, parent, *, run="run-1", **changes):
     runs = [MergedRun(run_id=run, sha256=run)] if run else []
-    return store.commit_update(parent.sha256, updated(parent, **changes), runs, '{"verdict": "committed"}')
+    return store.commit_update(
+        parent.sha256, updated(parent, **changes), runs, '{"verdict": "committed"}'
+    )
 
 
 def factory(store, serial="SN-1", **changes):
@@ -120,9 +140,13 @@ def small_disk(folder, size="256k"):
 def read_only(folder):
     """A folder whose files nobody may write: by its mode, for root by mounting it so."""
     if os.geteuid() == 0:
-        done = subprocess.run(["mount", "--bind", str(folder), str(folder)], capture_output=True, text=True)
+        done = subprocess.run(
+            ["mount", "--bind", str(folder), str(folder)], capture_output=True, text=True
+        )
         if done.returncode != 0:
-            pytest.skip(f"root writes what it likes, and nothing can be mounted here: {done.stderr.strip()}")
+            pytest.skip(
+                f"root writes what it likes, and nothing can be mounted here: {done.stderr.strip()}"
+            )
         subprocess.run(["mount", "-o", "remount,bind,ro", str(folder)], check=True)
     else:
         folder.chmod(0o555)

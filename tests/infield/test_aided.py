@@ -1,4 +1,6 @@
-"""Aided replay: starts parked and moving, units without a gyrocompass, standstills, noise and latency found, refusals."""
+"""Aided replay: starts parked and moving, units without a gyrocompass, standstills, noise and
+latency found, refusals.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -30,14 +32,20 @@ def aided(made, run, twin: TwinModel, *, gyrocompass: bool):
 
 def fixes(run, twin):
     noise = twin.gnss
-    return fixes_of(run.gnss, horizontal_m=noise.sigma_horizontal_m, vertical_m=noise.sigma_vertical_m,
-                    velocity_m_s=noise.sigma_velocity_m_s)  # fmt: skip
+    return fixes_of(
+        run.gnss,
+        horizontal_m=noise.sigma_horizontal_m,
+        vertical_m=noise.sigma_vertical_m,
+        velocity_m_s=noise.sigma_velocity_m_s,
+    )
 
 
 def test_parked_start_with_a_navigation_grade_unit():
     twin, made = twin_of("rlg"), flown(ideal(PARK_S), twin_of("rlg"), 1)
     found = aided(made, made.run, twin, gyrocompass=True)
-    assert found.verdict == "aided" and found.found.method == "gyrocompass" and not found.scales.fitted
+    assert (
+        found.verdict == "aided" and found.found.method == "gyrocompass" and not found.scales.fitted
+    )
     assert found.history.time_s[0] < 5.0 and found.stands[0][1] == pytest.approx(PARK_S, abs=4.0)
     assert (normalised(made, found.history, 60) < 3.0).all()
     roll, pitch, heading = level_sigmas(found.history.phi_covariance, found.history.C_nb)[-1] / DEG
@@ -46,15 +54,24 @@ def test_parked_start_with_a_navigation_grade_unit():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_mems_unit_finds_its_heading_once_it_moves(seed):
-    """The gyrocompass refuses; the velocities show the heading within three declared sigmas, and the filter makes it better."""
+    """The gyrocompass refuses; the velocities show the heading within three declared sigmas, and
+    the filter makes it better.
+    """
     twin, made = twin_of("mems"), flown(ideal(PARK_S), twin_of("mems"), seed)
     found = aided(made, made.run, twin, gyrocompass=False)
     history = found.history
-    assert found.verdict == "aided" and found.found.method == "velocity matching" and not found.scales.fitted
+    assert (
+        found.verdict == "aided"
+        and found.found.method == "velocity matching"
+        and not found.scales.fitted
+    )
     assert found.found.span[1] > PARK_S
     first = abs(errors(made, history)[0, 8])
     assert first < 3.0 * found.found.sigma_heading_rad
-    assert level_sigmas(history.phi_covariance, history.C_nb)[-1, 2] < 0.2 * found.found.sigma_heading_rad
+    assert (
+        level_sigmas(history.phi_covariance, history.C_nb)[-1, 2]
+        < 0.2 * found.found.sigma_heading_rad
+    )
     assert (normalised(made, history, 60) < 4.0).all()
 
 
@@ -72,8 +89,10 @@ def test_log_that_never_rests_starts_in_motion(technology):
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
 def test_sigmas_are_those_of_the_errors_with_flicker(technology, moving):
-    """Twelve flights with the twin's whole noise, from the apron and cut out of the flight: squared error over variance of
-    position, velocity and attitude is one. A flight's rows are not independent; means of other seeds are 0.80 to 1.03."""
+    """Twelve flights with the twin's whole noise, from the apron and cut out of the flight: squared
+    error over variance of position, velocity and attitude is one. A flight's rows are not
+    independent; means of other seeds are 0.80 to 1.03.
+    """
     ratios, twin = [], twin_of(technology)
     for seed in range(12):
         made = flown(ideal(PARK_S), twin, 300 + seed)
@@ -88,23 +107,37 @@ def test_constant_velocity_and_parked_logs_are_refused():
     twin, made = twin_of("mems"), flown(ideal(PARK_S), twin_of("mems"), 1)
     for a, b in ((0.0, 170.0), (PARK_S + 380.0, PARK_S + 420.0)):
         found = aided(made, cut_run(made.run, a, b), twin, gyrocompass=False)
-        assert found.verdict == "refused" and "heading" in found.reasons[0] and found.history is None
-    few = replace(made.run, gnss=type(made.run.gnss)(**{
-        k: None if v is None else v[:5] for k, v in vars(made.run.gnss).items()
-    }))  # fmt: skip
-    assert "5 satellite fixes within the imu log, needed 10" in aided(made, few, twin, gyrocompass=False).reasons[0]
+        assert (
+            found.verdict == "refused" and "heading" in found.reasons[0] and found.history is None
+        )
+    few = replace(
+        made.run,
+        gnss=type(made.run.gnss)(
+            **{k: None if v is None else v[:5] for k, v in vars(made.run.gnss).items()}
+        ),
+    )
+    assert (
+        "5 satellite fixes within the imu log, needed 10"
+        in aided(made, few, twin, gyrocompass=False).reasons[0]
+    )
 
 
 def test_match_is_as_good_as_it_says():
-    """Attitude from 30 s of climb and turn over 20 seeds of MEMS: heading error over sigma has RMS 0.4 to 1.2
-    (noise of neighbouring pairs is opposed, which the sigma does not count on)."""
+    """Attitude from 30 s of climb and turn over 20 seeds of MEMS: heading error over sigma has RMS
+    0.4 to 1.2 (noise of neighbouring pairs is opposed, which the sigma does not count on).
+    """
     twin, ratios = twin_of("mems"), []
     for seed in range(20):
         made = flown(ideal(PARK_S), twin, seed)
         log = made.run.imu.between(PARK_S + 90.0, PARK_S + 120.0)
         bias = made.gyro_bias_true_deg_h[int(PARK_S + 100.0)] * DEG_PER_HOUR
-        found = match_velocity(log, fixes(made.run, twin), lever_arm_m=np.array(LEVER_M), gyro_bias_rad_s=bias,
-                               sigma_gyro_rad_s=7.3e-5)  # fmt: skip
+        found = match_velocity(
+            log,
+            fixes(made.run, twin),
+            lever_arm_m=np.array(LEVER_M),
+            gyro_bias_rad_s=bias,
+            sigma_gyro_rad_s=7.3e-5,
+        )
         k = int(np.argmin(np.abs(made.reference.time_s - log.time_s[-1])))
         heading = np.arctan2(found.C_nb[1, 0], found.C_nb[0, 0])
         error = np.angle(np.exp(1j * (heading - made.reference.heading_rad[k])))
@@ -113,8 +146,17 @@ def test_match_is_as_good_as_it_says():
 
 
 def test_stands_are_found_where_receiver_and_sensors_agree():
-    base = ideal(60.0, (Straight(duration_s=40.0), Stop(duration_s=40.0), Turn(angle_deg=90.0), Straight(duration_s=60.0),
-                        Stop(duration_s=5.0), Park(duration_s=30.0)))  # fmt: skip
+    base = ideal(
+        60.0,
+        (
+            Straight(duration_s=40.0),
+            Stop(duration_s=40.0),
+            Turn(angle_deg=90.0),
+            Straight(duration_s=60.0),
+            Stop(duration_s=5.0),
+            Park(duration_s=30.0),
+        ),
+    )
     twin, made = twin_of("mems"), flown(base, twin_of("mems"), 2)
     spans = find_stands(made.run.imu, fixes(made.run, twin))
     assert len(spans) == 3
@@ -122,17 +164,30 @@ def test_stands_are_found_where_receiver_and_sensors_agree():
     for start, end in spans:
         rows = (made.reference.time_s >= start) & (made.reference.time_s <= end)
         assert speed[rows].max() < 0.015
-    rolling = replace(made.run.gnss, v_n_m_s=made.run.gnss.v_n_m_s + [3.0, 0.0, 0.0])  # a receiver that says it rolls
+    # a receiver that says it rolls
+    rolling = replace(made.run.gnss, v_n_m_s=made.run.gnss.v_n_m_s + [3.0, 0.0, 0.0])
     assert find_stands(made.run.imu, fixes(replace(made.run, gnss=rolling), twin)) == ()
 
 
 def test_latency_and_noise_of_the_receiver_are_found():
-    """Fixes stamped 0.25 s late, four times as noisy as declared: both found, and said; declared NIS kept."""
+    """Fixes stamped 0.25 s late, four times as noisy as declared: both found, and said; declared
+    NIS kept.
+    """
     twin = twin_of("mems")
-    loud = replace(twin, gnss=replace(twin.gnss, sigma_horizontal_m=2.0, sigma_vertical_m=3.0, sigma_velocity_m_s=0.12))
+    loud = replace(
+        twin,
+        gnss=replace(
+            twin.gnss, sigma_horizontal_m=2.0, sigma_vertical_m=3.0, sigma_velocity_m_s=0.12
+        ),
+    )
     made = flown(ideal(PARK_S), loud, 6)
-    log = replace(made.run.gnss, time_s=made.run.gnss.time_s + 0.25, sigma_horizontal_m=None, sigma_vertical_m=None,
-                  sigma_velocity_m_s=None)  # fmt: skip
+    log = replace(
+        made.run.gnss,
+        time_s=made.run.gnss.time_s + 0.25,
+        sigma_horizontal_m=None,
+        sigma_vertical_m=None,
+        sigma_velocity_m_s=None,
+    )
     late = replace(made.run, gnss=log)
     found = aided(made, late, twin, gyrocompass=False)
     antenna = found.antenna.antenna
@@ -147,9 +202,15 @@ def test_replay_carries_both_and_leaves_free_inertial_alone():
     made = flown(ideal(700.0), twin_of("rlg"), 1)
     twin = twin_of("rlg")
     with_it, without = (replay(made.run, choices(flat()), twin, aided=on) for on in (True, False))
-    assert without.aided is None and with_it.aided.verdict == "aided" and with_it.aided.found.method == "gyrocompass"
+    assert (
+        without.aided is None
+        and with_it.aided.verdict == "aided"
+        and with_it.aided.found.method == "gyrocompass"
+    )
     for name in ("lat_rad", "v_n_m_s", "C_nb"):
-        np.testing.assert_array_equal(*(getattr(r.tables[0].history, name) for r in (with_it, without)))
+        np.testing.assert_array_equal(
+            *(getattr(r.tables[0].history, name) for r in (with_it, without))
+        )
     assert replay(replace(made.run, gnss=None), choices(flat()), twin).aided is None
 
 
@@ -165,19 +226,25 @@ def test_replay_of_a_unit_that_only_gnss_can_fly():
     gnss = run.gnss
     leap = np.where(gnss.time_s > 400.0, 300.0 / 6.4e6, 0.0)
     leaps = replay(replace(run, gnss=replace(gnss, lat_rad=gnss.lat_rad + leap)), table, twin)
-    assert leaps.verdict == leaps.aided.verdict == "inconsistent" and "begun anew" in leaps.reasons[-1]
+    assert (
+        leaps.verdict == leaps.aided.verdict == "inconsistent" and "begun anew" in leaps.reasons[-1]
+    )
     moving = replay(never_rests(cut_run(run, 0.0, 160.0, site=SITE)), table, twin)
     assert moving.verdict == "refused" and moving.aided.verdict == "refused"
 
 
 def test_flicker_becomes_a_walk_of_the_same_allan_variance():
-    """Where white noise N^2/t meets the floor (0.664 B)^2, K^2 t/3 meets both; an hour at most, a minute at least."""
+    """Where white noise N^2/t meets the floor (0.664 B)^2, K^2 t/3 meets both; an hour at most, a
+    minute at least.
+    """
     B, N = 1.0, 0.664 * np.sqrt(900.0)
     K = flicker_walk(B, N)
     assert K**2 / 3600.0 * 900.0 / 3.0 == pytest.approx((0.664 * B) ** 2)
     assert flicker_walk(0.0, N) == 0.0 and flicker_walk(B, 1e9) == pytest.approx(np.sqrt(3) * 0.664)
     assert flicker_walk(B, 0.0) == flicker_walk(B, 0.1)
-    assert aided_noise(twin_of("rlg", flicker=False)).gyro_walk == pytest.approx(0.002 * DEG_PER_HOUR_SQRT_HOUR)
+    assert aided_noise(twin_of("rlg", flicker=False)).gyro_walk == pytest.approx(
+        0.002 * DEG_PER_HOUR_SQRT_HOUR
+    )
 
 
 def test_few_rejects_are_outliers_and_many_a_misfit():

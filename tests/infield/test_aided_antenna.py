@@ -1,4 +1,6 @@
-"""Lever arm, delay and slow errors of the fixes: found where they are wrong, left where they are right, said where unseen."""
+"""Lever arm, delay and slow errors of the fixes: found where they are wrong, left where they are
+right, said where unseen.
+"""
 
 from dataclasses import replace
 
@@ -30,7 +32,11 @@ def late(run: Run, seconds: float) -> Run:
 
 def off_of(antenna, delay_s: float) -> np.ndarray:
     """Errors of a found antenna over their sigmas (5,)."""
-    off = [*(antenna.lever_arm_m - LEVER_M), antenna.delay_s - delay_s, antenna.velocity_delay_s - delay_s]
+    off = [
+        *(antenna.lever_arm_m - LEVER_M),
+        antenna.delay_s - delay_s,
+        antenna.velocity_delay_s - delay_s,
+    ]
     return np.asarray(off) / antenna_sigmas(antenna)
 
 
@@ -38,13 +44,20 @@ def slow_error(run: Run, seed: int, sigma_m: float, time_s: float) -> Run:
     """The run with a Gauss-Markov error on its positions."""
     gnss = run.gnss
     e = gauss_markov(gnss.time_s, np.random.default_rng([seed, 78]), sigma_m, time_s)
-    lat, lon = gnss.lat_rad + e[:, 0] / 6.37e6, gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad)
-    return replace(run, gnss=replace(gnss, lat_rad=lat, lon_rad=lon, height_m=gnss.height_m - e[:, 2]))
+    lat, lon = (
+        gnss.lat_rad + e[:, 0] / 6.37e6,
+        gnss.lon_rad + e[:, 1] / 6.37e6 / np.cos(SITE.lat_rad),
+    )
+    return replace(
+        run, gnss=replace(gnss, lat_rad=lat, lon_rad=lon, height_m=gnss.height_m - e[:, 2])
+    )
 
 
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
 def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology):
-    """Six flights, 4 m wrong in a random direction: taken, within its sigma, no factor on the noise, errors within sigmas."""
+    """Six flights, 4 m wrong in a random direction: taken, within its sigma, no factor on the
+    noise, errors within sigmas.
+    """
     found, errors_arm, ratios = [], [], []
     for seed in range(6):
         made = flown(ideal(PARK_S), twin_of(technology), seed)
@@ -65,12 +78,18 @@ def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology):
 
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
 def test_right_antenna_and_white_receiver_are_left_alone(technology):
-    """Fifteen flights with the default flicker: nothing taken, nothing fitted; what the fixes show of the arm is the arm."""
+    """Fifteen flights with the default flicker: nothing taken, nothing fitted; what the fixes show
+    of the arm is the arm.
+    """
     shown = []
     for seed in range(15):
         made = flown(ideal(PARK_S), twin_of(technology), 100 + seed)
         result = fly(made, technology)
-        assert result.antenna.freed == (False, False) and not result.scales.fitted and result.notes == ()
+        assert (
+            result.antenna.freed == (False, False)
+            and not result.scales.fitted
+            and result.notes == ()
+        )
         seen = result.antenna.seen
         shown.append(off_of(seen, 0.0))
     assert np.mean(np.square(shown)) < 2.0 and antenna_sigmas(seen)[:3].max() < 0.4
@@ -88,7 +107,9 @@ def test_arm_and_delay_wrong_at_once_and_a_clock_that_is_early():
 
 
 def test_straight_drive_does_not_show_the_arm_and_says_so():
-    """At one heading the arm is an offset of the position: not seen, its sigma stays the prior's, nothing is taken."""
+    """At one heading the arm is an offset of the position: not seen, its sigma stays the prior's,
+    nothing is taken.
+    """
     base = ideal(60.0, (Straight(duration_s=200.0, speed_m_s=15.0),))
     made = flown(base, twin_of("rlg"), 2)
     result = fly(made, "rlg", gnss_lever_arm_m=(4.0, -0.5, -1.0))
@@ -98,13 +119,19 @@ def test_straight_drive_does_not_show_the_arm_and_says_so():
 
 @pytest.mark.parametrize(("technology", "sigma_m"), [("mems", 0.5), ("rlg", 2.0)])
 def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology, sigma_m):
-    """As large as the fixes' sigma and four times: without it the squared position error was 10 and 70 times its variance."""
+    """As large as the fixes' sigma and four times: without it the squared position error was 10 and
+    70 times its variance.
+    """
     ratios = []
     for seed in range(4):
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         result = fly(made, technology, slow_error(made.run, seed, sigma_m, 100.0))
         scales = result.scales
-        assert scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6) and scales.white <= 4.0 and scales.walk == 1.0
+        assert (
+            scales.slow * 0.5 == pytest.approx(sigma_m, rel=0.6)
+            and scales.white <= 4.0
+            and scales.walk == 1.0
+        )
         assert result.antenna.freed == (False, False) and "slow error" in result.notes[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0

@@ -1,4 +1,6 @@
-"""Logs that speak against themselves or their header in aided replay: said, left out, or `inconsistent`."""
+"""Logs that speak against themselves or their header in aided replay: said, left out, or
+`inconsistent`.
+"""
 
 from dataclasses import replace
 
@@ -9,7 +11,16 @@ from infield.replay.aided.antenna import antenna_sigmas
 from infield.replay.aided.flight import navigate_aided
 from infield.session.navigated import find_rest
 from ins.records import Run, Site
-from tests.infield.aided_cases import SITE, errors, flown, gauss_markov, ideal, late_velocities, normalised, twin_of
+from tests.infield.aided_cases import (
+    SITE,
+    errors,
+    flown,
+    gauss_markov,
+    ideal,
+    late_velocities,
+    normalised,
+    twin_of,
+)
 
 PARK_S = 180.0
 
@@ -35,7 +46,9 @@ def correlated(run: Run, seed: int, sigma_m_s: float, time_s: float) -> Run:
 
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
 def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
-    """0.1 m/s over 6 s on velocities of 0.03 m/s: white noise alone left velocity errors of three sigmas and more."""
+    """0.1 m/s over 6 s on velocities of 0.03 m/s: white noise alone left velocity errors of three
+    sigmas and more.
+    """
     ratios = []
     for seed in range(4):
         made = flown(ideal(PARK_S), twin_of(technology), 400 + seed)
@@ -47,7 +60,9 @@ def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
 
 
 def test_velocities_older_than_positions_are_told_apart():
-    """A receiver whose velocity is 0.4 s late and whose position is not: no lever arm is made of it."""
+    """A receiver whose velocity is 0.4 s late and whose position is not: no lever arm is made of
+    it.
+    """
     made = flown(ideal(PARK_S), twin_of("rlg"), 7)
     gnss = made.run.gnss
     late = replace(gnss, v_n_m_s=late_velocities(made, gnss.time_s, gnss.v_n_m_s, 0.4))
@@ -56,7 +71,9 @@ def test_velocities_older_than_positions_are_told_apart():
     assert found.antenna.freed == (False, True) and "velocities are 40" in found.notes[0]
     off = np.array([antenna.delay_s, antenna.velocity_delay_s - 0.4]) / antenna_sigmas(antenna)[3:]
     assert np.abs(off).max() < 3.0
-    assert np.mean(errors(made, found.history)[200:, :3] ** 2 / found.history.variance[200:, :3]) < 2.0
+    assert (
+        np.mean(errors(made, found.history)[200:, :3] ** 2 / found.history.variance[200:, :3]) < 2.0
+    )
 
 
 def test_left_handed_and_wrong_scale_units_are_inconsistent():
@@ -66,13 +83,16 @@ def test_left_handed_and_wrong_scale_units_are_inconsistent():
     made = flown(ideal(PARK_S), twin_of("rlg"), 3)
     scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.01 * made.run.imu.dtheta_rad))
     found = fly(scaled, "rlg")
-    assert found.verdict == "inconsistent" and any("scale factor" in reason for reason in found.reasons)
+    assert found.verdict == "inconsistent" and any(
+        "scale factor" in reason for reason in found.reasons
+    )
 
 
 def test_unit_turned_about_the_vertical_is_told():
     made = flown(ideal(PARK_S), twin_of("mems"), 2)
     assert not any("off the track" in note for note in fly(made.run, "mems").notes)
-    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])  # body x to the left: heading - track = -90
+    # body x to the left: heading - track = -90
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     notes = fly(turned(made.run, quarter), "mems").notes
     assert any("-90 deg off the track" in note for note in notes)
 
@@ -85,13 +105,27 @@ def test_site_elsewhere_is_told():
 
 
 def test_stuck_receiver_is_left_out():
-    """Thirty seconds of the same fix at speed: rejected for long, it used to be taken for a new start."""
+    """Thirty seconds of the same fix at speed: rejected for long, it used to be taken for a new
+    start.
+    """
     made = flown(ideal(PARK_S), twin_of("mems"), 5)
     gnss = made.run.gnss
-    held = np.where((gnss.time_s > 420.0) & (gnss.time_s <= 450.0), np.searchsorted(gnss.time_s, 420.0 + 1e-6) - 1,
-                    np.arange(gnss.time_s.size))  # fmt: skip
-    stuck = replace(gnss, lat_rad=gnss.lat_rad[held], lon_rad=gnss.lon_rad[held], height_m=gnss.height_m[held],
-                    v_n_m_s=gnss.v_n_m_s[held])  # fmt: skip
+    held = np.where(
+        (gnss.time_s > 420.0) & (gnss.time_s <= 450.0),
+        np.searchsorted(gnss.time_s, 420.0 + 1e-6) - 1,
+        np.arange(gnss.time_s.size),
+    )
+    stuck = replace(
+        gnss,
+        lat_rad=gnss.lat_rad[held],
+        lon_rad=gnss.lon_rad[held],
+        height_m=gnss.height_m[held],
+        v_n_m_s=gnss.v_n_m_s[held],
+    )
     found = fly(replace(made.run, gnss=stuck), "mems")
-    assert found.verdict == "aided" and "30 fixes from 421.0 to 450.0 s are left out" in found.notes[0]
-    assert np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0
+    assert (
+        found.verdict == "aided" and "30 fixes from 421.0 to 450.0 s are left out" in found.notes[0]
+    )
+    assert (
+        np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0
+    )

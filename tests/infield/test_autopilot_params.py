@@ -1,6 +1,8 @@
-"""Exported parameters, evaluated as the autopilots' own documentation has it, in float32, on a simulated raw gyro.
+"""Exported parameters, evaluated as the autopilots' own documentation has it, in float32, on a
+simulated raw gyro.
 
-The evaluations below are written from those documents (docs/bridges.md), not from infield.table.autopilot_params.
+The evaluations below are written from those documents (docs/bridges.md), not from
+infield.table.autopilot_params.
 """
 
 import re
@@ -17,14 +19,20 @@ from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 
 UTC = "2026-03-01T05:00:00Z"
-FLOAT32_DEG_H = 3e-3  # of a rate of 0.1 rad/s in float32: half a unit in the last place is 7.5e-9/2 rad/s = 8e-4 deg/h
+# of a rate of 0.1 rad/s in float32: half a unit in the last place is 7.5e-9/2 rad/s = 8e-4 deg/h
+FLOAT32_DEG_H = 3e-3
 F = np.float32
 
 
 def table(curve, sigma=10.0, low=-10.0, high=60.0):
     """A mems table on 5 degC nodes through curve(T) -> (3, n) [deg/h]."""
     found = default_table(
-        imu_serial="SN-1", gyro_technology="mems", created_utc=UTC, low_degC=low, high_degC=high, spacing_degC=5.0
+        imu_serial="SN-1",
+        gyro_technology="mems",
+        created_utc=UTC,
+        low_degC=low,
+        high_degC=high,
+        spacing_degC=5.0,
     )
     T = found.temperature_degC[0]
     P = prior_covariance((T,) * 3, (np.full(T.size, sigma),) * 3)
@@ -36,7 +44,11 @@ def straight(T):
 
 
 def curved(T):
-    return [300 + 4 * (T - 20) + 0.03 * (T - 20) ** 2, -80 + 1e-3 * (T - 30) ** 3, 25 + 12 * np.sin(T / 18)]
+    return [
+        300 + 4 * (T - 20) + 0.03 * (T - 20) ** 2,
+        -80 + 1e-3 * (T - 30) ** 3,
+        25 + 12 * np.sin(T / 18),
+    ]
 
 
 def text_values(text, pattern):
@@ -45,9 +57,14 @@ def text_values(text, pattern):
 
 
 def px4_corrected(text, raw, T, instance):
-    """raw (n, 3) float32 less the thermal offset: clamp, powers, sum, as PX4's calc_thermal_offsets_3D describes."""
+    """raw (n, 3) float32 less the thermal offset: clamp, powers, sum, as PX4's
+    calc_thermal_offsets_3D describes.
+    """
     p = text_values(text, r"^1\t1\t(TC_G\d_\w+)\t(\S+)\t9$")
-    dt = np.clip(T.astype(F), p[f"TC_G{instance}_TMIN"], p[f"TC_G{instance}_TMAX"]) - p[f"TC_G{instance}_TREF"]
+    dt = (
+        np.clip(T.astype(F), p[f"TC_G{instance}_TMIN"], p[f"TC_G{instance}_TMAX"])
+        - p[f"TC_G{instance}_TREF"]
+    )
     out = np.empty_like(raw)
     for axis in range(3):
         x0, x1, x2, x3 = (p[f"TC_G{instance}_X{k}_{axis}"] for k in range(4))
@@ -56,7 +73,9 @@ def px4_corrected(text, raw, T, instance):
 
 
 def ardupilot_corrected(text, raw, T, instance, cal_degC):
-    """raw (n, 3) float32 less p(T - 35), plus p(cal - 35), both clamped: ArduPilot's correct_sensor, Horner, 1e-6."""
+    """raw (n, 3) float32 less p(T - 35), plus p(cal - 35), both clamped: ArduPilot's
+    correct_sensor, Horner, 1e-6.
+    """
     p = text_values(text, r"^(INS_TCAL\d_\w+) (\S+)$")
     assert p[f"INS_TCAL{instance}_ENABLE"] == 1
     low, high = p[f"INS_TCAL{instance}_TMIN"], p[f"INS_TCAL{instance}_TMAX"]
@@ -85,29 +104,37 @@ def test_px4_leaves_what_the_table_leaves(curve, instance):
     made = export_cubic(held, "px4", number=instance, device_id=3670026)
     text = made.text(unit="SN-1 (mems)", revision=1, sha256="0" * 64)
     assert f"1\t1\tTC_G{instance}_ID\t3670026\t6\n" in text
-    T = np.concatenate([np.linspace(-10, 60, 141), [-40.0, 85.0]])  # beyond: both hold the end value
+    # beyond: both hold the end value
+    T = np.concatenate([np.linspace(-10, 60, 141), [-40.0, 85.0]])
     raw, true = raw_gyro(held, T, rng)
     left = (px4_corrected(text, raw, T, instance) - true) / DEG_PER_HOUR
     stated = np.array([fit.max_error_deg_h for fit in made.fits])
     assert np.all(np.abs(left) <= 1.02 * stated + made.rounding_deg_h + FLOAT32_DEG_H)
-    assert np.abs(left).max() >= 0.9 * stated.max() - FLOAT32_DEG_H  # what is stated is no mere upper bound
+    # what is stated is no mere upper bound
+    assert np.abs(left).max() >= 0.9 * stated.max() - FLOAT32_DEG_H
     assert made.rounding_deg_h < 1e-3
     if curve is straight:
         assert stated.max() < 1e-6
 
 
-@pytest.mark.parametrize(("curve", "instance", "cal_degC"), [(straight, 1, 35.0), (curved, 3, 22.5)])
+@pytest.mark.parametrize(
+    ("curve", "instance", "cal_degC"), [(straight, 1, 35.0), (curved, 3, 22.5)]
+)
 def test_ardupilot_leaves_a_constant_that_its_start_takes(curve, instance, cal_degC):
     held, rng = table(curve, sigma=30.0), np.random.default_rng(4)
     made = export_cubic(held, "ardupilot", number=instance)
     T = np.linspace(-10, 60, 141)
     raw, true = raw_gyro(held, T, rng)
-    left = (ardupilot_corrected(made.text(unit="", revision=1, sha256=""), raw, T, instance, cal_degC) - true) / DEG_PER_HOUR
+    left = (
+        ardupilot_corrected(made.text(unit="", revision=1, sha256=""), raw, T, instance, cal_degC)
+        - true
+    ) / DEG_PER_HOUR
     at_cal = np.array([held.bias_deg_h(axis, cal_degC)[0] for axis in range(3)])
     stated = np.array([fit.max_error_deg_h for fit in made.fits])
     constant = left.mean(axis=0)
     assert np.all(np.abs(left - constant) <= 1.02 * stated + made.rounding_deg_h + FLOAT32_DEG_H)
-    assert np.all(np.abs(constant - at_cal) <= 1.02 * stated + FLOAT32_DEG_H)  # the bias at the temperature of the start
+    # the bias at the temperature of the start
+    assert np.all(np.abs(constant - at_cal) <= 1.02 * stated + FLOAT32_DEG_H)
 
 
 def test_the_test_sees_a_wrong_sign_and_a_wrong_unit():
@@ -119,13 +146,17 @@ def test_the_test_sees_a_wrong_sign_and_a_wrong_unit():
         assert np.abs((px4_corrected(wrong, raw, T, 0) - true) / DEG_PER_HOUR).max() > 10.0
 
 
-@pytest.mark.parametrize(("autopilot", "number", "ending"), [("px4", 1, ".params"), ("ardupilot", 2, ".parm")])
+@pytest.mark.parametrize(
+    ("autopilot", "number", "ending"), [("px4", 1, ".params"), ("ardupilot", 2, ".parm")]
+)
 def test_round_trip(tmp_path, autopilot, number, ending):
     held = table(curved)
     made = export_cubic(held, autopilot, number=number, device_id=77 if autopilot == "px4" else 0)
     path = tmp_path / f"unit{ending}"
     path.write_text(made.text(unit="u", revision=1, sha256="s"))
-    back, notes = table_of_cubic(read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC)
+    back, notes = table_of_cubic(
+        read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC
+    )
     T = np.linspace(-10, 60, 200)
     for k, fit in enumerate(made.fits):
         level = fit.coefficients[0] if autopilot == "ardupilot" else 0.0
@@ -140,19 +171,33 @@ def test_round_trip(tmp_path, autopilot, number, ending):
 
 
 @pytest.mark.parametrize(("autopilot", "number"), [("px4", 0), ("ardupilot", 1)])
-@pytest.mark.parametrize("curve", [
-    lambda T: [20 * np.sin(T / 4), 0 * T, 3.0 * T],
-    lambda T: [400.0 / (1 + np.exp(25 - T)), 0 * T, np.where(T > 30, 300.0, 0.0)],
-])  # fmt: skip
-def test_a_forced_stiff_cubic_comes_back_as_uncertain_as_it_is_wrong(tmp_path, autopilot, number, curve):
-    """Errors against the table that went out, at all its nodes, within three of the sigmas that come back; with ArduPilot,
-    which has no constant, those of the change since 35 degC."""
+@pytest.mark.parametrize(
+    "curve",
+    [
+        lambda T: [20 * np.sin(T / 4), 0 * T, 3.0 * T],
+        lambda T: [400.0 / (1 + np.exp(25 - T)), 0 * T, np.where(T > 30, 300.0, 0.0)],
+    ],
+)
+def test_a_forced_stiff_cubic_comes_back_as_uncertain_as_it_is_wrong(
+    tmp_path, autopilot, number, curve
+):
+    """Errors against the table that went out, at all its nodes, within three of the sigmas that
+    come back; with ArduPilot, which has no constant, those of the change since 35 degC.
+    """
     held = table(curve, sigma=1.5)
-    made = export_cubic(held, autopilot, number=number, device_id=7 if autopilot == "px4" else 0, span_degC=(-10.0, 60.0))
+    made = export_cubic(
+        held,
+        autopilot,
+        number=number,
+        device_id=7 if autopilot == "px4" else 0,
+        span_degC=(-10.0, 60.0),
+    )
     assert made.too_stiff and max(fit.max_error_deg_h for fit in made.fits) > 10.0
     path = tmp_path / "forced.params"
     path.write_text(made.text(unit="u", revision=1, sha256="s"))
-    back, notes = table_of_cubic(read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC)
+    back, notes = table_of_cubic(
+        read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC
+    )
     assert any("its cubic is off the table" in note for note in notes)
     T = held.temperature_degC[0]
     for axis, fit in zip("xyz", made.fits):
@@ -167,8 +212,14 @@ def test_a_forced_stiff_cubic_comes_back_as_uncertain_as_it_is_wrong(tmp_path, a
 
 def test_the_stated_table_sigma_is_taken_where_it_is_larger(tmp_path):
     path = tmp_path / "wide.params"
-    path.write_text(export_cubic(table(curved, sigma=80.0), "px4", number=0, device_id=7).text(unit="", revision=1, sha256=""))
-    back, notes = table_of_cubic(read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC)
+    path.write_text(
+        export_cubic(table(curved, sigma=80.0), "px4", number=0, device_id=7).text(
+            unit="", revision=1, sha256=""
+        )
+    )
+    back, notes = table_of_cubic(
+        read_cubic(path), imu_serial="SN-1", gyro_technology="mems", created_utc=UTC
+    )
     assert back.sigma_deg_h("x", 20.0)[0] == pytest.approx(80.0, rel=0.02)
     assert any("the file states a table sigma of x 7" in note for note in notes)
 
@@ -189,7 +240,9 @@ def test_too_stiff_is_said_with_numbers():
     made = export_cubic(held, "px4", number=0, device_id=1)
     assert len(made.too_stiff) == 3 and "needed 1 sigma at most" in made.too_stiff[0]
     assert "WRITTEN ALTHOUGH TOO STIFF: gyro x" in made.text(unit="", revision=1, sha256="")
-    assert not export_cubic(held, "px4", number=0, device_id=1, span_degC=(0.0, 6.0), limit_sigmas=3.0).too_stiff
+    assert not export_cubic(
+        held, "px4", number=0, device_id=1, span_degC=(0.0, 6.0), limit_sigmas=3.0
+    ).too_stiff
 
 
 def test_valid_range_leaves_out_what_is_only_believed():
@@ -201,15 +254,21 @@ def test_valid_range_leaves_out_what_is_only_believed():
     assert valid_range(held) == (-10.0, 60.0)
 
 
-@pytest.mark.parametrize(("lines", "reason"), [
-    ("INS_TCAL1_ENABLE 0\nINS_TCAL1_TMIN 0\nINS_TCAL1_TMAX 50\n", "INS_TCAL1_ENABLE is 0"),
-    ("INS_TCAL1_ENABLE,1\nINS_TCAL1_TMIN,0\nINS_TCAL1_TMAX,50\n", "INS_TCAL1_GYR1_X is missing"),
-    ("INS_TCAL1_ENABLE=1\nINS_TCAL1_TMIN=50\nINS_TCAL1_TMAX=50\n", "needed TMIN below TMAX"),
-    ("INS_TCAL1_ENABLE 1\nINS_TCAL1_TMIN x\n", "line 2: INS_TCAL1_TMIN: got 'x'"),
-    ("INS_TCAL1_TMIN 3\nINS_TCAL1_TMIN 4\n", "line 2: INS_TCAL1_TMIN: 4 after 3"),
-    ("INS_TCAL1_ENABLE 1\nINS_TCAL2_ENABLE 1\n", "several: ardupilot 1, ardupilot 2"),
-    ("hello\n", "none named"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("lines", "reason"),
+    [
+        ("INS_TCAL1_ENABLE 0\nINS_TCAL1_TMIN 0\nINS_TCAL1_TMAX 50\n", "INS_TCAL1_ENABLE is 0"),
+        (
+            "INS_TCAL1_ENABLE,1\nINS_TCAL1_TMIN,0\nINS_TCAL1_TMAX,50\n",
+            "INS_TCAL1_GYR1_X is missing",
+        ),
+        ("INS_TCAL1_ENABLE=1\nINS_TCAL1_TMIN=50\nINS_TCAL1_TMAX=50\n", "needed TMIN below TMAX"),
+        ("INS_TCAL1_ENABLE 1\nINS_TCAL1_TMIN x\n", "line 2: INS_TCAL1_TMIN: got 'x'"),
+        ("INS_TCAL1_TMIN 3\nINS_TCAL1_TMIN 4\n", "line 2: INS_TCAL1_TMIN: 4 after 3"),
+        ("INS_TCAL1_ENABLE 1\nINS_TCAL2_ENABLE 1\n", "several: ardupilot 1, ardupilot 2"),
+        ("hello\n", "none named"),
+    ],
+)
 def test_bad_files_say_where(tmp_path, lines, reason):
     path = tmp_path / "bad.parm"
     path.write_text(lines)
@@ -220,5 +279,8 @@ def test_bad_files_say_where(tmp_path, lines, reason):
 
 def test_other_parameters_of_a_whole_backup_are_passed_over(tmp_path):
     path = tmp_path / "backup.params"
-    path.write_text("# Onboard parameters\n1\t1\tTC_G1_ID\t42\t6\n1\t1\tEKF2_AID_MASK\t1\t6\nnonsense\n1 1 TC_G1_X0_0 0.5 9\n")
+    path.write_text(
+        "# Onboard parameters\n1\t1\tTC_G1_ID\t42\t6\n1\t1\tEKF2_AID_MASK\t1\t6\nnonsense\n1 1"
+        " TC_G1_X0_0 0.5 9\n"
+    )
     assert read_parameters(path) == {"TC_G1_ID": 42.0, "TC_G1_X0_0": 0.5}

@@ -1,4 +1,6 @@
-"""Points of a session: its own information, free of the stored table, and the verdict on each gyro."""
+"""Points of a session: its own information, free of the stored table, and the verdict on each
+gyro.
+"""
 
 from dataclasses import replace
 
@@ -6,7 +8,15 @@ import numpy as np
 import pytest
 
 from infield.session.points import mean_rows, measurement_information, observability, session_points
-from tests.infield.sessions import PARKED, estimate, estimate_of, factory, shifted, simulated, true_bias
+from tests.infield.sessions import (
+    PARKED,
+    estimate,
+    estimate_of,
+    factory,
+    shifted,
+    simulated,
+    true_bias,
+)
 
 
 def test_information_is_the_difference_of_the_inverses():
@@ -16,14 +26,20 @@ def test_information_is_the_difference_of_the_inverses():
     expected = posterior - np.linalg.inv(e.bins.prior)
     scale = np.abs(expected).max()
     assert information == pytest.approx(expected, abs=1e-5 * scale)
-    assert vector == pytest.approx(posterior @ e.mean_deg_h, abs=1e-5 * np.abs(posterior @ e.mean_deg_h).max())
+    assert vector == pytest.approx(
+        posterior @ e.mean_deg_h, abs=1e-5 * np.abs(posterior @ e.mean_deg_h).max()
+    )
 
 
 def test_information_by_hand():
-    """One bin, prior 1, posterior 1/5 with mean 0.8: information 4, vector 4 (a reading of 1 with variance 1/4)."""
+    """One bin, prior 1, posterior 1/5 with mean 0.8: information 4, vector 4 (a reading of 1 with
+    variance 1/4).
+    """
     e = estimate(1)
     bins = replace(e.bins, prior=np.eye(3))
-    one = replace(e, bins=bins, covariance=np.diag([0.2, 1.0, 1.0]), mean_deg_h=np.array([0.8, 0.0, 0.0]))
+    one = replace(
+        e, bins=bins, covariance=np.diag([0.2, 1.0, 1.0]), mean_deg_h=np.array([0.8, 0.0, 0.0])
+    )
     information, vector = measurement_information(bins, one)
     assert information == pytest.approx(np.diag([4.0, 0.0, 0.0]), abs=1e-9)
     assert vector == pytest.approx([4.0, 0.0, 0.0], abs=1e-9)
@@ -33,14 +49,17 @@ def test_prior_and_points_together_are_the_posterior():
     e = estimate(1)
     p = session_points(simulated(1).run, e)
     joint = np.linalg.inv(np.linalg.inv(e.bins.prior) + np.linalg.inv(p.covariance))
-    assert np.sqrt(np.diag(joint)) == pytest.approx(np.sqrt(np.diag(e.covariance)), rel=0.01)  # vague to 1e-4
+    # vague to 1e-4
+    assert np.sqrt(np.diag(joint)) == pytest.approx(np.sqrt(np.diag(e.covariance)), rel=0.01)
     mean = joint @ np.linalg.solve(p.covariance, p.bias_deg_h - e.bins.table_deg_h)
     assert mean == pytest.approx(e.mean_deg_h, abs=0.02 * np.sqrt(np.diag(e.covariance)).max())
 
 
 @pytest.mark.parametrize("shift", [(0.02, 0.02, 0.02), (-0.02, 0.02, 0.0)])
 def test_points_do_not_depend_on_the_stored_table(shift):
-    """The table moved by 0.02 deg/h, two of its sigmas and more: points stay within a tenth of their sigma."""
+    """The table moved by 0.02 deg/h, two of its sigmas and more: points stay within a tenth of
+    their sigma.
+    """
     run = simulated(1).run
     a = session_points(run, estimate(1))
     b = session_points(run, estimate_of(run, shifted(factory(), shift)))
@@ -59,7 +78,9 @@ def test_points_agree_with_truth(seed):
 
 
 def test_a_point_that_says_nothing_says_so():
-    """Parked on north, never turned: each y point carries about 100 prior sigmas, each x point its own ARW."""
+    """Parked on north, never turned: each y point carries about 100 prior sigmas, each x point its
+    own ARW.
+    """
     p = session_points(simulated(1, PARKED).run, estimate(1, PARKED))
     prior = np.sqrt(np.diag(estimate(1, PARKED).bins.prior))
     y, x = p.axis_index == 1, p.axis_index == 0
@@ -92,7 +113,8 @@ def test_verdicts_follow_from_the_ratio():
 
 
 @pytest.mark.parametrize(
-    ("ratio", "verdict"), [(0.49, "observed"), (0.51, "weak"), (0.89, "weak"), (0.91, "not_observable")]
+    ("ratio", "verdict"),
+    [(0.49, "observed"), (0.51, "weak"), (0.89, "weak"), (0.91, "not_observable")],
 )
 def test_thresholds_of_the_contract(ratio, verdict):
     e = estimate(1, PARKED)

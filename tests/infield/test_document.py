@@ -27,7 +27,9 @@ def result_of(segments=None, temperature=True):
 
 
 def document_of(result, committed=False):
-    return update_document(result, committed=committed, store=None, version="0", table_before=factory_dict())
+    return update_document(
+        result, committed=committed, store=None, version="0", table_before=factory_dict()
+    )
 
 
 @lru_cache(maxsize=1)
@@ -49,7 +51,9 @@ def missing(wanted, got, where=""):
         if not isinstance(got, dict):
             return [f"{where} is {type(got).__name__}"]
         lacking = [f"{where}.{k}" for k in wanted if k not in got]
-        return lacking + [p for k, v in wanted.items() if k in got for p in missing(v, got[k], f"{where}.{k}")]
+        return lacking + [
+            p for k, v in wanted.items() if k in got for p in missing(v, got[k], f"{where}.{k}")
+        ]
     if isinstance(wanted, list) and wanted and isinstance(wanted[0], dict):
         return [p for k, item in enumerate(got) for p in missing(wanted[0], item, f"{where}[{k}]")]
     return []
@@ -64,9 +68,20 @@ def test_types_and_words_of_the_contract():
     assert d["schema"] == "recal.update/1"
     assert d["verdict"] == "proposed"
     assert document_of(result_of(), committed=True)["verdict"] == "committed"
-    assert d["heading_error"]["source"] in ("turns", "stops", "gnss", "odometer", "survey", "combined")
+    assert d["heading_error"]["source"] in (
+        "turns",
+        "stops",
+        "gnss",
+        "odometer",
+        "survey",
+        "combined",
+    )
     assert set(d["observability"]) == {"x", "y", "z"}
-    assert {o["verdict"] for o in d["observability"].values()} <= {"observed", "weak", "not_observable"}
+    assert {o["verdict"] for o in d["observability"].values()} <= {
+        "observed",
+        "weak",
+        "not_observable",
+    }
     assert len(d["consistency"]["band_95"]) == 2
     assert d["consistency"]["band_95"][0] < d["consistency"]["nis_mean"] < 1.2
 
@@ -100,7 +115,9 @@ def test_tables_and_hashes():
 def test_heading_error_is_computed_minus_true():
     e, truth = result_of().sessions[0].estimate, simulated(1).reference
     k = int(np.argmin(np.abs(truth.time_s - e.alignment.time_s)))
-    true_mrad = np.angle(np.exp(1j * (e.alignment.heading_rad - truth.heading_rad[k]))) / MILLIRADIAN
+    true_mrad = (
+        np.angle(np.exp(1j * (e.alignment.heading_rad - truth.heading_rad[k]))) / MILLIRADIAN
+    )
     found = document()["heading_error"]
     assert abs(found["value_mrad"] - true_mrad) < 4 * found["sigma_mrad"]
 
@@ -125,7 +142,9 @@ def test_a_refused_update_has_every_key_too():
 
 
 def test_uncertainty_budget_names_terms_of_the_right_size():
-    budget = {(row["axis"], row["term"]): row["sigma_deg_h"] for row in document()["uncertainty_budget"]}
+    budget = {
+        (row["axis"], row["term"]): row["sigma_deg_h"] for row in document()["uncertainty_budget"]
+    }
     hours = (simulated(1).run.imu.time_s[-1]) / 3600
     assert budget["x", "angle random walk"] == pytest.approx(0.002 / np.sqrt(hours), rel=0.05)
     assert budget["x", "turn-on, this session against the mean"] == 0.003
@@ -139,7 +158,9 @@ def test_changes_hold_both_tables_at_every_node():
     rows = document()["changes"]
     assert len(rows) == 27
     for row in rows:
-        assert row["after_deg_h"] - row["before_deg_h"] == pytest.approx(row["change_deg_h"], abs=1e-15)
+        assert row["after_deg_h"] - row["before_deg_h"] == pytest.approx(
+            row["change_deg_h"], abs=1e-15
+        )
         assert row["U_after_k2_deg_h"] <= row["U_before_k2_deg_h"] * (1 + 1e-9)
 
 

@@ -1,4 +1,6 @@
-"""Harmonic least squares over azimuths: hand cases of physics.md section 4, geometry, R21 over 200 seeds."""
+"""Harmonic least squares over azimuths: hand cases of physics.md section 4, geometry, R21 over 200
+seeds.
+"""
 
 import numpy as np
 import pytest
@@ -23,19 +25,26 @@ SIGMA = 0.001  # deg/h
 
 
 def biases(heading, entries=TRUE, constant=(0.01, -0.02, 0.03)):
-    """k(H) from the sensor model: rows of M on (cosH, -sinH), what a level unit sees of the level Earth rate."""
+    """k(H) from the sensor model: rows of M on (cosH, -sinH), what a level unit sees of the level
+    Earth rate.
+    """
     rate_b = RATE * np.stack([np.cos(heading), -np.sin(heading)])
     m = {name: value * MILLIRADIAN for name, value in entries.items()}
-    return np.stack([
-        constant[0] + m["xy"] * rate_b[1],
-        constant[1] + m["yx"] * rate_b[0],
-        constant[2] + m["zx"] * rate_b[0] + m["zy"] * rate_b[1],
-    ], axis=1)  # fmt: skip
+    return np.stack(
+        [
+            constant[0] + m["xy"] * rate_b[1],
+            constant[1] + m["yx"] * rate_b[0],
+            constant[2] + m["zx"] * rate_b[0] + m["zy"] * rate_b[1],
+        ],
+        axis=1,
+    )
 
 
 def measured(heading, bias=None, **options):
     bias = biases(heading) if bias is None else bias
-    return measure_misalignment(heading, bias, SIGMA**2 * np.eye(bias.size), level_rate_deg_h=RATE, **options)
+    return measure_misalignment(
+        heading, bias, SIGMA**2 * np.eye(bias.size), level_rate_deg_h=RATE, **options
+    )
 
 
 def values_mrad(result):
@@ -49,7 +58,9 @@ def test_both_couplings_of_each_gyro_are_exact_without_noise_off_nominal_too(sta
     result = measured(heading)
     assert result.verdict == "measured" and result.fit.dof == 3
     assert values_mrad(result) == pytest.approx({**TRUE, "xy+yx": 0.1}, abs=1e-9)
-    np.testing.assert_allclose(result.fit.compensated_deg_h(), [[0.01, -0.02, 0.03]] * 4, atol=1e-12)
+    np.testing.assert_allclose(
+        result.fit.compensated_deg_h(), [[0.01, -0.02, 0.03]] * 4, atol=1e-12
+    )
     np.testing.assert_allclose([c.value_rad for c in result.own_axis], 0.0, atol=1e-12)
 
 
@@ -65,7 +76,8 @@ def test_hand_case_of_the_document():
     k[0, 2], k[2, 2] = 0.03577, 0.02423
     found = document_angles(FOUR, k, SIGMA**2 * np.eye(12), level_rate_deg_h=RATE)
     assert found.ezy_rad == pytest.approx(0.5e-3, rel=1e-3)
-    assert found.literal_ezy_rad / MILLIRADIAN == pytest.approx(66.6, abs=0.1)  # (29) as printed, off by w^2 = 133
+    # (29) as printed, off by w^2 = 133
+    assert found.literal_ezy_rad / MILLIRADIAN == pytest.approx(66.6, abs=0.1)
     assert RATE**2 == pytest.approx(133.1, abs=0.1)
     after = document_compensation(FOUR, k, found, level_rate_deg_h=RATE)
     np.testing.assert_allclose(after, np.tile([0.01, -0.02, 0.03], (4, 1)), atol=2e-6)
@@ -82,11 +94,17 @@ def test_closed_forms_agree_with_the_harmonics_and_27_28_are_the_sine_terms():
     alpha = (FOUR + np.array([1.0, -2.0, 0.5, 1.5]) * DEG) % (2 * np.pi)  # north to west
     exy, eyx, ezy = 0.3e-3, -0.4e-3, 0.2e-3
     west = np.cos(alpha - np.pi / 2)
-    k = np.stack([-RATE * west * np.sin(exy), RATE * west * np.sin(eyx), RATE * np.cos(alpha) * np.sin(ezy)], axis=1)
+    k = np.stack(
+        [-RATE * west * np.sin(exy), RATE * west * np.sin(eyx), RATE * np.cos(alpha) * np.sin(ezy)],
+        axis=1,
+    )
     found = document_angles(alpha, k, SIGMA**2 * np.eye(12), level_rate_deg_h=RATE)
-    assert (found.exy_rad, found.eyx_rad, found.ezy_rad) == pytest.approx((exy, eyx, ezy), abs=1e-12)
+    assert (found.exy_rad, found.eyx_rad, found.ezy_rad) == pytest.approx(
+        (exy, eyx, ezy), abs=1e-12
+    )
     fit = fit_azimuths(north_to_west_rad(alpha), k, SIGMA**2 * np.eye(12), level_rate_deg_h=RATE)
-    assert fit.parameters[0, 2] == pytest.approx(np.sin(exy))  # sine of the heading, so minus the sine of alpha
+    # sine of the heading, so minus the sine of alpha
+    assert fit.parameters[0, 2] == pytest.approx(np.sin(exy))
     assert fit.parameters[1, 2] == pytest.approx(-np.sin(eyx))
     assert fit.parameters[2, 1] == pytest.approx(np.sin(ezy))
     after = document_compensation(alpha, k, found, level_rate_deg_h=RATE)
@@ -103,15 +121,25 @@ def test_mixing_20_as_printed_with_33_doubles_the_error():
 
 
 def test_counting_the_azimuth_the_wrong_way_flips_the_sine_terms_only():
-    right, wrong = values_mrad(measured(FOUR)), values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR)))
+    right, wrong = (
+        values_mrad(measured(FOUR)),
+        values_mrad(measured(north_to_west_rad(FOUR), biases(FOUR))),
+    )
     assert wrong["yx"] == pytest.approx(right["yx"]) and wrong["zx"] == pytest.approx(right["zx"])
     assert wrong["xy"] == pytest.approx(-right["xy"]) and wrong["zy"] == pytest.approx(-right["zy"])
 
 
-@pytest.mark.parametrize(("heading_deg", "told"), [
-    ([0, 90, 180], "none near 270"), ([0, 0, 90, 180], "none near 270"), ([10, 10, 10, 10], "rank 1"),
-    ([0, 180, 0.5, 180.5], "rank 2"), ([0, 93, 180, 270], "3.00 deg off"), ([2, 2, 2, 30], "none near"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("heading_deg", "told"),
+    [
+        ([0, 90, 180], "none near 270"),
+        ([0, 0, 90, 180], "none near 270"),
+        ([10, 10, 10, 10], "rank 1"),
+        ([0, 180, 0.5, 180.5], "rank 2"),
+        ([0, 93, 180, 270], "3.00 deg off"),
+        ([2, 2, 2, 30], "none near"),
+    ],
+)
 def test_too_few_or_too_far_gives_a_rank_report_and_no_number(heading_deg, told):
     heading = np.array(heading_deg) * DEG
     result = measured(heading)
@@ -128,7 +156,9 @@ def test_limit_of_two_degrees_and_eight_azimuths():
 
 
 @pytest.mark.parametrize(("start_deg", "sum_seen"), [(0.0, False), (45.0, True)])
-def test_azimuths_that_nobody_measured_leave_the_vertical_gyro_and_the_diagonal_sum(start_deg, sum_seen):
+def test_azimuths_that_nobody_measured_leave_the_vertical_gyro_and_the_diagonal_sum(
+    start_deg, sum_seen
+):
     heading = FOUR + start_deg * DEG
     off = np.array([3e-3, -1e-3, 2e-3, 1e-3])  # what a gyrocompass with biased gyros is wrong by
     bias = biases(heading) + (azimuth_columns(heading, RATE) @ off).reshape(4, 3)
@@ -141,10 +171,13 @@ def test_azimuths_that_nobody_measured_leave_the_vertical_gyro_and_the_diagonal_
 
 
 def test_scale_factors_known_to_be_right_are_two_more_measurements():
-    heading = FOUR + np.array([44.0, 46.0, 45.0, 45.5]) * DEG  # off the exact diagonal x and y scale look like the sum
+    # off the exact diagonal x and y scale look like the sum
+    heading = FOUR + np.array([44.0, 46.0, 45.0, 45.5]) * DEG
     free = measured(heading, unknown=azimuth_columns(heading, RATE))
     held = measured(heading, unknown=azimuth_columns(heading, RATE), own_axis_sigma_rad=50e-6)
-    assert "xy+yx" not in values_mrad(free) and values_mrad(held)["xy+yx"] == pytest.approx(0.1, abs=1e-6)
+    assert "xy+yx" not in values_mrad(free) and values_mrad(held)["xy+yx"] == pytest.approx(
+        0.1, abs=1e-6
+    )
     assert held.fit.dof == free.fit.dof + 1
 
 
@@ -158,7 +191,11 @@ def test_a_contradiction_between_the_azimuths_is_told():
     bias = biases(FOUR)
     bias[2, 1] += 0.02
     result = measured(FOUR, bias)
-    assert result.verdict == "inconsistent" and "gyro y" in result.reasons[0] and result.fit.chi2 > result.fit.band
+    assert (
+        result.verdict == "inconsistent"
+        and "gyro y" in result.reasons[0]
+        and result.fit.chi2 > result.fit.band
+    )
 
 
 def test_noise_beyond_the_prior_is_refused():
@@ -168,13 +205,19 @@ def test_noise_beyond_the_prior_is_refused():
 
 
 def test_bad_arrays_are_input_errors():
-    for bias, R in ((biases(FOUR)[:3], np.eye(12)), (biases(FOUR), -np.eye(12)), (np.full((4, 3), np.nan), np.eye(12))):
+    for bias, R in (
+        (biases(FOUR)[:3], np.eye(12)),
+        (biases(FOUR), -np.eye(12)),
+        (np.full((4, 3), np.nan), np.eye(12)),
+    ):
         with pytest.raises(InputError):
             fit_azimuths(FOUR, bias, R, level_rate_deg_h=RATE)
 
 
 def test_r21_200_seeds_at_60_arcsec():
-    """Requirements R21: 60 arcsec injected, 0.001 deg/h of noise: mean squared normalised error in [0.8, 1.25]."""
+    """Requirements R21: 60 arcsec injected, 0.001 deg/h of noise: mean squared normalised error in
+    [0.8, 1.25].
+    """
     injected = dict.fromkeys(TRUE, 60.0 * ARCSEC / MILLIRADIAN)
     z, chi2, alarms = [], [], 0
     for seed in range(200):
@@ -185,6 +228,7 @@ def test_r21_200_seeds_at_60_arcsec():
         chi2.append(result.fit.chi2)
         z.append([(c.value_rad - 60.0 * ARCSEC) / c.sigma_rad for c in result.couplings[:4]])
     nees = np.mean(np.square(z), axis=0)
-    assert 0.8 <= np.mean(nees) <= 1.25 and np.all((nees > 0.7) & (nees < 1.35)), nees  # each alone: 99.9 % of 200
+    # each alone: 99.9 % of 200
+    assert 0.8 <= np.mean(nees) <= 1.25 and np.all((nees > 0.7) & (nees < 1.35)), nees
     assert np.abs(np.mean(z, axis=0)).max() < 3.3 / np.sqrt(200)
     assert np.mean(chi2) == pytest.approx(3.0, abs=3.3 * np.sqrt(6.0 / 200)) and alarms <= 3

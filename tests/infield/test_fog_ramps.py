@@ -1,4 +1,6 @@
-"""Two-ramp coefficients: by hand, over 200 units whose truth the fit does not know, and what is refused (R20)."""
+"""Two-ramp coefficients: by hand, over 200 units whose truth the fit does not know, and what is
+refused (R20).
+"""
 
 import numpy as np
 import pytest
@@ -23,9 +25,11 @@ def test_the_documents_example_by_hand():
 
 
 def test_both_readings_of_the_slow_rate_agree_and_mixed_up_err_by_ten():
-    by_unit, by_test = admissible_slow_rate(2.0, 0.2, 0.1, 0.002)  # K 2 deg/h per degC/min = 0.2 deg/h at 0.1 degC/min
+    # K 2 deg/h per degC/min = 0.2 deg/h at 0.1 degC/min
+    by_unit, by_test = admissible_slow_rate(2.0, 0.2, 0.1, 0.002)
     assert by_unit == pytest.approx(0.001) and by_test == pytest.approx(0.001)
-    assert admissible_slow_rate(0.2, 2.0, 0.1, 0.002) == pytest.approx((0.01, 0.0001))  # each with the other's K
+    # each with the other's K
+    assert admissible_slow_rate(0.2, 2.0, 0.1, 0.002) == pytest.approx((0.01, 0.0001))
 
 
 def test_without_noise_the_fit_is_the_truth_and_the_subtraction_reads_a_tenth_low():
@@ -36,7 +40,9 @@ def test_without_noise_the_fit_is_the_truth_and_the_subtraction_reads_a_tenth_lo
     for k, a in enumerate(study.axes):
         T = a.curves.temperature_degC
         np.testing.assert_allclose(a.curves.K_delta, truth.K_delta(k, T), atol=0.004)
-        np.testing.assert_allclose(a.document.K_delta[2:-2], 0.9 * truth.K_delta(k, T)[2:-2], atol=0.006)
+        np.testing.assert_allclose(
+            a.document.K_delta[2:-2], 0.9 * truth.K_delta(k, T)[2:-2], atol=0.006
+        )
         for closed in (a.two_ramps, a.fast_ramps):
             np.testing.assert_allclose(closed.K_delta[2:-2], truth.K_delta(k, T)[2:-2], atol=0.01)
         shape = a.curves.K_T_deg_h - truth.K_T(k, T)
@@ -50,27 +56,49 @@ def left_of(run, model):
 
 
 def over_units(count):
-    """Per seed and gyro: normalised errors of K_delta, K_T shape and the pair, relative sigma, held-out ratio, inflections."""
-    out = {key: [] for key in ("K_delta", "K_T", "pair", "relative", "ratio", "gain", "inside", "missed")}
+    """Per seed and gyro: normalised errors of K_delta, K_T shape and the pair, relative sigma,
+    held-out ratio, inflections.
+    """
+    out = {
+        key: []
+        for key in ("K_delta", "K_T", "pair", "relative", "ratio", "gain", "inside", "missed")
+    }
     for seed in range(count):
         rng = np.random.default_rng(seed)
         truth, rate = Truth(rng), rng.uniform(0.5, 1.0)
-        fast, slow = ramp(rng, truth, rates=(rate, -rate)), ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate))
+        fast, slow = (
+            ramp(rng, truth, rates=(rate, -rate)),
+            ramp(rng, truth, rates=(0.1 * rate, -0.1 * rate)),
+        )
         study = separate([fast], [slow], TWIN)
         pairs, model = fit_models(study)
-        out["ratio"].append(left_of(ramp(rng, truth, rates=(0.8, -0.8), low=-18.0, high=38.0), model))
+        out["ratio"].append(
+            left_of(ramp(rng, truth, rates=(0.8, -0.8), low=-18.0, high=38.0), model)
+        )
         for k, a in enumerate(study.axes):
             c, T = a.curves, a.curves.temperature_degC
             true = truth.K_delta(k, T)
             centre = np.eye(T.size) - 1 / T.size
             sigma = np.sqrt(np.diag(c.K_delta_covariance))
-            out["K_delta"].append(np.interp(np.linspace(-20, 40, 25), T, (c.K_delta - true) / sigma))
+            out["K_delta"].append(
+                np.interp(np.linspace(-20, 40, 25), T, (c.K_delta - true) / sigma)
+            )
             shape_sigma = np.sqrt(np.diag(centre @ c.K_T_covariance @ centre))
-            out["K_T"].append(np.interp(np.linspace(-20, 40, 25), T, centre @ (c.K_T_deg_h - truth.K_T(k, T)) / shape_sigma))
-            out["pair"].append(np.mean((a.fast_pair.K_delta - true) ** 2 / np.diag(a.fast_pair.K_delta_covariance)))
+            out["K_T"].append(
+                np.interp(
+                    np.linspace(-20, 40, 25),
+                    T,
+                    centre @ (c.K_T_deg_h - truth.K_T(k, T)) / shape_sigma,
+                )
+            )
+            out["pair"].append(
+                np.mean((a.fast_pair.K_delta - true) ** 2 / np.diag(a.fast_pair.K_delta_covariance))
+            )
             out["relative"].append(np.sqrt(np.mean(sigma**2) / np.mean(true**2)))
             seen = np.isfinite(a.document.K_delta)
-            out["gain"].append(a.document.K_delta[seen] @ c.K_delta[seen] / (c.K_delta[seen] @ c.K_delta[seen]))
+            out["gain"].append(
+                a.document.K_delta[seen] @ c.K_delta[seen] / (c.K_delta[seen] @ c.K_delta[seen])
+            )
             bends = [(b.low_degC, b.high_degC) for b in pairs[a.axis].inflections[1]]
             hits = [low <= truth.centre[k] <= high for low, high in bends]
             out["inside"] += hits
@@ -81,21 +109,33 @@ def over_units(count):
 def figures(units):
     """The figures of R20."""
     return {
-        "K_delta_nees": np.mean(units["K_delta"] ** 2), "K_delta_within_3": np.mean(np.abs(units["K_delta"]) <= 3.0),
-        "K_T_nees": np.mean(units["K_T"] ** 2), "K_T_within_3": np.mean(np.abs(units["K_T"]) <= 3.0),
-        "pair_nees": np.mean(units["pair"]), "relative_sigma_p95": np.percentile(units["relative"], 95),
-        "ratio_median": np.median(units["ratio"]), "ratio_worst": np.max(units["ratio"]),
-        "ratio_at_most_a_third": np.mean(units["ratio"] <= 1 / 3), "gain": np.mean(units["gain"]),
-        "inflections_inside": np.mean(units["inside"]), "inflections_found": 1 - np.mean(units["missed"]),
-    }  # fmt: skip
+        "K_delta_nees": np.mean(units["K_delta"] ** 2),
+        "K_delta_within_3": np.mean(np.abs(units["K_delta"]) <= 3.0),
+        "K_T_nees": np.mean(units["K_T"] ** 2),
+        "K_T_within_3": np.mean(np.abs(units["K_T"]) <= 3.0),
+        "pair_nees": np.mean(units["pair"]),
+        "relative_sigma_p95": np.percentile(units["relative"], 95),
+        "ratio_median": np.median(units["ratio"]),
+        "ratio_worst": np.max(units["ratio"]),
+        "ratio_at_most_a_third": np.mean(units["ratio"] <= 1 / 3),
+        "gain": np.mean(units["gain"]),
+        "inflections_inside": np.mean(units["inside"]),
+        "inflections_found": 1 - np.mean(units["missed"]),
+    }
 
 
 def judge(f):
-    """R20: within 3 reported sigma, mean squared normalised error in [0.8, 1.25], sigma at most 5 % at 0.5-1 degC/min,
-    held-out ramps at most a third of uncompensated; the subtraction a tenth low; 95 % intervals of the inflections hold."""
+    """R20: within 3 reported sigma, mean squared normalised error in [0.8, 1.25], sigma at most 5 %
+    at 0.5-1 degC/min, held-out ramps at most a third of uncompensated; the subtraction a tenth low;
+    95 % intervals of the inflections hold.
+    """
     assert all(0.8 <= f[key] <= 1.25 for key in ("K_delta_nees", "K_T_nees", "pair_nees")), f
     assert f["K_delta_within_3"] >= 0.99 and f["K_T_within_3"] >= 0.99, f
-    assert f["relative_sigma_p95"] <= 0.05 and f["ratio_median"] <= 0.2 and f["ratio_at_most_a_third"] >= 0.97, f
+    assert (
+        f["relative_sigma_p95"] <= 0.05
+        and f["ratio_median"] <= 0.2
+        and f["ratio_at_most_a_third"] >= 0.97
+    ), f
     assert f["gain"] == pytest.approx(0.9, abs=0.006)
     assert f["inflections_inside"] >= 0.93 and f["inflections_found"] >= 0.75, f
 
@@ -128,7 +168,11 @@ def test_equal_ramps_are_refused_in_all_200():
     [
         (dict(rates=(0.5,)), None, "same-sign ramps: every ramp heats"),
         (dict(rates=(-0.5,)), dict(rates=(-0.05,)), "same-sign ramps: every ramp cools"),
-        (dict(low=-20.0, high=10.0), dict(rates=(0.05, -0.05), low=5.0, high=40.0), "fast and slow ramps share 4."),
+        (
+            dict(low=-20.0, high=10.0),
+            dict(rates=(0.05, -0.05), low=5.0, high=40.0),
+            "fast and slow ramps share 4.",
+        ),
         (dict(rates=()), None, "no steady ramp"),
     ],
 )
@@ -141,7 +185,12 @@ def test_what_cannot_be_separated_is_refused_with_what_was_seen(fast, slow, word
     else:
         first = ramp(rng, truth, **fast)
     study = separate([first], [ramp(rng, truth, **slow)] if slow else [], TWIN)
-    assert study.axes == () and len(study.refused) == 1 and words in study.refused[0] and "needed" in study.refused[0]
+    assert (
+        study.axes == ()
+        and len(study.refused) == 1
+        and words in study.refused[0]
+        and "needed" in study.refused[0]
+    )
 
 
 def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
@@ -151,26 +200,40 @@ def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
     a = separate(runs[:1], runs[1:], TWIN, one_sided=True).axes[0]
     both = separate([ramp(rng, truth)], [ramp(rng, truth, rates=(0.05, -0.05))], TWIN).axes[0]
     sigma = float(np.sqrt(a.curves.K_delta_covariance.mean()))
-    assert sigma >= TWIN.gyro.turn_on_deg_h * np.sqrt(2) / 0.45 * 0.9 and sigma > np.sqrt(both.curves.K_delta_covariance.mean())
+    assert sigma >= TWIN.gyro.turn_on_deg_h * np.sqrt(2) / 0.45 * 0.9 and sigma > np.sqrt(
+        both.curves.K_delta_covariance.mean()
+    )
     error = np.mean(a.curves.K_delta - truth.K_delta(0, a.curves.temperature_degC))
     assert abs(error) <= 3 * sigma
-    assert "in one run" in separate(runs[:1], runs[1:], TWIN, one_sided=True, remounted=True).refused[0]
+    assert (
+        "in one run"
+        in separate(runs[:1], runs[1:], TWIN, one_sided=True, remounted=True).refused[0]
+    )
 
 
 def test_earth_rate_moves_the_level_alone_and_another_level_is_seen():
-    """The unknown share of Earth rate is one constant an axis; runs mounted anew have each their own."""
+    """The unknown share of Earth rate is one constant an axis; runs mounted anew have each their
+    own.
+    """
     truth = Truth(np.random.default_rng(5))
     slow_rates = dict(rates=(0.05, -0.05))
     same = []
     for e in ((0.0, 0.0, 0.0), (9.0, -5.0, 0.0)):
-        fast, slow = (ramp(np.random.default_rng(s), truth, earth=e, **r) for s, r in ((7, {}), (8, slow_rates)))
+        fast, slow = (
+            ramp(np.random.default_rng(s), truth, earth=e, **r)
+            for s, r in ((7, {}), (8, slow_rates))
+        )
         same.append(separate([fast], [slow], TWIN))
     for a, b in zip(same[0].axes, same[1].axes):
         np.testing.assert_allclose(a.curves.K_delta, b.curves.K_delta, atol=1e-5)
-        np.testing.assert_allclose(a.curves.K_T_deg_h - a.level_deg_h, b.curves.K_T_deg_h - b.level_deg_h, atol=1e-5)
+        np.testing.assert_allclose(
+            a.curves.K_T_deg_h - a.level_deg_h, b.curves.K_T_deg_h - b.level_deg_h, atol=1e-5
+        )
     assert same[1].axes[0].level_deg_h - same[0].axes[0].level_deg_h == pytest.approx(9.0, abs=1e-4)
     assert [a.level_known for a in same[1].axes] == [False, False, True]
-    anew = ramp(np.random.default_rng(8), truth, earth=(-3.0, 4.0, 0.0), roll_rad=0.01, **slow_rates)
+    anew = ramp(
+        np.random.default_rng(8), truth, earth=(-3.0, 4.0, 0.0), roll_rad=0.01, **slow_rates
+    )
     study = separate([ramp(np.random.default_rng(7), truth)], [anew], TWIN)
     assert study.remounted and "mounted anew" in study.notes[0]
     for k, a in enumerate(study.axes):
@@ -186,7 +249,10 @@ def test_what_the_model_lacks_widens_the_sigma_and_is_said():
     spoiled = type(run)(**{**run.__dict__, "bias_deg_h": run.bias_deg_h + wave})
     clean, study = separate([run], [], TWIN), separate([spoiled], [], TWIN)
     assert study.axes[0].scatter > 2.5 and any("scatters" in note for note in study.notes)
-    assert study.axes[0].curves.K_delta_covariance.mean() > 1.5 * clean.axes[0].curves.K_delta_covariance.mean()
+    assert (
+        study.axes[0].curves.K_delta_covariance.mean()
+        > 1.5 * clean.axes[0].curves.K_delta_covariance.mean()
+    )
 
 
 def test_model_from_pair_alone_serves_a_held_out_ramp():
@@ -194,7 +260,9 @@ def test_model_from_pair_alone_serves_a_held_out_ramp():
     truth = Truth(rng)
     study = separate([ramp(rng, truth)], [], TWIN)
     pairs = {a.axis: piecewise_pair(a.reduced) for a in study.axes}
-    model = FogModel({x: shifted(p.K_T, 0.0) for x, p in pairs.items()}, {x: p.K_delta for x, p in pairs.items()})
+    model = FogModel(
+        {x: shifted(p.K_T, 0.0) for x, p in pairs.items()}, {x: p.K_delta for x, p in pairs.items()}
+    )
     assert np.all(left_of(ramp(rng, truth, rates=(0.9, -0.9)), model) < 1 / 3)
 
 
@@ -204,6 +272,10 @@ def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
     run = ramp(rng, truth)
     wild = run.bias_deg_h + 0.5 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
     study = separate([type(run)(**{**run.__dict__, "bias_deg_h": wild})], [], TWIN)
-    assert study.axes == () and len(study.inconsistent) == 3 and "something else" in study.inconsistent[0]
+    assert (
+        study.axes == ()
+        and len(study.inconsistent) == 3
+        and "something else" in study.inconsistent[0]
+    )
     study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
     assert study.axes == () and "moving base" in study.refused[0] and "0.57 deg" in study.refused[0]

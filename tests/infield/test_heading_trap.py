@@ -1,7 +1,9 @@
-"""The trap of physics.md 6.5, for good: a straight taxi on the alignment heading shows no heading error.
+"""The trap of physics.md 6.5, for good: a straight taxi on the alignment heading shows no heading
+error.
 
-True heading error about 1 mrad, no outside reference: sigma of heading must not shrink and the estimate must not lie.
-The last tests break the filter on purpose, in the ways a naive one is wrong, and see this test fail.
+True heading error about 1 mrad, no outside reference: sigma of heading must not shrink and the
+estimate must not lie. The last tests break the filter on purpose, in the ways a naive one is wrong,
+and see this test fail.
 """
 
 from dataclasses import replace
@@ -19,7 +21,10 @@ from tests.alignment.parked import ideal_of, simulate
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, score
 from trajectories.simulator.segments import Park, Straight, Turn
 
-STRAIGHT = (Park(duration_s=1500.0), Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0))
+STRAIGHT = (
+    Park(duration_s=1500.0),
+    Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0),
+)
 TURNED = (Park(duration_s=1500.0), Turn(angle_deg=90.0), Straight(duration_s=300.0, speed_m_s=10.0))
 SETTINGS = SessionSettings(sigma_crab_mrad=1.0)
 TWIN = replace(REFERENCE_TWIN, vehicle=replace(REFERENCE_TWIN.vehicle, lateral_noise_m_s=0.005))
@@ -30,9 +35,14 @@ def estimated(segments, seed, until_s=None):
     simulated = simulate(ideal_of(segments, heading_deg=0.0), seed, twin=TWIN)
     run = simulated.run
     estimate = estimate_session(
-        run, prior_table(), gyro_temperature(run.temperature), TWIN, SETTINGS, rest=find_rest(run),
+        run,
+        prior_table(),
+        gyro_temperature(run.temperature),
+        TWIN,
+        SETTINGS,
+        rest=find_rest(run),
         end_s=until_s or session_end(run),
-    )  # fmt: skip
+    )
     return score(simulated, estimate, SETTINGS, run)
 
 
@@ -51,8 +61,13 @@ def trapped():
 
 
 def holds(parked, taxied):
-    """The trap test itself: heading sigma after the taxi at least 0.97 of that before, error within 3 sigmas."""
-    return taxied.sigma_heading_rad > 0.97 * parked.sigma_heading_rad and abs(taxied.heading_normalised) < 3.0
+    """The trap test itself: heading sigma after the taxi at least 0.97 of that before, error within
+    3 sigmas.
+    """
+    return (
+        taxied.sigma_heading_rad > 0.97 * parked.sigma_heading_rad
+        and abs(taxied.heading_normalised) < 3.0
+    )
 
 
 def test_straight_taxi_leaves_sigma_of_heading_and_east_gyro(trapped):
@@ -91,8 +106,12 @@ def test_the_trap_test_fails_for_a_filter_with_psi_in_the_lateral_row(trapped, m
     assert not holds(parked, estimated(STRAIGHT, seed))
 
 
-def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_velocity(trapped, monkeypatch):
-    """Rows of nav-frame velocity, F without psi x f: position rows see psi V as if a reference were there."""
+def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_velocity(
+    trapped, monkeypatch
+):
+    """Rows of nav-frame velocity, F without psi x f: position rows see psi V as if a reference were
+    there.
+    """
     seed, _ = trapped
     parked = estimated(STRAIGHT, seed, until_s=1498.0)
     plain = fk.system
@@ -102,32 +121,48 @@ def test_the_trap_test_fails_for_a_filter_that_drops_the_heading_from_the_veloci
         side = step[[fk.C_NB + 1, fk.C_NB + 4]]
         A[8, 6] = -side @ np.array([-step[fk.V_N + 1], step[fk.V_N]])  # S across, theta down
 
-    in_python = {name: getattr(getattr(fk, name), "py_func", getattr(fk, name)) for name in ("transition", "run")}
+    in_python = {
+        name: getattr(getattr(fk, name), "py_func", getattr(fk, name))
+        for name in ("transition", "run")
+    }
     for name, function in {**in_python, "system": dropped}.items():
         monkeypatch.setattr(fk, name, function)
     assert not holds(parked, estimated(STRAIGHT, seed))
 
 
 def test_without_the_lever_arm_in_the_turn_the_answer_is_wrong(monkeypatch):
-    """Test of the test: 5 m of lever arm taken as known and zero; the turn then reads as lateral velocity."""
+    """Test of the test: 5 m of lever arm taken as known and zero; the turn then reads as lateral
+    velocity.
+    """
     seed = 3
-    ideal = ideal_of((Park(duration_s=900.0), Turn(angle_deg=90.0), Straight(duration_s=120.0)), heading_deg=0.0)
+    ideal = ideal_of(
+        (Park(duration_s=900.0), Turn(angle_deg=90.0), Straight(duration_s=120.0)), heading_deg=0.0
+    )
     assert ideal.truth.wheel_reference_m == (0.0, 0.0, 0.0)
     simulated = simulate(ideal, seed, twin=TWIN)
-    run = replace(simulated.run, header=replace(simulated.run.header, wheel_reference_m=(-5.0, 0.0, 0.0)))
+    run = replace(
+        simulated.run, header=replace(simulated.run.header, wheel_reference_m=(-5.0, 0.0, 0.0))
+    )
     known = replace(SETTINGS, sigma_lever_arm_m=1e-3)
     nis = {}
-    cases = {"right": (simulated.run, SETTINGS), "wrong": (run, known), "estimated": (run, SETTINGS)}
+    cases = {
+        "right": (simulated.run, SETTINGS),
+        "wrong": (run, known),
+        "estimated": (run, SETTINGS),
+    }
     for name, (used, settings) in cases.items():
         estimate = estimate_session(
-            used, prior_table(), gyro_temperature(used.temperature), TWIN, settings, rest=find_rest(used),
+            used,
+            prior_table(),
+            gyro_temperature(used.temperature),
+            TWIN,
+            settings,
+            rest=find_rest(used),
             end_s=session_end(used),
-        )  # fmt: skip
+        )
         tally = estimate.solution.filter.tally
         rejected = sum(kind == "lateral" for _, kind in tally.rejected)
         nis[name] = tally.nis["lateral"] / tally.dof["lateral"] + rejected
     assert nis["right"] < 1.5
     assert nis["estimated"] < 1.5
     assert nis["wrong"] > 3.0
-
-

@@ -3,8 +3,23 @@
 import numpy as np
 import pytest
 
-from benchmarks.thermal_sessions import SETTINGS, TWIN, aged_table, bins_of, draw, drawn_session, take, templates
-from infield.session.hysteresis import ThermalTerm, heating_sense, joint_posterior, posterior_with, with_terms
+from benchmarks.thermal_sessions import (
+    SETTINGS,
+    TWIN,
+    aged_table,
+    bins_of,
+    draw,
+    drawn_session,
+    take,
+    templates,
+)
+from infield.session.hysteresis import (
+    ThermalTerm,
+    heating_sense,
+    joint_posterior,
+    posterior_with,
+    with_terms,
+)
 from infield.session.joint_update import with_thermal_terms
 from infield.table.merge import merge_posterior
 
@@ -12,7 +27,9 @@ WARM, COOL = 0, 9  # templates: a cold start and a cooling one
 
 
 def pair(rate=0.0, *, seed=1, wrong=0.0):
-    """A warm-up and a cooling session of one unit whose x reads `rate` per degC/min more; the second `wrong` on x."""
+    """A warm-up and a cooling session of one unit whose x reads `rate` per degC/min more; the
+    second `wrong` on x.
+    """
     rng = np.random.default_rng([seed, 170])
     table = aged_table()
     nodes, chosen = draw(table.covariance, rng), [templates()[WARM], templates()[COOL]]
@@ -67,12 +84,17 @@ def test_without_a_term_the_sessions_stay_as_they_are():
 
 
 def test_a_wrong_session_is_not_explained_away():
-    """0.06 deg/h on x in the cooling session alone: contradictory it stays, and the split is named as a possibility."""
+    """0.06 deg/h on x in the cooling session alone: contradictory it stays, and the split is named
+    as a possibility.
+    """
     table, _, sessions = pair(seed=3, wrong=0.06)
     terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
     assert [s.verdict.outcome for s in judged] == ["accepted", "inconsistent"]
     assert after is None
-    assert terms[0].action == "a split, or a wrong session" and "more sessions would tell" in terms[0].words()
+    assert (
+        terms[0].action == "a split, or a wrong session"
+        and "more sessions would tell" in terms[0].words()
+    )
 
 
 def test_a_sense_widens_and_a_rate_shifts():
@@ -101,8 +123,10 @@ def test_a_drawn_session_is_honest():
 
 @pytest.mark.parametrize("template", [WARM, COOL])
 def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(template):
-    """One session that only warms, or only cools: its sense is the table's own level. |z| of the term, mean of 12 draws,
-    was 2.0 and 1.3 with the table's level believed; now it is noise (its mean has a sigma of 0.3)."""
+    """One session that only warms, or only cools: its sense is the table's own level. |z| of the
+    term, mean of 12 draws, was 2.0 and 1.3 with the table's level believed; now it is noise (its
+    mean has a sigma of 0.3).
+    """
     off, z = 3.0 * np.hypot(0.006, 0.004), []
     for seed in range(12):
         rng, table = np.random.default_rng([seed, 171]), aged_table()
@@ -115,7 +139,9 @@ def test_a_gyro_that_aged_by_three_sigmas_does_not_look_like_a_term(template):
 
 
 def test_one_session_names_a_term_and_does_nothing_about_it():
-    """0.3 deg/h per degC/min, beyond doubt in one warm-up: said, and the session is merged as if it were not there."""
+    """0.3 deg/h per degC/min, beyond doubt in one warm-up: said, and the session is merged as if it
+    were not there.
+    """
     rng, table = np.random.default_rng([5, 172]), aged_table()
     chosen = templates()[WARM]
     data = bins_of(chosen, table)

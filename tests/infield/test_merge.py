@@ -1,4 +1,6 @@
-"""The merge: both forms agree, nothing unobserved moves, variance never grows, order does not matter, outliers wait."""
+"""The merge: both forms agree, nothing unobserved moves, variance never grows, order does not
+matter, outliers wait.
+"""
 
 import itertools
 
@@ -27,35 +29,67 @@ SIGMA_POINT_deg_h = ARW_deg_sqrt_h / np.sqrt(BIN_S / 3600.0)
 
 def table_with(sigma=0.0072, interpolation="linear", **prior):
     table = default_table(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=-20, high_degC=50, interpolation=interpolation
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        low_degC=-20,
+        high_degC=50,
+        interpolation=interpolation,
     )
     nodes, sigmas = table.temperature_degC, (np.full(8, sigma),) * 3
-    return table.replaced(covariance=prior_covariance(nodes, sigmas, hermite=interpolation == "hermite", **prior))
+    return table.replaced(
+        covariance=prior_covariance(nodes, sigmas, hermite=interpolation == "hermite", **prior)
+    )
 
 
-def session(table, *, low=0.0, high=25.0, bins=6, shift=(0.0, 0.0, 0.0), rng=None, sigma=SIGMA_POINT_deg_h, **noise):
-    """Points of a warming session on all axes; the truth is the table plus `shift` (and noise, with an rng)."""
+def session(
+    table,
+    *,
+    low=0.0,
+    high=25.0,
+    bins=6,
+    shift=(0.0, 0.0, 0.0),
+    rng=None,
+    sigma=SIGMA_POINT_deg_h,
+    **noise,
+):
+    """Points of a warming session on all axes; the truth is the table plus `shift` (and noise, with
+    an rng).
+    """
     axis = np.repeat([0, 1, 2], bins)
     T = np.tile(np.linspace(low, high, bins), 3)
     time = np.tile(BIN_S * (np.arange(bins) + 0.5), 3)
     H = np.vstack([table.basis(int(a), t) for a, t in zip(axis, T)])
     R = sigma**2 * np.eye(3 * bins)
     own = session_covariance(
-        axis_index=axis, time_s=time, duration_s=np.full(3 * bins, BIN_S), gyro=GyroNoise(**noise),
+        axis_index=axis,
+        time_s=time,
+        duration_s=np.full(3 * bins, BIN_S),
+        gyro=GyroNoise(**noise),
         run_length_s=BIN_S * bins,
-    )  # fmt: skip
+    )
     y = H @ table.parameters + np.asarray(shift)[axis]
     if rng is not None:
         y = y + rng.multivariate_normal(np.zeros(y.size), own + R)
     points = SessionPoints(
-        axis_index=axis, time_s=time, duration_s=np.full(y.size, BIN_S), temperature_degC=T,
-        temperature_rate_degC_min=np.ones(y.size), bias_deg_h=y, covariance=R, H=H, run_id="r", run_sha256="h",
-    )  # fmt: skip
+        axis_index=axis,
+        time_s=time,
+        duration_s=np.full(y.size, BIN_S),
+        temperature_degC=T,
+        temperature_rate_degC_min=np.ones(y.size),
+        bias_deg_h=y,
+        covariance=R,
+        H=H,
+        run_id="r",
+        run_sha256="h",
+    )
     return points, own
 
 
 def filtered(table, points, own, M=None, y=None, R=None):
-    """What the main filter hands over: prior and posterior of the session biases, from measurements M b + v."""
+    """What the main filter hands over: prior and posterior of the session biases, from measurements
+    M b + v.
+    """
     C, m0 = points.H @ table.covariance @ points.H.T + own, points.H @ table.parameters
     M = np.eye(m0.size) if M is None else M
     R, y = points.covariance if R is None else R, points.bias_deg_h if y is None else y
@@ -65,12 +99,20 @@ def filtered(table, points, own, M=None, y=None, R=None):
 
 
 def test_one_point_is_inverse_variance_weighting():
-    table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=10)
+    table = default_table(
+        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=10
+    )
     table = table.replaced(covariance=np.diag(np.full(6, 0.01**2)))
     points = SessionPoints(
-        axis_index=[0], time_s=[0], duration_s=[300], temperature_degC=[0], temperature_rate_degC_min=[0],
-        bias_deg_h=[0.008], covariance=[[0.004**2]], H=table.basis("x", 0.0),
-    )  # fmt: skip
+        axis_index=[0],
+        time_s=[0],
+        duration_s=[300],
+        temperature_degC=[0],
+        temperature_rate_degC_min=[0],
+        bias_deg_h=[0.008],
+        covariance=[[0.004**2]],
+        H=table.basis("x", 0.0),
+    )
     merged = merge_points(table, points, [[0.003**2]]).table
     w_table, w_point = 1 / 0.01**2, 1 / (0.004**2 + 0.003**2)
     assert merged.parameters[0] == pytest.approx(0.008 * w_point / (w_table + w_point))
@@ -102,7 +144,8 @@ def test_an_unobserved_direction_moves_nothing(spurious_deg_h):
     R = M @ points.covariance @ M.T
     m0, C, m1, P1 = filtered(table, points, own, M=M, R=R, y=M @ points.bias_deg_h + 0.01)
     level = np.zeros(18)
-    level[6:12], level[12:] = spurious_deg_h, -spurious_deg_h  # said of directions that it never saw
+    # said of directions that it never saw
+    level[6:12], level[12:] = spurious_deg_h, -spurious_deg_h
     result = merge_posterior(table, points.H, m0, C, m1 + level, P1)
     assert result.dof == 11
     for axis in "yz":
@@ -125,19 +168,31 @@ def test_unobserved_directions_do_not_add_up_over_many_points():
     assert all(abs(table.common_shift(axis, result.candidate)) < 1e-6 for axis in "xyz")
 
 
-@given(seed=st.integers(0, 2**32 - 1), interpolation=st.sampled_from(["linear", "hermite"]), known=st.booleans())
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    interpolation=st.sampled_from(["linear", "hermite"]),
+    known=st.booleans(),
+)
 @settings(max_examples=25, deadline=None)
 def test_merging_never_adds_variance_and_stays_a_covariance(seed, interpolation, known):
     rng = np.random.default_rng(seed)
     table = table_with(sigma=10.0 ** rng.uniform(-4, 0), interpolation=interpolation)
-    noise = {"turn_on_deg_h": 0.0, "bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0} if known else {}
-    points, own = session(table, rng=rng, low=rng.uniform(-60, 20), sigma=10.0 ** rng.uniform(-6, 0), **noise)
+    noise = (
+        {"turn_on_deg_h": 0.0, "bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
+        if known
+        else {}
+    )
+    points, own = session(
+        table, rng=rng, low=rng.uniform(-60, 20), sigma=10.0 ** rng.uniform(-6, 0), **noise
+    )
     M = rng.standard_normal((7, 18))
     y = M @ points.bias_deg_h
     for result in (
         merge_points(table, points, own),
         merge_posterior(table, points.H, *filtered(table, points, own)),
-        merge_posterior(table, points.H, *filtered(table, points, own, M=M, R=1e-5 * np.eye(7), y=y)),
+        merge_posterior(
+            table, points.H, *filtered(table, points, own, M=M, R=1e-5 * np.eye(7), y=y)
+        ),
     ):
         before, after = table.covariance, result.candidate.covariance
         scale = np.max(np.abs(before))
@@ -191,9 +246,12 @@ def test_zero_common_shift_and_short_length_leave_unvisited_nodes_bit_identical(
                 (table.temperature_degC[axis] < 0) | (table.temperature_degC[axis] > 20)
             )
             visited = np.setdiff1d(np.r_[values], unvisited)
-            assert np.array_equal(result.candidate.parameters[unvisited], table.parameters[unvisited])
             assert np.array_equal(
-                result.candidate.covariance[unvisited, unvisited], table.covariance[unvisited, unvisited]
+                result.candidate.parameters[unvisited], table.parameters[unvisited]
+            )
+            assert np.array_equal(
+                result.candidate.covariance[unvisited, unvisited],
+                table.covariance[unvisited, unvisited],
             )
             assert np.all(result.candidate.parameters[visited] != table.parameters[visited])
 
@@ -218,18 +276,31 @@ def test_flicker_covariance_is_the_integral_of_its_spectrum():
         return 2 * np.trapezoid(seen, f)
 
     expected = [[integral(0.0), integral(600.0)], [integral(600.0), integral(0.0)]]
-    assert flicker_covariance(start, start + BIN_S, lowest_hz=lowest) == pytest.approx(np.array(expected), rel=1e-6)
+    assert flicker_covariance(start, start + BIN_S, lowest_hz=lowest) == pytest.approx(
+        np.array(expected), rel=1e-6
+    )
 
 
 def test_random_walk_covariance_by_hand():
     """Unit random walk, bins 0..300 and 600..900 s: T/3, the first bin's mean time, 600 + T/3."""
     start = np.array([0.0, 600.0])
-    assert random_walk_covariance(start, start + 300.0) == pytest.approx(np.array([[100.0, 150.0], [150.0, 700.0]]))
+    assert random_walk_covariance(start, start + 300.0) == pytest.approx(
+        np.array([[100.0, 150.0], [150.0, 700.0]])
+    )
 
 
 def test_session_covariance_terms_and_units():
-    silent = {"turn_on_deg_h": 0.0, "bias_instability_deg_h": 0.0, "rate_random_walk_deg_h_sqrt_h": 0.0}
-    same = {"axis_index": [0, 0, 1], "time_s": [1800, 3600, 1800], "duration_s": [1.0] * 3, "run_length_s": 4200.0}
+    silent = {
+        "turn_on_deg_h": 0.0,
+        "bias_instability_deg_h": 0.0,
+        "rate_random_walk_deg_h_sqrt_h": 0.0,
+    }
+    same = {
+        "axis_index": [0, 0, 1],
+        "time_s": [1800, 3600, 1800],
+        "duration_s": [1.0] * 3,
+        "run_length_s": 4200.0,
+    }
 
     def T(misalignment_mrad=0.0, **noise):
         return session_covariance(
@@ -238,9 +309,12 @@ def test_session_covariance_terms_and_units():
 
     block = np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 1]])
     assert T(turn_on_deg_h=0.003) == pytest.approx(0.003**2 * block)
-    assert np.sqrt(T(misalignment_mrad=0.1)) == pytest.approx(0.0015 * block, rel=0.01)  # physics.md section 4
+    # physics.md section 4
+    assert np.sqrt(T(misalignment_mrad=0.1)) == pytest.approx(0.0015 * block, rel=0.01)
     walk = T(rate_random_walk_deg_h_sqrt_h=0.002)  # K^2 t: 0.5 h and 1 h after power-on
-    assert walk == pytest.approx(0.002**2 * np.array([[0.5, 0.5, 0], [0.5, 1.0, 0], [0, 0, 0.5]]), rel=1e-3, abs=1e-15)
+    assert walk == pytest.approx(
+        0.002**2 * np.array([[0.5, 0.5, 0], [0.5, 1.0, 0], [0, 0, 0.5]]), rel=1e-3, abs=1e-15
+    )
     assert np.all(T(bias_instability_deg_h=0.002)[2, :2] == 0.0)
 
 
@@ -250,13 +324,17 @@ def settled_table(rng):
     for low in (-5.0, 0.0, 5.0, 0.0):
         points, own = session(table, low=low)
         table = merge_points(table, points, own).candidate
-    shift = np.linalg.cholesky(table.covariance + 1e-15 * np.eye(table.n_parameters)) @ rng.standard_normal(24)
+    shift = np.linalg.cholesky(
+        table.covariance + 1e-15 * np.eye(table.n_parameters)
+    ) @ rng.standard_normal(24)
     return table, shift
 
 
 @pytest.mark.parametrize("wrong_deg_h", [0.03, 0.05])
 def test_a_wrong_session_is_flagged_and_not_merged(wrong_deg_h):
-    """R16: over 40 units, one axis wrong by 0.03 or more never moves a node by more than half a sigma."""
+    """R16: over 40 units, one axis wrong by 0.03 or more never moves a node by more than half a
+    sigma.
+    """
     rng = np.random.default_rng(16)
     for k in range(40):
         table, error = settled_table(rng)
@@ -267,11 +345,14 @@ def test_a_wrong_session_is_flagged_and_not_merged(wrong_deg_h):
         sigma = np.sqrt(np.diag(table.covariance))
         assert np.all(np.abs(result.table.parameters) <= 0.5 * sigma)
         assert not result.consistent and abs(result.axis_z[k % 3]) > AXIS_Z_LIMIT
-        assert np.max(np.abs(result.candidate.parameters) / sigma) > 0.5  # merged, it would have moved the table
+        # merged, it would have moved the table
+        assert np.max(np.abs(result.candidate.parameters) / sigma) > 0.5
 
 
 def test_false_alarms_are_as_rare_as_the_band_says():
-    """300 honest sessions, two 99.9 % tests each: 0.6 expected, 4 or more with probability 0.003."""
+    """300 honest sessions, two 99.9 % tests each: 0.6 expected, 4 or more with probability
+    0.003.
+    """
     rng = np.random.default_rng(17)
     table, alarms, nis = table_with(), 0, 0.0
     root = np.linalg.cholesky(table.covariance + 1e-15 * np.eye(24))

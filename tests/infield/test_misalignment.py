@@ -1,4 +1,6 @@
-"""From runs on four azimuths to a twin: stops, azimuths, refusals, levelling, and sessions that agree after it."""
+"""From runs on four azimuths to a twin: stops, azimuths, refusals, levelling, and sessions that
+agree after it.
+"""
 
 from dataclasses import replace
 
@@ -11,7 +13,13 @@ from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import misalignment_html
-from infield.session.navigated import SessionSettings, estimate_session, find_rest, misalignment_sigma_mrad, session_end
+from infield.session.navigated import (
+    SessionSettings,
+    estimate_session,
+    find_rest,
+    misalignment_sigma_mrad,
+    session_end,
+)
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -31,12 +39,18 @@ from tests.infield.azimuth_cases import (
 )
 from trajectories.simulator.motions import Park, Pivot, Straight
 
-TRUE = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"), TRUE_MRAD)) | {"xy+yx": TRUE_MRAD[0] + TRUE_MRAD[2]}
+TRUE = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"), TRUE_MRAD)) | {
+    "xy+yx": TRUE_MRAD[0] + TRUE_MRAD[2]
+}
 FOUR_DEG = (0.0, 90.0, 180.0, 270.0)
 
 
 def known(*heading_deg):
-    return KnownAzimuths(heading_rad=np.array(heading_deg) * DEG, sigma_stop_rad=2 * ARCSEC, sigma_north_rad=5 * ARCSEC)
+    return KnownAzimuths(
+        heading_rad=np.array(heading_deg) * DEG,
+        sigma_stop_rad=2 * ARCSEC,
+        sigma_north_rad=5 * ARCSEC,
+    )
 
 
 def study(runs, **options):
@@ -68,7 +82,11 @@ def test_one_power_on_without_azimuths(heading_deg):
     found = errors(result)
     assert result.verdict == "measured" and set(found) == {"zx", "zy", "xy+yx"}
     assert all(abs(z) < 3.3 for z in found.values()), found
-    assert all(c.verdict == "observed" and c.sigma_rad < 0.15e-3 for c in result.couplings if c.name in found)
+    assert all(
+        c.verdict == "observed" and c.sigma_rad < 0.15e-3
+        for c in result.couplings
+        if c.name in found
+    )
 
 
 def test_one_power_on_with_azimuths_gives_every_coupling():
@@ -82,11 +100,17 @@ def test_four_power_ons_with_and_without_azimuths():
     given, found = study(runs, known=known(*FOUR_DEG)).result, study(runs).result
     assert len(errors(given)) == 5 and all(abs(z) < 3.3 for z in errors(given).values())
     assert set(errors(found)) == {"zx", "zy"}  # on the cardinal headings nobody sees the sum
-    assert set(errors(study([parked_run(h + 45.0).run for h in FOUR_DEG]).result)) == {"zx", "zy", "xy+yx"}
+    assert set(errors(study([parked_run(h + 45.0).run for h in FOUR_DEG]).result)) == {
+        "zx",
+        "zy",
+        "xy+yx",
+    }
 
 
 def test_two_sessions_on_opposite_headings_disagree_before_and_agree_after():
-    """0.3 mrad everywhere: 2 x 10.6 deg/h x 0.3 mrad = 0.0064 deg/h along the gyros' diagonal, 0.0045 on z."""
+    """0.3 mrad everywhere: 2 x 10.6 deg/h x 0.3 mrad = 0.0064 deg/h along the gyros' diagonal,
+    0.0045 on z.
+    """
     corrected = corrected_twin(study([one_power_on(0.0).run], known=known(*FOUR_DEG)))
     before, after = (_difference_sigmas(twin) for twin in (TWIN, corrected))
     assert np.abs(before).min() > 4.0, before
@@ -97,12 +121,19 @@ def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
     corrected = corrected_twin(study([one_power_on(0.0).run], known=known(*FOUR_DEG)))
     runs = [parked_run(heading).run for heading in (45.0, 225.0)]
     parent = table_sha256(table_to_dict(table()))
-    before, after = (update_calibration(runs, table(), twin, parent_sha256=parent) for twin in (TWIN, corrected))
-    assert before.outcome == "inconsistent" and after.outcome == "accepted", (before.reasons, after.reasons)
+    before, after = (
+        update_calibration(runs, table(), twin, parent_sha256=parent) for twin in (TWIN, corrected)
+    )
+    assert before.outcome == "inconsistent" and after.outcome == "accepted", (
+        before.reasons,
+        after.reasons,
+    )
 
 
 def _difference_sigmas(twin):
-    """Difference of two sessions in sigmas: the north gyro bias along the diagonal of x and y, and z."""
+    """Difference of two sessions in sigmas: the north gyro bias along the diagonal of x and y, and
+    z.
+    """
     seen = [_session_bias(parked_run(heading).run, twin) for heading in (45.0, 225.0)]
     (b1, P1), (b2, P2) = seen
     return (b1 - b2) / np.sqrt(np.diag(P1 + P2))
@@ -110,7 +141,15 @@ def _difference_sigmas(twin):
 
 def _session_bias(run, twin):
     temperature = gyro_temperature(run.temperature)
-    e = estimate_session(run, table(), temperature, twin, SessionSettings(), rest=find_rest(run), end_s=session_end(run))
+    e = estimate_session(
+        run,
+        table(),
+        temperature,
+        twin,
+        SessionSettings(),
+        rest=find_rest(run),
+        end_s=session_end(run),
+    )
     mean = np.tile(np.eye(3), len(e.bins.centre_s)) / len(e.bins.centre_s)
     rows = np.array([[1.0, -1.0, 0.0], [0.0, 0.0, 1.0]]) / [[np.sqrt(2.0)], [1.0]] @ mean
     return rows @ e.mean_deg_h, rows @ e.covariance @ rows.T
@@ -120,11 +159,19 @@ def test_the_twin_carries_value_and_sigma_into_the_session():
     made = study([one_power_on(45.0).run])
     twin = corrected_twin(made)
     both = made.result.coupling("xy+yx")
-    assert twin.gyro.misalignment_mrad[0] == twin.gyro.misalignment_mrad[2] == pytest.approx(both.value_rad * 500.0)
+    assert (
+        twin.gyro.misalignment_mrad[0]
+        == twin.gyro.misalignment_mrad[2]
+        == pytest.approx(both.value_rad * 500.0)
+    )
     assert twin.gyro.misalignment_mrad[1] == 0.0 and twin.gyro.sigma_misalignment_mrad[1] == 0.0
     sigma = misalignment_sigma_mrad(twin, SessionSettings())
-    assert sigma[2] == pytest.approx(1e3 * np.hypot(made.result.coupling("zx").sigma_rad, made.result.coupling("zy").sigma_rad))
-    assert misalignment_sigma_mrad(TWIN, SessionSettings(sigma_misalignment_mrad=0.3)) == pytest.approx([0.3] * 3)
+    assert sigma[2] == pytest.approx(
+        1e3 * np.hypot(made.result.coupling("zx").sigma_rad, made.result.coupling("zy").sigma_rad)
+    )
+    assert misalignment_sigma_mrad(
+        TWIN, SessionSettings(sigma_misalignment_mrad=0.3)
+    ) == pytest.approx([0.3] * 3)
 
 
 def test_measuring_again_with_the_corrected_twin_finds_nothing_more():
@@ -134,27 +181,61 @@ def test_measuring_again_with_the_corrected_twin_finds_nothing_more():
     assert max(abs(c.value_rad) for c in again.couplings) < 2e-6  # products of two misalignments
 
 
-@pytest.mark.parametrize(("runs", "options", "told"), [
-    (lambda: [parked_run(h).run for h in FOUR_DEG[:3]], {}, "none near"),
-    (lambda: [parked_run(h).run for h in FOUR_DEG], {"known": known(0, 270, 180, 90)}, "counted from north to west"),
-    (lambda: [parked_run(h).run for h in FOUR_DEG], {"known": known(0, 94, 180, 270)}, "4.00 deg off"),
-    (lambda: [simulated(four_stops(angles_deg=(90.0, 96.0, 90.0)), 45.0).run], {}, "off its place"),
-    (lambda: [one_power_on().run], {"settings": AzimuthSettings(shortest_s=1200.0)}, "needed 1200 s"),
-    (lambda: [simulated((Straight(duration_s=900.0, speed_m_s=8.0),), 0.0, with_gnss=True).run], {}, "steady roll"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("runs", "options", "told"),
+    [
+        (lambda: [parked_run(h).run for h in FOUR_DEG[:3]], {}, "none near"),
+        (
+            lambda: [parked_run(h).run for h in FOUR_DEG],
+            {"known": known(0, 270, 180, 90)},
+            "counted from north to west",
+        ),
+        (
+            lambda: [parked_run(h).run for h in FOUR_DEG],
+            {"known": known(0, 94, 180, 270)},
+            "4.00 deg off",
+        ),
+        (
+            lambda: [simulated(four_stops(angles_deg=(90.0, 96.0, 90.0)), 45.0).run],
+            {},
+            "off its place",
+        ),
+        (
+            lambda: [one_power_on().run],
+            {"settings": AzimuthSettings(shortest_s=1200.0)},
+            "needed 1200 s",
+        ),
+        (
+            lambda: [
+                simulated((Straight(duration_s=900.0, speed_m_s=8.0),), 0.0, with_gnss=True).run
+            ],
+            {},
+            "steady roll",
+        ),
+    ],
+)
 def test_refusals_say_why(runs, options, told):
     made = study(runs(), **options)
     assert made.result.verdict == "refused" and made.result.fit is None
     assert told in "; ".join(made.result.reasons)
     document = misalignment_document(made, version="test")
-    assert document["couplings"] == [] and document["rank"]["rank"] <= 3 and corrected_twin(made) == TWIN
+    assert (
+        document["couplings"] == []
+        and document["rank"]["rank"] <= 3
+        and corrected_twin(made) == TWIN
+    )
     assert "Refused" in misalignment_html(document)
 
 
 def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
     from infield.table.thermal_table import default_table
 
-    wide = default_table(imu_serial="SN-0042", gyro_technology="fog", created_utc="2026-01-01T00:00:00Z", sigma_deg_h=30.0)
+    wide = default_table(
+        imu_serial="SN-0042",
+        gyro_technology="fog",
+        created_utc="2026-01-01T00:00:00Z",
+        sigma_deg_h=30.0,
+    )
     runs = [parked_run(h).run for h in FOUR_DEG]
     refused = study_runs(runs, wide, TWIN)
     assert refused.result.verdict == "refused" and "cannot be found" in refused.result.reasons[0]
@@ -164,11 +245,15 @@ def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
 def test_bad_inputs_are_one_line():
     run = parked_run(0.0).run
     other = replace(run, header=replace(run.header, imu_serial="SN-7"), sha256="x")
-    far = replace(run, header=replace(run.header, site=replace(run.header.site, lat_rad=0.5)), sha256="x")
+    far = replace(
+        run, header=replace(run.header, site=replace(run.header.site, lat_rad=0.5)), sha256="x"
+    )
     for runs, options, told in (
-        ([run, other], {}, "one unit"), ([run, far], {}, "one place"), ([run, run], {}, "twice"),
+        ([run, other], {}, "one unit"),
+        ([run, far], {}, "one place"),
+        ([run, run], {}, "twice"),
         ([one_power_on().run], {"known": known(0, 90)}, "4 stops"),
-    ):  # fmt: skip
+    ):
         with pytest.raises(InputError, match=told) as error:
             study(runs, **options)
         assert "\n" not in str(error.value)
@@ -184,22 +269,31 @@ def test_a_run_without_temperature_is_worth_less():
 
 def test_between_turns_of_a_run_that_never_turns_is_all_of_it():
     run = parked_run(0.0).run
-    (a, b), = between_turns(run.imu)
+    ((a, b),) = between_turns(run.imu)
     assert a == pytest.approx(0.0) and b == pytest.approx(STOP_S)
     once = simulated((Park(duration_s=200.0), Pivot(angle_deg=-30.0), Park(duration_s=200.0)), 0.0)
     assert len(between_turns(once.run.imu)) == 2
 
 
 def stop(run, f):
-    return Stop(run=run, start_s=0.0, end_s=900.0, used_s=900.0, gyro_rad_s=np.zeros(3), f_m_s2=np.array(f))
+    return Stop(
+        run=run, start_s=0.0, end_s=900.0, used_s=900.0, gyro_rad_s=np.zeros(3), f_m_s2=np.array(f)
+    )
 
 
 def test_two_position_levelling_by_hand():
-    """Ground 1 mrad down to the north: f_x = o_x + g 1e-3 cosH; o is half the sum of two opposite stops."""
+    """Ground 1 mrad down to the north: f_x = o_x + g 1e-3 cosH; o is half the sum of two opposite
+    stops.
+    """
     g = float(gravity_magnitude(SITE.lat_rad, SITE.height_m))
     heading = np.array(FOUR_DEG) * DEG
-    f = [(50 * MICRO_G + 1e-3 * g * np.cos(H), -20 * MICRO_G - 1e-3 * g * np.sin(H), -g) for H in heading]
-    found = level_offsets([stop(0, v) for v in f], heading, AccelNoise(bias_ug=(5.0, 0.0, 0.0)), SITE)
+    f = [
+        (50 * MICRO_G + 1e-3 * g * np.cos(H), -20 * MICRO_G - 1e-3 * g * np.sin(H), -g)
+        for H in heading
+    ]
+    found = level_offsets(
+        [stop(0, v) for v in f], heading, AccelNoise(bias_ug=(5.0, 0.0, 0.0)), SITE
+    )
     np.testing.assert_allclose(found.offset_ug, [55.0, -20.0], atol=1e-6)
     np.testing.assert_allclose(found.tilt_rad, [1e-3, 0.0], atol=1e-9)
     assert found.same_ground and found.dof == 4
@@ -216,8 +310,11 @@ def test_offsets_of_a_run_are_bias_and_mounting_and_a_bias_needs_the_mounting():
     of_attitude = g_ug * np.array([np.sin(-1e-3), -np.sin(2e-3) * np.cos(1e-3)])
     assert np.abs(made.levels.offset_ug - of_attitude - true_ug).max() < 5.0
     document = misalignment_document(made, version="test")["accelerometers"]
-    assert document["sigma_bias_ug"][0] > 48.0 > 15.0 > document["sigma_offset_ug"][0]  # 10 arcsec are 48 ug
-    assert misalignment_document(study([run.run]), version="test")["accelerometers"]["bias_ug"] is None
+    # 10 arcsec are 48 ug
+    assert document["sigma_bias_ug"][0] > 48.0 > 15.0 > document["sigma_offset_ug"][0]
+    assert (
+        misalignment_document(study([run.run]), version="test")["accelerometers"]["bias_ug"] is None
+    )
 
 
 def test_ground_that_differs_from_stop_to_stop_is_told():

@@ -1,4 +1,6 @@
-"""Fixes whose receiver gave no accuracy in single rows: read as NaN, and counted with the twin's declared sigma."""
+"""Fixes whose receiver gave no accuracy in single rows: read as NaN, and counted with the twin's
+declared sigma.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -16,7 +18,12 @@ from trajectories.runs.directory import inspect_run, read_run, write_run
 from trajectories.runs.schema import SIGMAS
 
 TWIN = twin_of("rlg")
-DECLARED = dict(zip(SIGMAS, (TWIN.gnss.sigma_horizontal_m, TWIN.gnss.sigma_vertical_m, TWIN.gnss.sigma_velocity_m_s)))
+DECLARED = dict(
+    zip(
+        SIGMAS,
+        (TWIN.gnss.sigma_horizontal_m, TWIN.gnss.sigma_vertical_m, TWIN.gnss.sigma_velocity_m_s),
+    )
+)
 
 
 @lru_cache(maxsize=1)
@@ -24,11 +31,16 @@ def logged():
     """A flight whose receiver says twice what the twin declares, in all rows."""
     run = flown(ideal(180.0), TWIN, 2).run
     n = run.gnss.time_s.size
-    return replace(run, gnss=replace(run.gnss, **{name: np.full(n, 2 * value) for name, value in DECLARED.items()}))
+    return replace(
+        run,
+        gnss=replace(run.gnss, **{name: np.full(n, 2 * value) for name, value in DECLARED.items()}),
+    )
 
 
 def holes(seed: int = 3) -> np.ndarray:
-    """Which rows have no sigma, shape (3, n): every kind in rows of its own, and some rows without any."""
+    """Which rows have no sigma, shape (3, n): every kind in rows of its own, and some rows without
+    any.
+    """
     lost = np.random.default_rng(seed).random((3, logged().gnss.time_s.size)) < 0.2
     lost[:, 50:60] = True
     return lost
@@ -37,7 +49,9 @@ def holes(seed: int = 3) -> np.ndarray:
 def with_sigmas(values) -> object:
     """The flight with `values` (a number for each kind) where sigmas are missing."""
     gnss, lost = logged().gnss, holes()
-    changed = {name: np.where(lost[k], values[name], getattr(gnss, name)) for k, name in enumerate(SIGMAS)}
+    changed = {
+        name: np.where(lost[k], values[name], getattr(gnss, name)) for k, name in enumerate(SIGMAS)
+    }
     return replace(logged(), gnss=replace(gnss, **changed))
 
 
@@ -60,21 +74,35 @@ def edited(path, change):
     file = path / "run" / "gnss.csv"
     head, *rows = file.read_text().splitlines()
     names = head.split(",")
-    out = [",".join(change(k, dict(zip(names, row.split(",")))).values()) for k, row in enumerate(rows, start=1)]
+    out = [
+        ",".join(change(k, dict(zip(names, row.split(",")))).values())
+        for k, row in enumerate(rows, start=1)
+    ]
     file.write_text("\n".join([head, *out]) + "\n")
     return path / "run"
 
 
 def test_empty_cells_of_a_csv(tmp_path):
-    run = read_run(edited(tmp_path, lambda k, row: row | {"sigma_vertical_m": "" if k % 4 == 0 else row["sigma_vertical_m"]}))
-    np.testing.assert_array_equal(np.isnan(run.gnss.sigma_vertical_m), np.arange(1, run.gnss.time_s.size + 1) % 4 == 0)
+    run = read_run(
+        edited(
+            tmp_path,
+            lambda k, row: (
+                row | {"sigma_vertical_m": "" if k % 4 == 0 else row["sigma_vertical_m"]}
+            ),
+        )
+    )
+    np.testing.assert_array_equal(
+        np.isnan(run.gnss.sigma_vertical_m), np.arange(1, run.gnss.time_s.size + 1) % 4 == 0
+    )
     assert np.isfinite(run.gnss.sigma_horizontal_m).all()
 
 
 def test_a_column_without_any_value_counts_as_absent(tmp_path):
     path = edited(tmp_path, lambda k, row: row | {"sigma_velocity_m_s": ""})
     found = inspect_run(path)
-    assert found.run.gnss.sigma_velocity_m_s is None and found.run.gnss.sigma_horizontal_m is not None
+    assert (
+        found.run.gnss.sigma_velocity_m_s is None and found.run.gnss.sigma_horizontal_m is not None
+    )
     assert ["gnss.csv: column sigma_velocity_m_s has no value: taken as absent"] == [
         f.text for f in found.findings if "sigma" in f.text
     ]
@@ -84,13 +112,18 @@ def test_a_column_without_any_value_counts_as_absent(tmp_path):
 def test_what_is_no_sigma_is_named(tmp_path, value):
     path = edited(tmp_path, lambda k, row: row | ({"sigma_horizontal_m": value} if k == 7 else {}))
     with pytest.raises(
-        InputError, match=rf"gnss\.csv: row 7 \(line 8\): column sigma_horizontal_m: got {float(value):g}, needed"
+        InputError,
+        match=(
+            rf"gnss\.csv: row 7 \(line 8\): column sigma_horizontal_m: got {float(value):g}, needed"
+        ),
     ):
         read_run(path)
 
 
 def test_a_missing_sigma_counts_with_the_declared_one():
-    """In the aided filter and in the alignment's own aid: as if the declared value had been logged in those rows."""
+    """In the aided filter and in the alignment's own aid: as if the declared value had been logged
+    in those rows.
+    """
     missing, declared = with_sigmas(dict.fromkeys(SIGMAS, np.nan)), with_sigmas(DECLARED)
     noise = dict(zip(("horizontal_m", "vertical_m", "velocity_m_s"), DECLARED.values()))
     a, b = fixes_of(missing.gnss, **noise), fixes_of(declared.gnss, **noise)
@@ -98,17 +131,22 @@ def test_a_missing_sigma_counts_with_the_declared_one():
     np.testing.assert_array_equal(a.sigma_velocity_m_s, b.sigma_velocity_m_s)
     rows, lost = np.arange(missing.gnss.time_s.size), holes()
     for k, (sigma, name) in enumerate(
-        zip((a.sigma_position_m[:, 0], a.sigma_position_m[:, 2], a.sigma_velocity_m_s[:, 1]), SIGMAS)
+        zip(
+            (a.sigma_position_m[:, 0], a.sigma_position_m[:, 2], a.sigma_velocity_m_s[:, 1]), SIGMAS
+        )
     ):
         np.testing.assert_array_equal(sigma, np.where(lost[k], DECLARED[name], 2 * DECLARED[name]))
     aid = GnssAid(missing.gnss, (0.0, 0.0, 0.0), DECLARED[SIGMAS[0]], DECLARED[SIGMAS[2]])
     np.testing.assert_array_equal(
-        aid._sigma(missing.gnss.sigma_horizontal_m, rows, aid.sigma_horizontal_m), a.sigma_position_m[:, 0]
+        aid._sigma(missing.gnss.sigma_horizontal_m, rows, aid.sigma_horizontal_m),
+        a.sigma_position_m[:, 0],
     )
 
 
 def test_replay_with_missing_sigmas_is_aided(tmp_path):
-    """From the files on: the same solution, bit for bit, as with the declared sigmas written out in those rows."""
+    """From the files on: the same solution, bit for bit, as with the declared sigmas written out in
+    those rows.
+    """
     found = []
     for name, values in (("missing", dict.fromkeys(SIGMAS, np.nan)), ("declared", DECLARED)):
         write_run(tmp_path / name, with_sigmas(values), fmt="csv")
@@ -117,6 +155,8 @@ def test_replay_with_missing_sigmas_is_aided(tmp_path):
     assert missing.verdict == declared.verdict == "aided"
     assert (missing.history.used >= 0).any() and np.isfinite(missing.history.variance).all()
     for name in ("lat_rad", "lon_rad", "v_n_m_s", "C_nb", "variance", "nis", "residual", "sigma"):
-        np.testing.assert_array_equal(getattr(missing.history, name), getattr(declared.history, name))
+        np.testing.assert_array_equal(
+            getattr(missing.history, name), getattr(declared.history, name)
+        )
     plain = replay(logged(), choices(flat()), TWIN).aided
     assert not np.array_equal(plain.history.variance, missing.history.variance)

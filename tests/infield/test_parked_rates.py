@@ -1,4 +1,6 @@
-"""Zero-rate biases of parked MEMS units: Earth rate, its one common error, refusals, and the statistics of the table."""
+"""Zero-rate biases of parked MEMS units: Earth rate, its one common error, refusals, and the
+statistics of the table.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -19,7 +21,15 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
-from tests.infield.mems_sessions import TWIN, blank, session, shape_error_deg_h, squared_error, unit, updated
+from tests.infield.mems_sessions import (
+    TWIN,
+    blank,
+    session,
+    shape_error_deg_h,
+    squared_error,
+    unit,
+    updated,
+)
 from tests.infield.sessions import true_bias, with_header
 from tests.undrawn import figures_left_out
 
@@ -31,7 +41,11 @@ def mean_error(simulated, estimate):
     """Posterior mean bias of the session less the true one (3,) and its covariance (3, 3)."""
     weight = estimate.bins.duration_s / estimate.bins.duration_s.sum()
     rows = np.kron(weight, np.eye(3))
-    off = estimate.mean_deg_h + estimate.bins.table_deg_h - true_bias(simulated, estimate.bins.edges_s)
+    off = (
+        estimate.mean_deg_h
+        + estimate.bins.table_deg_h
+        - true_bias(simulated, estimate.bins.edges_s)
+    )
     return rows @ off, rows @ estimate.covariance @ rows.T
 
 
@@ -52,8 +66,10 @@ def test_an_unknown_heading_leaves_its_part_of_earth_rate_and_no_more():
         simulated = session(1, heading_deg=heading_deg)
         found = updated([simulated.run]).sessions[0].estimate
         off, P = mean_error(simulated, found)
-        north_b = np.array([np.cos(heading_deg * DEG), -np.sin(heading_deg * DEG), 0.0])  # all but level
-        assert off == pytest.approx(LEVEL * north_b, abs=1.3)  # roll and pitch of 0.03 rad, noise of 0.4 deg/h
+        # all but level
+        north_b = np.array([np.cos(heading_deg * DEG), -np.sin(heading_deg * DEG), 0.0])
+        # roll and pitch of 0.03 rad, noise of 0.4 deg/h
+        assert off == pytest.approx(LEVEL * north_b, abs=1.3)
         assert np.sqrt(np.diag(P)) == pytest.approx([LEVEL / np.sqrt(2)] * 2 + [0.40], rel=0.1)
 
 
@@ -67,7 +83,9 @@ def test_a_surveyed_heading_takes_it_away():
 
 
 def test_the_common_error_is_one_of_the_session():
-    """Differences between points of a level gyro are known far better than any of them: Earth rate cancels."""
+    """Differences between points of a level gyro are known far better than any of them: Earth rate
+    cancels.
+    """
     points = first()[1].sessions[0].points
     x = np.flatnonzero(points.axis_index == 0)
     one, last = x[0], x[-1]
@@ -80,7 +98,12 @@ def test_the_choice_between_heading_and_none():
     run = first()[0].run
     temperature = gyro_temperature(run.temperature)
     assert no_heading(run, blank(), temperature, TWIN)
-    good = default_table(imu_serial="SN-1", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z", sigma_deg_h=0.5)
+    good = default_table(
+        imu_serial="SN-1",
+        gyro_technology="mems",
+        created_utc="2026-01-01T00:00:00Z",
+        sigma_deg_h=0.5,
+    )
     steady = replace(TWIN, gyro=replace(TWIN.gyro, turn_on_deg_h=0.5))
     assert not no_heading(run, good, temperature, steady)
     assert not no_heading(with_header(run, gyro_technology="fog"), blank(), temperature, TWIN)
@@ -91,14 +114,21 @@ def test_the_report_speaks_of_zero_rates():
     assert found["verdict"] == "proposed" and found["heading_error"]["value_mrad"] is None
     assert {seen["verdict"] for seen in found["observability"].values()} == {"observed"}
     effect = found["zero_rate_effect"]
-    assert found["predicted_effect"] is None and 0 < effect["shape_left_sigma_deg_h"] < 5 < effect["level_left_sigma_deg_h"]
+    assert (
+        found["predicted_effect"] is None
+        and 0 < effect["shape_left_sigma_deg_h"] < 5 < effect["level_left_sigma_deg_h"]
+    )
     terms = {row["term"] for row in found["uncertainty_budget"] if row["axis"] == "x"}
     assert "Earth rate on an unknown heading" in terms and "heading (east part)" not in terms
     zero_rate = found["sessions"][0]["zero_rate"]
     assert zero_rate["bins"] == 40 and zero_rate["noise_over_model"] == pytest.approx(1.0, abs=0.15)
     with figures_left_out():
         page = update_html(found)
-    assert "not sought" in page and "NM/h" not in page and "nan" not in page.lower().replace("governance", "")
+    assert (
+        "not sought" in page
+        and "NM/h" not in page
+        and "nan" not in page.lower().replace("governance", "")
+    )
 
 
 def test_a_log_that_was_compensated_already_is_named():
@@ -109,12 +139,15 @@ def test_a_log_that_was_compensated_already_is_named():
     beta = before.parameters.copy()
     for k in range(3):
         beta[before.values_of(k)] += slope
-    held = before.replaced(parameters=beta)  # the unit has no such slope in this log: somebody subtracted it
+    # the unit has no such slope in this log: somebody subtracted it
+    held = before.replaced(parameters=beta)
     result = updated([run], held)
     assert result.outcome == "inconsistent"
     assert any("applied_table_sha256" in reason for reason in result.reasons)
     sha256 = table_sha256(table_to_dict(held))
-    again = updated([with_header(run, applied_table_sha256=sha256)], held, applied_table=lambda s: held)
+    again = updated(
+        [with_header(run, applied_table_sha256=sha256)], held, applied_table=lambda s: held
+    )
     assert again.outcome == "accepted"
 
 
@@ -126,15 +159,20 @@ def test_a_level_beyond_the_turn_on_is_named():
     assert second.outcome == "inconsistent" and "its level does not" in " ".join(second.reasons)
 
 
-@pytest.mark.parametrize(("change", "reason"), [
-    (lambda run: replace(run, imu=run.imu.between(0.0, 45.0), phases=()), "needed 60 s"),
-    (lambda run: replace(run, temperature=None), "no gyro temperature"),
-    (lambda run: with_header(run, level_removed=True), 'gyro_offsets = "add_back"'),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda run: replace(run, imu=run.imu.between(0.0, 45.0), phases=()), "needed 60 s"),
+        (lambda run: replace(run, temperature=None), "no gyro temperature"),
+        (lambda run: with_header(run, level_removed=True), 'gyro_offsets = "add_back"'),
+    ],
+)
 def test_refusals(change, reason):
     result = updated([change(first()[0].run)])
     assert result.outcome == "refused" and reason in result.reasons[0]
-    assert document_of(result)["decision_rule"].startswith("A session of gyros that find no heading")
+    assert document_of(result)["decision_rule"].startswith(
+        "A session of gyros that find no heading"
+    )
 
 
 def test_a_noisy_unit_is_taken_as_it_is_and_a_shaking_one_refused():
@@ -155,12 +193,23 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
     assert plain == pytest.approx(max(30.0, size - 15.0), abs=15.0)
     T = temperature.at(run.imu.time_s)[:, 0]
     steep = replace(
-        run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + (60.0 * (T - T[0]) * DEG_PER_HOUR * run.imu.dt_s)[:, None])
+        run,
+        imu=replace(
+            run.imu,
+            dtheta_rad=run.imu.dtheta_rad
+            + (60.0 * (T - T[0]) * DEG_PER_HOUR * run.imu.dt_s)[:, None],
+        ),
     )
     assert unknown_sigma_deg_h(steep, TWIN, temperature, 30.0) > 20 * 60.0
-    table = default_table(imu_serial="SN-1", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z",
-                          sigma_deg_h=unknown_sigma_deg_h(steep, TWIN, temperature, 30.0))  # fmt: skip
-    assert updated([steep], table).outcome == "accepted" and updated([steep]).outcome == "inconsistent"
+    table = default_table(
+        imu_serial="SN-1",
+        gyro_technology="mems",
+        created_utc="2026-01-01T00:00:00Z",
+        sigma_deg_h=unknown_sigma_deg_h(steep, TWIN, temperature, 30.0),
+    )
+    assert (
+        updated([steep], table).outcome == "accepted" and updated([steep]).outcome == "inconsistent"
+    )
 
 
 def test_the_rest_is_looked_for_in_the_named_phases():
@@ -168,11 +217,14 @@ def test_the_rest_is_looked_for_in_the_named_phases():
     stretch, why = find_parked(run)
     assert why == "" and stretch[0] < 5.0 and stretch[1] > 2390.0
     assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
-    assert SessionSettings().bin_s == 300.0  # of navigated sessions; a parked one has bins of a minute
+    # of navigated sessions; a parked one has bins of a minute
+    assert SessionSettings().bin_s == 300.0
 
 
 def statistics(seeds):
-    """Squared normalised errors of tables and of session means, their degrees of freedom, how many sessions contradict."""
+    """Squared normalised errors of tables and of session means, their degrees of freedom, how many
+    sessions contradict.
+    """
     table, mean, contradicting = np.zeros(2), np.zeros(2), 0
     for seed in seeds:
         simulated = session(seed)
@@ -197,7 +249,9 @@ def test_a_few_runs_have_honest_errors():
 
 @pytest.mark.slow
 def test_two_hundred_runs_have_honest_errors():
-    """99.9 % chi-square bounds on 1800 and 600 degrees of freedom; 1 in 1000 sessions may contradict its table."""
+    """99.9 % chi-square bounds on 1800 and 600 degrees of freedom; 1 in 1000 sessions may
+    contradict its table.
+    """
     table, mean, contradicting = statistics(range(200, 400))
     assert within(table), table[0] / table[1]
     assert within(mean), mean[0] / mean[1]
@@ -206,10 +260,13 @@ def test_two_hundred_runs_have_honest_errors():
 
 @pytest.mark.slow
 def test_five_sessions_make_the_shape_better():
-    """What a start-up calibration leaves: RMS over ten units, a blank table against five warm-ups of 40 min."""
+    """What a start-up calibration leaves: RMS over ten units, a blank table against five warm-ups
+    of 40 min.
+    """
     blank_error = [shape_error_deg_h(blank(), unit(seed)) for seed in range(500, 510)]
     merged = [
-        shape_error_deg_h(updated([session(seed, n).run for n in range(5)]).after, unit(seed)) for seed in range(500, 510)
+        shape_error_deg_h(updated([session(seed, n).run for n in range(5)]).after, unit(seed))
+        for seed in range(500, 510)
     ]
     assert np.sqrt(np.mean(np.square(blank_error))) > 2.5 * np.sqrt(np.mean(np.square(merged)))
 

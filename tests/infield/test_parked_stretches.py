@@ -1,4 +1,6 @@
-"""Several stretches of rest in one log of a MEMS unit: what they share, what is left out, and honest sums of squares."""
+"""Several stretches of rest in one log of a MEMS unit: what they share, what is left out, and
+honest sums of squares.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -38,13 +40,22 @@ def estimate_of(run, **options):
 
 
 def document_of(result):
-    return update_document(result, committed=False, store=None, version="test", table_before=table_to_dict(result.before))
+    return update_document(
+        result,
+        committed=False,
+        store=None,
+        version="test",
+        table_before=table_to_dict(result.before),
+    )
 
 
 def errors(simulated, estimate):
     """Errors of the session's mean and of warm less cold (3,), with their covariances (3, 3)."""
     bins, stretch = estimate.bins, estimate.parked.stretch
-    spans = [(simulated.bias_time_s > a) & (simulated.bias_time_s <= b) for a, b in zip(bins.start_s, bins.end_s)]
+    spans = [
+        (simulated.bias_time_s > a) & (simulated.bias_time_s <= b)
+        for a, b in zip(bins.start_s, bins.end_s)
+    ]
     truth = np.concatenate([simulated.gyro_bias_true_deg_h[rows].mean(axis=0) for rows in spans])
     off = estimate.mean_deg_h + bins.table_deg_h - truth
     mean = bins.duration_s / bins.duration_s.sum()
@@ -57,8 +68,13 @@ def test_both_stretches_are_used_and_nothing_of_the_flight():
     simulated, result = first()
     bins, p = result.sessions[0].estimate.bins, result.sessions[0].estimate.parked
     end = simulated.run.imu.end_s
-    assert [round(s.seconds.dt_s.sum()) for s in p.stretches] == pytest.approx([COLD_S, WARM_S], abs=8)
-    assert bins.end_s[p.stretch == 0].max() <= COLD_S and bins.start_s[p.stretch == 1].min() >= end - WARM_S
+    assert [round(s.seconds.dt_s.sum()) for s in p.stretches] == pytest.approx(
+        [COLD_S, WARM_S], abs=8
+    )
+    assert (
+        bins.end_s[p.stretch == 0].max() <= COLD_S
+        and bins.start_s[p.stretch == 1].min() >= end - WARM_S
+    )
     assert bins.prior.shape == (3 * len(bins.start_s),) * 2 and len(bins.start_s) == 5
     points = result.sessions[0].points
     assert points.temperature_degC.max() > 38.0 and points.temperature_degC.min() < 23.0
@@ -66,7 +82,9 @@ def test_both_stretches_are_used_and_nothing_of_the_flight():
 
 
 def test_what_lies_between_neither_widens_nor_narrows():
-    """The joint prior of the stretches' bins is that of the same bins cut from a log that is covered all along."""
+    """The joint prior of the stretches' bins is that of the same bins cut from a log that is
+    covered all along.
+    """
     e = first()[1].sessions[0].estimate
     count = len(e.bins.start_s)
     assert e.mean_deg_h.size == e.bins.prior.shape[0] == 3 * count == len(e.parked.stretch) * 3
@@ -75,7 +93,8 @@ def test_what_lies_between_neither_widens_nor_narrows():
     lag = np.hypot(0.0, np.abs(np.subtract.outer(e.bins.centre_s, e.bins.centre_s)))
     variogram = own.diagonal()[:, None] + own.diagonal()[None, :] - 2.0 * own
     assert own.min() > 0.99 * gyro.turn_on_deg_h**2  # the turn-on is one
-    assert variogram[0, -1] > variogram[0, 1] > 0 and lag[0, -1] > 1200.0  # flicker and walk went on in the gap
+    # flicker and walk went on in the gap
+    assert variogram[0, -1] > variogram[0, 1] > 0 and lag[0, -1] > 1200.0
 
 
 @pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -60.0])
@@ -96,11 +115,14 @@ def test_an_untold_turn_takes_the_larger_uncertainty_of_both(monkeypatch):
     assert np.sqrt(C[0, 0]) == pytest.approx(LEVEL, rel=0.01) and abs(C[0, 3]) < 0.01
     f = np.array([1.0, 0, 0, 1.0, 0, 0]) / 2, np.array([1.0, 0, 0, -1.0, 0, 0])
     mean, change = (v @ C @ v for v in f)
-    assert mean >= 0.5 * LEVEL**2 * 0.998 and change >= 2.0 * LEVEL**2 * 0.998  # unchanged; half a turn
+    # unchanged; half a turn
+    assert mean >= 0.5 * LEVEL**2 * 0.998 and change >= 2.0 * LEVEL**2 * 0.998
 
 
 def test_a_clipped_gyro_or_dropouts_do_not_tell_the_turn():
-    """Cut at the end of the range about the vertical alone, which down never shows; some rows lost and held over."""
+    """Cut at the end of the range about the vertical alone, which down never shows; some rows lost
+    and held over.
+    """
     run = first()[0].run
     away = np.flatnonzero((run.imu.time_s > COLD_S) & (run.imu.time_s < run.imu.end_s - WARM_S))
     rate = run.imu.dtheta_rad.copy()
@@ -113,57 +135,85 @@ def test_a_clipped_gyro_or_dropouts_do_not_tell_the_turn():
         kept[away[k] : away[k] + 4] = False
     t = run.imu.time_s[kept]
     dt = np.diff(t, prepend=t[0] - 0.1)
-    held = replace(run.imu, time_s=t, dt_s=dt, dtheta_rad=run.imu.dtheta_rad[kept] * (dt / 0.1)[:, None],
-                   dv_m_s=run.imu.dv_m_s[kept] * (dt / 0.1)[:, None])  # fmt: skip
+    held = replace(
+        run.imu,
+        time_s=t,
+        dt_s=dt,
+        dtheta_rad=run.imu.dtheta_rad[kept] * (dt / 0.1)[:, None],
+        dv_m_s=run.imu.dv_m_s[kept] * (dt / 0.1)[:, None],
+    )
     assert not estimate_of(replace(run, imu=held)).parked.turns[0].told
 
 
 def test_a_surveyed_heading_follows_the_turn_and_no_further(monkeypatch):
     simulated = flight(5, heading_deg=120.0, turn_deg=90.0)
-    run = with_header(simulated.run, survey=Survey(heading_rad=120.0 * DEG, sigma_heading_rad=2.0 * DEG))
+    run = with_header(
+        simulated.run, survey=Survey(heading_rad=120.0 * DEG, sigma_heading_rad=2.0 * DEG)
+    )
     told = estimate_of(run)
     (mean, P), (change, Q) = errors(simulated, told)
-    assert np.sqrt(np.diag(P)).max() < 1.5 and np.abs(mean).max() < 5.0 and np.sqrt(np.diag(Q)).max() < 5.0
-    assert mean @ np.linalg.solve(P, mean) < chi2.ppf(0.999, 3) and change @ np.linalg.solve(Q, change) < chi2.ppf(0.999, 3)
+    assert (
+        np.sqrt(np.diag(P)).max() < 1.5
+        and np.abs(mean).max() < 5.0
+        and np.sqrt(np.diag(Q)).max() < 5.0
+    )
+    assert mean @ np.linalg.solve(P, mean) < chi2.ppf(0.999, 3) and change @ np.linalg.solve(
+        Q, change
+    ) < chi2.ppf(0.999, 3)
     monkeypatch.setattr(turn_between, "TOLD_RAD", 0.0)
     p = estimate_of(run).parked
     assert p.earth.heading_deg_h == pytest.approx([0.0, LEVEL / np.sqrt(2)])
-    assert p.earth.known[1, :2] == pytest.approx([0.0, 0.0], abs=0.5)  # only the vertical part, on a tilt of 0.03
+    # only the vertical part, on a tilt of 0.03
+    assert p.earth.known[1, :2] == pytest.approx([0.0, 0.0], abs=0.5)
 
 
 def test_down_is_measured_in_each_stretch():
-    """The unit stands otherwise after landing: the vertical part of Earth rate goes with gravity."""
+    """The unit stands otherwise after landing: the vertical part of Earth rate goes with
+    gravity.
+    """
     simulated = flight(6, turn_deg=0.0)
     run = simulated.run
     late = run.imu.time_s > run.imu.end_s - WARM_S - 5.0
     tilt = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])  # on its side
     imu = replace(
-        run.imu, dtheta_rad=np.where(late[:, None], run.imu.dtheta_rad @ tilt.T, run.imu.dtheta_rad),
+        run.imu,
+        dtheta_rad=np.where(late[:, None], run.imu.dtheta_rad @ tilt.T, run.imu.dtheta_rad),
         dv_m_s=np.where(late[:, None], run.imu.dv_m_s @ tilt.T, run.imu.dv_m_s),
-    )  # fmt: skip
+    )
     p = estimate_of(replace(run, imu=imu)).parked
-    assert p.earth.down_b[0] == pytest.approx([0, 0, 1], abs=0.05) and p.earth.down_b[1] == pytest.approx([0, 1, 0], abs=0.05)
-    assert p.earth.known[1, 1] == pytest.approx(-EARTH_RATE_RAD_S / DEG_PER_HOUR * np.sin(45 * DEG), abs=0.1)
+    assert p.earth.down_b[0] == pytest.approx([0, 0, 1], abs=0.05) and p.earth.down_b[
+        1
+    ] == pytest.approx([0, 1, 0], abs=0.05)
+    assert p.earth.known[1, 1] == pytest.approx(
+        -EARTH_RATE_RAD_S / DEG_PER_HOUR * np.sin(45 * DEG), abs=0.1
+    )
     assert not p.turns[0].told and p.turns[0].closure_rad > 1.0  # the gyros did not see it fall
 
 
 def with_gnss(run, velocity):
     """GNSS at 1 Hz, velocity (n, 2) north and east as a function of time (n,)."""
     t = np.arange(1.0, run.imu.end_s)
-    v = np.column_stack([velocity(t), np.zeros(t.size)]) + np.random.default_rng(1).normal(0.0, 0.03, (t.size, 3))
+    v = np.column_stack([velocity(t), np.zeros(t.size)]) + np.random.default_rng(1).normal(
+        0.0, 0.03, (t.size, 3)
+    )
     none = np.zeros(t.size)
-    return replace(run, gnss=GnssLog(time_s=t, lat_rad=none + 45 * DEG, lon_rad=none, height_m=none, v_n_m_s=v))
+    return replace(
+        run, gnss=GnssLog(time_s=t, lat_rad=none + 45 * DEG, lon_rad=none, height_m=none, v_n_m_s=v)
+    )
 
 
 def circle(t):
     return 0.8 * np.column_stack([np.cos(0.1 * t), np.sin(0.1 * t)])
 
 
-@pytest.mark.parametrize(("late", "said"), [
-    (lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t]), "up to 3.1 m/s"),
-    (circle, "up to 0.9 m/s"),
-    (lambda t: np.column_stack([np.full(t.size, 0.3), 0 * t]), "0.30 m/s on the mean"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("late", "said"),
+    [
+        (lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t]), "up to 3.1 m/s"),
+        (circle, "up to 0.9 m/s"),
+        (lambda t: np.column_stack([np.full(t.size, 0.3), 0 * t]), "0.30 m/s on the mean"),
+    ],
+)
 def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     run = first()[0].run
     moving = with_gnss(run, lambda t: late(t) * ((t > COLD_S) & (t < run.imu.end_s))[:, None])
@@ -171,7 +221,9 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     assert len(rests.stretches) == 1 and rests.stretches[0][1] < COLD_S + 1.0
     assert said in rests.left_out[0].reason
     result = updated([moving])
-    assert result.outcome == "accepted" and any(said in span["reason"] for span in document_of(result)["excluded"])
+    assert result.outcome == "accepted" and any(
+        said in span["reason"] for span in document_of(result)["excluded"]
+    )
     standing = with_gnss(run, lambda t: np.zeros((t.size, 2)))
     assert len(find_rests(standing).stretches) == 2
     whole = find_rests(with_gnss(run, lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t])))
@@ -183,12 +235,18 @@ def test_all_phases_named_as_parked_count():
     rests = find_rests(run)
     assert len(parked_windows(run)) == len(rests.stretches) == 2
     cold = replace(run, phases=run.phases[:2])
-    assert len(find_rests(cold).stretches) == 1  # the log says when it is parked, and nothing of the end
+    # the log says when it is parked, and nothing of the end
+    assert len(find_rests(cold).stretches) == 1
     flown = replace(run, phases=(run.phases[1],))
     assert [round(a) for a, _ in parked_windows(flown)] == [0, round(run.imu.end_s - WARM_S)]
     assert len(find_rests(flown).stretches) == 2
-    meeting = replace(run, phases=tuple(Phase(phase=n, start_s=a, end_s=b) for n, a, b in (
-        ("alignment", 0.0, 60.0), ("extended_alignment", 60.5, COLD_S))))  # fmt: skip
+    meeting = replace(
+        run,
+        phases=tuple(
+            Phase(phase=n, start_s=a, end_s=b)
+            for n, a, b in (("alignment", 0.0, 60.0), ("extended_alignment", 60.5, COLD_S))
+        ),
+    )
     assert parked_windows(meeting) == ((run.imu.start_s, COLD_S),)
 
 
@@ -197,7 +255,9 @@ def test_a_short_rest_is_named():
     rests = find_rests(run)
     assert len(rests.stretches) == 1 and "needed 60 s" in rests.left_out[0].reason
     page = document_of(updated([run]))
-    assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(run.imu.end_s, abs=3.0)
+    assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(
+        run.imu.end_s, abs=3.0
+    )
     early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
     bare = find_rests(replace(run, imu=early, phases=()))
     assert len(bare.stretches) == 1 and "a rest of 4" in bare.left_out[0].reason
@@ -207,8 +267,13 @@ def test_a_shaken_rest_is_left_out_and_the_other_used():
     run = first()[0].run
     late = (run.imu.time_s > run.imu.end_s - WARM_S)[:, None]
     rng = np.random.default_rng(2)
-    shaken = replace(landed(run), imu=replace(
-        run.imu, dtheta_rad=run.imu.dtheta_rad + late * rng.normal(0.0, 3e-4, run.imu.dtheta_rad.shape)))  # fmt: skip
+    shaken = replace(
+        landed(run),
+        imu=replace(
+            run.imu,
+            dtheta_rad=run.imu.dtheta_rad + late * rng.normal(0.0, 3e-4, run.imu.dtheta_rad.shape),
+        ),
+    )
     p = estimate_of(shaken).parked
     assert len(p.stretches) == 1 and "times as much as their noise model" in p.left_out[0].reason
 
@@ -217,24 +282,43 @@ def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():
     simulated = session(4)
     run = simulated.run
     turning = ((run.imu.time_s > 1500.0) & (run.imu.time_s <= 1502.0))[:, None]
-    imu = replace(run.imu, dtheta_rad=run.imu.dtheta_rad + turning * np.array([0.0, 0.0, 0.5 * np.pi / 20.0]))
+    imu = replace(
+        run.imu, dtheta_rad=run.imu.dtheta_rad + turning * np.array([0.0, 0.0, 0.5 * np.pi / 20.0])
+    )
     p = estimate_of(replace(run, imu=imu, phases=())).parked
     assert len(p.stretches) == 2 and p.stretches[1].seconds.end_s[-1] > 2390.0
     assert "turned by 1.6 rad" in p.stretches[0].seconds.moved
-    assert p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02) and p.turns[0].sigma_rad < 0.05
+    assert (
+        p.turns[0].heading_rad == pytest.approx(0.5 * np.pi, abs=0.02)
+        and p.turns[0].sigma_rad < 0.05
+    )
 
 
 def test_the_report_lists_each_stretch():
     found = document_of(first()[1])
     zero_rate = found["sessions"][0]["zero_rate"]
     cold, warm = zero_rate["stretches"]
-    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0) and warm["duration_s"] == pytest.approx(WARM_S, abs=8.0)
-    assert warm["start_s"] > 1300.0 and warm["temperature_degC"][0] > 38.0 and cold["turned_deg"] is None
-    assert warm["turned_deg"] == pytest.approx(90.0, abs=15.0) and zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
+    assert cold["duration_s"] == pytest.approx(COLD_S, abs=8.0) and warm[
+        "duration_s"
+    ] == pytest.approx(WARM_S, abs=8.0)
+    assert (
+        warm["start_s"] > 1300.0
+        and warm["temperature_degC"][0] > 38.0
+        and cold["turned_deg"] is None
+    )
+    assert (
+        warm["turned_deg"] == pytest.approx(90.0, abs=15.0)
+        and zero_rate["bins"] == cold["bins"] + warm["bins"] == 5
+    )
     covered = sum(row["seconds"] for row in found["sessions"][0]["coverage"] if row["axis"] == "x")
     assert covered == pytest.approx(COLD_S + WARM_S, abs=20.0)
-    heading = {r["axis"]: r["sigma_deg_h"] for r in found["uncertainty_budget"] if "unknown heading" in r["term"]}
-    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)  # a quarter turn between 3 and 2 min
+    heading = {
+        r["axis"]: r["sigma_deg_h"]
+        for r in found["uncertainty_budget"]
+        if "unknown heading" in r["term"]
+    }
+    # a quarter turn between 3 and 2 min
+    assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
     with figures_left_out():
         page = update_html(found)
     assert "2 stretches of rest" in page and "deg, by the gyros" in page
@@ -250,7 +334,9 @@ def test_an_unknown_unit_is_as_wide_as_its_warm_stretch_shows():
 
 
 def statistics(seeds, **options):
-    """Squared normalised errors of session means, of warm less cold and of tables, with their degrees of freedom."""
+    """Squared normalised errors of session means, of warm less cold and of tables, with their
+    degrees of freedom.
+    """
     mean, change, table, contradicting = np.zeros(2), np.zeros(2), np.zeros(2), 0
     for seed in seeds:
         simulated = flight(seed, **options)
@@ -275,7 +361,9 @@ def test_a_few_flights_have_honest_errors():
 @pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", [None, 0.0, 180.0])
 def test_two_hundred_flights_have_honest_errors(turn_deg):
-    """99.9 % chi-square bounds on 600, 600 and 1800 degrees of freedom, headings at random, as they were, and opposite."""
+    """99.9 % chi-square bounds on 600, 600 and 1800 degrees of freedom, headings at random, as they
+    were, and opposite.
+    """
     *sums, contradicting = statistics(range(1000, 1200), turn_deg=turn_deg)
     for total in sums:
         low, high = bounds(total)
@@ -292,9 +380,14 @@ def test_untold_turns_are_not_overconfident(turn_deg, monkeypatch):
 
 
 def warm_error_deg_h(table, truth):
-    """RMS over the gyros of the error of warm less cold, which a start-up calibration leaves at the end of a flight."""
+    """RMS over the gyros of the error of warm less cold, which a start-up calibration leaves at the
+    end of a flight.
+    """
     T = np.array([COLD_degC, WARM_degC])
-    off = [np.diff(table.bias_deg_h(axis, T) - truth.bias_deg_h("xyz"[axis], T))[0] for axis in range(3)]
+    off = [
+        np.diff(table.bias_deg_h(axis, T) - truth.bias_deg_h("xyz"[axis], T))[0]
+        for axis in range(3)
+    ]
     return float(np.sqrt(np.mean(np.square(off))))
 
 
@@ -304,7 +397,12 @@ def warm_errors(seeds):
     for seed in seeds:
         run, truth = flight(seed).run, unit(seed)
         alone = replace(run, imu=run.imu.between(0.0, COLD_S))
-        found.append([warm_error_deg_h(t, truth) for t in (blank(), updated([alone]).after, updated([run]).after)])
+        found.append(
+            [
+                warm_error_deg_h(t, truth)
+                for t in (blank(), updated([alone]).after, updated([run]).after)
+            ]
+        )
     return np.sqrt(np.mean(np.square(found), axis=0))
 
 
@@ -314,14 +412,20 @@ def test_the_second_stretch_is_what_shows_the_warm_end():
 
 
 def test_one_stretch_is_estimated_as_ever():
-    """A log of one stretch, bit by bit: equal bins, one common error of all points, a document without a word of stretches."""
+    """A log of one stretch, bit by bit: equal bins, one common error of all points, a document
+    without a word of stretches.
+    """
     run = session(1).run
     result = updated([run])
     e = result.sessions[0].estimate
     p, temperature = e.parked, gyro_temperature(run.temperature)
     start, end = float(p.stretches[0].seconds.start_s[0]), float(p.stretches[0].seconds.end_s[-1])
-    table = blank().extended_to(float(temperature.temperature_degC.min()), float(temperature.temperature_degC.max()))
-    bins = make_bins(table, temperature, TWIN, SessionSettings(bin_s=60.0), start_s=start, end_s=end)
+    table = blank().extended_to(
+        float(temperature.temperature_degC.min()), float(temperature.temperature_degC.max())
+    )
+    bins = make_bins(
+        table, temperature, TWIN, SessionSettings(bin_s=60.0), start_s=start, end_s=end
+    )
     assert np.array_equal(bins.prior, e.bins.prior) and np.array_equal(bins.edges_s, e.bins.edges_s)
     white = p.walk_deg_sqrt_h**2 / (np.maximum(p.used_s, 1.0)[:, None] / 3600.0)
     R = np.kron(np.ones((40, 40)), p.earth.covariance) + np.diag(white.ravel())

@@ -1,4 +1,6 @@
-"""The numbers of physics.md section 6, each from the nonlinear navigation; signs as in CONVENTIONS.md."""
+"""The numbers of physics.md section 6, each from the nonlinear navigation; signs as in
+CONVENTIONS.md.
+"""
 
 from functools import cache
 
@@ -19,7 +21,8 @@ G = float(earth.gravity_magnitude(LAT, HEIGHT))
 SPIN = earth.EARTH_RATE_RAD_S
 BIAS = 0.01 * DEG_PER_HOUR
 ONE_MM_S = 1e-3
-HOLD = VerticalChannel(mode="hold", time_constant_s=10.0)  # stiff: v_D would leak 5e-6 deg/h into u_N
+# stiff: v_D would leak 5e-6 deg/h into u_N
+HOLD = VerticalChannel(mode="hold", time_constant_s=10.0)
 SPEED = 10.0
 
 
@@ -35,7 +38,9 @@ def east_at(heading_rad, size=BIAS):
 
 
 def gyrocompass_errors(gyro, accel, heading_rad):
-    """theta of an alignment that is done: phi_N = -del_E / g, phi_E = del_N / g, psi = -eps_E / (Omega cosL) + ..."""
+    """theta of an alignment that is done: phi_N = -del_E / g, phi_E = del_N / g, psi = -eps_E /
+    (Omega cosL) + ...
+    """
     C_nb = dcm_from_euler(0.0, 0.0, heading_rad)
     eps, nabla = C_nb @ gyro, C_nb @ accel
     psi = -eps[1] / (SPIN * np.cos(LAT)) + nabla[1] / G * np.tan(LAT)
@@ -47,19 +52,33 @@ def parked_errors(gyro, theta=(0.0, 0.0, 0.0), accel=(0.0, 0.0, 0.0), hours=1.0)
     """Velocity error (k, 3) each second of a parked unit facing north, and the history."""
     begin = start()
     imu = straight_roll(begin, duration_s=hours * 3600.0, dt=0.5)
-    history = run_errors(imu, begin, Errors(gyro=gyro, theta=theta, accel=accel), epoch_s=1.0, vertical=HOLD)
+    history = run_errors(
+        imu, begin, Errors(gyro=gyro, theta=theta, accel=accel), epoch_s=1.0, vertical=HOLD
+    )
     return history.v_n_m_s, history
 
 
 def test_heading_error_of_a_hundredth_of_a_degree_an_hour_east():
-    """psi0 = -eps_E / (Omega cosL) = -0.940 mrad at 45 deg, and 0.1 mrad tanL for 100 micro-g east (6.4)."""
-    assert gyrocompass_errors((0, BIAS, 0), (0, 0, 0), 0.0)[2] == pytest.approx(-0.940 * MILLIRADIAN, abs=1e-6)
-    assert gyrocompass_errors((0, 0, 0), (0, 100 * MICRO_G, 0), 0.0)[2] == pytest.approx(0.1 * MILLIRADIAN, rel=1e-3)
+    """psi0 = -eps_E / (Omega cosL) = -0.940 mrad at 45 deg, and 0.1 mrad tanL for 100 micro-g east
+    (6.4).
+    """
+    assert gyrocompass_errors((0, BIAS, 0), (0, 0, 0), 0.0)[2] == pytest.approx(
+        -0.940 * MILLIRADIAN, abs=1e-6
+    )
+    assert gyrocompass_errors((0, 0, 0), (0, 100 * MICRO_G, 0), 0.0)[2] == pytest.approx(
+        0.1 * MILLIRADIAN, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(
     ("lat_deg", "mrad", "coupling_deg_h"),
-    [(0, 0.665, 15.04), (30, 0.768, 13.03), (45, 0.940, 10.64), (60, 1.330, 7.52), (70, 1.944, 5.14)],
+    [
+        (0, 0.665, 15.04),
+        (30, 0.768, 13.03),
+        (45, 0.940, 10.64),
+        (60, 1.330, 7.52),
+        (70, 1.944, 5.14),
+    ],
 )
 def test_table_of_heading_error_against_latitude(lat_deg, mrad, coupling_deg_h):
     coupling = earth.omega_ie_n(lat_deg * DEG)[0]
@@ -68,7 +87,8 @@ def test_table_of_heading_error_against_latitude(lat_deg, mrad, coupling_deg_h):
 
 
 def test_an_east_bias_shows_nothing_on_the_alignment_heading_and_a_north_bias_all():
-    """6.4: |dv| below 0.2 mm/s after an hour; the north bias gives the full Schuler response, 0.6 m/s.
+    """6.4: |dv| below 0.2 mm/s after an hour; the north bias gives the full Schuler response, 0.6
+    m/s.
 
     What is left in between, 0.31 mm/s at 42 min, is the Earth rate's psi^2 / 2.
     """
@@ -87,7 +107,8 @@ def test_schuler_response_to_a_constant_tilt_rate():
     t = history.time_s[first]
     R = earth.radii_of_curvature(LAT)[1]
     expected = R * BIAS * (1 - np.cos(np.sqrt(G / R) * t))
-    assert v[first, 1] == pytest.approx(expected, abs=0.012 * 0.618)  # Foucault: 1 - cos(Omega sinL t) at 42 min
+    # Foucault: 1 - cos(Omega sinL t) at 42 min
+    assert v[first, 1] == pytest.approx(expected, abs=0.012 * 0.618)
     v, _ = parked_errors((0.0, BIAS, 0.0))
     assert v[first, 0] == pytest.approx(-expected, abs=0.03 * 0.618)  # here psi grows too
     assert v[2532, 0] == pytest.approx(-0.618, abs=0.01)
@@ -95,17 +116,24 @@ def test_schuler_response_to_a_constant_tilt_rate():
 
 def second_derivative(values, k, h=10):
     """Central, fourth order."""
-    return (-values[k + 2 * h] + 16 * values[k + h] - 30 * values[k] + 16 * values[k - h] - values[k - 2 * h]) / (
-        12.0 * h**2
-    )
+    return (
+        -values[k + 2 * h]
+        + 16 * values[k + h]
+        - 30 * values[k]
+        + 16 * values[k - h]
+        - values[k - 2 * h]
+    ) / (12.0 * h**2)
 
 
 def first_derivative(values, k, h=10):
-    return (-values[k + 2 * h] + 8 * values[k + h] - 8 * values[k - h] + values[k - 2 * h]) / (12.0 * h)
+    return (-values[k + 2 * h] + 8 * values[k + h] - 8 * values[k - h] + values[k - 2 * h]) / (
+        12.0 * h
+    )
 
 
 @pytest.mark.parametrize(
-    ("minutes", "factor"), [(1, 0.997), (3, 0.975), (5, 0.932), (10, 0.735), (21.1, 0.0), (42.2, -1.0)]
+    ("minutes", "factor"),
+    [(1, 0.997), (3, 0.975), (5, 0.932), (10, 0.735), (21.1, 0.0), (42.2, -1.0)],
 )
 def test_raw_acceleration_rate_is_not_the_tilt_rate(minutes, factor):
     """v_E'' / g over eps_N: 0.997 at 1 min, nothing at 21.1 min, the wrong sign at 42.2 (6.3)."""
@@ -121,7 +149,9 @@ def test_bracket_form_is_the_tilt_rate_over_an_hour():
     """
     eps = 0.4 * np.array([BIAS, -BIAS, 0.0])
     v, history = parked_errors(tuple(eps))
-    truth = navigate(straight_roll(start(), duration_s=3600.0, dt=0.5), start(), epoch_s=1.0, vertical=HOLD)
+    truth = navigate(
+        straight_roll(start(), duration_s=3600.0, dt=0.5), start(), epoch_s=1.0, vertical=HOLD
+    )
     coriolis = 2 * SPIN * np.sin(LAT)
     R_N, R_E = earth.radii_of_curvature(LAT)
     for k in (300, 900, 1266, 1800, 2532, 3500):
@@ -135,11 +165,17 @@ def test_bracket_form_is_the_tilt_rate_over_an_hour():
 
 
 def test_tilt_rates_of_claim_1_are_schuler_corrected():
-    """Five-minute windows over an hour: within 2 % of theta', where the raw acceleration rate loses its sign."""
+    """Five-minute windows over an hour: within 2 % of theta', where the raw acceleration rate loses
+    its sign.
+    """
     eps = np.array([BIAS, -BIAS, 0.0])
     _, history = parked_errors(tuple(eps))
-    truth = navigate(straight_roll(start(), duration_s=3600.0, dt=0.5), start(), epoch_s=1.0, vertical=HOLD)
-    found = tilt_rates(history, np.ones(len(history.time_s), bool), arw=0.0, velocity_sigma_m_s=1e-6)
+    truth = navigate(
+        straight_roll(start(), duration_s=3600.0, dt=0.5), start(), epoch_s=1.0, vertical=HOLD
+    )
+    found = tilt_rates(
+        history, np.ones(len(history.time_s), bool), arw=0.0, velocity_sigma_m_s=1e-6
+    )
     assert len(found) == 12
     for rate in found:
         theta = error_states(truth, history, round(rate.time_s))[4:7]
@@ -157,11 +193,19 @@ def test_vertical_bias_shows_as_a_ramp_of_north_velocity():
 
 
 def parked_observability(columns):
-    """Stacked H F^k (row norms one) of zero-velocity rows, one heading, over the given states, in units of scale."""
+    """Stacked H F^k (row norms one) of zero-velocity rows, one heading, over the given states, in
+    units of scale.
+    """
     step = em.Step(
-        dt_s=1.0, C_nb=np.eye(3), v_n=np.zeros(3), omega_ie_n=earth.omega_ie_n(LAT), omega_en_n=np.zeros(3),
-        gravity=G, radius_m=earth.SEMI_MAJOR_AXIS_M, turn_rad=0.0,
-    )  # fmt: skip
+        dt_s=1.0,
+        C_nb=np.eye(3),
+        v_n=np.zeros(3),
+        omega_ie_n=earth.omega_ie_n(LAT),
+        omega_en_n=np.zeros(3),
+        gravity=G,
+        radius_m=earth.SEMI_MAJOR_AXIS_M,
+        turn_rad=0.0,
+    )
     F, B = em.system_matrix(step, 2.0)
     A = np.block([[F, B], [np.zeros((3, em.BASE + 3))]])
     H = np.zeros((2, em.BASE + 3))
@@ -175,7 +219,9 @@ def parked_observability(columns):
 
 
 def test_one_heading_leaves_exactly_three_directions_unseen():
-    """Three zero singular values over w, theta, eps, del (position known at the start), and they are n1, n2, n3."""
+    """Three zero singular values over w, theta, eps, del (position known at the start), and they
+    are n1, n2, n3.
+    """
     gyro = np.arange(em.BASE, em.BASE + 3)
     columns = np.r_[em.W, em.THETA, gyro, em.ACCEL]
     rate = 1e-3  # states in units where all are of one size: 1 rad, 1e-3 rad/s, g, R rate
@@ -199,25 +245,33 @@ def test_one_heading_leaves_exactly_three_directions_unseen():
 
 @pytest.mark.parametrize("turn_deg", [0.0, 45.0, 90.0, 180.0, -90.0])
 def test_two_heading_table(turn_deg):
-    """u_N(H2) = eps_N cosD - eps_E sinD, u_E(H2) = eps_N sinD + eps_E (cosD - 1), psi unchanged (6.4).
+    """u_N(H2) = eps_N cosD - eps_E sinD, u_E(H2) = eps_N sinD + eps_E (cosD - 1), psi unchanged
+    (6.4).
 
-    Aligned on north with both biases, turned by D, tilt rate from the nonlinear solution over 10 min.
+    Aligned on north with both biases, turned by D, tilt rate from the nonlinear solution over 10
+    min.
     """
     eps_N, eps_E, turn = 0.7 * BIAS, BIAS, turn_deg * DEG
     theta = gyrocompass_errors((eps_N, eps_E, 0.0), (0, 0, 0), 0.0)
     begin = start(turn)
     imu = straight_roll(begin, duration_s=60.0, dt=0.5)
-    history = run_errors(imu, begin, Errors(gyro=(eps_N, eps_E, 0.0), theta=theta), epoch_s=1.0, vertical=HOLD)
+    history = run_errors(
+        imu, begin, Errors(gyro=(eps_N, eps_E, 0.0), theta=theta), epoch_s=1.0, vertical=HOLD
+    )
     truth = navigate(imu, begin, epoch_s=1.0, vertical=HOLD)
     u = (error_states(truth, history)[4:7] - theta) / 60.0
     assert u[0] == pytest.approx(eps_N * np.cos(turn) - eps_E * np.sin(turn), abs=0.01 * BIAS)
-    assert u[1] == pytest.approx(eps_N * np.sin(turn) + eps_E * (np.cos(turn) - 1.0), abs=0.01 * BIAS)
+    assert u[1] == pytest.approx(
+        eps_N * np.sin(turn) + eps_E * (np.cos(turn) - 1.0), abs=0.01 * BIAS
+    )
 
 
 def rolled(aligned_deg, heading_deg, duration_s=190.0):
-    """Aligned on a heading with an east bias there, then straight at 10 m/s on another: computed minus true.
+    """Aligned on a heading with an east bias there, then straight at 10 m/s on another: computed
+    minus true.
 
-    Returns cross-track z and along-track velocity errors in body axes, and the cross-track error in NED.
+    Returns cross-track z and along-track velocity errors in body axes, and the cross-track error in
+    NED.
     """
     H1, H = aligned_deg * DEG, heading_deg * DEG
     gyro = east_at(H1)
@@ -226,14 +280,17 @@ def rolled(aligned_deg, heading_deg, duration_s=190.0):
     errors = Errors(gyro=gyro, theta=gyrocompass_errors(gyro, (0, 0, 0), H1))
     computed = run_errors(imu, begin, errors, epoch_s=1.0, vertical=HOLD)
     truth = navigate(imu, begin, epoch_s=1.0, vertical=HOLD)
-    assert np.abs(truth.v_n_m_s[:, :2] - begin.v_n_m_s[:2]).max() < 0.02 * ONE_MM_S  # the log is a straight taxi
+    # the log is a straight taxi
+    assert np.abs(truth.v_n_m_s[:, :2] - begin.v_n_m_s[:2]).max() < 0.02 * ONE_MM_S
     body = computed.C_nb[-1].T @ computed.v_n_m_s[-1] - truth.C_nb[-1].T @ truth.v_n_m_s[-1]
     cross_n = [-np.sin(H), np.cos(H)] @ (computed.v_n_m_s[-1] - truth.v_n_m_s[-1])[:2]
     return body[1], body[0], cross_n
 
 
 def test_straight_taxi_does_not_show_the_heading_error_in_body_axes():
-    """psi = -0.94 mrad, 10 m/s, 180 s: NED cross-track error -9.40 mm/s = psi V, body-lateral below 0.1 mm/s (6.5)."""
+    """psi = -0.94 mrad, 10 m/s, 180 s: NED cross-track error -9.40 mm/s = psi V, body-lateral below
+    0.1 mm/s (6.5).
+    """
     z, _, cross_n = rolled(0.0, 0.0, 180.0)
     assert cross_n == pytest.approx(-9.40 * ONE_MM_S, abs=0.1 * ONE_MM_S)
     assert abs(z) < 0.1 * ONE_MM_S
@@ -244,7 +301,9 @@ def test_straight_taxi_does_not_show_the_heading_error_in_body_axes():
     [(0, 90, -8.58), (-90, 90, -17.2), (0, 45, -6.07), (0, 180, 0.0), (30, 150, 0.0)],
 )
 def test_cross_track_velocity_after_a_turn(aligned_deg, heading_deg, z_mm_s):
-    """z = -g eps (sinH - sinH1) t^2 / 2 after 190 s, along track +g eps (cosH - cosH1) t^2 / 2 (6.5)."""
+    """z = -g eps (sinH - sinH1) t^2 / 2 after 190 s, along track +g eps (cosH - cosH1) t^2 / 2
+    (6.5).
+    """
     z, along, _ = rolled(aligned_deg, heading_deg)
     sines = np.sin(heading_deg * DEG) - np.sin(aligned_deg * DEG)
     cosines = np.cos(heading_deg * DEG) - np.cos(aligned_deg * DEG)

@@ -1,4 +1,6 @@
-"""Piecewise models and their whole-number export: continuity, what is recovered, the rounding bound on every temperature."""
+"""Piecewise models and their whole-number export: continuity, what is recovered, the rounding bound
+on every temperature.
+"""
 
 import shutil
 import subprocess
@@ -8,7 +10,14 @@ import pytest
 
 from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
 from infield.thermal.coefficient_curves import AxisBlocks, Reduced
-from infield.thermal.fixed_point import RATE_BITS, TEMPERATURE_BITS, fixed_table, to_c_header, to_csv, worst_error_deg_h
+from infield.thermal.fixed_point import (
+    RATE_BITS,
+    TEMPERATURE_BITS,
+    fixed_table,
+    to_c_header,
+    to_csv,
+    worst_error_deg_h,
+)
 from infield.thermal.fog_model import FogModel
 from infield.thermal.fog_ramps import separate
 from infield.thermal.piecewise import Piecewise, piecewise_pair
@@ -25,7 +34,9 @@ def blocks(K_T, K_delta, *, sigma=1e-4, seed=1):
 
 def test_an_inflection_is_where_the_second_derivative_changes_sign():
     """T^3 about 7 degC bends there; a parabola nowhere."""
-    pair = piecewise_pair(Reduced(blocks(lambda T: 1e-6 * (T - 7.0) ** 3, lambda T: 0.2 + 1e-4 * (T + 5) ** 2)))
+    pair = piecewise_pair(
+        Reduced(blocks(lambda T: 1e-6 * (T - 7.0) ** 3, lambda T: 0.2 + 1e-4 * (T + 5) ** 2))
+    )
     (bend,) = pair.inflections[0]
     assert bend.low_degC <= 7.0 <= bend.high_degC and bend.sigma_degC < 2.0
     assert pair.inflections[1] == () and len(pair.K_delta.coefficients) == 1
@@ -39,7 +50,9 @@ def test_an_inflection_is_where_the_second_derivative_changes_sign():
 def model():
     rng = np.random.default_rng(4)
     truth = Truth(rng)
-    study = separate([ramp(rng, truth, rates=(0.5, -0.5))], [ramp(rng, truth, rates=(0.05, -0.05))], TWIN)
+    study = separate(
+        [ramp(rng, truth, rates=(0.5, -0.5))], [ramp(rng, truth, rates=(0.05, -0.05))], TWIN
+    )
     return fit_models(study)[1]
 
 
@@ -51,7 +64,8 @@ def test_segments_are_few_and_meet(model):
             left, right = curve(np.array([edge - 1e-9, edge + 1e-9]))
             assert left == pytest.approx(right, abs=1e-9)
         ends = curve(curve.edges_degC[[0, -1]] + [-30.0, 30.0])
-        np.testing.assert_array_equal(ends, curve(curve.edges_degC[[0, -1]]))  # held beyond its ends
+        # held beyond its ends
+        np.testing.assert_array_equal(ends, curve(curve.edges_degC[[0, -1]]))
 
 
 @pytest.mark.parametrize("word_bits", [10, 16, 24, 32])
@@ -61,7 +75,9 @@ def test_rounding_stays_below_its_bound_at_every_temperature(model, word_bits):
         table = fixed_table(curve, word_bits=word_bits)
         assert np.abs(table.coefficients).max() < 1 << (word_bits - 1)
         t = np.arange(-25 << TEMPERATURE_BITS, 45 << TEMPERATURE_BITS)
-        error = np.abs(table.evaluate(t) * 2.0**-table.fraction_bits - curve(t / 2.0**TEMPERATURE_BITS))
+        error = np.abs(
+            table.evaluate(t) * 2.0**-table.fraction_bits - curve(t / 2.0**TEMPERATURE_BITS)
+        )
         assert error.max() <= table.rounding
         rounded = np.round(fine * 2.0**TEMPERATURE_BITS).astype(int)
         error = np.abs(table.evaluate(rounded) * 2.0**-table.fraction_bits - curve(fine))
@@ -69,19 +85,27 @@ def test_rounding_stays_below_its_bound_at_every_temperature(model, word_bits):
 
 
 def test_the_bound_is_no_looser_than_it_must_be(model):
-    """At 16 bits the worst error that occurs is at least a tenth of the bound, so the bound says something."""
+    """At 16 bits the worst error that occurs is at least a tenth of the bound, so the bound says
+    something.
+    """
     for curve in model.K_delta.values():
         table = fixed_table(curve)
         t = np.arange(-20 << TEMPERATURE_BITS, 40 << TEMPERATURE_BITS)
-        error = np.abs(table.evaluate(t) * 2.0**-table.fraction_bits - curve(t / 2.0**TEMPERATURE_BITS))
+        error = np.abs(
+            table.evaluate(t) * 2.0**-table.fraction_bits - curve(t / 2.0**TEMPERATURE_BITS)
+        )
         assert error.max() >= 0.1 * table.rounding
 
 
 def test_breakpoints_off_the_temperature_grid_cost_what_is_stated():
-    kinked = Piecewise(np.array([-20.0, 1 / 3, 40.0]), np.array([[0.0, 0.05], [(20 + 1 / 3) * 0.05, -0.05]]), ())
+    kinked = Piecewise(
+        np.array([-20.0, 1 / 3, 40.0]), np.array([[0.0, 0.05], [(20 + 1 / 3) * 0.05, -0.05]]), ()
+    )
     table = fixed_table(kinked, word_bits=24)
     T = np.linspace(0.0, 1.0, 20001)
-    error = np.abs(table.evaluate(np.round(T * 128).astype(int)) * 2.0**-table.fraction_bits - kinked(T))
+    error = np.abs(
+        table.evaluate(np.round(T * 128).astype(int)) * 2.0**-table.fraction_bits - kinked(T)
+    )
     assert error.max() <= table.worst
 
 
@@ -91,18 +115,27 @@ def test_the_c_header_computes_what_the_tables_say(model, tmp_path):
     worst = worst_rounding(model, tables, 1.0)
     (tmp_path / "fog.h").write_text(to_c_header(tables, worst, serial='SN "7" */'))
     (tmp_path / "main.c").write_text(
-        '#include <stdio.h>\n#include "fog.h"\nint main(void) { long t, r; while (scanf("%ld %ld", &t, &r) == 2) {\n'
-        '    printf("%ld %ld %ld\\n", (long)x_bias(t, r), (long)y_bias(t, r), (long)z_bias(t, r)); } return 0; }\n'
+        '#include <stdio.h>\n#include "fog.h"\nint main(void) { long t, r; while (scanf("%ld %ld",'
+        ' &t, &r) == 2) {\n    printf("%ld %ld %ld\\n", (long)x_bias(t, r), (long)y_bias(t, r),'
+        " (long)z_bias(t, r)); } return 0; }\n"
     )
-    subprocess.run(["cc", "-std=c99", "-Wall", "-Werror", "-Wno-unused", "main.c", "-o", "fog"], cwd=tmp_path, check=True)
+    subprocess.run(
+        ["cc", "-std=c99", "-Wall", "-Werror", "-Wno-unused", "main.c", "-o", "fog"],
+        cwd=tmp_path,
+        check=True,
+    )
     rng = np.random.default_rng(1)
     T, rate = rng.uniform(-19, 39, 500), rng.uniform(-1, 1, 500)
     t, r = np.round(T * 2**TEMPERATURE_BITS).astype(int), np.round(rate * 2**RATE_BITS).astype(int)
     lines = "\n".join(f"{a} {b}" for a, b in zip(t, r))
-    out = subprocess.run([tmp_path / "fog"], input=lines, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [tmp_path / "fog"], input=lines, capture_output=True, text=True, check=True
+    ).stdout
     got = np.array([row.split() for row in out.splitlines()], dtype=float)
     scale = [2.0 ** -tables[f"{axis}_kt"].fraction_bits for axis in "xyz"]
-    error = np.abs(got * scale - model.bias_deg_h(np.repeat(T[:, None], 3, 1), np.repeat(rate[:, None], 3, 1)))
+    error = np.abs(
+        got * scale - model.bias_deg_h(np.repeat(T[:, None], 3, 1), np.repeat(rate[:, None], 3, 1))
+    )
     assert np.all(error.max(axis=0) <= list(worst.values())) and error.max() > 0
 
 
@@ -115,5 +148,7 @@ def test_csv_holds_every_segment(model):
 
 def test_the_bound_grows_with_the_rate(model):
     kt, kd = (fixed_tables(model, 16)[name] for name in ("x_kt", "x_kd"))
-    small, large = (worst_error_deg_h(kt, kd, largest_rate=rate, largest_K_delta=0.4) for rate in (0.1, 1.0))
+    small, large = (
+        worst_error_deg_h(kt, kd, largest_rate=rate, largest_K_delta=0.4) for rate in (0.1, 1.0)
+    )
     assert kt.worst < small < large

@@ -51,13 +51,21 @@ def at_nodes_visited(run):
 
 
 def error_of(table, run):
-    """RMS over the visited temperatures of the level gyros, against the unit's settled curves [deg/h]."""
+    """RMS over the visited temperatures of the level gyros, against the unit's settled curves
+    [deg/h].
+    """
     T = at_nodes_visited(run)
-    return np.sqrt(np.mean([(table.bias_deg_h(k, T[k]) - unit().bias_deg_h("xyz"[k], T[k])) ** 2 for k in (0, 1)]))
+    return np.sqrt(
+        np.mean(
+            [(table.bias_deg_h(k, T[k]) - unit().bias_deg_h("xyz"[k], T[k])) ** 2 for k in (0, 1)]
+        )
+    )
 
 
 def test_accepted_runs_bring_the_table_nearer_to_the_unit():
-    """Four runs, each alone against the factory table: level-gyro RMS 0.0062 -> below 0.005 deg/h, turn-on included."""
+    """Four runs, each alone against the factory table: level-gyro RMS 0.0062 -> below 0.005 deg/h,
+    turn-on included.
+    """
     result = one_run()
     assert result.outcome == "accepted", result.reasons
     run = simulated(1).run
@@ -95,9 +103,9 @@ def test_two_runs_go_in_the_order_of_their_start():
     assert forward.after.created_utc == "2026-03-02T05:00:00Z"
 
 
-@pytest.mark.parametrize("changes", [
-    {"imu_serial": "SN-9999"}, {"gyro_technology": "fog"}, {"gyro_mode": "dithered"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changes", [{"imu_serial": "SN-9999"}, {"gyro_technology": "fog"}, {"gyro_mode": "dithered"}]
+)
 def test_another_unit_is_bad_input(changes):
     with pytest.raises(InputError, match=r"the table is of SN-0042"):
         update([with_header(simulated(1).run, **changes)])
@@ -105,9 +113,13 @@ def test_another_unit_is_bad_input(changes):
 
 def test_a_twin_of_another_unit_is_bad_input():
     with pytest.raises(InputError, match="SN-9999"):
-        update_calibration([simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"), parent_sha256=None)
+        update_calibration(
+            [simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"), parent_sha256=None
+        )
     with pytest.raises(InputError, match="fog"):
-        update_calibration([simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"), parent_sha256=None)
+        update_calibration(
+            [simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"), parent_sha256=None
+        )
 
 
 def refused(run, **options):
@@ -132,7 +144,9 @@ def test_one_stuck_thermometer_leaves_its_axis_alone():
     run, table = simulated(1).run, factory()
     gyro = run.temperature.gyro_degC.copy()
     gyro[:, 2] = 25.0
-    result = update([replace(run, temperature=TemperatureLog(time_s=run.temperature.time_s, gyro_degC=gyro))])
+    result = update(
+        [replace(run, temperature=TemperatureLog(time_s=run.temperature.time_s, gyro_degC=gyro))]
+    )
     assert result.outcome == "accepted", result.reasons
     z = table.values_of("z")
     assert result.after.parameters[z] == pytest.approx(table.parameters[z], abs=1e-5)
@@ -141,30 +155,40 @@ def test_one_stuck_thermometer_leaves_its_axis_alone():
 
 def test_a_run_that_never_rests_is_refused():
     turns = tuple(Turn(angle_deg=a) for a in (170.0, -170.0) * 8)
-    run = simulate_run(ideal_of(turns), thermal_history("ambient"), unit(), TWIN, rng=np.random.default_rng(1)).run
+    run = simulate_run(
+        ideal_of(turns), thermal_history("ambient"), unit(), TWIN, rng=np.random.default_rng(1)
+    ).run
     assert "never rests" in refused(run)
 
 
 def test_too_short_a_rest_is_refused_with_what_was_needed():
     short = (Park(duration_s=200.0),)
-    run = simulate_run(ideal_of(short), thermal_history("ambient"), unit(), TWIN, rng=np.random.default_rng(1)).run
+    run = simulate_run(
+        ideal_of(short), thermal_history("ambient"), unit(), TWIN, rng=np.random.default_rng(1)
+    ).run
     assert "needed 300 s" in refused(run)
 
 
 def test_a_site_near_the_pole_is_refused():
-    run = with_header(simulated(1, PARKED).run, site=Site(lat_rad=80 * DEG, lon_rad=7 * DEG, height_m=250.0))
+    run = with_header(
+        simulated(1, PARKED).run, site=Site(lat_rad=80 * DEG, lon_rad=7 * DEG, height_m=250.0)
+    )
     assert "78.25" in refused(run)
 
 
 def test_a_wrong_latitude_is_inconsistent():
-    run = with_header(simulated(1, PARKED).run, site=Site(lat_rad=46 * DEG, lon_rad=7 * DEG, height_m=250.0))
+    run = with_header(
+        simulated(1, PARKED).run, site=Site(lat_rad=46 * DEG, lon_rad=7 * DEG, height_m=250.0)
+    )
     result = update([run])
     assert result.outcome == "inconsistent"
     assert any("latitude entered 46.000 deg" in reason for reason in result.reasons)
 
 
 def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
-    """x reads 0.05 deg/h beside its table, six sigmas: not followed, and the good run beside it not merged either."""
+    """x reads 0.05 deg/h beside its table, six sigmas: not followed, and the good run beside it not
+    merged either.
+    """
     run = later()
     off = np.array([-0.05, 0.0, 0.0]) * DEG_PER_HOUR
     wrong = replace(run, imu=compensate(run.imu, gyro_bias_rad_s=off), sha256="b")
@@ -226,7 +250,8 @@ def test_residuals_beyond_the_noise_model_are_inconsistent():
     assert verdict.outcome == "inconsistent"
     assert "NIS 3.00" in verdict.reasons[0]
     assert not verdict.accepted
-    assert judge_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted  # too good is sound
+    # too good is sound
+    assert judge_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted
 
 
 def test_a_gate_that_leaves_out_a_quarter_is_inconsistent():

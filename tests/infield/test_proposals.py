@@ -1,4 +1,6 @@
-"""Proposals: kept without touching the active table, decided once, refused when the table has moved, every change found."""
+"""Proposals: kept without touching the active table, decided once, refused when the table has
+moved, every change found.
+"""
 
 import json
 import threading
@@ -6,7 +8,13 @@ import threading
 import pytest
 
 from infield.store.proposals import AlreadyRejected, signed_note
-from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
+from infield.store.table_store import (
+    MergedRun,
+    RunAlreadyMerged,
+    StoreConflict,
+    TableStore,
+    UnknownUnit,
+)
 from infield.table.file import canonical_json, table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from ins.records import InputError
@@ -21,22 +29,34 @@ REPORT = '{"verdict": "proposed", "nis": 1.0000000000000002}'
 
 
 def table(serial="SN-1"):
-    return default_table(imu_serial=serial, gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=20.0)
+    return default_table(
+        imu_serial=serial, gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=20.0
+    )
 
 
 def updated(parent, shift_deg_h=0.001):
     """An update of a revision, or of a table that no store holds yet: every node moved."""
-    old, sha256 = (parent.table, parent.sha256) if hasattr(parent, "number") else (parent, table_sha256(table_to_dict(parent)))
-    return old.replaced(parameters=old.parameters + shift_deg_h, provenance={"parent_sha256": sha256, "runs": []})
+    old, sha256 = (
+        (parent.table, parent.sha256)
+        if hasattr(parent, "number")
+        else (parent, table_sha256(table_to_dict(parent)))
+    )
+    return old.replaced(
+        parameters=old.parameters + shift_deg_h, provenance={"parent_sha256": sha256, "runs": []}
+    )
 
 
 def propose(store, parent, *, run="run-1", shift_deg_h=0.001, **more):
     new = updated(parent, shift_deg_h)
-    return store.propose(new.provenance["parent_sha256"], new, [MergedRun(run_id=run, sha256=run)], REPORT, **more)
+    return store.propose(
+        new.provenance["parent_sha256"], new, [MergedRun(run_id=run, sha256=run)], REPORT, **more
+    )
 
 
 def decide(store, number, verdict="approved", **more):
-    return store.decide(number, verdict, **{"by": "A. Reviewer", "reason": "residuals are white", **more})
+    return store.decide(
+        number, verdict, **{"by": "A. Reviewer", "reason": "residuals are white", **more}
+    )
 
 
 def test_a_proposal_changes_no_table(store):
@@ -45,10 +65,17 @@ def test_a_proposal_changes_no_table(store):
     assert store.active() == first and len(store.history()) == 1 and not store.has_run("run-1")
     assert (kept.number, kept.state, kept.proposed_by) == (1, "open", "fleet")
     assert (kept.note, kept.proposed_utc) == ("night of 1 March", UTC)
-    assert kept.runs == (MergedRun(run_id="run-1", sha256="run-1"),) and kept.parent_sha256 == first.sha256
+    assert (
+        kept.runs == (MergedRun(run_id="run-1", sha256="run-1"),)
+        and kept.parent_sha256 == first.sha256
+    )
     full = store.proposal(1, "SN-1")
-    assert full.table_json == canonical_json(table_to_dict(updated(first))) and full.report == json.loads(REPORT)
-    assert store.proposals() == [kept] and store.proposals("SN-2") == [] == store.proposals(state="approved")
+    assert full.table_json == canonical_json(
+        table_to_dict(updated(first))
+    ) and full.report == json.loads(REPORT)
+    assert store.proposals() == [kept] and store.proposals("SN-2") == [] == store.proposals(
+        state="approved"
+    )
 
 
 def test_approval_commits_what_was_proposed_and_says_who(store):
@@ -56,12 +83,28 @@ def test_approval_commits_what_was_proposed_and_says_who(store):
     kept = propose(store, first)
     done = decide(store, 1, now_utc=LATER)
     active = store.active()
-    assert (active.number, active.kind, active.sha256, active.parent_sha256) == (2, "update", kept.sha256, first.sha256)
+    assert (active.number, active.kind, active.sha256, active.parent_sha256) == (
+        2,
+        "update",
+        kept.sha256,
+        first.sha256,
+    )
     assert active.note == "proposal 1 approved by A. Reviewer: residuals are white"
     report = json.loads(active.report_json)
-    assert (report["verdict"], report["proposal"], report["nis"]) == ("committed", 1, 1.0000000000000002)
-    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == ("approved", 2, LATER)
-    assert (done.decision.decided_by, done.decision.reason) == ("A. Reviewer", "residuals are white")
+    assert (report["verdict"], report["proposal"], report["nis"]) == (
+        "committed",
+        1,
+        1.0000000000000002,
+    )
+    assert (done.state, done.decision.revision_number, done.decision.decided_utc) == (
+        "approved",
+        2,
+        LATER,
+    )
+    assert (done.decision.decided_by, done.decision.reason) == (
+        "A. Reviewer",
+        "residuals are white",
+    )
     assert store.has_run("run-1", "SN-1")
 
 
@@ -70,7 +113,9 @@ def test_rejection_leaves_the_table_and_is_final(store):
     propose(store, first)
     assert decide(store, 1, "rejected").state == "rejected" and store.active() == first
     for verdict in ("approved", "rejected"):
-        with pytest.raises(InputError, match=r"proposal 1 was rejected by A\. Reviewer on .* before"):
+        with pytest.raises(
+            InputError, match=r"proposal 1 was rejected by A\. Reviewer on .* before"
+        ):
             decide(store, 1, verdict)
     assert store.active() == first and len(store.history()) == 1
 
@@ -84,7 +129,8 @@ def test_approval_is_refused_where_the_table_has_moved(store):
     second = store.active()
     with pytest.raises(StoreConflict, match="update again"):
         decide(store, 2)
-    assert store.active() == second and store.proposals()[1].decision is None  # neither table nor decision
+    # neither table nor decision
+    assert store.active() == second and store.proposals()[1].decision is None
     store.rollback(to="factory")  # its parent is active again
     assert store.proposals()[1].state == "open" and decide(store, 2).decision.revision_number == 4
     assert store.active().number == 4
@@ -104,9 +150,12 @@ def test_an_update_that_is_out_of_date_cannot_be_proposed(store):
 def test_the_same_update_is_kept_once(store):
     first = store.import_table(table_to_dict(table()))
     assert propose(store, first) == propose(store, first, by="again")
-    assert propose(store, first, run="run-2").number == 2  # the same table from other runs is another update
+    # the same table from other runs is another update
+    assert propose(store, first, run="run-2").number == 2
     decide(store, 1, "rejected")
-    with pytest.raises(AlreadyRejected, match=r"same update was rejected by .* as proposal 1; a note must say why"):
+    with pytest.raises(
+        AlreadyRejected, match=r"same update was rejected by .* as proposal 1; a note must say why"
+    ):
         propose(store, first)
     again = propose(store, first, note="thermometer replaced, see log 12")
     assert (again.number, again.state) == (3, "open") and propose(store, first) == again
@@ -116,7 +165,9 @@ def test_a_unit_without_a_table_stays_unknown_until_approval(store):
     store.import_table(table_to_dict(table()))
     new = table("NEW")
     propose(store, new, first_table=table_to_dict(new))
-    assert [u.unit.imu_serial for u in store.units()] == ["SN-1"] and store.active().unit.imu_serial == "SN-1"
+    assert [u.unit.imu_serial for u in store.units()] == [
+        "SN-1"
+    ] and store.active().unit.imu_serial == "SN-1"
     with pytest.raises(UnknownUnit, match="no table for serial NEW"):
         store.active("NEW")
     assert store.proposals("NEW")[0].state == "open"
@@ -143,10 +194,24 @@ def test_wrong_parent_is_a_broken_promise(store):
         propose(store, first, first_table=table_to_dict(table("SN-2")))
 
 
-@pytest.mark.parametrize("wrong", [
-    {"by": ""}, {"by": "  "}, {"by": "a\nb"}, {"by": "x" * 201}, {"reason": ""}, {"reason": "\x1b[2J"}, {"reason": "x" * 4001},
-    {"reason": "nul \x00"}, {"verdict": "maybe"}, {"number": 2}, {"number": 0}, {"number": -1}, {"serial": "SN-2"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"by": ""},
+        {"by": "  "},
+        {"by": "a\nb"},
+        {"by": "x" * 201},
+        {"reason": ""},
+        {"reason": "\x1b[2J"},
+        {"reason": "x" * 4001},
+        {"reason": "nul \x00"},
+        {"verdict": "maybe"},
+        {"number": 2},
+        {"number": 0},
+        {"number": -1},
+        {"serial": "SN-2"},
+    ],
+)
 def test_a_decision_needs_a_name_and_a_reason(store, wrong):
     first = store.import_table(table_to_dict(table()))
     propose(store, first)
@@ -164,27 +229,48 @@ def test_no_proposal_is_said_so(store):
         decide(store, 1, serial="SN-1")
 
 
-@pytest.mark.parametrize("column", [
-    "proposed_utc", "proposed_by", "parent_sha256", "sha256", "report_sha256", "runs_json", "note", "record_sha256", "number",
-    "table_json", "report_json",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "column",
+    [
+        "proposed_utc",
+        "proposed_by",
+        "parent_sha256",
+        "sha256",
+        "report_sha256",
+        "runs_json",
+        "note",
+        "record_sha256",
+        "number",
+        "table_json",
+        "report_json",
+    ],
+)
 def test_a_changed_proposal_is_found(store, url, column):
     first = store.import_table(table_to_dict(table()))
     for k in range(2):
         propose(store, first, run=f"run-{k}")
-    tamper(url, f"UPDATE recal_proposal SET {column} = {9 if column == 'number' else repr('[]')} WHERE number = 1")
+    tamper(
+        url,
+        f"UPDATE recal_proposal SET {column} = {9 if column == 'number' else repr('[]')} WHERE"
+        " number = 1",
+    )
     with pytest.raises(InputError, match="the row was changed or is missing"):
         decide(store, 1)
     assert store.active() == first
 
 
-@pytest.mark.parametrize("statement", [
-    "UPDATE recal_decision SET reason = 'x' WHERE number = 1", "UPDATE recal_decision SET decided_by = 'x' WHERE number = 1",
-    "UPDATE recal_decision SET verdict = 'approved' WHERE number = 1", "DELETE FROM recal_decision WHERE number = 1",
-    "UPDATE recal_decision SET proposal_number = 3 WHERE number = 1",
-    "UPDATE recal_decision SET revision_number = 1 WHERE number = 1",
-    "UPDATE recal_decision SET decided_utc = '2020' WHERE number = 1",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "UPDATE recal_decision SET reason = 'x' WHERE number = 1",
+        "UPDATE recal_decision SET decided_by = 'x' WHERE number = 1",
+        "UPDATE recal_decision SET verdict = 'approved' WHERE number = 1",
+        "DELETE FROM recal_decision WHERE number = 1",
+        "UPDATE recal_decision SET proposal_number = 3 WHERE number = 1",
+        "UPDATE recal_decision SET revision_number = 1 WHERE number = 1",
+        "UPDATE recal_decision SET decided_utc = '2020' WHERE number = 1",
+    ],
+)
 def test_a_changed_decision_is_found(store, url, statement):
     first = store.import_table(table_to_dict(table()))
     for k in range(3):
@@ -212,7 +298,10 @@ def test_rollback_only_from_the_revision_that_was_seen(store):
     decide(store, 1)
     with pytest.raises(StoreConflict, match="revision 2 is active now, not 1"):
         store.rollback(to="factory", active_number=1)
-    assert store.rollback(to="factory", active_number=2, note=signed_note("B", "wrong run")).note == "B: wrong run"
+    assert (
+        store.rollback(to="factory", active_number=2, note=signed_note("B", "wrong run")).note
+        == "B: wrong run"
+    )
 
 
 def reviewers_race(url, *, reviewers):
@@ -222,7 +311,9 @@ def reviewers_race(url, *, reviewers):
     def work(k):
         with TableStore.open(url) as store:
             try:
-                told.append(decide(store, 1, ("approved", "rejected")[k % 2], by=f"reviewer {k}").state)
+                told.append(
+                    decide(store, 1, ("approved", "rejected")[k % 2], by=f"reviewer {k}").state
+                )
             except (InputError, StoreConflict) as refused:
                 told.append(type(refused).__name__)
 
@@ -251,6 +342,9 @@ def test_all_units_at_a_glance(store):
     decide(store, 2)
     new = table("A")
     propose(store, new, first_table=table_to_dict(new))
-    seen = [(u.unit.imu_serial, u.active_number, u.kind, u.undecided, u.contradictions) for u in store.overview()]
+    seen = [
+        (u.unit.imu_serial, u.active_number, u.kind, u.undecided, u.contradictions)
+        for u in store.overview()
+    ]
     assert seen == [("A", 0, "", 1, 0), ("B", 2, "update", 1, 0)]
     assert store.overview()[1].sha256 == store.active("B").sha256

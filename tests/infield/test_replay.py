@@ -1,4 +1,6 @@
-"""Replaying a log with several tables: closed forms of the parked drift, truth known, refusals, the page."""
+"""Replaying a log with several tables: closed forms of the parked drift, truth known, refusals, the
+page.
+"""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -29,12 +31,26 @@ from trajectories.simulator.unit_truth import aged_unit
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 NO_NOISE = TwinModel(
-    gyro=GyroNoise(arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0),
-    accel=AccelNoise(vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0, turn_on_ug=0.0),
+    gyro=GyroNoise(
+        arw_deg_sqrt_h=0.0,
+        bias_instability_deg_h=0.0,
+        rate_random_walk_deg_h_sqrt_h=0.0,
+        turn_on_deg_h=0.0,
+    ),
+    accel=AccelNoise(
+        vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0, turn_on_ug=0.0
+    ),
     vehicle=VehicleNoise(sway_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, lateral_noise_m_s=0.0),
 )
-QUIET = replace(DEFAULT_TWIN, gyro=GyroNoise(arw_deg_sqrt_h=2e-4, bias_instability_deg_h=0.0,
-                                             rate_random_walk_deg_h_sqrt_h=0.0, turn_on_deg_h=0.0))  # fmt: skip
+QUIET = replace(
+    DEFAULT_TWIN,
+    gyro=GyroNoise(
+        arw_deg_sqrt_h=2e-4,
+        bias_instability_deg_h=0.0,
+        rate_random_walk_deg_h_sqrt_h=0.0,
+        turn_on_deg_h=0.0,
+    ),
+)
 R = float(np.sqrt(np.prod(radii_of_curvature(SITE.lat_rad))))
 SCHULER_RAD_S = float(np.sqrt(gravity_magnitude(SITE.lat_rad, SITE.height_m) / R))
 ERROR_DEG_H = 0.01  # physics.md 6.3, 6.4: its reference case
@@ -54,12 +70,27 @@ def choices(active: ThermalTable, previous: ThermalTable | None = None) -> list[
     return [TableChoice(role=role, table=table, origin=f"test {role}") for role, table in named]
 
 
-def simulated(motion, seed: int, *, heading_deg: float = 0.0, twin: TwinModel = NO_NOISE, ageing: float = 0.0,
-              start: str = "ambient", site: Site = SITE, **streams) -> SimulatedRun:  # fmt: skip
-    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=ageing, ageing_shape_deg_h=0.3 * ageing,
-                     table=table_to_zero())  # fmt: skip
+def simulated(
+    motion,
+    seed: int,
+    *,
+    heading_deg: float = 0.0,
+    twin: TwinModel = NO_NOISE,
+    ageing: float = 0.0,
+    start: str = "ambient",
+    site: Site = SITE,
+    **streams,
+) -> SimulatedRun:
+    unit = aged_unit(
+        np.random.default_rng(5),
+        ageing_offset_deg_h=ageing,
+        ageing_shape_deg_h=0.3 * ageing,
+        table=table_to_zero(),
+    )
     base = ideal_sensors(build_truth(motion, site, heading_rad=heading_deg * DEG), 10.0)
-    return simulate_run(base, thermal_history(start), unit, twin, rng=np.random.default_rng(seed), **streams)
+    return simulate_run(
+        base, thermal_history(start), unit, twin, rng=np.random.default_rng(seed), **streams
+    )
 
 
 @lru_cache(maxsize=4)
@@ -69,7 +100,9 @@ def parked(seconds: float, heading_deg: float = 0.0, **streams) -> SimulatedRun:
 
 
 def test_north_table_error_drifts_as_schuler_says():
-    """0.01 deg/h of north gyro error: R u (1 - sin(wt)/(wt)) t, 0.60 NM/h over a Schuler period (physics.md 6.3)."""
+    """0.01 deg/h of north gyro error: R u (1 - sin(wt)/(wt)) t, 0.60 NM/h over a Schuler period
+    (physics.md 6.3).
+    """
     period_s = 2 * np.pi / SCHULER_RAD_S
     run = parked(600.0 + period_s + 2.0).run
     found = replay(run, choices(flat(x=ERROR_DEG_H)), TwinModel())
@@ -77,16 +110,23 @@ def test_north_table_error_drifts_as_schuler_says():
     u = ERROR_DEG_H * DEG_PER_HOUR
     for seconds, tolerance in ((HOUR, 0.02), (period_s, 0.02)):
         part = slice(0, int(np.searchsorted(drift.time_s, seconds)))
-        cut = Drift(time_s=drift.time_s[part], position_m=drift.position_m[part], velocity_m_s=drift.velocity_m_s[part])
+        cut = Drift(
+            time_s=drift.time_s[part],
+            position_m=drift.position_m[part],
+            velocity_m_s=drift.velocity_m_s[part],
+        )
         x = SCHULER_RAD_S * cut.time_s[-1]
         assert cut.rate_nm_h == pytest.approx(R * u / KNOT * (1 - np.sin(x) / x), rel=tolerance)
     assert cut.rate_nm_h == pytest.approx(0.60, abs=0.01)
-    assert drift.position_m[-1, 1] < 0 < abs(drift.position_m[-1, 0])  # true less table: the residual error is negative
+    # true less table: the residual error is negative
+    assert drift.position_m[-1, 1] < 0 < abs(drift.position_m[-1, 0])
     assert drift.speed_m_s.max() == pytest.approx(2 * R * u, rel=0.03)  # 0.618 m/s at 42 min
 
 
 def test_east_table_error_turns_the_heading_and_does_not_drift():
-    """psi = -eps_E / (Omega cosL), 0.94 mrad for 0.01 deg/h at 45 deg; no velocity error at that heading (6.4)."""
+    """psi = -eps_E / (Omega cosL), 0.94 mrad for 0.01 deg/h at 45 deg; no velocity error at that
+    heading (6.4).
+    """
     truth = parked(4200.0)
     result = replay(truth.run, choices(flat(y=ERROR_DEG_H)), TwinModel(), reference=truth.reference)
     flown = result.tables[0]
@@ -98,16 +138,22 @@ def test_east_table_error_turns_the_heading_and_does_not_drift():
 
 @pytest.mark.parametrize("heading_deg", [0.0, 130.0])
 def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
-    """The linear prediction against two nonlinear flights, all three gyros, varying over temperature."""
+    """The linear prediction against two nonlinear flights, all three gyros, varying over
+    temperature.
+    """
     old = prior_table(0.01)
     nodes = old.temperature_degC[0]
-    curve = np.concatenate([0.01 + 2e-4 * (nodes - 20.0), -0.007 + 1e-4 * nodes, 0.004 - 2e-4 * nodes])
+    curve = np.concatenate(
+        [0.01 + 2e-4 * (nodes - 20.0), -0.007 + 1e-4 * nodes, 0.004 - 2e-4 * nodes]
+    )
     new = old.replaced(parameters=curve)
     run = simulated(lay([Park(duration_s=4200.0)]), 1, heading_deg=heading_deg, start="cold").run
     result = replay(run, choices(new, old), TwinModel())
     seen, expected = heading_change(result)
     assert seen == pytest.approx(expected, abs=0.02 * MILLIRADIAN)
-    moved = replay_document(result, TwinModel(), store=None, version="")["difference"]["parked_end_displacement_m"]
+    moved = replay_document(result, TwinModel(), store=None, version="")["difference"][
+        "parked_end_displacement_m"
+    ]
     size = np.hypot(moved["north"]["expected"], moved["east"]["expected"])
     assert size > 400.0
     for axis in ("north", "east"):
@@ -115,10 +161,19 @@ def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
 
 
 def test_prediction_of_a_constant_bias_is_the_closed_form():
-    """Response summed over the bins: R (t - sin(wt)/w) east for the north gyro, nothing for a constant east gyro."""
+    """Response summed over the bins: R (t - sin(wt)/w) east for the north gyro, nothing for a
+    constant east gyro.
+    """
     edges = np.linspace(0.0, 4200.0, 15)
-    made = predict_parked(edges_s=edges, covariance=np.zeros((42, 42)), twin=NO_NOISE, site=SITE, C_nb=np.eye(3),
-                          alignment=(0.0, 600.0), end_s=4200.0)  # fmt: skip
+    made = predict_parked(
+        edges_s=edges,
+        covariance=np.zeros((42, 42)),
+        twin=NO_NOISE,
+        site=SITE,
+        C_nb=np.eye(3),
+        alignment=(0.0, 600.0),
+        end_s=4200.0,
+    )
     x, y = (made.response_m_per_deg_h[:, k::3].sum(axis=1) for k in (0, 1))
     t = 3600.0
     closed = R * DEG_PER_HOUR * (t - np.sin(SCHULER_RAD_S * t) / SCHULER_RAD_S)
@@ -129,13 +184,21 @@ def test_prediction_of_a_constant_bias_is_the_closed_form():
 
 @pytest.mark.slow
 def test_predicted_sigma_is_honest():
-    """Radial error squared over predicted variance averages 1 over seeded units: 99.9 % band, 1.3 dof each."""
+    """Radial error squared over predicted variance averages 1 over seeded units: 99.9 % band, 1.3
+    dof each.
+    """
     ratios = []
     for seed in range(60):
         rng = np.random.default_rng([seed, 7])
-        unit = aged_unit(rng, ageing_offset_deg_h=0.01 * np.sqrt(0.7), ageing_shape_deg_h=0.01 * np.sqrt(0.3),
-                         table=table_to_zero())  # fmt: skip
-        run = simulate_run(ideal("parked_only"), thermal_history("cold"), unit, DEFAULT_TWIN, rng=rng).run
+        unit = aged_unit(
+            rng,
+            ageing_offset_deg_h=0.01 * np.sqrt(0.7),
+            ageing_shape_deg_h=0.01 * np.sqrt(0.3),
+            table=table_to_zero(),
+        )
+        run = simulate_run(
+            ideal("parked_only"), thermal_history("cold"), unit, DEFAULT_TWIN, rng=rng
+        ).run
         flown = replay(run, choices(prior_table(0.01)), DEFAULT_TWIN).tables[0]
         ratios.append((flown.parked.radial_m[-1] / flown.predicted.sigma_radial_m[-1]) ** 2)
     dof = 1.3 * len(ratios)
@@ -144,22 +207,36 @@ def test_predicted_sigma_is_honest():
 
 
 def true_table(truth: SimulatedRun, like: ThermalTable, unit_bias) -> ThermalTable:
-    return like.replaced(parameters=np.concatenate([unit_bias(a, t) for a, t in zip("xyz", like.temperature_degC)]))
+    return like.replaced(
+        parameters=np.concatenate([unit_bias(a, t) for a, t in zip("xyz", like.temperature_degC)])
+    )
 
 
 def test_update_drifts_less_and_the_true_table_least():
-    """R28 with truth: one committed session, then later parked sessions on other headings; RMS of their NM/h."""
-    unit = aged_unit(np.random.default_rng(5), ageing_offset_deg_h=0.012, ageing_shape_deg_h=0.0036,
-                     table=table_to_zero())  # fmt: skip
-    session = simulated(lay([Park(duration_s=3000.0), Pivot(angle_deg=90.0), Park(duration_s=1500.0)]), 11,
-                        twin=QUIET, ageing=0.012)  # fmt: skip
+    """R28 with truth: one committed session, then later parked sessions on other headings; RMS of
+    their NM/h.
+    """
+    unit = aged_unit(
+        np.random.default_rng(5),
+        ageing_offset_deg_h=0.012,
+        ageing_shape_deg_h=0.0036,
+        table=table_to_zero(),
+    )
+    session = simulated(
+        lay([Park(duration_s=3000.0), Pivot(angle_deg=90.0), Park(duration_s=1500.0)]),
+        11,
+        twin=QUIET,
+        ageing=0.012,
+    )
     old = prior_table(0.012)
     update = update_calibration([session.run], old, QUIET, parent_sha256=None)
     assert update.outcome == "accepted"
     true = true_table(session, old, unit.bias_deg_h)
     rates: dict[str, list[float]] = {"old": [], "new": [], "true": []}
     for seed, heading_deg in ((12, 20.0), (13, 150.0), (14, 260.0)):
-        later = simulated(lay([Park(duration_s=3600.0)]), seed, heading_deg=heading_deg, twin=QUIET, ageing=0.012).run
+        later = simulated(
+            lay([Park(duration_s=3600.0)]), seed, heading_deg=heading_deg, twin=QUIET, ageing=0.012
+        ).run
         for name, table in (("old", old), ("new", update.after), ("true", true)):
             rates[name].append(replay(later, choices(table), QUIET).tables[0].parked.rate_nm_h)
     rms = {name: float(np.sqrt(np.mean(np.square(r)))) for name, r in rates.items()}
@@ -182,7 +259,10 @@ def test_a_class_is_lost_by_one_excursion():
     hours = np.arange(1, 61) / 60.0
     position = np.zeros((60, 2))
     position[30, 0] = (2 * hours[30] + 2.01) * NAUTICAL_MILE
-    assert Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=0 * position).drift_class == "3T+3"
+    assert (
+        Drift(time_s=hours * HOUR, position_m=position, velocity_m_s=0 * position).drift_class
+        == "3T+3"
+    )
 
 
 def test_realign_above_five_knots():
@@ -194,47 +274,82 @@ def test_realign_above_five_knots():
 
 
 def test_stops_and_outside_tracks_agree_with_truth():
-    """Taxi and two stops: found where they are, their speed is the velocity error; GNSS and reference see one error,
-    whatever the antenna's lever arm and however roughly the site was entered."""
-    motion = lay([Park(duration_s=1200.0), Straight(duration_s=60.0), Stop(duration_s=60.0), Turn(angle_deg=90.0),
-                  Straight(duration_s=40.0), Stop(duration_s=90.0)])  # fmt: skip
-    twin = replace(NO_NOISE, gnss=replace(NO_NOISE.gnss, sigma_horizontal_m=1e-3, sigma_velocity_m_s=1e-4))
-    made = simulated(motion, 3, heading_deg=70.0, twin=twin, with_gnss=True, gnss_lever_arm_m=(3.0, -1.0, -2.0))
+    """Taxi and two stops: found where they are, their speed is the velocity error; GNSS and
+    reference see one error, whatever the antenna's lever arm and however roughly the site was
+    entered.
+    """
+    motion = lay(
+        [
+            Park(duration_s=1200.0),
+            Straight(duration_s=60.0),
+            Stop(duration_s=60.0),
+            Turn(angle_deg=90.0),
+            Straight(duration_s=40.0),
+            Stop(duration_s=90.0),
+        ]
+    )
+    twin = replace(
+        NO_NOISE, gnss=replace(NO_NOISE.gnss, sigma_horizontal_m=1e-3, sigma_velocity_m_s=1e-4)
+    )
+    made = simulated(
+        motion, 3, heading_deg=70.0, twin=twin, with_gnss=True, gnss_lever_arm_m=(3.0, -1.0, -2.0)
+    )
     shifted = replace(SITE, lat_rad=SITE.lat_rad + 2e-5)  # 130 m
     run = replace(made.run, header=replace(made.run.header, site=shifted))
-    flown = replay(run, choices(flat(x=0.05, y=0.03)), TwinModel(), reference=made.reference).tables[0]
+    flown = replay(
+        run, choices(flat(x=0.05, y=0.03)), TwinModel(), reference=made.reference
+    ).tables[0]
     assert [round(s.end_s - s.start_s, -1) for s in flown.stops] == [60.0, 90.0]
     for stop in flown.stops:
         standing = (made.reference.time_s >= stop.start_s) & (made.reference.time_s <= stop.end_s)
-        assert np.abs(made.reference.v_n_m_s[standing, :2]).max() < 0.3  # the last of the braking is within a window
-        row = np.searchsorted(flown.reference.time_s + flown.history.time_s[0], 0.5 * (stop.start_s + stop.end_s))
+        # the last of the braking is within a window
+        assert np.abs(made.reference.v_n_m_s[standing, :2]).max() < 0.3
+        row = np.searchsorted(
+            flown.reference.time_s + flown.history.time_s[0], 0.5 * (stop.start_s + stop.end_s)
+        )
         assert stop.median_m_s == pytest.approx(flown.reference.speed_m_s[row], abs=0.02)
     assert flown.reference.radial_m[-1] > 50.0
-    for kind, tolerance in (("position_m", 0.3), ("velocity_m_s", 0.1)):  # rate and arm: means over an epoch
-        np.testing.assert_allclose(getattr(flown.gnss, kind), getattr(flown.reference, kind), atol=tolerance)
+    # rate and arm: means over an epoch
+    for kind, tolerance in (("position_m", 0.3), ("velocity_m_s", 0.1)):
+        np.testing.assert_allclose(
+            getattr(flown.gnss, kind), getattr(flown.reference, kind), atol=tolerance
+        )
 
 
 @pytest.mark.parametrize("outside", ["gnss", "positions", "odometer", "imu"])
 def test_a_steady_roll_is_no_stop_where_anything_else_looks(outside):
-    """5 m/s over the taxiway for three minutes: rest to inertial sensors, and 9.7 kt on them; then a stop."""
+    """5 m/s over the taxiway for three minutes: rest to inertial sensors, and 9.7 kt on them; then
+    a stop.
+    """
     flown = replay(steady_roll(outside), choices(flat()), QUIET, aided=False)
     active = flown.tables[0]
     table = replay_document(flown, QUIET, store=None, version="1")["tables"][0]
     page = replay_html(replay_document(flown, QUIET, store=None, version="1"), flown)
     assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
     if outside == "imu":  # nothing can tell the roll: said so
-        assert active.stops[0].median_m_s == pytest.approx(5.0, abs=0.1) and table["realign_at"] == ["imu"]
+        assert active.stops[0].median_m_s == pytest.approx(5.0, abs=0.1) and table[
+            "realign_at"
+        ] == ["imu"]
         assert "at a stop that the IMU alone sees" in page and "may be a steady roll" in page
         return
     assert [round(s.end_s - s.start_s, -1) for s in active.stops] == [60.0]
-    assert active.stops[0].median_m_s < 0.3 and not table["realign"] and "realign: above" not in page
+    assert (
+        active.stops[0].median_m_s < 0.3 and not table["realign"] and "realign: above" not in page
+    )
 
 
 def steady_roll(outside: str) -> Run:
-    """Park 12 min, roll at 5 m/s, stop for a minute; with positions and velocities, positions only, wheels or nothing."""
-    motion = lay([Park(duration_s=720.0), Straight(duration_s=180.0, speed_m_s=5.0), Stop(duration_s=60.0)])
+    """Park 12 min, roll at 5 m/s, stop for a minute; with positions and velocities, positions only,
+    wheels or nothing.
+    """
+    motion = lay(
+        [Park(duration_s=720.0), Straight(duration_s=180.0, speed_m_s=5.0), Stop(duration_s=60.0)]
+    )
     twin = replace(QUIET, gnss=DEFAULT_TWIN.gnss)
-    streams = {"with_gnss": outside in ("gnss", "positions"), "with_odometer": outside == "odometer"}
+    streams = {
+        "with_gnss": outside in ("gnss", "positions"),
+        "with_odometer": outside == "odometer",
+    }
     run = simulated(motion, 4, heading_deg=70.0, twin=twin, with_phases=False, **streams).run
     if outside != "positions":
         return run
@@ -252,7 +367,9 @@ def test_track_that_ends_before_is_no_track():
 def test_level_gyros_too_coarse_are_refused():
     run = parked(1200.0).run
     mems = replace(run, header=replace(run.header, gyro_technology="mems"))
-    table = default_table(imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z")
+    table = default_table(
+        imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z"
+    )
     result = replay(mems, choices(table), TwinModel(gyro_technology="mems"))
     assert result.verdict == "refused" and "heading cannot be found" in result.reasons[0]
     assert result.tables[0].history is None
@@ -267,7 +384,9 @@ def test_latitude_beyond_gyrocompassing_is_refused():
 
 def test_log_that_never_rests_is_refused_and_reported():
     result = replay(never_rests(parked(1200.0).run), choices(flat()), TwinModel())
-    assert result.verdict == "refused" and "never rests" in result.reasons[0] and result.tables == ()
+    assert (
+        result.verdict == "refused" and "never rests" in result.reasons[0] and result.tables == ()
+    )
     document = replay_document(result, TwinModel(), store=None, version="0")
     assert "never rests" in replay_html(document, result)
 
@@ -297,27 +416,47 @@ def test_without_temperature_the_log_is_flown_raw():
     result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
     assert result.verdict == "replayed" and "no gyro temperature" in result.notes[0]
     assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
-    assert result.tables[0].parked.rate_nm_h < 0.01  # the perfect unit's raw output; 1 deg/h was not subtracted
+    # the perfect unit's raw output; 1 deg/h was not subtracted
+    assert result.tables[0].parked.rate_nm_h < 0.01
 
 
 def test_applied_table_is_undone_by_its_hash():
-    """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash is bad input."""
+    """A unit that had subtracted a table: the same flight as from its raw output; an unknown hash
+    is bad input.
+    """
     run, table = parked(1800.0).run, flat(x=0.05, y=-0.03, z=0.01)
     subtracted = compensate(run.imu, gyro_bias_rad_s=np.array([0.05, -0.03, 0.01]) * DEG_PER_HOUR)
     done = replace(run, imu=subtracted, header=replace(run.header, applied_table_sha256="ab" * 32))
     a = replay(run, choices(flat(x=0.01)), TwinModel()).tables[0]
-    b = replay(done, choices(flat(x=0.01)), TwinModel(), applied_table=lambda sha256: table).tables[0]
+    b = replay(done, choices(flat(x=0.01)), TwinModel(), applied_table=lambda sha256: table).tables[
+        0
+    ]
     assert b.parked.rate_nm_h == pytest.approx(a.parked.rate_nm_h, rel=1e-6)
     with pytest.raises(InputError, match="abababababab is unknown"):
         replay(done, choices(flat()), TwinModel())
 
 
 def test_temperature_beyond_the_table_is_said():
-    data = {"schema": "recal.table/1", "imu_serial": "SN-0042", "gyro_technology": "rlg",
-            "created_utc": "2026-01-01T00:00:00Z", "interpolation": "linear", "covariance": None,
-            "axes": {a: {"temperature_degC": [60.0, 70.0], "bias_deg_h": [0.0, 0.0], "sigma_deg_h": [0.01, 0.01]}
-                     for a in "xyz"}, "provenance": {"parent_sha256": None, "runs": []}}  # fmt: skip
-    flown = replay(parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()).tables[0]
+    data = {
+        "schema": "recal.table/1",
+        "imu_serial": "SN-0042",
+        "gyro_technology": "rlg",
+        "created_utc": "2026-01-01T00:00:00Z",
+        "interpolation": "linear",
+        "covariance": None,
+        "axes": {
+            a: {
+                "temperature_degC": [60.0, 70.0],
+                "bias_deg_h": [0.0, 0.0],
+                "sigma_deg_h": [0.01, 0.01],
+            }
+            for a in "xyz"
+        },
+        "provenance": {"parent_sha256": None, "runs": []},
+    }
+    flown = replay(
+        parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()
+    ).tables[0]
     assert len(flown.notes) == 3 and "beyond the table's nodes" in flown.notes[0]
 
 
@@ -328,12 +467,18 @@ def test_page_shows_both_tables_and_is_the_same_twice():
     truth = parked(2400.0)
     pages = []
     for _ in range(2):
-        result = replay(truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference)
+        result = replay(
+            truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference
+        )
         document = replay_document(result, TwinModel(), store="sqlite:///x.db", version="1")
         pages.append(replay_html(document, result))
     assert pages[0] == pages[1]
     page = pages[0]
-    assert "previous table" in page and "scoring only" in page.lower() and "No stop of eight seconds" in page
+    assert (
+        "previous table" in page
+        and "scoring only" in page.lower()
+        and "No stop of eight seconds" in page
+    )
     assert page.count("<svg") == 4  # radial, velocity, wander, attitude; no track, no GNSS
     assert "http" not in page.replace("http://www.w3.org", "")
     rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in document["tables"]]
@@ -346,7 +491,9 @@ def test_a_small_drift_is_drawn_in_metres():
     run = parked(1200.0).run
     bias = np.array([0.001, 0.0, 0.0]) * DEG_PER_HOUR
     raw = [TableChoice(role="active", table=None, origin="none")]
-    run = replace(run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None]))
+    run = replace(
+        run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None])
+    )
     result = replay(run, raw, TwinModel())
     page = replay_html(replay_document(result, TwinModel(), store=None, version="1"), result)
     assert 0.1 < result.tables[0].parked.radial_m.max() < 50.0

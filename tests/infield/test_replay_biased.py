@@ -1,4 +1,6 @@
-"""Replay of MEMS logs whose gyros read any bias: no heading at rest, and the aided solution all the same."""
+"""Replay of MEMS logs whose gyros read any bias: no heading at rest, and the aided solution all the
+same.
+"""
 
 from dataclasses import replace
 
@@ -24,14 +26,26 @@ def test_the_gyro_bias_of_a_mems_unit_does_not_end_a_replay(bias_deg_h):
     found = replay(replace(run, imu=imu), RAW, twin)
     assert found.verdict == "replayed" and found.tables[0].alignment.verdict == "level_only"
     assert any(note.startswith("no free-inertial flight: gyro uncertainty") for note in found.notes)
-    assert found.aided is not None and found.aided.history is not None and found.aided.verdict == "aided"
+    assert (
+        found.aided is not None
+        and found.aided.history is not None
+        and found.aided.verdict == "aided"
+    )
     page = replay_html(replay_document(found, twin, store=None, version="1"), found)
     assert "No heading from rest (level only)" in page and "Aligned heading" not in page
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (4.15e-4, "0.000415"), (0.162, "0.162"), (12.34, "12.3"), (1234.5, "1234"), (0.0, "0.00"), (float("nan"), "n/a"),
-    (-2.5e-6, "\u22120.00000250"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (4.15e-4, "0.000415"),
+        (0.162, "0.162"),
+        (12.34, "12.3"),
+        (1234.5, "1234"),
+        (0.0, "0.00"),
+        (float("nan"), "n/a"),
+        (-2.5e-6, "\u22120.00000250"),
+    ],
+)
 def test_three_digits_of_any_size(value, text):
     assert significant(value) == text

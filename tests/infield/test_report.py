@@ -1,6 +1,8 @@
-"""The update report against R27: what every kind of update must show, safely, small and the same each time.
+"""The update report against R27: what every kind of update must show, safely, small and the same
+each time.
 
-The documents are real ones, of 10 Hz simulated runs: proposed, committed (two runs), refused, inconsistent.
+The documents are real ones, of 10 Hz simulated runs: proposed, committed (two runs), refused,
+inconsistent.
 """
 
 import copy
@@ -19,7 +21,15 @@ import pytest
 from infield.reports import page as report_page
 from infield.reports import update_figures
 from infield.reports.documents.update import update_document
-from infield.reports.figures import MAX_POINTS, PANEL_WIDTH, in_style, new_figure, robust_limits, svg_text, thinned
+from infield.reports.figures import (
+    MAX_POINTS,
+    PANEL_WIDTH,
+    in_style,
+    new_figure,
+    robust_limits,
+    svg_text,
+    thinned,
+)
 from infield.reports.update_page import update_html
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_from_dict, table_sha256
@@ -31,18 +41,32 @@ from trajectories.simulator.segments import Park
 KINDS = ("proposed", "committed", "refused", "inconsistent")
 PAGE_LIMIT_BYTES = 600_000
 CONTRACT_KEYS = (  # formats.md, section 5: all that any update document is sure to have
-    "schema", "verdict", "reasons", "imu_serial", "runs", "heading_error", "observability", "points", "excluded",
-    "consistency", "table_before", "table_after", "uncertainty_budget",
-)  # fmt: skip
+    "schema",
+    "verdict",
+    "reasons",
+    "imu_serial",
+    "runs",
+    "heading_error",
+    "observability",
+    "points",
+    "excluded",
+    "consistency",
+    "table_before",
+    "table_after",
+    "uncertainty_budget",
+)
 
 
 def _simulated(seed, *, start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
     plan = read_scenario("cold_parked_taxi")
     short = (Park(duration_s=1800.0), *plan.segments[1:])
     plan = replace(
-        plan, segments=short, imu=replace(plan.imu, rate_hz=10.0), run=replace(plan.run, start_utc=start_utc),
+        plan,
+        segments=short,
+        imu=replace(plan.imu, rate_hz=10.0),
+        run=replace(plan.run, start_utc=start_utc),
         attitude=replace(plan.attitude, heading_deg=heading_deg),
-    )  # fmt: skip
+    )
     simulated, unit = simulate_scenario(plan, seed=seed)
     return simulated.run, unit.factory_table()
 
@@ -64,7 +88,9 @@ def documents():
     rollback = "recal table rollback --store 'sqlite:///recal.db' --serial SN-0042 --to 1"
     found = {
         "proposed": _document([first], table),
-        "committed": _document([first, second], table, committed=True, revision=2, rollback_command=rollback),
+        "committed": _document(
+            [first, second], table, committed=True, revision=2, rollback_command=rollback
+        ),
         "refused": _document([cold], table),
         "inconsistent": _document([first], wrong),
     }
@@ -116,17 +142,42 @@ class Page(HTMLParser):
 def _expected(document):
     """What R27 and ISO/IEC 17025 7.8 ask for, in the words of this document."""
     d = document
-    yield from (d["imu_serial"], d["issued_utc"], d["verdict"], d["method"]["name"], "recal version 9.8.7")
-    yield from (d["decision_rule"], "Statement of conformity", "Out of scope", "U(k=2)", "Authorised by")
-    yield from (d["table_before_sha256"], d["table_after_sha256"], "defaults of rlg", *d["assumptions"], *d["reasons"])
+    yield from (
+        d["imu_serial"],
+        d["issued_utc"],
+        d["verdict"],
+        d["method"]["name"],
+        "recal version 9.8.7",
+    )
+    yield from (
+        d["decision_rule"],
+        "Statement of conformity",
+        "Out of scope",
+        "U(k=2)",
+        "Authorised by",
+    )
+    yield from (
+        d["table_before_sha256"],
+        d["table_after_sha256"],
+        "defaults of rlg",
+        *d["assumptions"],
+        *d["reasons"],
+    )
     for run in d["runs"]:
         yield from (run["run_id"], run["sha256"])
     for session in d["sessions"]:
-        yield from (session["start_utc"], session["tail"], report_page.number(session["site"]["lat_deg"], 4))
+        yield from (
+            session["start_utc"],
+            session["tail"],
+            report_page.number(session["site"]["lat_deg"], 4),
+        )
         yield report_page.duration(session["duration_s"])
     yield from {term["term"] for term in d["uncertainty_budget"]}
     yield from {span["reason"] for span in d["excluded"]}
-    yield d["rollback_command"] or "recal table rollback --store sqlite:///recal.db --serial SN-0042 --to previous"
+    yield (
+        d["rollback_command"]
+        or "recal table rollback --store sqlite:///recal.db --serial SN-0042 --to previous"
+    )
     yield "recal update RUN"
 
 
@@ -140,9 +191,15 @@ def test_every_required_item_is_on_the_page(documents, pages, kind):
 @pytest.mark.parametrize("kind", ["proposed", "committed", "inconsistent"])
 def test_an_estimated_run_shows_its_evidence(documents, pages, kind):
     d, text = documents[kind], Page(pages[kind]).text
-    for words in ("Residuals: points less the table", "Time in each 5 °C band", "Heating against cooling",
-                  "excluded because", "normalised innovation squared", "difference north, RMS",
-                  "Known limits of the chain"):  # fmt: skip
+    for words in (
+        "Residuals: points less the table",
+        "Time in each 5 °C band",
+        "Heating against cooling",
+        "excluded because",
+        "normalised innovation squared",
+        "difference north, RMS",
+        "Known limits of the chain",
+    ):
         assert words in text
     assert report_page.number(d["consistency"]["nis_mean"], 3) in text
     assert report_page.number(d["consistency"]["band_999"][1], 3) in text
@@ -155,18 +212,30 @@ def test_an_estimated_run_shows_its_evidence(documents, pages, kind):
 def test_a_change_is_shown_node_by_node_with_expanded_uncertainty(documents, pages, kind):
     d, text = documents[kind], Page(pages[kind]).text
     decimals = report_page.decimals_for(
-        [s["sigma_after_deg_h"] for s in d["observability"].values()] + [r["U_after_k2_deg_h"] for r in d["changes"]]
+        [s["sigma_after_deg_h"] for s in d["observability"].values()]
+        + [r["U_after_k2_deg_h"] for r in d["changes"]]
     )
     for row in d["changes"]:
-        cells = [row[k] for k in ("before_deg_h", "U_before_k2_deg_h", "after_deg_h", "U_after_k2_deg_h")]
+        cells = [
+            row[k] for k in ("before_deg_h", "U_before_k2_deg_h", "after_deg_h", "U_after_k2_deg_h")
+        ]
         assert " ".join(report_page.number(c, decimals) for c in cells) in text
     assert f"{report_page.number(d['predicted_effect']['drift_removed_nm_h'], 2)} NM/h" in text
 
 
 def test_the_first_screen_says_what_changed_how_sure_and_may_i_use_it(documents, pages):
-    proposed, refused, inconsistent = (Page(pages[k]).text[:900] for k in ("proposed", "refused", "inconsistent"))
-    assert "Proposed The run passed every gate" in proposed and "Not in use yet: nothing was stored" in proposed
-    assert "Refused" in refused and "Keep using the stored table" in refused and "no gyro temperature" in refused
+    proposed, refused, inconsistent = (
+        Page(pages[k]).text[:900] for k in ("proposed", "refused", "inconsistent")
+    )
+    assert (
+        "Proposed The run passed every gate" in proposed
+        and "Not in use yet: nothing was stored" in proposed
+    )
+    assert (
+        "Refused" in refused
+        and "Keep using the stored table" in refused
+        and "no gyro temperature" in refused
+    )
     assert "Inconsistent" in inconsistent and "Do not use" in inconsistent
     assert " ".join(documents["inconsistent"]["reasons"][0].split()) in inconsistent
     assert "stored as revision 2" in Page(pages["committed"]).text[:600]
@@ -175,9 +244,13 @@ def test_the_first_screen_says_what_changed_how_sure_and_may_i_use_it(documents,
 def test_a_refused_page_says_why_where_there_is_nothing_to_show(pages):
     page = Page(pages["refused"])
     assert page.tags.count("svg") == 3  # the stored table, one drawing a gyro
-    for words in ("No points to draw: no run was estimated.", "Nothing to show: no run gave measurements",
-                  "No residuals, coverage or claim chain: the run was not estimated. no gyro temperature",
-                  "No budget: no run was estimated.", "Nothing to draw: the run was refused"):  # fmt: skip
+    for words in (
+        "No points to draw: no run was estimated.",
+        "Nothing to show: no run gave measurements",
+        "No residuals, coverage or claim chain: the run was not estimated. no gyro temperature",
+        "No budget: no run was estimated.",
+        "Nothing to draw: the run was refused",
+    ):
         assert words in page.text
 
 
@@ -190,12 +263,20 @@ def test_an_unobservable_gyro_is_said_in_words_and_its_points_are_not_drawn(docu
         if point["axis"] == "y":
             point["observability"] = "not_observable"
     text = Page(update_html(d)).text
-    for words in ("○ not observable", "turn by 90 deg", "No points: gyro y was not observable.",
-                  "sigma stays 0.95 mrad", "Gyro y: not observable in this run",
-                  "Gyro y: not observable, it rests on its prior."):  # fmt: skip
+    for words in (
+        "○ not observable",
+        "turn by 90 deg",
+        "No points: gyro y was not observable.",
+        "sigma stays 0.95 mrad",
+        "Gyro y: not observable in this run",
+        "Gyro y: not observable, it rests on its prior.",
+    ):
         assert words in text
     table = table_from_dict(d["table_before"], name="table")
-    marks = {a: _markers(update_figures.bias_drawing(d, a, table, None, [d["runs"][0]["run_id"]])) for a in "xy"}
+    marks = {
+        a: _markers(update_figures.bias_drawing(d, a, table, None, [d["runs"][0]["run_id"]]))
+        for a in "xy"
+    }
     assert marks["x"] - marks["y"] == sum(p["axis"] == "x" for p in d["points"])
 
 
@@ -207,7 +288,9 @@ def _markers(svg):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_page_is_self_contained_small_and_sound(pages, kind):
     page = Page(pages[kind])
-    assert not re.search(r"https?:|//[a-z]|@import|javascript:", re.sub(r"sqlite:///", "", pages[kind]))
+    assert not re.search(
+        r"https?:|//[a-z]|@import|javascript:", re.sub(r"sqlite:///", "", pages[kind])
+    )
     assert not {"script", "link", "img", "iframe", "object", "embed"} & set(page.tags)
     assert not [a for a in page.attributes if a[1].startswith("on") or a[1] in ("src", "srcset")]
     ids = Counter(value for _, name, value in page.attributes if name == "id")
@@ -234,7 +317,9 @@ def _poisoned(value, old):
 @pytest.mark.parametrize("kind", ["committed", "refused"])
 def test_hostile_texts_from_files_change_no_tag(documents, pages, kind):
     d = documents[kind]
-    old = {d["imu_serial"], d["store"], d["noise_model"]["source"]} | {s["tail"] for s in d["sessions"]}
+    old = {d["imu_serial"], d["store"], d["noise_model"]["source"]} | {
+        s["tail"] for s in d["sessions"]
+    }
     poisoned = _poisoned(d, old)
     for part in (poisoned["excluded"], *(s.get("phases", []) for s in poisoned["sessions"])):
         for span in part:
@@ -263,7 +348,9 @@ def test_the_bare_document_of_the_contract_is_enough(documents):
 def test_equal_documents_give_equal_pages_whatever_the_users_style(documents, pages):
     from matplotlib import rc_context
 
-    with rc_context({"font.size": 20, "svg.fonttype": "path", "axes.facecolor": "red", "svg.hashsalt": "other"}):
+    with rc_context(
+        {"font.size": 20, "svg.fonttype": "path", "axes.facecolor": "red", "svg.hashsalt": "other"}
+    ):
         assert update_html(copy.deepcopy(documents["proposed"])) == pages["proposed"]
 
 
@@ -272,8 +359,12 @@ def test_no_curve_has_more_points_than_allowed(documents):
     n = 30_000
     t = np.linspace(0.0, d["sessions"][0]["duration_s"], n)
     wild = np.random.default_rng(5).standard_normal(n)
-    d["sessions"][0]["velocity"] = {"time_s": t.tolist(), "north_m_s": wild.tolist(), "east_m_s": wild.tolist(),
-                                    "heading_deg": (90.0 + wild).tolist()}  # fmt: skip
+    d["sessions"][0]["velocity"] = {
+        "time_s": t.tolist(),
+        "north_m_s": wild.tolist(),
+        "east_m_s": wild.tolist(),
+        "heading_deg": (90.0 + wild).tolist(),
+    }
     drawing = update_figures.timeline_drawing(d["sessions"][0], []) or ""
     vertices = [len(re.findall(r"[ML] ", path)) for path in re.findall(r' d="([^"]*)"', drawing)]
     assert 0.5 * MAX_POINTS < max(vertices) <= MAX_POINTS
@@ -311,20 +402,34 @@ def test_drawings_keep_tick_labels_whole_and_are_told_apart():
 
 
 def test_numbers_are_plain_or_not_available():
-    assert report_page.number(-0.00004, 4) == "0.0000" and report_page.number(-0.00004, 4, sign=True) == "+0.0000"
-    assert report_page.number(-1.25, 1) == "\u22121.2" and report_page.number(0.5, 2, sign=True) == "+0.50"
+    assert (
+        report_page.number(-0.00004, 4) == "0.0000"
+        and report_page.number(-0.00004, 4, sign=True) == "+0.0000"
+    )
+    assert (
+        report_page.number(-1.25, 1) == "\u22121.2"
+        and report_page.number(0.5, 2, sign=True) == "+0.50"
+    )
     assert [report_page.number(v) for v in (None, math.nan, math.inf)] == ["n/a"] * 3
     assert [report_page.decimals_for([s]) for s in (0.0017, 0.03, 0.5, 30.0)] == [4, 3, 2, 0]
     assert report_page.decimals_for([None, 0.0]) == 4
     assert report_page.heading(-0.004, 2) == "0.00" and report_page.heading(-90.0) == "270.00"
-    assert [report_page.duration(s) for s in (45.0, 600.0, 9000.0, None)] == ["45 s", "10.0 min", "2.50 h", "n/a"]
+    assert [report_page.duration(s) for s in (45.0, 600.0, 9000.0, None)] == [
+        "45 s",
+        "10.0 min",
+        "2.50 h",
+        "n/a",
+    ]
 
 
 def test_commands_are_quoted_for_the_shell(documents):
     d = {**documents["proposed"], "store": "sqlite:///my store.db; rm x"}
     with figures_left_out():
         page = update_html(d)
-    assert "recal table rollback --store 'sqlite:///my store.db; rm x' --serial SN-0042" in Page(page).text
+    assert (
+        "recal table rollback --store 'sqlite:///my store.db; rm x' --serial SN-0042"
+        in Page(page).text
+    )
 
 
 def test_importing_the_report_does_not_load_matplotlib():

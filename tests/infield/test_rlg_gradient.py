@@ -1,4 +1,6 @@
-"""Ring-laser gradient terms: by hand, over units whose truth the fit does not know, collinear and refused cases (R19)."""
+"""Ring-laser gradient terms: by hand, over units whose truth the fit does not know, collinear and
+refused cases (R19).
+"""
 
 from dataclasses import replace
 
@@ -16,7 +18,9 @@ FEW = 12  # units of three gyros in the normal suite
 
 
 def test_the_terms_by_hand():
-    """At 35 degC, reference 25, warming by 0.5 degC/min with lines 1, -2, 0.5: each column is a number one can write down."""
+    """At 35 degC, reference 25, warming by 0.5 degC/min with lines 1, -2, 0.5: each column is a
+    number one can write down.
+    """
     row = columns(np.array([35.0]), np.array([0.5]), np.array([[1.0, -2.0, 0.5]]), 25.0)
     np.testing.assert_allclose(row[0], [1.0, 10.0, 100.0, 0.5, 5.0, 1.0, -2.0, 0.5])
     theta = np.array([0.01, 1e-3, 1e-5, 0.02, 1e-3, 0.03, 0.0, -0.02])
@@ -24,11 +28,15 @@ def test_the_terms_by_hand():
 
 
 def test_least_squares_by_hand_and_the_condition_number_of_two_columns():
-    """y = 2 on the first of two unit columns with cosine c: condition number sqrt((1 + c) / (1 - c))."""
+    """y = 2 on the first of two unit columns with cosine c: condition number sqrt((1 + c) / (1 -
+    c)).
+    """
     c = 0.99
     A = np.eye(8)
     A[0, 3] = A[3, 0] = c
-    theta, P = Gram(A, A[:, 0] * 2.0, 4.0, 10).solve(np.array([name in ("K1", "K4") for name in TERMS]))
+    theta, P = Gram(A, A[:, 0] * 2.0, 4.0, 10).solve(
+        np.array([name in ("K1", "K4") for name in TERMS])
+    )
     np.testing.assert_allclose(theta, [2.0, 0, 0, 0, 0, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(P[0, 0], 1.0 / (1.0 - c**2))
     assert condition_number(A[np.ix_([0, 3], [0, 3])]) == pytest.approx(np.sqrt((1 + c) / (1 - c)))
@@ -36,15 +44,29 @@ def test_least_squares_by_hand_and_the_condition_number_of_two_columns():
 
 def test_a_line_that_follows_the_rate_is_named_and_dropped_and_one_within_the_noise_too():
     rng = np.random.default_rng(1)
-    T, rate, other = 20.0 * rng.standard_normal(400), rng.standard_normal(400), rng.standard_normal((400, 2))
+    T, rate, other = (
+        20.0 * rng.standard_normal(400),
+        rng.standard_normal(400),
+        rng.standard_normal((400, 2)),
+    )
     for off, noise, words in ((1e-3, 0.0, "condition number"), (0.2, 0.05, "noise of the")):
-        X = columns(T, rate, np.column_stack([0.4 * rate + off * rng.standard_normal(400), other]), 0.0)
+        X = columns(
+            T, rate, np.column_stack([0.4 * rate + off * rng.standard_normal(400), other]), 0.0
+        )
         kept, dropped = hold_apart(X.T @ X, 400 * np.r_[np.zeros(5), noise**2, 0, 0], TERMS, "K6x")
         if noise == 0.0 or off < 0.1:
-            assert [f.term for f in dropped] == ["K6x"] and dropped[0].others == ("K4",) and words in dropped[0].words()
+            assert (
+                [f.term for f in dropped] == ["K6x"]
+                and dropped[0].others == ("K4",)
+                and words in dropped[0].words()
+            )
             assert "K6x" not in kept and "K6y" in kept
         else:
-            assert [f.term for f in dropped] == ["K6x"] and words in dropped[0].words() and dropped[0].condition < 30.0
+            assert (
+                [f.term for f in dropped] == ["K6x"]
+                and words in dropped[0].words()
+                and dropped[0].condition < 30.0
+            )
 
 
 def test_without_noise_the_fit_is_the_truth():
@@ -55,14 +77,19 @@ def test_without_noise_the_fit_is_the_truth():
     for k, a in enumerate(study.axes):
         true = unit.terms(k, study.reference_degC)
         np.testing.assert_allclose(a.theta[3:8], true[3:], atol=2e-4)
-        assert a.held_out.model_deg_h < 0.04 * a.held_out.before_deg_h and a.condition < a.condition_all
+        assert (
+            a.held_out.model_deg_h < 0.04 * a.held_out.before_deg_h
+            and a.condition < a.condition_all
+        )
         at_zero = about_zero(a, study.reference_degC)
         by_hand = unit.terms(k, 0.0)
         assert at_zero["K4"] == pytest.approx(by_hand[3], abs=3e-4) and at_zero["K6x"] == a.theta[5]
 
 
 def over_units(count, wave=0.003):
-    """Normalised errors of the rate and gradient terms, and the residuals of a further run, by seed and gyro."""
+    """Normalised errors of the rate and gradient terms, and the residuals of a further run, by seed
+    and gyro.
+    """
     nees, dof, residuals = [], [], []
     for seed in range(count):
         rng = np.random.default_rng(seed)
@@ -83,23 +110,30 @@ def over_units(count, wave=0.003):
 
 
 def test_errors_are_as_large_as_their_sigmas_over_units():
-    """NEES of all kept rate and gradient terms within two-sided 99.9 % bounds, false alarm 1 in 1000."""
+    """NEES of all kept rate and gradient terms within two-sided 99.9 % bounds, false alarm 1 in
+    1000.
+    """
     nees, dof, residuals = over_units(FEW)
     low, high = chi2.ppf([0.0005, 0.9995], dof.sum())
     assert low < nees.sum() < high, (nees.sum() / dof.sum(), dof.sum())
     white = 0.0155  # of a minute
-    assert np.all(residuals[:, 1] < 1.2 * white) and np.median(residuals[:, 1] / residuals[:, 0]) < 0.5
+    assert (
+        np.all(residuals[:, 1] < 1.2 * white) and np.median(residuals[:, 1] / residuals[:, 0]) < 0.5
+    )
 
 
 def test_an_unforced_soak_names_the_line_that_goes_with_the_rate():
     """Tdiff = share tau dT/dt exactly where nothing heats one side: physics.md section 3."""
     rng = np.random.default_rng(3)
     unit = Unit(rng)
-    study = fit_gradients([case(rng, unit, heater=0.0, rate=r, run_id=str(r)) for r in (0.7, 1.1)], TWIN)
+    study = fit_gradients(
+        [case(rng, unit, heater=0.0, rate=r, run_id=str(r)) for r in (0.7, 1.1)], TWIN
+    )
     for a in study.axes:
         assert f"K6{a.axis}" in [f.term for f in a.collinear] and f"K6{a.axis}" not in a.used
         assert next(f for f in a.collinear if f.term == f"K6{a.axis}").others == ("K4",)
-        assert a.held_out.model_deg_h < 1.4 * a.held_out.noise_deg_h  # their sum serves as well there
+        # their sum serves as well there
+        assert a.held_out.model_deg_h < 1.4 * a.held_out.noise_deg_h
     assert any("K6x goes with K4" in note for note in study.notes)
 
 
@@ -110,7 +144,9 @@ def test_one_run_is_split_into_stretches_and_no_lines_are_said():
     assert "every fifth stretch" in study.validation and study.axes[0].by_run is None
     assert "without gradient terms" in study.notes[0]
     for k, a in enumerate(study.axes):
-        assert {"K1", "K4"} <= set(a.used) and not [name for name in a.used if name.startswith("K6")]
+        assert {"K1", "K4"} <= set(a.used) and not [
+            name for name in a.used if name.startswith("K6")
+        ]
         assert abs(a.theta[3] - unit.terms(k, study.reference_degC)[3]) < 4.0 * a.sigma[3]
 
 
@@ -122,12 +158,20 @@ def test_earth_rate_moves_k1_alone_and_a_new_mounting_is_seen():
         np.testing.assert_allclose(a.theta[1:8], b.theta[1:8], atol=1e-7)
     assert [a.level_known for a in there.axes] == [False, False, True]
     runs = three_runs(np.random.default_rng(6), unit)
-    runs[1] = replace(runs[1], blocks=replace(runs[1].blocks, roll_pitch_rad=(0.01, 0.0),
-                                              bias_deg_h=runs[1].blocks.bias_deg_h + [3.0, -4.0, 0.0]))  # fmt: skip
+    runs[1] = replace(
+        runs[1],
+        blocks=replace(
+            runs[1].blocks,
+            roll_pitch_rad=(0.01, 0.0),
+            bias_deg_h=runs[1].blocks.bias_deg_h + [3.0, -4.0, 0.0],
+        ),
+    )
     study = fit_gradients(runs, TWIN)
     assert study.remounted and "mounted anew" in study.notes[0]
     for k, a in enumerate(study.axes):
-        assert np.all(np.abs(a.theta[3:8] - unit.terms(k, study.reference_degC)[3:])[a.sigma[3:8] > 0] < 0.02)
+        assert np.all(
+            np.abs(a.theta[3:8] - unit.terms(k, study.reference_degC)[3:])[a.sigma[3:8] > 0] < 0.02
+        )
 
 
 @pytest.mark.parametrize(
@@ -137,7 +181,10 @@ def test_earth_rate_moves_k1_alone_and_a_new_mounting_is_seen():
         (dict(turned=0.01), "moving base: run run turns by 0.57 deg"),
         (dict(low=20.0, high=24.0, heater=0.0), "temperature spans"),
         (dict(low=0.0, high=8.0, soak=0, back=False, rate=1.0), "too short: run run has 8 min"),
-        (dict(low=0.0, high=40.0, soak=0, back=False, rate=1.0), "too short: 40 min of rest in all"),
+        (
+            dict(low=0.0, high=40.0, soak=0, back=False, rate=1.0),
+            "too short: 40 min of rest in all",
+        ),
     ],
 )
 def test_what_cannot_be_carried_is_refused_with_what_was_seen(profile, words):
@@ -151,7 +198,10 @@ def test_dwelling_on_the_way_up_is_enough():
     """Warming only, but with soaks between: temperature and rate do not go together."""
     rng = np.random.default_rng(8)
     unit = Unit(rng)
-    parts = [case(rng, unit, low=low, high=low + 15.0, back=False, soak=30, run_id=str(low)) for low in (-15.0, 0.0, 15.0)]
+    parts = [
+        case(rng, unit, low=low, high=low + 15.0, back=False, soak=30, run_id=str(low))
+        for low in (-15.0, 0.0, 15.0)
+    ]
     assert not fit_gradients(parts, TWIN).refused
 
 
@@ -159,6 +209,12 @@ def test_data_of_another_kind_are_inconsistent():
     rng = np.random.default_rng(9)
     runs = three_runs(rng, Unit(rng))
     wave = 0.5 * np.sign(np.sin(np.arange(len(runs[0].blocks.time_s)) / 4.0))[:, None]
-    runs[0] = replace(runs[0], blocks=replace(runs[0].blocks, bias_deg_h=runs[0].blocks.bias_deg_h + wave))
+    runs[0] = replace(
+        runs[0], blocks=replace(runs[0].blocks, bias_deg_h=runs[0].blocks.bias_deg_h + wave)
+    )
     study = fit_gradients(runs, TWIN)
-    assert study.axes == () and len(study.inconsistent) == 3 and "something else" in study.inconsistent[0]
+    assert (
+        study.axes == ()
+        and len(study.inconsistent) == 3
+        and "something else" in study.inconsistent[0]
+    )

@@ -1,4 +1,6 @@
-"""The Schuler period: a closed form with noise, honest sigma over seeds, a simulated unit, refusals."""
+"""The Schuler period: a closed form with noise, honest sigma over seeds, a simulated unit,
+refusals.
+"""
 
 import numpy as np
 import pytest
@@ -10,12 +12,21 @@ from ins.records import TwinModel
 from tests.infield.test_replay import SITE, choices, flat, parked
 
 
-def swing(seconds: float, *, period_s: float = 5064.0, noise: float = 0.0, walk: float = 0.0, seed: int = 0) -> Drift:
+def swing(
+    seconds: float,
+    *,
+    period_s: float = 5064.0,
+    noise: float = 0.0,
+    walk: float = 0.0,
+    seed: int = 0,
+) -> Drift:
     """0.3 m/s of swing about a line, white noise and a random walk [m/s per sqrt(s)]."""
     t, rng = np.arange(1.0, seconds), np.random.default_rng(seed)
     w = 2 * np.pi / period_s
     v = np.column_stack([0.3 * np.sin(w * t) + 0.1, 0.2 * (1 - np.cos(w * t)) + 1e-5 * t])
-    v += noise * rng.standard_normal(v.shape) + walk * np.cumsum(rng.standard_normal(v.shape), axis=0)
+    v += noise * rng.standard_normal(v.shape) + walk * np.cumsum(
+        rng.standard_normal(v.shape), axis=0
+    )
     return Drift(time_s=t, position_m=np.zeros_like(v), velocity_m_s=v)
 
 
@@ -51,5 +62,9 @@ def test_short_records_and_no_swing_are_refused():
     assert "needed 63 min" in fit_schuler(None, SITE).reason
     still = swing(7200.0, noise=0.05)
     rng = np.random.default_rng(1)
-    quiet = Drift(time_s=still.time_s, position_m=still.position_m, velocity_m_s=0.05 * rng.standard_normal((7199, 2)))
+    quiet = Drift(
+        time_s=still.time_s,
+        position_m=still.position_m,
+        velocity_m_s=0.05 * rng.standard_normal((7199, 2)),
+    )
     assert fit_schuler(quiet, SITE).reason != "" and np.isnan(fit_schuler(quiet, SITE).period_s)

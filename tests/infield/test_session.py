@@ -43,9 +43,13 @@ def test_bins_share_the_time_evenly():
 
 
 def test_rows_average_the_table_over_the_bin():
-    """H beta is the table's mean along the bin's temperatures, not the table at the mean temperature."""
+    """H beta is the table's mean along the bin's temperatures, not the table at the mean
+    temperature.
+    """
     temperature, table, bins = gyro_temperature(simulated().run.temperature), factory(), bins_of()
-    inside = np.linspace(bins.edges_s[0], bins.edges_s[1], 6001)[:-1] + 0.5 * bins.duration_s[0] / 6000
+    inside = (
+        np.linspace(bins.edges_s[0], bins.edges_s[1], 6001)[:-1] + 0.5 * bins.duration_s[0] / 6000
+    )
     for axis in range(3):
         along = table.bias_deg_h(axis, temperature.at(inside)[:, axis]).mean()
         assert bins.table_deg_h[axis] == pytest.approx(along, abs=1e-8)
@@ -61,7 +65,8 @@ def test_prior_is_the_table_and_what_a_session_adds():
     gyro = TWIN.gyro
     assert bins.own[0, 3] > gyro.turn_on_deg_h**2  # turn-on is common to the session
     assert bins.own[0, 1] == 0.0  # of one axis
-    assert bins.prior[0, 3] > 0.7 * table.sigma_deg_h(0, 20.0)[0] ** 2  # and so is the table's common shift
+    # and so is the table's common shift
+    assert bins.prior[0, 3] > 0.7 * table.sigma_deg_h(0, 20.0)[0] ** 2
 
 
 def test_an_unknown_stuck_axis_teaches_the_table_nothing():
@@ -73,7 +78,10 @@ def test_an_unknown_stuck_axis_teaches_the_table_nothing():
     gain = factory().covariance @ bins.H[y].T @ np.linalg.inv(bins.prior[np.ix_(y, y)])
     assert np.abs(gain).max() < 1e-3
     x = np.arange(0, len(bins.prior), 3)
-    assert np.abs(factory().covariance @ bins.H[x].T @ np.linalg.inv(bins.prior[np.ix_(x, x)])).max() > 0.1
+    assert (
+        np.abs(factory().covariance @ bins.H[x].T @ np.linalg.inv(bins.prior[np.ix_(x, x)])).max()
+        > 0.1
+    )
 
 
 def test_compensated_imu_takes_off_the_table_at_the_logged_temperature():
@@ -88,7 +96,9 @@ def test_compensated_imu_takes_off_the_table_at_the_logged_temperature():
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_the_estimate_agrees_with_truth(seed):
-    """Chi-square of all bins jointly below its 99.9 % bound, mean biases within 4 sigmas, heading too."""
+    """Chi-square of all bins jointly below its 99.9 % bound, mean biases within 4 sigmas, heading
+    too.
+    """
     e = estimate(seed)
     error = e.bins.table_deg_h + e.mean_deg_h - true_bias(simulated(seed), e.bins.edges_s)
     m = len(error)
@@ -143,5 +153,7 @@ def test_rest_is_looked_for_in_the_logged_alignment():
 def test_session_ends_at_take_off():
     run = simulated(1, PARKED).run
     assert session_end(run) == pytest.approx(1800.0)
-    flying = replace(run, phases=(*run.phases, Phase(phase="takeoff", start_s=1000.0, end_s=1030.0)))
+    flying = replace(
+        run, phases=(*run.phases, Phase(phase="takeoff", start_s=1000.0, end_s=1030.0))
+    )
     assert session_end(flying) == 1000.0

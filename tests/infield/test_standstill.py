@@ -26,17 +26,27 @@ def test_dead_encoder_and_rolling_rest_are_named():
     dead = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.zeros(t.size)))
     assert any("dead encoder" in reason for reason in speed_disagreement(dead, motion))
     rolling = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.full(t.size, 9.0)))
-    assert any("while the inertial solution rests" in reason for reason in speed_disagreement(rolling, motion))
+    assert any(
+        "while the inertial solution rests" in reason
+        for reason in speed_disagreement(rolling, motion)
+    )
 
 
 def test_a_dead_encoder_refuses_the_update_with_a_full_report():
     o = session("realistic_taxi", 0, with_odometer=True)
     run = o.simulated.run
-    dead = replace(run, odometer=OdometerLog(time_s=run.odometer.time_s, speed_m_s=np.zeros(run.odometer.time_s.size)))
+    dead = replace(
+        run,
+        odometer=OdometerLog(
+            time_s=run.odometer.time_s, speed_m_s=np.zeros(run.odometer.time_s.size)
+        ),
+    )
     table, data = prior_table(), table_to_dict(prior_table())
     result = update_calibration([dead], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
     assert result.outcome == "refused" and "dead encoder" in result.reasons[0]
-    document = update_document(result, committed=False, store=None, version="test", table_before=data)
+    document = update_document(
+        result, committed=False, store=None, version="test", table_before=data
+    )
     with figures_left_out():
         assert "dead encoder" in update_html(document)
 
@@ -53,6 +63,8 @@ def test_a_stuck_thermometer_teaches_its_axis_nothing():
     x, y = table.values_of("x"), table.values_of("y")
     assert np.array_equal(result.after.parameters[x], table.parameters[x])
     assert np.max(np.abs(result.after.parameters[y] - table.parameters[y])) > 1e-5
-    document = update_document(result, committed=False, store=None, version="test", table_before=data)
+    document = update_document(
+        result, committed=False, store=None, version="test", table_before=data
+    )
     assert document["observability"]["x"]["verdict"] == "not_observable"
     assert "thermometer of gyro x is exactly 0" in document["observability"]["x"]["advice"]

@@ -1,4 +1,6 @@
-"""The store on both databases: revisions in a chain, conflicts told, rollback to the bit, every changed row found."""
+"""The store on both databases: revisions in a chain, conflicts told, rollback to the bit, every
+changed row found.
+"""
 
 import json
 import threading
@@ -6,7 +8,14 @@ import threading
 import pytest
 
 from infield.store.database import Database
-from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit, store_exists
+from infield.store.table_store import (
+    MergedRun,
+    RunAlreadyMerged,
+    StoreConflict,
+    TableStore,
+    UnknownUnit,
+    store_exists,
+)
 from infield.table.file import canonical_json, table_sha256, table_to_dict
 from ins.records import GyroNoise, InputError, TwinModel
 from tests.infield.stores import commit, rows, table, tamper
@@ -35,7 +44,9 @@ def test_bad_url_is_one_line(bad):
 @pytest.mark.parametrize("memory", ["sqlite://", "sqlite:///:memory:", "sqlite+pysqlite://"])
 def test_a_store_in_memory_is_refused(memory):
     for look in (store_exists, TableStore.open, lambda url: TableStore.open(url, create=True)):
-        with pytest.raises(InputError, match=r"^store sqlite.*: a database in memory keeps nothing; needed a file"):
+        with pytest.raises(
+            InputError, match=r"^store sqlite.*: a database in memory keeps nothing; needed a file"
+        ):
             look(memory)
 
 
@@ -138,7 +149,9 @@ def test_key_holds_serial_technology_and_mode(store):
 
 
 def test_twin_record(store):
-    twin = TwinModel(imu_serial="SN-1", table="not/there.json", gyro=GyroNoise(arw_deg_sqrt_h=0.0031))
+    twin = TwinModel(
+        imu_serial="SN-1", table="not/there.json", gyro=GyroNoise(arw_deg_sqrt_h=0.0031)
+    )
     store.import_table(table_to_dict(table()), twin=twin)
     kept = store.twin("SN-1")
     assert kept.gyro == twin.gyro and kept.table == "not/there.json" and "store" in kept.source
@@ -149,10 +162,19 @@ def test_twin_record(store):
     assert [u.has_twin for u in store.units()] == [True]
 
 
-@pytest.mark.parametrize("column, value", [
-    ("table_json", None), ("kind", "import"), ("note", "changed"), ("report_json", "{}"), ("runs_json", "[]"),
-    ("created_utc", "2020-01-01T00:00:00Z"), ("parent_sha256", "0" * 64), ("record_sha256", "0" * 64),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "column, value",
+    [
+        ("table_json", None),
+        ("kind", "import"),
+        ("note", "changed"),
+        ("report_json", "{}"),
+        ("runs_json", "[]"),
+        ("created_utc", "2020-01-01T00:00:00Z"),
+        ("parent_sha256", "0" * 64),
+        ("record_sha256", "0" * 64),
+    ],
+)
 def test_changed_row_is_found(store, url, column, value):
     commit(store, store.import_table(table_to_dict(table())))
     if value is None:
@@ -181,7 +203,10 @@ def test_migration_makes_the_declared_schema(store, url):
 
     with Database(url, create=False).reading() as connection:
         assert compare_metadata(MigrationContext.configure(connection), metadata) == []
-        assert ScriptDirectory.from_config(alembic_config(connection)).get_current_head() == SCHEMA_REVISION
+        assert (
+            ScriptDirectory.from_config(alembic_config(connection)).get_current_head()
+            == SCHEMA_REVISION
+        )
 
 
 def test_another_schema_version_is_refused(store, url):
@@ -192,7 +217,9 @@ def test_another_schema_version_is_refused(store, url):
 
 
 def writers_race(url, *, serial="SN-1", writers, updates):
-    """Threads that each commit until done, told of every conflict; returns how many conflicts there were."""
+    """Threads that each commit until done, told of every conflict; returns how many conflicts there
+    were.
+    """
     conflicts, faults = [], []
 
     def work(name):

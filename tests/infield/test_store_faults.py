@@ -29,7 +29,9 @@ def test_store_that_cannot_be_written_still_reads(store, url):
     first = factory(store)
     if url.startswith("postgresql"):  # a standby, or a role that may not write
         search = make_url(url).query["options"]
-        url = make_url(url).update_query_dict({"options": f"{search} -c default_transaction_read_only=on"})
+        url = make_url(url).update_query_dict(
+            {"options": f"{search} -c default_transaction_read_only=on"}
+        )
         store = TableStore.open(url.render_as_string(hide_password=False))
     else:
         with store._database._engine.connect() as c:
@@ -47,7 +49,9 @@ def test_read_only_folder(tmp_path):
         first = factory(store)
     with read_only(tmp_path / "stores"):
         with TableStore.open(url) as store:
-            with pytest.raises(InputError, match="not written: attempt to write a readonly database") as raised:
+            with pytest.raises(
+                InputError, match="not written: attempt to write a readonly database"
+            ) as raised:
                 commit(store, first)
             assert store.active() == first and len(store.history()) == 1 and one_line(raised)
         with pytest.raises(InputError, match="unable to open database file"):
@@ -71,11 +75,16 @@ def test_page_limit_leaves_the_old_table(file_url):
 
 
 def test_full_disk_leaves_the_old_table(tmp_path):
-    with small_disk(tmp_path / "disk") as disk, TableStore.open(f"sqlite:///{disk}/recal.db", create=True) as store:
+    with (
+        small_disk(tmp_path / "disk") as disk,
+        TableStore.open(f"sqlite:///{disk}/recal.db", create=True) as store,
+    ):
         first = factory(store)
         with pytest.raises(InputError, match="not written: database or disk is full") as raised:
             for k in range(20):
-                store.commit_update(store.active().sha256, updated(store.active(), 1e-3 * k), [], LONG_REPORT)
+                store.commit_update(
+                    store.active().sha256, updated(store.active(), 1e-3 * k), [], LONG_REPORT
+                )
         assert one_line(raised) and 1 <= len(store.history()) < 10
         assert store.history()[0] == first
         with pytest.raises(InputError, match="full"):
@@ -110,7 +119,9 @@ def test_a_lock_that_others_hold_is_waited_for_and_then_told(store, url, monkeyp
                 c.execute(text("SELECT * FROM recal_unit FOR UPDATE"))
             else:
                 c.exec_driver_sql("BEGIN IMMEDIATE")
-            with pytest.raises(StoreConflict, match="busy with other writers, nothing written") as raised:
+            with pytest.raises(
+                StoreConflict, match="busy with other writers, nothing written"
+            ) as raised:
                 commit(other, first)
             assert other.active() == first and one_line(raised)
         engine.dispose()
@@ -123,21 +134,31 @@ def test_a_file_that_is_locked_altogether_is_named(file_url, tmp_path, monkeypat
         factory(store)
     lock = sqlite3.connect(tmp_path / "recal.db")
     lock.execute("BEGIN EXCLUSIVE")
-    with pytest.raises(InputError, match=r"store sqlite:.*: database is locked \(another program holds it; try again\)"):
+    with pytest.raises(
+        InputError,
+        match=r"store sqlite:.*: database is locked \(another program holds it; try again\)",
+    ):
         TableStore.open(file_url)
     lock.close()
 
 
 def test_a_clock_that_jumped_backwards_writes_nothing(store, url):
     first = factory(store)
-    second = store.commit_update(first.sha256, updated(first), [], "{}", now_utc="2031-01-01T00:00:00Z")
+    second = store.commit_update(
+        first.sha256, updated(first), [], "{}", now_utc="2031-01-01T00:00:00Z"
+    )
     for write in (
-        lambda: commit(store, second), lambda: store.rollback(),
+        lambda: commit(store, second),
+        lambda: store.rollback(),
         lambda: store.import_table({**first.table_dict, "created_utc": "2026-05-01T00:00:00Z"}),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=r"clock says .*, revision 2 was written at 2031-01-01.*nothing written") as raised:
+    ):
+        with pytest.raises(
+            InputError,
+            match=r"clock says .*, revision 2 was written at 2031-01-01.*nothing written",
+        ) as raised:
             write()
         assert one_line(raised) and store.active() == second
-    store.commit_update(second.sha256, updated(second), [], "{}", now_utc="2030-12-31T23:56:00Z")  # clocks of two machines
+    # clocks of two machines
+    store.commit_update(second.sha256, updated(second), [], "{}", now_utc="2030-12-31T23:56:00Z")
     with TableStore.open(url, any_clock=True) as trusting:
         assert commit(trusting, trusting.active()).number == 4

@@ -1,4 +1,6 @@
-"""Stores of older schemas, with data in them: `store_0001.json` holds the rows that the first release (daaf26f) wrote."""
+"""Stores of older schemas, with data in them: `store_0001.json` holds the rows that the first
+release (daaf26f) wrote.
+"""
 
 import json
 from pathlib import Path
@@ -32,29 +34,50 @@ def old(url):
 
 def kept(url):
     """The rows of the first release's tables."""
-    return {name: sorted(map(str, rows(url, f"SELECT {', '.join(lines[0])} FROM {name}"))) for name, lines in FIRST.items()}
+    return {
+        name: sorted(map(str, rows(url, f"SELECT {', '.join(lines[0])} FROM {name}")))
+        for name, lines in FIRST.items()
+    }
 
 
 def test_reading_leaves_an_old_store_as_it_is(old):
     before = kept(old)
     with TableStore.open(old) as store:
-        assert [r.kind for r in store.history("SN-1")] == ["factory", "update", "update", "rollback"]
-        assert store.verify().intact and store.twin("SN-1") is not None and store.contradictions("SN-1", "rlg", "") == ()
+        assert [r.kind for r in store.history("SN-1")] == [
+            "factory",
+            "update",
+            "update",
+            "rollback",
+        ]
+        assert (
+            store.verify().intact
+            and store.twin("SN-1") is not None
+            and store.contradictions("SN-1", "rlg", "") == ()
+        )
         assert store.proposals() == []
-    assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [("0001",)]
+    assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [
+        ("0001",)
+    ]
 
 
 def test_writing_upgrades_it_and_keeps_every_row(old):
     before = kept(old)
     with TableStore.open(old, create=True) as store:
-        assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [(SCHEMA_REVISION,)]
+        assert kept(old) == before and rows(old, "SELECT version_num FROM alembic_version") == [
+            (SCHEMA_REVISION,)
+        ]
         assert store.verify().intact
         active = store.active("SN-1")
         assert (active.number, active.note, active.restored_number) == (4, "run-2 was bumped", 2)
         assert store.has_run("run-1") and not store.has_run("run-2")
         assert commit(store, active, run="run-2").number == 5
-        assert store.rollback("SN-1", to="factory").table_json == store.revision(1, "SN-1").table_json
-        assert store.import_table({**store.active("SN-2").table_dict, "imu_serial": "SN-3"}).number == 1
+        assert (
+            store.rollback("SN-1", to="factory").table_json == store.revision(1, "SN-1").table_json
+        )
+        assert (
+            store.import_table({**store.active("SN-2").table_dict, "imu_serial": "SN-3"}).number
+            == 1
+        )
         assert store.verify().intact
 
 
@@ -65,7 +88,9 @@ def test_an_upgrade_that_fails_leaves_the_old_schema(old, monkeypatch):
     tamper(old, "CREATE TABLE recal_proposal (in_the_way INTEGER)")
     with pytest.raises(InputError, match=r"not written: .*recal_proposal.*already exists"):
         TableStore.open(old, create=True)
-    assert rows(old, "SELECT version_num FROM alembic_version") == [("0001",)] and kept(old) == before
+    assert (
+        rows(old, "SELECT version_num FROM alembic_version") == [("0001",)] and kept(old) == before
+    )
     with pytest.raises(Exception, match="recal_contradiction"):
         rows(old, "SELECT * FROM recal_contradiction")
 

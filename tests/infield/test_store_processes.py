@@ -1,4 +1,6 @@
-"""Several real processes on one store, SQLite and PostgreSQL: no update is lost, the loser is told."""
+"""Several real processes on one store, SQLite and PostgreSQL: no update is lost, the loser is
+told.
+"""
 
 import pytest
 
@@ -17,13 +19,20 @@ def forks():
 @pytest.mark.parametrize("writers, updates", [(2, 6), (8, 3)])
 def test_no_update_is_lost_between_processes(forks, store, url, writers, updates):
     factory(store)
-    jobs = [forks.start("tests.infield.store_writer:work", url, f"w{k}", updates) for k in range(writers)]
+    jobs = [
+        forks.start("tests.infield.store_writer:work", url, f"w{k}", updates)
+        for k in range(writers)
+    ]
     outcomes = [forks.wait(job) for job in jobs]
     assert [o.code for o in outcomes] == [0] * writers, outcomes
     history = store.history()
     assert len(history) == 1 + writers * updates
-    assert history[-1].table.parameters[0] == pytest.approx(writers * updates * STEP_DEG_H, rel=1e-9)
-    assert {run.sha256 for r in history for run in r.runs} == {f"w{k}-{n}" for k in range(writers) for n in range(updates)}
+    assert history[-1].table.parameters[0] == pytest.approx(
+        writers * updates * STEP_DEG_H, rel=1e-9
+    )
+    assert {run.sha256 for r in history for run in r.runs} == {
+        f"w{k}-{n}" for k in range(writers) for n in range(updates)
+    }
     assert all(o.out.strip().isdecimal() for o in outcomes)
 
 

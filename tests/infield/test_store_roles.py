@@ -1,4 +1,6 @@
-"""The PostgreSQL roles of docs/store.md: the SQL there is run as it stands, then the roles try what they may and may not."""
+"""The PostgreSQL roles of docs/store.md: the SQL there is run as it stands, then the roles try what
+they may and may not.
+"""
 
 import re
 import uuid
@@ -19,9 +21,14 @@ from tests.infield.stores import commit, database_url, factory, rows, table, tam
 
 DOCUMENT = Path(infield.__file__).parent.parent / "docs/store.md"
 EVIDENCE = SessionEvidence(
-    run_id="odd", run_sha256="odd", start_utc="2026-04-01T00:00:00Z", temperature_degC=np.zeros(3),
-    bias_deg_h=np.zeros(3), bend_deg_h=np.zeros(3), covariance=np.eye(3),
-)  # fmt: skip
+    run_id="odd",
+    run_sha256="odd",
+    start_utc="2026-04-01T00:00:00Z",
+    temperature_degC=np.zeros(3),
+    bias_deg_h=np.zeros(3),
+    bend_deg_h=np.zeros(3),
+    covariance=np.eye(3),
+)
 
 
 def documented_sql(schema, names):
@@ -72,7 +79,14 @@ def test_the_writer_can_do_its_work(urls):
         assert store.remember_contradictions("SN-1", "rlg", "", [EVIDENCE]) == 1
         store.import_table(table_to_dict(table("SN-2")), twin=TwinModel(imu_serial="SN-2"))
         parent = store.active("SN-1")
-        store.propose(parent.sha256, updated(parent), [MergedRun(run_id="p", sha256="p")], "{}", by="A", note="why")
+        store.propose(
+            parent.sha256,
+            updated(parent),
+            [MergedRun(run_id="p", sha256="p")],
+            "{}",
+            by="A",
+            note="why",
+        )
         assert store.decide(1, "approved", "SN-1", by="B", reason="good").state == "approved"
         assert third.number == 3 and store.verify().intact
     with TableStore.open(reader) as store:
@@ -82,14 +96,22 @@ def test_the_writer_can_do_its_work(urls):
 
 
 FORBIDDEN = (
-    "UPDATE recal_revision SET note = 'x'", "DELETE FROM recal_revision", "TRUNCATE recal_revision CASCADE",
-    "UPDATE recal_contradiction SET evidence_json = '{}'", "DELETE FROM recal_contradiction",
-    "DELETE FROM recal_proposal", "UPDATE recal_decision SET verdict = 'approved'",
-    "DELETE FROM recal_unit", "UPDATE recal_unit SET imu_serial = 'SN-9'", "DELETE FROM recal_tag",
-    "DROP TABLE recal_merged_run", "ALTER TABLE recal_revision DISABLE TRIGGER recal_append_only",
-    "DROP FUNCTION recal_append_only() CASCADE", "SET session_replication_role = replica",
+    "UPDATE recal_revision SET note = 'x'",
+    "DELETE FROM recal_revision",
+    "TRUNCATE recal_revision CASCADE",
+    "UPDATE recal_contradiction SET evidence_json = '{}'",
+    "DELETE FROM recal_contradiction",
+    "DELETE FROM recal_proposal",
+    "UPDATE recal_decision SET verdict = 'approved'",
+    "DELETE FROM recal_unit",
+    "UPDATE recal_unit SET imu_serial = 'SN-9'",
+    "DELETE FROM recal_tag",
+    "DROP TABLE recal_merged_run",
+    "ALTER TABLE recal_revision DISABLE TRIGGER recal_append_only",
+    "DROP FUNCTION recal_append_only() CASCADE",
+    "SET session_replication_role = replica",
     "UPDATE alembic_version SET version_num = '0000'",
-)  # fmt: skip
+)
 
 
 def tried(url, statement):
@@ -119,5 +141,7 @@ def test_verify_says_where_a_trigger_is_off(urls):
     tamper(urls[0], "DROP TRIGGER recal_append_only ON recal_proposal")
     with TableStore.open(urls[2]) as store:
         said = store.verify().faults
-    assert said == ("recal_proposal: its trigger recal_append_only is off or gone",
-                    "recal_revision: its trigger recal_append_only is off or gone")  # fmt: skip
+    assert said == (
+        "recal_proposal: its trigger recal_append_only is off or gone",
+        "recal_revision: its trigger recal_append_only is off or gone",
+    )

@@ -1,4 +1,6 @@
-"""A store edited by hand: every reader and writer of what was changed refuses in one line, `verify` names all of it."""
+"""A store edited by hand: every reader and writer of what was changed refuses in one line, `verify`
+names all of it.
+"""
 
 from contextlib import contextmanager
 
@@ -31,17 +33,30 @@ def test_no_reader_or_writer_uses_an_active_tag_that_was_moved(five, url):
     tamper(url, "UPDATE recal_tag SET number = 3 WHERE name = 'active' AND number = 5")
     third = five.revision(3, "SN-1")
     for use in (
-        lambda: five.active("SN-1"), lambda: five.previous("SN-1"), lambda: five.history("SN-1"), five.units,
-        lambda: five.import_table(other), lambda: five.import_table(last.table_dict), lambda: five.rollback("SN-1"),
-        lambda: commit(five, third, run="new"), lambda: commit(five, last, run="new"),
-        lambda: five.propose(third.sha256, updated(third), [MergedRun(run_id="new", sha256="new")], "{}"),
-    ):  # fmt: skip
+        lambda: five.active("SN-1"),
+        lambda: five.previous("SN-1"),
+        lambda: five.history("SN-1"),
+        five.units,
+        lambda: five.import_table(other),
+        lambda: five.import_table(last.table_dict),
+        lambda: five.rollback("SN-1"),
+        lambda: commit(five, third, run="new"),
+        lambda: commit(five, last, run="new"),
+        lambda: five.propose(
+            third.sha256, updated(third), [MergedRun(run_id="new", sha256="new")], "{}"
+        ),
+    ):
         with pytest.raises(InputError) as raised:
             use()
-        said = "SN-1 (rlg): tag active is on revision 3, not on the last (5): the store was changed by hand; recal table verify"
+        said = (
+            "SN-1 (rlg): tag active is on revision 3, not on the last (5): the store was changed by"
+            " hand; recal table verify"
+        )
         assert str(raised.value).endswith(said) and "\n" not in str(raised.value)
     assert five.active("SN-2").number == 1
-    assert "tag active is on revision 3, needed 5" in faults(five)["SN-1"] and "SN-2" not in faults(five)
+    assert "tag active is on revision 3, needed 5" in faults(five)["SN-1"] and "SN-2" not in faults(
+        five
+    )
 
 
 def test_an_active_tag_that_is_gone_is_told(five, url):
@@ -68,8 +83,20 @@ def bytes_in(url, table_name, column, value, where="1 = 1"):
 @pytest.mark.parametrize("value", ["x'00ff'", "x'7b7d'", "CAST(x'00ff' AS TEXT)"])
 def test_bytes_in_a_revision_are_a_changed_row(five, url, value):
     only_sqlite(url)
-    uses = (five.units, lambda: five.active("SN-1"), lambda: five.import_table(table_to_dict(table(high=30.0))))
-    for column in ("table_json", "report_json", "note", "created_utc", "runs_json", "record_sha256", "number"):
+    uses = (
+        five.units,
+        lambda: five.active("SN-1"),
+        lambda: five.import_table(table_to_dict(table(high=30.0))),
+    )
+    for column in (
+        "table_json",
+        "report_json",
+        "note",
+        "created_utc",
+        "runs_json",
+        "record_sha256",
+        "number",
+    ):
         with bytes_in(url, "recal_revision", column, value, "number = 5"):
             assert list(faults(five)) == ["SN-1"] and len(five.verify().units) == 2, column
             for use in uses:
@@ -82,10 +109,19 @@ def test_bytes_in_a_revision_are_a_changed_row(five, url, value):
 def test_bytes_in_a_proposal_are_a_changed_row(five, url):
     only_sqlite(url)
     last = five.active("SN-1")
-    five.propose(last.sha256, updated(last), [MergedRun(run_id="new", sha256="new")], "{}", by="A", note="why")
+    five.propose(
+        last.sha256,
+        updated(last),
+        [MergedRun(run_id="new", sha256="new")],
+        "{}",
+        by="A",
+        note="why",
+    )
     for column in ("table_json", "report_json", "note", "runs_json", "record_sha256", "sha256"):
         with bytes_in(url, "recal_proposal", column, "x'00ff'"):
-            assert faults(five) == {"SN-1": ("proposal 1: the row was changed or is missing, its hash does not match",)}
+            assert faults(five) == {
+                "SN-1": ("proposal 1: the row was changed or is missing, its hash does not match",)
+            }
             with pytest.raises(InputError, match="proposal 1: the row was changed"):
                 five.decide(1, "approved", "SN-1", by="B", reason="good")
             with pytest.raises(InputError, match="proposal 1: the row was changed"):
@@ -96,7 +132,11 @@ def test_bytes_in_a_proposal_are_a_changed_row(five, url):
 def test_rows_that_contradict_each_other_are_not_a_busy_store(five):
     """A reference to a revision that is not there: no number of tries mends it."""
     with pytest.raises(InputError, match="rows contradict each other; see recal table verify"):
-        five._database.write(lambda c: c.execute(text("INSERT INTO recal_tag (unit_id, name, number) VALUES (1, 'x', 99)")))
+        five._database.write(
+            lambda c: c.execute(
+                text("INSERT INTO recal_tag (unit_id, name, number) VALUES (1, 'x', 99)")
+            )
+        )
 
 
 @pytest.mark.parametrize("url", ["sqlite://u:secret@host/x", "sqlite://host/x"])

@@ -1,4 +1,6 @@
-"""`TableStore.verify` on both databases: whatever is changed, deleted or moved is found and named, and nothing else is."""
+"""`TableStore.verify` on both databases: whatever is changed, deleted or moved is found and named,
+and nothing else is.
+"""
 
 import json
 from dataclasses import replace
@@ -15,22 +17,36 @@ from tests.infield.stores import commit, factory, rows, table, tamper, updated
 
 
 def report_of(parent, new, **more):
-    return json.dumps({"schema": "recal.update/1", "verdict": "committed", "table_before_sha256": parent.sha256,
-                       "table_after_sha256": new, **more})  # fmt: skip
+    return json.dumps(
+        {
+            "schema": "recal.update/1",
+            "verdict": "committed",
+            "table_before_sha256": parent.sha256,
+            "table_after_sha256": new,
+            **more,
+        }
+    )
 
 
 @pytest.fixture
 def full(store):
-    """Unit SN-1: factory, two updates, a rollback, an update; a twin; a contradiction. Unit SN-2: one table."""
+    """Unit SN-1: factory, two updates, a rollback, an update; a twin; a contradiction. Unit SN-2:
+    one table.
+    """
     first = store.import_table(table_to_dict(table()), twin=TwinModel(imu_serial="SN-1"))
     second = commit(store, first, run="run-1")
     commit(store, second, run="run-2")
     back = store.rollback("SN-1", to=2)
     commit(store, back, run="run-3", shift_deg_h=0.002)
     evidence = SessionEvidence(
-        run_id="odd", run_sha256="odd", start_utc="2026-04-01T00:00:00Z", temperature_degC=np.zeros(3),
-        bias_deg_h=np.zeros(3), bend_deg_h=np.zeros(3), covariance=np.eye(3),
-    )  # fmt: skip
+        run_id="odd",
+        run_sha256="odd",
+        start_utc="2026-04-01T00:00:00Z",
+        temperature_degC=np.zeros(3),
+        bias_deg_h=np.zeros(3),
+        bend_deg_h=np.zeros(3),
+        covariance=np.eye(3),
+    )
     store.remember_contradictions("SN-1", "rlg", "", [evidence])
     factory(store, "SN-2", technology="fog")
     return store
@@ -47,36 +63,79 @@ def faults(store, **outside):
 def test_a_store_as_written_is_intact(full, url):
     before = rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number")
     found = full.verify()
-    assert faults(full) == {} and [(u.unit.imu_serial, u.revisions) for u in found.units] == [("SN-1", 5), ("SN-2", 1)]
+    assert faults(full) == {} and [(u.unit.imu_serial, u.revisions) for u in found.units] == [
+        ("SN-1", 5),
+        ("SN-2", 1),
+    ]
     ((head,),) = rows(url, "SELECT record_sha256 FROM recal_revision WHERE number = 5")
     assert found.units[0].head_sha256 == head
     assert rows(url, "SELECT * FROM recal_revision ORDER BY unit_id, number") == before
 
 
 DAMAGE = {
-    "changed table": ("UPDATE recal_revision SET table_json = replace(table_json, '0.001', '0.002') WHERE number = 2",
-                      "revision 2: the table was changed"),
-    "changed note": ("UPDATE recal_revision SET note = 'better' WHERE number = 3", "revision 3: the row, or its link"),
-    "edited report": ("UPDATE recal_revision SET report_json = '{\"verdict\": \"refused\"}' WHERE number = 3",
-                      "revision 3: the row, or its link"),
-    "changed time": ("UPDATE recal_revision SET created_utc = '2020-01-01T00:00:00Z' WHERE number = 5",
-                     "revision 5: the row, or its link"),
-    "deleted first": ("DELETE FROM recal_revision WHERE number = 1 AND unit_id = (SELECT id FROM recal_unit WHERE "
-                      "imu_serial = 'SN-1')", "revision 1 is missing, though tagged factory"),
-    "deleted in the middle": ("DELETE FROM recal_revision WHERE number = 3", "revision 3 is missing"),
-    "deleted last": ("DELETE FROM recal_revision WHERE number = 5", "revision 5 is missing, though tagged active"),
-    "tag moved": ("UPDATE recal_tag SET number = 2 WHERE name = 'active' AND number = 5",
-                  "tag active is on revision 2, needed 5"),
-    "tag deleted": ("DELETE FROM recal_tag WHERE name = 'factory' AND unit_id = (SELECT id FROM recal_unit WHERE "
-                    "imu_serial = 'SN-1')", "tag factory is missing"),
-    "merged run deleted": ("DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'", "merged run run-3 is missing"),
-    "merged run added": ("UPDATE recal_merged_run SET run_sha256 = 'run-9' WHERE run_sha256 = 'run-3'",
-                         "merged run run-9: no revision"),
-    "changed twin": ("UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')", "twin: the row was changed"),
+    "changed table": (
+        (
+            "UPDATE recal_revision SET table_json = replace(table_json, '0.001', '0.002') WHERE"
+            " number = 2"
+        ),
+        "revision 2: the table was changed",
+    ),
+    "changed note": (
+        "UPDATE recal_revision SET note = 'better' WHERE number = 3",
+        "revision 3: the row, or its link",
+    ),
+    "edited report": (
+        'UPDATE recal_revision SET report_json = \'{"verdict": "refused"}\' WHERE number = 3',
+        "revision 3: the row, or its link",
+    ),
+    "changed time": (
+        "UPDATE recal_revision SET created_utc = '2020-01-01T00:00:00Z' WHERE number = 5",
+        "revision 5: the row, or its link",
+    ),
+    "deleted first": (
+        (
+            "DELETE FROM recal_revision WHERE number = 1 AND unit_id = (SELECT id FROM recal_unit"
+            " WHERE imu_serial = 'SN-1')"
+        ),
+        "revision 1 is missing, though tagged factory",
+    ),
+    "deleted in the middle": (
+        "DELETE FROM recal_revision WHERE number = 3",
+        "revision 3 is missing",
+    ),
+    "deleted last": (
+        "DELETE FROM recal_revision WHERE number = 5",
+        "revision 5 is missing, though tagged active",
+    ),
+    "tag moved": (
+        "UPDATE recal_tag SET number = 2 WHERE name = 'active' AND number = 5",
+        "tag active is on revision 2, needed 5",
+    ),
+    "tag deleted": (
+        (
+            "DELETE FROM recal_tag WHERE name = 'factory' AND unit_id = (SELECT id FROM recal_unit"
+            " WHERE imu_serial = 'SN-1')"
+        ),
+        "tag factory is missing",
+    ),
+    "merged run deleted": (
+        "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
+        "merged run run-3 is missing",
+    ),
+    "merged run added": (
+        "UPDATE recal_merged_run SET run_sha256 = 'run-9' WHERE run_sha256 = 'run-3'",
+        "merged run run-9: no revision",
+    ),
+    "changed twin": (
+        "UPDATE recal_unit SET twin_json = replace(twin_json, '0.002', '0.001')",
+        "twin: the row was changed",
+    ),
     "deleted twin": ("UPDATE recal_unit SET twin_json = NULL", "twin: the record is missing"),
-    "changed contradiction": ("UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '1.0', '2.0')",
-                              "contradicting run odd: the row was changed"),
-}  # fmt: skip
+    "changed contradiction": (
+        "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '1.0', '2.0')",
+        "contradicting run odd: the row was changed",
+    ),
+}
 
 
 @pytest.mark.parametrize("damage", DAMAGE)
@@ -88,16 +147,24 @@ def test_damage_is_found_and_named(full, url, damage):
 
 
 def test_swapped_rows_are_found(full, url):
-    tamper(url, "UPDATE recal_revision SET number = 99 WHERE number = 2", "UPDATE recal_revision SET number = 2 WHERE "
-           "number = 3", "UPDATE recal_revision SET number = 3 WHERE number = 99")  # fmt: skip
+    tamper(
+        url,
+        "UPDATE recal_revision SET number = 99 WHERE number = 2",
+        "UPDATE recal_revision SET number = 2 WHERE number = 3",
+        "UPDATE recal_revision SET number = 3 WHERE number = 99",
+    )
     found = faults(full)["SN-1"]
     assert any(line.startswith("revision 2: the row, or its link") for line in found)
     assert any(line.startswith("revision 3: the row, or its link") for line in found)
 
 
 def test_a_row_moved_to_another_unit_is_found(full, url):
-    ((one,), (two,)) = rows(url, "SELECT id FROM recal_unit ORDER BY imu_serial")
-    tamper(url, (f"UPDATE recal_revision SET unit_id = {two}, number = 2 WHERE number = 5 AND unit_id = {one}"))
+    (one,), (two,) = rows(url, "SELECT id FROM recal_unit ORDER BY imu_serial")
+    tamper(
+        url,
+        f"UPDATE recal_revision SET unit_id = {two}, number = 2 WHERE number = 5 AND unit_id ="
+        f" {one}",
+    )
     found = faults(full)
     assert "revision 5 is missing, though tagged active" in found["SN-1"]
     assert "revision 2: the table is of another unit" in found["SN-2"]
@@ -105,39 +172,63 @@ def test_a_row_moved_to_another_unit_is_found(full, url):
 
 def test_a_unit_deleted_altogether_leaves_its_rows_behind(full, url):
     tamper(url, "DELETE FROM recal_unit WHERE imu_serial = 'SN-1'")
-    assert any("recal_revision: rows of 1 unit that the store does not hold" in line for line in faults(full)[""])
+    assert any(
+        "recal_revision: rows of 1 unit that the store does not hold" in line
+        for line in faults(full)[""]
+    )
 
 
 def test_the_last_revision_cut_off_with_its_tag_and_runs(full, url):
     """Consistent inside: what was kept elsewhere finds it."""
     head, last = full.verify().units[0].head_sha256, full.active("SN-1")
     assert faults(full, heads=[head[:12]]) == {}
-    tamper(url, "DELETE FROM recal_contradiction", "UPDATE recal_tag SET number = 4 WHERE number = 5",
-           "DELETE FROM recal_revision WHERE number = 5",
-           "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'")
+    tamper(
+        url,
+        "DELETE FROM recal_contradiction",
+        "UPDATE recal_tag SET number = 4 WHERE number = 5",
+        "DELETE FROM recal_revision WHERE number = 5",
+        "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
+    )
     assert faults(full) == {}
-    assert faults(full, heads=[head]) == {"": [f"head {head}: in no chain of the store: revisions were cut off or rewritten"]}
+    assert faults(full, heads=[head]) == {
+        "": [f"head {head}: in no chain of the store: revisions were cut off or rewritten"]
+    }
     kept = {"verdict": "committed", "imu_serial": "SN-1", "gyro_technology": "rlg", "revision": 5}
     said = faults(full, reports={"update.json": {**kept, "table_after_sha256": last.sha256}})
     assert said == {"": ["update.json: SN-1 revision 5 is not in the store"]}
 
 
 def test_a_contradiction_of_a_revision_cut_off_gives_it_away(full, url):
-    tamper(url, "UPDATE recal_tag SET number = 4 WHERE number = 5", "DELETE FROM recal_revision WHERE number = 5",
-           "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'")  # fmt: skip
+    tamper(
+        url,
+        "UPDATE recal_tag SET number = 4 WHERE number = 5",
+        "DELETE FROM recal_revision WHERE number = 5",
+        "DELETE FROM recal_merged_run WHERE run_sha256 = 'run-3'",
+    )
     (line,) = faults(full)["SN-1"]
-    assert line.startswith("contradicting run odd: the table ") and line.endswith("is in no revision")
+    assert line.startswith("contradicting run odd: the table ") and line.endswith(
+        "is in no revision"
+    )
 
 
 def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):
     """Who can compute the hash of one row has to rewrite all that follow."""
     key = full.active("SN-1").unit
-    names = "number, kind, created_utc, parent_sha256, sha256, table_json, runs_json, restored_number, report_json, note"
+    names = (
+        "number, kind, created_utc, parent_sha256, sha256, table_json, runs_json, restored_number,"
+        " report_json, note"
+    )
     found = rows(url, f"SELECT {names} FROM recal_revision WHERE number = 3")[0]
     before = rows(url, "SELECT record_sha256 FROM recal_revision WHERE number = 2")[0][0]
     values = {**dict(zip(names.split(", "), found)), "note": "forged"}
     forged = record_sha256(key, values, before)
-    tamper(url, ("UPDATE recal_revision SET note = 'forged', record_sha256 = :r WHERE number = 3", {"r": forged}))
+    tamper(
+        url,
+        (
+            "UPDATE recal_revision SET note = 'forged', record_sha256 = :r WHERE number = 3",
+            {"r": forged},
+        ),
+    )
     (line,) = faults(full)["SN-1"]
     assert line.startswith("revision 4: the row, or its link to the one before")
 
@@ -145,14 +236,22 @@ def test_a_row_rewritten_with_its_hash_breaks_the_next_link(full, url):
 def test_a_report_is_compared_with_the_stored_one(store):
     first = factory(store)
     new = updated(first)
-    sha256 = store.commit_update(first.sha256, new, [MergedRun(run_id="r", sha256="r")], "{}").sha256
+    sha256 = store.commit_update(
+        first.sha256, new, [MergedRun(run_id="r", sha256="r")], "{}"
+    ).sha256
     store.rollback()
     report = report_of(first, sha256, points=[1.0], imu_serial="SN-1", gyro_technology="rlg")
     done = store.commit_update(first.sha256, new, [MergedRun(run_id="r", sha256="r")], report)
-    kept = {**json.loads(report), "revision": done.number, "rollback_command": "recal table rollback ..."}
+    kept = {
+        **json.loads(report),
+        "revision": done.number,
+        "rollback_command": "recal table rollback ...",
+    }
     assert faults(store, reports={"update.json": kept}) == {}
     said = faults(store, reports={"update.json": {**kept, "points": [2.0]}})[""]
-    assert said == ["update.json: SN-1 revision 4: the report differs from the stored one in points"]
+    assert said == [
+        "update.json: SN-1 revision 4: the report differs from the stored one in points"
+    ]
     said = faults(store, reports={"update.json": {**kept, "table_after_sha256": "0" * 64}})[""]
     assert said == ["update.json: SN-1 revision 4 is another table in the store"]
     with pytest.raises(InputError, match="needed a report of a committed update"):
@@ -164,23 +263,38 @@ def test_a_report_is_compared_with_the_stored_one(store):
 def test_a_report_of_another_table_in_the_store_is_found(store):
     first = factory(store)
     store.commit_update(first.sha256, updated(first), [], report_of(first, "0" * 64))
-    assert faults(store)["SN-1"] == ["revision 2: the report is of another table (table_after_sha256)"]
+    assert faults(store)["SN-1"] == [
+        "revision 2: the report is of another table (table_after_sha256)"
+    ]
 
 
 def test_proposals_are_checked_too(store, url):
     first = factory(store)
     runs = [MergedRun(run_id="r", sha256="r")]
-    proposed = store.propose(first.sha256, updated(first), runs, report_of(first, "x"), by="A", note="why")
+    proposed = store.propose(
+        first.sha256, updated(first), runs, report_of(first, "x"), by="A", note="why"
+    )
     other = updated(replace(first), 0.003)
-    store.propose(first.sha256, other, [MergedRun(run_id="s", sha256="s")], "{}", by="A", note="why")
+    store.propose(
+        first.sha256, other, [MergedRun(run_id="s", sha256="s")], "{}", by="A", note="why"
+    )
     assert faults(store) == {}
     store.decide(2, "approved", "SN-1", by="B", reason="good")
     assert faults(store) == {} and proposed.number == 1
     tamper(url, "UPDATE recal_proposal SET table_json = replace(table_json, '0.003', '0.004')")
-    assert faults(store)["SN-1"] == ["proposal 2: the row was changed or is missing, its hash does not match"]
-    tamper(url, "UPDATE recal_proposal SET table_json = replace(table_json, '0.004', '0.003')", "UPDATE recal_tag SET "
-           "number = 1", "DELETE FROM recal_revision WHERE number = 2", "DELETE FROM recal_merged_run")  # fmt: skip
-    assert faults(store)["SN-1"] == ["proposal 2: approved as revision 2, which does not hold its table"]
+    assert faults(store)["SN-1"] == [
+        "proposal 2: the row was changed or is missing, its hash does not match"
+    ]
+    tamper(
+        url,
+        "UPDATE recal_proposal SET table_json = replace(table_json, '0.004', '0.003')",
+        "UPDATE recal_tag SET number = 1",
+        "DELETE FROM recal_revision WHERE number = 2",
+        "DELETE FROM recal_merged_run",
+    )
+    assert faults(store)["SN-1"] == [
+        "proposal 2: approved as revision 2, which does not hold its table"
+    ]
 
 
 def test_a_unit_with_proposals_alone_is_intact(store):
@@ -188,14 +302,24 @@ def test_a_unit_with_proposals_alone_is_intact(store):
     first = table_to_dict(new)
     from infield.table.file import table_sha256
 
-    proposed = new.replaced(parameters=new.parameters + 1e-3, provenance={"parent_sha256": table_sha256(first), "runs": []})
-    store.propose(table_sha256(first), proposed, [], "{}", first_table=first, by="A", note="new unit")
+    proposed = new.replaced(
+        parameters=new.parameters + 1e-3,
+        provenance={"parent_sha256": table_sha256(first), "runs": []},
+    )
+    store.propose(
+        table_sha256(first), proposed, [], "{}", first_table=first, by="A", note="new unit"
+    )
     assert faults(store) == {} and store.verify().units[0].head_sha256 is None
 
 
 def test_a_store_of_the_first_schema_is_checked_as_it_is(full, url):
-    tamper(url, "DROP TABLE recal_decision", "DROP TABLE recal_proposal", "DROP TABLE recal_contradiction",
-           "UPDATE alembic_version SET version_num = '0001'")  # fmt: skip
+    tamper(
+        url,
+        "DROP TABLE recal_decision",
+        "DROP TABLE recal_proposal",
+        "DROP TABLE recal_contradiction",
+        "UPDATE alembic_version SET version_num = '0001'",
+    )
     with TableStore.open(url) as old:
         assert faults(old) == {}
 

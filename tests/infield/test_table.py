@@ -16,13 +16,20 @@ INTERPOLATIONS = ["linear", "hermite"]
 
 def random_table(rng, interpolation="linear"):
     """A table with different nodes on each axis, random values and a random covariance."""
-    x, y, z = (np.sort(rng.choice(np.arange(-40.0, 70.0), size=k, replace=False)) for k in (4, 6, 3))
+    x, y, z = (
+        np.sort(rng.choice(np.arange(-40.0, 70.0), size=k, replace=False)) for k in (4, 6, 3)
+    )
     n = 13 * (2 if interpolation == "hermite" else 1)
     root = rng.standard_normal((n, n)) * 0.003
     return ThermalTable(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, interpolation=interpolation,
-        temperature_degC=(x, y, z), parameters=rng.standard_normal(n) * 0.01, covariance=root @ root.T,
-    )  # fmt: skip
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        interpolation=interpolation,
+        temperature_degC=(x, y, z),
+        parameters=rng.standard_normal(n) * 0.01,
+        covariance=root @ root.T,
+    )
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
@@ -38,10 +45,14 @@ def test_linear_is_numpy_interp(axis):
 def test_hermite_is_the_cubic_through_values_and_slopes(axis):
     table = random_table(np.random.default_rng(2), "hermite")
     nodes = table.temperature_degC[axis]
-    spline = CubicHermiteSpline(nodes, table.parameters[table.values_of(axis)], table.parameters[table.slopes_of(axis)])
+    spline = CubicHermiteSpline(
+        nodes, table.parameters[table.values_of(axis)], table.parameters[table.slopes_of(axis)]
+    )
     T = np.linspace(nodes[0], nodes[-1], 301)
     assert table.bias_deg_h(axis, T) == pytest.approx(spline(T), abs=1e-14)
-    assert table.bias_deg_h(axis, [-300.0, 300.0]) == pytest.approx(table.parameters[table.values_of(axis)][[0, -1]])
+    assert table.bias_deg_h(axis, [-300.0, 300.0]) == pytest.approx(
+        table.parameters[table.values_of(axis)][[0, -1]]
+    )
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(INTERPOLATIONS), st.floats(-100, 150))
@@ -71,16 +82,24 @@ def test_draws_of_the_hermite_prior_are_smooth_curves():
     nodes, sigma = np.arange(-20.0, 61.0, 10.0), 0.01
     P = prior_covariance((nodes,) * 3, (np.full(9, sigma),) * 3, hermite=True)
     table = ThermalTable(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, interpolation="hermite",
-        temperature_degC=(nodes,) * 3, parameters=np.zeros(54), covariance=P,
-    )  # fmt: skip
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        interpolation="hermite",
+        temperature_degC=(nodes,) * 3,
+        parameters=np.zeros(54),
+        covariance=P,
+    )
     between = np.linspace(-20, 60, 161)
-    assert table.sigma_deg_h("y", between) == pytest.approx(sigma, rel=2e-4)  # stationary, between nodes too
+    # stationary, between nodes too
+    assert table.sigma_deg_h("y", between) == pytest.approx(sigma, rel=2e-4)
 
 
 @pytest.mark.parametrize("technology, sigma", [("rlg", 0.01), ("fog", 0.05), ("mems", 30.0)])
 def test_default_table_is_the_contract(technology, sigma):
-    table = default_table(imu_serial="S", gyro_technology=technology, created_utc=UTC, low_degC=-37, high_degC=52)
+    table = default_table(
+        imu_serial="S", gyro_technology=technology, created_utc=UTC, low_degC=-37, high_degC=52
+    )
     nodes = table.temperature_degC[2]
     assert nodes[0] == -40 and nodes[-1] == 60 and np.all(np.diff(nodes) == 10)
     assert not table.parameters.any()
@@ -91,7 +110,12 @@ def test_default_table_is_the_contract(technology, sigma):
 def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
     rng = np.random.default_rng(3)
     table = default_table(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=40, interpolation=interpolation
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        low_degC=0,
+        high_degC=40,
+        interpolation=interpolation,
     )
     table = table.replaced(parameters=rng.standard_normal(table.n_parameters) * 1e-3)
     wide = table.extended_to(-25.0, 41.0)
@@ -102,21 +126,29 @@ def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
         assert np.array_equal(wide.parameters[kept], table.parameters[old])
         assert np.array_equal(wide.covariance[kept, kept], table.covariance[old, old])
         outside = np.array([-30.0, -20.0, -10.0, 50.0])
-        assert wide.bias_deg_h(axis, outside) == pytest.approx(table.bias_deg_h(axis, outside), abs=1e-18)
-        assert wide.sigma_deg_h(axis, outside) == pytest.approx(table.sigma_deg_h(axis, outside), rel=1e-12)
+        assert wide.bias_deg_h(axis, outside) == pytest.approx(
+            table.bias_deg_h(axis, outside), abs=1e-18
+        )
+        assert wide.sigma_deg_h(axis, outside) == pytest.approx(
+            table.sigma_deg_h(axis, outside), rel=1e-12
+        )
         sigma = table.sigma_deg_h(axis, [0.0, -10.0, -30.0, -60.0])
         assert np.all(np.diff(sigma) > 0)
     assert wide.extended_to(-30.0, 50.0) is wide
 
 
 def test_in_range():
-    table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=40)
+    table = default_table(
+        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=40
+    )
     assert table.in_range("x", [-0.1, 0.0, 40.0, 40.1]).tolist() == [False, True, True, False]
 
 
 @pytest.mark.parametrize("interpolation", INTERPOLATIONS)
 def test_ageing_adds_a_common_and_a_smooth_random_walk(interpolation):
-    table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC, interpolation=interpolation)
+    table = default_table(
+        imu_serial="S", gyro_technology="rlg", created_utc=UTC, interpolation=interpolation
+    )
     assert np.array_equal(table.aged(100.0, AgeingModel()).covariance, table.covariance)
     model = AgeingModel(common_deg_h_sqrt_year=0.006, shape_deg_h_sqrt_year=0.004)
     aged = table.aged(2 * 365.25, model)
@@ -134,24 +166,32 @@ def test_common_shift_sees_shifts_and_not_shapes():
     table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
     shifted = table.replaced(parameters=table.parameters + 0.002)
     assert table.common_shift("y", shifted) == pytest.approx(0.002)
-    rows = np.diff(table.basis("y", [3.0, 14.0, 22.0]), axis=0)  # data on differences between temperatures only
-    gain = table.covariance @ rows.T @ np.linalg.inv(rows @ table.covariance @ rows.T + 1e-8 * np.eye(2))
+    # data on differences between temperatures only
+    rows = np.diff(table.basis("y", [3.0, 14.0, 22.0]), axis=0)
+    gain = (
+        table.covariance
+        @ rows.T
+        @ np.linalg.inv(rows @ table.covariance @ rows.T + 1e-8 * np.eye(2))
+    )
     bent = table.replaced(parameters=table.parameters + gain @ np.array([0.02, -0.01]))
     assert np.max(np.abs(bent.parameters)) > 1e-3
     assert abs(table.common_shift("y", bent)) < 1e-7  # R6 asks for 1e-6
 
 
-@pytest.mark.parametrize("change, clue", [
-    ({"parameters": np.zeros(5)}, "parameters"),
-    ({"parameters": np.full(36, np.nan)}, "finite"),
-    ({"covariance": np.eye(35)}, "covariance"),
-    ({"covariance": -np.eye(36)}, "semidefinite"),
-    ({"covariance": np.eye(36) + np.eye(36, k=1)}, "symmetric"),
-    ({"gyro_technology": "hrg"}, "gyro_technology"),
-    ({"interpolation": "spline"}, "interpolation"),
-    ({"temperature_degC": (np.zeros(1), np.arange(3.0), np.arange(3.0))}, "axes.x"),
-    ({"temperature_degC": (np.arange(12.0), np.arange(12.0), np.arange(12.0)[::-1])}, "axes.z"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, clue",
+    [
+        ({"parameters": np.zeros(5)}, "parameters"),
+        ({"parameters": np.full(36, np.nan)}, "finite"),
+        ({"covariance": np.eye(35)}, "covariance"),
+        ({"covariance": -np.eye(36)}, "semidefinite"),
+        ({"covariance": np.eye(36) + np.eye(36, k=1)}, "symmetric"),
+        ({"gyro_technology": "hrg"}, "gyro_technology"),
+        ({"interpolation": "spline"}, "interpolation"),
+        ({"temperature_degC": (np.zeros(1), np.arange(3.0), np.arange(3.0))}, "axes.x"),
+        ({"temperature_degC": (np.arange(12.0), np.arange(12.0), np.arange(12.0)[::-1])}, "axes.z"),
+    ],
+)
 def test_refusals(change, clue):
     table = default_table(imu_serial="S", gyro_technology="rlg", created_utc=UTC)
     with pytest.raises(InputError, match=clue):

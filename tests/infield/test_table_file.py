@@ -1,4 +1,6 @@
-"""Table files: bits kept through export and import, the hash as formats.md writes it, and every refusal's key."""
+"""Table files: bits kept through export and import, the hash as formats.md writes it, and every
+refusal's key.
+"""
 
 import copy
 import hashlib
@@ -27,15 +29,26 @@ UTC = "2026-03-01T05:00:00Z"
 
 
 def plain(interpolation="linear"):
-    """A table dict as somebody would write it by hand: integers among the numbers, covariance null."""
-    axis = {"temperature_degC": [-10, 0, 10.5], "bias_deg_h": [0.01, 0, -0.02], "sigma_deg_h": [0.006, 0.006, 0.007]}
+    """A table dict as somebody would write it by hand: integers among the numbers, covariance
+    null.
+    """
+    axis = {
+        "temperature_degC": [-10, 0, 10.5],
+        "bias_deg_h": [0.01, 0, -0.02],
+        "sigma_deg_h": [0.006, 0.006, 0.007],
+    }
     if interpolation == "hermite":
         axis["slope_deg_h_degC"] = [1e-4, 0, 2e-4]
     return {
-        "schema": "recal.table/1", "imu_serial": "SN-0042", "gyro_technology": "rlg", "created_utc": UTC,
-        "interpolation": interpolation, "axes": {a: copy.deepcopy(axis) for a in "xyz"}, "covariance": None,
+        "schema": "recal.table/1",
+        "imu_serial": "SN-0042",
+        "gyro_technology": "rlg",
+        "created_utc": UTC,
+        "interpolation": interpolation,
+        "axes": {a: copy.deepcopy(axis) for a in "xyz"},
+        "covariance": None,
         "provenance": {"parent_sha256": None, "runs": []},
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "hermite"])
@@ -53,10 +66,17 @@ def test_null_covariance_is_the_kernel_of_the_contract(interpolation):
 def test_export_import_export_keeps_every_bit(scale, seed, interpolation):
     rng = np.random.default_rng(seed)
     table = default_table(
-        imu_serial="S", gyro_technology="fog", created_utc=UTC, interpolation=interpolation, high_degC=0, gyro_mode="m"
+        imu_serial="S",
+        gyro_technology="fog",
+        created_utc=UTC,
+        interpolation=interpolation,
+        high_degC=0,
+        gyro_mode="m",
     )
     root = rng.standard_normal((table.n_parameters, table.n_parameters)) * scale
-    table = table.replaced(parameters=rng.standard_normal(table.n_parameters) * scale, covariance=root @ root.T)
+    table = table.replaced(
+        parameters=rng.standard_normal(table.n_parameters) * scale, covariance=root @ root.T
+    )
     first = json_text(table_to_dict(table))
     again = table_from_dict(json.loads(first), name="t.json")
     assert json_text(table_to_dict(again)) == first
@@ -131,7 +151,11 @@ REFUSALS = [
     (at("axes", "z", "bias_deg_h", 1), float("nan"), "axes.z.bias_deg_h[1]"),
     (at("axes", "z", "bias_deg_h", 1), "0.1", "axes.z.bias_deg_h[1]"),
     (at("axes", "z", "sigma_deg_h", 1), -0.1, "axes.z.sigma_deg_h"),
-    (at("axes", "x", "temperature"), [0, 1, 2], "unknown key axes.x.temperature (did you mean temperature_degC?)"),
+    (
+        at("axes", "x", "temperature"),
+        [0, 1, 2],
+        "unknown key axes.x.temperature (did you mean temperature_degC?)",
+    ),
     (at("covariance"), T3[:8].tolist(), "covariance"),
     (at("covariance"), bad_covariance(0, 1, 1e-6), "not symmetric"),
     (at("covariance"), bad_covariance(4, 4, 0.02**2), "covariance[4][4]"),
@@ -163,14 +187,17 @@ def test_missing_key_is_named(key):
         table_from_dict(data, name="t")
 
 
-@pytest.mark.parametrize("text, clue", [
-    ("", "line 1"),
-    ("axis,temperature,bias_deg_h,sigma_deg_h\n", "line 1"),
-    ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nw,0,0,1\n", "line 2"),
-    ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,nan,1\n", "line 2: bias_deg_h"),
-    ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,0,1\nx,0,1\n", "line 3"),
-    ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,0,1\nx,5,0,1\n", "axes.y"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, clue",
+    [
+        ("", "line 1"),
+        ("axis,temperature,bias_deg_h,sigma_deg_h\n", "line 1"),
+        ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nw,0,0,1\n", "line 2"),
+        ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,nan,1\n", "line 2: bias_deg_h"),
+        ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,0,1\nx,0,1\n", "line 3"),
+        ("axis,temperature_degC,bias_deg_h,sigma_deg_h\nx,0,0,1\nx,5,0,1\n", "axes.y"),
+    ],
+)
 def test_csv_refusals_name_the_line(tmp_path, text, clue):
     path = tmp_path / "t.csv"
     path.write_text(text)

@@ -1,4 +1,6 @@
-"""Each aid's rows against the nonlinear navigation: rolling, turning, with lever arms, crab and scale errors."""
+"""Each aid's rows against the nonlinear navigation: rolling, turning, with lever arms, crab and
+scale errors.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -39,44 +41,63 @@ SILENT = replace(
     REFERENCE_TWIN,
     gyro=replace(REFERENCE_TWIN.gyro, arw_deg_sqrt_h=0.0),
     accel=replace(REFERENCE_TWIN.accel, vrw_ug_sqrt_hz=0.0, turn_on_ug=0.0),
-    gnss=replace(REFERENCE_TWIN.gnss, sigma_horizontal_m=0.0, sigma_vertical_m=0.0, sigma_velocity_m_s=0.0),
+    gnss=replace(
+        REFERENCE_TWIN.gnss, sigma_horizontal_m=0.0, sigma_vertical_m=0.0, sigma_velocity_m_s=0.0
+    ),
     odometer=replace(REFERENCE_TWIN.odometer, noise_m_s=0.0),
-    vehicle=replace(REFERENCE_TWIN.vehicle, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0),
+    vehicle=replace(
+        REFERENCE_TWIN.vehicle, lateral_noise_m_s=0.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.0
+    ),
 )
 ONE_MM = 1e-3
 
 
 class Listener:
-    """A program that only writes down what an aid measures: name, z, dense rows and R of each measurement."""
+    """A program that only writes down what an aid measures: name, z, dense rows and R of each
+    measurement.
+    """
 
     def __init__(self):
         self.seen = []
 
     def measure(self, name, at, z, rows, variance, *, gate):
         for k in range(len(at)):
-            z_k, R = ([np.broadcast_to(value, (len(at),))[k] for value in part] for part in (z, variance))
+            z_k, R = (
+                [np.broadcast_to(value, (len(at),))[k] for value in part] for part in (z, variance)
+            )
             H = np.stack([dense(row, em.BASE + 3, k) for row in rows])
             self.seen.append((name, np.array(z_k), H, np.diag(R)))
 
 
 @cache
 def taxi(crab_mrad=0.0, odometer_ppm=0.0):
-    """A silent simulated taxi from rest: 60 s parked at heading 25 deg, a 90 deg turn, 40 s straight."""
+    """A silent simulated taxi from rest: 60 s parked at heading 25 deg, a 90 deg turn, 40 s
+    straight.
+    """
     segments = (Park(duration_s=60.0), Turn(angle_deg=90.0), Straight(duration_s=40.0))
     truth = build_truth(
-        lay(segments), Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0), heading_rad=25 * DEG,
+        lay(segments),
+        Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0),
+        heading_rad=25 * DEG,
         wheel_reference_m=WHEEL,
-    )  # fmt: skip
+    )
     twin = replace(
-        SILENT, vehicle=replace(SILENT.vehicle, crab_mrad=crab_mrad),
+        SILENT,
+        vehicle=replace(SILENT.vehicle, crab_mrad=crab_mrad),
         odometer=replace(SILENT.odometer, scale_ppm=odometer_ppm),
-    )  # fmt: skip
+    )
     rng = np.random.default_rng(1)
     unit = aged_unit(rng, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0, table=table_to_zero())
     return simulate_run(
-        ideal_sensors(truth, 100.0), thermal_history("ambient"), unit, twin, rng=rng, with_gnss=True,
-        with_odometer=True, gnss_lever_arm_m=ANTENNA,
-    )  # fmt: skip
+        ideal_sensors(truth, 100.0),
+        thermal_history("ambient"),
+        unit,
+        twin,
+        rng=rng,
+        with_gnss=True,
+        with_odometer=True,
+        gnss_lever_arm_m=ANTENNA,
+    )
 
 
 @cache
@@ -86,7 +107,9 @@ def solution(errors=Errors(), crab_mrad=0.0, odometer_ppm=0.0):  # noqa: B008  (
     C_nb = dcm_from_rotation_vector([0.0, 0.0, heading])
     start = NavState(time_s=0.0, site=simulated.run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
     imu = perturbed_imu(simulated.run.imu, errors)
-    return navigate(imu, perturbed_state(start, errors), epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
+    return navigate(
+        imu, perturbed_state(start, errors), epoch_s=1.0, vertical=VerticalChannel(mode="hold")
+    )
 
 
 def view(history, end_s, kind=ROLLING):
@@ -102,14 +125,21 @@ def seen_by(aid, history, end_s, kind=ROLLING):
 
 TURNING_S, STRAIGHT_S = 79, 115
 ERRORS = {
-    "w_N": Errors(w=(0.05, 0.0, 0.0)), "w_E": Errors(w=(0.0, 0.05, 0.0)), "theta_N": Errors(theta=(2e-5, 0.0, 0.0)),
-    "theta_E": Errors(theta=(0.0, 2e-5, 0.0)), "theta_D": Errors(theta=(0.0, 0.0, 1e-3)),
-    "p_N": Errors(p=(30.0, 0.0, 0.0)), "p_E": Errors(p=(0.0, 30.0, 0.0)), "accel_x": Errors(accel=(3e-4, 0.0, 0.0)),
-}  # fmt: skip
+    "w_N": Errors(w=(0.05, 0.0, 0.0)),
+    "w_E": Errors(w=(0.0, 0.05, 0.0)),
+    "theta_N": Errors(theta=(2e-5, 0.0, 0.0)),
+    "theta_E": Errors(theta=(0.0, 2e-5, 0.0)),
+    "theta_D": Errors(theta=(0.0, 0.0, 1e-3)),
+    "p_N": Errors(p=(30.0, 0.0, 0.0)),
+    "p_E": Errors(p=(0.0, 30.0, 0.0)),
+    "accel_x": Errors(accel=(3e-4, 0.0, 0.0)),
+}
 
 
 def true_state(name, end_s):
-    """The filter's state at the end of the step: from the nonlinear solution, S from its displacements."""
+    """The filter's state at the end of the step: from the nonlinear solution, S from its
+    displacements.
+    """
     good, bad = solution(), solution(ERRORS[name])
     x = np.zeros(em.BASE + 3)
     e = error_states(good, bad, end_s)
@@ -130,25 +160,40 @@ def aids():
 
 
 @pytest.mark.parametrize("error", ERRORS)
-@pytest.mark.parametrize(("kind", "end_s"), [
-    ("lateral", TURNING_S), ("lateral", STRAIGHT_S), ("odometer", TURNING_S), ("odometer", STRAIGHT_S),
-    ("gnss", TURNING_S), ("gnss", STRAIGHT_S), ("centre line", STRAIGHT_S),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("kind", "end_s"),
+    [
+        ("lateral", TURNING_S),
+        ("lateral", STRAIGHT_S),
+        ("odometer", TURNING_S),
+        ("odometer", STRAIGHT_S),
+        ("gnss", TURNING_S),
+        ("gnss", STRAIGHT_S),
+        ("centre line", STRAIGHT_S),
+    ],
+)
 def test_rows_are_the_derivative_of_what_the_aid_reads(kind, end_s, error):
-    """z of the perturbed solution less z of the true one = H x, x from the Earth frame; to 1 % and half a mm."""
+    """z of the perturbed solution less z of the true one = H x, x from the Earth frame; to 1 % and
+    half a mm.
+    """
     x, bad = true_state(error, end_s)
     before, after = seen_by(aids()[kind], solution(), end_s), seen_by(aids()[kind], bad, end_s)
     assert len(before) == len(after) > 0
     for (_, z0, H, _), (_, z1, _, _) in zip(before, after):
         change, predicted = z1 - z0, H @ x
-        left_out = np.linalg.norm(ANTENNA) * np.abs(x[em.THETA]).max() * (kind == "gnss")  # phi x arm: 4 mm at 1 mrad
-        assert change == pytest.approx(predicted, abs=0.5 * ONE_MM + 0.01 * np.abs(predicted).max() + left_out)
+        # phi x arm: 4 mm at 1 mrad
+        left_out = np.linalg.norm(ANTENNA) * np.abs(x[em.THETA]).max() * (kind == "gnss")
+        assert change == pytest.approx(
+            predicted, abs=0.5 * ONE_MM + 0.01 * np.abs(predicted).max() + left_out
+        )
 
 
 @pytest.mark.parametrize("end_s", [TURNING_S, STRAIGHT_S])
 @pytest.mark.parametrize("kind", ["lateral", "odometer", "gnss"])
 def test_a_perfect_solution_leaves_no_residual(kind, end_s):
-    """Lever arms in the turn: 4 m times 9 deg/s are 0.6 m in a second, and vanish with the right signs only."""
+    """Lever arms in the turn: 4 m times 9 deg/s are 0.6 m in a second, and vanish with the right
+    signs only.
+    """
     assert abs(view(solution(), TURNING_S).heading_change_rad[0]) > 0.1
     tolerance = {"lateral": ONE_MM, "odometer": 3 * ONE_MM, "gnss": 20 * ONE_MM}[kind]
     for _, z, _, _ in seen_by(aids()[kind], solution(), end_s):
@@ -158,14 +203,24 @@ def test_a_perfect_solution_leaves_no_residual(kind, end_s):
 def test_a_lever_arm_of_the_wrong_sign_is_seen():
     wrong = tuple(-a for a in WHEEL)
     assert abs(seen_by(LateralAid(wrong), solution(), TURNING_S)[0][1][0]) > 0.5
-    assert abs(seen_by(OdometerAid(taxi().run.odometer, 0.01, wrong), solution(), TURNING_S)[0][1][0]) > 0.2
+    assert (
+        abs(seen_by(OdometerAid(taxi().run.odometer, 0.01, wrong), solution(), TURNING_S)[0][1][0])
+        > 0.2
+    )
     arm = tuple(-a for a in ANTENNA)
-    assert np.abs(seen_by(GnssAid(taxi().run.gnss, arm, 0.5, 0.03), solution(), TURNING_S)[-1][1]).max() > 0.3
+    assert (
+        np.abs(
+            seen_by(GnssAid(taxi().run.gnss, arm, 0.5, 0.03), solution(), TURNING_S)[-1][1]
+        ).max()
+        > 0.3
+    )
 
 
 def test_crab_is_minus_kappa():
-    """Crab 10 mrad: the lateral way is -V crab, and the row's coefficient of kappa is the way forward."""
-    (_, z, H, _), = seen_by(LateralAid(WHEEL), solution(crab_mrad=10.0), STRAIGHT_S)  # fmt: skip
+    """Crab 10 mrad: the lateral way is -V crab, and the row's coefficient of kappa is the way
+    forward.
+    """
+    ((_, z, H, _),) = seen_by(LateralAid(WHEEL), solution(crab_mrad=10.0), STRAIGHT_S)
     forward = view(solution(), STRAIGHT_S).displacement_b_m[0, 0]
     assert H[0, em.KAPPA] == pytest.approx(forward, rel=1e-3)
     assert z[0] == pytest.approx(-10.0 * MILLIRADIAN * forward, rel=0.02)
@@ -174,15 +229,16 @@ def test_crab_is_minus_kappa():
 def test_lever_arm_error_shows_with_the_turn():
     """Assumed 0.5 m wrong along x: delta l = -delta(wheel_reference), z = turn times it."""
     assumed = (WHEEL[0] + 0.5, *WHEEL[1:])
-    (_, z, H, _), = seen_by(LateralAid(assumed), solution(), TURNING_S)  # fmt: skip
+    ((_, z, H, _),) = seen_by(LateralAid(assumed), solution(), TURNING_S)
     turn = view(solution(), TURNING_S).heading_change_rad[0]
     assert H[0, em.LEVER_X] == pytest.approx(turn)
-    assert z[0] == pytest.approx(0.5 * turn, abs=2 * ONE_MM)  # true lever less assumed lever is +0.5
+    # true lever less assumed lever is +0.5
+    assert z[0] == pytest.approx(0.5 * turn, abs=2 * ONE_MM)
 
 
 def test_odometer_scale_reads_high():
     aid = OdometerAid(taxi(0.0, 5000.0).run.odometer, 0.01, WHEEL)
-    (_, z, H, _), = seen_by(aid, solution(), STRAIGHT_S)  # fmt: skip
+    ((_, z, H, _),) = seen_by(aid, solution(), STRAIGHT_S)
     assert z[0] == pytest.approx(H[0, em.ODOMETER] * 5e-3, rel=0.05)
 
 
@@ -194,7 +250,7 @@ def test_odometer_is_silent_outside_its_log():
 
 def test_lateral_row_holds_no_heading():
     """The trap of physics.md 6.5: neither theta nor position may stand in it."""
-    (_, _, H, _), = seen_by(LateralAid(WHEEL), solution(), STRAIGHT_S)  # fmt: skip
+    ((_, _, H, _),) = seen_by(LateralAid(WHEEL), solution(), STRAIGHT_S)
     assert set(np.flatnonzero(H[0])) <= {em.S.start + 1, em.KAPPA, em.LEVER_X}
 
 
@@ -209,15 +265,21 @@ def test_gnss_takes_logged_sigmas_and_the_declared_where_none():
 
 @pytest.mark.parametrize("end_s", [74, 75, 76, 79, 83, 84])
 def test_gnss_velocity_on_the_arm_fits_its_sigma_while_a_turn_begins_and_ends(end_s):
-    """The mean turn rate of a step is not that at the fix: 0.15 m/s on a 3.6 m arm, against a sigma of 0.03."""
+    """The mean turn rate of a step is not that at the fix: 0.15 m/s on a 3.6 m arm, against a sigma
+    of 0.03.
+    """
     _, z, _, R = seen_by(aids()["gnss"], solution(), end_s)[-1]
     assert np.abs(z).max() < 2.0 * np.sqrt(R[0, 0])
-    assert seen_by(aids()["gnss"], solution(), STRAIGHT_S)[-1][3][0, 0] == pytest.approx(0.03**2, rel=1e-3)
+    assert seen_by(aids()["gnss"], solution(), STRAIGHT_S)[-1][3][0, 0] == pytest.approx(
+        0.03**2, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize("ago", [0.3, 0.7])
 def test_a_fix_within_the_step_is_taken_to_its_own_time(ago):
-    """Fixes off the epochs: truth at that time, straight on, leaves millimetres where 0.3 s late would be 3 m."""
+    """Fixes off the epochs: truth at that time, straight on, leaves millimetres where 0.3 s late
+    would be 3 m.
+    """
     simulated = taxi()
     t = STRAIGHT_S - ago
     row = int(np.argmin(np.abs(simulated.reference.time_s - t)))
@@ -226,11 +288,16 @@ def test_a_fix_within_the_step_is_taken_to_its_own_time(ago):
 
     C_nb = dcm_from_rotation_vector([0.0, 0.0, ref.heading_rad[row]])
     r_e = ecef_from_geodetic(ref.lat_rad[row], ref.lon_rad[row], ref.height_m[row])
-    lat, lon, height = geodetic_from_ecef(r_e + dcm_en(ref.lat_rad[row], ref.lon_rad[row]) @ C_nb @ ANTENNA)
+    lat, lon, height = geodetic_from_ecef(
+        r_e + dcm_en(ref.lat_rad[row], ref.lon_rad[row]) @ C_nb @ ANTENNA
+    )
     log = GnssLog(
-        time_s=np.array([ref.time_s[row]]), lat_rad=np.array([lat]), lon_rad=np.array([lon]),
-        height_m=np.array([height]), v_n_m_s=ref.v_n_m_s[row : row + 1],
-    )  # fmt: skip
+        time_s=np.array([ref.time_s[row]]),
+        lat_rad=np.array([lat]),
+        lon_rad=np.array([lon]),
+        height_m=np.array([height]),
+        v_n_m_s=ref.v_n_m_s[row : row + 1],
+    )
     for _, z, _, _ in seen_by(GnssAid(log, ANTENNA, 0.5, 0.03), solution(), STRAIGHT_S):
         assert z == pytest.approx(np.zeros(2), abs=20 * ONE_MM)
 
@@ -240,7 +307,7 @@ def test_surveyed_heading_is_used_once_and_only_at_rest():
     bad = solution(Errors(theta=(0.0, 0.0, 1e-3)))
     assert seen_by(aid, bad, 10, STILL) == []
     assert seen_by(aid, bad, 30, ROLLING) == []
-    (_, z, H, R), = seen_by(aid, bad, 30, STILL)  # fmt: skip
+    ((_, z, H, R),) = seen_by(aid, bad, 30, STILL)
     assert z[0] == pytest.approx(1e-3, abs=2e-6)
     assert H[0, em.THETA.stop - 1] == 1.0
     assert R[0, 0] == pytest.approx(1e-6)
@@ -250,22 +317,33 @@ def test_surveyed_heading_is_used_once_and_only_at_rest():
 def test_centre_line_is_left_alone_in_turns_and_on_other_headings_and_works_backwards():
     assert seen_by(CentreLineAid(115 * DEG), solution(), TURNING_S) == []
     assert seen_by(CentreLineAid(60 * DEG), solution(), STRAIGHT_S) == []
-    (_, z, H, _), = seen_by(CentreLineAid(115 * DEG), solution(), STRAIGHT_S)  # fmt: skip
-    (_, back, H_back, _), = seen_by(CentreLineAid(295 * DEG), solution(), STRAIGHT_S)  # fmt: skip
+    ((_, z, H, _),) = seen_by(CentreLineAid(115 * DEG), solution(), STRAIGHT_S)
+    ((_, back, H_back, _),) = seen_by(CentreLineAid(295 * DEG), solution(), STRAIGHT_S)
     assert z == pytest.approx(np.zeros(1), abs=2 * ONE_MM)
     assert back == pytest.approx(z, abs=1e-9)
     assert H_back == pytest.approx(H)
-    (_, off, H, _), = seen_by(CentreLineAid(115 * DEG + 1e-3), solution(), STRAIGHT_S)  # fmt: skip
+    ((_, off, H, _),) = seen_by(CentreLineAid(115 * DEG + 1e-3), solution(), STRAIGHT_S)
     assert off[0] == pytest.approx(H[0, em.CENTRE_LINE] * 1e-3, rel=0.02)
 
 
-@pytest.mark.parametrize(("gains", "word"), [
-    ({}, None), ({"still": 3.0, "heading held": 1.0}, None), ({"lateral": 1.0}, "turns"), ({"stop": 2.0}, "stops"),
-    ({"odometer": 1.0, "lateral": 0.1}, "odometer"), ({"gnss": 5.0}, "gnss"), ({"survey": 1.0}, "survey"),
-    ({"centre line": 1.0}, "survey"), ({"lateral": 1.0, "stop": 1.0}, "combined"),
-    ({"survey": 1.0, "centre line": 1.0}, "survey"), ({"stop": 0.81, "gnss": 0.19}, "stops"),
-    ({"stop": 0.79, "gnss": 0.21}, "combined"), ({"stop": -0.5}, None),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("gains", "word"),
+    [
+        ({}, None),
+        ({"still": 3.0, "heading held": 1.0}, None),
+        ({"lateral": 1.0}, "turns"),
+        ({"stop": 2.0}, "stops"),
+        ({"odometer": 1.0, "lateral": 0.1}, "odometer"),
+        ({"gnss": 5.0}, "gnss"),
+        ({"survey": 1.0}, "survey"),
+        ({"centre line": 1.0}, "survey"),
+        ({"lateral": 1.0, "stop": 1.0}, "combined"),
+        ({"survey": 1.0, "centre line": 1.0}, "survey"),
+        ({"stop": 0.81, "gnss": 0.19}, "stops"),
+        ({"stop": 0.79, "gnss": 0.21}, "combined"),
+        ({"stop": -0.5}, None),
+    ],
+)
 def test_heading_source_in_the_words_of_the_contract(gains, word):
     assert heading_source(gains) == word
     assert word in (None, "turns", "stops", "gnss", "odometer", "survey", "combined")

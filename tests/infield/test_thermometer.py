@@ -45,7 +45,9 @@ def test_a_straight_ramp_comes_back_exactly():
     T = np.stack([20 + HOUR / 600, 20 - HOUR / 1200, 20 + HOUR / 6000], axis=1)
     found = gyro_temperature(log_of(T))
     assert found.at(HOUR) == pytest.approx(T, abs=1e-6)
-    assert found.rate_degC_min == pytest.approx(np.tile([0.1, -0.05, 0.01], (len(found.time_s), 1)), abs=1e-6)
+    assert found.rate_degC_min == pytest.approx(
+        np.tile([0.1, -0.05, 0.01], (len(found.time_s), 1)), abs=1e-6
+    )
 
 
 def test_uneven_times_make_no_difference():
@@ -53,7 +55,9 @@ def test_uneven_times_make_no_difference():
     t = np.sort(rng.uniform(0.0, 4199.0, 3000))
     t = t[np.diff(t, prepend=-1.0) > 1e-3]
     T = np.stack([20 + t / 60] * 3, axis=1)
-    assert gyro_temperature(log_of(T, t)).at(np.array([1000.0]))[0] == pytest.approx([20 + 1000 / 60] * 3, abs=1e-6)
+    assert gyro_temperature(log_of(T, t)).at(np.array([1000.0]))[0] == pytest.approx(
+        [20 + 1000 / 60] * 3, abs=1e-6
+    )
 
 
 def test_stuck_axes_are_named():
@@ -77,7 +81,9 @@ def test_ends_are_held_and_a_span_is_never_empty():
 
 def test_a_log_of_a_few_seconds_is_read():
     t = np.arange(3.0)
-    assert gyro_temperature(log_of(np.full((3, 3), 20.0), t)).temperature_degC == pytest.approx(20.0)
+    assert gyro_temperature(log_of(np.full((3, 3), 20.0), t)).temperature_degC == pytest.approx(
+        20.0
+    )
 
 
 def test_a_span_without_readings_is_not_usable_and_takes_its_shape_from_the_others():
@@ -92,7 +98,8 @@ def test_a_span_without_readings_is_not_usable_and_takes_its_shape_from_the_othe
 
 
 @pytest.mark.parametrize(
-    ("scale", "word"), [(lambda T: 1.8 * T + 32, "Fahrenheit"), (lambda T: 0.1 * T, "ten times too small")]
+    ("scale", "word"),
+    [(lambda T: 1.8 * T + 32, "Fahrenheit"), (lambda T: 0.1 * T, "ten times too small")],
 )
 def test_a_wrong_scale_leaves_the_axis_out(scale, word):
     T = warm_up()
@@ -109,4 +116,6 @@ def test_one_row_is_held():
     assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in too_short(
         log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12))
     )
-    assert "1 row over 0 s, needed at least 10 rows over 60 s" in too_short(log_of(np.ones((1, 3)), np.array([5.0])))
+    assert "1 row over 0 s, needed at least 10 rows over 60 s" in too_short(
+        log_of(np.ones((1, 3)), np.array([5.0]))
+    )

@@ -1,4 +1,6 @@
-"""Hypothesis: the same cases on every run, and no deadline (the first call compiles; the machine may be shared)."""
+"""Hypothesis: the same cases on every run, and no deadline (the first call compiles; the machine
+may be shared).
+"""
 
 from hypothesis import settings
 

@@ -10,8 +10,19 @@ from ins.units import DEG
 LAT = 45 * DEG
 
 
-def steps_of(step: em.Step, count=1, *, bin_index=0, rolling=False, keep=False, moving=False, extra_yaw_rad=0.0,
-             jump_w=0.0, jump_theta=0.0, end_s=0.0) -> Steps:  # fmt: skip
+def steps_of(
+    step: em.Step,
+    count=1,
+    *,
+    bin_index=0,
+    rolling=False,
+    keep=False,
+    moving=False,
+    extra_yaw_rad=0.0,
+    jump_w=0.0,
+    jump_theta=0.0,
+    end_s=0.0,
+) -> Steps:
     """The same step `count` times, at latitude 45 deg and height 0."""
     meridian, transverse = (float(r) for r in earth.radii_of_curvature(LAT))
 
@@ -19,13 +30,23 @@ def steps_of(step: em.Step, count=1, *, bin_index=0, rolling=False, keep=False, 
         return np.broadcast_to(value, (count, *np.shape(value)))
 
     return Steps(
-        end_s=end_s + step.dt_s * np.arange(count), dt_s=all_of(step.dt_s), C_nb=all_of(step.C_nb), v_n=all_of(step.v_n),
+        end_s=end_s + step.dt_s * np.arange(count),
+        dt_s=all_of(step.dt_s),
+        C_nb=all_of(step.C_nb),
+        v_n=all_of(step.v_n),
         omega_ie_n=all_of(step.omega_ie_n),
         transport=all_of(np.array([1.0 / transverse, 1.0 / meridian, np.tan(LAT) / transverse])),
-        gravity=all_of(step.gravity), radius_m=all_of(step.radius_m), turn_rad=all_of(step.turn_rad),
-        bin_index=all_of(bin_index), rolling=all_of(rolling), keep=all_of(keep), moving=all_of(moving),
-        jump_yaw=all_of(extra_yaw_rad**2), jump_w=all_of(jump_w), jump_theta=all_of(jump_theta),
-    )  # fmt: skip
+        gravity=all_of(step.gravity),
+        radius_m=all_of(step.radius_m),
+        turn_rad=all_of(step.turn_rad),
+        bin_index=all_of(bin_index),
+        rolling=all_of(rolling),
+        keep=all_of(keep),
+        moving=all_of(moving),
+        jump_yaw=all_of(extra_yaw_rad**2),
+        jump_w=all_of(jump_w),
+        jump_theta=all_of(jump_theta),
+    )
 
 
 def advance(flt, step, bin_index=0, **flags):
@@ -36,7 +57,16 @@ def advance(flt, step, bin_index=0, **flags):
 def only(time_s=0.0):
     """A program that stands still, to hang operations on: one step of no length."""
     C_nb, none = np.eye(3), np.zeros(3)
-    step = em.Step(dt_s=1e-12, C_nb=C_nb, v_n=none, omega_ie_n=none, omega_en_n=none, gravity=0.0, radius_m=1e30, turn_rad=0.0)
+    step = em.Step(
+        dt_s=1e-12,
+        C_nb=C_nb,
+        v_n=none,
+        omega_ie_n=none,
+        omega_en_n=none,
+        gravity=0.0,
+        radius_m=1e30,
+        turn_rad=0.0,
+    )
     return FilterProgram(steps_of(step, keep=True, rolling=True, end_s=time_s))
 
 

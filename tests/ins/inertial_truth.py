@@ -1,8 +1,10 @@
-"""Ideal increments from a motion given in closed form, by way of the inertial frame: nothing of the mechanization.
+"""Ideal increments from a motion given in closed form, by way of the inertial frame: nothing of the
+mechanization.
 
-Every quantity is a second-order Taylor jet in time, so r_ib_i and C_ib are differentiated exactly: no Coriolis term,
-no transport rate, no finite difference. f = C_bi (r'' - gravitation), omega from C_ib' C_bi, and each interval is
-integrated by Gauss-Legendre quadrature. Gravitation is the normal gravity of ins.earth plus the centrifugal part.
+Every quantity is a second-order Taylor jet in time, so r_ib_i and C_ib are differentiated exactly:
+no Coriolis term, no transport rate, no finite difference. f = C_bi (r'' - gravitation), omega from
+C_ib' C_bi, and each interval is integrated by Gauss-Legendre quadrature. Gravitation is the normal
+gravity of ins.earth plus the centrifugal part.
 """
 
 from dataclasses import dataclass
@@ -52,7 +54,11 @@ class Jet:
 
 
 def constant(value, like):
-    return value if isinstance(value, Jet) else Jet(value + np.zeros_like(like.x), 0 * like.x, 0 * like.x)
+    return (
+        value
+        if isinstance(value, Jet)
+        else Jet(value + np.zeros_like(like.x), 0 * like.x, 0 * like.x)
+    )
 
 
 def clock(t):
@@ -72,7 +78,10 @@ def rsqrt(j):
 
 
 def matmul(A, B):
-    return [[sum((A[i][k] * B[k][j] for k in range(1, 3)), A[i][0] * B[0][j]) for j in range(3)] for i in range(3)]
+    return [
+        [sum((A[i][k] * B[k][j] for k in range(1, 3)), A[i][0] * B[0][j]) for j in range(3)]
+        for i in range(3)
+    ]
 
 
 def about_z(angle):
@@ -99,7 +108,11 @@ def geodetic_motion(lat, lon, height, roll, pitch, heading):
     """ECEF position, C_eb and sin of latitude, height, up of a motion given by six jets."""
     sL, cL, sl, cl = sine(lat), cosine(lat), sine(lon), cosine(lon)
     N = earth.SEMI_MAJOR_AXIS_M * rsqrt(1 - earth.ECCENTRICITY_SQUARED * (sL * sL))
-    r_e = [(N + height) * (cL * cl), (N + height) * (cL * sl), ((1 - earth.ECCENTRICITY_SQUARED) * N + height) * sL]
+    r_e = [
+        (N + height) * (cL * cl),
+        (N + height) * (cL * sl),
+        ((1 - earth.ECCENTRICITY_SQUARED) * N + height) * sL,
+    ]
     C_en = [[-(sL * cl), -sl, -(cL * cl)], [-(sL * sl), cl, -(cL * sl)], [cL, 0 * sL, -sL]]
     up = np.stack([(cL * cl).x, (cL * sl).x, sL.x], axis=-1)
     return r_e, matmul(C_en, attitude(roll, pitch, heading)), lat.x, height.x, up
@@ -108,7 +121,10 @@ def geodetic_motion(lat, lon, height, roll, pitch, heading):
 def stack(M):
     """Value and first and second derivative of a vector or matrix of jets, components last."""
     if isinstance(M[0], list):
-        return [np.stack([np.stack([getattr(j, a) for j in row], -1) for row in M], -2) for a in ("x", "d", "dd")]
+        return [
+            np.stack([np.stack([getattr(j, a) for j in row], -1) for row in M], -2)
+            for a in ("x", "d", "dd")
+        ]
     return [np.stack([getattr(j, a) for j in M], -1) for a in ("x", "d", "dd")]
 
 
@@ -117,7 +133,9 @@ def sensed(motion, t):
     r_e, C_eb, lat, height, up = motion(clock(t))
     spin = about_z(earth.EARTH_RATE_RAD_S * clock(t))
     C_ib, C_ib_d, _ = stack(matmul(spin, C_eb))
-    r_i, _, r_i_dd = stack([sum((spin[i][k] * r_e[k] for k in range(1, 3)), spin[i][0] * r_e[0]) for i in range(3)])
+    r_i, _, r_i_dd = stack(
+        [sum((spin[i][k] * r_e[k] for k in range(1, 3)), spin[i][0] * r_e[0]) for i in range(3)]
+    )
     C_ie = stack(spin)[0]
     centrifugal_i = earth.EARTH_RATE_RAD_S**2 * r_i * [1, 1, 0]
     gravity_i = -earth.gravity_magnitude(lat, height)[:, None] * np.einsum("nij,nj->ni", C_ie, up)
@@ -145,7 +163,9 @@ def true_state(motion, time_s):
     lat, lon, height = (float(a[0]) for a in earth.geodetic_from_ecef(r))
     C_en = earth.dcm_en(lat, lon)
     site = Site(lat_rad=lat, lon_rad=lon, height_m=height)
-    return NavState(time_s=time_s, site=site, v_n_m_s=C_en.T @ v[0], C_nb=C_en.T @ stack(C_eb)[0][0])
+    return NavState(
+        time_s=time_s, site=site, v_n_m_s=C_en.T @ v[0], C_nb=C_en.T @ stack(C_eb)[0][0]
+    )
 
 
 def errors(history, motion, k=-1):

@@ -1,4 +1,6 @@
-"""The aided filter: its covariance against the nonlinear solution and filterpy, NEES over seeds, gate, outage, cuts."""
+"""The aided filter: its covariance against the nonlinear solution and filterpy, NEES over seeds,
+gate, outage, cuts.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -52,19 +54,25 @@ def truth_at(made, time_s: float = START_S, error=None) -> NavState:
     place = ecef_from_geodetic(ref.lat_rad[k], ref.lon_rad[k], ref.height_m[k]) + C_en @ e[POS]
     lat, lon, height = (float(a) for a in geodetic_from_ecef(place))
     back = dcm_en(lat, lon).T @ C_en  # Earth-frame errors, resolved where the solution now is
-    C_nb = dcm_from_rotation_vector(e[THETA]) @ dcm_from_euler(ref.roll_rad[k], ref.pitch_rad[k], ref.heading_rad[k])
+    C_nb = dcm_from_rotation_vector(e[THETA]) @ dcm_from_euler(
+        ref.roll_rad[k], ref.pitch_rad[k], ref.heading_rad[k]
+    )
     return NavState(
-        time_s=float(ref.time_s[k]), site=Site(lat_rad=lat, lon_rad=lon, height_m=height),
-        v_n_m_s=back @ (ref.v_n_m_s[k] + e[VEL]), C_nb=back @ C_nb,
-    )  # fmt: skip
+        time_s=float(ref.time_s[k]),
+        site=Site(lat_rad=lat, lon_rad=lon, height_m=height),
+        v_n_m_s=back @ (ref.v_n_m_s[k] + e[VEL]),
+        C_nb=back @ C_nb,
+    )
 
 
 def fixes_from(made, twin):
     noise = twin.gnss
     return fixes_of(
-        made.run.gnss, horizontal_m=noise.sigma_horizontal_m, vertical_m=noise.sigma_vertical_m,
+        made.run.gnss,
+        horizontal_m=noise.sigma_horizontal_m,
+        vertical_m=noise.sigma_vertical_m,
         velocity_m_s=noise.sigma_velocity_m_s,
-    )  # fmt: skip
+    )
 
 
 def navigated(made, start, noise, fixes, **options):
@@ -85,26 +93,48 @@ def monte_carlo(technology: str, seed: int):
     error = sigma * np.random.default_rng([seed, 9]).standard_normal(15)
     error[GYRO] = error[ACCEL] = 0.0  # the turn-on of the simulated unit is that error
     start = AidedStart(
-        state=truth_at(made, error=error), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
+        state=truth_at(made, error=error),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
         covariance=np.diag(sigma**2),
-    )  # fmt: skip
-    return made, navigated(made, start, aided_noise(twin), fixes_from(made, twin), keep_covariance=True)
+    )
+    return made, navigated(
+        made, start, aided_noise(twin), fixes_from(made, twin), keep_covariance=True
+    )
 
 
 QUIET_TWIN = replace(
     twin_of("rlg", flicker=False),
-    gyro=replace(twin_of("rlg").gyro, arw_deg_sqrt_h=0.0, bias_instability_deg_h=0.0, rate_random_walk_deg_h_sqrt_h=0.0,
-                 turn_on_deg_h=0.0),
-    accel=replace(twin_of("rlg").accel, vrw_ug_sqrt_hz=0.0, bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0,
-                  turn_on_ug=0.0),
-)  # fmt: skip
+    gyro=replace(
+        twin_of("rlg").gyro,
+        arw_deg_sqrt_h=0.0,
+        bias_instability_deg_h=0.0,
+        rate_random_walk_deg_h_sqrt_h=0.0,
+        turn_on_deg_h=0.0,
+    ),
+    accel=replace(
+        twin_of("rlg").accel,
+        vrw_ug_sqrt_hz=0.0,
+        bias_instability_ug=0.0,
+        rate_random_walk_ug_sqrt_h=0.0,
+        turn_on_ug=0.0,
+    ),
+)
 
 
 @pytest.mark.parametrize("state", ["position", "velocity", "theta", "gyro", "accel"])
 def test_covariance_follows_the_nonlinear_solution(state):
-    """A start that is off by e, without noise or fixes: P = e e' becomes e(t) e(t)' of the solution, over 4 min of flight."""
+    """A start that is off by e, without noise or fixes: P = e e' becomes e(t) e(t)' of the
+    solution, over 4 min of flight.
+    """
     rows = {"position": POS, "velocity": VEL, "theta": THETA, "gyro": GYRO, "accel": ACCEL}[state]
-    size = {"position": 50.0, "velocity": 0.2, "theta": 1e-3, "gyro": 20 * DEG_PER_HOUR, "accel": 500 * MICRO_G}[state]
+    size = {
+        "position": 50.0,
+        "velocity": 0.2,
+        "theta": 1e-3,
+        "gyro": 20 * DEG_PER_HOUR,
+        "accel": 500 * MICRO_G,
+    }[state]
     made, e = flown(ideal(), QUIET_TWIN, 1), np.zeros(15)
     e[rows] = size * np.array([0.7, -1.0, 0.4])
     none = fixes_from(made, QUIET_TWIN)
@@ -113,9 +143,11 @@ def test_covariance_follows_the_nonlinear_solution(state):
 
     def run(error):
         start = AidedStart(
-            state=truth_at(made, 100.0, error), gyro_bias_rad_s=zero - error[GYRO], accel_bias_m_s2=zero - error[ACCEL],
+            state=truth_at(made, 100.0, error),
+            gyro_bias_rad_s=zero - error[GYRO],
+            accel_bias_m_s2=zero - error[ACCEL],
             covariance=np.outer(e, e),
-        )  # fmt: skip
+        )
         return navigated(made, start, SILENT, none, keep_covariance=True)
 
     off, true = run(e), run(np.zeros(15))
@@ -126,7 +158,9 @@ def test_covariance_follows_the_nonlinear_solution(state):
             sigma = np.sqrt(np.trace(off.covariance[row][part, part]))
             assert np.linalg.norm(seen[k, part]) == pytest.approx(sigma, rel=0.03, abs=floor)
             both = seen[k, part] @ off.covariance[row][part, part] @ seen[k, part]
-            assert both == pytest.approx(np.linalg.norm(seen[k, part]) ** 2 * sigma**2, rel=0.05, abs=floor**4)
+            assert both == pytest.approx(
+                np.linalg.norm(seen[k, part]) ** 2 * sigma**2, rel=0.05, abs=floor**4
+            )
 
 
 def test_scalar_updates_are_filterpys_joint_update():
@@ -134,13 +168,20 @@ def test_scalar_updates_are_filterpys_joint_update():
 
     rng = np.random.default_rng(4)
     root = rng.standard_normal((26, 26))
-    P, H, z, R = root @ root.T, rng.standard_normal((3, 26)), rng.standard_normal(3), np.array([0.3, 0.7, 1.1])
+    P, H, z, R = (
+        root @ root.T,
+        rng.standard_normal((3, 26)),
+        rng.standard_normal(3),
+        np.array([0.3, 0.7, 1.1]),
+    )
     x, P_new = np.zeros(26), P.copy()
     nis, loglik = kernel.update(x, P_new, H, z, R, np.zeros(26), 26)
     want_x, want_P, seen = kalman.update(np.zeros(26), P, z, H, np.diag(R))
     np.testing.assert_allclose(x, want_x, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(P_new, want_P, rtol=1e-8, atol=1e-8)
-    assert nis == pytest.approx(seen.nis) and loglik == pytest.approx(-0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1]))
+    assert nis == pytest.approx(seen.nis) and loglik == pytest.approx(
+        -0.5 * (seen.nis + np.linalg.slogdet(seen.S)[1])
+    )
 
 
 @pytest.mark.parametrize("technology", ["rlg", "mems"])
@@ -149,7 +190,8 @@ def test_nees_and_nis_over_seeds(technology):
     made = [monte_carlo(technology, seed) for seed in range(10)]
     at = [60, 180, 300, 480]
     mean = np.mean([nees(*pair)[at] for pair in made])
-    low, high = chi2.ppf([5e-4, 1 - 5e-4], 15 * len(made)) / (15 * len(made))  # times of one flight are not independent
+    # times of one flight are not independent
+    low, high = chi2.ppf([5e-4, 1 - 5e-4], 15 * len(made)) / (15 * len(made))
     assert low < mean < high
     for kind in range(2):
         nis = np.concatenate([h.nis[:, kind][np.isfinite(h.nis[:, kind])] for _, h in made])
@@ -177,10 +219,16 @@ def test_nees_over_many_seeds(technology):
 def test_same_bits_however_the_log_is_cut():
     twin = twin_of("mems")
     made = flown(ideal(), twin, 3)
-    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
-                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
     whole = navigated(made, start, aided_noise(twin), fixes_from(made, twin), stands=[(0.0, 50.0)])
-    navigator = AidedNavigator(start, aided_noise(twin), fixes_from(made, twin), antenna=ANTENNA, stands=[(0.0, 50.0)])
+    navigator = AidedNavigator(
+        start, aided_noise(twin), fixes_from(made, twin), antenna=ANTENNA, stands=[(0.0, 50.0)]
+    )
     imu, edges = made.run.imu, [-1.0, 7.3, 7.55, 99.1, 100.0, 333.3, 1e9]
     for a, b in pairwise(edges):
         navigator.feed(imu.between(a, b))
@@ -191,35 +239,50 @@ def test_same_bits_however_the_log_is_cut():
 
 
 def test_outage_coasts_with_growing_sigma_and_ends_within_it():
-    """Two minutes without fixes: sigma of position grows by far, and the first fix afterwards is within four of them."""
+    """Two minutes without fixes: sigma of position grows by far, and the first fix afterwards is
+    within four of them.
+    """
     twin = twin_of("mems", flicker=False)
     made = flown(ideal(), twin, 4)
     gone = (made.run.gnss.time_s > 300.0) & (made.run.gnss.time_s <= 420.0)
     fixes = fixes_from(made, twin)
     hole = np.where(gone[:, None], np.nan, 0.0)
     fixes = replace(fixes, r_e_m=fixes.r_e_m + hole, v_n_m_s=fixes.v_n_m_s + hole)
-    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
-                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
     history = navigated(made, start, aided_noise(twin), fixes)
     sigma = np.sqrt(history.variance[:, :2].sum(axis=1))
     inside = (history.time_s > 300.5) & (history.time_s < 420.5)
     assert np.all(np.diff(sigma[inside]) > 0) and sigma[inside][-1] > 20 * sigma[inside][0]
     assert (history.used[gone] == 0).all()
     back = int(np.flatnonzero(~gone & (fixes.time_s > 420.0))[0])
-    assert history.used[back, 0] == 2 and np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
+    assert (
+        history.used[back, 0] == 2
+        and np.abs(history.residual[back, :2] / history.sigma[back, :2]).max() < 4.0
+    )
 
 
 def test_gross_fixes_are_rejected_and_a_lasting_shift_is_followed_and_told():
     twin = twin_of("mems", flicker=False)
     made = flown(ideal(), twin, 5)
     fixes, t = fixes_from(made, twin), made.run.gnss.time_s
-    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
-                       covariance=np.diag(prior(twin) ** 2))  # fmt: skip
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.diag(prior(twin) ** 2),
+    )
     single, lasting = np.isin(np.round(t), [200, 260, 261]), t > 350.0
     for wrong, reset in ((single, False), (lasting, True)):
         moved = replace(fixes, r_e_m=fixes.r_e_m + np.where(wrong[:, None], 300.0, 0.0))
         history = navigated(made, start, aided_noise(twin), moved, reset_s=10.0)
-        assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (history.used[~wrong & (t > START_S + 1), 0] == 2).all()
+        assert (history.used[wrong & (t < 355.0), 0] == 1).all() and (
+            history.used[~wrong & (t > START_S + 1), 0] == 2
+        ).all()
         resets = np.flatnonzero(history.used[:, 0] == 3)
         assert (resets.size == 1 and 360.0 <= t[resets[0]] <= 363.0) if reset else resets.size == 0
 
@@ -228,18 +291,32 @@ def merged(imu, rows: int, first: int):
     """The log with `rows` of its rows summed to one, the first of them alone in one of `first`."""
     ends = np.arange(first, imu.rows + 1, rows)
     starts = np.concatenate([[0], ends[:-1]])
-    total = [np.stack([a[i:j].sum(axis=0) for i, j in zip(starts, ends)]) for a in (imu.dt_s, imu.dtheta_rad, imu.dv_m_s)]
-    return replace(imu, time_s=imu.time_s[ends - 1], dt_s=total[0], dtheta_rad=total[1], dv_m_s=total[2])
+    total = [
+        np.stack([a[i:j].sum(axis=0) for i, j in zip(starts, ends)])
+        for a in (imu.dt_s, imu.dtheta_rad, imu.dv_m_s)
+    ]
+    return replace(
+        imu, time_s=imu.time_s[ends - 1], dt_s=total[0], dtheta_rad=total[1], dv_m_s=total[2]
+    )
 
 
 def test_fix_within_a_long_row_is_met_at_its_own_time():
-    """Rows of 0.5 s that end 0.3 s after each fix, a take-off at 2.5 m/s^2, nothing wrong: residuals of centimetres, where
-    an acceleration forgotten would leave 0.11 m."""
-    quiet = replace(QUIET_TWIN, gnss=replace(QUIET_TWIN.gnss, sigma_horizontal_m=1e-6, sigma_vertical_m=1e-6,
-                                             sigma_velocity_m_s=1e-6))  # fmt: skip
+    """Rows of 0.5 s that end 0.3 s after each fix, a take-off at 2.5 m/s^2, nothing wrong:
+    residuals of centimetres, where an acceleration forgotten would leave 0.11 m.
+    """
+    quiet = replace(
+        QUIET_TWIN,
+        gnss=replace(
+            QUIET_TWIN.gnss, sigma_horizontal_m=1e-6, sigma_vertical_m=1e-6, sigma_velocity_m_s=1e-6
+        ),
+    )
     made = flown(ideal(), quiet, 1)
-    start = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
-                       covariance=np.zeros((15, 15)))  # fmt: skip
+    start = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.zeros((15, 15)),
+    )
     fixes = fixes_from(made, quiet)
     navigator = AidedNavigator(start, SILENT, fixes, antenna=ANTENNA)
     navigator.feed(merged(made.run.imu, 5, 3))
@@ -247,13 +324,18 @@ def test_fix_within_a_long_row_is_met_at_its_own_time():
     speed = np.linalg.norm(fixes.v_n_m_s, axis=1)
     rolling = (np.gradient(speed) > 2.0) & (speed > 10.0)
     assert rolling.sum() >= 8
-    assert np.abs(found.residual[rolling, :3]).max() < 0.06 and np.abs(found.residual[rolling, 3:]).max() < 0.05
+    assert (
+        np.abs(found.residual[rolling, :3]).max() < 0.06
+        and np.abs(found.residual[rolling, 3:]).max() < 0.05
+    )
 
 
 @pytest.mark.parametrize("estimated", [True, False])
 def test_antenna_and_slow_error_are_in_the_covariance(estimated):
-    """Ten flights with lever arm (1 m), delays (0.1 s) and slow error (1 m, 200 s) drawn: NEES of the 15 states, of the
-    antenna, and NIS, with the antenna estimated and considered; a considered one keeps its prior."""
+    """Ten flights with lever arm (1 m), delays (0.1 s) and slow error (1 m, 200 s) drawn: NEES of
+    the 15 states, of the antenna, and NIS, with the antenna estimated and considered; a considered
+    one keeps its prior.
+    """
     twin, sigma = twin_of("mems", flicker=False), np.array([1.0, 1.0, 1.0, 0.1, 0.1])
     noise = replace(aided_noise(twin), slow_level_m=1.0, slow_down_m=1.0)
     means, antennas, ratios = [], [], []
@@ -262,21 +344,31 @@ def test_antenna_and_slow_error_are_in_the_covariance(estimated):
         wide, off = prior(twin), sigma * rng.standard_normal(5)
         error = wide * rng.standard_normal(15)
         error[GYRO] = error[ACCEL] = 0.0
-        start = AidedStart(state=truth_at(made, error=error), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3),
-                           covariance=np.diag(wide**2))  # fmt: skip
+        start = AidedStart(
+            state=truth_at(made, error=error),
+            gyro_bias_rad_s=np.zeros(3),
+            accel_bias_m_s2=np.zeros(3),
+            covariance=np.diag(wide**2),
+        )
         fixes = fixes_from(made, twin)
         slow = gauss_markov(fixes.time_s, rng, 1.0, 200.0)
         C = dcm_en(made.run.header.site.lat_rad, made.run.header.site.lon_rad)
         v_n = late_velocities(made, fixes.time_s, fixes.v_n_m_s, off[4] - off[3])
-        fixes = replace(fixes, time_s=fixes.time_s + off[3], r_e_m=fixes.r_e_m + slow @ C.T, v_n_m_s=v_n)
-        antenna = Antenna(lever_arm_m=LEVER_M + off[:3], covariance=np.diag(sigma**2), estimated=estimated)
+        fixes = replace(
+            fixes, time_s=fixes.time_s + off[3], r_e_m=fixes.r_e_m + slow @ C.T, v_n_m_s=v_n
+        )
+        antenna = Antenna(
+            lever_arm_m=LEVER_M + off[:3], covariance=np.diag(sigma**2), estimated=estimated
+        )
         navigator = AidedNavigator(start, noise, fixes, antenna=antenna, keep_covariance=True)
         navigator.feed(made.run.imu)
         history = navigator.finish()
         means.append(nees(made, history)[[180, 300, 480]])
         ratios.append(np.nanmean(history.nis, axis=0) / 3.0)
         end = history.antenna
-        e = np.concatenate([end.lever_arm_m - LEVER_M, [end.delay_s - off[3], end.velocity_delay_s - off[4]]])
+        e = np.concatenate(
+            [end.lever_arm_m - LEVER_M, [end.delay_s - off[3], end.velocity_delay_s - off[4]]]
+        )
         antennas.append(e @ np.linalg.solve(end.covariance, e))
         if not estimated:
             np.testing.assert_array_equal(end.covariance, antenna.covariance)
@@ -295,7 +387,9 @@ def test_roll_pitch_heading_sigmas_are_those_of_their_errors():
     root = 1e-4 * rng.standard_normal((3, 3))
     C = dcm_from_euler(0.4, -0.7, 2.0)
     phi = rng.standard_normal((20000, 3)) @ root.T
-    angles = np.stack(euler_from_dcm(dcm_from_rotation_vector(phi) @ C), axis=1) - np.stack(euler_from_dcm(C))
+    angles = np.stack(euler_from_dcm(dcm_from_rotation_vector(phi) @ C), axis=1) - np.stack(
+        euler_from_dcm(C)
+    )
     sigma = level_sigmas((root @ root.T)[None], C[None])[0]
     np.testing.assert_allclose(angles.std(axis=0), sigma, rtol=0.03)
 
@@ -303,7 +397,12 @@ def test_roll_pitch_heading_sigmas_are_those_of_their_errors():
 def test_bad_input_is_named():
     twin = twin_of("rlg")
     made = flown(ideal(), twin, 1)
-    good = AidedStart(state=truth_at(made), gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3), covariance=np.eye(15))
+    good = AidedStart(
+        state=truth_at(made),
+        gyro_bias_rad_s=np.zeros(3),
+        accel_bias_m_s2=np.zeros(3),
+        covariance=np.eye(15),
+    )
     with pytest.raises(InputError, match="positive semidefinite"):
         AidedNavigator(replace(good, covariance=-np.eye(15)), SILENT, fixes_from(made, twin))
     navigator = AidedNavigator(good, SILENT, fixes_from(made, twin))

@@ -30,7 +30,9 @@ def test_euler_round_trip_rebuilds_the_matrix(roll, pitch, heading):
     C_nb = attitude.dcm_from_euler(roll, pitch, heading)
     back = attitude.euler_from_dcm(C_nb)
     assert 0 <= back[2] <= 2 * np.pi
-    assert attitude.dcm_from_euler(*back) == pytest.approx(C_nb, abs=4e-8 if abs(pitch) > 1.57 else 1e-12)
+    assert attitude.dcm_from_euler(*back) == pytest.approx(
+        C_nb, abs=4e-8 if abs(pitch) > 1.57 else 1e-12
+    )
 
 
 @given(v=rotation)
@@ -45,7 +47,9 @@ def test_rotation_vector_matches_scipy_and_returns(v):
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-9, 1e-4, 1e-2, 1.0, 3.0])
 def test_small_rotations_keep_their_digits(size):
     v = size * np.array([0.6, -0.8, 0.0])
-    assert attitude.rotation_vector_from_dcm(attitude.dcm_from_rotation_vector(v)) == pytest.approx(v, rel=1e-14)
+    assert attitude.rotation_vector_from_dcm(attitude.dcm_from_rotation_vector(v)) == pytest.approx(
+        v, rel=1e-14
+    )
 
 
 @given(v=st.tuples(*[st.floats(-4, 4)] * 3).map(np.array))

@@ -1,4 +1,6 @@
-"""Many runs at once: each to the bit what `navigate` makes of it alone, on any number of threads; and what is refused."""
+"""Many runs at once: each to the bit what `navigate` makes of it alone, on any number of threads;
+and what is refused.
+"""
 
 from dataclasses import replace
 
@@ -25,22 +27,31 @@ ROWS = 150
 def starts_of(runs, rng, *, time_s=0.0):
     return [
         NavState(
-            time_s=time_s, v_n_m_s=rng.uniform(-200, 200, 3), C_nb=dcm_from_euler(*rng.uniform(-1, 1, 3)),
-            site=Site(lat_rad=rng.uniform(-1.57, 1.57), lon_rad=rng.uniform(-3, 3), height_m=rng.uniform(0, 9e3)),
+            time_s=time_s,
+            v_n_m_s=rng.uniform(-200, 200, 3),
+            C_nb=dcm_from_euler(*rng.uniform(-1, 1, 3)),
+            site=Site(
+                lat_rad=rng.uniform(-1.57, 1.57),
+                lon_rad=rng.uniform(-3, 3),
+                height_m=rng.uniform(0, 9e3),
+            ),
         )
         for _ in range(runs)
-    ]  # fmt: skip
+    ]
 
 
 def errors_of(runs, rng, *, bins=None, noisy=False):
     shape = (runs, 3) if bins is None else (runs, bins, 3)
     return SensorErrors(
-        gyro_bias_rad_s=DEG_PER_HOUR * rng.standard_normal(shape), accel_bias_m_s2=MICRO_G * rng.standard_normal(shape),
+        gyro_bias_rad_s=DEG_PER_HOUR * rng.standard_normal(shape),
+        accel_bias_m_s2=MICRO_G * rng.standard_normal(shape),
         edges_s=None if bins is None else np.linspace(0.3, 2.0, bins + 1),
-        gyro_matrix=1e-4 * rng.standard_normal((runs, 3, 3)), accel_matrix=1e-4 * rng.standard_normal((runs, 3, 3)),
-        gyro_noise_rad_sqrt_s=0.002 * DEG_PER_SQRT_HOUR * noisy, accel_noise_m_s_sqrt_s=10 * MICRO_G * noisy,
+        gyro_matrix=1e-4 * rng.standard_normal((runs, 3, 3)),
+        accel_matrix=1e-4 * rng.standard_normal((runs, 3, 3)),
+        gyro_noise_rad_sqrt_s=0.002 * DEG_PER_SQRT_HOUR * noisy,
+        accel_noise_m_s_sqrt_s=10 * MICRO_G * noisy,
         seeds=rng.integers(0, 2**31, runs),
-    )  # fmt: skip
+    )
 
 
 def assert_is_navigate(flown, run, alone):
@@ -51,11 +62,19 @@ def assert_is_navigate(flown, run, alone):
 
 @settings(max_examples=24, deadline=None)
 @given(
-    seed=st.integers(0, 2**31), runs=st.sampled_from([1, 3, 16, 17]), bins=st.sampled_from([None, 1, 5]), noisy=st.booleans(),
-    start_row=st.integers(-1, ROWS - 5), chunk=st.sampled_from([2, 7, 64, 4096]), own_starts=st.booleans(),
-    epoch_s=st.sampled_from([None, 0.05, 0.3, 1.0]), vertical=st.sampled_from([None, HOLD, SERIES]),
-)  # fmt: skip
-def test_each_run_has_the_bits_of_navigate(seed, runs, bins, noisy, start_row, chunk, own_starts, epoch_s, vertical):
+    seed=st.integers(0, 2**31),
+    runs=st.sampled_from([1, 3, 16, 17]),
+    bins=st.sampled_from([None, 1, 5]),
+    noisy=st.booleans(),
+    start_row=st.integers(-1, ROWS - 5),
+    chunk=st.sampled_from([2, 7, 64, 4096]),
+    own_starts=st.booleans(),
+    epoch_s=st.sampled_from([None, 0.05, 0.3, 1.0]),
+    vertical=st.sampled_from([None, HOLD, SERIES]),
+)
+def test_each_run_has_the_bits_of_navigate(
+    seed, runs, bins, noisy, start_row, chunk, own_starts, epoch_s, vertical
+):
     rng = np.random.default_rng(seed)
     imu, _ = random_walk(n=ROWS, seed=seed)
     time_s = 0.0 if start_row < 0 else float(imu.time_s[start_row])
@@ -67,7 +86,11 @@ def test_each_run_has_the_bits_of_navigate(seed, runs, bins, noisy, start_row, c
         flown = navigate_batch(imu, starts, errors=errors, epoch_s=epoch_s, vertical=vertical)
     for run in range(runs):
         start = starts[run % len(starts)]
-        assert_is_navigate(flown, run, navigate(errors.applied(imu, run), start, epoch_s=epoch_s, vertical=vertical))
+        assert_is_navigate(
+            flown,
+            run,
+            navigate(errors.applied(imu, run), start, epoch_s=epoch_s, vertical=vertical),
+        )
 
 
 @pytest.mark.parametrize("chunk", [2, 50, 4096])
@@ -82,7 +105,9 @@ def test_a_log_for_each_run(chunk, monkeypatch):
 
 
 def test_a_fast_spin_in_one_lane_changes_no_other():
-    """Beyond 0.1 rad a step the tile takes sines instead of series; the lanes that need none keep their bits."""
+    """Beyond 0.1 rad a step the tile takes sines instead of series; the lanes that need none keep
+    their bits.
+    """
     imu, start = random_walk(n=ROWS)
     spin = np.array(imu.dtheta_rad)
     spin[40:60, 2] += np.linspace(0.05, 0.5, 20)
@@ -99,9 +124,16 @@ def test_threads_change_no_bit_and_inputs_stay(noisy):
     imu, _ = random_walk(n=2000)
     starts, errors = starts_of(70, rng), errors_of(70, rng, bins=5, noisy=noisy)
     before = imu.dtheta_rad.tobytes(), imu.dv_m_s.tobytes(), errors.gyro_bias_rad_s.tobytes()
-    flown = [navigate_batch(imu, starts, errors=errors, threads=threads).states.tobytes() for threads in (1, 2, 3, 8)]
+    flown = [
+        navigate_batch(imu, starts, errors=errors, threads=threads).states.tobytes()
+        for threads in (1, 2, 3, 8)
+    ]
     assert len(set(flown)) == 1
-    assert before == (imu.dtheta_rad.tobytes(), imu.dv_m_s.tobytes(), errors.gyro_bias_rad_s.tobytes())
+    assert before == (
+        imu.dtheta_rad.tobytes(),
+        imu.dv_m_s.tobytes(),
+        errors.gyro_bias_rad_s.tobytes(),
+    )
 
 
 def test_a_bad_row_before_the_start_is_not_used():
@@ -115,27 +147,39 @@ def test_a_bad_row_before_the_start_is_not_used():
 
 
 def test_noise_is_white_of_the_size_asked_for():
-    """Angle random walk of 400 runs of 100 s at the equator: heading sigma within its 99.9 % band (chi-square, 400)."""
+    """Angle random walk of 400 runs of 100 s at the equator: heading sigma within its 99.9 % band
+    (chi-square, 400).
+    """
     imu, start = at_rest(0.0, duration_s=100, dt=0.05)
     sigma = 0.01 * DEG_PER_SQRT_HOUR
-    flown = navigate_batch(imu, start, errors=SensorErrors(gyro_noise_rad_sqrt_s=sigma, seeds=range(400)), epoch_s=100.0)
+    flown = navigate_batch(
+        imu,
+        start,
+        errors=SensorErrors(gyro_noise_rad_sqrt_s=sigma, seeds=range(400)),
+        epoch_s=100.0,
+    )
     heading = np.arctan2(flown.C_nb[:, -1, 1, 0], flown.C_nb[:, -1, 0, 0])
     assert 0.78 < np.mean(heading**2) / (sigma**2 * 100) < 1.25
     assert np.corrcoef(heading[:-1], heading[1:])[0, 1] < 3.3 / 20
 
 
 def test_bias_signs_and_bins():
-    """measured - true: a gyro that reads u too much about z for 50 of 100 s turns the heading by 50 u, and no other run."""
+    """measured - true: a gyro that reads u too much about z for 50 of 100 s turns the heading by 50
+    u, and no other run.
+    """
     imu, start = at_rest(0.0, duration_s=100, dt=0.05)
     bias = np.zeros((2, 2, 3))
     bias[1, 1, 2] = 1.0 * DEG_PER_HOUR
     errors = SensorErrors(gyro_bias_rad_s=bias, edges_s=[0.0, 50.0, 100.0])
-    flown = navigate_batch(imu, start, errors=errors, epoch_s=50.0, vertical=VerticalChannel(mode="hold"))
+    flown = navigate_batch(
+        imu, start, errors=errors, epoch_s=50.0, vertical=VerticalChannel(mode="hold")
+    )
     heading = np.arctan2(flown.C_nb[:, :, 1, 0], flown.C_nb[:, :, 0, 0])
     assert heading[1] - heading[0] == pytest.approx([0, 0, 50 * DEG_PER_HOUR], abs=1e-9)
 
 
-# ------------------------------------------------------------------------------------------------ refusals
+# ------------------------------------------------------------------------------------------------
+# refusals
 
 
 def test_refusals_name_the_run():
@@ -166,14 +210,26 @@ def test_refusals_name_the_run():
 
 @pytest.mark.parametrize(
     ("fields", "word"),
-    [(dict(gyro_bias_rad_s=np.zeros((4, 2))), "gyro_bias_rad_s: shape"),
-     (dict(gyro_bias_rad_s=np.zeros((4, 2, 3))), "gyro_bias_rad_s: shape"),
-     (dict(gyro_bias_rad_s=np.zeros((4, 3, 3)), edges_s=[0.0, 1.0, 2.0]), "gyro_bias_rad_s: shape"),
-     (dict(accel_bias_m_s2=[[0.0, 0, 0], [0, np.nan, 0]]), "accel_bias_m_s2: run 1 is not finite"),
-     (dict(gyro_matrix=np.zeros((4, 3, 3)), accel_matrix=np.zeros((5, 3, 3))), "gyro_matrix 4, accel_matrix 5"),
-     (dict(edges_s=[0.0, 0.0]), "increasing"), (dict(gyro_noise_rad_sqrt_s=1e-6), "seeds"),
-     (dict(gyro_noise_rad_sqrt_s=-1e-6, seeds=[1]), "negative")],
-)  # fmt: skip
+    [
+        (dict(gyro_bias_rad_s=np.zeros((4, 2))), "gyro_bias_rad_s: shape"),
+        (dict(gyro_bias_rad_s=np.zeros((4, 2, 3))), "gyro_bias_rad_s: shape"),
+        (
+            dict(gyro_bias_rad_s=np.zeros((4, 3, 3)), edges_s=[0.0, 1.0, 2.0]),
+            "gyro_bias_rad_s: shape",
+        ),
+        (
+            dict(accel_bias_m_s2=[[0.0, 0, 0], [0, np.nan, 0]]),
+            "accel_bias_m_s2: run 1 is not finite",
+        ),
+        (
+            dict(gyro_matrix=np.zeros((4, 3, 3)), accel_matrix=np.zeros((5, 3, 3))),
+            "gyro_matrix 4, accel_matrix 5",
+        ),
+        (dict(edges_s=[0.0, 0.0]), "increasing"),
+        (dict(gyro_noise_rad_sqrt_s=1e-6), "seeds"),
+        (dict(gyro_noise_rad_sqrt_s=-1e-6, seeds=[1]), "negative"),
+    ],
+)
 def test_sensor_errors_refuse(fields, word):
     with pytest.raises(InputError, match=word):
         SensorErrors(**fields)

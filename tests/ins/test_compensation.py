@@ -14,9 +14,12 @@ def log(n=6, seed=1):
     rng = np.random.default_rng(seed)
     dt = np.linspace(0.008, 0.012, n)
     return ImuLog(
-        time_s=np.cumsum(dt), dt_s=dt, dtheta_rad=rng.standard_normal((n, 3)), dv_m_s=rng.standard_normal((n, 3)),
+        time_s=np.cumsum(dt),
+        dt_s=dt,
+        dtheta_rad=rng.standard_normal((n, 3)),
+        dv_m_s=rng.standard_normal((n, 3)),
         source="rates",
-    )  # fmt: skip
+    )
 
 
 def measured(true, *, bias, accel_bias, scale_ppm, misalignment_mrad):
@@ -24,27 +27,41 @@ def measured(true, *, bias, accel_bias, scale_ppm, misalignment_mrad):
     xy, xz, yx, yz, zx, zy = 1e-3 * np.asarray(misalignment_mrad)
     x, y, z = true.dtheta_rad.T
     sx, sy, sz = 1 + 1e-6 * np.asarray(scale_ppm)
-    dtheta = np.stack([sx * x + xy * y + xz * z, yx * x + sy * y + yz * z, zx * x + zy * y + sz * z], axis=-1)
+    dtheta = np.stack(
+        [sx * x + xy * y + xz * z, yx * x + sy * y + yz * z, zx * x + zy * y + sz * z], axis=-1
+    )
     dt = true.dt_s[:, None]
     return ImuLog(
-        time_s=true.time_s, dt_s=true.dt_s, dtheta_rad=dtheta + bias * dt, dv_m_s=true.dv_m_s + accel_bias * dt,
+        time_s=true.time_s,
+        dt_s=true.dt_s,
+        dtheta_rad=dtheta + bias * dt,
+        dv_m_s=true.dv_m_s + accel_bias * dt,
         source=true.source,
-    )  # fmt: skip
+    )
 
 
 @given(
-    bias=st.tuples(*[st.floats(-1, 1)] * 3), accel=st.tuples(*[st.floats(-1, 1)] * 3),
-    scale=st.tuples(*[st.floats(-1e4, 1e4)] * 3), misalignment=st.tuples(*[st.floats(-50, 50)] * 6),
-)  # fmt: skip
+    bias=st.tuples(*[st.floats(-1, 1)] * 3),
+    accel=st.tuples(*[st.floats(-1, 1)] * 3),
+    scale=st.tuples(*[st.floats(-1e4, 1e4)] * 3),
+    misalignment=st.tuples(*[st.floats(-50, 50)] * 6),
+)
 def test_round_trip(bias, accel, scale, misalignment):
     true = log()
     raw = measured(
-        true, bias=np.array(bias), accel_bias=np.array(accel), scale_ppm=scale, misalignment_mrad=misalignment
+        true,
+        bias=np.array(bias),
+        accel_bias=np.array(accel),
+        scale_ppm=scale,
+        misalignment_mrad=misalignment,
     )
     back = compensate(
-        raw, gyro_bias_rad_s=bias, accel_bias_m_s2=accel, gyro_scale_factor_ppm=scale,
+        raw,
+        gyro_bias_rad_s=bias,
+        accel_bias_m_s2=accel,
+        gyro_scale_factor_ppm=scale,
         gyro_misalignment_mrad=misalignment,
-    )  # fmt: skip
+    )
     assert back.dtheta_rad == pytest.approx(true.dtheta_rad, abs=1e-13)
     assert back.dv_m_s == pytest.approx(true.dv_m_s, abs=1e-13)
     assert back.source == "rates"
@@ -52,7 +69,9 @@ def test_round_trip(bias, accel, scale, misalignment):
 
 def test_bias_is_what_the_gyro_reads_above_the_truth():
     back = compensate(log(), gyro_bias_rad_s=[0.01 * DEG_PER_HOUR, 0, 0])
-    assert back.dtheta_rad - log().dtheta_rad == pytest.approx(-np.outer(log().dt_s, [4.84813681e-8, 0, 0]), abs=1e-15)
+    assert back.dtheta_rad - log().dtheta_rad == pytest.approx(
+        -np.outer(log().dt_s, [4.84813681e-8, 0, 0]), abs=1e-15
+    )
 
 
 def test_bias_of_each_row():
@@ -75,10 +94,14 @@ def test_misalignment_order_is_xy_xz_yx_yz_zx_zy():
 
 @pytest.mark.parametrize(
     ("changes", "word"),
-    [(dict(gyro_bias_rad_s=[1, 2]), "gyro_bias"), (dict(accel_bias_m_s2=np.zeros((5, 3))), "accel_bias"),
-     (dict(gyro_bias_rad_s=[np.nan, 0, 0]), "not finite"), (dict(gyro_misalignment_mrad=(0, 0, 0)), "needed"),
-     (dict(gyro_scale_factor_ppm=(-1e6, 0, 0)), "no inverse")],
-)  # fmt: skip
+    [
+        (dict(gyro_bias_rad_s=[1, 2]), "gyro_bias"),
+        (dict(accel_bias_m_s2=np.zeros((5, 3))), "accel_bias"),
+        (dict(gyro_bias_rad_s=[np.nan, 0, 0]), "not finite"),
+        (dict(gyro_misalignment_mrad=(0, 0, 0)), "needed"),
+        (dict(gyro_scale_factor_ppm=(-1e6, 0, 0)), "no inverse"),
+    ],
+)
 def test_refusals(changes, word):
     with pytest.raises(InputError, match=word):
         compensate(log(), **changes)

@@ -23,7 +23,8 @@ def test_ellipsoid_matches_the_published_figures():
     e = VECTORS["ellipsoid"]
     assert earth.SEMI_MINOR_AXIS_M == pytest.approx(e["semi_minor_axis_m"], abs=1e-4)
     assert earth.ECCENTRICITY_SQUARED == pytest.approx(e["eccentricity_squared"], abs=1e-14)
-    assert earth.SOMIGLIANA_K == pytest.approx(e["somigliana_k"], abs=1e-11)  # gravities are given to 1e-10
+    # gravities are given to 1e-10
+    assert earth.SOMIGLIANA_K == pytest.approx(e["somigliana_k"], abs=1e-11)
     assert earth.GRAVITY_RATIO_M == pytest.approx(e["gravity_ratio_m"], abs=1e-13)
     meridian, transverse = earth.radii_of_curvature(np.pi / 2)
     assert meridian == pytest.approx(e["polar_radius_of_curvature_m"], abs=1e-4)
@@ -33,7 +34,9 @@ def test_ellipsoid_matches_the_published_figures():
 def test_gravity_on_the_ellipsoid_matches_the_published_figures():
     e = VECTORS["ellipsoid"]
     assert earth.gravity_magnitude(0.0, 0.0) == pytest.approx(e["gravity_equator_m_s2"], abs=1e-10)
-    assert earth.gravity_magnitude(np.pi / 2, 0.0) == pytest.approx(e["gravity_pole_m_s2"], abs=1e-10)
+    assert earth.gravity_magnitude(np.pi / 2, 0.0) == pytest.approx(
+        e["gravity_pole_m_s2"], abs=1e-10
+    )
     nodes, weights = np.polynomial.legendre.leggauss(40)
     lat = nodes * np.pi / 2
     meridian, transverse = earth.radii_of_curvature(lat)
@@ -42,18 +45,28 @@ def test_gravity_on_the_ellipsoid_matches_the_published_figures():
     assert mean == pytest.approx(e["gravity_mean_m_s2"], abs=1e-9)
 
 
-@pytest.mark.parametrize(("height_m", "bound_ug"), [(0.0, 1e-4), (300.0, 0.01), (10e3, 0.1), (20e3, 0.2)])
+@pytest.mark.parametrize(
+    ("height_m", "bound_ug"), [(0.0, 1e-4), (300.0, 0.01), (10e3, 0.1), (20e3, 0.2)]
+)
 def test_gravity_with_height_matches_boule(height_m, bound_ug):
     boule = pytest.importorskip("boule")
     lat_deg = np.degrees(LATITUDES)
-    expected = 1e-5 * boule.WGS84.normal_gravity((np.zeros_like(lat_deg), lat_deg, np.full_like(lat_deg, height_m)))
-    assert earth.gravity_magnitude(LATITUDES, height_m) == pytest.approx(expected, abs=bound_ug * MICRO_G)
+    expected = 1e-5 * boule.WGS84.normal_gravity(
+        (np.zeros_like(lat_deg), lat_deg, np.full_like(lat_deg, height_m))
+    )
+    assert earth.gravity_magnitude(LATITUDES, height_m) == pytest.approx(
+        expected, abs=bound_ug * MICRO_G
+    )
 
 
 def test_ecef_matches_the_published_example():
     example = VECTORS["north_sea"]
-    lat, lon = (np.dot(example[k], [1, 1 / 60, 1 / 3600]) * DEG for k in ("lat_deg_min_s", "lon_deg_min_s"))
-    assert earth.ecef_from_geodetic(lat, lon, example["height_m"]) == pytest.approx(example["ecef_m"], abs=ONE_MM)
+    lat, lon = (
+        np.dot(example[k], [1, 1 / 60, 1 / 3600]) * DEG for k in ("lat_deg_min_s", "lon_deg_min_s")
+    )
+    assert earth.ecef_from_geodetic(lat, lon, example["height_m"]) == pytest.approx(
+        example["ecef_m"], abs=ONE_MM
+    )
 
 
 @given(lat=latitude, lon=longitude, height=st.floats(-500, 20e3))
@@ -64,7 +77,9 @@ def test_geodetic_round_trip(lat, lon, height):
 
 def test_shapes_are_kept_also_of_length_one():
     for shape in ((), (1,), (2, 1), (3, 2)):
-        r_e = earth.ecef_from_geodetic(np.full(shape, 0.7), np.full(shape, 0.1), np.full(shape, 5.0))
+        r_e = earth.ecef_from_geodetic(
+            np.full(shape, 0.7), np.full(shape, 0.1), np.full(shape, 5.0)
+        )
         assert r_e.shape == shape + (3,)
         assert all(part.shape == shape for part in earth.geodetic_from_ecef(r_e))
 
@@ -88,7 +103,10 @@ def test_transport_rate_is_the_turning_of_ned(lat):
     """omega_en_n against the numerical derivative of C_en along the motion."""
     v_n, height, lon, h = np.array([200.0, -150.0, 3.0]), 9000.0, 0.4, 1.0
     meridian, transverse = earth.radii_of_curvature(lat)
-    lat_rate, lon_rate = v_n[0] / (meridian + height), v_n[1] / ((transverse + height) * np.cos(lat))
+    lat_rate, lon_rate = (
+        v_n[0] / (meridian + height),
+        v_n[1] / ((transverse + height) * np.cos(lat)),
+    )
     C = [earth.dcm_en(lat + s * lat_rate * h, lon + s * lon_rate * h) for s in (-1, 1)]
     C_dot = (C[1] - C[0]) / (2 * h)
     expected = earth.dcm_en(lat, lon).T @ C_dot
@@ -98,7 +116,9 @@ def test_transport_rate_is_the_turning_of_ned(lat):
 @pytest.mark.parametrize("lat", np.radians([-45.0, 0.1, 70.0]))
 def test_radii_turn_angles_into_distances(lat):
     d = 1e-5
-    north = earth.ecef_from_geodetic(lat + d, 0.0, 0.0) - earth.ecef_from_geodetic(lat - d, 0.0, 0.0)
+    north = earth.ecef_from_geodetic(lat + d, 0.0, 0.0) - earth.ecef_from_geodetic(
+        lat - d, 0.0, 0.0
+    )
     east = earth.ecef_from_geodetic(lat, d, 0.0) - earth.ecef_from_geodetic(lat, -d, 0.0)
     meridian, transverse = earth.radii_of_curvature(lat)
     assert np.linalg.norm(north) == pytest.approx(2 * d * meridian, rel=1e-8)

@@ -1,4 +1,6 @@
-"""The error filter: clones and assigned states with covariances worked by hand, static bins, gate, invariants."""
+"""The error filter: clones and assigned states with covariances worked by hand, static bins, gate,
+invariants.
+"""
 
 import numpy as np
 import pytest
@@ -12,7 +14,9 @@ from ins.filters.program import FilterProgram
 from ins.units import DEG
 from tests.ins.filter_steps import advance, dense, measure, only, steps_of
 
-NOISE = em.ProcessNoise(arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0)
+NOISE = em.ProcessNoise(
+    arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0
+)
 DOWN = em.THETA.stop - 1
 CLONE_DOWN = em.THETA_CLONE.stop - 1
 
@@ -33,14 +37,21 @@ def parked_step(dt_s=10.0, heading=0.4, speed=0.0, turn_rate=0.0):
     v_n = speed * np.array([np.cos(heading), np.sin(heading), 0.0])
     spin = earth.omega_ie_n(45 * DEG)
     return em.Step(
-        dt_s=dt_s, C_nb=dcm_from_euler(0.0, 0.0, heading), v_n=v_n, omega_ie_n=spin,
-        omega_en_n=earth.omega_en_n(45 * DEG, 0.0, v_n), gravity=9.806, radius_m=6.378e6,
+        dt_s=dt_s,
+        C_nb=dcm_from_euler(0.0, 0.0, heading),
+        v_n=v_n,
+        omega_ie_n=spin,
+        omega_en_n=earth.omega_en_n(45 * DEG, 0.0, v_n),
+        gravity=9.806,
+        radius_m=6.378e6,
         turn_rad=(spin[2] + turn_rate) * dt_s,
-    )  # fmt: skip
+    )
 
 
 def test_a_clone_is_the_state_itself_at_that_time():
-    """Cov(clone, clone) = Cov(clone, theta) = Cov(theta, theta): their difference has no variance."""
+    """Cov(clone, clone) = Cov(clone, theta) = Cov(theta, theta): their difference has no
+    variance.
+    """
     flt = new_filter()
     flt.x[em.THETA] = [1e-4, 2e-4, 3e-4]
     advance(flt, parked_step())
@@ -50,7 +61,8 @@ def test_a_clone_is_the_state_itself_at_that_time():
     assert flt.P[em.THETA_CLONE, em.THETA_CLONE] == pytest.approx(theta, abs=0)
     assert flt.P[em.THETA_CLONE, em.THETA] == pytest.approx(theta, abs=0)
     assert flt.P[em.THETA_CLONE, em.POS] == pytest.approx(flt.P[em.THETA, em.POS], abs=0)
-    assert not flt.P[em.THETA_START, em.THETA_START] == pytest.approx(theta, abs=1e-20)  # made at the start
+    # made at the start
+    assert not flt.P[em.THETA_START, em.THETA_START] == pytest.approx(theta, abs=1e-20)
 
 
 def test_a_clone_stands_still_and_learns_from_what_follows():
@@ -58,7 +70,8 @@ def test_a_clone_stands_still_and_learns_from_what_follows():
     before = flt.P[em.THETA_START, em.THETA_START].copy()
     for _ in range(30):
         advance(flt, parked_step())
-    assert flt.P[em.THETA_START, em.THETA_START] == pytest.approx(before, abs=0)  # no noise, no motion
+    # no noise, no motion
+    assert flt.P[em.THETA_START, em.THETA_START] == pytest.approx(before, abs=0)
     measure(flt, "survey", 2e-4, [{DOWN: 1.0}], 1e-12, 300.0)
     start_down = em.THETA_START.stop - 1
     assert flt.x[start_down] == pytest.approx(2e-4, rel=0.05)
@@ -100,19 +113,25 @@ def test_bins_are_static_and_only_their_own_drives_the_step():
     advance(flt, parked_step())
     assert np.abs(flt.x[em.THETA]).max() == 0.0
     advance(flt, parked_step(), 1)
-    assert flt.x[em.THETA][:2] == pytest.approx(1e-6 * np.array([np.cos(0.4), np.sin(0.4)]), rel=1e-3)
+    assert flt.x[em.THETA][:2] == pytest.approx(
+        1e-6 * np.array([np.cos(0.4), np.sin(0.4)]), rel=1e-3
+    )
     assert flt.P[np.ix_(bias, bias)] == pytest.approx(prior, abs=0)  # exactly
 
 
 def test_a_bin_learns_through_its_correlation():
-    """Bin 0 measured as good as exactly: bin 1, sharing 2/3 of the variance, keeps 1 - (2/3)^2 of it."""
+    """Bin 0 measured as good as exactly: bin 1, sharing 2/3 of the variance, keeps 1 - (2/3)^2 of
+    it.
+    """
     flt = new_filter(bins=2)
     measure(flt, "bias", 1e-8, [{em.BASE: 1.0}], 1e-24)
     assert flt.x[em.BASE + 3] == pytest.approx(2 / 3 * 1e-8, rel=1e-6)
     assert flt.P[em.BASE + 3, em.BASE + 3] == pytest.approx((1 - 4 / 9) * 3e-15, rel=1e-6)
 
 
-@pytest.mark.parametrize(("sigmas", "used"), [(GATE_SIGMA - 0.01, True), (GATE_SIGMA + 0.01, False)])
+@pytest.mark.parametrize(
+    ("sigmas", "used"), [(GATE_SIGMA - 0.01, True), (GATE_SIGMA + 0.01, False)]
+)
 def test_gate_at_six_sigmas_of_the_innovation(sigmas, used):
     flt = new_filter()
     x = flt.x.copy()
@@ -135,14 +154,25 @@ def test_one_row_beyond_the_gate_leaves_the_whole_measurement_out():
 def test_tally_by_kind():
     flt = new_filter()
     for value in (0.03, -0.02):
-        measure(flt, "still", [value, 0.0], [{em.W.start: 1.0}, {em.W.start + 1: 1.0}], [1e-4, 1e-4], 1.0)
+        measure(
+            flt,
+            "still",
+            [value, 0.0],
+            [{em.W.start: 1.0}, {em.W.start + 1: 1.0}],
+            [1e-4, 1e-4],
+            1.0,
+        )
     assert flt.tally.dof["still"] == 4
     assert len(flt.tally.normalised["still"]) == 2
-    assert flt.tally.nis["still"] == pytest.approx(sum(float(v @ v) for v in flt.tally.normalised["still"]))
+    assert flt.tally.nis["still"] == pytest.approx(
+        sum(float(v @ v) for v in flt.tally.normalised["still"])
+    )
 
 
 def test_heading_gain_is_booked_to_the_kind_that_gave_it():
-    """ln of the variance ratio of the cloned heading: kinds add up, none before the clone exists."""
+    """ln of the variance ratio of the cloned heading: kinds add up, none before the clone
+    exists.
+    """
     flt = new_filter()
     measure(flt, "survey", 0.0, [{DOWN: 1.0}], 1e-6)
     assert flt.tally.heading_gain == {}
@@ -157,7 +187,9 @@ def test_heading_gain_is_booked_to_the_kind_that_gave_it():
 def test_lost_digits_are_an_error_not_a_result():
     flt = new_filter()
     flt.P[em.KAPPA, em.KAPPA] = -1e-3
-    with pytest.raises(ArithmeticError, match=r"lateral at 7\.0 s: the covariance has lost its digits"):
+    with pytest.raises(
+        ArithmeticError, match=r"lateral at 7\.0 s: the covariance has lost its digits"
+    ):
         measure(flt, "lateral", 0.0, [{em.KAPPA: 1.0}], 1e-6, 7.0)
 
 
@@ -195,7 +227,9 @@ def test_displacement_is_kept_only_where_asked():
 
 
 def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
-    """An hour of 10 s steps parked, a turn and 200 s of rolling by the second, all kinds of rows."""
+    """An hour of 10 s steps parked, a turn and 200 s of rolling by the second, all kinds of
+    rows.
+    """
     flt = new_filter(bins=3)
     rng = np.random.default_rng(5)
     lowest = []
@@ -213,22 +247,44 @@ def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
 
 
 def test_the_layout_of_the_kernel_is_that_of_the_model():
-    starts = (em.W.start, em.POS.start, em.THETA.start, em.S.start, em.ACCEL.start, em.LATERAL, em.YAW, em.SCALE_Z)
+    starts = (
+        em.W.start,
+        em.POS.start,
+        em.THETA.start,
+        em.S.start,
+        em.ACCEL.start,
+        em.LATERAL,
+        em.YAW,
+        em.SCALE_Z,
+    )
     assert (fk.W, fk.POS, fk.THETA, fk.S, fk.ACCEL, fk.LATERAL, fk.YAW, fk.SCALE_Z) == starts
     assert (fk.BASE, fk.CLONE_DOWN) == (em.BASE, CLONE_DOWN)
 
 
 def random_program(rng, count=40, bins=3):
-    """Parked and rolling steps on all headings with random sparse measurements, and the same as dense matrices."""
+    """Parked and rolling steps on all headings with random sparse measurements, and the same as
+    dense matrices.
+    """
     dense_steps = []
     for _ in range(count):
         rolling = bool(rng.random() < 0.5)
         keep = bool(not rolling and rng.random() < 0.5)
-        step = parked_step(rng.uniform(0.5, 10.0), rng.uniform(0, 6), rng.uniform(0, 12) * rolling, rng.uniform(-0.1, 0.1))
+        step = parked_step(
+            rng.uniform(0.5, 10.0),
+            rng.uniform(0, 6),
+            rng.uniform(0, 12) * rolling,
+            rng.uniform(-0.1, 0.1),
+        )
         rows = []
         for _ in range(rng.integers(0, 3)):
             states = rng.choice(em.BASE + 3 * bins, size=4, replace=False)
-            rows.append((dict(zip(states.tolist(), rng.standard_normal(4))), rng.standard_normal() * 1e-3, 1e-6))
+            rows.append(
+                (
+                    dict(zip(states.tolist(), rng.standard_normal(4))),
+                    rng.standard_normal() * 1e-3,
+                    1e-6,
+                )
+            )
         dense_steps.append((step, int(rng.integers(0, bins)), rolling, keep, rows))
     return dense_steps
 
@@ -244,20 +300,26 @@ def by_filterpy(flt, dense_steps):
         Q_full[: em.BASE, : em.BASE] = Q
         x, P = kalman.predict(x, P, F, Q_full)
         for row, z, variance in rows:
-            x, P, seen = kalman.update(x, P, np.array([z]), dense(row, n)[None], np.array([[variance]]))
+            x, P, seen = kalman.update(
+                x, P, np.array([z]), dense(row, n)[None], np.array([[variance]])
+            )
             nis.append(seen.nis)
     return x, P, nis
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
-    """State in sigmas, covariance as correlations, NIS: to 1e-12 of their size (1e-9 for what 40 updates amplify)."""
+    """State in sigmas, covariance as correlations, NIS: to 1e-12 of their size (1e-9 for what 40
+    updates amplify).
+    """
     rng = np.random.default_rng(seed)
     flt, dense_steps = new_filter(bins=3), random_program(rng)
     flt.x[:] = np.sqrt(np.diag(flt.P)) * rng.standard_normal(flt.x.size)
     x, P, nis = by_filterpy(flt, dense_steps)
     for k, (step, bin_index, rolling, keep, rows) in enumerate(dense_steps):
-        program = FilterProgram(steps_of(step, bin_index=bin_index, rolling=rolling, keep=keep, end_s=float(k)))
+        program = FilterProgram(
+            steps_of(step, bin_index=bin_index, rolling=rolling, keep=keep, end_s=float(k))
+        )
         for row, z, variance in rows:
             program.measure("row", np.array([0]), [z], [row], [variance])
         flt.run(program)
@@ -267,10 +329,16 @@ def test_the_compiled_loop_is_filterpy_on_the_same_steps(seed):
     assert flt.tally.nis["row"] == pytest.approx(sum(nis), rel=1e-9)
 
 
+# Rounding of 33 states whose variances lie up to 1e20 apart; 4.4e-12 on one processor, 0.6e-12 on
+# another, which rounds the matrix products otherwise.
+ELEVEN_DIGITS = 1e-11
+
+
 @pytest.mark.parametrize("seed", range(5))
-def test_each_step_from_the_same_state_is_filterpys_to_twelve_digits(seed):
-    """Propagation and scalar rows from a common state, in sigmas of before (an update that leaves a thousandth of a
-    sigma loses six digits of it in either)."""
+def test_each_step_from_the_same_state_is_filterpys_to_eleven_digits(seed):
+    """Propagation and scalar rows from a common state, in sigmas of before (an update that leaves a
+    thousandth of a sigma loses six digits of it in either).
+    """
     rng = np.random.default_rng(100 + seed)
     flt = new_filter(bins=3)
     flt.x[:] = np.sqrt(np.diag(flt.P)) * rng.standard_normal(flt.x.size)
@@ -282,22 +350,32 @@ def test_each_step_from_the_same_state_is_filterpys_to_twelve_digits(seed):
             program.measure("row", np.array([0]), [z], [row], [variance])
         flt.run(program)
         sigma = np.sqrt(np.maximum(np.maximum(np.diag(P), before), 1e-20))
-        assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < 1e-12
-        assert np.abs((flt.x - x) / sigma).max() < 1e-12
+        assert np.abs((flt.P - P) / np.outer(sigma, sigma)).max() < ELEVEN_DIGITS
+        assert np.abs((flt.x - x) / sigma).max() < ELEVEN_DIGITS
         flt.x, flt.P = x, P
 
 
 def test_a_whole_program_is_its_steps_one_by_one():
-    """Operations come in the order of the steps, and within a step in the order they were written."""
+    """Operations come in the order of the steps, and within a step in the order they were
+    written.
+    """
     whole, single = new_filter(), new_filter()
     step, z = parked_step(speed=3.0), np.array([1e-3, -2e-3, 3e-3])
     program = FilterProgram(steps_of(step, 3, rolling=True, moving=True))
-    program.measure("lateral", np.arange(3), [z], [{em.S.start + 1: 1.0, em.KAPPA: np.array([1.0, 2.0, 3.0])}], [1e-6])
+    program.measure(
+        "lateral",
+        np.arange(3),
+        [z],
+        [{em.S.start + 1: 1.0, em.KAPPA: np.array([1.0, 2.0, 3.0])}],
+        [1e-6],
+    )
     program.measure("odometer", np.array([1]), [5e-3], [{em.S.start: 1.0}], [1e-4])
     whole.run(program)
     for k in range(3):
         one = FilterProgram(steps_of(step, rolling=True, moving=True))
-        one.measure("lateral", np.array([0]), [z[k]], [{em.S.start + 1: 1.0, em.KAPPA: k + 1.0}], [1e-6])
+        one.measure(
+            "lateral", np.array([0]), [z[k]], [{em.S.start + 1: 1.0, em.KAPPA: k + 1.0}], [1e-6]
+        )
         if k == 1:
             one.measure("odometer", np.array([0]), [5e-3], [{em.S.start: 1.0}], [1e-4])
         single.run(one)

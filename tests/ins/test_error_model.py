@@ -13,21 +13,25 @@ from ins.filters import error_model as em
 from ins.records import NavState, Site
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, DEG_PER_HOUR
-from tests.ins.nonlinear_errors import (
-    STATES,
-    Errors,
-    constant_imu,
-    error_states,
-    run_errors,
-)
+from tests.ins.nonlinear_errors import STATES, Errors, constant_imu, error_states, run_errors
 
 LAT = 50 * DEG
 CASES = ("parked", "rolling", "turning", "tilted turn")
-SIZE = {"w": 0.1, "p": 2000.0, "theta": 1e-3, "accel": 1e-2, "gyro": 1e-5, "scale": 1e-3}  # of the perturbations
+# of the perturbations
+SIZE = {"w": 0.1, "p": 2000.0, "theta": 1e-3, "accel": 1e-2, "gyro": 1e-5, "scale": 1e-3}
 ROWS = {"W": slice(0, 2), "POS": slice(2, 4), "THETA": slice(4, 7), "S": slice(7, 9)}
-COLUMNS = {"W": (0, 1), "POS": (2, 3), "THETA": (4, 5, 6), "ACCEL": (7, 8), "SCALE_Z": (9,), "BIAS": (10, 11, 12)}
-ROUND_EARTH = 5e-3  # one radius for both curvatures: (a - R_meridian) / a at 50 deg, with its height
-# what 1 of each state does to 1 of each row in a second, at most: blocks are compared to 1e-3 of it, zero blocks too
+COLUMNS = {
+    "W": (0, 1),
+    "POS": (2, 3),
+    "THETA": (4, 5, 6),
+    "ACCEL": (7, 8),
+    "SCALE_Z": (9,),
+    "BIAS": (10, 11, 12),
+}
+# one radius for both curvatures: (a - R_meridian) / a at 50 deg, with its height
+ROUND_EARTH = 5e-3
+# what 1 of each state does to 1 of each row in a second, at most: blocks are compared to 1e-3 of
+# it, zero blocks too
 INSTANT_S = 0.02
 TERM = {"W": 9.8, "POS": 12.0, "THETA": 1.0, "S": 1.0}
 
@@ -43,13 +47,17 @@ def start_of(case):
 
 @cache
 def run_of(case, duration_s, dt=0.01):
-    """Start, log and solution (the truth here) of a vehicle that turns at 0.2 rad/s where the case says so."""
+    """Start, log and solution (the truth here) of a vehicle that turns at 0.2 rad/s where the case
+    says so.
+    """
     start = start_of(case)
     turn = 0.2 if "turn" in case else 0.0
     g = float(earth.gravity_magnitude(LAT, 100.0))
     along = np.linalg.norm(start.v_n_m_s) * turn * np.array([-np.sin(0.7), np.cos(0.7), 0.0])
     rate_n = earth.omega_ie_n(LAT) + [0.0, 0.0, turn]
-    imu = constant_imu(start.C_nb.T @ rate_n, start.C_nb.T @ (along - [0.0, 0.0, g]), duration_s=duration_s, dt=dt)
+    imu = constant_imu(
+        start.C_nb.T @ rate_n, start.C_nb.T @ (along - [0.0, 0.0, g]), duration_s=duration_s, dt=dt
+    )
     return start, imu, navigate(imu, start, epoch_s=None)
 
 
@@ -59,15 +67,22 @@ def step_of(history):
     lat, height = float(history.lat_rad[-1]), float(history.height_m[-1])
     v_n = history.displacement_n_m.sum(axis=0) / dt
     return em.Step(
-        dt_s=float(dt), C_nb=history.C_nb_dt.sum(axis=0) / dt, v_n=v_n, omega_ie_n=earth.omega_ie_n(lat),
-        omega_en_n=earth.omega_en_n(lat, height, v_n), gravity=float(earth.gravity_magnitude(lat, height)),
-        radius_m=earth.SEMI_MAJOR_AXIS_M + height, turn_rad=float(history.dtheta_b_rad[:, 2].sum()),
-    )  # fmt: skip
+        dt_s=float(dt),
+        C_nb=history.C_nb_dt.sum(axis=0) / dt,
+        v_n=v_n,
+        omega_ie_n=earth.omega_ie_n(lat),
+        omega_en_n=earth.omega_en_n(lat, height, v_n),
+        gravity=float(earth.gravity_magnitude(lat, height)),
+        radius_m=earth.SEMI_MAJOR_AXIS_M + height,
+        turn_rad=float(history.dtheta_b_rad[:, 2].sum()),
+    )
 
 
 @cache
 def nonlinear_transition(case, duration_s, dt=0.01):
-    """(9, 13): w, p, theta, S at the end against STATES at the start, by central differences of `navigate`."""
+    """(9, 13): w, p, theta, S at the end against STATES at the start, by central differences of
+    `navigate`.
+    """
     start, imu, truth = run_of(case, duration_s, dt)
     columns = []
     for state in STATES:
@@ -84,14 +99,21 @@ def nonlinear_transition(case, duration_s, dt=0.01):
 def model_matrix(F, B):
     """The same (9, 13) out of the model's F (24, 24) and B (24, 3)."""
     rows = np.r_[em.W, em.POS, em.THETA, em.S]
-    return np.hstack([F[np.ix_(rows, np.r_[em.W, em.POS, em.THETA, em.ACCEL, em.SCALE_Z])], B[rows]])
+    return np.hstack(
+        [F[np.ix_(rows, np.r_[em.W, em.POS, em.THETA, em.ACCEL, em.SCALE_Z])], B[rows]]
+    )
 
 
 def nonlinear_rates(case):
-    """F by Richardson from the transitions over h and h/2: (4 Phi(h/2) - Phi(h) - 3 I) / h, error h^2 F^3 / 12."""
+    """F by Richardson from the transitions over h and h/2: (4 Phi(h/2) - Phi(h) - 3 I) / h, error
+    h^2 F^3 / 12.
+    """
     start = np.eye(9, 13)
     start[7:] = 0.0
-    whole, half = nonlinear_transition(case, INSTANT_S, 1e-3), nonlinear_transition(case, INSTANT_S / 2, 1e-3)
+    whole, half = (
+        nonlinear_transition(case, INSTANT_S, 1e-3),
+        nonlinear_transition(case, INSTANT_S / 2, 1e-3),
+    )
     return (4.0 * half - whole - 3.0 * start) / INSTANT_S
 
 
@@ -102,11 +124,15 @@ def test_block_of_F_is_the_derivative_of_the_nonlinear_navigation(case, row, col
     start, _, truth = run_of(case, INSTANT_S, 1e-3)
     step = step_of(truth)
     instant = replace(  # F at the start, not the mean over the step
-        step, C_nb=start.C_nb, v_n=start.v_n_m_s, omega_en_n=earth.omega_en_n(LAT, 100.0, start.v_n_m_s)
+        step,
+        C_nb=start.C_nb,
+        v_n=start.v_n_m_s,
+        omega_en_n=earth.omega_en_n(LAT, 100.0, start.v_n_m_s),
     )
     model = model_matrix(*em.system_matrix(instant, 2.0))[ROWS[row], COLUMNS[column]]
     measured = nonlinear_rates(case)[ROWS[row], COLUMNS[column]]
-    if (row, column) == ("W", "POS"):  # g/R is 1e-6 of the velocity rows' other terms: held to its own size
+    # g/R is 1e-6 of the velocity rows' other terms: held to its own size
+    if (row, column) == ("W", "POS"):
         assert measured == pytest.approx(model, abs=ROUND_EARTH * step.gravity / step.radius_m)
         return
     allowed = 1e-3 * TERM[row] if column not in ("POS", "W") else 1e-5
@@ -115,24 +141,36 @@ def test_block_of_F_is_the_derivative_of_the_nonlinear_navigation(case, row, col
     assert measured == pytest.approx(model, abs=allowed)
 
 
-@pytest.mark.parametrize(("case", "dt_s"), [("parked", 1.0), ("parked", 10.0), ("rolling", 1.0), ("turning", 1.0)])
+@pytest.mark.parametrize(
+    ("case", "dt_s"), [("parked", 1.0), ("parked", 10.0), ("rolling", 1.0), ("turning", 1.0)]
+)
 def test_discretized_step_is_the_nonlinear_step(case, dt_s):
-    """Phi and Gamma with the step's means, as the filter uses them: seconds while rolling, up to 10 s parked."""
+    """Phi and Gamma with the step's means, as the filter uses them: seconds while rolling, up to 10
+    s parked.
+    """
     _, _, truth = run_of(case, dt_s)
-    noise = em.ProcessNoise(arw=0.0, vrw=0.0, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=0.02, lateral_time_s=2.0)
+    noise = em.ProcessNoise(
+        arw=0.0, vrw=0.0, accel_rrw=0.0, yaw_creep=0.0, lateral_rms=0.02, lateral_time_s=2.0
+    )
     Phi, Gamma, _ = em.discretize(step_of(truth), noise, rolling=True)
     sizes = np.array([SIZE[state.partition("_")[0]] for state in STATES])
     model, measured = model_matrix(Phi, Gamma) * sizes, nonlinear_transition(case, dt_s) * sizes
-    part = 0.1 if case == "turning" else ROUND_EARTH  # the step's mean attitude: half its turn, 0.1 rad, on dt^2 terms
+    # the step's mean attitude: half its turn, 0.1 rad, on dt^2 terms
+    part = 0.1 if case == "turning" else ROUND_EARTH
     for row, i in ROWS.items():
         whole = np.abs(measured[i]).max()
         for column, j in COLUMNS.items():
             block = np.abs(measured[i, j]).max()
-            assert measured[i, j] == pytest.approx(model[i, j], abs=part * block + 1e-6 * whole), (row, column)
+            assert measured[i, j] == pytest.approx(model[i, j], abs=part * block + 1e-6 * whole), (
+                row,
+                column,
+            )
 
 
 def test_w_is_free_of_heading_and_of_the_specific_force():
-    """The column of theta_D in w' is v x (omega_ie x theta): 5e-4 m/s^2 per rad at 10 m/s, no g, no acceleration."""
+    """The column of theta_D in w' is v x (omega_ie x theta): 5e-4 m/s^2 per rad at 10 m/s, no g, no
+    acceleration.
+    """
     for case in CASES:
         _, _, truth = run_of(case, 0.2)
         F, _ = em.system_matrix(step_of(truth), 2.0)
@@ -142,7 +180,15 @@ def test_w_is_free_of_heading_and_of_the_specific_force():
 def test_nuisance_states_do_not_drive_the_navigation_errors():
     _, _, truth = run_of("turning", 0.2)
     F, B = em.system_matrix(step_of(truth), 2.0)
-    for state in (em.KAPPA, em.LEVER_X, em.YAW, em.ODOMETER, em.CENTRE_LINE, em.THETA_START, em.THETA_CLONE):
+    for state in (
+        em.KAPPA,
+        em.LEVER_X,
+        em.YAW,
+        em.ODOMETER,
+        em.CENTRE_LINE,
+        em.THETA_START,
+        em.THETA_CLONE,
+    ):
         assert not F[:, state].any()
         assert not F[state].any()
         assert not B[state].any()
@@ -151,15 +197,19 @@ def test_nuisance_states_do_not_drive_the_navigation_errors():
     assert np.count_nonzero(F[:, em.LATERAL]) == 2
 
 
-NOISE = em.ProcessNoise(arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0)
+NOISE = em.ProcessNoise(
+    arw=6e-7, vrw=1e-4, accel_rrw=3e-7, yaw_creep=1e-7, lateral_rms=0.03, lateral_time_s=2.0
+)
 
 
 @pytest.mark.parametrize(("case", "dt_s"), [("parked", 10.0), ("turning", 1.0)])
 def test_phi_and_gamma_are_the_matrix_exponential(case, dt_s):
-    """Third order in dt. Largest remainder: theta into p, (omega_s dt)^2 / 12 of g dt^2 / 2 = 1.3e-5 at 10 s.
+    """Third order in dt. Largest remainder: theta into p, (omega_s dt)^2 / 12 of g dt^2 / 2 =
+    1.3e-5 at 10 s.
 
     Bias into S starts at dt^3: 1e-3 is left of it.
-    A second of Gauss-Markov with 2 s leaves 0.5^3 / 24 = 0.5 %; a turn of 0.2 rad 0.2^3 / 24 of what it couples.
+    A second of Gauss-Markov with 2 s leaves 0.5^3 / 24 = 0.5 %; a turn of 0.2 rad 0.2^3 / 24 of
+    what it couples.
     """
     step = step_of(run_of(case, dt_s)[2])
     F, B = em.system_matrix(step, NOISE.lateral_time_s)
@@ -168,7 +218,9 @@ def test_phi_and_gamma_are_the_matrix_exponential(case, dt_s):
     columns = np.setdiff1d(np.arange(em.BASE), [em.S.start, em.S.stop - 1, em.LATERAL])
     for row in ROWS:
         i = getattr(em, row)
-        assert Phi[i, columns] == pytest.approx(exact[i, columns], abs=1e-4 * np.abs(exact[i, columns]).max())
+        assert Phi[i, columns] == pytest.approx(
+            exact[i, columns], abs=1e-4 * np.abs(exact[i, columns]).max()
+        )
         assert Gamma[i] == pytest.approx(exact[i, -3:], abs=1e-3 * np.abs(exact[i, -3:]).max())
     if case != "parked":
         lateral = [em.LATERAL, em.S.stop - 1]
@@ -181,7 +233,9 @@ def test_displacement_of_a_step_starts_at_zero():
 
 
 def van_loan(F, q, dt):
-    """Exact Q of Van Loan (1978), IEEE Trans. Automatic Control 23(3), by scipy's matrix exponential."""
+    """Exact Q of Van Loan (1978), IEEE Trans. Automatic Control 23(3), by scipy's matrix
+    exponential.
+    """
     n = len(F)
     M = expm(np.block([[-F, q], [np.zeros((n, n)), F.T]]) * dt)
     return M[n:, n:].T @ M[:n, n:]
@@ -192,7 +246,11 @@ def density(step, rolling):
     G = np.zeros((em.BASE, 3))
     G[em.THETA], G[em.W] = step.C_nb, (skew(step.v_n) @ step.C_nb)[:2]
     q = NOISE.arw**2 * (G @ G.T)
-    for index, value in [(em.W, NOISE.vrw), (em.ACCEL, NOISE.accel_rrw), (slice(em.YAW, em.YAW + 1), NOISE.yaw_creep)]:
+    for index, value in [
+        (em.W, NOISE.vrw),
+        (em.ACCEL, NOISE.accel_rrw),
+        (slice(em.YAW, em.YAW + 1), NOISE.yaw_creep),
+    ]:
         q[index, index] += value**2 * np.eye(index.stop - index.start)
     if rolling:
         q[em.LATERAL, em.LATERAL] = 2.0 * NOISE.lateral_rms**2 / NOISE.lateral_time_s
@@ -201,7 +259,9 @@ def density(step, rolling):
 
 @pytest.mark.parametrize(("case", "dt_s"), [("parked", 10.0), ("parked", 1.0), ("turning", 1.0)])
 def test_process_noise_is_van_loans(case, dt_s):
-    """Simpson's rule: exact to dt^3 terms. In units of each state's sigma: 1e-3, but S of angle noise (dt^7): 2 %."""
+    """Simpson's rule: exact to dt^3 terms. In units of each state's sigma: 1e-3, but S of angle
+    noise (dt^7): 2 %.
+    """
     step = step_of(run_of(case, dt_s)[2])
     F, _ = em.system_matrix(step, NOISE.lateral_time_s)
     rolling = case != "parked"
@@ -228,7 +288,9 @@ def test_parked_lateral_velocity_takes_no_part():
 
 
 def test_an_hour_of_steps_follows_the_nonlinear_solution():
-    """0.01 deg/h on all three axes, parked: w of the linear steps within 0.5 % of the nonlinear 0.6 m/s."""
+    """0.01 deg/h on all three axes, parked: w of the linear steps within 0.5 % of the nonlinear 0.6
+    m/s.
+    """
     bias = 0.01 * DEG_PER_HOUR * np.array([1.0, -0.7, 2.0])
     start, imu, _ = run_of("parked", 3600.0, 1.0)
     hold = VerticalChannel(mode="hold")

@@ -19,24 +19,34 @@ def log(dtheta, dv, dt=0.01):
 
 
 def classical_coning(frequency_hz, n, dt=0.01):
-    """Exact increments of a body whose rotation vector circles in x, y with a fixed length; the row before included."""
+    """Exact increments of a body whose rotation vector circles in x, y with a fixed length; the row
+    before included.
+    """
     w, b = 2 * np.pi * frequency_hz, HALF_ANGLE_RAD
     edges = w * dt * np.arange(-1, n + 1)
     dtheta = np.stack(
-        [np.sin(b) * np.diff(np.cos(edges)), np.sin(b) * np.diff(np.sin(edges)),
-         np.full(n + 1, -2 * w * np.sin(b / 2) ** 2 * dt)], axis=-1
-    )  # fmt: skip
+        [
+            np.sin(b) * np.diff(np.cos(edges)),
+            np.sin(b) * np.diff(np.sin(edges)),
+            np.full(n + 1, -2 * w * np.sin(b / 2) ** 2 * dt),
+        ],
+        axis=-1,
+    )
     return log(dtheta, np.zeros_like(dtheta), dt)
 
 
 def residual_factor(x):
-    """What previous-plus-current compensation leaves of a drift 1/2 per radian of phase: x^4/60 to first order."""
+    """What previous-plus-current compensation leaves of a drift 1/2 per radian of phase: x^4/60 to
+    first order.
+    """
     return ((x - np.sin(x)) / 2 - np.sin(x / 2) ** 2 * np.sin(x) / 3) / x
 
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 2.5, 5.0, 10.0])
 def test_classical_coning_leaves_the_closed_form_drift(frequency_hz):
-    """Cone half-angle 10 mrad; whole periods, so that the true attitude returns and only drift is left."""
+    """Cone half-angle 10 mrad; whole periods, so that the true attitude returns and only drift is
+    left.
+    """
     n, dt = 400, 0.01
     imu = classical_coning(frequency_hz, n, dt)
     w = 2 * np.pi * frequency_hz
@@ -46,7 +56,9 @@ def test_classical_coning_leaves_the_closed_form_drift(frequency_hz):
         for rotation in Rotation.from_rotvec(rows[1:].copy()):
             total = total * rotation
         drift[name] = total.as_rotvec()[2] / (n * dt)
-    assert drift["raw"] == pytest.approx(-w * HALF_ANGLE_RAD**2 * (0.5 - np.sin(w * dt) / (2 * w * dt)), rel=1e-3)
+    assert drift["raw"] == pytest.approx(
+        -w * HALF_ANGLE_RAD**2 * (0.5 - np.sin(w * dt) / (2 * w * dt)), rel=1e-3
+    )
     expected = -w * HALF_ANGLE_RAD**2 * residual_factor(w * dt)
     assert drift["compensated"] == pytest.approx(expected, rel=1e-2, abs=1e-10)
     assert abs(drift["compensated"]) < 0.2 * abs(drift["raw"])
@@ -59,22 +71,30 @@ def test_coning_residual_falls_with_the_fourth_power():
 
 @pytest.mark.parametrize("frequency_hz", [1.0, 2.5, 5.0])
 def test_classical_sculling_leaves_the_closed_form_drift(frequency_hz):
-    """Roll angle and side force in phase: true mean acceleration 1/2 theta0 f0 down; attitude taken as exact."""
+    """Roll angle and side force in phase: true mean acceleration 1/2 theta0 f0 down; attitude taken
+    as exact.
+    """
     n, dt, theta0, f0 = 400, 0.01, 1e-4, 10.0
     w = 2 * np.pi * frequency_hz
     edges = w * dt * np.arange(-1, n + 1)
     zero = np.zeros(n + 1)
     imu = log(
         np.stack([theta0 * np.diff(np.sin(edges)), zero, zero], -1),
-        np.stack([zero, -f0 / w * np.diff(np.cos(edges)), zero], -1), dt
-    )  # fmt: skip
+        np.stack([zero, -f0 / w * np.diff(np.cos(edges)), zero], -1),
+        dt,
+    )
     C = dcm_from_rotation_vector(np.stack([theta0 * np.sin(edges[1:-1]), zero[1:], zero[1:]], -1))
     for dv, lost in (
         (increments.velocity_increments(imu), residual_factor(w * dt)),
-        (increments.velocity_increments(imu) - increments.sculling(imu), 0.5 - np.sin(w * dt) / (2 * w * dt)),
+        (
+            increments.velocity_increments(imu) - increments.sculling(imu),
+            0.5 - np.sin(w * dt) / (2 * w * dt),
+        ),
     ):
         mean = np.einsum("nij,nj->ni", C, dv[1:]).sum(axis=0)[2] / (n * dt)
-        assert mean - 0.5 * theta0 * f0 == pytest.approx(-theta0 * f0 * lost, rel=1e-2, abs=f0 * theta0**3)
+        assert mean - 0.5 * theta0 * f0 == pytest.approx(
+            -theta0 * f0 * lost, rel=1e-2, abs=f0 * theta0**3
+        )
 
 
 def linear_rows(a, b, c, d, dt, dt_before):
@@ -87,9 +107,18 @@ def linear_rows(a, b, c, d, dt, dt_before):
 triple = st.tuples(*[st.floats(-20, 20)] * 3).map(np.array)
 
 
-@given(a=triple, b=triple, c=triple, d=triple, dt=st.floats(0.002, 0.02), dt_before=st.floats(0.01, 0.02))
+@given(
+    a=triple,
+    b=triple,
+    c=triple,
+    d=triple,
+    dt=st.floats(0.002, 0.02),
+    dt_before=st.floats(0.01, 0.02),
+)
 def test_linear_motion_over_unequal_intervals_is_exact(a, b, c, d, dt, dt_before):
-    """For rate a + b t and force c + d t the double integrals are T^3/12 a x b and T^3/12 (a x d + c x b)."""
+    """For rate a + b t and force c + d t the double integrals are T^3/12 a x b and T^3/12 (a x d +
+    c x b).
+    """
     imu = linear_rows(a, b, c, d, dt, dt_before)
     assert increments.coning(imu)[1] == pytest.approx(dt**3 / 12 * np.cross(a, b), abs=1e-12)
     expected = dt**3 / 12 * (np.cross(a, d) + np.cross(c, b))
@@ -99,7 +128,9 @@ def test_linear_motion_over_unequal_intervals_is_exact(a, b, c, d, dt, dt_before
 
 
 def integrate_finely(a, b, c, d, dt, n=400):
-    """Attitude, velocity and position after dt from rest, in the frame of t = 0, by n midpoint steps."""
+    """Attitude, velocity and position after dt from rest, in the frame of t = 0, by n midpoint
+    steps.
+    """
     C, v, r, h = np.eye(3), np.zeros(3), np.zeros(3), dt / n
     for t in h * np.arange(n):
         omega = a + b * (t + h / 2)
@@ -110,7 +141,9 @@ def integrate_finely(a, b, c, d, dt, n=400):
 
 
 def test_one_step_of_a_linear_motion_is_of_fourth_order():
-    """Against fine integration: halving the interval divides what one step leaves by at least 2^4."""
+    """Against fine integration: halving the interval divides what one step leaves by at least
+    2^4.
+    """
     a, b = np.array([1.0, -0.5, 0.8]), np.array([5.0, 30.0, -20.0])
     c, d = np.array([3.0, 2.0, -9.8]), np.array([-60.0, 90.0, 40.0])
     left = []
@@ -125,7 +158,9 @@ def test_one_step_of_a_linear_motion_is_of_fourth_order():
 
 
 def test_steady_rotation_is_integrated_exactly():
-    """Constant rate and force, 0.5 rad in one interval: the velocity increment has the Rodrigues closed form."""
+    """Constant rate and force, 0.5 rad in one interval: the velocity increment has the Rodrigues
+    closed form.
+    """
     dtheta, dv = np.array([0.3, -0.4, 0.0]), np.array([1.0, 2.0, -9.0])
     imu = log(np.tile(dtheta, (2, 1)), np.tile(dv, (2, 1)))
     s = np.linspace(0, 1, 2001)
@@ -137,7 +172,9 @@ def test_steady_rotation_is_integrated_exactly():
 
 def test_a_gap_gives_no_slope():
     rng = np.random.default_rng(4)
-    imu = log(rng.standard_normal((4, 3)), rng.standard_normal((4, 3)), np.array([0.01, 0.01, 0.5, 0.01]))
+    imu = log(
+        rng.standard_normal((4, 3)), rng.standard_normal((4, 3)), np.array([0.01, 0.01, 0.5, 0.01])
+    )
     assert not increments.coning(imu)[[0, 2]].any() and not increments.sculling(imu)[[0, 2]].any()
     assert increments.coning(imu)[[1, 3]].all() and increments.sculling(imu)[[1, 3]].all()
 

@@ -17,26 +17,40 @@ from ins.strapdown import kernel as strapdown_kernel
 PROBE = """
 import json
 from pathlib import Path
-from ins import jit, strapdown_kernel
+from ins import jit
+from ins.strapdown import kernel as strapdown_kernel
 g = strapdown_kernel.gravity(0.0, 0.0)
 hits = sum(strapdown_kernel.gravity.stats.cache_hits.values())
-print(json.dumps({"g": g, "hits": hits, "folder": str(jit.cache_folder(Path(jit.__file__).parent))}))
+folder = jit.cache_folder(Path(strapdown_kernel.__file__).parent)
+print(json.dumps({"g": g, "hits": hits, "folder": str(folder)}))
 """
 
 
 @pytest.fixture
 def copy(tmp_path):
     """A copy of the package that owes nothing to this machine's caches."""
-    shutil.copytree(Path(ins.__file__).parent, tmp_path / "site/ins", ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(ins.__file__).parent,
+        tmp_path / "site/ins",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
     return tmp_path / "site"
 
 
 def probe(site, **environment):
-    clean = {k: v for k, v in os.environ.items() if k not in ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "PYTHONPATH")}
+    clean = {
+        k: v
+        for k, v in os.environ.items()
+        if k not in ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "PYTHONPATH")
+    }
     done = subprocess.run(
-        [sys.executable, "-B", "-c", PROBE], cwd=site, capture_output=True, text=True, check=True,
+        [sys.executable, "-B", "-c", PROBE],
+        cwd=site,
+        capture_output=True,
+        text=True,
+        check=True,
         env={**clean, **environment},
-    )  # fmt: skip
+    )
     return json.loads(done.stdout)
 
 
@@ -58,7 +72,12 @@ def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
     wall = tmp_path / "wall"
     wall.write_text("")
     (tmp_path / "tmp").mkdir()
-    shut = {"XDG_CACHE_HOME": f"{wall}/c", "HOME": f"{wall}/h", "LOCALAPPDATA": f"{wall}/l", "TMPDIR": str(tmp_path / "tmp")}
+    shut = {
+        "XDG_CACHE_HOME": f"{wall}/c",
+        "HOME": f"{wall}/h",
+        "LOCALAPPDATA": f"{wall}/l",
+        "TMPDIR": str(tmp_path / "tmp"),
+    }
     seen = probe(copy, **{**shut, "XDG_CACHE_HOME": str(tmp_path / "user")})
     if sys.platform == "linux":
         assert Path(seen["folder"]).parent == tmp_path / "user/recal"
@@ -113,12 +132,18 @@ def test_folders_of_old_sources_are_forgotten(tmp_path):
     (tmp_path / "others").mkdir()
     jit._remove_old(tmp_path)
     kept = sorted(f.name for f in tmp_path.iterdir())
-    assert len(kept) == jit.KEPT_FOLDERS + 1 and kept[0] == f"kernels-{3:016x}" and kept[-1] == "others"
+    assert (
+        len(kept) == jit.KEPT_FOLDERS + 1
+        and kept[0] == f"kernels-{3:016x}"
+        and kept[-1] == "others"
+    )
 
 
 def test_without_its_folder_nothing_is_kept_elsewhere(monkeypatch, tmp_path):
     """numba would go on to __pycache__, where nothing says of which sources the code is."""
-    assert Path(strapdown_kernel.gravity.stats.cache_path).is_relative_to(jit.cache_folder(Path(jit.__file__).parent))
+    assert Path(strapdown_kernel.gravity.stats.cache_path).is_relative_to(
+        jit.cache_folder(Path(jit.__file__).parent)
+    )
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(jit, "cache_folder", lambda package: tmp_path / "file" / "gone")
     alone = jit.jit(strapdown_kernel.gravity.py_func)

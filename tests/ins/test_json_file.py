@@ -29,22 +29,35 @@ class Model(StrictModel):
     either: str | list[str] = "a"
 
 
-@pytest.mark.parametrize(("key", "value", "line"), [
-    ("number", "1", 'number: got "1", needed a number'), ("number", None, "number: got null, needed a number"),
-    ("number", float("inf"), "number: got Infinity, needed a finite number"),
-    ("whole", 1.5, "whole: got 1.5, needed a whole number"), ("whole", "1", 'whole: got "1", needed a whole number'),
-    ("flag", 1, "flag: got 1, needed true or false"), ("text", 5, "text: got 5, needed text"),
-    ("text", "", 'text: got "", needed text that is not empty'),
-    ("text", "abcd", 'text: got "abcd", needed text, its length at most 3'),
-    ("form", "q", 'form: got "q", needed text that matches ^[xyz]$'), ("kind", "mems", 'kind: got "mems", needed rlg or fog'),
-    ("low", 0.5, "low: got 0.5, needed at least 1"), ("low", 3, "low: got 3, needed at most 2"),
-    ("inside", 1, "inside: got 1, needed more than 1"), ("inside", 2.0, "inside: got 2.0, needed less than 2"),
-    ("three", 1, "three: got 1, needed a list"), ("three", [1, 2], "three: got [1, 2], needed at least 3 values, not 2"),
-    ("three", [1, 2, 3, 4], "three: got [1, 2, 3, 4], needed at most 3 values, not 4"),
-    ("three", [1, "a", 3], 'three[1]: got "a", needed a number'), ("keys", [], "keys: got [], needed keys with values"),
-    ("inner", 5, "inner: got 5, needed keys with values"), ("inner", {"m": 1}, "unknown key inner.m"),
-    ("either", 5, "either: got 5, needed text"), ("text", "x" * 80, 'text: got "' + "x" * 59 + "..., needed text"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("key", "value", "line"),
+    [
+        ("number", "1", 'number: got "1", needed a number'),
+        ("number", None, "number: got null, needed a number"),
+        ("number", float("inf"), "number: got Infinity, needed a finite number"),
+        ("whole", 1.5, "whole: got 1.5, needed a whole number"),
+        ("whole", "1", 'whole: got "1", needed a whole number'),
+        ("flag", 1, "flag: got 1, needed true or false"),
+        ("text", 5, "text: got 5, needed text"),
+        ("text", "", 'text: got "", needed text that is not empty'),
+        ("text", "abcd", 'text: got "abcd", needed text, its length at most 3'),
+        ("form", "q", 'form: got "q", needed text that matches ^[xyz]$'),
+        ("kind", "mems", 'kind: got "mems", needed rlg or fog'),
+        ("low", 0.5, "low: got 0.5, needed at least 1"),
+        ("low", 3, "low: got 3, needed at most 2"),
+        ("inside", 1, "inside: got 1, needed more than 1"),
+        ("inside", 2.0, "inside: got 2.0, needed less than 2"),
+        ("three", 1, "three: got 1, needed a list"),
+        ("three", [1, 2], "three: got [1, 2], needed at least 3 values, not 2"),
+        ("three", [1, 2, 3, 4], "three: got [1, 2, 3, 4], needed at most 3 values, not 4"),
+        ("three", [1, "a", 3], 'three[1]: got "a", needed a number'),
+        ("keys", [], "keys: got [], needed keys with values"),
+        ("inner", 5, "inner: got 5, needed keys with values"),
+        ("inner", {"m": 1}, "unknown key inner.m"),
+        ("either", 5, "either: got 5, needed text"),
+        ("text", "x" * 80, 'text: got "' + "x" * 59 + "..., needed text"),
+    ],
+)
 def test_each_kind_of_fault(key, value, line):
     with pytest.raises(InputError) as caught:
         parse(Model, {key: value}, name="f.json")
@@ -58,10 +71,17 @@ def test_words_are_keyed_by_kinds_that_pydantic_has():
     assert set(NEEDED) <= set(typing.get_args(ErrorType))
 
 
-@pytest.mark.parametrize(("content", "why"), [
-    (b"", "is empty"), (b"\xff\xfe", "not UTF-8 text (byte 0)"), (b"{", "not valid JSON"), (b"5", "holds 5, needed an object"),
-    (b" " * (MAX_TEXT_BYTES + 1), "needed at most"), (b"[" * 100_000, "nested too deeply"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (b"", "is empty"),
+        (b"\xff\xfe", "not UTF-8 text (byte 0)"),
+        (b"{", "not valid JSON"),
+        (b"5", "holds 5, needed an object"),
+        (b" " * (MAX_TEXT_BYTES + 1), "needed at most"),
+        (b"[" * 100_000, "nested too deeply"),
+    ],
+)
 def test_files_that_hold_no_object(tmp_path, content, why):
     path = tmp_path / "f.json"
     path.write_bytes(content)

@@ -1,4 +1,6 @@
-"""Kalman steps: cases worked by hand, refusals, invariants, and the faults of filterpy that are guarded here."""
+"""Kalman steps: cases worked by hand, refusals, invariants, and the faults of filterpy that are
+guarded here.
+"""
 
 import numpy as np
 import pytest
@@ -31,8 +33,12 @@ def test_scalar_update_by_hand():
 
 
 def test_two_states_by_hand():
-    """Position and velocity, dt = 1, P = I: P- = [[2, 1], [1, 1]]; z = position, R = 2: K = (1/2, 1/4)."""
-    x, P = kalman.predict(np.array([0.0, 1.0]), np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 2)))
+    """Position and velocity, dt = 1, P = I: P- = [[2, 1], [1, 1]]; z = position, R = 2: K = (1/2,
+    1/4).
+    """
+    x, P = kalman.predict(
+        np.array([0.0, 1.0]), np.eye(2), np.array([[1.0, 1.0], [0.0, 1.0]]), np.zeros((2, 2))
+    )
     assert x == pytest.approx([1.0, 1.0])
     assert P == pytest.approx(np.array([[2.0, 1.0], [1.0, 1.0]]))
     x, P, seen = kalman.update(x, P, np.array([3.0]), np.array([[1.0, 0.0]]), one(2))
@@ -44,7 +50,12 @@ def test_two_states_by_hand():
 def test_two_rows_at_once_are_two_rows_in_turn():
     rng = np.random.default_rng(1)
     A = rng.standard_normal((4, 4))
-    x, P, H, z = rng.standard_normal(4), A @ A.T, rng.standard_normal((2, 4)), rng.standard_normal(2)
+    x, P, H, z = (
+        rng.standard_normal(4),
+        A @ A.T,
+        rng.standard_normal((2, 4)),
+        rng.standard_normal(2),
+    )
     R = np.diag([0.5, 2.0])
     both = kalman.update(x, P, z, H, R)
     x1, P1, first = kalman.update(x, P, z[:1], H[:1], R[:1, :1])
@@ -73,7 +84,8 @@ def test_covariance_stays_symmetric_and_positive(seed, n, m):
         assert np.array_equal(covariance, covariance.T)
         assert np.linalg.eigvalsh(covariance)[0] > -1e-9 * np.trace(covariance)
     assert seen.nis >= 0.0
-    assert np.linalg.eigvalsh(P_minus - P_plus)[0] > -1e-9 * np.trace(P_minus)  # a measurement never adds variance
+    # a measurement never adds variance
+    assert np.linalg.eigvalsh(P_minus - P_plus)[0] > -1e-9 * np.trace(P_minus)
 
 
 @pytest.mark.parametrize("name", ["P", "F", "Q"])
@@ -109,17 +121,24 @@ def test_update_refuses_nan_elsewhere(name):
 
 @pytest.mark.parametrize(
     ("x", "P", "z", "R"),
-    [(np.zeros(3), np.eye(2), np.zeros(1), np.eye(1)), (np.zeros(2), np.eye(3), np.zeros(1), np.eye(1)),
-     (np.zeros(2), np.eye(2), np.zeros(2), np.eye(1)), (np.zeros(2), np.eye(2), np.zeros(1), np.eye(2)),
-     (np.zeros(2), np.eye(2), np.array(1.0), np.eye(1)), (np.zeros((2, 1)), np.eye(2), np.zeros(1), np.eye(1))],
-)  # fmt: skip
+    [
+        (np.zeros(3), np.eye(2), np.zeros(1), np.eye(1)),
+        (np.zeros(2), np.eye(3), np.zeros(1), np.eye(1)),
+        (np.zeros(2), np.eye(2), np.zeros(2), np.eye(1)),
+        (np.zeros(2), np.eye(2), np.zeros(1), np.eye(2)),
+        (np.zeros(2), np.eye(2), np.array(1.0), np.eye(1)),
+        (np.zeros((2, 1)), np.eye(2), np.zeros(1), np.eye(1)),
+    ],
+)
 def test_update_refuses_shapes_that_do_not_fit(x, P, z, R):
     with pytest.raises(ValueError, match="do not fit"):
         kalman.update(x, P, z, np.ones((1, 2)), R)
 
 
 def test_smoother_is_the_batch_solution():
-    """Random time-varying steps: smoothed means and covariances are those of all states solved at once."""
+    """Random time-varying steps: smoothed means and covariances are those of all states solved at
+    once.
+    """
     rng, n, steps = np.random.default_rng(4), 3, 6
     F, H = rng.standard_normal((steps, n, n)), rng.standard_normal((steps, 1, n))
     Q = np.stack([a @ a.T for a in rng.standard_normal((steps, n, n))])
@@ -132,7 +151,9 @@ def test_smoother_is_the_batch_solution():
         if k:
             x, P = kalman.predict(x, P, F[k], Q[k])
             step = np.hstack([-F[k], np.eye(n)])
-            information[n * k - n : n * k + n, n * k - n : n * k + n] += step.T @ np.linalg.inv(Q[k]) @ step
+            information[n * k - n : n * k + n, n * k - n : n * k + n] += (
+                step.T @ np.linalg.inv(Q[k]) @ step
+            )
             assert before.stop == here.start
         x, P, _ = kalman.update(x, P, z[k], H[k], R)
         information[here, here] += H[k].T @ H[k] / 0.5
@@ -147,16 +168,22 @@ def test_smoother_is_the_batch_solution():
 
 def test_smoother_refuses_what_does_not_fit():
     with pytest.raises(ValueError, match="do not fit"):
-        kalman.rts_smooth(np.zeros((2, 1)), np.zeros((2, 1, 1)), np.zeros((1, 1, 1)), np.zeros((2, 1, 1)))
+        kalman.rts_smooth(
+            np.zeros((2, 1)), np.zeros((2, 1, 1)), np.zeros((1, 1, 1)), np.zeros((2, 1, 1))
+        )
     with pytest.raises(ValueError, match="not finite"):
-        kalman.rts_smooth(np.full((2, 1), np.nan), np.ones((2, 1, 1)), np.ones((2, 1, 1)), np.ones((2, 1, 1)))
+        kalman.rts_smooth(
+            np.full((2, 1), np.nan), np.ones((2, 1, 1)), np.ones((2, 1, 1)), np.ones((2, 1, 1))
+        )
 
 
 @pytest.mark.parametrize("dof", [1, 10, 812])
 @pytest.mark.parametrize("probability", [0.95, 0.999])
 def test_nis_band_holds_that_share_of_chi_square(dof, probability):
     low, high = kalman.nis_band(dof, probability)
-    assert chi2.cdf(high * dof, dof) - chi2.cdf(low * dof, dof) == pytest.approx(probability, abs=1e-9)
+    assert chi2.cdf(high * dof, dof) - chi2.cdf(low * dof, dof) == pytest.approx(
+        probability, abs=1e-9
+    )
     assert chi2.cdf(low * dof, dof) == pytest.approx(chi2.sf(high * dof, dof), abs=1e-9)
     assert low < 1.0 < high
 
@@ -166,7 +193,9 @@ def test_nis_band_without_measurements_rejects_nothing():
 
 
 class TestFaultsOfFilterpy:
-    """Each fails once filterpy mends it: then the guard in ins.kalman may go, and dependencies.md is out of date."""
+    """Each fails once filterpy mends it: then the guard in ins.kalman may go, and dependencies.md
+    is out of date.
+    """
 
     def test_scalar_q_is_added_to_every_element(self):
         from filterpy.kalman import predict
@@ -192,7 +221,9 @@ class TestFaultsOfFilterpy:
         assert np.array_equal(mended, mended.T)
 
     def test_module_smoother_uses_the_transition_of_the_step_before(self):
-        """Truth x = 1 into step 2 with F[1] = 2: the smoother that uses F[0] = 1 instead answers otherwise."""
+        """Truth x = 1 into step 2 with F[1] = 2: the smoother that uses F[0] = 1 instead answers
+        otherwise.
+        """
         from filterpy.kalman import rts_smoother
 
         X, P = np.array([[1.0], [2.0]]), np.array([one(1), one(2)])

@@ -24,16 +24,26 @@ ZERO = (0.0, 0.0, 0.0)
 
 
 def at_rest(
-    lat_deg, *, duration_s, dt=0.05, C_nb=None, height_m=100.0, lon_rad=0.3, gyro_bias=ZERO, accel_bias=ZERO
+    lat_deg,
+    *,
+    duration_s,
+    dt=0.05,
+    C_nb=None,
+    height_m=100.0,
+    lon_rad=0.3,
+    gyro_bias=ZERO,
+    accel_bias=ZERO,
 ):
     """Increments of a body fixed to the Earth, biases added, and its state."""
     lat, n, C_nb = lat_deg * DEG, round(duration_s / dt), np.eye(3) if C_nb is None else C_nb
     omega = C_nb.T @ earth.omega_ie_n(lat) + gyro_bias
     force = -C_nb.T @ earth.gravity_n(lat, height_m) + accel_bias
     imu = ImuLog(
-        time_s=dt * np.arange(1, n + 1), dt_s=np.full(n, dt), dtheta_rad=np.tile(omega * dt, (n, 1)),
+        time_s=dt * np.arange(1, n + 1),
+        dt_s=np.full(n, dt),
+        dtheta_rad=np.tile(omega * dt, (n, 1)),
         dv_m_s=np.tile(force * dt, (n, 1)),
-    )  # fmt: skip
+    )
     site = Site(lat_rad=lat, lon_rad=lon_rad, height_m=height_m)
     return imu, NavState(time_s=0.0, site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
 
@@ -45,12 +55,15 @@ def offsets_ned(h):
     )
 
 
-# ------------------------------------------------------------------------------------------------ at rest
+# ------------------------------------------------------------------------------------------------
+# at rest
 
 
 @pytest.mark.parametrize("lat_deg", [-90.0, -45.0, 0.1, 70.0, 89.9, 90.0])
 def test_at_rest_it_stays(lat_deg):
-    """One hour, ideal sensors: within 1 mm, 1e-3 mm/s and 1e-3 arcsec; ECEF compared, so the pole counts as well."""
+    """One hour, ideal sensors: within 1 mm, 1e-3 mm/s and 1e-3 arcsec; ECEF compared, so the pole
+    counts as well.
+    """
     imu, state = at_rest(lat_deg, duration_s=3600, dt=0.02, C_nb=TILTED)
     h = navigate(imu, state, epoch_s=600.0)
     r_e = earth.ecef_from_geodetic(h.lat_rad, h.lon_rad, h.height_m)
@@ -68,7 +81,8 @@ def test_at_the_pole_ned_is_that_of_longitude_zero():
     assert h.C_nb[-1] == pytest.approx(TILTED, abs=1e-9)
 
 
-# ------------------------------------------------------------------------------------------------ Schuler, Foucault
+# ------------------------------------------------------------------------------------------------
+# Schuler, Foucault
 
 
 def schuler_run(lat_deg, hours=1.5, **errors):
@@ -77,7 +91,9 @@ def schuler_run(lat_deg, hours=1.5, **errors):
 
 
 def test_north_gyro_error_gives_the_schuler_response():
-    """At the equator Earth rate does not turn theta_N: dv_E = R u (1 - cos ws t), to half of (Omega/ws)^2 = 0.35 %."""
+    """At the equator Earth rate does not turn theta_N: dv_E = R u (1 - cos ws t), to half of
+    (Omega/ws)^2 = 0.35 %.
+    """
     u = SCHULER["gyro_bias_deg_h"] * DEG_PER_HOUR
     h = schuler_run(0.0, gyro_bias=(u, 0, 0))
     R, g = earth.SEMI_MAJOR_AXIS_M, earth.GRAVITY_EQUATOR_M_S2
@@ -99,7 +115,9 @@ def test_raw_jerk_passes_zero_at_a_quarter_period():
 
 
 def test_east_gyro_error_gives_minus_r_u():
-    """dv_N = -R u_E (1 - cos ws t) with u_E = eps cos(Omega t) at the equator, by the convolution it solves."""
+    """dv_N = -R u_E (1 - cos ws t) with u_E = eps cos(Omega t) at the equator, by the convolution
+    it solves.
+    """
     u = 0.01 * DEG_PER_HOUR
     h = schuler_run(0.0, gyro_bias=(0, u, 0))
     meridian = float(earth.radii_of_curvature(0.0)[0])
@@ -112,9 +130,13 @@ def test_east_gyro_error_gives_minus_r_u():
 @pytest.mark.parametrize("channel", range(5))
 @pytest.mark.parametrize("lat_deg", [-45.0, 45.0, 70.0])
 def test_response_to_each_sensor_error_is_that_of_the_error_equations(lat_deg, channel):
-    """physics.md 6.2, solved by matrix exponential, one gyro or level accelerometer at a time: signs and couplings."""
+    """physics.md 6.2, solved by matrix exponential, one gyro or level accelerometer at a time:
+    signs and couplings.
+    """
     eps, nabla = np.zeros(3), np.zeros(3)
-    (eps if channel < 3 else nabla)[channel % 3] = 0.01 * DEG_PER_HOUR if channel < 3 else 20 * MICRO_G
+    (eps if channel < 3 else nabla)[channel % 3] = (
+        0.01 * DEG_PER_HOUR if channel < 3 else 20 * MICRO_G
+    )
     h = schuler_run(lat_deg, hours=1.0, gyro_bias=eps, accel_bias=nabla)
     L, (meridian, transverse) = lat_deg * DEG, earth.radii_of_curvature(lat_deg * DEG)
     g, W = float(earth.gravity_magnitude(L, 0.0)), earth.EARTH_RATE_RAD_S
@@ -134,27 +156,43 @@ def test_response_to_each_sensor_error_is_that_of_the_error_equations(lat_deg, c
 
 
 def test_foucault_turns_the_schuler_plane():
-    """One Schuler period after a push north the velocity points Omega sinL T to the east of north."""
+    """One Schuler period after a push north the velocity points Omega sinL T to the east of
+    north.
+    """
     imu, state = at_rest(45.0, duration_s=5070, dt=0.1, height_m=0.0)
     pushed = NavState(time_s=0.0, site=state.site, v_n_m_s=[0.1, 0.0, 0.0], C_nb=state.C_nb)
     h = navigate(imu, pushed, epoch_s=1.0, vertical=HOLD)
-    period = 2 * np.pi * np.sqrt(earth.radii_of_curvature(45 * DEG)[0] / earth.gravity_magnitude(45 * DEG, 0.0))
+    period = (
+        2
+        * np.pi
+        * np.sqrt(earth.radii_of_curvature(45 * DEG)[0] / earth.gravity_magnitude(45 * DEG, 0.0))
+    )
     v = np.array([np.interp(period, h.time_s, h.v_n_m_s[:, i]) for i in range(2)])
     assert np.linalg.norm(v) == pytest.approx(0.1, rel=0.01)
-    assert np.arctan2(v[1], v[0]) == pytest.approx(earth.EARTH_RATE_RAD_S * np.sin(45 * DEG) * period, rel=0.02)
+    assert np.arctan2(v[1], v[0]) == pytest.approx(
+        earth.EARTH_RATE_RAD_S * np.sin(45 * DEG) * period, rel=0.02
+    )
 
 
-# ------------------------------------------------------------------------------------------------ falling
+# ------------------------------------------------------------------------------------------------
+# falling
 
 
 def test_free_fall_matches_newton_in_the_inertial_frame():
-    """No specific force, no rotation in space: 40 s of fall from 12 km; east by about Omega g t^3 cosL / 3."""
+    """No specific force, no rotation in space: 40 s of fall from 12 km; east by about Omega g t^3
+    cosL / 3.
+    """
     lat, n, dt = 40 * DEG, 400, 0.1
     imu = ImuLog(
-        time_s=dt * np.arange(1, n + 1), dt_s=np.full(n, dt), dtheta_rad=np.zeros((n, 3)), dv_m_s=np.zeros((n, 3))
+        time_s=dt * np.arange(1, n + 1),
+        dt_s=np.full(n, dt),
+        dtheta_rad=np.zeros((n, 3)),
+        dv_m_s=np.zeros((n, 3)),
     )
     site = Site(lat_rad=lat, lon_rad=0.0, height_m=12e3)
-    h = navigate(imu, NavState(time_s=0.0, site=site, v_n_m_s=np.zeros(3), C_nb=np.eye(3)), epoch_s=None)
+    h = navigate(
+        imu, NavState(time_s=0.0, site=site, v_n_m_s=np.zeros(3), C_nb=np.eye(3)), epoch_s=None
+    )
     spin, axis = earth.EARTH_RATE_RAD_S, np.array([0.0, 0.0, earth.EARTH_RATE_RAD_S])
 
     def fixed_from_inertial(t):
@@ -168,7 +206,9 @@ def test_free_fall_matches_newton_in_the_inertial_frame():
         return np.concatenate([y[3:], C_ei.T @ plumb + np.cross(axis, np.cross(axis, y[:3]))])
 
     r0 = earth.ecef_from_geodetic(lat, 0.0, 12e3)
-    end = solve_ivp(motion, (0, 40), np.concatenate([r0, np.cross(axis, r0)]), rtol=1e-12, atol=1e-8).y[:, -1]
+    end = solve_ivp(
+        motion, (0, 40), np.concatenate([r0, np.cross(axis, r0)]), rtol=1e-12, atol=1e-8
+    ).y[:, -1]
     r_e = earth.ecef_from_geodetic(h.lat_rad[-1], h.lon_rad[-1], h.height_m[-1])
     assert r_e == pytest.approx(fixed_from_inertial(40.0) @ end[:3], abs=2 * ONE_MM)
     assert offsets_ned(h)[-1, 1] == pytest.approx(spin * 9.77 * 40**3 * np.cos(lat) / 3, rel=0.01)
@@ -178,7 +218,8 @@ def test_free_fall_matches_newton_in_the_inertial_frame():
     assert C_eb == pytest.approx(turned, abs=1e-12)
 
 
-# ------------------------------------------------------------------------------------------------ vertical channel
+# ------------------------------------------------------------------------------------------------
+# vertical channel
 
 
 def test_free_height_error_grows_as_cosh():
@@ -205,14 +246,20 @@ def test_damped_height_answers_an_accelerometer_error_as_designed(tau):
 def test_hold_at_another_height_and_aided_by_a_series_go_there():
     imu, state = at_rest(30.0, duration_s=1500)
     hold = navigate(imu, state, vertical=VerticalChannel(mode="hold", height_m=110.0))
-    aided = navigate(imu, state, vertical=VerticalChannel(mode="aided", time_s=[0.0, 9e9], height_m=[110.0, 110.0]))
+    aided = navigate(
+        imu,
+        state,
+        vertical=VerticalChannel(mode="aided", time_s=[0.0, 9e9], height_m=[110.0, 110.0]),
+    )
     assert hold.height_m[-1] == pytest.approx(110.0, abs=0.01)
     assert np.array_equal(hold.height_m, aided.height_m)
 
 
 def test_aided_follows_a_ramp_that_the_sensors_do_not_see():
     imu, state = at_rest(30.0, duration_s=3000)
-    series = VerticalChannel(mode="aided", time_s=[0.0, 1000.0, 1600.0], height_m=[100.0, 100.0, 106.0])
+    series = VerticalChannel(
+        mode="aided", time_s=[0.0, 1000.0, 1600.0], height_m=[100.0, 100.0, 106.0]
+    )
     h = navigate(imu, state, vertical=series)
     at = dict(zip(h.time_s, h.height_m))
     assert at[1000.0] == pytest.approx(100.0, abs=0.01)
@@ -221,8 +268,12 @@ def test_aided_follows_a_ramp_that_the_sensors_do_not_see():
 
 
 def test_vertical_loop_leaves_the_horizontal_channels_alone():
-    """An accelerometer error down: 50 m of height apart after 4 min, level together but for Coriolis of that v_D."""
-    imu, state = at_rest(45.0, duration_s=240, accel_bias=(30 * MICRO_G, 0, -200 * MICRO_G), C_nb=np.eye(3))
+    """An accelerometer error down: 50 m of height apart after 4 min, level together but for
+    Coriolis of that v_D.
+    """
+    imu, state = at_rest(
+        45.0, duration_s=240, accel_bias=(30 * MICRO_G, 0, -200 * MICRO_G), C_nb=np.eye(3)
+    )
     free, held = (navigate(imu, state, vertical=v) for v in (None, HOLD))
     assert free.height_m[-1] - held.height_m[-1] > 40
     climb_m = -np.cumsum(free.v_n_m_s[:, 2] - held.v_n_m_s[:, 2])
@@ -230,18 +281,25 @@ def test_vertical_loop_leaves_the_horizontal_channels_alone():
     difference = offsets_ned(free)[-1] - offsets_ned(held)[-1]
     assert difference[1] == pytest.approx(coriolis_m, rel=0.03)
     assert difference[0] == pytest.approx(0.0, abs=2 * ONE_MM)
-    same = navigate(*at_rest(45.0, duration_s=240), vertical=VerticalChannel(mode="hold", height_m=100.0))
+    same = navigate(
+        *at_rest(45.0, duration_s=240), vertical=VerticalChannel(mode="hold", height_m=100.0)
+    )
     assert np.abs(offsets_ned(same)).max() < 0.1 * ONE_MM
 
 
 @pytest.mark.parametrize(
     ("fields", "word"),
-    [(dict(mode="baro"), "mode"), (dict(mode="aided"), "needs time_s"), (dict(time_constant_s=0.0), "above 0"),
-     (dict(mode="aided", time_s=[0, 1], height_m=[1.0]), "shape"), (dict(mode="hold", height_m=[1.0, 2.0]), "aided"),
-     (dict(mode="aided", time_s=[0, 0], height_m=[1.0, 1.0]), "increasing"),
-     (dict(mode="hold", height_m=np.nan), "finite"),
-     (dict(mode="aided", time_s=[0, 1], height_m=[1.0, np.nan]), "finite")],
-)  # fmt: skip
+    [
+        (dict(mode="baro"), "mode"),
+        (dict(mode="aided"), "needs time_s"),
+        (dict(time_constant_s=0.0), "above 0"),
+        (dict(mode="aided", time_s=[0, 1], height_m=[1.0]), "shape"),
+        (dict(mode="hold", height_m=[1.0, 2.0]), "aided"),
+        (dict(mode="aided", time_s=[0, 0], height_m=[1.0, 1.0]), "increasing"),
+        (dict(mode="hold", height_m=np.nan), "finite"),
+        (dict(mode="aided", time_s=[0, 1], height_m=[1.0, np.nan]), "finite"),
+    ],
+)
 def test_vertical_channel_refuses(fields, word):
     with pytest.raises(InputError, match=word):
         VerticalChannel(**fields)

@@ -1,6 +1,8 @@
-"""The mechanization against truth that owes it nothing: closed-form flights, other authors' profiles, pyins.
+"""The mechanization against truth that owes it nothing: closed-form flights, other authors'
+profiles, pyins.
 
-The increments come by way of the inertial frame (inertial_truth.py): no Coriolis term, no transport rate there.
+The increments come by way of the inertial frame (inertial_truth.py): no Coriolis term, no transport
+rate there.
 """
 
 from pathlib import Path
@@ -53,14 +55,22 @@ def level_flight(t):
 
 
 def polar_flight(t, *, offset_rad=0.0):
-    """On the ellipsoid along a meridian, 1.15 deg beyond the pole and back in an hour; offset sideways."""
+    """On the ellipsoid along a meridian, 1.15 deg beyond the pole and back in an hour; offset
+    sideways.
+    """
     a, b = earth.SEMI_MAJOR_AXIS_M, earth.SEMI_MINOR_AXIS_M
     u, side = -0.02 * cosine(TURN / 3600 * t), constant(offset_rad, t)
     su, cu, ss, cs = sine(u), cosine(u), sine(side), cosine(side)
     r_e = [a * (su * cs), a * ss, b * (cu * cs)]
     normal = np.stack([r_e[0].x / a**2, r_e[1].x / a**2, r_e[2].x / b**2], axis=-1)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
-    return r_e, matmul(about_y(u), attitude(*manoeuvring(t))), np.arcsin(normal[:, 2]), np.zeros(len(normal)), normal
+    return (
+        r_e,
+        matmul(about_y(u), attitude(*manoeuvring(t))),
+        np.arcsin(normal[:, 2]),
+        np.zeros(len(normal)),
+        normal,
+    )
 
 
 def edges(duration_s, dt):
@@ -71,11 +81,14 @@ def sizes(history, motion):
     return np.array([np.linalg.norm(e) for e in errors(history, motion)])
 
 
-# ------------------------------------------------------------------------------------------------ straight back
+# ------------------------------------------------------------------------------------------------
+# straight back
 
 
 def test_one_hour_flight_comes_straight_back():
-    """100 Hz, ideal sensors, free vertical channel: required 1 m and 1 arcsec; reached 1 mm and 2e-5 arcsec."""
+    """100 Hz, ideal sensors, free vertical channel: required 1 m and 1 arcsec; reached 1 mm and
+    2e-5 arcsec.
+    """
     h = navigate(ideal_imu(flight, edges(3600, 0.01)), true_state(flight, 0.0))
     position_m, velocity_m_s, attitude_rad = sizes(h, flight)
     assert position_m < ONE_CM
@@ -120,29 +133,42 @@ def test_irregular_intervals_come_straight_back():
 
 
 def test_a_sign_error_in_the_truth_would_be_seen():
-    """Test of the test: a log delayed by half an interval, or one gyro reversed, does not come back."""
+    """Test of the test: a log delayed by half an interval, or one gyro reversed, does not come
+    back.
+    """
     t = edges(300, 0.02)
     late = ideal_imu(flight, t + 0.01)
     h = navigate(late, true_state(flight, 0.01), epoch_s=None)
     assert sizes(h, flight)[0] < ONE_CM
-    shifted = type(late)(time_s=late.time_s - 0.01, dt_s=late.dt_s, dtheta_rad=late.dtheta_rad, dv_m_s=late.dv_m_s)
+    shifted = type(late)(
+        time_s=late.time_s - 0.01, dt_s=late.dt_s, dtheta_rad=late.dtheta_rad, dv_m_s=late.dv_m_s
+    )
     assert sizes(navigate(shifted, true_state(flight, 0.0), epoch_s=None), flight)[0] > 1.0
 
 
-# ------------------------------------------------------------------------------------------------ coning, sculling
+# ------------------------------------------------------------------------------------------------
+# coning, sculling
 
 
 @pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
 def test_coning_through_the_whole_mechanization(frequency_hz):
-    """Half-angle 10 mrad for 60 s at rest, 100 Hz: heading drifts at the closed-form residual, 1/30 or less of raw."""
+    """Half-angle 10 mrad for 60 s at rest, 100 Hz: heading drifts at the closed-form residual, 1/30
+    or less of raw.
+    """
 
     def motion(t):
         spin = TURN * frequency_hz * t
         C_nb = matmul(about_z(spin), matmul(about_x(constant(0.01, t)), about_z(-spin)))
-        r_e, C_en, lat, height, up = geodetic_motion(constant(0.8, t), constant(0.1, t), *[constant(0.0, t)] * 4)
+        r_e, C_en, lat, height, up = geodetic_motion(
+            constant(0.8, t), constant(0.1, t), *[constant(0.0, t)] * 4
+        )
         return r_e, matmul(C_en, C_nb), lat, height, up
 
-    h = navigate(ideal_imu(motion, edges(60, 0.01)), true_state(motion, 0.0), vertical=VerticalChannel(mode="hold"))
+    h = navigate(
+        ideal_imu(motion, edges(60, 0.01)),
+        true_state(motion, 0.0),
+        vertical=VerticalChannel(mode="hold"),
+    )
     phi_n = earth.dcm_en(0.8, 0.1).T @ errors(h, motion)[2]
     w = TURN * frequency_hz
     assert phi_n[2] / 60 == pytest.approx(-w * 0.01**2 * residual_factor(0.01 * w), rel=0.05)
@@ -151,13 +177,17 @@ def test_coning_through_the_whole_mechanization(frequency_hz):
 
 @pytest.mark.parametrize("frequency_hz", [2.5, 5.0, 10.0])
 def test_sculling_through_the_whole_mechanization(frequency_hz):
-    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: rectified acceleration error of the closed form."""
+    """Roll 1 mrad and 3 mm of sway in phase at 100 Hz: rectified acceleration error of the closed
+    form.
+    """
     w, theta0, sway_m = TURN * frequency_hz, 1e-3, 0.003
     radius = float(earth.radii_of_curvature(0.0)[1])
 
     def motion(t):
         zero = constant(0.0, t)
-        return geodetic_motion(zero, 0.1 - sway_m / radius * sine(w * t), zero, theta0 * sine(w * t), zero, zero)
+        return geodetic_motion(
+            zero, 0.1 - sway_m / radius * sine(w * t), zero, theta0 * sine(w * t), zero, zero
+        )
 
     h = navigate(ideal_imu(motion, edges(20, 0.01)), true_state(motion, 0.0))
     error_down = -errors(h, motion)[1] @ earth.dcm_en(0.0, 0.1)[:, 2] / 20
@@ -167,30 +197,38 @@ def test_sculling_through_the_whole_mechanization(frequency_hz):
 
 
 def test_position_follows_a_sway_better_than_the_trapezoid():
-    """1 m at 0.5 Hz, sampled at 20 Hz: the trapezoid alone is off by dt^2/12 times the force, 2 mm; reached 0.17 mm."""
+    """1 m at 0.5 Hz, sampled at 20 Hz: the trapezoid alone is off by dt^2/12 times the force, 2 mm;
+    reached 0.17 mm.
+    """
     meridian = float(earth.radii_of_curvature(0.8)[0])
 
     def motion(t):
         zero = constant(0.0, t)
-        return geodetic_motion(0.8 - 1 / meridian * cosine(TURN / 2 * t), 0.1 + zero, zero, zero, zero, zero)
+        return geodetic_motion(
+            0.8 - 1 / meridian * cosine(TURN / 2 * t), 0.1 + zero, zero, zero, zero, zero
+        )
 
     h = navigate(ideal_imu(motion, edges(10, 0.05)), true_state(motion, 0.0), epoch_s=None)
     off = [np.linalg.norm(errors(h, motion, k)[0]) for k in range(h.time_s.size)]
     assert max(off) < 3e-4
 
 
-# ------------------------------------------------------------------------------------------------ other authors
+# ------------------------------------------------------------------------------------------------
+# other authors
 
 
 def profile(number):
-    """A profile and the motion through its rows: cubic splines of latitude, longitude, height and Euler angles."""
+    """A profile and the motion through its rows: cubic splines of latitude, longitude, height and
+    Euler angles.
+    """
     path = DATA / f"groves_Profile_{number}.csv"
     if not path.exists():
         pytest.skip(f"{path} is absent (shared data are not part of the project)")
     rows = np.loadtxt(path, delimiter=",")
     angles = np.unwrap(np.radians(rows[:, 7:]), axis=0)
     table = np.column_stack([np.radians(rows[:, 1:3]), rows[:, 3], angles])
-    spline = make_interp_spline(rows[:, 0], table - table[0], k=3)  # offsets: the spline then keeps its digits
+    # offsets: the spline then keeps its digits
+    spline = make_interp_spline(rows[:, 0], table - table[0], k=3)
 
     def motion(t):
         x, d, dd = table[0] + spline(t.x), spline(t.x, 1), spline(t.x, 2)
@@ -216,22 +254,29 @@ def test_groves_profile_is_navigated_back(number, bound_m):
     assert worst_position_m(h, rows) < bound_m
     assert sizes(h, motion)[2] < 0.01 * ARCSEC
     k = np.round(100 * h.time_s).astype(int)
-    assert np.abs(h.v_n_m_s - rows[k, 4:7]).max() < 0.08  # as far as the profile's velocity fits its own positions
+    # as far as the profile's velocity fits its own positions
+    assert np.abs(h.v_n_m_s - rows[k, 4:7]).max() < 0.08
 
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_groves_profile_error_falls_with_the_interval(number):
-    """100, 200 and 400 Hz through the same splines; observed 8 a halving, although their third derivative jumps."""
+    """100, 200 and 400 Hz through the same splines; observed 8 a halving, although their third
+    derivative jumps.
+    """
     rows, motion = profile(number)
     worst = []
     for per_row in (1, 2, 4):
         t = np.linspace(0.0, rows[-1, 0], per_row * (len(rows) - 1) + 1)
-        worst.append(worst_position_m(navigate(ideal_imu(motion, t), true_state(motion, 0.0)), rows))
+        worst.append(
+            worst_position_m(navigate(ideal_imu(motion, t), true_state(motion, 0.0)), rows)
+        )
     assert worst[0] / worst[1] > 4 and worst[1] / worst[2] > 4
 
 
 def pyins_trajectory(imu, state):
-    """The same increments through pyins.strapdown (degrees, DataFrames); the row before the first repeats it."""
+    """The same increments through pyins.strapdown (degrees, DataFrames); the row before the first
+    repeats it.
+    """
     strapdown = pytest.importorskip("pyins.strapdown")
     import pandas as pd
     from pyins import util
@@ -239,14 +284,19 @@ def pyins_trajectory(imu, state):
     repeat = np.concatenate([[0], np.arange(imu.time_s.size)])
     table = pd.DataFrame(
         np.hstack([imu.dtheta_rad[repeat], imu.dv_m_s[repeat]]),
-        index=np.concatenate([[state.time_s], imu.time_s]), columns=util.GYRO_COLS + util.ACCEL_COLS,
-    )  # fmt: skip
+        index=np.concatenate([[state.time_s], imu.time_s]),
+        columns=util.GYRO_COLS + util.ACCEL_COLS,
+    )
     angles = np.degrees(euler_from_dcm(state.C_nb))
     place = np.degrees([state.site.lat_rad, state.site.lon_rad])
     pva = pd.Series(
-        [*place, state.site.height_m, *state.v_n_m_s, *angles], index=util.TRAJECTORY_COLS, name=state.time_s
+        [*place, state.site.height_m, *state.v_n_m_s, *angles],
+        index=util.TRAJECTORY_COLS,
+        name=state.time_s,
     )
-    return strapdown.Integrator(pva).integrate(strapdown.compute_increments_from_imu(table, "increment"))
+    return strapdown.Integrator(pva).integrate(
+        strapdown.compute_increments_from_imu(table, "increment")
+    )
 
 
 @pytest.mark.filterwarnings("ignore:The copy keyword is deprecated")  # pandas 3 on pyins
@@ -255,20 +305,24 @@ def pyins_trajectory(imu, state):
     [(1200, 0.2, 3e-4, 0.01), pytest.param(3600, 3.0, 0.005, 0.1, marks=pytest.mark.slow)],
 )
 def test_pyins_agrees(seconds, position_m, velocity_m_s, attitude_arcsec):
-    """Level flight on the ellipsoid (pyins has gravity to first order in height only), the same 100 Hz increments.
+    """Level flight on the ellipsoid (pyins has gravity to first order in height only), the same 100
+    Hz increments.
 
-    They agree to 0.11 m and 0.004 arcsec over 20 min, to 2 m and 0.06 arcsec over an hour. The difference is pyins's:
-    ours is within 2 mm of truth, and its error falls with the interval. Height is compared after 5 min: free, 2 mm there
-    have grown to 38 m in an hour.
+    They agree to 0.11 m and 0.004 arcsec over 20 min, to 2 m and 0.06 arcsec over an hour. The
+    difference is pyins's: ours is within 2 mm of truth, and its error falls with the interval.
+    Height is compared after 5 min: free, 2 mm there have grown to 38 m in an hour.
     """
     imu, state = ideal_imu(level_flight, edges(seconds, 0.01)), true_state(level_flight, 0.0)
     h = navigate(imu, state, epoch_s=10.0)
     theirs = pyins_trajectory(imu, state)
     end = theirs.iloc[-1]
     offset = earth.displacement_ned(
-        np.radians(end.lat), np.radians(end.lon),
-        lat0_rad=h.lat_rad[-1], lon0_rad=h.lon_rad[-1], height0_m=0.0,
-    )  # fmt: skip
+        np.radians(end.lat),
+        np.radians(end.lon),
+        lat0_rad=h.lat_rad[-1],
+        lon0_rad=h.lon_rad[-1],
+        height0_m=0.0,
+    )
     assert np.abs(offset).max() < position_m
     assert np.abs([end.VN, end.VE] - h.v_n_m_s[-1, :2]).max() < velocity_m_s
     C_nb = dcm_from_euler(*np.radians([end.roll, end.pitch, end.heading]))

@@ -1,4 +1,6 @@
-"""What navigate() promises beyond the physics: epochs, accumulations, intervals, invariants, refusals."""
+"""What navigate() promises beyond the physics: epochs, accumulations, intervals, invariants,
+refusals.
+"""
 
 import numpy as np
 import pytest
@@ -16,9 +18,11 @@ def random_walk(n=400, dt=0.02, seed=5, jitter=0.3):
     rng = np.random.default_rng(seed)
     dt_s = dt * rng.uniform(1 - jitter, 1 + jitter, n)
     imu = ImuLog(
-        time_s=np.cumsum(dt_s), dt_s=dt_s, dtheta_rad=dt_s[:, None] * rng.uniform(-1, 1, (n, 3)),
+        time_s=np.cumsum(dt_s),
+        dt_s=dt_s,
+        dtheta_rad=dt_s[:, None] * rng.uniform(-1, 1, (n, 3)),
         dv_m_s=dt_s[:, None] * ([0, 0, -9.8] + rng.uniform(-3, 3, (n, 3))),
-    )  # fmt: skip
+    )
     site = Site(lat_rad=0.9, lon_rad=3.14, height_m=500.0)
     return imu, NavState(time_s=0.0, site=site, v_n_m_s=[40.0, 60.0, -1.0], C_nb=TILTED)
 
@@ -50,7 +54,9 @@ def test_a_run_in_two_parts_is_the_run_in_one():
     whole = navigate(imu, state, epoch_s=None)
     k = 150
     site = Site(lat_rad=whole.lat_rad[k], lon_rad=whole.lon_rad[k], height_m=whole.height_m[k])
-    middle = NavState(time_s=whole.time_s[k], site=site, v_n_m_s=whole.v_n_m_s[k], C_nb=whole.C_nb[k])
+    middle = NavState(
+        time_s=whole.time_s[k], site=site, v_n_m_s=whole.v_n_m_s[k], C_nb=whole.C_nb[k]
+    )
     second = navigate(imu, middle, epoch_s=None)
     assert second.v_n_m_s[-1] == pytest.approx(whole.v_n_m_s[-1], abs=1e-8)
     assert second.lat_rad[-1] == pytest.approx(whole.lat_rad[-1], abs=1e-11)
@@ -80,16 +86,23 @@ def test_accumulations_are_the_integrals_they_claim_to_be():
 
 
 def test_logged_intervals_are_integrated_not_the_nominal_ones():
-    """Constant rate and force on jittered intervals: heading and speed are those of the true elapsed time."""
+    """Constant rate and force on jittered intervals: heading and speed are those of the true
+    elapsed time.
+    """
     rng = np.random.default_rng(8)
     dt = 0.01 * rng.uniform(0.5, 1.5, 2000)
     lat, spin = 0.6, np.array([0, 0, 0.3])
     imu = ImuLog(
-        time_s=np.cumsum(dt), dt_s=dt, dtheta_rad=np.outer(dt, spin + [0, 0, -earth.EARTH_RATE_RAD_S * np.sin(lat)]),
+        time_s=np.cumsum(dt),
+        dt_s=dt,
+        dtheta_rad=np.outer(dt, spin + [0, 0, -earth.EARTH_RATE_RAD_S * np.sin(lat)]),
         dv_m_s=np.outer(dt, [0, 0, -float(earth.gravity_magnitude(lat, 0.0))]),
-    )  # fmt: skip
+    )
     state = NavState(
-        time_s=0.0, site=Site(lat_rad=lat, lon_rad=0.0, height_m=0.0), v_n_m_s=np.zeros(3), C_nb=np.eye(3)
+        time_s=0.0,
+        site=Site(lat_rad=lat, lon_rad=0.0, height_m=0.0),
+        v_n_m_s=np.zeros(3),
+        C_nb=np.eye(3),
     )
     h = navigate(imu, state, epoch_s=None, vertical=HOLD)
     heading = np.arctan2(h.C_nb[-1, 1, 0], h.C_nb[-1, 0, 0])
@@ -101,7 +114,10 @@ def test_longitude_crosses_the_date_line():
     h = navigate(imu, state, epoch_s=None)
     assert np.all((h.lon_rad >= -np.pi) & (h.lon_rad <= np.pi))
     east = NavState(
-        time_s=0.0, site=Site(lat_rad=0.9, lon_rad=np.pi - 1e-6, height_m=500.0), v_n_m_s=[0, 60.0, 0], C_nb=TILTED
+        time_s=0.0,
+        site=Site(lat_rad=0.9, lon_rad=np.pi - 1e-6, height_m=500.0),
+        v_n_m_s=[0, 60.0, 0],
+        C_nb=TILTED,
     )
     h = navigate(imu, east, epoch_s=None)
     assert h.lon_rad[-1] < -3.1
@@ -110,13 +126,18 @@ def test_longitude_crosses_the_date_line():
 
 @settings(max_examples=30)
 @given(
-    seed=st.integers(0, 2**31), n=st.integers(2, 200),
-    lat=st.floats(-np.pi / 2, np.pi / 2), lon=st.floats(-np.pi, np.pi),
-)  # fmt: skip
+    seed=st.integers(0, 2**31),
+    n=st.integers(2, 200),
+    lat=st.floats(-np.pi / 2, np.pi / 2),
+    lon=st.floats(-np.pi, np.pi),
+)
 def test_attitude_stays_a_rotation_and_everything_finite(seed, lat, lon, n):
     imu, state = random_walk(n=n, dt=0.1, seed=seed)
     start = NavState(
-        time_s=0.0, site=Site(lat_rad=lat, lon_rad=lon, height_m=500.0), v_n_m_s=state.v_n_m_s, C_nb=TILTED
+        time_s=0.0,
+        site=Site(lat_rad=lat, lon_rad=lon, height_m=500.0),
+        v_n_m_s=state.v_n_m_s,
+        C_nb=TILTED,
     )
     h = navigate(imu, start, epoch_s=None)
     for field in (h.lat_rad, h.lon_rad, h.height_m, h.v_n_m_s, h.C_nb_dt, h.dv_f_n_m_s):
@@ -126,10 +147,13 @@ def test_attitude_stays_a_rotation_and_everything_finite(seed, lat, lon, n):
 
 def test_same_input_gives_the_same_bytes():
     one, two = (navigate(*random_walk()) for _ in range(2))
-    assert one.C_nb.tobytes() == two.C_nb.tobytes() and one.lat_rad.tobytes() == two.lat_rad.tobytes()
+    assert (
+        one.C_nb.tobytes() == two.C_nb.tobytes() and one.lat_rad.tobytes() == two.lat_rad.tobytes()
+    )
 
 
-# ------------------------------------------------------------------------------------------------ refusals
+# ------------------------------------------------------------------------------------------------
+# refusals
 
 
 def test_refusals_name_row_and_need():
@@ -139,14 +163,19 @@ def test_refusals_name_row_and_need():
     broken = ImuLog(time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=imu.dtheta_rad, dv_m_s=dv)
     with pytest.raises(InputError, match="row 4 at"):
         navigate(broken, state)
-    stopped = ImuLog(time_s=imu.time_s, dt_s=0 * imu.dt_s, dtheta_rad=imu.dtheta_rad, dv_m_s=imu.dv_m_s)
+    stopped = ImuLog(
+        time_s=imu.time_s, dt_s=0 * imu.dt_s, dtheta_rad=imu.dtheta_rad, dv_m_s=imu.dv_m_s
+    )
     with pytest.raises(InputError, match="dt_s above 0"):
         navigate(stopped, state)
     changes = [
-        (dict(time_s=5.0), "needed rows after"), (dict(time_s=-5.0), "after the initial state"),
-        (dict(C_nb=2 * np.eye(3)), "rotation"), (dict(C_nb=np.diag([1.0, 1, -1])), "rotation"),
-        (dict(C_nb=np.full((3, 3), np.nan)), "rotation"), (dict(v_n_m_s=[np.nan, 0, 0]), "v_n_m_s"),
-    ]  # fmt: skip
+        (dict(time_s=5.0), "needed rows after"),
+        (dict(time_s=-5.0), "after the initial state"),
+        (dict(C_nb=2 * np.eye(3)), "rotation"),
+        (dict(C_nb=np.diag([1.0, 1, -1])), "rotation"),
+        (dict(C_nb=np.full((3, 3), np.nan)), "rotation"),
+        (dict(v_n_m_s=[np.nan, 0, 0]), "v_n_m_s"),
+    ]
     fields = dict(time_s=0.0, site=state.site, v_n_m_s=state.v_n_m_s, C_nb=state.C_nb)
     for change, word in changes:
         with pytest.raises(InputError, match=word):

@@ -14,7 +14,12 @@ from .test_mechanization_records import random_walk
 
 
 def part(imu, a, b):
-    return ImuLog(time_s=imu.time_s[a:b], dt_s=imu.dt_s[a:b], dtheta_rad=imu.dtheta_rad[a:b], dv_m_s=imu.dv_m_s[a:b])
+    return ImuLog(
+        time_s=imu.time_s[a:b],
+        dt_s=imu.dt_s[a:b],
+        dtheta_rad=imu.dtheta_rad[a:b],
+        dv_m_s=imu.dv_m_s[a:b],
+    )
 
 
 def in_parts(imu, state, cuts, **options):
@@ -25,7 +30,9 @@ def in_parts(imu, state, cuts, **options):
 
 
 def same_bits(one, two):
-    return all(getattr(one, f.name).tobytes() == getattr(two, f.name).tobytes() for f in fields(NavHistory))
+    return all(
+        getattr(one, f.name).tobytes() == getattr(two, f.name).tobytes() for f in fields(NavHistory)
+    )
 
 
 @st.composite
@@ -37,15 +44,19 @@ def cuts_of(draw, rows):
 
 
 ROWS = 120
-SERIES = VerticalChannel(mode="aided", time_s=[0.0, 1.0, 9.0], height_m=[500.0, 510.0, 490.0], time_constant_s=5.0)
+SERIES = VerticalChannel(
+    mode="aided", time_s=[0.0, 1.0, 9.0], height_m=[500.0, 510.0, 490.0], time_constant_s=5.0
+)
 
 
 @settings(max_examples=60, deadline=None)
 @given(
-    cuts=cuts_of(ROWS), seed=st.integers(0, 2**31), start_row=st.integers(-1, ROWS - 3),
+    cuts=cuts_of(ROWS),
+    seed=st.integers(0, 2**31),
+    start_row=st.integers(-1, ROWS - 3),
     epoch_s=st.sampled_from([None, 0.005, 0.02, 0.05, 0.25, 0.3, 1.0, 50.0]),
     vertical=st.sampled_from([None, VerticalChannel(mode="hold"), SERIES]),
-)  # fmt: skip
+)
 def test_any_cut_gives_the_same_bits(cuts, seed, start_row, epoch_s, vertical):
     imu, state = random_walk(n=ROWS, seed=seed)
     time_s = 0.0 if start_row < 0 else imu.time_s[start_row]

@@ -12,16 +12,24 @@ PLACE = dict(lat_rad=0.8, lon_rad=0.1, height_m=100.0)
 
 def log(n=5, **changes):
     fields = dict(
-        time_s=0.1 * np.arange(1, n + 1), dt_s=np.full(n, 0.1), dtheta_rad=np.zeros((n, 3)), dv_m_s=np.ones((n, 3))
+        time_s=0.1 * np.arange(1, n + 1),
+        dt_s=np.full(n, 0.1),
+        dtheta_rad=np.zeros((n, 3)),
+        dv_m_s=np.ones((n, 3)),
     )
     return ImuLog(**{**fields, **changes})
 
 
 @pytest.mark.parametrize(
     ("key", "value", "word"),
-    [("lat_rad", 1.6, "latitude"), ("lat_rad", np.nan, "latitude"), ("lon_rad", 7.0, "longitude"),
-     ("height_m", 40000.0, "height"), ("height_m", np.nan, "height")],
-)  # fmt: skip
+    [
+        ("lat_rad", 1.6, "latitude"),
+        ("lat_rad", np.nan, "latitude"),
+        ("lon_rad", 7.0, "longitude"),
+        ("height_m", 40000.0, "height"),
+        ("height_m", np.nan, "height"),
+    ],
+)
 def test_site_refuses(key, value, word):
     with pytest.raises(InputError, match=word):
         Site(**{**PLACE, key: value})
@@ -34,9 +42,13 @@ def test_latitude_given_as_degrees_is_named_in_degrees():
 
 @pytest.mark.parametrize(
     ("changes", "word"),
-    [(dict(time_s=[0.1, 0.2, 0.2, 0.3, 0.4]), "increasing"), (dict(dtheta_rad=np.zeros((5, 2))), "dtheta_rad"),
-     (dict(dv_m_s=np.zeros((4, 3))), "differ in length"), (dict(dt_s=np.zeros(3)), "differ in length")],
-)  # fmt: skip
+    [
+        (dict(time_s=[0.1, 0.2, 0.2, 0.3, 0.4]), "increasing"),
+        (dict(dtheta_rad=np.zeros((5, 2))), "dtheta_rad"),
+        (dict(dv_m_s=np.zeros((4, 3))), "differ in length"),
+        (dict(dt_s=np.zeros(3)), "differ in length"),
+    ],
+)
 def test_imu_log_refuses(changes, word):
     with pytest.raises(InputError, match=word):
         log(**changes)
@@ -68,7 +80,14 @@ def test_phase_and_technology_are_from_their_lists():
     with pytest.raises(InputError, match="before it starts"):
         Phase(phase="taxi", start_s=2.0, end_s=1.0)
     with pytest.raises(InputError, match="laser"):
-        RunHeader(run_id="r", tail="", imu_serial="s", gyro_technology="laser", start_utc="", site=Site(**PLACE))
+        RunHeader(
+            run_id="r",
+            tail="",
+            imu_serial="s",
+            gyro_technology="laser",
+            start_utc="",
+            site=Site(**PLACE),
+        )
 
 
 def test_nav_state_checks_its_shapes():

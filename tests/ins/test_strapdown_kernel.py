@@ -27,19 +27,29 @@ def test_gravity_is_that_of_ins_earth(lat, height):
     assert strapdown_kernel.gravity(np.sin(lat), height) == pytest.approx(expected, rel=1e-14)
 
 
-@given(lat=st.floats(-np.pi / 2, np.pi / 2), lon=st.floats(-3.1, 3.1), height=st.floats(-1000, 30e3))
+@given(
+    lat=st.floats(-np.pi / 2, np.pi / 2), lon=st.floats(-3.1, 3.1), height=st.floats(-1000, 30e3)
+)
 def test_local_frame_is_that_of_ins_earth(lat, lon, height):
-    """One step of Bowring, to 30 km: 20 nm of height, 1e-12 rad (6 micrometres); longitude beyond 1 mm of the pole."""
-    sL, cL, sl, cl, h = strapdown_kernel.local_frame(tuple(earth.ecef_from_geodetic(lat, lon, height)))
+    """One step of Bowring, to 30 km: 20 nm of height, 1e-12 rad (6 micrometres); longitude beyond 1
+    mm of the pole.
+    """
+    sL, cL, sl, cl, h = strapdown_kernel.local_frame(
+        tuple(earth.ecef_from_geodetic(lat, lon, height))
+    )
     assert h == pytest.approx(height, abs=20 * ONE_NANOMETRE)
     assert np.arctan2(sL, cL) == pytest.approx(lat, abs=PICORAD)
     if np.cos(lat) * 6.4e6 > 2e-3:
         assert np.arctan2(sl, cl) == pytest.approx(lon, abs=PICORAD + 2e-9 / (np.cos(lat) * 6.4e6))
         C_ne = np.reshape(strapdown_kernel.dcm_ne((sL, cL, sl, cl, h)), (3, 3))
-        assert C_ne == pytest.approx(earth.dcm_en(lat, lon).T, abs=1e-10 + 2e-9 / (np.cos(lat) * 6.4e6))
+        assert C_ne == pytest.approx(
+            earth.dcm_en(lat, lon).T, abs=1e-10 + 2e-9 / (np.cos(lat) * 6.4e6)
+        )
 
 
-@given(lat=st.floats(-np.pi / 2, np.pi / 2), lon=st.floats(-3.1, 3.1), height=st.floats(-1000, 30e3))
+@given(
+    lat=st.floats(-np.pi / 2, np.pi / 2), lon=st.floats(-3.1, 3.1), height=st.floats(-1000, 30e3)
+)
 def test_the_normal_is_that_of_the_local_frame(lat, lon, height):
     """And so is C_ne from it, also within 1 mm of a pole."""
     r = tuple(earth.ecef_from_geodetic(lat, lon, height))
@@ -47,8 +57,12 @@ def test_the_normal_is_that_of_the_local_frame(lat, lon, height):
     assert h == pytest.approx(frame[4], abs=5 * ONE_NANOMETRE)
     assert up[2] == pytest.approx(frame[0], abs=1e-15)
     C_ne = strapdown_kernel.dcm_ne(frame)
-    assert up == pytest.approx((-C_ne[6], -C_ne[7], -C_ne[8]), abs=1e-9 if np.hypot(r[0], r[1]) < 2e-3 else 1e-15)
-    assert strapdown_kernel.dcm_ne_at(r, up) == pytest.approx(C_ne, abs=1e-9 if np.hypot(r[0], r[1]) < 2e-3 else 1e-14)
+    assert up == pytest.approx(
+        (-C_ne[6], -C_ne[7], -C_ne[8]), abs=1e-9 if np.hypot(r[0], r[1]) < 2e-3 else 1e-15
+    )
+    assert strapdown_kernel.dcm_ne_at(r, up) == pytest.approx(
+        C_ne, abs=1e-9 if np.hypot(r[0], r[1]) < 2e-3 else 1e-14
+    )
 
 
 @pytest.mark.parametrize("z", [6356752.3142, -6356800.0])
@@ -66,15 +80,22 @@ triple = st.tuples(*[st.floats(-0.3, 0.3)] * 3)
 interval = st.floats(1e-3, 0.1)
 
 
-@given(theta=triple, dv=triple, theta_before=triple, dv_before=triple, dt=interval, dt_before=interval)
+@given(
+    theta=triple, dv=triple, theta_before=triple, dv_before=triple, dt=interval, dt_before=interval
+)
 def test_compensation_is_that_of_ins_increments(theta, dv, theta_before, dv_before, dt, dt_before):
     imu = ImuLog(
-        time_s=[0.0, 1.0], dt_s=[dt_before, dt], dtheta_rad=[theta_before, theta], dv_m_s=[dv_before, dv]
+        time_s=[0.0, 1.0],
+        dt_s=[dt_before, dt],
+        dtheta_rad=[theta_before, theta],
+        dv_m_s=[dv_before, dv],
     )
     weights = strapdown_kernel.interval_weights(dt, dt_before)
     got = strapdown_kernel.compensate(theta, dv, theta_before, dv_before, weights, False)
     for one, function in zip(
-        got, (increments.rotation_vectors, increments.velocity_increments, increments.scrolling), strict=True
+        got,
+        (increments.rotation_vectors, increments.velocity_increments, increments.scrolling),
+        strict=True,
     ):
         assert one == pytest.approx(function(imu)[1], abs=1e-11)
 
@@ -101,13 +122,17 @@ def test_velocity_step_is_continuous_across_the_series_threshold(size):
     dv = (1.0, 2.0, -3.0)
     theta = tuple(size * np.array([0.48, -0.6, 0.64]))
     imu = ImuLog(time_s=[0.0, 1.0], dt_s=[1.0, 1.0], dtheta_rad=[theta] * 2, dv_m_s=[dv] * 2)
-    got = strapdown_kernel.compensate(theta, dv, theta, dv, strapdown_kernel.interval_weights(1.0, 1.0), False)[1]
+    got = strapdown_kernel.compensate(
+        theta, dv, theta, dv, strapdown_kernel.interval_weights(1.0, 1.0), False
+    )[1]
     assert got == pytest.approx(increments.velocity_increments(imu)[1], abs=1e-11)
 
 
 @pytest.mark.parametrize("dt", [0.005, 0.01])
 def test_looking_gravity_up_ahead_costs_less_than_a_micrometre(dt, monkeypatch):
-    """Ten minutes at up to 350 m/s with 2 g turns, against gravity looked up from the solution itself at every row."""
+    """Ten minutes at up to 350 m/s with 2 g turns, against gravity looked up from the solution
+    itself at every row.
+    """
     imu, start = ideal_imu(flight, edges(600, dt)), true_state(flight, 0.0)
     ahead = navigate(imu, start, epoch_s=60.0)
     monkeypatch.setattr(strapdown_kernel, "LOOK_S", 0.0)
@@ -123,19 +148,20 @@ RUN = """
 import sys
 {before}
 import numpy as np
-from ins import strapdown_loop
+from ins.strapdown import loop as strapdown_loop
 from ins.strapdown.mechanization import navigate
 from ins.records import ImuLog, NavState, Site
 rng = np.random.default_rng(3)
 n, dt = 300, 0.02
 imu = ImuLog(time_s=dt * np.arange(1, n + 1), dt_s=dt * rng.uniform(0.8, 1.2, n),
-             dtheta_rad=rng.uniform(-0.02, 0.02, (n, 3)), dv_m_s=[0, 0, -0.196] + rng.uniform(-0.1, 0.1, (n, 3)))
+             dtheta_rad=rng.uniform(-0.02, 0.02, (n, 3)),
+             dv_m_s=[0, 0, -0.196] + rng.uniform(-0.1, 0.1, (n, 3)))
 site = Site(lat_rad=0.9, lon_rad=-2.0, height_m=400.0)
 state = NavState(time_s=0.0, site=site, v_n_m_s=[100, 50, -3], C_nb=np.eye(3))
 h = navigate(imu, state, epoch_s=0.5)
 print(type(strapdown_loop.integrate).__name__)
-fields = (h.lat_rad, h.lon_rad, h.height_m, h.v_n_m_s, h.C_nb, h.C_nb_dt, h.displacement_n_m, h.displacement_b_m,
-          h.dv_f_n_m_s, h.dtheta_b_rad)
+fields = (h.lat_rad, h.lon_rad, h.height_m, h.v_n_m_s, h.C_nb, h.C_nb_dt, h.displacement_n_m,
+          h.displacement_b_m, h.dv_f_n_m_s, h.dtheta_b_rad)
 print(np.concatenate([f.reshape(h.time_s.size, -1) for f in fields], axis=1).tolist())
 """
 
@@ -146,9 +172,13 @@ def run_in_a_new_process(before, **environment):
     from pathlib import Path
 
     out = subprocess.run(
-        [sys.executable, "-c", RUN.format(before=before)], capture_output=True, text=True, check=True,
-        env={**os.environ, **environment}, cwd=Path(strapdown_kernel.__file__).parent.parent,
-    ).stdout.splitlines()  # fmt: skip
+        [sys.executable, "-c", RUN.format(before=before)],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, **environment},
+        cwd=Path(strapdown_kernel.__file__).parent.parent,
+    ).stdout.splitlines()
     return out[0], np.array(json.loads(out[1]))
 
 

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.records import GYRO_TECHNOLOGIES, AccelNoise, GyroNoise, InputError, TwinModel, VehicleNoise
+from ins.records import (
+    GYRO_TECHNOLOGIES,
+    AccelNoise,
+    GyroNoise,
+    InputError,
+    TwinModel,
+    VehicleNoise,
+)
 from ins.twin_file import default_twin, read_twin, twin_from_dict, twin_to_dict
 
 FORMATS_EXAMPLE = """{"schema": "recal.twin/1", "imu_serial": "SN-0042", "gyro_technology": "rlg", "table": "table.json",
@@ -29,7 +36,11 @@ def twin(**changes):
 def test_the_example_of_the_contract_is_the_default(tmp_path, technology):
     (tmp_path / "twin.json").write_text(FORMATS_EXAMPLE.replace('"rlg"', f'"{technology}"'))
     read = read_twin(tmp_path / "twin.json")
-    assert (read.imu_serial, read.table, read.source) == ("SN-0042", "table.json", str(tmp_path / "twin.json"))
+    assert (read.imu_serial, read.table, read.source) == (
+        "SN-0042",
+        "table.json",
+        str(tmp_path / "twin.json"),
+    )
     default = default_twin(technology)
     assert default.source == f"defaults of {technology}"
     for section in ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle"):
@@ -56,36 +67,80 @@ signed = st.floats(min_value=-1e6, max_value=1e6)
 
 
 @settings(max_examples=50, deadline=None)
-@given(size, st.tuples(signed, signed, signed), st.tuples(*[signed] * 6), signed, st.text(min_size=1, max_size=20))
+@given(
+    size,
+    st.tuples(signed, signed, signed),
+    st.tuples(*[signed] * 6),
+    signed,
+    st.text(min_size=1, max_size=20),
+)
 def test_round_trip(noise, three, six, crab, name):
     twin = TwinModel(
-        imu_serial=name, table="t/table.json", source="s",
+        imu_serial=name,
+        table="t/table.json",
+        source="s",
         gyro=GyroNoise(arw_deg_sqrt_h=noise, scale_factor_ppm=three, misalignment_mrad=six),
-        accel=AccelNoise(bias_ug=three), vehicle=VehicleNoise(crab_mrad=crab),
-        effects=({"effect": "gyro_thermal_rate", "target": "gyro_y", "parameters": {"c": crab, "list": [1, noise]}},),
-    )  # fmt: skip
+        accel=AccelNoise(bias_ug=three),
+        vehicle=VehicleNoise(crab_mrad=crab),
+        effects=(
+            {
+                "effect": "gyro_thermal_rate",
+                "target": "gyro_y",
+                "parameters": {"c": crab, "list": [1, noise]},
+            },
+        ),
+    )
     text = json.dumps(twin_to_dict(twin))
     assert twin_from_dict(json.loads(text), source="s", name="x") == twin
 
 
 @pytest.mark.parametrize(
     ("changes", "line"),
-    [({"gyro": {"arw_deg_h": 1}}, "twin.json: unknown key gyro.arw_deg_h (did you mean arw_deg_sqrt_h?)"),
-     ({"gyros": {}}, "twin.json: unknown key gyros (did you mean gyro?)"),
-     ({"gyro": {"arw_deg_sqrt_h": -0.1}}, "twin.json: gyro.arw_deg_sqrt_h: got -0.1, needed at least 0"),
-     ({"gyro": {"arw_deg_sqrt_h": float("nan")}}, "twin.json: gyro.arw_deg_sqrt_h: got nan, needed a finite number"),
-     ({"accel": {"bias_ug": [1, float("inf"), 2]}}, "twin.json: accel.bias_ug[1]: got inf"),
-     ({"effects": [{"effect": "a", "target": "b", "parameters": {"c": float("nan")}}]}, "effects[0].parameters.c: got"),
-     ({"gyro": {"arw_deg_sqrt_h": None}}, "twin.json: gyro.arw_deg_sqrt_h: got null, needed a number"),
-     ({"gyro": {"arw_deg_sqrt_h": "0.1"}}, "twin.json: gyro.arw_deg_sqrt_h: got \"0.1\", needed a number"),
-     ({"gyro": {"scale_factor_ppm": [1, 2]}}, "twin.json: gyro.scale_factor_ppm"),
-     ({"gyro": {"misalignment_mrad": [1, 2, 3]}}, "twin.json: gyro.misalignment_mrad"),
-     ({"effects": [{"effect": "a"}]}, "twin.json: key effects[0].target is missing"),
-     ({"effects": [{"effect": "a", "target": "b", "size": 1}]}, "twin.json: unknown key effects[0].size"),
-     ({"gyro_technology": "laser"}, "twin.json: gyro_technology: got \"laser\", needed rlg, fog or mems"),
-     ({"schema": "recal.twin/2"}, 'twin.json: schema: got "recal.twin/2", needed "recal.twin/1"'),
-     ({"table": ""}, "twin.json: table")],
-)  # fmt: skip
+    [
+        (
+            {"gyro": {"arw_deg_h": 1}},
+            "twin.json: unknown key gyro.arw_deg_h (did you mean arw_deg_sqrt_h?)",
+        ),
+        ({"gyros": {}}, "twin.json: unknown key gyros (did you mean gyro?)"),
+        (
+            {"gyro": {"arw_deg_sqrt_h": -0.1}},
+            "twin.json: gyro.arw_deg_sqrt_h: got -0.1, needed at least 0",
+        ),
+        (
+            {"gyro": {"arw_deg_sqrt_h": float("nan")}},
+            "twin.json: gyro.arw_deg_sqrt_h: got nan, needed a finite number",
+        ),
+        ({"accel": {"bias_ug": [1, float("inf"), 2]}}, "twin.json: accel.bias_ug[1]: got inf"),
+        (
+            {"effects": [{"effect": "a", "target": "b", "parameters": {"c": float("nan")}}]},
+            "effects[0].parameters.c: got",
+        ),
+        (
+            {"gyro": {"arw_deg_sqrt_h": None}},
+            "twin.json: gyro.arw_deg_sqrt_h: got null, needed a number",
+        ),
+        (
+            {"gyro": {"arw_deg_sqrt_h": "0.1"}},
+            'twin.json: gyro.arw_deg_sqrt_h: got "0.1", needed a number',
+        ),
+        ({"gyro": {"scale_factor_ppm": [1, 2]}}, "twin.json: gyro.scale_factor_ppm"),
+        ({"gyro": {"misalignment_mrad": [1, 2, 3]}}, "twin.json: gyro.misalignment_mrad"),
+        ({"effects": [{"effect": "a"}]}, "twin.json: key effects[0].target is missing"),
+        (
+            {"effects": [{"effect": "a", "target": "b", "size": 1}]},
+            "twin.json: unknown key effects[0].size",
+        ),
+        (
+            {"gyro_technology": "laser"},
+            'twin.json: gyro_technology: got "laser", needed rlg, fog or mems',
+        ),
+        (
+            {"schema": "recal.twin/2"},
+            'twin.json: schema: got "recal.twin/2", needed "recal.twin/1"',
+        ),
+        ({"table": ""}, "twin.json: table"),
+    ],
+)
 def test_what_is_wrong_is_named(changes, line):
     with pytest.raises(InputError) as caught:
         twin(**changes)
@@ -94,7 +149,12 @@ def test_what_is_wrong_is_named(changes, line):
 
 
 def test_files_that_are_not_twins(tmp_path):
-    for content, why in ((b"\xff\xfe", "not UTF-8"), (b"[]", r"holds \[\]"), (b"", "is empty"), (b'{"gyro": NaN}', "NaN")):
+    for content, why in (
+        (b"\xff\xfe", "not UTF-8"),
+        (b"[]", r"holds \[\]"),
+        (b"", "is empty"),
+        (b'{"gyro": NaN}', "NaN"),
+    ):
         (tmp_path / "t.json").write_bytes(content)
         with pytest.raises(InputError, match=why):
             read_twin(tmp_path / "t.json")

@@ -1,4 +1,6 @@
-"""A headless Chromium, driven over its DevTools pipe: pages as a person sees them, forms as a browser sends them."""
+"""A headless Chromium, driven over its DevTools pipe: pages as a person sees them, forms as a
+browser sends them.
+"""
 
 import base64
 import json
@@ -15,7 +17,9 @@ WAIT_S = 60.0
 
 def find_chromium():
     """The program, None where there is none."""
-    return next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    return next(
+        filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
+    )
 
 
 @contextmanager
@@ -32,10 +36,23 @@ def chromium(folder):
         os.dup2(os.dup(answers_in), 4)
 
     process = subprocess.Popen(
-        [program, "--headless=new", "--remote-debugging-pipe", "--no-sandbox", "--disable-gpu", "--no-first-run",
-         "--disable-dev-shm-usage", "--disable-background-networking", f"--user-data-dir={folder}", "about:blank"],
-        close_fds=False, preexec_fn=into_place, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    )  # fmt: skip
+        [
+            program,
+            "--headless=new",
+            "--remote-debugging-pipe",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--no-first-run",
+            "--disable-dev-shm-usage",
+            "--disable-background-networking",
+            f"--user-data-dir={folder}",
+            "about:blank",
+        ],
+        close_fds=False,
+        preexec_fn=into_place,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
     os.close(commands_out), os.close(answers_in)
     browser = Browser(commands_in, answers_out)
     try:
@@ -48,7 +65,9 @@ def chromium(folder):
 
 
 class Browser:
-    """One tab. `events`: what the page reported, `console`: what the browser complained about (broken policies among it)."""
+    """One tab. `events`: what the page reported, `console`: what the browser complained about
+    (broken policies among it).
+    """
 
     def __init__(self, commands, answers):
         self._commands, self._answers, self._rest = commands, answers, b""
@@ -57,7 +76,9 @@ class Browser:
     def attach(self):
         targets = self.call("Target.getTargets")["targetInfos"]
         page = next(t for t in targets if t["type"] == "page")
-        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)["sessionId"]
+        self._session = self.call("Target.attachToTarget", targetId=page["targetId"], flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Network", "Log", "Runtime", "DOM"):
             self.call(f"{domain}.enable")
 
@@ -85,7 +106,11 @@ class Browser:
         while not any(e["method"] == "Page.loadEventFired" for e in self.events):
             assert time.monotonic() < until, "the page did not load"
             self._read()
-        documents = [e for e in self.events if e["method"] == "Network.responseReceived" and e["params"]["type"] == "Document"]
+        documents = [
+            e
+            for e in self.events
+            if e["method"] == "Network.responseReceived" and e["params"]["type"] == "Document"
+        ]
         return documents[0]["params"]["response"]["status"] if documents else None
 
     def submit(self, code):
@@ -95,7 +120,9 @@ class Browser:
         return self.wait_loaded()
 
     def evaluate(self, code):
-        """The value of an expression in the page (the tester's, not the page's: that has no script)."""
+        """The value of an expression in the page (the tester's, not the page's: that has no
+        script).
+        """
         found = self.call("Runtime.evaluate", expression=code, returnByValue=True)
         assert "exceptionDetails" not in found, found["exceptionDetails"]
         return found["result"].get("value")
@@ -110,23 +137,48 @@ class Browser:
         code = {"Tab": 9, "Enter": 13}[key]
         text = {"text": "\r"} if key == "Enter" else {}
         for kind in ("keyDown", "keyUp"):
-            self.call("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, **text)
+            self.call(
+                "Input.dispatchKeyEvent",
+                type=kind,
+                key=key,
+                code=key,
+                windowsVirtualKeyCode=code,
+                **text,
+            )
 
     def size(self, width, height=900, *, mobile=False):
-        self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=mobile)
+        self.call(
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=1,
+            mobile=mobile,
+        )
 
     def picture(self, path, *, full=False):
         """A PNG of the window, or of the whole page."""
         more = {}
         if full:
             size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-            more = {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1},
-                    "captureBeyondViewport": True}  # fmt: skip
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png", **more)["data"]))
+            more = {
+                "clip": {
+                    "x": 0,
+                    "y": 0,
+                    "width": size["width"],
+                    "height": size["height"],
+                    "scale": 1,
+                },
+                "captureBeyondViewport": True,
+            }
+        path.write_bytes(
+            base64.b64decode(self.call("Page.captureScreenshot", format="png", **more)["data"])
+        )
 
     def complaints(self):
         """What the browser logged as a fault of the page since it was opened."""
-        return [e["params"]["entry"]["text"] for e in self.events if e["method"] == "Log.entryAdded"]
+        return [
+            e["params"]["entry"]["text"] for e in self.events if e["method"] == "Log.entryAdded"
+        ]
 
     def _read(self):
         while b"\0" not in self._rest:

@@ -1,4 +1,6 @@
-"""A served store for the tests of `recal serve`: uvicorn in a thread, a few units, forms as a browser sends them."""
+"""A served store for the tests of `recal serve`: uvicorn in a thread, a few units, forms as a
+browser sends them.
+"""
 
 import json
 import re
@@ -26,7 +28,14 @@ def serving(url, *, tokens=TOKENS, **more):
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
     app = build_app(ServeSettings(store_url=url, port=port, tokens=tokens, **more))
-    config = uvicorn.Config(app, log_level="critical", ws="none", lifespan="off", server_header=False, proxy_headers=False)
+    config = uvicorn.Config(
+        app,
+        log_level="critical",
+        ws="none",
+        lifespan="off",
+        server_header=False,
+        proxy_headers=False,
+    )
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
     thread.start()
@@ -41,7 +50,9 @@ def serving(url, *, tokens=TOKENS, **more):
 
 
 class Visitor(httpx.Client):
-    """Someone with a browser: keeps cookies, sends forms with the page's own form token and Origin."""
+    """Someone with a browser: keeps cookies, sends forms with the page's own form token and
+    Origin.
+    """
 
     def __init__(self, base, **more):
         super().__init__(base_url=base, timeout=60.0, trust_env=False, **more)
@@ -51,30 +62,53 @@ class Visitor(httpx.Client):
 
     def submit(self, path, *, headers=None, **fields):
         base = str(self.base_url).rstrip("/")
-        return self.post(path, data=fields, headers={"origin": base, "sec-fetch-site": "same-origin", **(headers or {})})
+        return self.post(
+            path,
+            data=fields,
+            headers={"origin": base, "sec-fetch-site": "same-origin", **(headers or {})},
+        )
 
     def sign_in(self, token=TOKEN, **more):
-        return self.submit("/signin", token=token, form_token=self.form_token("/signin"), **{"next": "/", **more})
+        return self.submit(
+            "/signin", token=token, form_token=self.form_token("/signin"), **{"next": "/", **more}
+        )
 
 
-def put_unit(url, serial="SN-1", *, technology="rlg", mode="", updates=1, proposals=1, note="", run="run"):
+def put_unit(
+    url, serial="SN-1", *, technology="rlg", mode="", updates=1, proposals=1, note="", run="run"
+):
     """A unit with a factory table, so many updates and so many open proposals."""
     with TableStore.open(url, create=True) as store:
-        old = default_table(imu_serial=serial, gyro_technology=technology, gyro_mode=mode, created_utc="2026-03-01T05:00:00Z",
-                            low_degC=0, high_degC=20)  # fmt: skip
+        old = default_table(
+            imu_serial=serial,
+            gyro_technology=technology,
+            gyro_mode=mode,
+            created_utc="2026-03-01T05:00:00Z",
+            low_degC=0,
+            high_degC=20,
+        )
         active = store.import_table(table_to_dict(old), note=note)
         for k in range(updates):
             runs = [merged(f"{run}-{k}")]
-            active = store.commit_update(active.sha256, shifted(active, 0.001), runs, '{"verdict": "committed"}')
+            active = store.commit_update(
+                active.sha256, shifted(active, 0.001), runs, '{"verdict": "committed"}'
+            )
         for k in range(proposals):
             store.propose(
-                active.sha256, shifted(active, 0.001 * (k + 2)), [merged(f"{run}-p{k}")], report(serial), by="fleet", note=note
-            )  # fmt: skip
+                active.sha256,
+                shifted(active, 0.001 * (k + 2)),
+                [merged(f"{run}-p{k}")],
+                report(serial),
+                by="fleet",
+                note=note,
+            )
 
 
 def shifted(revision, shift_deg_h):
     said = {"parent_sha256": revision.sha256, "runs": []}
-    return revision.table.replaced(parameters=revision.table.parameters + shift_deg_h, provenance=said)
+    return revision.table.replaced(
+        parameters=revision.table.parameters + shift_deg_h, provenance=said
+    )
 
 
 def merged(name):

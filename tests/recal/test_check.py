@@ -8,7 +8,14 @@ import typer
 from typer.testing import CliRunner
 
 from recal.cli.check import check, command
-from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, scale_columns, set_cell
+from tests.trajectories.run_cases import (
+    csv_run,
+    edit_json,
+    lines,
+    put_lines,
+    scale_columns,
+    set_cell,
+)
 
 app = typer.Typer()
 app.command()(command)
@@ -52,14 +59,23 @@ def test_a_sound_run(path):
     rest = holds["at_rest"]
     assert rest["size_f_m_s2"] == pytest.approx(rest["expected"]["f_m_s2"], abs=1e-3)
     assert rest["w_down_deg_h"] == pytest.approx(rest["expected"]["w_down_deg_h"], abs=0.2)
-    assert rest["expected"]["w_down_deg_h"] == pytest.approx(-15.0411 * np.sin(np.radians(30)), abs=1e-3)
+    assert rest["expected"]["w_down_deg_h"] == pytest.approx(
+        -15.0411 * np.sin(np.radians(30)), abs=1e-3
+    )
     assert len(result["sha256"]) == 64
 
 
 def test_people_read_the_same(path):
     said = run_check(path)
     assert said.exit_code == 0 and said.stdout == ""
-    for part in ("imu: 4000 rows", "100 Hz increments", "gyro_x: 20.", "alignment 0-30 s", "|f| 9.79", ": ok"):
+    for part in (
+        "imu: 4000 rows",
+        "100 Hz increments",
+        "gyro_x: 20.",
+        "alignment 0-30 s",
+        "|f| 9.79",
+        ": ok",
+    ):
         assert part in said.stderr
     assert run_check(path, "-q").stderr == ""
 
@@ -73,7 +89,12 @@ def test_all_problems_are_listed_with_exit_code_3(path):
     assert said.exit_code == 3
     result = json.loads(said.stdout)
     assert result["verdict"] == "bad_input" and result["sha256"] is None
-    assert {p["text"].split(":")[0] for p in result["problems"]} == {"imu.csv", "gnss.csv", "reference.csv", "run.json"}
+    assert {p["text"].split(":")[0] for p in result["problems"]} == {
+        "imu.csv",
+        "gnss.csv",
+        "reference.csv",
+        "run.json",
+    }
     quiet = run_check(path, "-q")
     assert quiet.exit_code == 3
     assert len(quiet.stderr.splitlines()) == 4
@@ -105,10 +126,19 @@ def put(values, rows, column, value):
 
 
 THERMOMETERS = [
-    (lambda t, T: put(T, slice(100, 200), 1, 30.5), r"gyro_y_degC is stuck at 30.5 degC from 1000 s for 990 s"),
+    (
+        lambda t, T: put(T, slice(100, 200), 1, 30.5),
+        r"gyro_y_degC is stuck at 30.5 degC from 1000 s for 990 s",
+    ),
     (lambda t, T: np.round(T), "gyro_x_degC has steps of 1 degC"),
-    (lambda t, T: put(T, slice(200, None), 2, T[200:, 2] + 12), "gyro_z_degC jumps by +12.0 degC at 2000.0 s"),
-    (lambda t, T: put(T, slice(50, 53), 0, 0.0), "gyro_x_degC is exactly 0 in 3 rows: missing values?"),
+    (
+        lambda t, T: put(T, slice(200, None), 2, T[200:, 2] + 12),
+        "gyro_z_degC jumps by +12.0 degC at 2000.0 s",
+    ),
+    (
+        lambda t, T: put(T, slice(50, 53), 0, 0.0),
+        "gyro_x_degC is exactly 0 in 3 rows: missing values?",
+    ),
     (lambda t, T: 1.8 * T + 32, "degC: Fahrenheit?"),
     (lambda t, T: T + 273.15, "needed degC: kelvin?"),
 ]
@@ -142,9 +172,13 @@ def test_other_oddities_are_warned_of(path):
     (path / "temprature.csv").write_text("a typing error")
     text = "\n".join(warnings(path))
     for part in (
-        "imu: time_s starts at 10770", "temperature: time_s 0 to 39 s, imu 10770", "unknown key weather, not used",
-        "applied_table_sha256 is missing, taken as null", "temprature.csv: not part of a run", "2.500 in longitude off",
-    ):  # fmt: skip
+        "imu: time_s starts at 10770",
+        "temperature: time_s 0 to 39 s, imu 10770",
+        "unknown key weather, not used",
+        "applied_table_sha256 is missing, taken as null",
+        "temprature.csv: not part of a run",
+        "2.500 in longitude off",
+    ):
         assert part in text, part
 
 
@@ -152,7 +186,9 @@ def test_jitter_is_reported_and_warned_of(path):
     rows = lines(path / "imu.csv")
     rng = np.random.default_rng(1)
     time_s = np.arange(1, 4001) * 0.01 + 0.002 * rng.uniform(-1, 1, 4000)
-    put_lines(path / "imu.csv", [rows[0], *([repr(float(t)), *r[1:]] for t, r in zip(time_s, rows[1:]))])
+    put_lines(
+        path / "imu.csv", [rows[0], *([repr(float(t)), *r[1:]] for t, r in zip(time_s, rows[1:]))]
+    )
     result = check(path)
     assert 0.2 < result["holds"]["imu"]["jitter"] < 0.4
     assert any("time stamps jitter by" in p["text"] for p in result["problems"])
@@ -163,11 +199,16 @@ def test_a_run_that_never_rests_is_said_so(path):
     raw = np.array(rows[1:], dtype=float)
     raw[:, 4] += 0.01 * 2.0 * np.sin(2 * np.pi * 0.05 * raw[:, 0])
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
-    assert any("at rest in the first 600 s: units and axes not tested" in text for text in warnings(path))
+    assert any(
+        "at rest in the first 600 s: units and axes not tested" in text for text in warnings(path)
+    )
 
 
 def test_a_hole_in_the_temperatures_is_named_with_its_place(path):
     temperatures(path, lambda t, T: T)
     rows = lines(path / "temperature.csv")
-    put_lines(path / "temperature.csv", [rows[0], *(r for r in rows[1:] if not 1000.0 < float(r[0]) < 1300.0)])
+    put_lines(
+        path / "temperature.csv",
+        [rows[0], *(r for r in rows[1:] if not 1000.0 < float(r[0]) < 1300.0)],
+    )
     assert warnings(path) == ["temperature.csv: no reading from 1000.0 to 1300.0 s (300 s)"]

@@ -21,9 +21,24 @@ ROOT = Path(recal.__file__).parent.parent
 TABLE = get_command(app).commands["table"].commands
 ALL = [[name] for name in COMMANDS] + [["table", name] for name in TABLE]
 HEAVY = {
-    "numpy", "numba", "llvmlite", "scipy", "pandas", "pyarrow", "matplotlib", "sqlalchemy", "alembic", "pydantic", "filterpy",
-    "pymap3d", "jinja2", "ins", "trajectories", "alignment", "infield",
-}  # fmt: skip
+    "numpy",
+    "numba",
+    "llvmlite",
+    "scipy",
+    "pandas",
+    "pyarrow",
+    "matplotlib",
+    "sqlalchemy",
+    "alembic",
+    "pydantic",
+    "filterpy",
+    "pymap3d",
+    "jinja2",
+    "ins",
+    "trajectories",
+    "alignment",
+    "infield",
+}
 HELPS = """
 import json, os, sys
 import recal.cli.app  # what all commands share, once
@@ -46,15 +61,24 @@ for words in json.loads(sys.argv[1]):
 
 @pytest.fixture(scope="module")
 def helps():
-    """What each command's help says, its exit code, and the libraries loaded by then: each forked from the bare program."""
+    """What each command's help says, its exit code, and the libraries loaded by then: each forked
+    from the bare program.
+    """
     every = [[], ["table"], *ALL]
     done = subprocess.run(
-        [sys.executable, "-c", HELPS, json.dumps(every)], capture_output=True, text=True, cwd=ROOT, check=True,
+        [sys.executable, "-c", HELPS, json.dumps(every)],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
         env={**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200"},
-    )  # fmt: skip
+    )
     assert done.stderr == ""
     parts = done.stdout.split("\0")
-    return {" ".join(words): (text, *last.split()) for words, text, last in zip(every, parts[:-1:2], parts[1::2], strict=True)}
+    return {
+        " ".join(words): (text, *last.split())
+        for words, text, last in zip(every, parts[:-1:2], parts[1::2], strict=True)
+    }
 
 
 def test_help_loads_no_heavy_library(helps):
@@ -81,12 +105,21 @@ def test_every_command_has_the_common_flags(words):
     assert flags >= {"--json", "-q", "-v", "--seed"}
 
 
-NEEDED = {"export": ["-o", "t.json"], "approve": ["1", "--reason", "why"], "reject": ["1", "--reason", "why"]}
+NEEDED = {
+    "export": ["-o", "t.json"],
+    "approve": ["1", "--reason", "why"],
+    "reject": ["1", "--reason", "why"],
+}
 BAD = [
-    ["simulate", "nothing", "-o", "o"], ["convert", "nothing", "-o", "o"], ["check", "nothing"], ["align", "nothing"],
-    ["replay", "nothing"], ["update", "nothing"], ["table", "import", "nothing"],
+    ["simulate", "nothing", "-o", "o"],
+    ["convert", "nothing", "-o", "o"],
+    ["check", "nothing"],
+    ["align", "nothing"],
+    ["replay", "nothing"],
+    ["update", "nothing"],
+    ["table", "import", "nothing"],
     *(["table", name, *NEEDED.get(name, [])] for name in TABLE if name != "import"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize("words", BAD, ids=" ".join)
@@ -104,7 +137,9 @@ def test_bad_input_is_one_line_exit_3_and_one_json_object(words, tmp_path, monke
     if words[0] == "check":
         assert answer["schema"] == "recal.check/1" and seen.err == ""
     else:
-        assert answer["schema"] == "recal.error/1" and seen.err == f"recal: {answer['reasons'][0]}\n"
+        assert (
+            answer["schema"] == "recal.error/1" and seen.err == f"recal: {answer['reasons'][0]}\n"
+        )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -121,27 +156,59 @@ def test_a_disk_that_the_system_refuses_is_bad_input(monkeypatch, tmp_path):
 
 
 def test_wrong_usage_is_exit_2_and_prints_no_result():
-    for words in (["update"], ["check", "a", "--nonsense"], ["nonsense"], ["table", "show", "--json", "more"]):
+    for words in (
+        ["update"],
+        ["check", "a", "--nonsense"],
+        ["nonsense"],
+        ["table", "show", "--json", "more"],
+    ):
         result = CliRunner().invoke(app, words)
         assert result.exit_code == 2 and result.stdout == ""
 
 
 def test_every_verdict_has_its_exit_code():
-    """formats.md, section 4; 1 is what a program that breaks down ends with, here all workers of a fleet."""
-    assert {code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())} == {
-        0: {"ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted",
-            "no_gap", "explained", "partly_explained", "unexplained", "approved", "rejected", "intact",
-            "up_to_date"},
-        1: {"failed"}, 3: {"bad_input", "broken"}, 4: {"refused", "level_only"}, 5: {"inconsistent"},
-    }  # fmt: skip
+    """formats.md, section 4; 1 is what a program that breaks down ends with, here all workers of a
+    fleet.
+    """
+    assert {
+        code: {v for v, c in EXIT_CODES.items() if c == code} for code in set(EXIT_CODES.values())
+    } == {
+        0: {
+            "ok",
+            "warnings",
+            "aligned",
+            "replayed",
+            "proposed",
+            "committed",
+            "measured",
+            "fitted",
+            "no_gap",
+            "explained",
+            "partly_explained",
+            "unexplained",
+            "approved",
+            "rejected",
+            "intact",
+            "up_to_date",
+        },
+        1: {"failed"},
+        3: {"bad_input", "broken"},
+        4: {"refused", "level_only"},
+        5: {"inconsistent"},
+    }
 
 
 def test_a_reader_that_leaves_early_is_no_fault(tmp_path):
     """More than a pipe holds, to a reader that takes one line."""
-    code = f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['recal', '--help']\nfrom recal.__main__ import main"
+    code = (
+        f"import sys; sys.path.insert(0, {str(ROOT)!r}); sys.argv = ['recal', '--help']\nfrom"
+        " recal.__main__ import main"
+    )
     long = f"{code}\nimport recal.cli.app\nrecal.cli.app = lambda: print('x' * 1_000_000)\nmain()"
     for program in (f"{code}\nmain()", long):
-        with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        with subprocess.Popen(
+            [sys.executable, "-c", program], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        ) as process:
             process.stdout.close()
             assert process.stderr.read() == b""
             assert process.wait() == 0
@@ -151,9 +218,16 @@ def test_a_reader_that_leaves_early_is_no_fault(tmp_path):
 def test_standard_output_on_a_full_disk_is_said():
     with open("/dev/full", "w") as full:
         done = subprocess.run(
-            [sys.executable, "-m", "recal", "--help"], stdout=full, stderr=subprocess.PIPE, text=True, cwd=ROOT
+            [sys.executable, "-m", "recal", "--help"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            cwd=ROOT,
         )
-    assert (done.returncode, done.stderr) == (3, "recal: standard output: No space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        3,
+        "recal: standard output: No space left on device\n",
+    )
 
 
 def test_files_are_written_together_or_not_at_all(tmp_path):

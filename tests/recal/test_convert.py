@@ -1,4 +1,6 @@
-"""`recal convert`: real and third-party logs to runs, with their axes proven by gravity and Earth rate."""
+"""`recal convert`: real and third-party logs to runs, with their axes proven by gravity and Earth
+rate.
+"""
 
 import json
 import struct
@@ -23,7 +25,9 @@ from trajectories.runs.directory import read_reference, read_run
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data"
 MAPS = ROOT / "examples" / "maps"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not beside the project")
+needs_data = pytest.mark.skipif(
+    not DATA.is_dir(), reason="../shared/data is not beside the project"
+)
 
 app = typer.Typer()
 app.command()(command)
@@ -34,11 +38,17 @@ def invoke(*args):
 
 
 def rest_means(name: str, axes: dict | None = None):
-    """Mean f [m/s^2] and w [deg/h] in body axes of a shared log, by its example map or with other axes."""
+    """Mean f [m/s^2] and w [deg/h] in body axes of a shared log, by its example map or with other
+    axes.
+    """
     options = read_toml(MAPS / f"{name.split('.')[0]}.toml")
     run = convert_log(DATA / name, options | ({"axes": axes} if axes else {}), {}).run
     span = run.imu.dt_s.sum()
-    return run, run.imu.dv_m_s.sum(axis=0) / span, run.imu.dtheta_rad.sum(axis=0) / span / DEG_PER_HOUR
+    return (
+        run,
+        run.imu.dv_m_s.sum(axis=0) / span,
+        run.imu.dtheta_rad.sum(axis=0) / span / DEG_PER_HOUR,
+    )
 
 
 def down_and_horizontal(f, w):
@@ -49,11 +59,17 @@ def down_and_horizontal(f, w):
 @needs_data
 @pytest.mark.parametrize(
     ("name", "rows", "rate_hz", "shift_s", "tolerance_deg_h"),
-    [("x_LN100_up.ins", 19217, 64.07, 10769.990, 0.3),  # biases of 0.2 to 0.3 deg/h, not known from one position
-     ("calgary_project_data.BIN", 66667, 66.667, -0.015, 0.3)],  # declared: 0.1 deg/h an axis, more by Gauss-Markov
-)  # fmt: skip
+    # biases of 0.2 to 0.3 deg/h, not known from one position
+    [
+        ("x_LN100_up.ins", 19217, 64.07, 10769.990, 0.3),
+        # declared: 0.1 deg/h an axis, more by Gauss-Markov
+        ("calgary_project_data.BIN", 66667, 66.667, -0.015, 0.3),
+    ],
+)
 def test_gyro_logs_show_gravity_down_and_earth_rate(name, rows, rate_hz, shift_s, tolerance_deg_h):
-    """f is (0, 0, -g); w is -Omega sinL about down and Omega cosL level. Any wrong sign is off by 12 deg/h or more."""
+    """f is (0, 0, -g); w is -Omega sinL about down and Omega cosL level. Any wrong sign is off by
+    12 deg/h or more.
+    """
     run, f, w = rest_means(name)
     assert run.imu.time_s.size == rows
     assert run.imu.rate_hz == pytest.approx(rate_hz, rel=1e-3)
@@ -64,15 +80,22 @@ def test_gyro_logs_show_gravity_down_and_earth_rate(name, rows, rate_hz, shift_s
     assert f[2] == pytest.approx(-float(gravity_magnitude(site.lat_rad, site.height_m)), abs=0.01)
     assert abs(f[0]) < 0.4 and abs(f[1]) < 0.1  # the second log is 2 deg nose up
     down, level = down_and_horizontal(f, w)
-    assert down == pytest.approx(-EARTH_RATE_RAD_S * np.sin(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h)
-    assert level == pytest.approx(EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h)
+    assert down == pytest.approx(
+        -EARTH_RATE_RAD_S * np.sin(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h
+    )
+    assert level == pytest.approx(
+        EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR, abs=tolerance_deg_h
+    )
 
 
 @needs_data
 def test_ln100_axes_are_those_of_its_note():
-    """Body (x, y, z) = (raw z, raw y, -raw x): the means of the raw file as published beside it, turned by hand."""
+    """Body (x, y, z) = (raw z, raw y, -raw x): the means of the raw file as published beside it,
+    turned by hand.
+    """
     _, f, w = rest_means("x_LN100_up.ins")
-    np.testing.assert_allclose(w, [1.250, 9.187, -11.479], atol=0.02)  # plain means; the stamps jitter by 1 %
+    # plain means; the stamps jitter by 1 %
+    np.testing.assert_allclose(w, [1.250, 9.187, -11.479], atol=0.02)
     raw = np.fromfile(DATA / "x_LN100_up.ins", dtype="<f8").reshape(-1, 7)
     np.testing.assert_allclose(f, raw[:, [6, 5, 4]].mean(axis=0) * [1, 1, -1], atol=1e-5)
 
@@ -80,7 +103,11 @@ def test_ln100_axes_are_those_of_its_note():
 @needs_data
 @pytest.mark.parametrize(
     "axes",
-    [{"x": "x", "y": "y", "z": "z"}, {"x": "-z", "y": "y", "z": "x"}, {"x": "x", "y": "-z", "z": "y"}],
+    [
+        {"x": "x", "y": "y", "z": "z"},
+        {"x": "-z", "y": "y", "z": "x"},
+        {"x": "x", "y": "-z", "z": "y"},
+    ],
     ids=["as logged", "upside down", "on its side"],
 )
 def test_wrong_ln100_axes_are_refused(axes):
@@ -103,7 +130,9 @@ def test_a_left_handed_ln100_map_is_refused():
 
 @needs_data
 def test_mems_log_shows_gravity():
-    """Gyro biases of up to 2.6 deg/s hide Earth rate; gravity is down, within 60 mg, level to 3 deg."""
+    """Gyro biases of up to 2.6 deg/s hide Earth rate; gravity is down, within 60 mg, level to 3
+    deg.
+    """
     run, f, _ = rest_means("x_adi_up.txt")
     assert run.imu.time_s.size == 3579 and run.imu.rate_hz == pytest.approx(100, rel=1e-6)
     assert run.header.gyro_technology == "mems"
@@ -113,13 +142,23 @@ def test_mems_log_shows_gravity():
 
 @needs_data
 def test_from_log_to_checked_run(tmp_path):
-    said = invoke(DATA / "x_LN100_up.ins", "-o", tmp_path / "run", "--map", MAPS / "x_LN100_up.toml", "--tail", "T1")
+    said = invoke(
+        DATA / "x_LN100_up.ins",
+        "-o",
+        tmp_path / "run",
+        "--map",
+        MAPS / "x_LN100_up.toml",
+        "--tail",
+        "T1",
+    )
     assert said.exit_code == 0, said.stderr
     assert "19217 rows, 64.07 Hz" in said.stderr and said.stdout == ""
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(10769.990, abs=1e-3)
+    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(
+        10769.990, abs=1e-3
+    )
 
 
 MAP = """
@@ -135,9 +174,13 @@ columns = ["fx", "fy", "fz"]
 unit = "m/s2"
 """
 GIVEN = {
-    "imu_serial": "S", "gyro_technology": "rlg", "start_utc": "2026-03-01T05:00:00Z", "lat_deg": 30, "lon_deg": 7,
+    "imu_serial": "S",
+    "gyro_technology": "rlg",
+    "start_utc": "2026-03-01T05:00:00Z",
+    "lat_deg": 30,
+    "lon_deg": 7,
     "height_m": 250,
-}  # fmt: skip
+}
 ROWS = np.array([[0.02 * k, *W_B, *F_B] for k in range(500)])
 
 
@@ -149,8 +192,12 @@ def options(format_lines: str) -> dict:
 def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
     log = tmp_path / "log.dat"
     log.write_bytes(b"HEADER!" + b"".join(struct.pack(pack, *row) for row in ROWS) + b"\x01" * 30)
-    made = convert_log(log, options(f'format = "binary"\ndtype = "{dtype}"\nheader_bytes = 7'), GIVEN)
-    np.testing.assert_allclose(made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18)
+    made = convert_log(
+        log, options(f'format = "binary"\ndtype = "{dtype}"\nheader_bytes = 7'), GIVEN
+    )
+    np.testing.assert_allclose(
+        made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18
+    )
     assert made.record["notes"] == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
 
 
@@ -162,7 +209,10 @@ def test_mixed_binary_types(tmp_path):
         data[name] = ROWS[:, k + 1]
     log = tmp_path / "log.dat"
     data.tofile(log)
-    keys = options('format = "binary"') | {"dtype": ["<u4", *["<f8"] * 6], "time": {"column": "t", "unit": "ms"}}
+    keys = options('format = "binary"') | {
+        "dtype": ["<u4", *["<f8"] * 6],
+        "time": {"column": "t", "unit": "ms"},
+    }
     made = convert_log(log, keys, GIVEN)
     assert made.record["time_shift_s"] == pytest.approx(3999.98)
     assert made.run.imu.rate_hz == pytest.approx(50)
@@ -170,13 +220,25 @@ def test_mixed_binary_types(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "lines"),
-    [(lambda rows: "\n".join(" " + "   ".join(map(str, r)) for r in rows) + "\n", 'format = "text"'),
-     (lambda rows: "# a log\n# of 2026\n" + "\n".join("\t".join(map(str, r)) for r in rows) + "\n",
-      'format = "text"\nheader_lines = 2'),
-     (lambda rows: "\n".join(";".join(map(str, r)) for r in rows) + "\n", 'format = "csv"\ndelimiter = ";"'),
-     (lambda rows: "\r\n".join(",".join(map(str, r)) for r in rows) + "\r\n", 'format = "csv"')],
+    [
+        (
+            lambda rows: "\n".join(" " + "   ".join(map(str, r)) for r in rows) + "\n",
+            'format = "text"',
+        ),
+        (
+            lambda rows: (
+                "# a log\n# of 2026\n" + "\n".join("\t".join(map(str, r)) for r in rows) + "\n"
+            ),
+            'format = "text"\nheader_lines = 2',
+        ),
+        (
+            lambda rows: "\n".join(";".join(map(str, r)) for r in rows) + "\n",
+            'format = "csv"\ndelimiter = ";"',
+        ),
+        (lambda rows: "\r\n".join(",".join(map(str, r)) for r in rows) + "\r\n", 'format = "csv"'),
+    ],
     ids=["white space", "tabs and header lines", "semicolons", "DOS line ends"],
-)  # fmt: skip
+)
 def test_text_layouts(tmp_path, text, lines):
     log = tmp_path / "log.txt"
     log.write_bytes(text(ROWS.tolist()).encode())
@@ -194,25 +256,52 @@ def test_damaged_text_is_named(tmp_path):
     assert made.record["notes"] == ["log.txt: last row has no line end (file cut off?), dropped"]
     log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
     made = convert_log(log, options('format = "text"'), GIVEN)
-    assert made.record["notes"] == ["log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"]
+    assert made.record["notes"] == [
+        "log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"
+    ]
     log.write_text("\n".join([*rows[:10], "0.2 what 0 0 0 0 -9.8", *rows[10:]]) + "\n")
     made = convert_log(log, options('format = "text"'), GIVEN)
-    told = "log.txt: no row of 7 numbers in line 11 (column wx: got 'what', needed a number): taken as missing"
+    told = (
+        "log.txt: no row of 7 numbers in line 11 (column wx: got 'what', needed a number): taken as"
+        " missing"
+    )
     assert told in made.record["notes"]
     log.write_text("\n".join([*rows[:10], *["0.2 what 0 0 0 0 -9.8"] * 9, *rows[10:]]) + "\n")
-    with pytest.raises(InputError, match=r"log\.txt: row 11 \(line 11\): column wx: got 'what', needed a number"):
+    with pytest.raises(
+        InputError, match=r"log\.txt: row 11 \(line 11\): column wx: got 'what', needed a number"
+    ):
         convert_log(log, options('format = "text"'), GIVEN)
 
 
 def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
     source = csv_run(tmp_path / "source") / "imu.csv"
     said = invoke(
-        source, "-o", tmp_path / "run", "--serial", "SN-0042", "--technology", "rlg", "--lat-deg", 30, "--lon-deg", 7,
-        "--height-m", 250, "--start-utc", "2026-03-01T05:00:00Z", "--run-id", "again", "--json",
-    )  # fmt: skip
+        source,
+        "-o",
+        tmp_path / "run",
+        "--serial",
+        "SN-0042",
+        "--technology",
+        "rlg",
+        "--lat-deg",
+        30,
+        "--lon-deg",
+        7,
+        "--height-m",
+        250,
+        "--start-utc",
+        "2026-03-01T05:00:00Z",
+        "--run-id",
+        "again",
+        "--json",
+    )
     assert said.exit_code == 0, said.stderr
     result = json.loads(said.stdout)
-    assert (result["schema"], result["format"], result["run_id"]) == ("recal.convert/1", "csv", "again")
+    assert (result["schema"], result["format"], result["run_id"]) == (
+        "recal.convert/1",
+        "csv",
+        "again",
+    )
     run = read_run(tmp_path / "run")
     assert result["sha256"] == run.sha256
     np.testing.assert_allclose(run.imu.dtheta_rad, full_run().imu.dtheta_rad, rtol=1e-12)
@@ -220,12 +309,17 @@ def test_a_csv_with_the_names_of_a_run_needs_no_map(tmp_path):
 
 @pytest.mark.parametrize(
     ("given", "line"),
-    [({"imu_serial": None}, r"needed from the options or \[run\] in the map: imu_serial \(--serial\)"),
-     ({"lat_deg": None, "lon_deg": None}, r"lat_deg \(--lat-deg\), lon_deg \(--lon-deg\)"),
-     ({"lat_deg": 91}, r"site\.lat_deg: got 91, needed at most 90"),
-     ({"gyro_technology": "laser"}, 'gyro_technology: got "laser"'),
-     ({"start_utc": "today"}, 'start_utc: got "today"')],
-)  # fmt: skip
+    [
+        (
+            {"imu_serial": None},
+            r"needed from the options or \[run\] in the map: imu_serial \(--serial\)",
+        ),
+        ({"lat_deg": None, "lon_deg": None}, r"lat_deg \(--lat-deg\), lon_deg \(--lon-deg\)"),
+        ({"lat_deg": 91}, r"site\.lat_deg: got 91, needed at most 90"),
+        ({"gyro_technology": "laser"}, 'gyro_technology: got "laser"'),
+        ({"start_utc": "today"}, 'start_utc: got "today"'),
+    ],
+)
 def test_missing_or_wrong_header_values_are_named(tmp_path, given, line):
     source = csv_run(tmp_path / "source") / "imu.csv"
     with pytest.raises(InputError, match=line):
@@ -238,10 +332,14 @@ def test_unknown_keys_formats_and_files_are_refused(tmp_path):
         convert_log(source, {"run": {"serial": "S"}}, GIVEN)
     with pytest.raises(InputError, match=r"map: unknown key colums"):
         convert_log(source, options('format = "csv"\ncolums = 1'), GIVEN)
-    with pytest.raises(InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"):
+    with pytest.raises(
+        InputError, match=r"format: got 'ulg', needed one of .*ulog, .*csv, text, .*binary"
+    ):
         convert_log(source, {"format": "ulg"}, GIVEN)
     (tmp_path / "log").write_bytes(bytes(range(256)))
-    with pytest.raises(InputError, match=r"log: format not recognised, needed --map .* Known: .*csv"):
+    with pytest.raises(
+        InputError, match=r"log: format not recognised, needed --map .* Known: .*csv"
+    ):
         convert_log(tmp_path / "log", {}, GIVEN)
     with pytest.raises(InputError, match="no such file"):
         convert_log(tmp_path / "nothing", {}, GIVEN)
@@ -262,20 +360,32 @@ def test_empty_and_garbled_logs_are_bad_input(tmp_path, text):
 
 @pytest.mark.parametrize("name", ["calgary_project_data", "x_LN100_up", "x_adi_up"])
 def test_example_maps_are_complete(name):
-    """Each needs no option: the header is in its [run]. The others: tests/trajectories/readers/test_example_maps.py."""
+    """Each needs no option: the header is in its [run]. The others:
+    tests/trajectories/readers/test_example_maps.py.
+    """
     keys = read_toml(MAPS / f"{name}.toml")
     assert set(keys["run"]) >= {"imu_serial", "gyro_technology", "start_utc", "site"}
 
 
 def test_fixes_of_another_file(tmp_path):
-    """By the map's [gnss] with the file from the command line; relative to where the command is given, not to the log."""
+    """By the map's [gnss] with the file from the command line; relative to where the command is
+    given, not to the log.
+    """
     columns = ["time_s", *(f"gyro_{a}_rad_s" for a in "xyz"), *(f"accel_{a}_m_s2" for a in "xyz")]
     log, fixes, keys = tmp_path / "logs" / "log.csv", tmp_path / "gps.csv", tmp_path / "map.toml"
     log.parent.mkdir()
-    log.write_text("\n".join([",".join(columns), *(",".join(map(repr, row)) for row in ROWS.tolist())]) + "\n")
-    fixes.write_text("t,lat,lon,h,vn,ve,vd\n" + "".join(f"{k},30.0,7.0,250.0,0.0,0.0,0.0\n" for k in range(10)))
-    keys.write_text("[gnss]\n" 'time = {column = "t"}\n' 'position = {columns = ["lat", "lon", "h"]}\n'
-                    'velocity = {columns = ["vn", "ve", "vd"]}\n')  # fmt: skip
+    log.write_text(
+        "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in ROWS.tolist())]) + "\n"
+    )
+    fixes.write_text(
+        "t,lat,lon,h,vn,ve,vd\n" + "".join(f"{k},30.0,7.0,250.0,0.0,0.0,0.0\n" for k in range(10))
+    )
+    keys.write_text(
+        "[gnss]\n"
+        'time = {column = "t"}\n'
+        'position = {columns = ["lat", "lon", "h"]}\n'
+        'velocity = {columns = ["vn", "ve", "vd"]}\n'
+    )
     given = ("--serial", "S", "--technology", "rlg", "--start-utc", "2026-03-01T05:00:00Z")
     said = invoke(log, "-o", tmp_path / "run", "--map", keys, "--gnss", fixes, *given, "--json")
     assert said.exit_code == 0, said.stderr
@@ -288,7 +398,10 @@ def test_fixes_of_another_file(tmp_path):
 
 def test_fixes_are_refused_where_a_log_has_its_own(tmp_path):
     (tmp_path / "log.bin").write_bytes(b"\xa3\x95\x80" + bytes(200))
-    with pytest.raises(InputError, match=r"log\.bin: \[gnss\] \(--gnss\): a dataflash log takes no fixes of another file"):
+    with pytest.raises(
+        InputError,
+        match=r"log\.bin: \[gnss\] \(--gnss\): a dataflash log takes no fixes of another file",
+    ):
         convert_log(tmp_path / "log.bin", {"format": "dataflash", "gnss": {"file": "x"}}, GIVEN)
 
 

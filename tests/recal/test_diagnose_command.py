@@ -1,4 +1,6 @@
-"""`recal diagnose` as a user runs it: files, exit codes, what it prints, and bad input from files."""
+"""`recal diagnose` as a user runs it: files, exit codes, what it prints, and bad input from
+files.
+"""
 
 import json
 import shutil
@@ -60,8 +62,13 @@ def test_a_diagnosis_writes_four_files_and_exits_0(done):
     assert result.stdout == (out / "diagnosis.json").read_text()
     assert document["verdict"] == "explained" and document["seed"] == 3
     planted, cause = one_cold().truth[0], document["causes"][0]
-    assert cause["target"] == planted.target and planted.effect in (cause["effect"], *cause["confounded_with"])
-    assert len(document["runs"][0]["sha256"]) == 64 and document["table_sha256"] == table_sha256(one_cold().table)
+    assert cause["target"] == planted.target and planted.effect in (
+        cause["effect"],
+        *cause["confounded_with"],
+    )
+    assert len(document["runs"][0]["sha256"]) == 64 and document["table_sha256"] == table_sha256(
+        one_cold().table
+    )
     assert document["sentence"] in result.stderr
 
 
@@ -69,12 +76,18 @@ def test_the_twin_written_stands_alone_and_reads_back(done):
     _, out = done
     twin = read_twin(out / "twin.json")
     assert twin.table == "table.json" and len(parse_effects(twin)) == 1
-    assert table_sha256(json.loads((out / "table.json").read_text())) == table_sha256(one_cold().table)
+    assert table_sha256(json.loads((out / "table.json").read_text())) == table_sha256(
+        one_cold().table
+    )
 
 
 def test_the_page_fetches_nothing(done):
     page = (done[1] / "diagnosis.html").read_text()
-    assert "<svg" in page and "src=" not in page and "http://" not in page.replace("http://www.w3.org", "")
+    assert (
+        "<svg" in page
+        and "src=" not in page
+        and "http://" not in page.replace("http://www.w3.org", "")
+    )
     assert (
         page.index("Where the gap lies")
         < page.index("<h2>Causes")
@@ -90,8 +103,15 @@ def test_a_run_that_never_rests_is_refused_with_a_document(folder):
     write_run(folder / "shaken", replace(moved, imu=replace(imu, dv_m_s=shaken)))
     result = run("shaken", "--twin", "twin.json", "-o", "out")
     document = json.loads(Path("out/diagnosis.json").read_text())
-    assert result.exit_code == 4 and document["verdict"] == "refused" and "rest" in document["reasons"][0]
-    assert "Not looked at" in Path("out/diagnosis.html").read_text() and not Path("out/twin.json").exists()
+    assert (
+        result.exit_code == 4
+        and document["verdict"] == "refused"
+        and "rest" in document["reasons"][0]
+    )
+    assert (
+        "Not looked at" in Path("out/diagnosis.html").read_text()
+        and not Path("out/twin.json").exists()
+    )
 
 
 def bad(folder, *arguments):

@@ -1,4 +1,6 @@
-"""`recal misalignment` as a user runs it: tables, runs, exit codes, the twin it writes, bad input in one line."""
+"""`recal misalignment` as a user runs it: tables, runs, exit codes, the twin it writes, bad input
+in one line.
+"""
 
 import json
 
@@ -14,7 +16,12 @@ from tests.infield.azimuth_cases import TWIN, one_power_on, unit
 from trajectories.runs.directory import write_run
 
 HEADER = "north_to_west_deg,bias_x_deg_h,bias_y_deg_h,bias_z_deg_h"
-ROWS = ("0,0.01,-0.02,0.03577", "90,0.00654,-0.02,0.03", "180,0.01,-0.02,0.02423", "270,0.01346,-0.02,0.03")
+ROWS = (
+    "0,0.01,-0.02,0.03577",
+    "90,0.00654,-0.02,0.03",
+    "180,0.01,-0.02,0.02423",
+    "270,0.01346,-0.02,0.03",
+)
 TABLE = ("k.csv", "--lat-deg", "39.9", "--sigma-deg-h", "0.001")
 
 
@@ -49,8 +56,11 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folde
     assert document["schema"] == "recal.misalignment/1" and document["verdict"] == "measured"
     found = by_entry(document)
     assert found["zx"]["value_arcsec"] == pytest.approx(103.1, abs=0.2)  # 0.5 mrad
-    assert found["xy"]["value_arcsec"] == pytest.approx(-61.9, abs=0.2)  # north to west: exy = -xy = 0.3 mrad
-    assert all(found[e]["sigma_arcsec"] == pytest.approx(12.6, abs=0.05) for e in ("xy", "yx", "zx", "zy"))
+    # north to west: exy = -xy = 0.3 mrad
+    assert found["xy"]["value_arcsec"] == pytest.approx(-61.9, abs=0.2)
+    assert all(
+        found[e]["sigma_arcsec"] == pytest.approx(12.6, abs=0.05) for e in ("xy", "yx", "zx", "zy")
+    )
     forms = document["closed_forms"]
     assert forms["exy"]["value_arcsec"] == pytest.approx(61.9, abs=0.2)
     assert forms["ezy"]["value_arcsec"] == pytest.approx(103.1, abs=0.2)
@@ -58,14 +68,24 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folde
     assert {row["what"] for row in document["not_observable"]} >= {"xz", "yz", "z own axis"}
     assert json.loads((folder / "recal-misalignment/misalignment.json").read_text()) == document
     page = (folder / "recal-misalignment/misalignment.html").read_text()
-    assert "<svg" in page and "http" not in page.split("</style>")[1].split("<svg")[0] and "Measured" in page
+    assert (
+        "<svg" in page
+        and "http" not in page.split("</style>")[1].split("<svg")[0]
+        and "Measured" in page
+    )
 
 
 def test_the_same_biases_by_heading_are_the_same_answer(folder):
     first = by_entry(result_of(*TABLE))
-    put(HEADER.replace("north_to_west", "heading"), (ROWS[0], "270" + ROWS[1][2:], ROWS[2], "90" + ROWS[3][3:]))
+    put(
+        HEADER.replace("north_to_west", "heading"),
+        (ROWS[0], "270" + ROWS[1][2:], ROWS[2], "90" + ROWS[3][3:]),
+    )
     second = by_entry(result_of(*TABLE))
-    assert all(second[e]["value_arcsec"] == pytest.approx(first[e]["value_arcsec"], abs=1e-9) for e in first)
+    assert all(
+        second[e]["value_arcsec"] == pytest.approx(first[e]["value_arcsec"], abs=1e-9)
+        for e in first
+    )
 
 
 def test_own_sigmas_of_the_rows_are_used(folder):
@@ -91,27 +111,46 @@ def test_one_run_with_four_stops_and_the_twin_that_it_writes(folder):
     assert run("run", "--twin", "unit.json", "--heading-deg", "45,135,225,315").exit_code == 0
 
 
-@pytest.mark.parametrize(("rows", "exit_code", "told"), [
-    (ROWS[:3], 4, "none near"), ((*ROWS[:3], "273" + ROWS[3][3:]), 4, "3.00 deg off"),
-    ((*ROWS[:3], "270,0.5,-0.02,0.03"), 5, "contradict"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("rows", "exit_code", "told"),
+    [
+        (ROWS[:3], 4, "none near"),
+        ((*ROWS[:3], "273" + ROWS[3][3:]), 4, "3.00 deg off"),
+        ((*ROWS[:3], "270,0.5,-0.02,0.03"), 5, "contradict"),
+    ],
+)
 def test_verdicts_and_exit_codes(folder, rows, exit_code, told):
     put(rows=rows)
     document = result_of(*TABLE, "--twin-out", "twin.json", exit_code=exit_code)
     assert told in document["reasons"][0] and not (folder / "twin.json").exists()
     if exit_code == 4:
-        assert document["couplings"] == [] and document["gyros"] == {} and document["rank"]["needed"] == 3
+        assert (
+            document["couplings"] == []
+            and document["gyros"] == {}
+            and document["rank"]["needed"] == 3
+        )
     assert (folder / "recal-misalignment/misalignment.html").exists()
 
 
-@pytest.mark.parametrize(("header", "rows", "told"), [
-    ("azimuth_deg" + HEADER[17:], ROWS, "which way it counts"), (HEADER, (), "0 rows"),
-    (HEADER.replace("bias_y", "bias_w"), ROWS, "bias_y_deg_h is missing"), (HEADER + ",note", ROWS, "'note' is unknown"),
-    (HEADER, (*ROWS[:2], "180,x,0,0"), "row 3: bias_x_deg_h = 'x'"), (HEADER, ("0,1,2",), "row 1: 3 values, needed 4"),
-    (HEADER, ("400,0,0,0",), "within +-360"), ("heading_deg," + HEADER, ROWS, "exactly one of"),
-    (HEADER + ",sigma_x_deg_h,sigma_y_deg_h,sigma_z_deg_h", [r + ",1,0,1" for r in ROWS], "row 1: sigma_y_deg_h = 0"),
-    (HEADER + ",sigma_x_deg_h", ROWS, "sigma_y_deg_h is missing"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("header", "rows", "told"),
+    [
+        ("azimuth_deg" + HEADER[17:], ROWS, "which way it counts"),
+        (HEADER, (), "0 rows"),
+        (HEADER.replace("bias_y", "bias_w"), ROWS, "bias_y_deg_h is missing"),
+        (HEADER + ",note", ROWS, "'note' is unknown"),
+        (HEADER, (*ROWS[:2], "180,x,0,0"), "row 3: bias_x_deg_h = 'x'"),
+        (HEADER, ("0,1,2",), "row 1: 3 values, needed 4"),
+        (HEADER, ("400,0,0,0",), "within +-360"),
+        ("heading_deg," + HEADER, ROWS, "exactly one of"),
+        (
+            HEADER + ",sigma_x_deg_h,sigma_y_deg_h,sigma_z_deg_h",
+            [r + ",1,0,1" for r in ROWS],
+            "row 1: sigma_y_deg_h = 0",
+        ),
+        (HEADER + ",sigma_x_deg_h", ROWS, "sigma_y_deg_h is missing"),
+    ],
+)
 def test_bad_tables_are_one_line(folder, header, rows, told):
     put(header, rows)
     outcome = run(*TABLE)
@@ -120,10 +159,16 @@ def test_bad_tables_are_one_line(folder, header, rows, told):
     assert not (folder / "recal-misalignment").exists()
 
 
-@pytest.mark.parametrize("arguments", [
-    ("k.csv", "--sigma-deg-h", "0.001"), (*TABLE, "--heading-deg", "0,90,180,270"), (*TABLE[:3], "--sigma-deg-h", "-1"),
-    ("run", "--heading-deg", "0,ninety"), ("run", "--heading-deg", "0", "--north-to-west-deg", "0"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("k.csv", "--sigma-deg-h", "0.001"),
+        (*TABLE, "--heading-deg", "0,90,180,270"),
+        (*TABLE[:3], "--sigma-deg-h", "-1"),
+        ("run", "--heading-deg", "0,ninety"),
+        ("run", "--heading-deg", "0", "--north-to-west-deg", "0"),
+    ],
+)
 def test_wrong_usage_is_exit_code_2(folder, arguments):
     assert run(*arguments).exit_code == 2
 

@@ -36,7 +36,9 @@ def result_of(*arguments):
 
 def test_a_plan_from_nothing(folder):
     (folder / "unit.json").write_text(json.dumps(twin_to_dict(default_twin("fog"))))
-    document = result_of("--twin", "unit.json", *TWO, "--separate", "gyro_g_sensitivity,gyro_turn_on_bias")
+    document = result_of(
+        "--twin", "unit.json", *TWO, "--separate", "gyro_g_sensitivity,gyro_turn_on_bias"
+    )
     assert document["schema"] == "recal.plan/1" and document["gyro_technology"] == "fog"
     first, second = document["recommended"]["pairs"]
     assert first["verdict"].startswith("separated") and first["cos"] < 0.9
@@ -55,19 +57,31 @@ def test_a_plan_from_nothing(folder):
 
 
 def test_runs_at_hand_and_the_one_more_that_helps(folder):
-    maker = RecordingMaker(default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0))
+    maker = RecordingMaker(
+        default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0)
+    )
     write_run(folder / "cold", maker.view(Recording()).run)
     document = result_of("cold", *TWO, "-o", "out")
-    assert document["lat_deg"] == pytest.approx(50.0) and document["given"]["run_ids"] == [Recording().name]
+    assert document["lat_deg"] == pytest.approx(50.0) and document["given"]["run_ids"] == [
+        Recording().name
+    ]
     assert document["given"]["pairs"][0]["cos"] > 0.95 and document["compared"] == []
-    assert document["steps"][0]["start"] != "cold" and document["next"][0]["recording"] == document["steps"][0]["recording"]
+    assert (
+        document["steps"][0]["start"] != "cold"
+        and document["next"][0]["recording"] == document["steps"][0]["recording"]
+    )
     assert "helps most" in (folder / "out/plan.html").read_text()
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
-    (("--separate", "gyro_thermal_linaer,clock_rate"), "nearest: gyro_thermal_linear"), (("--separate", "a"), "two effects"),
-    (("--twin", "none.json"), "none.json"), (("no-run",), "no-run"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("--separate", "gyro_thermal_linaer,clock_rate"), "nearest: gyro_thermal_linear"),
+        (("--separate", "a"), "two effects"),
+        (("--twin", "none.json"), "none.json"),
+        (("no-run",), "no-run"),
+    ],
+)
 def test_bad_input_is_one_line(folder, arguments, said):
     outcome = run(*arguments)
     assert isinstance(outcome.exception, InputError) and said in str(outcome.exception)
@@ -75,13 +89,18 @@ def test_bad_input_is_one_line(folder, arguments, said):
 
 
 def test_a_twin_of_another_unit_is_bad_input(folder):
-    maker = RecordingMaker(default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0))
+    maker = RecordingMaker(
+        default_twin("rlg"), None, Site(lat_rad=50 * DEG, lon_rad=7 * DEG, height_m=100.0)
+    )
     write_run(folder / "cold", maker.view(Recording()).run)
     (folder / "twin.json").write_text(json.dumps(twin_to_dict(default_twin("fog"))))
     outcome = run("cold", "--twin", "twin.json")
     assert isinstance(outcome.exception, InputError) and "gyro_technology" in str(outcome.exception)
 
 
-@pytest.mark.parametrize("arguments", [("--without", "wings"), ("--most", "0"), ("--technology", "laser"), ("--lat-deg", "99")])
+@pytest.mark.parametrize(
+    "arguments",
+    [("--without", "wings"), ("--most", "0"), ("--technology", "laser"), ("--lat-deg", "99")],
+)
 def test_wrong_usage_is_exit_code_2(folder, arguments):
     assert run(*arguments).exit_code == 2

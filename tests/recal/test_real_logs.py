@@ -1,4 +1,6 @@
-"""The real ArduPilot logs of ../shared/data through `recal convert`, `check` and `align`: their axes, places and rest."""
+"""The real ArduPilot logs of ../shared/data through `recal convert`, `check` and `align`: their
+axes, places and rest.
+"""
 
 import json
 from itertools import pairwise
@@ -23,7 +25,9 @@ from trajectories.runs.directory import read_run
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
 COPTER, PLANE = DATA / "ardupilot_log171.bin", DATA / "apm_fixedwing_TestLog2.mat"
-pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason="../shared/data is not beside the project")
+pytestmark = pytest.mark.skipif(
+    not DATA.is_dir(), reason="../shared/data is not beside the project"
+)
 
 app = typer.Typer()
 app.command()(command)
@@ -47,16 +51,27 @@ def means(run, start_s, end_s):
 
 
 def test_gravity_is_down(plane, copters):
-    """At rest f_z is -g within what an uncalibrated MEMS triad is off (the third IMU of the copter by 7 %)."""
-    for run, tolerance in ((plane, 0.3), (copters[1].run, 0.3), (copters[2].run, 0.5), (copters[3].run, 0.75)):
+    """At rest f_z is -g within what an uncalibrated MEMS triad is off (the third IMU of the copter
+    by 7 %).
+    """
+    for run, tolerance in (
+        (plane, 0.3),
+        (copters[1].run, 0.3),
+        (copters[2].run, 0.5),
+        (copters[3].run, 0.75),
+    ):
         f = means(run, 1.5, 5.0)[1]
         site = run.header.site
-        assert f[2] == pytest.approx(-float(gravity_magnitude(site.lat_rad, site.height_m)), abs=tolerance)
+        assert f[2] == pytest.approx(
+            -float(gravity_magnitude(site.lat_rad, site.height_m)), abs=tolerance
+        )
         assert np.hypot(f[0], f[1]) < 1.0
 
 
 def test_the_planes_axes_agree_with_its_gps(plane):
-    """Take-off: forward force with a rise of speed; in flight, right turns have gyro z > 0 and a course that grows."""
+    """Take-off: forward force with a rise of speed; in flight, right turns have gyro z > 0 and a
+    course that grows.
+    """
     gnss = plane.gnss
     course = np.unwrap(np.arctan2(gnss.v_n_m_s[:, 1], gnss.v_n_m_s[:, 0]))
     speed = np.hypot(gnss.v_n_m_s[:, 0], gnss.v_n_m_s[:, 1])
@@ -72,10 +87,13 @@ def test_the_planes_axes_agree_with_its_gps(plane):
 
 
 def test_place_and_time(plane, copters):
-    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and milliseconds of the week."""
+    """Melbourne on 2013-11-29 and Canberra on 2015-11-21, by hand from week and milliseconds of the
+    week.
+    """
     assert plane.header.site.lat_rad / DEG == pytest.approx(-37.9597, abs=1e-3)
     assert plane.header.site.lon_rad / DEG == pytest.approx(144.7648, abs=1e-3)
-    assert plane.header.start_utc.startswith("2013-11-29T22:00:0")  # week 1768, 511 216.7 s: day 5, 22:00:16.7, 16 leap s
+    # week 1768, 511 216.7 s: day 5, 22:00:16.7, 16 leap s
+    assert plane.header.start_utc.startswith("2013-11-29T22:00:0")
     assert copters[3].run.header.site.lat_rad / DEG == pytest.approx(-35.363, abs=1e-2)
     assert copters[3].run.header.start_utc.startswith("2015-11-21T23:4")
     assert copters[3].run.header.imu_serial == "PX4v2-004A002F3334511932383433-imu3"
@@ -84,7 +102,11 @@ def test_place_and_time(plane, copters):
 def test_what_is_wrong_with_the_copters_log_is_named(copters):
     notes = copters[3].record["notes"]
     with pytest.raises(
-        InputError, match=r"IMU3: gap of 2\.022 s after row 3018 \(log time 72\.606 s\).* --from-s 74\.628 --to-s 254"
+        InputError,
+        match=(
+            r"IMU3: gap of 2\.022 s after row 3018 \(log time 72\.606 s\).* --from-s 74\.628"
+            r" --to-s 254"
+        ),
     ):
         convert_log(COPTER, {"imu": 3}, {})
     assert any("8898 rows outside the stretch that was asked for" in n for n in notes)
@@ -94,7 +116,9 @@ def test_what_is_wrong_with_the_copters_log_is_named(copters):
 
 
 def test_parked_gyros_warm_up_as_the_note_beside_the_data_says(plane, copters):
-    """README of the data: x 100 to 623 deg/h in 160 s; IMU 3 from 29.3 to 32.2 degC at rest (log time 38 to 71 s)."""
+    """README of the data: x 100 to 623 deg/h in 160 s; IMU 3 from 29.3 to 32.2 degC at rest (log
+    time 38 to 71 s).
+    """
     early, late = means(plane, 0.0, 15.0)[0], means(plane, 150.0, 175.0)[0]
     np.testing.assert_allclose(early, [100, 166, 27], atol=80)
     np.testing.assert_allclose(late, [623, 911, 481], atol=80)
@@ -103,22 +127,38 @@ def test_parked_gyros_warm_up_as_the_note_beside_the_data_says(plane, copters):
     np.testing.assert_allclose(early, [-279, 330, 83], atol=60)
     np.testing.assert_allclose(late, [-372, 762, -40], atol=60)
     T = copter.temperature
-    assert np.interp([38 - shift_s, 71 - shift_s], T.time_s, T.gyro_degC[:, 0]) == pytest.approx([29.3, 32.2], abs=0.3)
+    assert np.interp([38 - shift_s, 71 - shift_s], T.time_s, T.gyro_degC[:, 0]) == pytest.approx(
+        [29.3, 32.2], abs=0.3
+    )
     assert plane.temperature is None
 
 
-@pytest.mark.parametrize(("log", "args", "rows"), [(COPTER, ("--imu", "3", "--to-s", "73"), 3018), (PLANE, (), 30650)])
+@pytest.mark.parametrize(
+    ("log", "args", "rows"), [(COPTER, ("--imu", "3", "--to-s", "73"), 3018), (PLANE, (), 30650)]
+)
 def test_from_log_to_check_and_align(tmp_path, log, args, rows):
-    """MEMS units: the run is usable, with a warning of its bias; heading is refused with the reason (exit code 4)."""
+    """MEMS units: the run is usable, with a warning of its bias; heading is refused with the reason
+    (exit code 4).
+    """
     said = CliRunner().invoke(app, [str(log), "-o", str(tmp_path / "run"), *args])
     assert said.exit_code == 0, said.stderr
     assert f"{rows} rows, 50 Hz" in said.stderr
     assert check(tmp_path / "run")["verdict"] == "warnings"
-    assert read_run(tmp_path / "run").sha256 == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
-    document = align(tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align")
+    assert (
+        read_run(tmp_path / "run").sha256
+        == convert_log(log, {"imu": 3, "to_s": 73.0} if args else {}, {}).run.sha256
+    )
+    document = align(
+        tmp_path / "run", store_url=f"sqlite:///{tmp_path}/none.db", output=tmp_path / "align"
+    )
     assert document["verdict"] == ("refused" if log == COPTER else "level_only")
-    assert ("never rests for a minute" if log == COPTER else "heading cannot be found at rest") in document["reasons"][0]
-    assert json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"] == "recal.alignment/1"
+    assert (
+        "never rests for a minute" if log == COPTER else "heading cannot be found at rest"
+    ) in document["reasons"][0]
+    assert (
+        json.loads((tmp_path / "align" / "alignment.json").read_text())["schema"]
+        == "recal.alignment/1"
+    )
 
 
 def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):
@@ -132,7 +172,9 @@ def test_level_of_the_parked_plane_is_that_of_its_autopilot(plane):
 
 
 def test_runs_for_the_gap_diagnosis(tmp_path):
-    """The benchmark's runs can be read again; rests and halves are where the notes beside the data say."""
+    """The benchmark's runs can be read again; rests and halves are where the notes beside the data
+    say.
+    """
     runs = real_logs.convert_all(DATA, tmp_path)
     assert set(runs) == {p.name for p in tmp_path.iterdir()}
     for name, run in runs.items():
@@ -140,7 +182,9 @@ def test_runs_for_the_gap_diagnosis(tmp_path):
     first, second = runs["apm-first"].imu, runs["apm-second"].imu
     assert (round(first.end_s), round(second.start_s), round(second.end_s)) == (87, 87, 175)
     parked, landed = real_logs.at_rest(runs["apm"])
-    assert parked == pytest.approx((14, 184), abs=2.0) and landed == pytest.approx((571, 604), abs=2.0)
+    assert parked == pytest.approx((14, 184), abs=2.0) and landed == pytest.approx(
+        (571, 604), abs=2.0
+    )
     assert real_logs.at_rest(runs["ln100"]) == [pytest.approx((0, 300), abs=0.1)]
     assert real_logs.at_rest(runs["copter-imu3"]) == [pytest.approx((17, 61), abs=1.0)]
     assert len(list(real_logs.table_lines(runs))) == 2 + 8

@@ -1,4 +1,6 @@
-"""`recal replay` as a user runs it: outputs, exit codes, a store it never makes, the same bytes twice."""
+"""`recal replay` as a user runs it: outputs, exit codes, a store it never makes, the same bytes
+twice.
+"""
 
 import json
 from dataclasses import replace
@@ -24,8 +26,19 @@ from trajectories.simulator.session import SimulatedRun
 
 app = typer.Typer()
 app.command()(replay.command)
-COLUMNS = ["time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
-           "heading_deg", "table"]  # fmt: skip
+COLUMNS = [
+    "time_s",
+    "lat_deg",
+    "lon_deg",
+    "height_m",
+    "vn_m_s",
+    "ve_m_s",
+    "vd_m_s",
+    "roll_deg",
+    "pitch_deg",
+    "heading_deg",
+    "table",
+]
 
 
 @lru_cache(maxsize=1)
@@ -48,7 +61,9 @@ def folder(drawn_folder, undrawn):
 
 
 def table(bias_deg_h: float, serial: str = "SN-0042"):
-    made = default_table(imu_serial=serial, gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z")
+    made = default_table(
+        imu_serial=serial, gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z"
+    )
     data = table_to_dict(made)
     data["axes"]["x"]["bias_deg_h"] = [bias_deg_h] * len(data["axes"]["x"]["bias_deg_h"])
     return data
@@ -78,7 +93,10 @@ def test_two_revisions_are_flown_and_compared(folder):
     assert outcome.stdout == (folder / "recal-replay/replay.json").read_text()
     assert document["schema"] == "recal.replay/1" and document["verdict"] == "replayed"
     assert document["notes"] == ["parked for 10 min of navigation: NM/h is extrapolated"]
-    assert [(t["role"], t["revision"]) for t in document["tables"]] == [("active", 2), ("previous", 1)]
+    assert [(t["role"], t["revision"]) for t in document["tables"]] == [
+        ("active", 2),
+        ("previous", 1),
+    ]
     assert [t["sha256"] for t in document["tables"]] == [table_sha256(second), table_sha256(first)]
     rate = document["difference"]["rate_nm_h"]
     assert rate["active"] < 0.01 < 0.1 < rate["previous"]  # the unit's truth is no bias at all
@@ -86,7 +104,11 @@ def test_two_revisions_are_flown_and_compared(folder):
     assert f"{rate['previous']:.3f} -> {rate['active']:.3f} NM/h" in outcome.stderr
     active = document["tables"][0]
     assert active["gnss"] is not None and active["scoring_only"]["source"] == "reference"
-    assert 0 <= active["alignment"]["heading_deg"] < 360 and len(active["stops"]) == 1 and not active["realign"]
+    assert (
+        0 <= active["alignment"]["heading_deg"] < 360
+        and len(active["stops"]) == 1
+        and not active["realign"]
+    )
     assert "replay" in (folder / "recal-replay/replay.html").read_text().lower()
 
 
@@ -102,7 +124,8 @@ def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
         assert part["heading_deg"].between(0, 360, inclusive="left").all()
     reference, active = session().reference, data[data["table"] == "active"]
     truth = np.interp(active["time_s"], reference.time_s, reference.lat_rad / DEG)
-    assert np.abs(active["lat_deg"] - truth).max() < 1e-3  # 100 m; the perfect unit with the perfect table
+    # 100 m; the perfect unit with the perfect table
+    assert np.abs(active["lat_deg"] - truth).max() < 1e-3
     assert data.drop(columns="table").notna().all().all()
 
 
@@ -113,11 +136,15 @@ def test_same_bytes_on_a_second_run(drawn_folder):
     names = sorted(p.name for p in (drawn_folder / "one").iterdir())
     assert names == ["navigation.parquet", "navigation_aided.parquet", "replay.html", "replay.json"]
     for name in names:
-        assert (drawn_folder / "one" / name).read_bytes() == (drawn_folder / "two" / name).read_bytes(), name
+        assert (drawn_folder / "one" / name).read_bytes() == (
+            drawn_folder / "two" / name
+        ).read_bytes(), name
 
 
 def test_exports_and_the_aided_solution(folder):
-    """--kml and --csv write what the parquet files hold, twice the same bytes; --no-aided leaves GNSS out."""
+    """--kml and --csv write what the parquet files hold, twice the same bytes; --no-aided leaves
+    GNSS out.
+    """
     stored(table(0.0))
     document = result_of("run", "-o", "one", "--kml", "--csv")
     result_of("run", "-o", "two", "--kml", "--csv")
@@ -127,14 +154,25 @@ def test_exports_and_the_aided_solution(folder):
         text, binary = csv.read_csv(f"one/{name}.csv"), pq.read_table(f"one/{name}.parquet")
         assert text.column_names == binary.column_names
         for column in binary.column_names:
-            np.testing.assert_array_equal(text[column].to_numpy(), binary[column].to_numpy(), err_msg=column)
+            np.testing.assert_array_equal(
+                text[column].to_numpy(), binary[column].to_numpy(), err_msg=column
+            )
     aided = document["aided"]
-    assert aided["verdict"] == "aided" and aided["start"]["method"] == "gyrocompass" and aided["consistency"]["is_test"]
+    assert (
+        aided["verdict"] == "aided"
+        and aided["start"]["method"] == "gyrocompass"
+        and aided["consistency"]["is_test"]
+    )
     assert aided["scoring_only"]["normalised_position"] < 3.0 and aided["rejected"] == []
-    assert "Aided by GNSS" in (folder / "one/replay.html").read_text() and "$" not in (folder / "one/replay.html").read_text()
+    assert (
+        "Aided by GNSS" in (folder / "one/replay.html").read_text()
+        and "$" not in (folder / "one/replay.html").read_text()
+    )
     plain = result_of("run", "-o", "one", "--no-aided")
     assert plain["aided"] is None and not (folder / "one/navigation_aided.parquet").exists()
-    assert plain["tables"] == document["tables"] and plain["tables"][0]["schuler"]["reason"].startswith("parked for 10 min")
+    assert plain["tables"] == document["tables"] and plain["tables"][0]["schuler"][
+        "reason"
+    ].startswith("parked for 10 min")
 
 
 def test_one_revision_is_flown_alone_and_said(folder):
@@ -147,7 +185,9 @@ def test_one_revision_is_flown_alone_and_said(folder):
 def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
     document = result_of("run")
     assert document["notes"][0].startswith("no store there") and document["store"] is None
-    assert document["tables"][0]["origin"].startswith("default") and document["tables"][0]["applied"]
+    assert (
+        document["tables"][0]["origin"].startswith("default") and document["tables"][0]["applied"]
+    )
     assert not (folder / "recal.db").exists()
 
 
@@ -170,16 +210,27 @@ def test_refused_writes_its_reasons_and_no_old_navigation(folder):
 
 def test_polar_site_is_refused_with_the_alignment_in_the_report(folder):
     header = session().run.header
-    polar = replace(session().run, header=replace(header, site=replace(header.site, lat_rad=79 * DEG)), gnss=None)
+    polar = replace(
+        session().run,
+        header=replace(header, site=replace(header.site, lat_rad=79 * DEG)),
+        gnss=None,
+    )
     write_run(folder / "polar", polar)
     document = result_of("polar", exit_code=4)
     assert "78.25" in document["reasons"][0]
-    assert document["tables"][0]["alignment"]["heading_deg"] is None and document["tables"][0]["parked"] is None
+    assert (
+        document["tables"][0]["alignment"]["heading_deg"] is None
+        and document["tables"][0]["parked"] is None
+    )
 
 
 def test_wrong_latitude_is_exit_code_5(folder):
     header = session().run.header
-    wrong = replace(session().run, header=replace(header, site=replace(header.site, lat_rad=45.9 * DEG)), gnss=None)
+    wrong = replace(
+        session().run,
+        header=replace(header, site=replace(header.site, lat_rad=45.9 * DEG)),
+        gnss=None,
+    )
     write_run(folder / "wrong", wrong)
     assert "latitude entered" in result_of("wrong", exit_code=5)["reasons"][-1]
 

@@ -1,4 +1,6 @@
-"""The review page as a reader and a reviewer use it: what is shown, what is recorded, what is refused."""
+"""The review page as a reader and a reviewer use it: what is shown, what is recorded, what is
+refused.
+"""
 
 import html
 import json
@@ -27,9 +29,16 @@ def site(tmp_path_factory):
     put_unit(url, HOSTILE, note="<img src=x onerror=alert(2)>", updates=0, run="<b>run</b>")
     for name, serial in (("2026/march", "SN-1"), ("april", HOSTILE)):
         (folder / "reports" / name).mkdir(parents=True)
-        said = {"schema": "recal.diagnosis/1", "verdict": "refused", "sentence": "No run: <i>none</i>.", "imu_serial": serial}
+        said = {
+            "schema": "recal.diagnosis/1",
+            "verdict": "refused",
+            "sentence": "No run: <i>none</i>.",
+            "imu_serial": serial,
+        }
         (folder / "reports" / name / "diagnosis.json").write_text(json.dumps(said))
-        (folder / "reports" / name / "diagnosis.html").write_text(f"<!DOCTYPE html><p>diagnosis of {name}")
+        (folder / "reports" / name / "diagnosis.html").write_text(
+            f"<!DOCTYPE html><p>diagnosis of {name}"
+        )
     with serving(url, reports=folder / "reports") as base:
         yield base, url
 
@@ -58,12 +67,20 @@ def untouched(request, tmp_path_factory):
 
 
 def text_of(answer):
-    return " ".join(html.unescape(re.sub(r"<(style|svg)\b.*?</\1>|<[^>]*>", " ", answer.text, flags=re.DOTALL)).split())
+    return " ".join(
+        html.unescape(
+            re.sub(r"<(style|svg)\b.*?</\1>|<[^>]*>", " ", answer.text, flags=re.DOTALL)
+        ).split()
+    )
 
 
 def test_units_are_listed_searched_and_sorted(visitor):
     page = visitor.get("/")
-    assert page.status_code == 200 and "3 units in the store" in text_of(page) and "proposed update" in text_of(page)
+    assert (
+        page.status_code == 200
+        and "3 units in the store" in text_of(page)
+        and "proposed update" in text_of(page)
+    )
     assert [m in visitor.get("/?q=dither").text for m in ("SN-2", ">SN-1<")] == [True, False]
     down = visitor.get("/?sort=technology&down=true").text
     assert down.index(">SN-1<") < down.index(">SN-2<") and 'aria-sort="descending"' in down
@@ -73,10 +90,16 @@ def test_units_are_listed_searched_and_sorted(visitor):
 def test_one_unit_shows_table_plot_history_and_proposals(visitor):
     page = visitor.get("/unit?serial=SN-1&technology=rlg")
     words = text_of(page)
-    assert "Revision 2 is active" in words and page.text.count("<svg") == 3 and "style=" not in page.text
+    assert (
+        "Revision 2 is active" in words
+        and page.text.count("<svg") == 3
+        and "style=" not in page.text
+    )
     assert page.text.count("Bias of gyro x against temperature: factory, active table") == 1
     assert "+0.0010 0.020" in words or "+0.001 0.020" in words  # bias and U(k=2) of the rlg default
-    assert "proposal 1" in words and "SHA-256" in words and "run-0" in words and "2026/march" in words
+    assert (
+        "proposal 1" in words and "SHA-256" in words and "run-0" in words and "2026/march" in words
+    )
     with_mode = visitor.get("/unit?serial=SN-2&technology=fog&mode=dithered")
     assert with_mode.status_code == 200 and "Compare" not in text_of(with_mode)
     assert visitor.get("/unit?serial=SN-2&technology=fog").status_code == 404
@@ -88,23 +111,33 @@ def test_sessions_that_contradict_are_shown_against_the_table(tmp_path):
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url)
     said = SessionEvidence(
-        run_id="run-<x>", run_sha256="c" * 64, start_utc="2026-03-09T05:00:00Z", temperature_degC=[5.0, 5.0, 5.0],
-        bias_deg_h=[0.041, 0.001, 0.001], bend_deg_h=[0.0, 0.0, 0.0], covariance=[[4e-6, 0, 0], [0, 4e-6, 0], [0, 0, 4e-6]],
-    )  # fmt: skip
+        run_id="run-<x>",
+        run_sha256="c" * 64,
+        start_utc="2026-03-09T05:00:00Z",
+        temperature_degC=[5.0, 5.0, 5.0],
+        bias_deg_h=[0.041, 0.001, 0.001],
+        bend_deg_h=[0.0, 0.0, 0.0],
+        covariance=[[4e-6, 0, 0], [0, 4e-6, 0], [0, 0, 4e-6]],
+    )
     with TableStore.open(url) as store:
         store.remember_contradictions("SN-1", "rlg", "", [said])
         sigma = store.active().table.sigma_deg_h("x", 5.0)[0]
     with serving(url) as base, Visitor(base) as visitor:
         words = text_of(visitor.get("/unit?serial=SN-1&technology=rlg"))
         expanded = 2 * (4e-6 + sigma**2) ** 0.5
-        assert f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C" in words
+        assert (
+            f"run-<x> cccccccccccc 2026-03-09T05:00:00Z +0.0400 ± {expanded:.4f} (k=2) at 5.0 °C"
+            in words
+        )
         listed = text_of(visitor.get("/?sort=contradictions&down=true"))
         assert re.search(r"SN-1 rlg revision 2, update \w{12} \S+ 1 1 by technology", listed)
 
 
 def test_two_revisions_are_compared(visitor):
     words = text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=1&after=2"))
-    assert "revision 1 against 2" in words and re.search(r"Largest change: gyro x \+0\.0010* deg/h", words)
+    assert "revision 1 against 2" in words and re.search(
+        r"Largest change: gyro x \+0\.0010* deg/h", words
+    )
     assert "same table" in text_of(visitor.get("/diff?serial=SN-1&technology=rlg&before=2&after=2"))
 
 
@@ -115,7 +148,11 @@ def test_two_revisions_are_compared(visitor):
         ("/unit?serial=SN-1", 400, "technology: Field required"),
         ("/diff?serial=SN-1&technology=rlg&before=9", 400, "no revision 9, needed 1 to 2"),
         ("/?sort=colour", 400, "sort: Input should be"),
-        ("/diff?serial=SN-1&technology=rlg&before=x", 400, "before: Input should be a valid integer"),
+        (
+            "/diff?serial=SN-1&technology=rlg&before=x",
+            400,
+            "before: Input should be a valid integer",
+        ),
         ("/nothing", 404, "no page here"),
         ("/proposal?serial=SN-1&technology=rlg&number=7", 400, "no proposal 7"),
         ("/unit?serial=a%00b&technology=rlg", 404, "no table"),
@@ -135,26 +172,50 @@ def test_hostile_texts_stay_texts(visitor):
     listed = visitor.get("/").text
     link = re.search(r'href="(/unit\?serial=SN%22[^"]*)"', listed)[1].replace("&amp;", "&")
     unit = visitor.get(link)
-    assert unit.status_code == 200 and "&lt;script&gt;" in unit.text and "&lt;img src=x" in unit.text
-    proposal = visitor.get(re.search(r'href="(/proposal\?[^"]*)"', unit.text)[1].replace("&amp;", "&"))
+    assert (
+        unit.status_code == 200 and "&lt;script&gt;" in unit.text and "&lt;img src=x" in unit.text
+    )
+    proposal = visitor.get(
+        re.search(r'href="(/proposal\?[^"]*)"', unit.text)[1].replace("&amp;", "&")
+    )
     searched = visitor.get("/", params={"q": '"><script>alert(3)</script>'})
     lost = visitor.get("/unit", params={"serial": "<script>alert(4)</script>", "technology": "rlg"})
     folder = visitor.get("/diagnosis", params={"folder": "april"})
-    for page in (listed, unit.text, proposal.text, searched.text, lost.text, visitor.get("/diagnoses").text, folder.text):
-        assert not re.search(r"<script|<img|<b>run|onerror=alert\(\d\)>(?!&)|<i>none", page, re.IGNORECASE)
+    for page in (
+        listed,
+        unit.text,
+        proposal.text,
+        searched.text,
+        lost.text,
+        visitor.get("/diagnoses").text,
+        folder.text,
+    ):
+        assert not re.search(
+            r"<script|<img|<b>run|onerror=alert\(\d\)>(?!&)|<i>none", page, re.IGNORECASE
+        )
     assert proposal.status_code == folder.status_code == 200
 
 
 def test_a_report_is_shown_alone_in_a_sandbox(visitor, monkeypatch):
-    monkeypatch.setattr(pages, "update_html", lambda document: f"<p>report {document['proposal']} <script>1</script>")
+    monkeypatch.setattr(
+        pages,
+        "update_html",
+        lambda document: f"<p>report {document['proposal']} <script>1</script>",
+    )
     page = visitor.get("/proposal?serial=SN-1&technology=rlg&number=1").text
     frame = re.search(r'<iframe [^>]*sandbox=""[^>]*src="([^"]*)"', page)[1].replace("&amp;", "&")
     report = visitor.get(frame)
     policy = report.headers["content-security-policy"].split("; ")
-    assert report.text.startswith("<p>report 1") and policy[0] == "sandbox" and "default-src 'none'" in policy
+    assert (
+        report.text.startswith("<p>report 1")
+        and policy[0] == "sandbox"
+        and "default-src 'none'" in policy
+    )
     assert report.headers["x-frame-options"] == "SAMEORIGIN" and "frame-ancestors 'self'" in policy
     document = visitor.get("/proposal/update.json?serial=SN-1&technology=rlg&number=1")
-    assert document.json()["verdict"] == "proposed" and document.headers["content-disposition"].startswith("attachment")
+    assert document.json()["verdict"] == "proposed" and document.headers[
+        "content-disposition"
+    ].startswith("attachment")
 
 
 def test_a_report_that_cannot_be_drawn_says_so(visitor):
@@ -166,20 +227,50 @@ def test_approval_is_recorded_and_commits(fresh):
     base, url = fresh
     with Visitor(base) as visitor:
         page = "/proposal?serial=SN-1&technology=rlg&number=1"
-        assert "Sign in to decide" in visitor.get(page).text and 'name="verdict"' not in visitor.get(page).text
+        assert (
+            "Sign in to decide" in visitor.get(page).text
+            and 'name="verdict"' not in visitor.get(page).text
+        )
         assert visitor.sign_in(next=page).headers["location"] == page
         token = visitor.form_token(page)
-        done = visitor.submit("/decide", form_token=token, serial="SN-1", technology="rlg", mode="", number="1",
-                            verdict="approved", by="A. Reviewer", reason="white residuals")  # fmt: skip
-        assert done.status_code == 303 and "Recorded: approved" in text_of(visitor.get(done.headers["location"]))
+        done = visitor.submit(
+            "/decide",
+            form_token=token,
+            serial="SN-1",
+            technology="rlg",
+            mode="",
+            number="1",
+            verdict="approved",
+            by="A. Reviewer",
+            reason="white residuals",
+        )
+        assert done.status_code == 303 and "Recorded: approved" in text_of(
+            visitor.get(done.headers["location"])
+        )
         with TableStore.open(url) as store:
             decided = store.proposals()[0].decision
-            assert (decided.decided_by, decided.reason, decided.revision_number) == ("A. Reviewer", "white residuals", 3)
+            assert (decided.decided_by, decided.reason, decided.revision_number) == (
+                "A. Reviewer",
+                "white residuals",
+                3,
+            )
             assert store.active().sha256 == store.proposals()[0].sha256
         late = "/proposal?serial=SN-1&technology=rlg&number=2"
-        assert "Out of date" in visitor.get(late).text and 'value="approved"' not in visitor.get(late).text
-        again = visitor.submit("/decide", form_token=token, serial="SN-1", technology="rlg", mode="", number="2",
-                             verdict="approved", by="A", reason="all the same")  # fmt: skip
+        assert (
+            "Out of date" in visitor.get(late).text
+            and 'value="approved"' not in visitor.get(late).text
+        )
+        again = visitor.submit(
+            "/decide",
+            form_token=token,
+            serial="SN-1",
+            technology="rlg",
+            mode="",
+            number="2",
+            verdict="approved",
+            by="A",
+            reason="all the same",
+        )
         assert again.status_code == 409 and "update again" in text_of(again)
         with TableStore.open(url) as store:
             assert len(store.history()) == 3 and store.proposals()[1].decision is None
@@ -191,31 +282,69 @@ def test_rejection_and_rollback_carry_the_name_of_the_token(fresh):
     with Visitor(base) as visitor:
         visitor.sign_in(NAMED_TOKEN)
         token = visitor.form_token("/proposal?serial=SN-1&technology=rlg&number=2")
-        unit = {"form_token": token, "serial": "SN-1", "technology": "rlg", "mode": "", "by": "Somebody Else"}
-        assert visitor.submit("/decide", **unit, number="2", verdict="rejected", reason="towed").status_code == 303
+        unit = {
+            "form_token": token,
+            "serial": "SN-1",
+            "technology": "rlg",
+            "mode": "",
+            "by": "Somebody Else",
+        }
+        assert (
+            visitor.submit(
+                "/decide", **unit, number="2", verdict="rejected", reason="towed"
+            ).status_code
+            == 303
+        )
         confirm = visitor.get("/rollback?serial=SN-1&technology=rlg&to=1")
-        assert "Please confirm" in confirm.text and "Nothing is deleted" in confirm.text and 'name="by"' not in confirm.text
-        assert visitor.submit("/rollback", **unit, to="1", active="2", reason="wrong run").status_code == 303
+        assert (
+            "Please confirm" in confirm.text
+            and "Nothing is deleted" in confirm.text
+            and 'name="by"' not in confirm.text
+        )
+        assert (
+            visitor.submit("/rollback", **unit, to="1", active="2", reason="wrong run").status_code
+            == 303
+        )
         stale = visitor.submit("/rollback", **unit, to="2", active="2", reason="seen before")
         assert stale.status_code == 409 and "revision 3 is active now, not 2" in text_of(stale)
     with TableStore.open(url) as store:
         assert store.proposals()[1].decision.decided_by == "R. Eviewer"
-        assert store.active().note == "rolled back by R. Eviewer: wrong run" and store.active().restored_number == 1
+        assert (
+            store.active().note == "rolled back by R. Eviewer: wrong run"
+            and store.active().restored_number == 1
+        )
 
 
-@pytest.mark.parametrize("change, status, words", [
-    ({"reason": " "}, 400, "reason: got 0 characters"), ({"by": ""}, 400, "by: got"), ({"verdict": "maybe"}, 400, "verdict"),
-    ({"number": "x"}, 400, "number: got 'x'"), ({"number": "77"}, 400, "no proposal 77"), ({"serial": ""}, 400, "serial"),
-    ({"serial": "SN-9"}, 404, "no proposal for serial SN-9"), ({"number": "９"}, 400, "whole number"),
-    ({"reason": "x" * 30000}, 400, "reason"), ({"by": "a\nb"}, 400, "by: got"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change, status, words",
+    [
+        ({"reason": " "}, 400, "reason: got 0 characters"),
+        ({"by": ""}, 400, "by: got"),
+        ({"verdict": "maybe"}, 400, "verdict"),
+        ({"number": "x"}, 400, "number: got 'x'"),
+        ({"number": "77"}, 400, "no proposal 77"),
+        ({"serial": ""}, 400, "serial"),
+        ({"serial": "SN-9"}, 404, "no proposal for serial SN-9"),
+        ({"number": "９"}, 400, "whole number"),
+        ({"reason": "x" * 30000}, 400, "reason"),
+        ({"by": "a\nb"}, 400, "by: got"),
+    ],
+)
 def test_a_wrong_form_is_a_readable_line_and_changes_nothing(untouched, change, status, words):
     base, url = untouched
     with Visitor(base) as visitor:
         visitor.sign_in()
         token = visitor.form_token("/proposal?serial=SN-1&technology=rlg&number=1")
-        fields = {"form_token": token, "serial": "SN-1", "technology": "rlg", "mode": "", "number": "1", "verdict": "approved",
-                  "by": "A", "reason": "why"}  # fmt: skip
+        fields = {
+            "form_token": token,
+            "serial": "SN-1",
+            "technology": "rlg",
+            "mode": "",
+            "number": "1",
+            "verdict": "approved",
+            "by": "A",
+            "reason": "why",
+        }
         answer = visitor.submit("/decide", **{**fields, **change})
         assert answer.status_code == status and words in text_of(answer)
     with TableStore.open(url) as store:
@@ -228,20 +357,35 @@ def test_a_first_table_waits_without_one_in_use(tmp_path):
     from infield.table.thermal_table import default_table
 
     url = f"sqlite:///{tmp_path}/recal.db"
-    old = default_table(imu_serial="NEW", gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z", high_degC=20)
+    old = default_table(
+        imu_serial="NEW", gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z", high_degC=20
+    )
     first = table_to_dict(old)
     said = {"parent_sha256": table_sha256(first), "runs": []}
     with TableStore.open(url, create=True) as store:
-        store.propose(table_sha256(first), old.replaced(provenance=said), [MergedRun(run_id="r", sha256="r")],
-                      '{"verdict": "proposed"}', first_table=first)  # fmt: skip
+        store.propose(
+            table_sha256(first),
+            old.replaced(provenance=said),
+            [MergedRun(run_id="r", sha256="r")],
+            '{"verdict": "proposed"}',
+            first_table=first,
+        )
     with serving(url) as base, Visitor(base) as visitor:
         assert "none yet" in text_of(visitor.get("/"))
         assert "No table is active" in visitor.get("/unit?serial=NEW&technology=rlg").text
         page = "/proposal?serial=NEW&technology=rlg&number=1"
         assert "first table" in visitor.get(page).text
         visitor.sign_in()
-        done = visitor.submit("/decide", form_token=visitor.form_token(page), serial="NEW", technology="rlg", number="1",
-                            verdict="approved", by="A", reason="first")  # fmt: skip
+        done = visitor.submit(
+            "/decide",
+            form_token=visitor.form_token(page),
+            serial="NEW",
+            technology="rlg",
+            number="1",
+            verdict="approved",
+            by="A",
+            reason="first",
+        )
         assert "Revision 2 is active" in visitor.get(done.headers["location"]).text
 
 
@@ -256,7 +400,11 @@ def test_a_damaged_row_is_told_and_nothing_else_fails(tmp_path):
     raw.close()
     with serving(url) as base, Visitor(base) as visitor:
         broken = visitor.get("/unit?serial=SN-1&technology=rlg")
-        assert broken.status_code == 503 and "the row was changed" in text_of(broken) and str(tmp_path) not in broken.text
+        assert (
+            broken.status_code == 503
+            and "the row was changed" in text_of(broken)
+            and str(tmp_path) not in broken.text
+        )
         assert visitor.get("/unit?serial=SN-2&technology=rlg").status_code == 200
 
 
@@ -272,13 +420,24 @@ def test_hundreds_of_units_come_in_pages(tmp_path):
         def add(c):
             row = dict(c.execute(revision.select()).one()._mapping)
             for k in range(2, 452):
-                c.execute(insert(unit).values(id=k, imu_serial=f"A-{k:03}", gyro_technology="rlg", gyro_mode=""))
+                c.execute(
+                    insert(unit).values(
+                        id=k, imu_serial=f"A-{k:03}", gyro_technology="rlg", gyro_mode=""
+                    )
+                )
                 c.execute(insert(revision).values(**{**row, "unit_id": k}))
                 c.execute(insert(tag).values(unit_id=k, name="active", number=1))
 
         store._database.write(add)
     with serving(url) as base, Visitor(base) as visitor:
         first, last = visitor.get("/"), visitor.get("/?page=3")
-        assert first.text.count('<th scope="row">') == 200 and last.text.count('<th scope="row">') == 51
-        assert "page 1 of 3" in text_of(first) and "A-451" in last.text and visitor.get("/?page=99").text.count("A-451")
+        assert (
+            first.text.count('<th scope="row">') == 200
+            and last.text.count('<th scope="row">') == 51
+        )
+        assert (
+            "page 1 of 3" in text_of(first)
+            and "A-451" in last.text
+            and visitor.get("/?page=99").text.count("A-451")
+        )
         assert visitor.get("/?q=a-45").text.count('<th scope="row">') == 2

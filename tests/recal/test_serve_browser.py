@@ -1,4 +1,6 @@
-"""The review page in a real browser, headless: it is whole without script, fits a phone, and works from the keyboard."""
+"""The review page in a real browser, headless: it is whole without script, fits a phone, and works
+from the keyboard.
+"""
 
 import json
 import re
@@ -53,20 +55,38 @@ def served(tmp_path_factory):
     patch.undo()
 
 
-@pytest.mark.parametrize("path", [
-    "/", UNIT, PROPOSAL.format(1), "/proposals", "/diff?serial=SN-1&technology=rlg", "/diagnoses", "/diagnosis?folder=a",
-    "/signin", "/nothing", "/?q=long",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/",
+        UNIT,
+        PROPOSAL.format(1),
+        "/proposals",
+        "/diff?serial=SN-1&technology=rlg",
+        "/diagnoses",
+        "/diagnosis?folder=a",
+        "/signin",
+        "/nothing",
+        "/?q=long",
+    ],
+)
 def test_a_page_keeps_its_policy_and_fits_a_phone(browser, served, path):
     for width, mobile in ((1200, False), (420, True)):
         browser.size(width, mobile=mobile)
         browser.open(served[0] + path)
         assert browser.evaluate("document.documentElement.scrollWidth") <= width
         assert browser.evaluate(BEYOND.replace("WIDTH", str(width))) == []
-    broken = [line for line in browser.complaints() if "404" not in line and "sandboxed" not in line]
+    broken = [
+        line for line in browser.complaints() if "404" not in line and "sandboxed" not in line
+    ]
     assert broken == [], broken  # no style, frame or script against the policy of the page
-    assert browser.evaluate("getComputedStyle(document.body).color") == "rgb(27, 31, 36)"  # the style sheet was let through
-    requests = [e["params"]["request"]["url"] for e in browser.events if e["method"] == "Network.requestWillBeSent"]
+    # the style sheet was let through
+    assert browser.evaluate("getComputedStyle(document.body).color") == "rgb(27, 31, 36)"
+    requests = [
+        e["params"]["request"]["url"]
+        for e in browser.events
+        if e["method"] == "Network.requestWillBeSent"
+    ]
     assert all(url.startswith((served[0], "data:")) for url in requests), requests
 
 
@@ -75,7 +95,13 @@ def test_every_field_and_link_has_a_name(browser, served):
     unnamed = """[...document.querySelectorAll("input:not([type=hidden], [hidden]), select, textarea")]
         .filter(e => !e.labels.length).length
         + [...document.querySelectorAll("a, button")].filter(e => !(e.innerText.trim() || e.ariaLabel)).length"""
-    for path in ("/", UNIT, PROPOSAL.format(1), "/signin", "/rollback?serial=SN-1&technology=rlg&to=1"):
+    for path in (
+        "/",
+        UNIT,
+        PROPOSAL.format(1),
+        "/signin",
+        "/rollback?serial=SN-1&technology=rlg&to=1",
+    ):
         browser.open(served[0] + path)
         assert browser.evaluate(unnamed) == 0, path
         assert browser.evaluate("document.querySelectorAll('h1').length") == 1 and browser.evaluate(
@@ -92,19 +118,28 @@ def test_drawings_are_seen(browser, served):
         s.getBoundingClientRect().width, s.getBoundingClientRect().height,
         [...s.querySelectorAll("path")].filter(p => getComputedStyle(p).stroke === "rgb(0, 114, 178)").length])"""
     found = browser.evaluate(drawn)
-    assert len(found) == 3 and all(width > 250 and height > 150 and blue >= 1 for width, height, blue in found), found
+    assert len(found) == 3 and all(
+        width > 250 and height > 150 and blue >= 1 for width, height, blue in found
+    ), found
 
 
 def test_a_hostile_report_stays_in_its_sandbox(browser, served):
-    for path, frame in ((PROPOSAL.format(1), "/proposal/report"), ("/diagnosis?folder=a", "/diagnosis/page")):
+    for path, frame in (
+        (PROPOSAL.format(1), "/proposal/report"),
+        ("/diagnosis?folder=a", "/diagnosis/page"),
+    ):
         browser.open(served[0] + path)
         source = browser.evaluate("document.querySelector('iframe').src")
         assert (
-            frame in source and browser.evaluate("document.querySelector('iframe').contentDocument") is None
+            frame in source
+            and browser.evaluate("document.querySelector('iframe').contentDocument") is None
         )  # another origin
         assert browser.evaluate("location.pathname + location.search") == path
         browser.open(source)  # alone: still without script
-        assert browser.evaluate("document.title") == "r" and browser.evaluate("getComputedStyle(p).color") == "rgb(255, 0, 0)"
+        assert (
+            browser.evaluate("document.title") == "r"
+            and browser.evaluate("getComputedStyle(p).color") == "rgb(255, 0, 0)"
+        )
     browser.open(served[0] + "/unit?technology=rlg&serial=SN-2-" + "long" * 20)
     assert browser.evaluate("document.title").startswith("SN-2-long")
 
@@ -112,16 +147,24 @@ def test_a_hostile_report_stays_in_its_sandbox(browser, served):
 def test_no_other_site_can_frame_or_send_a_form(browser, served, tmp_path):
     sign_in(browser, served[0])
     framing = tmp_path / "evil.html"
-    framing.write_text(f'<iframe src="{served[0]}/"></iframe><form id="f" method="post" action="{served[0]}/decide">'
-                       '<input name="serial" value="SN-1"><input name="technology" value="rlg"></form>')  # fmt: skip
+    framing.write_text(
+        f'<iframe src="{served[0]}/"></iframe><form id="f" method="post"'
+        f' action="{served[0]}/decide"><input name="serial" value="SN-1"><input name="technology"'
+        ' value="rlg"></form>'
+    )
     browser.open(framing.as_uri())
-    assert any("frame" in line.lower() for line in browser.complaints()) or browser.evaluate("frames[0].length") == 0
+    assert (
+        any("frame" in line.lower() for line in browser.complaints())
+        or browser.evaluate("frames[0].length") == 0
+    )
     browser.submit("document.getElementById('f').submit()")
     assert "did not come from this page" in browser.evaluate("document.body.innerText")
 
 
 def test_a_reviewer_decides_by_keyboard_alone(browser, served):
-    """Sign in, reject, approve, roll back: as a browser without script does it, Origin and cookies its own."""
+    """Sign in, reject, approve, roll back: as a browser without script does it, Origin and cookies
+    its own.
+    """
     browser.size(1200)
     base, url = served
     browser.call("Emulation.setScriptExecutionDisabled", value=True)
@@ -141,7 +184,11 @@ def test_a_reviewer_decides_by_keyboard_alone(browser, served):
         browser.call("Emulation.setScriptExecutionDisabled", value=False)
     with TableStore.open(url) as store:
         states = [(p.state, p.decision and p.decision.decided_by) for p in store.proposals("SN-1")]
-        assert states == [("approved", "K. Eyboard"), ("rejected", "K. Eyboard"), ("out of date", None)]
+        assert states == [
+            ("approved", "K. Eyboard"),
+            ("rejected", "K. Eyboard"),
+            ("out of date", None),
+        ]
         assert store.active("SN-1").note == "rolled back by K. Eyboard: wrong run"
 
 
@@ -175,7 +222,8 @@ def decide(browser, verdict):
             break
     assert browser.evaluate("document.activeElement.value") == verdict
     assert re.match(
-        r"rgb\(230, 159, 0\)", browser.evaluate("getComputedStyle(document.activeElement).outlineColor")
+        r"rgb\(230, 159, 0\)",
+        browser.evaluate("getComputedStyle(document.activeElement).outlineColor"),
     )  # it is seen
     browser.events.clear()
     browser.press("Enter")

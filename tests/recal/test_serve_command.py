@@ -1,4 +1,6 @@
-"""`recal serve` as it is started: where it listens, which tokens it takes and makes, what it refuses and says."""
+"""`recal serve` as it is started: where it listens, which tokens it takes and makes, what it
+refuses and says.
+"""
 
 import json
 import os
@@ -41,7 +43,9 @@ def refused(*arguments):
 
 @contextmanager
 def started(*arguments, terminal=False, **environment):
-    """A `recal serve --port 0 --json` of its own: its result, and what it says on standard error until it ends."""
+    """A `recal serve --port 0 --json` of its own: its result, and what it says on standard error
+    until it ends.
+    """
     reader, writer = pty.openpty() if terminal else os.pipe()
     said = bytearray()
 
@@ -56,9 +60,11 @@ def started(*arguments, terminal=False, **environment):
             said.extend(piece)
 
     process = subprocess.Popen(
-        [sys.executable, "-m", "recal", "serve", "--port", "0", "--json", *arguments], stdout=subprocess.PIPE, stderr=writer,
+        [sys.executable, "-m", "recal", "serve", "--port", "0", "--json", *arguments],
+        stdout=subprocess.PIPE,
+        stderr=writer,
         env={**os.environ, "PYTHONPATH": ROOT, **environment},
-    )  # fmt: skip
+    )
     os.close(writer)
     listener = threading.Thread(target=listen)
     listener.start()
@@ -98,7 +104,9 @@ def test_on_a_terminal_a_token_is_made_for_this_start(folder):
     with started(terminal=True) as (result, said):
         assert result["read_only"] is False
         get(result["url"])
-        token = re.search(rb"token of this start, to sign in with: (\S{30,})", bytes(said))[1].decode()
+        token = re.search(rb"token of this start, to sign in with: (\S{30,})", bytes(said))[
+            1
+        ].decode()
         with Visitor(result["url"]) as visitor:
             assert visitor.sign_in(token).status_code == 303
             assert visitor.sign_in(token[:-1]).status_code == 403
@@ -110,7 +118,10 @@ def test_a_token_of_a_file_is_never_shown(folder):
     with started("--token-file", "token", "-v") as (result, said):
         get(result["url"])
         with Visitor(result["url"]) as visitor:
-            assert visitor.sign_in(TOKEN).status_code == 303 and visitor.sign_in("wrong token").status_code == 403
+            assert (
+                visitor.sign_in(TOKEN).status_code == 303
+                and visitor.sign_in("wrong token").status_code == 403
+            )
     assert TOKEN.encode() not in said and b"POST /signin" in said and b"warning" not in said
     (folder / "token").chmod(0o644)
     with started("--token-file", "token", terminal=True) as (_, said):
@@ -136,7 +147,10 @@ def test_an_open_address_needs_a_token(folder, monkeypatch, host):
 def test_other_refusals_are_one_line(folder, monkeypatch):
     import socket
 
-    assert "no store at" in refused("--store", "sqlite:///none.db") and not (folder / "none.db").exists()
+    assert (
+        "no store at" in refused("--store", "sqlite:///none.db")
+        and not (folder / "none.db").exists()
+    )
     assert "no such directory" in refused("--reports", "nowhere")
     assert "cannot be read" in refused("--token-file", "nowhere")
     assert "behind a proxy" in refused("--https")

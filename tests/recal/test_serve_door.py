@@ -1,4 +1,6 @@
-"""The parts of `recal serve` that need no server: tokens, the door, hosts, the directory of reports."""
+"""The parts of `recal serve` that need no server: tokens, the door, hosts, the directory of
+reports.
+"""
 
 import json
 import os
@@ -12,7 +14,10 @@ from recal.web.reports import Reports
 from recal.web.settings import ServeSettings, read_tokens, token_of
 
 TOKEN = "0123456789abcdef-shared"
-TOKENS = (token_of(TOKEN, source="test"), token_of("0123456789abcdef-of-her", "R. Eviewer", source="test"))
+TOKENS = (
+    token_of(TOKEN, source="test"),
+    token_of("0123456789abcdef-of-her", "R. Eviewer", source="test"),
+)
 
 
 def test_which_hosts_are_ours():
@@ -24,7 +29,14 @@ def test_which_hosts_are_ours():
         assert allowed_host(host, here) and allowed_host(host, there)
     for host in ("10.1.2.3:8000", "recal.fleet", "RECAL.FLEET:443", "[fe80::1]:8000"):
         assert allowed_host(host, there) and not allowed_host(host, here)
-    for host in ("evil.example", "x@127.0.0.1", "127.0.0.1:x", "localhost/a", "localhost?a", "127.0.0.1.evil.example"):
+    for host in (
+        "evil.example",
+        "x@127.0.0.1",
+        "127.0.0.1:x",
+        "localhost/a",
+        "localhost?a",
+        "127.0.0.1.evil.example",
+    ):
         assert not allowed_host(host, here) and not allowed_host(host, there)
 
 
@@ -52,7 +64,13 @@ def test_guesses_from_many_addresses_are_limited_too():
 
 
 def test_an_open_address_without_a_token_is_refused():
-    for more in ({"host": "0.0.0.0"}, {"host": "::"}, {"host": "192.168.1.7"}, {"hosts": ("x",)}, {"https": True}):
+    for more in (
+        {"host": "0.0.0.0"},
+        {"host": "::"},
+        {"host": "192.168.1.7"},
+        {"hosts": ("x",)},
+        {"https": True},
+    ):
         with pytest.raises(InputError, match="a token is needed"):
             ServeSettings(store_url="x", **more)
 
@@ -66,11 +84,17 @@ def test_tokens_come_from_a_file_or_the_environment(tmp_path, monkeypatch):
     assert "RECAL_SERVE_TOKEN" not in os.environ and read_tokens(None) == ()
 
 
-@pytest.mark.parametrize("text, line", [
-    ("short", "line 1: a token of 5 characters"), ("", "holds no token"), ("# only\n", "holds no token"),
-    ("0123456789abcdef\nB 0123456789abcdef\n", "same token twice"), ("Wörd 0123456789abcdéf", "printable ASCII"),
-    ("x" * 70_000, "larger than"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "text, line",
+    [
+        ("short", "line 1: a token of 5 characters"),
+        ("", "holds no token"),
+        ("# only\n", "holds no token"),
+        ("0123456789abcdef\nB 0123456789abcdef\n", "same token twice"),
+        ("Wörd 0123456789abcdéf", "printable ASCII"),
+        ("x" * 70_000, "larger than"),
+    ],
+)
 def test_a_bad_token_file_is_one_line_without_the_token(tmp_path, text, line):
     path = tmp_path / "tokens"
     path.write_text(text)
@@ -85,7 +109,9 @@ def test_reports_are_read_with_limits(tmp_path, monkeypatch):
     from recal.web import reports
 
     (tmp_path / "a").mkdir()
-    (tmp_path / "a/diagnosis.json").write_text(json.dumps({"schema": "recal.diagnosis/1", "verdict": "no_gap"}))
+    (tmp_path / "a/diagnosis.json").write_text(
+        json.dumps({"schema": "recal.diagnosis/1", "verdict": "no_gap"})
+    )
     os.mkfifo(tmp_path / "a/diagnosis.html")
     found = Reports(tmp_path)
     assert found.one("a").document["verdict"] == "no_gap"

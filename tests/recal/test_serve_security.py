@@ -1,4 +1,6 @@
-"""What must not get through: other hosts, other sites' forms, guesses, large bodies, paths that lead out, secrets on a page."""
+"""What must not get through: other hosts, other sites' forms, guesses, large bodies, paths that
+lead out, secrets on a page.
+"""
 
 import http.client
 import os
@@ -18,7 +20,15 @@ from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
 from tests.recal.serving import TOKEN, TOKENS, Visitor, put_unit, serving
 
-UNIT = {"serial": "SN-1", "technology": "rlg", "mode": "", "number": "1", "verdict": "approved", "by": "A", "reason": "why"}
+UNIT = {
+    "serial": "SN-1",
+    "technology": "rlg",
+    "mode": "",
+    "number": "1",
+    "verdict": "approved",
+    "by": "A",
+    "reason": "why",
+}
 PROPOSAL = "/proposal?serial=SN-1&technology=rlg&number=1"
 
 
@@ -30,7 +40,9 @@ def site(tmp_path_factory):
     (folder / "reports/in").mkdir(parents=True)
     (folder / "reports/in/diagnosis.json").write_text("[" * 100_000)
     (folder / "secret").mkdir()
-    (folder / "secret/diagnosis.json").write_text('{"schema": "recal.diagnosis/1", "sentence": "TOP SECRET"}')
+    (folder / "secret/diagnosis.json").write_text(
+        '{"schema": "recal.diagnosis/1", "sentence": "TOP SECRET"}'
+    )
     (folder / "secret/diagnosis.html").write_text("TOP SECRET")
     (folder / "reports/link").symlink_to(folder / "secret")
     (folder / "reports/linked").mkdir()
@@ -66,19 +78,39 @@ def test_every_answer_carries_the_headers(visitor):
     document = "/proposal/update.json?serial=SN-1&technology=rlg&number=1"
     for path in ("/", PROPOSAL, "/nothing", "/signin", "/unit?serial=SN-1", document):
         headers = visitor.get(path).headers
-        assert headers["x-content-type-options"] == "nosniff" and headers["x-frame-options"] == "DENY", path
-        assert headers["cache-control"] == "no-store" and headers["referrer-policy"] == "same-origin"
+        assert (
+            headers["x-content-type-options"] == "nosniff" and headers["x-frame-options"] == "DENY"
+        ), path
+        assert (
+            headers["cache-control"] == "no-store" and headers["referrer-policy"] == "same-origin"
+        )
         policy = headers["content-security-policy"]
-        assert policy.startswith("default-src 'none'") and "frame-ancestors 'none'" in policy and "unsafe" not in policy
+        assert (
+            policy.startswith("default-src 'none'")
+            and "frame-ancestors 'none'" in policy
+            and "unsafe" not in policy
+        )
         assert "server" not in headers
     refused = visitor.get("/", headers={"host": "evil.example"})
-    assert refused.headers["x-frame-options"] == "DENY" and refused.headers["content-security-policy"]
+    assert (
+        refused.headers["x-frame-options"] == "DENY" and refused.headers["content-security-policy"]
+    )
 
 
-@pytest.mark.parametrize("host", [
-    "evil.example", "127.0.0.1.evil.example", "localhost.evil.example:8000", "10.0.0.7", "", "127.0.0.1@evil.example",
-    "evil.example:127.0.0.1", "[::1", "127.0.0.1/..",
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "host",
+    [
+        "evil.example",
+        "127.0.0.1.evil.example",
+        "localhost.evil.example:8000",
+        "10.0.0.7",
+        "",
+        "127.0.0.1@evil.example",
+        "evil.example:127.0.0.1",
+        "[::1",
+        "127.0.0.1/..",
+    ],
+)
 def test_another_host_is_not_served(visitor, host):
     answer = visitor.get("/", headers={"host": host})
     assert answer.status_code in (400, 421) and "SN-1" not in answer.text
@@ -93,11 +125,18 @@ def test_no_host_and_two_hosts_are_not_served(site):
         assert answer.split()[1] in (b"400", b"421") and b"SN-1" not in answer
 
 
-@pytest.mark.parametrize("headers", [
-    {"origin": "http://evil.example", "sec-fetch-site": "cross-site"}, {"origin": "null", "sec-fetch-site": "same-origin"},
-    {"sec-fetch-site": "same-site"}, {"sec-fetch-site": "none"}, {"sec-fetch-site": "cross-site"},
-    {"origin": "http://127.0.0.1:1"}, {"origin": "http://localhost.evil.example"},
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"origin": "http://evil.example", "sec-fetch-site": "cross-site"},
+        {"origin": "null", "sec-fetch-site": "same-origin"},
+        {"sec-fetch-site": "same-site"},
+        {"sec-fetch-site": "none"},
+        {"sec-fetch-site": "cross-site"},
+        {"origin": "http://127.0.0.1:1"},
+        {"origin": "http://localhost.evil.example"},
+    ],
+)
 def test_a_form_from_another_site_is_refused(site, visitor, headers):
     visitor.sign_in()
     token = visitor.form_token(PROPOSAL)
@@ -107,12 +146,18 @@ def test_a_form_from_another_site_is_refused(site, visitor, headers):
 
 def test_a_form_that_says_nothing_of_its_origin_is_refused(site, visitor):
     visitor.sign_in()
-    assert visitor.post("/decide", data={**UNIT, "form_token": visitor.form_token(PROPOSAL)}).status_code == 403
+    assert (
+        visitor.post(
+            "/decide", data={**UNIT, "form_token": visitor.form_token(PROPOSAL)}
+        ).status_code
+        == 403
+    )
     assert unchanged(site[1])
 
 
 def test_a_form_needs_its_session_and_its_own_token(site, visitor):
-    assert visitor.submit("/decide", form_token="0" * 64, **UNIT).status_code == 403  # nobody is signed in
+    # nobody is signed in
+    assert visitor.submit("/decide", form_token="0" * 64, **UNIT).status_code == 403
     with Visitor(site[0]) as other:
         other.sign_in()
         of_other = other.form_token(PROPOSAL)
@@ -131,13 +176,19 @@ def test_a_session_ends_with_sign_out(site, visitor):
     token = visitor.form_token(PROPOSAL)
     assert visitor.submit("/signout", form_token=token).status_code == 303
     with Visitor(site[0], cookies=cookie) as thief:
-        assert thief.submit("/decide", form_token=token, **UNIT).status_code == 403 and unchanged(site[1])
+        assert thief.submit("/decide", form_token=token, **UNIT).status_code == 403 and unchanged(
+            site[1]
+        )
 
 
 def test_the_cookie_is_for_this_site_alone(visitor):
     answer = visitor.sign_in()
-    cookie = next(c for c in answer.headers.get_list("set-cookie") if c.startswith("recal_session="))
-    assert {"HttpOnly", "SameSite=strict", "Path=/"} <= set(cookie.split("; ")) and "Domain" not in cookie
+    cookie = next(
+        c for c in answer.headers.get_list("set-cookie") if c.startswith("recal_session=")
+    )
+    assert {"HttpOnly", "SameSite=strict", "Path=/"} <= set(
+        cookie.split("; ")
+    ) and "Domain" not in cookie
     assert TOKEN not in cookie and len(visitor.cookies["recal_session"]) > 40
 
 
@@ -147,12 +198,18 @@ def test_behind_tls_cookies_are_for_https_alone(tmp_path):
     with serving(url, https=True) as base, Visitor(base) as visitor:
         page = visitor.get("/signin")
         cookie = page.headers["set-cookie"]
-        assert cookie.startswith("__Host-recal_form=") and "Secure" in cookie and "Domain" not in cookie
+        assert (
+            cookie.startswith("__Host-recal_form=")
+            and "Secure" in cookie
+            and "Domain" not in cookie
+        )
         assert page.headers["strict-transport-security"] == "max-age=31536000"
         token = re.search(r'name="form_token" value="(\w+)"', page.text)[1]
         given = {"cookie": cookie.partition(";")[0], "origin": base.replace("http:", "https:")}
         done = visitor.submit("/signin", headers=given, token=TOKEN, form_token=token, next="/")
-        assert done.status_code == 303 and done.headers["set-cookie"].startswith("__Host-recal_session=")
+        assert done.status_code == 303 and done.headers["set-cookie"].startswith(
+            "__Host-recal_session="
+        )
 
 
 def test_guesses_are_limited(tmp_path):
@@ -169,17 +226,35 @@ def test_without_a_token_it_only_reads(tmp_path):
     url = f"sqlite:///{tmp_path}/recal.db"
     put_unit(url)
     with serving(url, tokens=()) as base, Visitor(base) as visitor:
-        assert "Read only" in visitor.get("/").text and "roll back" not in visitor.get("/unit?serial=SN-1&technology=rlg").text
-        assert visitor.get("/signin").status_code == 200 and 'name="token"' not in visitor.get("/signin").text
-        assert visitor.submit("/decide", form_token="", **UNIT).status_code == 403 and unchanged(url)
+        assert (
+            "Read only" in visitor.get("/").text
+            and "roll back" not in visitor.get("/unit?serial=SN-1&technology=rlg").text
+        )
+        assert (
+            visitor.get("/signin").status_code == 200
+            and 'name="token"' not in visitor.get("/signin").text
+        )
+        assert visitor.submit("/decide", form_token="", **UNIT).status_code == 403 and unchanged(
+            url
+        )
 
 
 OF_UNIT = "serial=SN-1&technology=rlg"
 PRIVATE = (
-    "/", PROPOSAL, "/proposals", "/diagnoses", f"/unit?{OF_UNIT}", f"/diff?{OF_UNIT}", f"/rollback?{OF_UNIT}&to=1",
-    f"/revision/report?{OF_UNIT}&number=2", f"/proposal/report?{OF_UNIT}&number=1", "/diagnosis?folder=a",
-    f"/proposal/update.json?{OF_UNIT}&number=1", "/diagnosis/page?folder=a", "/diagnosis/document?folder=a",
-)  # fmt: skip
+    "/",
+    PROPOSAL,
+    "/proposals",
+    "/diagnoses",
+    f"/unit?{OF_UNIT}",
+    f"/diff?{OF_UNIT}",
+    f"/rollback?{OF_UNIT}&to=1",
+    f"/revision/report?{OF_UNIT}&number=2",
+    f"/proposal/report?{OF_UNIT}&number=1",
+    "/diagnosis?folder=a",
+    f"/proposal/update.json?{OF_UNIT}&number=1",
+    "/diagnosis/page?folder=a",
+    "/diagnosis/document?folder=a",
+)
 
 
 def test_beyond_this_machine_reading_needs_a_token_too(tmp_path):
@@ -188,13 +263,17 @@ def test_beyond_this_machine_reading_needs_a_token_too(tmp_path):
     with serving(url, hosts=("recal.fleet",)) as base, Visitor(base) as visitor:
         for path in PRIVATE:
             answer = visitor.get(path)
-            assert answer.status_code == 303 and answer.headers["location"].startswith("/signin?next=%2F"), path
+            assert answer.status_code == 303 and answer.headers["location"].startswith(
+                "/signin?next=%2F"
+            ), path
             assert "SN-1" not in answer.text
         assert visitor.sign_in(next="/proposals").headers["location"] == "/proposals"
         assert visitor.get("/", headers={"host": "recal.fleet"}).status_code == 200
 
 
-@pytest.mark.parametrize("path", ["https://evil.example/", "//evil.example", "/\\evil.example", "evil", "", "/a\nb"])
+@pytest.mark.parametrize(
+    "path", ["https://evil.example/", "//evil.example", "/\\evil.example", "evil", "", "/a\nb"]
+)
 def test_signing_in_leads_nowhere_else(visitor, path):
     assert local_path(path) == "/"
     assert visitor.sign_in(next=path).headers["location"] == "/"
@@ -202,9 +281,25 @@ def test_signing_in_leads_nowhere_else(visitor, path):
 
 
 FOLDERS = (
-    "..", "../secret", "in/../../secret", "link", "link/", "linked", "loop", "/etc", "//etc", ".", "in\0", "..\\secret",
-    "%2e%2e/secret", "....//secret", "in/../../secret/", "~", "a" * 5000, "in/" * 500,
-)  # fmt: skip
+    "..",
+    "../secret",
+    "in/../../secret",
+    "link",
+    "link/",
+    "linked",
+    "loop",
+    "/etc",
+    "//etc",
+    ".",
+    "in\0",
+    "..\\secret",
+    "%2e%2e/secret",
+    "....//secret",
+    "in/../../secret/",
+    "~",
+    "a" * 5000,
+    "in/" * 500,
+)
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
@@ -213,7 +308,11 @@ def test_no_path_leads_out_of_the_reports(site, visitor, folder):
         answer = visitor.get(path, params={"folder": folder})
         assert answer.status_code == 404 and "TOP SECRET" not in answer.text
     base, _, root = site
-    answer = raw(base, b"GET /diagnosis/page?folder=%2e%2e%2fsecret HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
+    answer = raw(
+        base,
+        b"GET /diagnosis/page?folder=%2e%2e%2fsecret HTTP/1.1\r\nHost: localhost\r\nConnection:"
+        b" close\r\n\r\n",
+    )
     assert b" 404 " in answer.split(b"\r\n")[0] and b"TOP SECRET" not in answer
     assert Reports(root / "reports").text("in", "../../secret/diagnosis.html") is None
     listed = visitor.get("/diagnoses").text
@@ -221,11 +320,18 @@ def test_no_path_leads_out_of_the_reports(site, visitor, folder):
 
 
 @pytest.mark.parametrize(
-    "path", [b"/../../etc/passwd", b"/%2e%2e/%2e%2e/etc/passwd", b"//evil.example/", b"/static/../x", b"*"]
+    "path",
+    [b"/../../etc/passwd", b"/%2e%2e/%2e%2e/etc/passwd", b"//evil.example/", b"/static/../x", b"*"],
 )
 def test_odd_paths_are_no_pages(site, path):
-    answer = raw(site[0], b"GET " + path + b" HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n")
-    assert answer.split()[1] in (b"404", b"400") and b"root:" not in answer and b"Traceback" not in answer
+    answer = raw(
+        site[0], b"GET " + path + b" HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    )
+    assert (
+        answer.split()[1] in (b"404", b"400")
+        and b"root:" not in answer
+        and b"Traceback" not in answer
+    )
 
 
 def test_a_large_form_is_refused(site, visitor):
@@ -233,27 +339,50 @@ def test_a_large_form_is_refused(site, visitor):
     token = visitor.form_token(PROPOSAL)
     answer = visitor.submit("/decide", form_token=token, **{**UNIT, "reason": "x" * 40_000})
     assert answer.status_code == 413 and unchanged(site[1])
-    headers = "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection: close\r\nContent-Type: "
+    headers = (
+        "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection:"
+        " close\r\nContent-Type: "
+    )
     form = headers + "application/x-www-form-urlencoded\r\n"
     assert raw(site[0], f"{form}Content-Length: 99999999\r\n\r\nabc".encode()).split()[1] == b"413"
-    assert b" 303 " not in raw(site[0], f"{form}Content-Length: 5\r\n\r\nabc".encode(), cut_off=True)
-    chunks = form + "Transfer-Encoding: chunked\r\n\r\n" + 20 * ("1000\r\n" + 4096 * "x" + "\r\n") + "0\r\n\r\n"
+    assert b" 303 " not in raw(
+        site[0], f"{form}Content-Length: 5\r\n\r\nabc".encode(), cut_off=True
+    )
+    chunks = (
+        form
+        + "Transfer-Encoding: chunked\r\n\r\n"
+        + 20 * ("1000\r\n" + 4096 * "x" + "\r\n")
+        + "0\r\n\r\n"
+    )
     assert raw(site[0], chunks.encode()).split()[1] == b"413"
 
 
 def test_a_form_that_never_ends_is_let_go(site, monkeypatch):
     monkeypatch.setattr(guard, "BODY_WAIT_S", 0.2)
-    head = "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection: close\r\n"
-    slow = f"{head}Content-Type: application/x-www-form-urlencoded\r\nContent-Length: 100\r\n\r\nserial=S"
+    head = (
+        "POST /decide HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\nConnection:"
+        " close\r\n"
+    )
+    slow = (
+        f"{head}Content-Type: application/x-www-form-urlencoded\r\nContent-Length:"
+        " 100\r\n\r\nserial=S"
+    )
     assert raw(site[0], slow.encode()).split()[1] == b"408"
 
 
-@pytest.mark.parametrize("kind, body, status", [
-    ("application/json", b"{}", 415), ("multipart/form-data; boundary=x", b"--x--", 415), ("text/plain", b"a=b", 415),
-    ("application/x-www-form-urlencoded", b"\xff\xfe", 400), ("application/x-www-form-urlencoded", b"a=%ff", 400),
-    ("application/x-www-form-urlencoded", b"&".join(b"a%d=1" % k for k in range(50)), 400),
-    ("application/x-www-form-urlencoded", b"form_token=a&form_token=b", 400), ("", b"a=b", 415),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "kind, body, status",
+    [
+        ("application/json", b"{}", 415),
+        ("multipart/form-data; boundary=x", b"--x--", 415),
+        ("text/plain", b"a=b", 415),
+        ("application/x-www-form-urlencoded", b"\xff\xfe", 400),
+        ("application/x-www-form-urlencoded", b"a=%ff", 400),
+        ("application/x-www-form-urlencoded", b"&".join(b"a%d=1" % k for k in range(50)), 400),
+        ("application/x-www-form-urlencoded", b"form_token=a&form_token=b", 400),
+        ("", b"a=b", 415),
+    ],
+)
 def test_what_is_no_form_is_refused(visitor, kind, body, status):
     visitor.sign_in()
     origin = {"origin": str(visitor.base_url).rstrip("/"), "content-type": kind}
@@ -280,7 +409,10 @@ def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
         answer = visitor.get("/")
         assert answer.status_code == 500 and "does not know" in answer.text
         assert not re.search(r"hunter2|Traceback|RuntimeError|File &#34;|/tmp", answer.text)
-        assert answer.headers["x-frame-options"] == "DENY" and "script" not in answer.headers["content-security-policy"]
+        assert (
+            answer.headers["x-frame-options"] == "DENY"
+            and "script" not in answer.headers["content-security-policy"]
+        )
         os.rename(tmp_path / "recal.db", tmp_path / "gone.db")
         with Visitor(base) as other:  # a server may close the connection that it failed on
             gone = other.get("/unit?serial=SN-1&technology=rlg")

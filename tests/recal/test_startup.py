@@ -1,4 +1,6 @@
-"""The first call after install compiles for at most 15 s, the second not at all, with every kernel of the main job."""
+"""The first call after install compiles for at most 15 s, the second not at all, with every kernel
+of the main job.
+"""
 
 import json
 import os
@@ -43,12 +45,23 @@ with event.install_listener("numba:compile", seen):
 @pytest.mark.slow
 def test_demo_compiles_once_and_for_at_most_15_s(tmp_path, record_property):
     environment = {k: v for k, v in os.environ.items() if k != "NUMBA_DISABLE_JIT"}
-    environment |= {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(Path(recal.__file__).parent.parent)}
+    environment |= {
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(Path(recal.__file__).parent.parent),
+    }
     first, second = (
-        json.loads(subprocess.run(
-            [sys.executable, "-c", DEMO], cwd=tmp_path, env=environment, check=True, capture_output=True, text=True
-        ).stdout) for _ in range(2)
-    )  # fmt: skip
+        json.loads(
+            subprocess.run(
+                [sys.executable, "-c", DEMO],
+                cwd=tmp_path,
+                env=environment,
+                check=True,
+                capture_output=True,
+                text=True,
+            ).stdout
+        )
+        for _ in range(2)
+    )
     record_property("compile_s", first["seconds"])
     assert first["exit"] == second["exit"] == 0
     assert first["kernels"] > 20 and first["seconds"] <= MAX_COMPILE_S

@@ -1,7 +1,8 @@
-"""SIGKILL at any moment of `recal update --commit` and `recal table rollback`: no corrupt store, no lost commit, no half.
+"""SIGKILL at any moment of `recal update --commit` and `recal table rollback`: no corrupt store, no
+lost commit, no half.
 
-A lost commit is one that the command said was done and that is not there. The slow tests kill 1,000 times on SQLite and
-200 times on PostgreSQL, the normal ones 12 times on each.
+A lost commit is one that the command said was done and that is not there. The slow tests kill 1,000
+times on SQLite and 200 times on PostgreSQL, the normal ones 12 times on each.
 """
 
 import json
@@ -43,10 +44,18 @@ def settled(url):
     name = make_url(url).query.get("application_name")
     if name is None:
         return
-    engine = create_engine(make_url(url).difference_update_query(["application_name"]), poolclass=NullPool)
+    engine = create_engine(
+        make_url(url).difference_update_query(["application_name"]), poolclass=NullPool
+    )
     with engine.connect() as c:
         for _ in range(1000):
-            if c.execute(text("SELECT count(*) FROM pg_stat_activity WHERE application_name = :n"), {"n": name}).scalar() == 0:
+            if (
+                c.execute(
+                    text("SELECT count(*) FROM pg_stat_activity WHERE application_name = :n"),
+                    {"n": name},
+                ).scalar()
+                == 0
+            ):
                 return
             c.rollback()
             time.sleep(0.01)
@@ -70,8 +79,12 @@ def kill_writers(forks, url, run, out, *, kills, rng, function="tests.forks:reca
             before, held = store.active(), store.active().kind == "update"
         words = writer(url, run, out, held)
         if rng.random() < 0.8:
-            writes = 1 if held else 2  # the first of an update looks whether the schema is up to date
-            moment = {"since": writes, "after_s": float(np.exp(rng.uniform(np.log(QUICKEST_S), np.log(LATEST_S))))}
+            # the first of an update looks whether the schema is up to date
+            writes = 1 if held else 2
+            moment = {
+                "since": writes,
+                "after_s": float(np.exp(rng.uniform(np.log(QUICKEST_S), np.log(LATEST_S)))),
+            }
         else:
             moment = {"since": 0, "after_s": float(rng.uniform(0.0, 0.1 if held else 0.6))}
         outcome = forks.run_and_kill(function, words, **moment)
@@ -82,7 +95,9 @@ def kill_writers(forks, url, run, out, *, kills, rng, function="tests.forks:reca
 
 
 def look(url, before, outcome, out):
-    """How many revisions came; all is intact, what was told is there, and the report on disk is no lie."""
+    """How many revisions came; all is intact, what was told is there, and the report on disk is no
+    lie.
+    """
     report = out / "update.json"
     kept = json.loads(report.read_text()) if report.exists() else None
     with TableStore.open(url) as store:
@@ -104,26 +119,48 @@ def look(url, before, outcome, out):
 @pytest.fixture
 def kill_url(request, tmp_path):
     with database_url(request.param, tmp_path) as url:
-        yield url if url.startswith("sqlite") else make_url(url).update_query_dict(
-            {"application_name": tmp_path.name}
-        ).render_as_string(hide_password=False)  # fmt: skip
+        yield (
+            url
+            if url.startswith("sqlite")
+            else make_url(url)
+            .update_query_dict({"application_name": tmp_path.name})
+            .render_as_string(hide_password=False)
+        )
 
 
 @pytest.mark.parametrize("kill_url", ["sqlite", "postgresql"], indirect=True)
 def test_killed_commands_lose_and_break_nothing(forks, kill_url, run, tmp_path):
-    seen = kill_writers(forks, kill_url, run, tmp_path / "out", kills=12, rng=np.random.default_rng(5))
-    assert sum(seen.values()) == 12 and sum(n for (_, code, _), n in seen.items() if code == -9) >= 5, seen
+    seen = kill_writers(
+        forks, kill_url, run, tmp_path / "out", kills=12, rng=np.random.default_rng(5)
+    )
+    assert (
+        sum(seen.values()) == 12 and sum(n for (_, code, _), n in seen.items() if code == -9) >= 5
+    ), seen
 
 
 BATCHES = [("sqlite", k) for k in range(20)] + [("postgresql", 100 + k) for k in range(4)]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kill_url, batch", BATCHES, indirect=["kill_url"], ids=[f"{kind}-{k}" for kind, k in BATCHES])
+@pytest.mark.parametrize(
+    "kill_url, batch", BATCHES, indirect=["kill_url"], ids=[f"{kind}-{k}" for kind, k in BATCHES]
+)
 def test_many_killed_commands_lose_and_break_nothing(forks, kill_url, run, tmp_path, batch):
-    function = "tests.forks:recal" if batch % 10 == 0 else "tests.forks:recal_plain"  # some with the real page
+    # some with the real page
+    function = "tests.forks:recal" if batch % 10 == 0 else "tests.forks:recal_plain"
     seen = kill_writers(
-        forks, kill_url, run, Path(tmp_path / "out"), kills=50, rng=np.random.default_rng(1000 + batch), function=function
+        forks,
+        kill_url,
+        run,
+        Path(tmp_path / "out"),
+        kills=50,
+        rng=np.random.default_rng(1000 + batch),
+        function=function,
     )
-    print("ends:", kill_url[:6], batch, {" ".join(map(str, end)): n for end, n in sorted(seen.items())})
+    print(
+        "ends:",
+        kill_url[:6],
+        batch,
+        {" ".join(map(str, end)): n for end, n in sorted(seen.items())},
+    )
     assert sum(seen.values()) == 50

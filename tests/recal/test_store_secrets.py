@@ -1,4 +1,6 @@
-"""A password in a store's URL is in no output, report or JSON of any command, also where the command fails."""
+"""A password in a store's URL is in no output, report or JSON of any command, also where the
+command fails.
+"""
 
 import json
 
@@ -18,11 +20,15 @@ SECRET = "hunter2Q%41z"  # in a URL: %25 for the percent sign
 IN_URL = "hunter2Q%2541z"
 NOBODY_LISTENS = f"postgresql://recal:{IN_URL}@127.0.0.1:1/fleet"
 BAD_URLS = (
-    NOBODY_LISTENS, f"postgresql://127.0.0.1:1/fleet?user=recal&password={IN_URL}",
+    NOBODY_LISTENS,
+    f"postgresql://127.0.0.1:1/fleet?user=recal&password={IN_URL}",
     f"postgresql://recal:{SECRET}@x@127.0.0.1:1/fleet",
-    f"postgresql//recal:{SECRET}@127.0.0.1/fleet", f"postgresql://recal:{SECRET}@127.0.0.1:port/fleet",
-    f"nosuch://recal:{IN_URL}@127.0.0.1/fleet", f"{NOBODY_LISTENS}?nosuchoption=1", f"{NOBODY_LISTENS}?sslpassword={IN_URL}",
-)  # fmt: skip
+    f"postgresql//recal:{SECRET}@127.0.0.1/fleet",
+    f"postgresql://recal:{SECRET}@127.0.0.1:port/fleet",
+    f"nosuch://recal:{IN_URL}@127.0.0.1/fleet",
+    f"{NOBODY_LISTENS}?nosuchoption=1",
+    f"{NOBODY_LISTENS}?sslpassword={IN_URL}",
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +40,18 @@ def run(tmp_path_factory):
 
 def silent(done, folder):
     """Nothing printed, raised or written holds the password, in any of its forms."""
-    texts = [done.output, done.stderr, str(done.exception), repr(done.exception), str(done.exc_info)]
-    texts += [p.read_text(errors="replace") for p in folder.rglob("*") if p.is_file() and "run" not in p.parent.name]
+    texts = [
+        done.output,
+        done.stderr,
+        str(done.exception),
+        repr(done.exception),
+        str(done.exc_info),
+    ]
+    texts += [
+        p.read_text(errors="replace")
+        for p in folder.rglob("*")
+        if p.is_file() and "run" not in p.parent.name
+    ]
     for said in texts:
         assert "hunter2" not in said, said[:2000]
 
@@ -74,7 +90,10 @@ def with_password(url, name):
 
 def test_a_store_that_works_and_one_that_takes_no_write(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("infield.reports.update_page.update_html", lambda document: plain_page(document) + json.dumps(document))
+    monkeypatch.setattr(
+        "infield.reports.update_page.update_html",
+        lambda document: plain_page(document) + json.dumps(document),
+    )
     table = tmp_path / "table.json"
     table.write_text(json.dumps(factory_dict()))
     with database_url("postgresql", tmp_path) as owner:
@@ -89,7 +108,15 @@ def test_a_store_that_works_and_one_that_takes_no_write(run, tmp_path, monkeypat
                 assert words[-1] != "--commit" or "rollback_command" in json.loads(done.stdout)
             options = f"{make_url(url).query['options']} -c default_transaction_read_only=on"
             read_only = make_url(url).update_query_dict({"options": options})
-            words = ["table", "rollback", "--to", "1", "--store", read_only.render_as_string(hide_password=False), "--json"]
+            words = [
+                "table",
+                "rollback",
+                "--to",
+                "1",
+                "--store",
+                read_only.render_as_string(hide_password=False),
+                "--json",
+            ]
             done = CliRunner().invoke(app, words)
             assert "read-only" in done.stdout
             silent(done, tmp_path)

@@ -1,4 +1,6 @@
-"""Commands on a log that stays in its file: the same documents as with the log in memory, in bounded memory."""
+"""Commands on a log that stays in its file: the same documents as with the log in memory, in
+bounded memory.
+"""
 
 import json
 from functools import partial
@@ -32,11 +34,15 @@ def folder(tmp_path, monkeypatch, undrawn):
 def documents(folder) -> list[str]:
     path, store = folder / "run", "sqlite:///recal.db"
     made = [
-        check.check(path), align.align(path, store_url=store), replay.replay(path, store_url=store),
+        check.check(path),
+        align.align(path, store_url=store),
+        replay.replay(path, store_url=store),
         update.update([path], store_url=store, commit=False),
-    ]  # fmt: skip
+    ]
     assert made[3].pop("issued_utc")
-    return [result_text(document) for document in made] + [(folder / "recal-replay/navigation.parquet").read_bytes()]
+    return [result_text(document) for document in made] + [
+        (folder / "recal-replay/navigation.parquet").read_bytes()
+    ]
 
 
 @pytest.mark.parametrize("phases", [True, False])

@@ -1,4 +1,6 @@
-"""`recal table` as a user runs it: files in, files out, one line and exit code 3 where something is wrong."""
+"""`recal table` as a user runs it: files in, files out, one line and exit code 3 where something is
+wrong.
+"""
 
 import json
 
@@ -23,7 +25,9 @@ def folder(tmp_path, monkeypatch):
 
 def table_file(folder, serial="SN-1", technology="rlg", name="table.json"):
     data = table_to_dict(
-        default_table(imu_serial=serial, gyro_technology=technology, created_utc=UTC, low_degC=0, high_degC=20)
+        default_table(
+            imu_serial=serial, gyro_technology=technology, created_utc=UTC, low_degC=0, high_degC=20
+        )
     )
     data["axes"]["y"]["bias_deg_h"] = [0.1 + 0.2, 1e-17, -3]
     (folder / name).write_text(json_text(data))
@@ -76,14 +80,26 @@ def test_export_wants_a_file_of_a_known_kind(folder):
 
 
 def test_reading_commands_create_no_store(folder):
-    for command in (["list"], ["show"], ["diff"], ["verify"], ["rollback"], ["export", "-o", "t.json"]):
+    for command in (
+        ["list"],
+        ["show"],
+        ["diff"],
+        ["verify"],
+        ["rollback"],
+        ["export", "-o", "t.json"],
+    ):
         assert "no store at" in refused(*command)
     assert list(folder.iterdir()) == []
 
 
-@pytest.mark.parametrize("damage, clue", [
-    ({"schema": "recal.table/2"}, "schema"), ({"covariance": [[1.0]]}, "covariance"), ({"extra": 1}, "unknown key"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "damage, clue",
+    [
+        ({"schema": "recal.table/2"}, "schema"),
+        ({"covariance": [[1.0]]}, "covariance"),
+        ({"extra": 1}, "unknown key"),
+    ],
+)
 def test_bad_table_is_refused_and_no_store_made(folder, damage, clue):
     data = table_file(folder)
     (folder / "table.json").write_text(json.dumps({**data, **damage}))
@@ -101,7 +117,9 @@ def test_serial_rules(folder):
     assert "no table for serial SN-9" in refused("list", "--serial", "SN-9")
     table_file(folder, serial="SN-2")
     ok("import", "table.json")
-    assert "several units" in refused("show") and "several units" in refused("export", "-o", "t.json")
+    assert "several units" in refused("show") and "several units" in refused(
+        "export", "-o", "t.json"
+    )
     assert "SN-2" in ok("show", "--serial", "SN-2")
 
 
@@ -126,22 +144,27 @@ def updated_store(folder):
     with TableStore.open("sqlite:///recal.db") as store:
         first = store.active()
         table = first.table.replaced(
-            parameters=first.table.parameters + 0.001, covariance=first.table.covariance / 4,
+            parameters=first.table.parameters + 0.001,
+            covariance=first.table.covariance / 4,
             provenance={"parent_sha256": first.sha256, "runs": ["abc"]},
-        )  # fmt: skip
+        )
         store.commit_update(first.sha256, table, [MergedRun(run_id="run-1", sha256="abc")], "{}")
 
 
 def test_diff_list_and_rollback(folder):
     updated_store(folder)
     change = json.loads(ok("diff", "--json"))
-    assert change["from"]["revision"] == 1 and change["to"]["runs"] == [{"run_id": "run-1", "sha256": "abc"}]
+    assert change["from"]["revision"] == 1 and change["to"]["runs"] == [
+        {"run_id": "run-1", "sha256": "abc"}
+    ]
     assert change["axes"]["x"]["change_deg_h"] == pytest.approx([0.001] * 3)
     assert change["axes"]["x"]["sigma_after_deg_h"] == pytest.approx([0.005] * 3)
     assert "+0.00100" in ok("diff") and "+0.00000" in ok("diff", "--from", "2", "--to", "active")
     ok("rollback", "--to", "factory", "--serial", "SN-1", "--note", "lab says so")
     text = ok("list", "-v")
-    assert "rollback" in text and "[active]" in text and "[factory]" in text and "lab says so" in text
+    assert (
+        "rollback" in text and "[active]" in text and "[factory]" in text and "lab says so" in text
+    )
     unit = json.loads(ok("list", "--json"))["units"][0]
     assert [r["kind"] for r in unit["revisions"]] == ["factory", "update", "rollback"]
     assert unit["revisions"][2]["sha256"] == unit["revisions"][0]["sha256"]
@@ -165,25 +188,43 @@ def test_import_sets_the_twin_without_opening_its_table(folder):
     with TableStore.open("sqlite:///recal.db") as store:
         assert store.twin("SN-1").gyro == twin.gyro
     table_file(folder, serial="SN-2")
-    assert "SN-2" in refused("import", "table.json", "--twin", "twin.json", "--store", "sqlite:///new.db")
+    assert "SN-2" in refused(
+        "import", "table.json", "--twin", "twin.json", "--store", "sqlite:///new.db"
+    )
     assert not (folder / "new.db").exists()
 
 
 def test_json_alone_on_standard_output(folder):
     table_file(folder)
-    for arguments in (["import", "table.json"], ["list"], ["show"], ["verify"], ["export", "-o", "t.json"]):
+    for arguments in (
+        ["import", "table.json"],
+        ["list"],
+        ["show"],
+        ["verify"],
+        ["export", "-o", "t.json"],
+    ):
         json.loads(ok(*arguments, "--json"))
 
 
 def test_a_serial_has_one_technology_unless_that_is_overridden_and_noted(folder):
-    """R24: a table of another unit under the same serial is a swapped unit until somebody says otherwise."""
+    """R24: a table of another unit under the same serial is a swapped unit until somebody says
+    otherwise.
+    """
     table_file(folder)
     table_file(folder, technology="fog", name="fog.json")
     ok("import", "table.json")
-    assert refused("import", "fog.json").startswith("fog.json: gyro_technology fog, the store holds SN-1 (rlg): another unit?")
+    assert refused("import", "fog.json").startswith(
+        "fog.json: gyro_technology fog, the store holds SN-1 (rlg): another unit?"
+    )
     assert len(json.loads(ok("list", "--json"))["units"]) == 1
-    about = json.loads(ok("import", "fog.json", "--override-technology", "--note", "rebuilt", "--json"))
-    assert about["note"] == "rebuilt; technology overridden: gyro_technology fog, the store holds SN-1 (rlg): another unit?"
+    about = json.loads(
+        ok("import", "fog.json", "--override-technology", "--note", "rebuilt", "--json")
+    )
+    assert (
+        about["note"]
+        == "rebuilt; technology overridden: gyro_technology fog, the store holds SN-1 (rlg):"
+        " another unit?"
+    )
     assert about["note"] in ok("list")
     assert json.loads(ok("import", "fog.json", "--json"))["revision"] == 1  # known by now
 
@@ -194,11 +235,17 @@ def test_quiet_prints_nothing_and_verbose_the_result_on_standard_error(folder):
     for name in ("list", "show", "verify"):
         assert run(name, "-q", "--seed", "3").output == ""
     seen = run("show", "-v")
-    assert json.loads(seen.stderr)["schema"] == "recal.table/1" and "axis  temperature" in seen.stdout
+    assert (
+        json.loads(seen.stderr)["schema"] == "recal.table/1" and "axis  temperature" in seen.stdout
+    )
 
 
 def test_a_revision_is_a_number_or_a_tag(folder):
     table_file(folder)
     ok("import", "table.json")
-    for arguments in (["show", "--revision", "9" * 30], ["show", "--revision", "newest"], ["rollback", "--to", "-1"]):
+    for arguments in (
+        ["show", "--revision", "9" * 30],
+        ["show", "--revision", "newest"],
+        ["rollback", "--to", "-1"],
+    ):
         assert "needed a number, factory, previous or active" in refused(*arguments)

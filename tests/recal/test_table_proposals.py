@@ -37,35 +37,78 @@ def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
     """Units with a table each and a proposal each."""
     with TableStore.open(URL, create=True) as store:
         for serial in serials:
-            old = default_table(imu_serial=serial, gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z", high_degC=20)
+            old = default_table(
+                imu_serial=serial,
+                gyro_technology="rlg",
+                created_utc="2026-03-01T05:00:00Z",
+                high_degC=20,
+            )
             first = store.import_table(table_to_dict(old))
             said = {"parent_sha256": first.sha256, "runs": []}
-            new = first.table.replaced(parameters=first.table.parameters + shift_deg_h, provenance=said)
-            store.propose(first.sha256, new, [MergedRun(run_id=run_id, sha256=run_id)], '{"verdict": "proposed"}', by="fleet")
+            new = first.table.replaced(
+                parameters=first.table.parameters + shift_deg_h, provenance=said
+            )
+            store.propose(
+                first.sha256,
+                new,
+                [MergedRun(run_id=run_id, sha256=run_id)],
+                '{"verdict": "proposed"}',
+                by="fleet",
+            )
 
 
 def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undrawn):
     write_run(folder / "run", simulated().run)
     with TableStore.open(URL, create=True) as store:
         first = store.import_table(factory_dict())
-    document = answered("update", "run", "--propose", "--by", "B. Proposer", "--note", "after the A check", "-o", "out")
-    assert (document["verdict"], document["proposal"], document["revision"]) == ("proposed", 1, None)
+    document = answered(
+        "update",
+        "run",
+        "--propose",
+        "--by",
+        "B. Proposer",
+        "--note",
+        "after the A check",
+        "-o",
+        "out",
+    )
+    assert (document["verdict"], document["proposal"], document["revision"]) == (
+        "proposed",
+        1,
+        None,
+    )
     assert document == json.loads((folder / "out/update.json").read_text())
     page = (folder / "out/update.html").read_text()
-    assert "waits as proposal 1" in page and "recal table approve 1 --store" in page and "with --commit" not in page
+    assert (
+        "waits as proposal 1" in page
+        and "recal table approve 1 --store" in page
+        and "with --commit" not in page
+    )
     (listed,) = answered("table", "proposals")["proposals"]
-    assert (listed["state"], listed["proposed_by"], listed["note"]) == ("open", "B. Proposer", "after the A check")
+    assert (listed["state"], listed["proposed_by"], listed["note"]) == (
+        "open",
+        "B. Proposer",
+        "after the A check",
+    )
     shown = answered("table", "proposals", "1")
-    assert shown["report"]["points"] == document["points"] and "gyro x: sigma" in run("table", "proposals", "1").stdout
+    assert (
+        shown["report"]["points"] == document["points"]
+        and "gyro x: sigma" in run("table", "proposals", "1").stdout
+    )
 
     def again(note=""):
-        return update([folder / "run"], store_url=URL, commit=False, propose=("B", note), html=False)
+        return update(
+            [folder / "run"], store_url=URL, commit=False, propose=("B", note), html=False
+        )
 
     assert again()["proposal"] == 1  # the same update is kept once
     answered("table", "reject", 1, "--by", "A", "--reason", "towed at minute 12")
     refused = again()
     assert refused["verdict"] == "refused" and "rejected by A on" in refused["reasons"][0]
-    assert "towed at minute 12" in refused["reasons"][0] and again(note="it was not towed")["proposal"] == 2
+    assert (
+        "towed at minute 12" in refused["reasons"][0]
+        and again(note="it was not towed")["proposal"] == 2
+    )
     approved = answered("table", "approve", 2, "--by", "A. Reviewer", "--reason", "white residuals")
     assert (approved["verdict"], approved["decision"]["revision"]) == ("approved", 2)
     with TableStore.open(URL) as store:
@@ -75,7 +118,8 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undr
 
 @pytest.mark.slow
 def test_an_inconsistent_update_is_not_proposed(folder):
-    write_run(folder / "run", simulated().run)  # of a unit far off the table that its technology has by default
+    # of a unit far off the table that its technology has by default
+    write_run(folder / "run", simulated().run)
     answered("update", "run", "--propose", "-o", "out", exit_code=5)
     assert not (folder / "recal.db").exists()
 
@@ -87,13 +131,18 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     monkeypatch.setattr("recal.cli.update.summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
-    assert json.loads((folder / "again/update.json").read_text()) == {"verdict": "proposed", "proposal": 1}
+    assert json.loads((folder / "again/update.json").read_text()) == {
+        "verdict": "proposed",
+        "proposal": 1,
+    }
     assert (folder / "again/update.html").read_text() == "proposal 1"
 
 
 def test_commit_and_propose_exclude_each_other(folder):
     result = run("update", "run", "--commit", "--propose")
-    assert result.exit_code == 2 and "give one of them" in " ".join(result.output.replace("│", " ").split())
+    assert result.exit_code == 2 and "give one of them" in " ".join(
+        result.output.replace("│", " ").split()
+    )
     assert not list(folder.iterdir())
 
 
@@ -111,32 +160,54 @@ def test_lists_name_unit_state_and_decision(folder):
     put_forward(("SN-1", "SN-2"))
     run("table", "reject", 1, "--serial", "SN-2", "--by", "A", "--reason", "towed")
     text = run("table", "proposals").stdout
-    assert text.index("SN-1 (rlg)") < text.index("proposal 1  open") < text.index("SN-2 (rlg)") < text.index("rejected by A on")
+    assert (
+        text.index("SN-1 (rlg)")
+        < text.index("proposal 1  open")
+        < text.index("SN-2 (rlg)")
+        < text.index("rejected by A on")
+    )
     assert run("table", "proposals", "--serial", "SN-2", "--state", "open").stdout == ""
     assert run("table", "proposals", "-q").output == ""
 
 
-@pytest.mark.parametrize("arguments, line", [
-    (("approve", 2, "--reason", "x"), "no proposal 2, needed 1 to 1"), (("approve", 1, "--reason", " "), "reason: got 0"),
-    (("reject", 1, "--reason", "x", "--by", ""), "by: got ''"),
-    (("reject", 1, "--reason", "x", "--serial", "SN-9"), "serial SN-9"),
-    (("proposals", 7), "no proposal 7"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments, line",
+    [
+        (("approve", 2, "--reason", "x"), "no proposal 2, needed 1 to 1"),
+        (("approve", 1, "--reason", " "), "reason: got 0"),
+        (("reject", 1, "--reason", "x", "--by", ""), "by: got ''"),
+        (("reject", 1, "--reason", "x", "--serial", "SN-9"), "serial SN-9"),
+        (("proposals", 7), "no proposal 7"),
+    ],
+)
 def test_bad_input_is_one_line(folder, arguments, line):
     put_forward()
     result = run("table", *arguments)
-    assert isinstance(result.exception, InputError) and line in str(result.exception) and "\n" not in str(result.exception)
+    assert (
+        isinstance(result.exception, InputError)
+        and line in str(result.exception)
+        and "\n" not in str(result.exception)
+    )
 
 
-@pytest.mark.parametrize("arguments", [
-    ("approve", 1), ("approve", 0, "--reason", "x"), ("proposals", "--state", "maybe"), ("proposals", "-o", "out"), ("reject",),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("approve", 1),
+        ("approve", 0, "--reason", "x"),
+        ("proposals", "--state", "maybe"),
+        ("proposals", "-o", "out"),
+        ("reject",),
+    ],
+)
 def test_wrong_usage(folder, arguments):
     assert run("table", *arguments).exit_code == 2 and not list(folder.iterdir())
 
 
 def test_reading_creates_no_store(folder):
-    assert isinstance(run("table", "proposals").exception, InputError) and not list(folder.iterdir())
+    assert isinstance(run("table", "proposals").exception, InputError) and not list(
+        folder.iterdir()
+    )
     with TableStore.open(URL, create=True) as store:
         store.import_table(factory_dict())
     assert answered("table", "proposals")["proposals"] == []

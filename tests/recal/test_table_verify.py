@@ -1,4 +1,6 @@
-"""`recal table verify` as a user runs it: a line for each unit, exit code 3 and what is broken, nothing written."""
+"""`recal table verify` as a user runs it: a line for each unit, exit code 3 and what is broken,
+nothing written.
+"""
 
 import json
 import sqlite3
@@ -33,10 +35,14 @@ def test_an_intact_store_is_one_line_a_unit_and_stays_as_it_is(folder):
     said = verify()
     assert said.exit_code == 0 and said.stderr == ""
     one, two = said.stdout.splitlines()
-    assert one.startswith("SN-1 (rlg): 2 revisions, intact, head ") and two.startswith("SN-2 (rlg): 1 revision, intact, head ")
+    assert one.startswith("SN-1 (rlg): 2 revisions, intact, head ") and two.startswith(
+        "SN-2 (rlg): 1 revision, intact, head "
+    )
     assert verify("--head", one.split()[-1]).exit_code == 0
     assert verify("-q").output == ""
-    assert Path("recal.db").read_bytes() == before and [p.name for p in folder.iterdir()] == ["recal.db"]
+    assert Path("recal.db").read_bytes() == before and [p.name for p in folder.iterdir()] == [
+        "recal.db"
+    ]
 
 
 def test_a_broken_unit_is_named_and_the_others_are_not(folder):
@@ -60,9 +66,17 @@ def test_head_and_report_kept_elsewhere(folder):
     kept = {"verdict": "committed", "imu_serial": "SN-1", "gyro_technology": "rlg", "revision": 7}
     Path("update.json").write_text(json.dumps(kept))
     said = verify("--report", "update.json", "--json")
-    assert said.exit_code == 3 and json.loads(said.stdout)["reasons"] == ["update.json: SN-1 revision 7 is not in the store"]
+    assert said.exit_code == 3 and json.loads(said.stdout)["reasons"] == [
+        "update.json: SN-1 revision 7 is not in the store"
+    ]
 
 
 def test_a_store_without_units_says_so(folder):
-    tamper(URL, "DELETE FROM recal_tag", "DELETE FROM recal_revision", "DELETE FROM recal_merged_run", "DELETE FROM recal_unit")
+    tamper(
+        URL,
+        "DELETE FROM recal_tag",
+        "DELETE FROM recal_revision",
+        "DELETE FROM recal_merged_run",
+        "DELETE FROM recal_unit",
+    )
     assert verify().stdout == "no units\n"

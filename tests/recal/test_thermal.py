@@ -1,4 +1,6 @@
-"""`recal thermal fog` from runs on disk: fitted on simulated chamber runs, refused, bad input; the model applied to a run."""
+"""`recal thermal fog` from runs on disk: fitted on simulated chamber runs, refused, bad input; the
+model applied to a run.
+"""
 
 import json
 
@@ -41,7 +43,14 @@ there_and_back = {back}
 
 def make(folder, name, *, rate, seed, back=True, technology="fog", more=""):
     seconds = 900 + (2 if back else 1) * (900 + 60 * 45 / rate)
-    text = SCENARIO.format(seed=seed, rate=rate, back=str(back).lower(), seconds=seconds, technology=technology, more=more)
+    text = SCENARIO.format(
+        seed=seed,
+        rate=rate,
+        back=str(back).lower(),
+        seconds=seconds,
+        technology=technology,
+        more=more,
+    )
     (folder / f"{name}.toml").write_text(text)
     simulate(str(folder / f"{name}.toml"), folder / name)
     return folder / name
@@ -52,15 +61,19 @@ def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("chamber")
     survey = "survey = {heading_deg = 30.0, sigma_heading_deg = 0.005}"
     return folder, {
-        "fast": make(folder, "fast", rate=1.5, seed=1), "slow": make(folder, "slow", rate=0.3, seed=2),
-        "check": make(folder, "check", rate=1.0, seed=3), "heats": make(folder, "heats", rate=1.5, seed=4, back=False),
+        "fast": make(folder, "fast", rate=1.5, seed=1),
+        "slow": make(folder, "slow", rate=0.3, seed=2),
+        "check": make(folder, "check", rate=1.0, seed=3),
+        "heats": make(folder, "heats", rate=1.5, seed=4, back=False),
         "surveyed": make(folder, "surveyed", rate=1.5, seed=5, more=survey),
         "rlg": make(folder, "rlg", rate=3.0, seed=6, technology="rlg"),
-    }  # fmt: skip
+    }
 
 
 def run_fog(folder, *words):
-    result = CliRunner().invoke(app, ["thermal", "fog", *map(str, words), "-o", str(folder / "out"), "--json"])
+    result = CliRunner().invoke(
+        app, ["thermal", "fog", *map(str, words), "-o", str(folder / "out"), "--json"]
+    )
     return result, (json.loads(result.stdout) if result.stdout.startswith("{") else None)
 
 
@@ -71,7 +84,9 @@ def fitted(runs):
 
 
 def test_coefficients_of_simulated_chamber_runs(runs, fitted):
-    """The truth has a tanh, the runs thermometers with noise, soaks, lags and Earth rate: 3 sigma over the grid."""
+    """The truth has a tanh, the runs thermometers with noise, soaks, lags and Earth rate: 3 sigma
+    over the grid.
+    """
     folder, _ = runs
     result, document = fitted
     assert result.exit_code == 0 and document["verdict"] == "fitted" and not document["notes"]
@@ -79,23 +94,34 @@ def test_coefficients_of_simulated_chamber_runs(runs, fitted):
     for axis, a in document["axes"].items():
         T = np.array(a["temperature_degC"])
         true = unit.shupe_coefficient(axis, T)
-        z = (np.array(a["K_delta_deg_h_per_degC_min"]) - true) / a["sigma_K_delta_deg_h_per_degC_min"]
+        z = (np.array(a["K_delta_deg_h_per_degC_min"]) - true) / a[
+            "sigma_K_delta_deg_h_per_degC_min"
+        ]
         assert np.mean(np.abs(z) <= 3.0) >= 0.9 and np.sqrt(np.mean(z**2)) < 1.8, (axis, z)
         shape = unit.bias_deg_h(axis, T)
         z = (np.array(a["K_T_deg_h"]) - (shape - shape.mean())) / a["sigma_K_T_deg_h"]
         assert np.sqrt(np.mean(z**2)) < 1.8, (axis, z)
-        assert 0.65 < a["document"]["gain"] < 0.88  # 0.8 on ramps without ends: its rates are not steady there
+        # 0.8 on ramps without ends: its rates are not steady there
+        assert 0.65 < a["document"]["gain"] < 0.88
         assert 0.9 < a["residual_over_sigma"] < 1.15
     (check,) = document["check"]
-    assert all(row["ratio"] <= 1 / 3 and row["causal_ratio"] <= 1 / 3 for row in check["axes"].values())
+    assert all(
+        row["ratio"] <= 1 / 3 and row["causal_ratio"] <= 1 / 3 for row in check["axes"].values()
+    )
     assert {leg["direction"] for leg in document["runs"][0]["ramps"]} == {"up", "down"}
 
 
 def test_files_beside_the_json(runs, fitted):
     out = runs[0] / "out"
     page = (out / "thermal_fog.html").read_text()
-    assert "<svg" in page and "Held-out ramps" in page and "http" not in page.replace("http://www.w3.org", "")
-    assert "x_bias" in (out / "thermal_fog.h").read_text() and (out / "thermal_fog.csv").read_text().startswith("table,")
+    assert (
+        "<svg" in page
+        and "Held-out ramps" in page
+        and "http" not in page.replace("http://www.w3.org", "")
+    )
+    assert "x_bias" in (out / "thermal_fog.h").read_text() and (
+        out / "thermal_fog.csv"
+    ).read_text().startswith("table,")
 
 
 def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, fitted):
@@ -106,15 +132,22 @@ def test_the_model_takes_the_ramp_out_of_a_run_in_batch_and_in_real_time(runs, f
     for compensated in (
         compensate_batch(imu, model, run.temperature, gyro_temperature(run.temperature)),
         compensate_causal(imu, model, run.temperature),
-    ):  # fmt: skip
+    ):
         left = ramp_run(type(run)(**{**run.__dict__, "imu": compensated}), twin)
         for k in range(3):
-            assert np.std(left.bias_deg_h[left.steady, k]) <= np.std(raw.bias_deg_h[raw.steady, k]) / 3
-    future = type(run.temperature)(time_s=run.temperature.time_s, gyro_degC=np.where(
-        (run.temperature.time_s > 3000.0)[:, None], 99.0, run.temperature.gyro_degC))  # fmt: skip
+            assert (
+                np.std(left.bias_deg_h[left.steady, k]) <= np.std(raw.bias_deg_h[raw.steady, k]) / 3
+            )
+    future = type(run.temperature)(
+        time_s=run.temperature.time_s,
+        gyro_degC=np.where(
+            (run.temperature.time_s > 3000.0)[:, None], 99.0, run.temperature.gyro_degC
+        ),
+    )
     spoiled = compensate_causal(imu, model, future)
     before = imu.time_s <= 3000.0
-    np.testing.assert_array_equal(spoiled.dtheta_rad[before], compensated.dtheta_rad[before])  # knows nothing of what comes
+    # knows nothing of what comes
+    np.testing.assert_array_equal(spoiled.dtheta_rad[before], compensated.dtheta_rad[before])
 
 
 def test_a_surveyed_heading_gives_the_level_too(runs, undrawn):
@@ -124,7 +157,10 @@ def test_a_surveyed_heading_gives_the_level_too(runs, undrawn):
     assert result.exit_code == 0 and document["runs"][0]["heading_known"]
     for axis, a in document["axes"].items():
         true = unit.bias_deg_h(axis, np.array(a["temperature_degC"])).mean()
-        assert a["level"]["known"] and abs(a["level"]["value_deg_h"] - true) <= 3.5 * a["level"]["sigma_deg_h"], axis
+        assert (
+            a["level"]["known"]
+            and abs(a["level"]["value_deg_h"] - true) <= 3.5 * a["level"]["sigma_deg_h"]
+        ), axis
         assert a["level"]["sigma_deg_h"] < 0.01
 
 
@@ -132,7 +168,10 @@ def test_refusals_exit_4_and_say_what_is_needed(runs):
     folder, made = runs
     result, document = run_fog(folder, "--fast", made["heats"])
     assert result.exit_code == 4 and document["verdict"] == "refused" and document["axes"] == {}
-    assert "same-sign ramps: every ramp heats" in document["reasons"][0] and "run the ramp back" in document["reasons"][0]
+    assert (
+        "same-sign ramps: every ramp heats" in document["reasons"][0]
+        and "run the ramp back" in document["reasons"][0]
+    )
     result, document = run_fog(folder, "--fast", made["fast"], "--slow", made["surveyed"])
     assert result.exit_code == 4 and "equal rates" in document["reasons"][0]
     assert "Refused" in (folder / "out" / "thermal_fog.html").read_text()
@@ -140,23 +179,36 @@ def test_refusals_exit_4_and_say_what_is_needed(runs):
 
 def test_several_runs_may_follow_one_option(runs, undrawn):
     folder, made = runs
-    result, document = run_fog(folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"])
-    assert result.exit_code == 0 and [run["role"] for run in document["runs"]] == ["fast", "fast", "slow"]
+    result, document = run_fog(
+        folder, "--fast", made["fast"], made["surveyed"], "--slow", made["slow"]
+    )
+    assert result.exit_code == 0 and [run["role"] for run in document["runs"]] == [
+        "fast",
+        "fast",
+        "slow",
+    ]
     assert "some runs have a surveyed heading" in document["notes"][0]
     for a in document["axes"].values():  # and the surveyed one gives the level to all
-        assert a["level"]["known"] and a["level"]["sigma_deg_h"] < 0.01 and a["residual_over_sigma"] < 1.2
+        assert (
+            a["level"]["known"]
+            and a["level"]["sigma_deg_h"] < 0.01
+            and a["residual_over_sigma"] < 1.2
+        )
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("fast", "--slow", "fast"), "the same run as"), (("rlg",), "gyro_technology 'rlg', needed 'fog'"),
+        (("fast", "--slow", "fast"), "the same run as"),
+        (("rlg",), "gyro_technology 'rlg', needed 'fog'"),
         (("absent",), "absent"),
     ],
 )
 def test_bad_input_is_one_line(runs, words, said):
     made = runs[1]
-    result = CliRunner().invoke(app, ["thermal", "fog", "--fast", *(str(made.get(w, w)) for w in words)])
+    result = CliRunner().invoke(
+        app, ["thermal", "fog", "--fast", *(str(made.get(w, w)) for w in words)]
+    )
     assert isinstance(result.exception, InputError) and said in str(result.exception)
     assert "\n" not in str(result.exception)
 
@@ -167,17 +219,32 @@ def test_a_run_is_compensated_on_disk_and_raw_ones_of_other_units_are_not(runs, 
     path = folder / "model.json"
     path.write_text(json.dumps(fitted[1]))
     words[2] = str(path)
-    result = CliRunner().invoke(app, [*words, str(made["check"]), "-o", str(folder / "left"), "--json"])
+    result = CliRunner().invoke(
+        app, [*words, str(made["check"]), "-o", str(folder / "left"), "--json"]
+    )
     assert result.exit_code == 0 and json.loads(result.stdout)["share_inside"] > 0.8
-    raw, left = (ramp_run(read_run(p), default_twin("fog")) for p in (made["check"], folder / "left"))
-    assert np.all(np.std(left.bias_deg_h[raw.steady], axis=0) <= np.std(raw.bias_deg_h[raw.steady], axis=0) / 3)
+    raw, left = (
+        ramp_run(read_run(p), default_twin("fog")) for p in (made["check"], folder / "left")
+    )
+    assert np.all(
+        np.std(left.bias_deg_h[raw.steady], axis=0)
+        <= np.std(raw.bias_deg_h[raw.steady], axis=0) / 3
+    )
     path.write_text(json.dumps({**fitted[1], "imu_serial": "SN-8"}))
     result = CliRunner().invoke(app, [*words, str(made["check"]), "-o", str(folder / "none")])
-    assert isinstance(result.exception, InputError) and "SN-8" in str(result.exception) and not (folder / "none").exists()
+    assert (
+        isinstance(result.exception, InputError)
+        and "SN-8" in str(result.exception)
+        and not (folder / "none").exists()
+    )
 
 
 def test_a_result_that_is_none_is_no_model(fitted):
-    for change, said in (({"schema": "x"}, "schema"), ({"verdict": "refused"}, "verdict"), ({"axes": {"x": {}}}, "axes")):
+    for change, said in (
+        ({"schema": "x"}, "schema"),
+        ({"verdict": "refused"}, "verdict"),
+        ({"axes": {"x": {}}}, "axes"),
+    ):
         with pytest.raises(InputError, match=said):
             model_from_document({**fitted[1], **change})
 
@@ -190,10 +257,18 @@ def test_causal_rate_on_a_ramp_and_its_noise():
     noise = np.random.default_rng(1).standard_normal((40000, 1)) * 0.01
     _, rate = causal_rates(np.arange(40000.0), noise)
     w = np.exp(-1 / 60.0)
-    assert np.std(rate[2000:]) == pytest.approx(60 * 0.01 * np.sqrt(2 * ((1 - w) / (1 + w)) ** 3), rel=0.1)
+    assert np.std(rate[2000:]) == pytest.approx(
+        60 * 0.01 * np.sqrt(2 * ((1 - w) / (1 + w)) ** 3), rel=0.1
+    )
     late = CausalRate()
-    seen = [late.feed(float(k), 20.0 if k < 600 else 20.0 + (k - 600) / 60.0)[1] for k in range(1500)]
-    assert seen[599] == pytest.approx(0.0, abs=1e-9) and 0.5 < seen[750] < 1.0 and seen[1499] == pytest.approx(1.0, abs=1e-4)
+    seen = [
+        late.feed(float(k), 20.0 if k < 600 else 20.0 + (k - 600) / 60.0)[1] for k in range(1500)
+    ]
+    assert (
+        seen[599] == pytest.approx(0.0, abs=1e-9)
+        and 0.5 < seen[750] < 1.0
+        and seen[1499] == pytest.approx(1.0, abs=1e-4)
+    )
     assert late.feed(1500.0, float("nan"))[1] == pytest.approx(1.0, abs=1e-4)
     with pytest.raises(ValueError, match="needed later"):
         late.feed(10.0, 20.0)

@@ -1,4 +1,6 @@
-"""`recal thermal rlg` from runs on disk: fitted on simulated chamber runs, refused, bad input, files."""
+"""`recal thermal rlg` from runs on disk: fitted on simulated chamber runs, refused, bad input,
+files.
+"""
 
 import json
 from dataclasses import replace
@@ -43,13 +45,25 @@ side_degC = {heater}
 side_period_s = 2700
 side_gradient = {side}
 """
-SIDES = {"a": [0.8, -0.3, 0.2], "b": [-0.2, 0.7, 0.4], "c": [0.3, 0.4, -0.8], "check": [0.5, 0.4, -0.6]}
+SIDES = {
+    "a": [0.8, -0.3, 0.2],
+    "b": [-0.2, 0.7, 0.4],
+    "c": [0.3, 0.4, -0.8],
+    "check": [0.5, 0.4, -0.6],
+}
 
 
 def make(folder, name, *, rate=1.5, seed=1, back=True, technology="rlg", heater=5.0):
     seconds = 900 + (2 if back else 1) * (900 + 60 * 40 / rate)
-    text = SCENARIO.format(seed=seed, rate=rate, back=str(back).lower(), seconds=seconds, technology=technology,
-                           heater=heater, side=SIDES.get(name, [0.5, 0.5, 0.5]))  # fmt: skip
+    text = SCENARIO.format(
+        seed=seed,
+        rate=rate,
+        back=str(back).lower(),
+        seconds=seconds,
+        technology=technology,
+        heater=heater,
+        side=SIDES.get(name, [0.5, 0.5, 0.5]),
+    )
     (folder / f"{name}.toml").write_text(text)
     simulate(str(folder / f"{name}.toml"), folder / name)
     return folder / name
@@ -58,15 +72,19 @@ def make(folder, name, *, rate=1.5, seed=1, back=True, technology="rlg", heater=
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("chamber")
-    made = {name: make(folder, name, rate=rate, seed=k) for k, (name, rate) in
-            enumerate((("a", 1.5), ("b", 2.0), ("c", 1.2), ("check", 1.7)))}  # fmt: skip
+    made = {
+        name: make(folder, name, rate=rate, seed=k)
+        for k, (name, rate) in enumerate((("a", 1.5), ("b", 2.0), ("c", 1.2), ("check", 1.7)))
+    }
     made["warms"] = make(folder, "warms", rate=0.5, back=False, heater=0.0)
     made["fog"] = make(folder, "fog", rate=3.0, technology="fog")
     return folder, made
 
 
 def run_rlg(folder, *words):
-    result = CliRunner().invoke(app, ["thermal", "rlg", *map(str, words), "-o", str(folder / "out"), "--json"])
+    result = CliRunner().invoke(
+        app, ["thermal", "rlg", *map(str, words), "-o", str(folder / "out"), "--json"]
+    )
     return result, (json.loads(result.stdout) if result.stdout.startswith("{") else None)
 
 
@@ -77,30 +95,47 @@ def fitted(runs):
 
 
 def test_terms_of_simulated_chamber_runs(runs, fitted):
-    """The truth is a spline with a wave, the runs have thermometers with noise and steps, lags, heaters and Earth rate."""
+    """The truth is a spline with a wave, the runs have thermometers with noise and steps, lags,
+    heaters and Earth rate.
+    """
     folder, _ = runs
     result, document = fitted
     assert result.exit_code == 0 and document["verdict"] == "fitted" and not document["notes"]
-    unit, reference = scenario_unit(read_scenario(folder / "a.toml")), document["reference_temperature_degC"]
+    unit, reference = (
+        scenario_unit(read_scenario(folder / "a.toml")),
+        document["reference_temperature_degC"],
+    )
     for k, (axis, a) in enumerate(document["axes"].items()):
         slope = unit.thermal_rate_slope_deg_h_per_degC2_min[k]
-        true = {"K4": unit.thermal_rate_deg_h_per_degC_min[k] + slope * (reference - 20.0), "K5": slope,
-                f"K6{axis}": unit.gradient_deg_h_per_degC[k]}  # fmt: skip
+        true = {
+            "K4": unit.thermal_rate_deg_h_per_degC_min[k] + slope * (reference - 20.0),
+            "K5": slope,
+            f"K6{axis}": unit.gradient_deg_h_per_degC[k],
+        }
         for name, value in true.items():
             term = a["terms"][name]
             if term["state"] == "used":
                 assert abs(term["value"] - value) < 4.0 * term["sigma"], (axis, name)
         assert a["terms"]["K4"]["state"] == a["terms"][f"K6{axis}"]["state"] == "used"
-        assert a["condition"]["used"] < a["condition"]["limit"] and np.array(a["covariance"]).shape == (8, 8)
+        assert a["condition"]["used"] < a["condition"]["limit"] and np.array(
+            a["covariance"]
+        ).shape == (8, 8)
     (check,) = document["check"]
     for row in check["axes"].values():
-        assert row["over_temperature_only"] <= 0.5 and row["causal_after_deg_h"] <= 0.5 * row["temperature_only_deg_h"]
+        assert (
+            row["over_temperature_only"] <= 0.5
+            and row["causal_after_deg_h"] <= 0.5 * row["temperature_only_deg_h"]
+        )
 
 
 def test_files_beside_the_json(runs, fitted):
     out = runs[0] / "out"
     page = (out / "thermal_rlg.html").read_text()
-    assert "<svg" in page and "Held-out runs" in page and "http" not in page.replace("http://www.w3.org", "")
+    assert (
+        "<svg" in page
+        and "Held-out runs" in page
+        and "http" not in page.replace("http://www.w3.org", "")
+    )
     assert json.loads((out / "thermal_rlg.json").read_text())["schema"] == "recal.thermal_rlg/1"
 
 
@@ -108,13 +143,18 @@ def test_the_default_output_is_recal_thermal(runs, undrawn, monkeypatch):
     folder, made = runs
     monkeypatch.chdir(folder)
     assert CliRunner().invoke(app, ["thermal", "rlg", str(made["a"]), "-q"]).exit_code == 0
-    assert {p.name for p in (folder / "recal-thermal").iterdir()} == {"thermal_rlg.json", "thermal_rlg.html"}
+    assert {p.name for p in (folder / "recal-thermal").iterdir()} == {
+        "thermal_rlg.json",
+        "thermal_rlg.html",
+    }
 
 
 def test_without_a_gradient_column_it_fits_and_says_so(runs, undrawn):
     folder, made = runs
     run = read_run(made["a"])
-    write_run(folder / "bare", replace(run, temperature=replace(run.temperature, gradient_degC=None)))
+    write_run(
+        folder / "bare", replace(run, temperature=replace(run.temperature, gradient_degC=None))
+    )
     result, document = run_rlg(folder, folder / "bare")
     assert result.exit_code == 0 and "no gradient column" in document["notes"][0]
     assert all(a["terms"]["K6x"]["state"] == "no data" for a in document["axes"].values())
@@ -124,13 +164,20 @@ def test_refusals_exit_4_and_say_what_is_needed(runs):
     folder, made = runs
     result, document = run_rlg(folder, made["warms"])
     assert result.exit_code == 4 and document["verdict"] == "refused" and document["axes"] == {}
-    assert "one-sided heating: the unit only warms" in document["reasons"][0] and "or dwell" in document["reasons"][0]
+    assert (
+        "one-sided heating: the unit only warms" in document["reasons"][0]
+        and "or dwell" in document["reasons"][0]
+    )
     assert "Refused" in (folder / "out" / "thermal_rlg.html").read_text()
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(("a", "a"), "the same run as"), (("fog",), "gyro_technology 'fog', needed 'rlg'"), (("absent",), "absent")],
+    [
+        (("a", "a"), "the same run as"),
+        (("fog",), "gyro_technology 'fog', needed 'rlg'"),
+        (("absent",), "absent"),
+    ],
 )
 def test_bad_input_is_one_line(runs, words, said):
     made = runs[1]
@@ -146,21 +193,33 @@ def test_a_compensated_run_is_no_raw_run_and_the_part_has_a_name(runs, fitted):
     words = ["thermal", "apply", str(model), str(made["check"]), "-o", str(folder / "left")]
     assert CliRunner().invoke(app, words).exit_code == 0
     twin = default_twin("rlg")
-    raw, left = (gradient_run(read_run(p), twin).blocks.bias_deg_h[20:] for p in (made["check"], folder / "left"))
-    assert np.all(np.std(left, axis=0) < 0.6 * np.std(raw, axis=0))  # minute means in real-time order, 0.0155 white
+    raw, left = (
+        gradient_run(read_run(p), twin).blocks.bias_deg_h[20:]
+        for p in (made["check"], folder / "left")
+    )
+    # minute means in real-time order, 0.0155 white
+    assert np.all(np.std(left, axis=0) < 0.6 * np.std(raw, axis=0))
     result, _ = run_rlg(folder, folder / "left")
-    assert isinstance(result.exception, InputError) and "removed_thermal_model" in str(result.exception)
+    assert isinstance(result.exception, InputError) and "removed_thermal_model" in str(
+        result.exception
+    )
     result = CliRunner().invoke(app, [*words, "--part", "some"])
-    assert isinstance(result.exception, InputError) and "needed all or rates" in str(result.exception)
+    assert isinstance(result.exception, InputError) and "needed all or rates" in str(
+        result.exception
+    )
 
 
 def test_a_line_in_steps_is_smoothed_as_a_thermometer_is():
-    """A heater's exponential read in steps of 0.25 degC: within a fifth of a step, where readings are off by up to a half."""
+    """A heater's exponential read in steps of 0.25 degC: within a fifth of a step, where readings
+    are off by up to a half.
+    """
     t = np.arange(0.0, 7200.0)
     true = 4.0 * first_order_rise(t, 1500.0)
     read = 0.25 * np.round((true + 0.02 * np.random.default_rng(1).standard_normal(t.size)) / 0.25)
     gradient = np.column_stack([read, np.full_like(t, np.nan), read])
-    lines = gradient_lines(TemperatureLog(time_s=t, gyro_degC=np.zeros((t.size, 3)), gradient_degC=gradient))
+    lines = gradient_lines(
+        TemperatureLog(time_s=t, gyro_degC=np.zeros((t.size, 3)), gradient_degC=gradient)
+    )
     assert lines.logged == ("x", "z")
     found = lines.at(t)
     assert np.sqrt(np.mean((found[:, 0] - true)[300:] ** 2)) < 0.05 and np.std(read - true) > 0.06

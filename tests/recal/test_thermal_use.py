@@ -1,4 +1,6 @@
-"""A fitted thermal model before the table: update, replay, and runs of `thermal apply`; the sessions' truth has the terms."""
+"""A fitted thermal model before the table: update, replay, and runs of `thermal apply`; the
+sessions' truth has the terms.
+"""
 
 import json
 from dataclasses import replace
@@ -13,7 +15,14 @@ from infield.store.table_store import TableStore
 from infield.table.thermal_table import default_table
 from infield.thermal.fog_ramps import separate
 from infield.thermal.rlg_gradient import fit_gradients
-from infield.thermal.stored_model import prepared, read_thermal_model, removal, seeded_table, with_model_sigma, without_rates
+from infield.thermal.stored_model import (
+    prepared,
+    read_thermal_model,
+    removal,
+    seeded_table,
+    with_model_sigma,
+    without_rates,
+)
 from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
@@ -71,13 +80,16 @@ def without_drawings():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A session in run/, its unit's factory table in a store, and a model fitted to minute means of the same terms."""
+    """A session in run/, its unit's factory table in a store, and a model fitted to minute means of
+    the same terms.
+    """
     path = tmp_path_factory.mktemp("use")
     (path / "session.toml").write_text(SCENARIO)
     simulate(str(path / "session.toml"), path / "run", table_out=path / "table.json")
     rng = np.random.default_rng(1)
     unit = Unit(rng)
-    unit.K4, unit.K5 = np.array(RATE) + 5.0 * np.array(SLOPE), np.array(SLOPE)  # RATE holds at 20 degC, K4 of Unit at 25
+    # RATE holds at 20 degC, K4 of Unit at 25
+    unit.K4, unit.K5 = np.array(RATE) + 5.0 * np.array(SLOPE), np.array(SLOPE)
     unit.K6 = np.diag(GRADIENT)
     study = fit_gradients(three_runs(rng, unit), TWIN)
     (path / "model.json").write_text(result_text(rlg_document(study, version="")))
@@ -100,9 +112,17 @@ def recal(*words):
 def updated(folder):
     url = store(folder, "with")
     result, document = recal(
-        "update", folder / "run", "--store", url, "--thermal-model", folder / "model.json", "-o", folder / "update", "--commit",
+        "update",
+        folder / "run",
+        "--store",
+        url,
+        "--thermal-model",
+        folder / "model.json",
+        "-o",
+        folder / "update",
+        "--commit",
         "--json",
-    )  # fmt: skip
+    )
     assert result.exit_code == 0, result.output
     return url, document
 
@@ -111,7 +131,10 @@ def test_update_with_the_model_finds_the_settled_bias(folder, updated):
     unit = scenario_unit(read_scenario(folder / "session.toml"))
     _, document = updated
     used = document["thermal_model"]
-    assert used["part"] == "rates" and used["runs"][0]["rms_deg_h"]["x"] > 0.03 > used["runs"][0]["sigma_deg_h"]["x"]
+    assert (
+        used["part"] == "rates"
+        and used["runs"][0]["rms_deg_h"]["x"] > 0.03 > used["runs"][0]["sigma_deg_h"]["x"]
+    )
     assert document["noise_model"]["gyro"]["turn_on_deg_h"] > default_twin("rlg").gyro.turn_on_deg_h
     for axis in "xy":
         after = document["table_after"]["axes"][axis]
@@ -122,7 +145,9 @@ def test_update_with_the_model_finds_the_settled_bias(folder, updated):
         residual = used["residual_table"][axis]
         model = read_thermal_model(folder / "model.json").model
         settled = model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, "xyz".index(axis)]
-        np.testing.assert_allclose(np.array(residual["bias_deg_h"]) + settled, after["bias_deg_h"], atol=1e-12)
+        np.testing.assert_allclose(
+            np.array(residual["bias_deg_h"]) + settled, after["bias_deg_h"], atol=1e-12
+        )
     assert document["table_after"]["provenance"]["thermal_model_sha256"] == used["sha256"]
     assert "thermal_model_sha256" not in document["table_before"]["provenance"]
     page = (folder / "update" / "update.html").read_text()
@@ -131,40 +156,74 @@ def test_update_with_the_model_finds_the_settled_bias(folder, updated):
 
 
 def test_without_the_model_the_same_session_contradicts_the_table(folder):
-    result, document = recal("update", folder / "run", "--store", store(folder, "without"), "-o", folder / "no", "--json")
-    assert result.exit_code == 5 and document["verdict"] == "inconsistent" and "thermal_model" not in document
+    result, document = recal(
+        "update", folder / "run", "--store", store(folder, "without"), "-o", folder / "no", "--json"
+    )
+    assert (
+        result.exit_code == 5
+        and document["verdict"] == "inconsistent"
+        and "thermal_model" not in document
+    )
 
 
 def test_a_run_of_thermal_apply_goes_through_update_and_is_known_again(folder, updated):
-    """Rates out, or all out and the settled part put back: the same points; and the recording is the one merged before."""
+    """Rates out, or all out and the settled part put back: the same points; and the recording is
+    the one merged before.
+    """
     url, document = updated
     model = folder / "model.json"
     for part, words in (("rates", []), ("all", ["--thermal-model", model])):
-        done, said = recal("thermal", "apply", model, folder / "run", "-o", folder / part, "--part", part, "--batch", "--json")
+        done, said = recal(
+            "thermal",
+            "apply",
+            model,
+            folder / "run",
+            "-o",
+            folder / part,
+            "--part",
+            part,
+            "--batch",
+            "--json",
+        )
         assert done.exit_code == 0 and said["part"] == part
         header = json.loads((folder / part / "run.json").read_text())["removed_thermal_model"]
         assert header["part"] == part and header["run_sha256"] == document["runs"][0]["sha256"]
         fresh = store(folder, f"fresh-{part}")
-        result, again = recal("update", folder / part, "--store", fresh, "-o", folder / "u", "--json", *words)
+        result, again = recal(
+            "update", folder / part, "--store", fresh, "-o", folder / "u", "--json", *words
+        )
         assert result.exit_code == 0, result.output
-        difference = [a["bias_deg_h"] - b["bias_deg_h"] for a, b in zip(again["points"], document["points"])]
-        assert np.max(np.abs(difference)) < 1e-3  # "all" takes the settled part out smoothed and gets it back causal
-        result, again = recal("update", folder / part, "--store", url, "-o", folder / "u", "--json", *words)
+        difference = [
+            a["bias_deg_h"] - b["bias_deg_h"] for a, b in zip(again["points"], document["points"])
+        ]
+        # "all" takes the settled part out smoothed and gets it back causal
+        assert np.max(np.abs(difference)) < 1e-3
+        result, again = recal(
+            "update", folder / part, "--store", url, "-o", folder / "u", "--json", *words
+        )
         assert result.exit_code == 4 and "already holds this run" in again["reasons"][0]
     result, _ = recal("update", folder / "all", "--store", url, "-o", folder / "u")
-    assert isinstance(result.exception, InputError) and "as a whole, needed that model" in str(result.exception)
+    assert isinstance(result.exception, InputError) and "as a whole, needed that model" in str(
+        result.exception
+    )
     for words in (("misalignment", folder / "all", folder / "all"), ("align", folder / "all")):
         result, _ = recal(*words, "--store", url, "-o", folder / "u")
-        assert isinstance(result.exception, InputError) and "was taken out whole" in str(result.exception), words
+        assert isinstance(result.exception, InputError) and "was taken out whole" in str(
+            result.exception
+        ), words
     result, _ = recal("thermal", "apply", model, folder / "all", "-o", folder / "twice")
-    assert isinstance(result.exception, InputError) and "needed the raw run" in str(result.exception)
+    assert isinstance(result.exception, InputError) and "needed the raw run" in str(
+        result.exception
+    )
 
 
 def test_replay_with_the_model_drifts_less(folder, updated):
     url, _ = updated
     drift = {}
     for words in ((), ("--thermal-model", folder / "model.json")):
-        _, document = recal("replay", folder / "run", "--store", url, "-o", folder / "replay", "--json", *words)
+        _, document = recal(
+            "replay", folder / "run", "--store", url, "-o", folder / "replay", "--json", *words
+        )
         drift[bool(words)] = document["tables"][0]["parked"]["rms_rate_nm_h"]
         assert ("thermal_model" in document) == bool(words)
     assert drift[True] < 0.3 * drift[False]
@@ -173,10 +232,14 @@ def test_replay_with_the_model_drifts_less(folder, updated):
 
 def test_a_unit_without_a_table_starts_from_the_settled_part(folder):
     stored = read_thermal_model(folder / "model.json")
-    plain = default_table(imu_serial="SN-1", gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z")
+    plain = default_table(
+        imu_serial="SN-1", gyro_technology="rlg", created_utc="2026-01-01T00:00:00Z"
+    )
     seeded = seeded_table(plain, stored)
     T = plain.temperature_degC[2]
-    np.testing.assert_allclose(seeded.bias_deg_h(2, T), stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, 2])
+    np.testing.assert_allclose(
+        seeded.bias_deg_h(2, T), stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, 2]
+    )
     np.testing.assert_array_equal(seeded.covariance, plain.covariance)
 
 
@@ -193,10 +256,19 @@ def test_what_is_not_known_of_the_terms_widens_the_turn_on_by_hand(folder):
 def test_a_model_of_another_unit_or_of_lines_that_are_not_logged_is_bad_input(folder):
     run, model = read_run(folder / "run"), json.loads((folder / "model.json").read_text())
     stored = read_thermal_model(folder / "model.json")
-    with pytest.raises(InputError, match=r"no gradient_x_degC gradient_y_degC gradient_z_degC, needed by the terms"):
-        without_rates(replace(run, temperature=replace(run.temperature, gradient_degC=None)), stored)
-    for change, said in (({"imu_serial": "SN-2"}, "SN-2"), ({"schema": "x"}, "schema"), ({"verdict": "refused"}, "verdict"),
-                         ({"axes": {"x": {}}}, "terms cannot be read"), ({"axes": {}}, "needed some of")):  # fmt: skip
+    with pytest.raises(
+        InputError, match=r"no gradient_x_degC gradient_y_degC gradient_z_degC, needed by the terms"
+    ):
+        without_rates(
+            replace(run, temperature=replace(run.temperature, gradient_degC=None)), stored
+        )
+    for change, said in (
+        ({"imu_serial": "SN-2"}, "SN-2"),
+        ({"schema": "x"}, "schema"),
+        ({"verdict": "refused"}, "verdict"),
+        ({"axes": {"x": {}}}, "terms cannot be read"),
+        ({"axes": {}}, "needed some of"),
+    ):
         (folder / "bad.json").write_text(json.dumps({**model, **change}))
         with pytest.raises(InputError, match=said):
             without_rates(run, read_thermal_model(folder / "bad.json"))
@@ -207,20 +279,36 @@ def test_a_fibre_optic_model_serves_as_well(tmp_path):
     rng = np.random.default_rng(5)
     truth = Truth(rng)
     study = separate([ramp(rng, truth)], [], FOG_TWIN)
-    document = fog_document(study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version="")
+    document = fog_document(
+        study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version=""
+    )
     (tmp_path / "fog.json").write_text(result_text(document))
     stored = read_thermal_model(tmp_path / "fog.json")
     t = np.arange(0.0, 1800.0)
     T = 20.0 + 0.5 * t / 60.0
     log = TemperatureLog(time_s=t, gyro_degC=np.repeat(T[:, None], 3, axis=1))
-    still = ImuLog(time_s=t + 1.0, dt_s=np.ones(t.size), dtheta_rad=np.zeros((t.size, 3)), dv_m_s=np.zeros((t.size, 3)))
+    still = ImuLog(
+        time_s=t + 1.0,
+        dt_s=np.ones(t.size),
+        dtheta_rad=np.zeros((t.size, 3)),
+        dv_m_s=np.zeros((t.size, 3)),
+    )
     header = RunHeader(
-        run_id="r", tail="", imu_serial="SN-1", gyro_technology="fog", start_utc="2026-03-01T05:00:00Z",
+        run_id="r",
+        tail="",
+        imu_serial="SN-1",
+        gyro_technology="fog",
+        start_utc="2026-03-01T05:00:00Z",
         site=Site(lat_rad=0.8, lon_rad=0.1, height_m=100.0),
-    )  # fmt: skip
-    left, gone = without_rates(Run(header=header, imu=still, temperature=log, sha256="0" * 64), stored)
+    )
+    left, gone = without_rates(
+        Run(header=header, imu=still, temperature=log, sha256="0" * 64), stored
+    )
     for k in range(3):
         true = truth.K_delta(k, T) * 0.5
         found = -left.imu.dtheta_rad[:, k] / DEG_PER_HOUR
-        assert np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[k] and gone.sigma_deg_h[k] < 0.01
+        assert (
+            np.max(np.abs(found - true)[120:-120]) < 5.0 * gone.sigma_deg_h[k]
+            and gone.sigma_deg_h[k] < 0.01
+        )
     assert left.header.removed_model.part == "rates" and left.sha256 == "0" * 64

@@ -1,4 +1,6 @@
-"""`recal update --commit` against other writers: the loser is told; with --retry it merges on top of the new table."""
+"""`recal update --commit` against other writers: the loser is told; with --retry it merges on top
+of the new table.
+"""
 
 import json
 
@@ -38,7 +40,9 @@ def filled(url):
 
 
 def update(run, url, out, *more):
-    return CliRunner().invoke(app, ["update", run, "--store", url, "-o", str(out), "--commit", "--json", *more])
+    return CliRunner().invoke(
+        app, ["update", run, "--store", url, "-o", str(out), "--commit", "--json", *more]
+    )
 
 
 def beaten_by(monkeypatch, *others):
@@ -68,7 +72,9 @@ def test_a_retry_gives_the_bits_of_one_update_after_the_other(runs, filled, tmp_
     beaten_by(monkeypatch, lambda: update(runs[0], filled, tmp_path / "winner"))
     done = update(runs[1], filled, tmp_path / "loser", "--retry")
     document = json.loads(done.stdout)
-    assert done.exit_code == 0 and document["verdict"] == "committed" and document["revision"] == 3, done.output
+    assert (
+        done.exit_code == 0 and document["verdict"] == "committed" and document["revision"] == 3
+    ), done.output
     assert len(document["conflicts"]) == 1 and "the active table is not" in document["conflicts"][0]
     assert "another writer was faster" in done.stderr and "estimated 2 times" in done.stderr
     with TableStore.open(filled) as store:
@@ -77,15 +83,23 @@ def test_a_retry_gives_the_bits_of_one_update_after_the_other(runs, filled, tmp_
         assert json.loads(store.active().report_json)["conflicts"] == document["conflicts"]
 
 
-def test_without_a_retry_the_loser_is_told_and_nothing_is_overwritten(runs, filled, tmp_path, monkeypatch):
+def test_without_a_retry_the_loser_is_told_and_nothing_is_overwritten(
+    runs, filled, tmp_path, monkeypatch
+):
     beaten_by(monkeypatch, lambda: update(runs[0], filled, tmp_path / "winner"))
     done = update(runs[1], filled, tmp_path / "loser")
     document = json.loads(done.stdout)
     assert done.exit_code == 4 and document["verdict"] == "refused"
-    assert "the active table is not" in document["reasons"][0] and "update again" in document["reasons"][0]
+    assert (
+        "the active table is not" in document["reasons"][0]
+        and "update again" in document["reasons"][0]
+    )
     with TableStore.open(filled) as store:
         assert store.active().number == 2
-        assert store.active().sha256 == json.loads((tmp_path / "winner/update.json").read_text())["table_after_sha256"]
+        assert (
+            store.active().sha256
+            == json.loads((tmp_path / "winner/update.json").read_text())["table_after_sha256"]
+        )
 
 
 def test_tries_end(runs, filled, tmp_path, monkeypatch):
@@ -96,10 +110,14 @@ def test_tries_end(runs, filled, tmp_path, monkeypatch):
     beaten_by(monkeypatch, *([other, lambda: None] * 3))
     done = update(runs[0], filled, tmp_path / "out", "--retry", "1")
     document = json.loads(done.stdout)
-    assert done.exit_code == 4 and len(document["conflicts"]) == 1 and document["verdict"] == "refused"
+    assert (
+        done.exit_code == 4 and len(document["conflicts"]) == 1 and document["verdict"] == "refused"
+    )
 
 
-def test_the_same_run_committed_meanwhile_is_refused_not_merged_twice(runs, filled, tmp_path, monkeypatch):
+def test_the_same_run_committed_meanwhile_is_refused_not_merged_twice(
+    runs, filled, tmp_path, monkeypatch
+):
     beaten_by(monkeypatch, lambda: update(runs[0], filled, tmp_path / "winner"))
     done = update(runs[0], filled, tmp_path / "loser", "--retry")
     assert done.exit_code == 4 and "already holds this run" in json.loads(done.stdout)["reasons"][0]
@@ -109,7 +127,9 @@ def test_the_same_run_committed_meanwhile_is_refused_not_merged_twice(runs, fill
 
 def test_retry_needs_commit_and_a_number_is_optional(runs, filled, tmp_path):
     for arguments in (["--retry"], ["--retry", "2"]):
-        done = CliRunner().invoke(app, ["update", *arguments, runs[0], "--store", filled, "-o", str(tmp_path / "out")])
+        done = CliRunner().invoke(
+            app, ["update", *arguments, runs[0], "--store", filled, "-o", str(tmp_path / "out")]
+        )
         assert done.exit_code == 2 and "nothing is stored without --commit" in done.output
     assert update(runs[0], filled, tmp_path / "out", "--retry", "100").exit_code == 2
 
@@ -128,7 +148,18 @@ def forks(runs, tmp_path_factory):
 def race(forks, url, runs, folder, retry):
     """One process a run, all at once; their outcomes."""
     arguments = [
-        ["update", run, "--store", url, "-o", str(folder / f"out-{k}"), "--commit", "--retry", str(retry), "--json"]
+        [
+            "update",
+            run,
+            "--store",
+            url,
+            "-o",
+            str(folder / f"out-{k}"),
+            "--commit",
+            "--retry",
+            str(retry),
+            "--json",
+        ]
         for k, run in enumerate(runs)
     ]
     jobs = [forks.start("tests.forks:recal_plain", words) for words in arguments]
@@ -142,7 +173,9 @@ def test_two_processes_at_once_lose_no_update(forks, runs, filled, tmp_path):
         history = store.history()
         assert store.verify().intact
     assert sorted(run.run_id for r in history for run in r.runs) == ["run-1", "run-2"]
-    assert {json.loads(o.out)["table_after_sha256"] for o in outcomes} == {r.sha256 for r in history[1:]}
+    assert {json.loads(o.out)["table_after_sha256"] for o in outcomes} == {
+        r.sha256 for r in history[1:]
+    }
 
 
 @pytest.mark.slow
@@ -160,8 +193,8 @@ def test_eight_processes_at_once_lose_no_update(forks, tmp_path, kind):
             history = store.history()
             assert store.verify().intact
     assert [o.code for o in outcomes] == [0] * 8, outcomes
-    assert sorted(run.run_id for r in history for run in r.runs) == [f"run-{k}" for k in range(1, 9)]
+    assert sorted(run.run_id for r in history for run in r.runs) == [
+        f"run-{k}" for k in range(1, 9)
+    ]
     conflicts = sum(len(json.loads(o.out).get("conflicts", ())) for o in outcomes)
     assert conflicts >= 7  # they began together: all but the first were beaten
-
-

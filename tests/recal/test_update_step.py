@@ -1,4 +1,6 @@
-"""A unit that stepped away from its table, its runs given one at a time: remembered, named, followed only on request."""
+"""A unit that stepped away from its table, its runs given one at a time: remembered, named,
+followed only on request.
+"""
 
 import json
 import sqlite3
@@ -23,7 +25,9 @@ STARTS = ("ambient", "cold", "hot")
 def stepped(tmp_path, undrawn):
     """Three runs of a unit whose table is 0.05 deg/h off on x, and the store with that table."""
     url = f"sqlite:///{tmp_path}/recal.db"
-    table = table_to_dict(shifted(table_from_dict(factory_dict(), name="factory"), (-STEP_DEG_H, 0.0, 0.0)))
+    table = table_to_dict(
+        shifted(table_from_dict(factory_dict(), name="factory"), (-STEP_DEG_H, 0.0, 0.0))
+    )
     with TableStore.open(url, create=True) as store:
         store.import_table(table, twin=TWIN)
     runs = []
@@ -35,7 +39,9 @@ def stepped(tmp_path, undrawn):
 
 
 def update(url, tmp_path, *arguments):
-    said = CliRunner().invoke(app, [*map(str, arguments), "--store", url, "-o", str(tmp_path / "out"), "--json"])
+    said = CliRunner().invoke(
+        app, [*map(str, arguments), "--store", url, "-o", str(tmp_path / "out"), "--json"]
+    )
     return said.exit_code, json.loads(said.stdout)
 
 
@@ -58,7 +64,9 @@ def test_one_run_at_a_time_then_accepted(stepped, tmp_path):
         code, document = update(url, tmp_path, run, "--commit")
         assert code == 5 and rows(tmp_path) == k + 1
         assert active(url).sha256 == table_sha256(table)
-    assert any("table disagrees with unit since about 2026-04-01: gyro x" in r for r in document["reasons"])
+    assert any(
+        "table disagrees with unit since about 2026-04-01: gyro x" in r for r in document["reasons"]
+    )
     assert "remembered; the table is as it was" in document["remembered"]
     (step,) = document["disagreement"]["steps"]
     assert abs(step["shift_deg_h"] - STEP_DEG_H) < 0.015 and len(step["run_ids"]) == 3
@@ -73,7 +81,8 @@ def test_one_run_at_a_time_then_accepted(stepped, tmp_path):
     error = now.table.bias_deg_h("x", [25.0, 35.0]) - unit().bias_deg_h("x", [25.0, 35.0])
     assert abs(error).max() < 0.01
     with TableStore.open(url) as store:
-        assert store.contradictions("SN-0042", "rlg", "") == ()  # what is merged contradicts no more
+        # what is merged contradicts no more
+        assert store.contradictions("SN-0042", "rlg", "") == ()
         store.rollback()
         assert len(store.contradictions("SN-0042", "rlg", "")) == 3
 
@@ -89,7 +98,8 @@ def test_a_store_that_cannot_be_written_still_answers(stepped, tmp_path, monkeyp
     monkeypatch.setattr("infield.store.database.LOCK_WAIT_S", 0.2)
     url, runs, _ = stepped
     (tmp_path / "recal.db").chmod(0o444)
-    with sqlite3.connect(tmp_path / "recal.db") as db:  # root writes what it likes: lock the file instead
+    # root writes what it likes: lock the file instead
+    with sqlite3.connect(tmp_path / "recal.db") as db:
         db.execute("BEGIN IMMEDIATE")
         code, document = update(url, tmp_path, runs[0], "--commit")
     assert code == 5 and "not remembered" in document["remembered"]
@@ -106,7 +116,9 @@ def test_a_changed_row_is_found(stepped, tmp_path):
     url, runs, _ = stepped
     update(url, tmp_path, runs[0], "--commit")
     with sqlite3.connect(tmp_path / "recal.db") as db:
-        db.execute("UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '-', ' ')")
+        db.execute(
+            "UPDATE recal_contradiction SET evidence_json = replace(evidence_json, '-', ' ')"
+        )
     said = CliRunner().invoke(app, [str(runs[1]), "--store", url, "-o", str(tmp_path / "out")])
     assert "was changed" in str(said.exception)
 

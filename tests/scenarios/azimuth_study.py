@@ -1,4 +1,6 @@
-"""Seeded four-azimuth runs of units whose misalignment nobody knows: normalised errors of what `study_runs` finds."""
+"""Seeded four-azimuth runs of units whose misalignment nobody knows: normalised errors of what
+`study_runs` finds.
+"""
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -30,7 +32,9 @@ ONE = (Park(duration_s=STOP_S), *TURN, *TURN, *TURN)
 
 @dataclass(frozen=True)
 class Found:
-    """One seed: error over sigma and sigma [mrad] of each coupling that was observed, and the redundancy."""
+    """One seed: error over sigma and sigma [mrad] of each coupling that was observed, and the
+    redundancy.
+    """
 
     z: dict[str, float]
     sigma_mrad: dict[str, float]
@@ -40,32 +44,50 @@ class Found:
 
 @lru_cache(maxsize=5)
 def _ideal(segments, heading_deg):
-    truth = build_truth(lay(segments), SITE, heading_rad=heading_deg * DEG, roll_rad=3e-3, pitch_rad=-2e-3)
+    truth = build_truth(
+        lay(segments), SITE, heading_rad=heading_deg * DEG, roll_rad=3e-3, pitch_rad=-2e-3
+    )
     return ideal_sensors(truth, 10.0)
 
 
 def study(seed: int, *, power_ons: int, given: bool) -> Found:
-    """One unit with couplings of 0.3 mrad (1 sigma): one power-on with four stops, or four; azimuths given or found."""
+    """One unit with couplings of 0.3 mrad (1 sigma): one power-on with four stops, or four;
+    azimuths given or found.
+    """
     rng = np.random.default_rng([seed, 2021, power_ons])
     mrad = TRUE_SIGMA_MRAD * rng.standard_normal(6)
     truth = replace(TWIN, gyro=replace(TWIN.gyro, misalignment_mrad=tuple(mrad)))
     unit = aged_unit(rng, gyro_technology="fog")
     table = table_from_dict(unit.factory_table(np.arange(-20.0, 61.0, 5.0)), name="factory")
     headings = START_DEG + 90.0 * np.arange(4)
-    plans = [(ONE, START_DEG)] if power_ons == 1 else [((Park(duration_s=STOP_S),), h) for h in headings]
+    plans = (
+        [(ONE, START_DEG)]
+        if power_ons == 1
+        else [((Park(duration_s=STOP_S),), h) for h in headings]
+    )
     runs = [
         simulate_run(
-            _ideal(*plan), thermal_history("ambient"), unit, truth, rng=rng, with_phases=False, run_id=f"run-{k}"
+            _ideal(*plan),
+            thermal_history("ambient"),
+            unit,
+            truth,
+            rng=rng,
+            with_phases=False,
+            run_id=f"run-{k}",
         ).run
         for k, plan in enumerate(plans)
     ]
     error = SIGMA_STOP * rng.standard_normal(4) + SIGMA_NORTH * rng.standard_normal()
-    known = KnownAzimuths(heading_rad=headings * DEG + error, sigma_stop_rad=SIGMA_STOP, sigma_north_rad=SIGMA_NORTH)
+    known = KnownAzimuths(
+        heading_rad=headings * DEG + error, sigma_stop_rad=SIGMA_STOP, sigma_north_rad=SIGMA_NORTH
+    )
     result = study_runs(runs, table, TWIN, known=known if given else None).result
     true = dict(zip(("xy", "xz", "yx", "yz", "zx", "zy"), mrad)) | {"xy+yx": mrad[0] + mrad[2]}
     seen = [c for c in result.couplings if c.verdict != "not_observable"]
     assert result.fit is not None
     return Found(
         {c.name: (c.value_rad * 1e3 - true[c.name]) / (c.sigma_rad * 1e3) for c in seen},
-        {c.name: c.sigma_rad * 1e3 for c in seen}, result.fit.chi2, result.fit.dof,
-    )  # fmt: skip
+        {c.name: c.sigma_rad * 1e3 for c in seen},
+        result.fit.chi2,
+        result.fit.dof,
+    )

@@ -1,8 +1,9 @@
 """Rates of the motion gate: seeded events laid over a parked run, and what the gate makes of them.
 
-The events are drawn from what happens to a parked aircraft, not from what the detector looks for: sizes are
-log-uniform from where the event still matters (a velocity step of 0.061 m/s, three times the declared sway, a tilt of 5
-arcsec, a way of half a metre), any time, any direction, any heading of the vehicle.
+The events are drawn from what happens to a parked aircraft, not from what the detector looks for:
+sizes are log-uniform from where the event still matters (a velocity step of 0.061 m/s, three times
+the declared sway, a tilt of 5 arcsec, a way of half a metre), any time, any direction, any heading
+of the vehicle.
 """
 
 from dataclasses import dataclass, replace
@@ -37,7 +38,9 @@ class Drawn:
 
 @dataclass(frozen=True)
 class Gated:
-    """One run: was the event with its guard excluded, was the parked heading taken as new, share of quiet data lost."""
+    """One run: was the event with its guard excluded, was the parked heading taken as new, share of
+    quiet data lost.
+    """
 
     drawn: Drawn | None
     excluded: bool
@@ -59,7 +62,10 @@ def draw(kind: str, rng: np.random.Generator, sway_m_s: float) -> Drawn:
     if kind == "bump":
         length = log_uniform(rng, 0.3, 3.0)
         event: Event = Bump(
-            time_s=at, velocity_m_s=log_uniform(rng, 0.061, 1.0), duration_s=length, direction_deg=rng.uniform(0, 360)
+            time_s=at,
+            velocity_m_s=log_uniform(rng, 0.061, 1.0),
+            duration_s=length,
+            direction_deg=rng.uniform(0, 360),
         )
         return Drawn(event, at, at + length)
     if kind == "loading":
@@ -67,18 +73,27 @@ def draw(kind: str, rng: np.random.Generator, sway_m_s: float) -> Drawn:
         roll, pitch, heading = log_uniform(rng, 5.0, 200.0) * direction / np.linalg.norm(direction)
         settle = log_uniform(rng, 0.5, 5.0)
         event = Boarding(
-            time_s=at, roll_arcsec=roll, pitch_arcsec=pitch, heading_arcsec=heading, settle_s=settle,
+            time_s=at,
+            roll_arcsec=roll,
+            pitch_arcsec=pitch,
+            heading_arcsec=heading,
+            settle_s=settle,
             sink_mm=rng.uniform(0.0, 30.0),
-        )  # fmt: skip
+        )
         return Drawn(event, at, at + settle)
     if kind == "gust":
         length = log_uniform(rng, 10.0, 90.0)
-        event = Gust(time_s=at, duration_s=length, sway_m_s=log_uniform(rng, max(0.03, 3.0 * sway_m_s), 0.3))
+        event = Gust(
+            time_s=at, duration_s=length, sway_m_s=log_uniform(rng, max(0.03, 3.0 * sway_m_s), 0.3)
+        )
         return Drawn(event, at + 0.1 * length, at + 0.9 * length)
     event = Push(
-        time_s=at, distance_m=rng.choice([-1.0, 1.0]) * log_uniform(rng, 0.5, 10.0), speed_m_s=log_uniform(rng, 0.1, 0.7),
-        ramp_s=log_uniform(rng, 0.7, 4.0), turn_deg=rng.uniform(-1.0, 1.0),
-    )  # fmt: skip
+        time_s=at,
+        distance_m=rng.choice([-1.0, 1.0]) * log_uniform(rng, 0.5, 10.0),
+        speed_m_s=log_uniform(rng, 0.1, 0.7),
+        ramp_s=log_uniform(rng, 0.7, 4.0),
+        turn_deg=rng.uniform(-1.0, 1.0),
+    )
     if event.duration_s > 80.0:
         event = replace(event, speed_m_s=abs(event.distance_m) / 70.0)
     return Drawn(event, at, at + event.duration_s)
@@ -95,10 +110,14 @@ def gate(kind: str | None, seed: int, sway_m_s: float = 0.001) -> Gated:
 
 
 def _first_solution(run: Run) -> NavHistory:
-    """The first pass of `gyrocompass.solve`: level from the first 30 s, north from the first five minutes."""
+    """The first pass of `gyrocompass.solve`: level from the first 30 s, north from the first five
+    minutes.
+    """
     level = coarse.rest_means(run.imu.between(0.0, gyrocompass.LEVEL_S))
     means = replace(coarse.rest_means(run.imu.between(0.0, 300.0)), f_ib_b=level.f_ib_b)
-    start = NavState(time_s=0.0, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=coarse.gyrocompass_dcm(means))
+    start = NavState(
+        time_s=0.0, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=coarse.gyrocompass_dcm(means)
+    )
     return navigate(run.imu, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
 
 
@@ -113,6 +132,8 @@ def judge(motion: Motion, drawn: Drawn | None) -> Gated:
     quiet &= (t < drawn.start_s - span - 5.0) | (t > drawn.end_s + span + GUARD_S + 5.0)
     near = (t > drawn.start_s - 5.0) & (t < drawn.end_s + 10.0)
     return Gated(
-        drawn, bool(off[inside].all()), bool(motion.jolt_rad[near].max() > 1e-3),
+        drawn,
+        bool(off[inside].all()),
+        bool(motion.jolt_rad[near].max() > 1e-3),
         float(np.mean(motion.kind[quiet] != STILL)),
-    )  # fmt: skip
+    )

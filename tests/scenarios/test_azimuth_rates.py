@@ -1,4 +1,6 @@
-"""R21 from whole runs, stops found, levelled and weighted: normalised errors. The figures over 200 seeds are `slow`."""
+"""R21 from whole runs, stops found, levelled and weighted: normalised errors. The figures over 200
+seeds are `slow`.
+"""
 
 import numpy as np
 import pytest
@@ -10,8 +12,12 @@ CASES = [(1, False), (1, True), (4, True)]
 
 def figures(seeds, power_ons, given):
     found = [study(seed, power_ons=power_ons, given=given) for seed in seeds]
-    names = sorted({name for f in found for name in f.z} - {"xy+yx"} if given else {"zx", "zy", "xy+yx"})
-    return {name: np.array([f.z[name] for f in found]) for name in names}, np.array([f.chi2 / f.dof for f in found])
+    names = sorted(
+        {name for f in found for name in f.z} - {"xy+yx"} if given else {"zx", "zy", "xy+yx"}
+    )
+    return {name: np.array([f.z[name] for f in found]) for name in names}, np.array(
+        [f.chi2 / f.dof for f in found]
+    )
 
 
 @pytest.mark.parametrize(("power_ons", "given"), CASES)

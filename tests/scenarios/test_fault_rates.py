@@ -1,4 +1,6 @@
-"""Requirements R2 and R5 as rates over latitudes, headings, sensors and times; the figures over 200 runs are `slow`."""
+"""Requirements R2 and R5 as rates over latitudes, headings, sensors and times; the figures over 200
+runs are `slow`.
+"""
 
 import numpy as np
 import pytest
@@ -10,7 +12,10 @@ from tests.scenarios.fault_study import TWINS, burst, latitude_found
 @pytest.mark.parametrize("twin", list(TWINS))
 def test_wrong_latitude_is_named_at_any_latitude_and_heading(twin, runs):
     """R2: 0.25 deg in at least 95 %, 0.6 deg in all, at most 1 % false alarms."""
-    named = {offset: sum(latitude_found(seed, offset, TWINS[twin])[0] for seed in range(runs)) for offset in (0.0, 0.25, 0.6)}
+    named = {
+        offset: sum(latitude_found(seed, offset, TWINS[twin])[0] for seed in range(runs))
+        for offset in (0.0, 0.25, 0.6)
+    }
     assert named[0.0] <= 0.01 * runs
     assert named[0.25] >= 0.95 * runs - (runs < 20)
     assert named[0.6] == runs

@@ -1,7 +1,7 @@
 """Requirements R6 to R11 over seeded sessions: 12 runs in the normal suite, 200 marked slow.
 
-Bounds are two-sided chi-square at 99.9 % for the number of runs at hand; sigmas against requirements.md and the
-covariance table of physics.md 6.7.
+Bounds are two-sided chi-square at 99.9 % for the number of runs at hand; sigmas against
+requirements.md and the covariance table of physics.md 6.7.
 """
 
 from dataclasses import replace
@@ -16,7 +16,14 @@ from infield.session.navigated import SessionSettings, own_information_floor_deg
 from infield.session.points import observability
 from infield.table.merge import merge_posterior
 from ins.records import Survey
-from tests.scenarios.study import DEFAULT_TWIN, REFERENCE_TWIN, ideal, parked_session, prior_table, session
+from tests.scenarios.study import (
+    DEFAULT_TWIN,
+    REFERENCE_TWIN,
+    ideal,
+    parked_session,
+    prior_table,
+    session,
+)
 
 CONFIDENCE = 0.999
 RUNS = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
@@ -26,7 +33,8 @@ def vehicle(**changes):
     return replace(REFERENCE_TWIN, vehicle=replace(REFERENCE_TWIN.vehicle, **changes))
 
 
-# physics.md 6.7 assumes a crab prior of 1 mrad and 30 mm/s of white lateral noise: 2 s correlated 15 mm/s integrates alike
+# physics.md 6.7 assumes a crab prior of 1 mrad and 30 mm/s of white lateral noise: 2 s correlated
+# 15 mm/s integrates alike
 TABLE_TWIN = vehicle(lateral_noise_m_s=0.015, crab_mrad=1.0)
 
 
@@ -40,7 +48,9 @@ def assert_honest(normalised, what):
     values = np.asarray(normalised, dtype=float).ravel()
     low, high = chi2.ppf([(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], values.size) / values.size
     mean = float(np.mean(values**2))
-    assert low < mean < high, f"{what}: mean square {mean:.3f}, band {low:.3f} to {high:.3f} for {values.size}"
+    assert low < mean < high, (
+        f"{what}: mean square {mean:.3f}, band {low:.3f} to {high:.3f} for {values.size}"
+    )
 
 
 def axis(found, k):
@@ -48,12 +58,17 @@ def axis(found, k):
 
 
 def assert_sigma(found, k, expected_deg_h):
-    """Not above the row by more than a tenth; below it by no more than the parked-attitude constraint may give."""
+    """Not above the row by more than a tenth; below it by no more than the parked-attitude
+    constraint may give.
+    """
     mean = float(np.mean([o.sigma_deg_h[k] for o in found]))
-    assert 0.75 * expected_deg_h <= mean <= 1.1 * expected_deg_h, f"axis {k}: sigma {mean:.5f}, row {expected_deg_h} deg/h"
+    assert 0.75 * expected_deg_h <= mean <= 1.1 * expected_deg_h, (
+        f"axis {k}: sigma {mean:.5f}, row {expected_deg_h} deg/h"
+    )
 
 
-# physics.md 6.7, rows: motion, sigma along north and east of the alignment heading, verdicts of x, y, z
+# physics.md 6.7, rows: motion, sigma along north and east of the alignment heading, verdicts of x,
+# y, z
 ROWS = {
     "parked_only": (0.0019, 0.0100, ("observed", "not_observable", "observed")),
     "straight_taxi": (0.0019, 0.0100, ("observed", "not_observable", "observed")),
@@ -69,13 +84,16 @@ ROWS = {
 }
 
 
-@pytest.mark.parametrize("runs", [pytest.param(3, id="3"), pytest.param(200, id="200", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs", [pytest.param(3, id="3"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", ROWS)
 def test_r6_verdict_and_sigma_in_every_row_of_6_7(name, runs):
     """Verdict right in every run; sigma of the table's row, errors agreeing with it.
 
-    The table is without the parked-attitude constraint, which helps the east gyro after a turn (rows "legs" and
-    "park 60 min" come out lower). At heading 0 gyro x is north; at heading -90 it is west.
+    The table is without the parked-attitude constraint, which helps the east gyro after a turn
+    (rows "legs" and "park 60 min" come out lower). At heading 0 gyro x is north; at heading -90 it
+    is west.
     """
     north, east, verdicts = ROWS[name]
     found = sessions(runs, name, twin=TABLE_TWIN)
@@ -89,14 +107,21 @@ def test_r6_verdict_and_sigma_in_every_row_of_6_7(name, runs):
 
 
 def test_r6_unobserved_direction_leaves_the_common_part_alone():
-    """Parked on one heading: the common part of the east gyro's table moves by less than 1e-6 deg/h."""
+    """Parked on one heading: the common part of the east gyro's table moves by less than 1e-6
+    deg/h.
+    """
     for seed in range(3):
         o = parked_session(seed)
         before, bins = prior_table(), o.estimate.bins
         merged = merge_posterior(
-            before, bins.H, bins.table_deg_h, bins.prior, bins.table_deg_h + o.estimate.mean_deg_h, o.estimate.covariance,
+            before,
+            bins.H,
+            bins.table_deg_h,
+            bins.prior,
+            bins.table_deg_h + o.estimate.mean_deg_h,
+            o.estimate.covariance,
             held_axes=[a for a, verdict in zip("xyz", o.verdicts) if verdict == "not_observable"],
-        )  # fmt: skip
+        )
         assert abs(before.common_shift("y", merged.candidate)) < 1e-6
         assert abs(before.common_shift("x", merged.candidate)) > 1e-5
 
@@ -124,7 +149,9 @@ def test_r7_realistic_taxi_with_flicker_and_random_walk(runs):
 
 @pytest.mark.parametrize("runs", RUNS)
 def test_r7_trap_straight_taxi_shows_no_heading(runs):
-    """physics.md 6.5: neither sigma shrinks, and the estimate of a 1 mrad error does not pretend to be zero."""
+    """physics.md 6.5: neither sigma shrinks, and the estimate of a 1 mrad error does not pretend to
+    be zero.
+    """
     taxi, parked = sessions(runs, "straight_taxi"), sessions(runs, "parked_only")
     for t, p in zip(taxi, parked):
         assert t.sigma_deg_h[1] > 0.995 * p.sigma_deg_h[1]
@@ -142,8 +169,12 @@ def test_r8_gnss_finds_the_heading_on_a_straight_taxi(runs):
     assert_honest([o.heading_normalised for o in found], "heading error")
 
 
-@pytest.mark.parametrize("runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("sigma_mrad", "east_deg_h"), [(1.0, 0.0074), (0.3, 0.0036), (0.1, 0.0024)])
+@pytest.mark.parametrize(
+    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize(
+    ("sigma_mrad", "east_deg_h"), [(1.0, 0.0074), (0.3, 0.0036), (0.1, 0.0024)]
+)
 def test_r8_surveyed_heading(sigma_mrad, east_deg_h, runs):
     """physics.md 6.7, last row; the surveyor's own error is drawn for each run."""
     found = []
@@ -155,7 +186,9 @@ def test_r8_surveyed_heading(sigma_mrad, east_deg_h, runs):
     assert_honest(axis(found, 1), "east gyro")
 
 
-@pytest.mark.parametrize("runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+)
 def test_r8_centre_line(runs):
     found = []
     for seed in range(runs):
@@ -186,7 +219,9 @@ def test_r9_parked_attitude_shows_the_vertical_gyro(runs):
     assert_honest(axis(noisy, 2), "vertical gyro with flicker")
 
 
-@pytest.mark.parametrize("runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs", [pytest.param(5, id="5"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+)
 def test_r9_without_the_constraint_the_vertical_gyro_stays_put(runs):
     found = sessions(runs, "parked_only", settings=SessionSettings(hold_heading=False))
     for o in found:
@@ -197,7 +232,9 @@ def test_r9_without_the_constraint_the_vertical_gyro_stays_put(runs):
 
 @pytest.mark.parametrize("runs", RUNS)
 def test_r10_crab_lever_arm_and_accelerometers(runs):
-    """0.5 deg of crab, 5 m of lever arm that nobody entered, 50 ug: NEES inside its 95 % band in 91 % and more."""
+    """0.5 deg of crab, 5 m of lever arm that nobody entered, 50 ug: NEES inside its 95 % band in 91
+    % and more.
+    """
     base = ideal("realistic_taxi", wheel_reference_m=(-5.0, 0.0, 0.0))
     twin, entered = vehicle(crab_mrad=8.7), replace(base.truth, wheel_reference_m=(0.0, 0.0, 0.0))
     unknown = replace(base, truth=entered)
@@ -224,8 +261,14 @@ def test_r11_excess_noise_is_inconsistent_and_declared_noise_is_not(runs):
     louder = replace(REFERENCE_TWIN, gyro=replace(REFERENCE_TWIN.gyro, arw_deg_sqrt_h=0.006))
     caught, false = 0, 0
     for seed in range(runs):
-        good, bad = parked_session(seed), session("parked_only", seed, twin=louder, believed=REFERENCE_TWIN)
-        outcomes = [judge_estimate(o.estimate, observability(o.estimate, hold_heading=True)).outcome for o in (good, bad)]
+        good, bad = (
+            parked_session(seed),
+            session("parked_only", seed, twin=louder, believed=REFERENCE_TWIN),
+        )
+        outcomes = [
+            judge_estimate(o.estimate, observability(o.estimate, hold_heading=True)).outcome
+            for o in (good, bad)
+        ]
         false += outcomes[0] == "inconsistent"
         caught += outcomes[1] == "inconsistent"
     assert caught == runs

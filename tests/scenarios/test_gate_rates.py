@@ -1,4 +1,6 @@
-"""Requirement R1 as rates: events excluded with their guard, quiet data kept. The figures over 200 runs are `slow`."""
+"""Requirement R1 as rates: events excluded with their guard, quiet data kept. The figures over 200
+runs are `slow`.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +19,11 @@ SWAYS_M_S = (0.001, 0.02)
 
 def rates(kind, sway_m_s, seeds):
     runs = [gate(kind, seed, sway_m_s) for seed in seeds]
-    return np.mean([g.excluded for g in runs]), np.mean([g.reopened for g in runs]), np.array([g.quiet_lost for g in runs])
+    return (
+        np.mean([g.excluded for g in runs]),
+        np.mean([g.reopened for g in runs]),
+        np.array([g.quiet_lost for g in runs]),
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -38,7 +44,9 @@ def test_quiet_data_is_kept(sway_m_s):
 @pytest.mark.parametrize("sway_m_s", SWAYS_M_S)
 @pytest.mark.parametrize("kind", [*KINDS, None])
 def test_rates_of_the_requirement(kind, sway_m_s):
-    """R1: at least 99 % of the events excluded with a 30 s guard, at most 1 % of the quiet data lost."""
+    """R1: at least 99 % of the events excluded with a 30 s guard, at most 1 % of the quiet data
+    lost.
+    """
     excluded, reopened, lost = rates(kind, sway_m_s, range(1000, 1200))
     assert lost.mean() <= 0.01
     assert excluded >= 0.99 or kind is None
@@ -47,11 +55,20 @@ def test_rates_of_the_requirement(kind, sway_m_s):
 
 def test_a_run_with_nothing_left_is_refused_with_the_seconds():
     """A bump every 20 s: nothing is still, and the report says how much was dropped and where."""
-    bumps = [Bump(time_s=t, velocity_m_s=0.3, duration_s=1.0) for t in np.arange(15.0, 1800.0, 20.0)]
+    bumps = [
+        Bump(time_s=t, velocity_m_s=0.3, duration_s=1.0) for t in np.arange(15.0, 1800.0, 20.0)
+    ]
     run = simulate_run(
-        ideal_of(PARKED), thermal_history("ambient"), unit(), DEFAULT_TWIN, rng=np.random.default_rng(3), events=bumps
+        ideal_of(PARKED),
+        thermal_history("ambient"),
+        unit(),
+        DEFAULT_TWIN,
+        rng=np.random.default_rng(3),
+        events=bumps,
     ).run
     data = table_to_dict(prior_table())
-    result = update_calibration([run], prior_table(), DEFAULT_TWIN, parent_sha256=table_sha256(data))
+    result = update_calibration(
+        [run], prior_table(), DEFAULT_TWIN, parent_sha256=table_sha256(data)
+    )
     assert result.outcome == "refused"
     assert any("s were dropped" in reason for reason in result.reasons), result.reasons

@@ -1,4 +1,6 @@
-"""Requirements R4, R15 to R18 as rates: a few runs in the normal suite, 200 marked slow (benchmarks/thermal_rates.py)."""
+"""Requirements R4, R15 to R18 as rates: a few runs in the normal suite, 200 marked slow
+(benchmarks/thermal_rates.py).
+"""
 
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from benchmarks import thermal_merge as merge
 from benchmarks.thermal_rates import Rate, interval_95, page
 
 FEW = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
-UNDETECTABLE = {"a tenth": 0.95, "Fahrenheit, all gyros": 0.9, "a tenth, all gyros": 0.5}  # see docs/rates_thermal.md
+# see docs/rates_thermal.md
+UNDETECTABLE = {"a tenth": 0.95, "Fahrenheit, all gyros": 0.9, "a tenth, all gyros": 0.5}
 
 
 def least(count, share):
@@ -24,7 +27,9 @@ def test_r4_every_fault_is_found_and_no_other_axis_blamed(fault, runs):
     least(merge.Count(found, total), UNDETECTABLE.get(fault, 0.99))
 
 
-@pytest.mark.parametrize("runs", [pytest.param(40, id="40"), pytest.param(400, id="400", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "runs", [pytest.param(40, id="40"), pytest.param(400, id="400", marks=pytest.mark.slow)]
+)
 def test_r4_healthy_thermometers_raise_no_alarm(runs):
     assert faults.false_alarms(runs) <= 0.01 * runs
 
@@ -79,6 +84,9 @@ def test_r18_the_same_run_again_changes_no_bit(runs):
 
 
 def test_the_interval_and_the_page():
-    assert interval_95(0, 200) == (0.0, pytest.approx(0.01828, abs=1e-5))  # Clopper-Pearson: 1 - 0.025^(1/200)
+    # Clopper-Pearson: 1 - 0.025^(1/200)
+    assert interval_95(0, 200) == (0.0, pytest.approx(0.01828, abs=1e-5))
     assert interval_95(200, 200)[0] == pytest.approx(0.025 ** (1 / 200))
-    assert "| R4 | a thing | 190/200 | 95.0 % | 91.0 to 97.6 % | all |" in page([Rate("R4", "a thing", 190, 200, "all")], 1.0)
+    assert "| R4 | a thing | 190/200 | 95.0 % | 91.0 to 97.6 % | all |" in page(
+        [Rate("R4", "a thing", 190, 200, "all")], 1.0
+    )

@@ -1,4 +1,6 @@
-"""Small diagnoses for the tests of documents and reports: short parked runs, a few effects, made once."""
+"""Small diagnoses for the tests of documents and reports: short parked runs, a few effects, made
+once.
+"""
 
 from functools import lru_cache
 
@@ -20,14 +22,26 @@ NAMES = (
 @lru_cache(maxsize=8)
 def trial(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1):
     return draw_trial(
-        seed, plan=plan, effects=effects, names=[name] if name else None, sizes=[size] * effects, parked_s=1800.0
-    )  # fmt: skip
+        seed,
+        plan=plan,
+        effects=effects,
+        names=[name] if name else None,
+        sizes=[size] * effects,
+        parked_s=1800.0,
+    )
 
 
 @lru_cache(maxsize=8)
-def diagnosed(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1, hold_out=()) -> Diagnosis:
+def diagnosed(
+    name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1, hold_out=()
+) -> Diagnosis:
     made = trial(name, size, seed, plan, effects)
     return diagnose(
-        made.runs, made.twin, table_from_dict(made.table, name="table"), table_sha256=table_sha256(made.table),
-        effects=tuple(e for e in catalogue() if e.name in NAMES), replicates=100, hold_out=hold_out,
-    )  # fmt: skip
+        made.runs,
+        made.twin,
+        table_from_dict(made.table, name="table"),
+        table_sha256=table_sha256(made.table),
+        effects=tuple(e for e in catalogue() if e.name in NAMES),
+        replicates=100,
+        hold_out=hold_out,
+    )

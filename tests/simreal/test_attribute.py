@@ -1,4 +1,6 @@
-"""The attribution on blind trials (generator of benchmarks.gap_trials, which shares no code with the catalogue)."""
+"""The attribution on blind trials (generator of benchmarks.gap_trials, which shares no code with
+the catalogue).
+"""
 
 from functools import lru_cache
 
@@ -14,7 +16,9 @@ from simreal.inference.diagnosis import Diagnosis, diagnose
 
 
 def diagnosed(trial, **how) -> Diagnosis:
-    return diagnose(trial.runs, trial.twin, table_from_dict(trial.table, name="trial"), replicates=120, **how)
+    return diagnose(
+        trial.runs, trial.twin, table_from_dict(trial.table, name="trial"), replicates=120, **how
+    )
 
 
 @lru_cache(maxsize=8)
@@ -33,7 +37,11 @@ def test_a_thermal_rate_is_named_measured_and_taken_out():
     found = diagnosed(trial)
     cause = found.causes[0]
     truth = trial.truth[0]
-    assert (found.verdict, cause.effect, cause.target) == ("explained", "gyro_thermal_rate", truth.target)
+    assert (found.verdict, cause.effect, cause.target) == (
+        "explained",
+        "gyro_thermal_rate",
+        truth.target,
+    )
     assert found.where[0].channel == truth.target
     assert cause.probability > 0.5
     assert cause.shrink is not None and cause.shrink.held_out
@@ -57,7 +65,11 @@ def test_white_noise_five_percent_off_is_named_as_noise():
     trial = draw_noise_trial(3, plan="four_parked")
     found = diagnosed(trial)
     assert found.causes
-    assert {c.effect for c in found.causes} <= {*trial.truth[0].answers, "gyro_noise_thermal", "gyro_quantization"}
+    assert {c.effect for c in found.causes} <= {
+        *trial.truth[0].answers,
+        "gyro_noise_thermal",
+        "gyro_quantization",
+    }
 
 
 def test_runs_of_another_unit_are_refused():

@@ -1,4 +1,6 @@
-"""A sensor that says nothing: the others are diagnosed as before, and its own effects are listed as not testable."""
+"""A sensor that says nothing: the others are diagnosed as before, and its own effects are listed as
+not testable.
+"""
 
 from dataclasses import replace
 
@@ -25,7 +27,11 @@ def without(run: Run, *names: str, value: float = np.nan) -> Run:
     both[:, [NAMES.index(name) for name in names]] = value
     log = run.imu.whole()
     imu = ImuLog(
-        time_s=log.time_s, dt_s=log.dt_s, dtheta_rad=both[:, :3].copy(), dv_m_s=both[:, 3:].copy(), source=log.source
+        time_s=log.time_s,
+        dt_s=log.dt_s,
+        dtheta_rad=both[:, :3].copy(),
+        dv_m_s=both[:, 3:].copy(),
+        source=log.source,
     )
     return replace(run, imu=imu)
 
@@ -51,7 +57,8 @@ def test_attitude_comes_from_the_sensors_that_are_left(parked_run, name, value):
     roll, pitch, heading = np.array(euler_from_dcm(view.C_nb)) / DEG
     whole = viewed(parked_run)
     seen = np.array(euler_from_dcm(whole.C_nb)) / DEG
-    headings = [seen[2], 180.0 - seen[2], -seen[2]]  # a dead level gyro cannot tell a heading from its mirror image
+    # a dead level gyro cannot tell a heading from its mirror image
+    headings = [seen[2], 180.0 - seen[2], -seen[2]]
     assert min(abs((heading - h + 180.0) % 360.0 - 180.0) for h in headings) < 1.0
     assert abs(roll - seen[0]) < (0.02 if name != "accel_y" else 1.0)
     assert abs(pitch - seen[1]) < (0.02 if name != "accel_x" else 1.5)
@@ -78,7 +85,9 @@ def test_the_effect_is_found_without_the_dead_sensor_and_its_own_effects_are_not
     dead = next(n for n in ("gyro_z", "gyro_y", "gyro_x") if n != target)
     effects = tuple(e for e in catalogue() if e.name in diagnosed.NAMES)
     runs = [without(run, dead) for run in made.runs]
-    found = diagnose(runs, made.twin, table_from_dict(made.table, name="t"), effects=effects, replicates=100)
+    found = diagnose(
+        runs, made.twin, table_from_dict(made.table, name="t"), effects=effects, replicates=100
+    )
     assert found.causes and found.causes[0].target == target
     assert found.causes[0].effect in ("gyro_thermal_rate", "gyro_thermal_lag")
     lost = {(name, on) for name, _, on in found.not_testable}
@@ -92,7 +101,10 @@ def test_only_diagnose_reads_a_run_with_a_silent_column(tmp_path, parked_run):
     with pytest.raises(InputError, match="dtheta_y_rad: got nan"):
         read_run(path)
     run = read_run(path, dead_columns=True)
-    assert np.isnan(run.imu.whole().dtheta_rad[:, 1]).all() and np.isfinite(run.imu.whole().dtheta_rad[:, 0]).all()
+    assert (
+        np.isnan(run.imu.whole().dtheta_rad[:, 1]).all()
+        and np.isfinite(run.imu.whole().dtheta_rad[:, 0]).all()
+    )
 
 
 def test_a_column_with_holes_is_still_refused(tmp_path, parked_run):

@@ -1,4 +1,6 @@
-"""diagnosis.json, twin.json and the curves: the contract's fields, and numbers that agree with what was planted."""
+"""diagnosis.json, twin.json and the curves: the contract's fields, and numbers that agree with what
+was planted.
+"""
 
 import json
 import math
@@ -23,7 +25,8 @@ from simreal.report.diagnosis_page import diagnosis_html, value_text
 from simreal.twin.write_back import effect_items, processes_of, twin_with_causes
 from tests.simreal.diagnosed import diagnosed, trial
 
-MINUTE_SIGMA_deg_h = 0.002 * 60.0 / np.sqrt(60.0)  # one-minute mean under the twin's angle random walk
+# one-minute mean under the twin's angle random walk
+MINUTE_SIGMA_deg_h = 0.002 * 60.0 / np.sqrt(60.0)
 
 
 @pytest.fixture(scope="module")
@@ -32,15 +35,23 @@ def found():
 
 
 def document_of(found, **more):
-    return diagnosis_document(found, trial().runs, version="1", seed=0, table_sha256="f" * 64, **more)
+    return diagnosis_document(
+        found, trial().runs, version="1", seed=0, table_sha256="f" * 64, **more
+    )
 
 
 def cause(**changes):
     base = Cause(
-        effect="gyro_bias_step", target="gyro_x", id="gyro_bias_step", probability=0.8, rivals=(),
-        parameters={"coefficient": Value(0.02, 0.001, "deg/h"), "onset_s": Value(900.0, 20.0, "s")}, run_id="r2", size=12.0,
+        effect="gyro_bias_step",
+        target="gyro_x",
+        id="gyro_bias_step",
+        probability=0.8,
+        rivals=(),
+        parameters={"coefficient": Value(0.02, 0.001, "deg/h"), "onset_s": Value(900.0, 20.0, "s")},
+        run_id="r2",
+        size=12.0,
         class_="E",
-    )  # fmt: skip
+    )
     return replace(base, **changes)
 
 
@@ -55,16 +66,23 @@ def finite(value):
 def test_the_document_has_every_field_of_the_contract(found):
     d = json.loads(result_text(document_of(found)))
     assert d["schema"] == "recal.diagnosis/1" and d["verdict"] == "explained"
-    assert set(d["gap"]) == {"score", "floor", "p_value"} and set(d["gap_after"]) == {"score", "p_value"}
+    assert set(d["gap"]) == {"score", "floor", "p_value"} and set(d["gap_after"]) == {
+        "score",
+        "p_value",
+    }
     assert finite(d) and all(isinstance(v, float) for v in d["gap"].values())
     where = d["where"][0]
     assert {"channel", "phase", "temperature_degC", "frequency_hz", "time_s", "share"} <= set(where)
     assert sum(w["share"] for w in d["where"]) <= 1.0 + 1e-9
-    assert [w["share"] for w in d["where"]] == sorted((w["share"] for w in d["where"]), reverse=True)
+    assert [w["share"] for w in d["where"]] == sorted(
+        (w["share"] for w in d["where"]), reverse=True
+    )
     c = d["causes"][0]
     assert {"effect", "target", "probability", "confounded_with", "parameters", "shrink"} <= set(c)
     assert {"value", "sigma", "unit"} <= set(c["parameters"]["coefficient"])
-    assert {"fraction", "interval_95", "held_out"} <= set(c["shrink"]) and c["shrink"]["held_out"] is True
+    assert {"fraction", "interval_95", "held_out"} <= set(c["shrink"]) and c["shrink"][
+        "held_out"
+    ] is True
     assert {"present", "p_value", "share", "looks_like"} == set(d["unexplained"])
     assert all(set(n) == {"effect", "needs"} for n in d["not_testable"])
 
@@ -80,7 +98,9 @@ def test_the_document_names_what_was_planted(found):
 
 def test_cells_are_all_there_before_and_after(found):
     cells = document_of(found)["cells"]
-    assert len(cells) == len(found.cells.cells) and {"gyro_x", "accel_z"} <= {c["channel"] for c in cells}
+    assert len(cells) == len(found.cells.cells) and {"gyro_x", "accel_z"} <= {
+        c["channel"] for c in cells
+    }
     loud = max(cells, key=lambda c: c["nats"])
     assert loud["channel"] == trial().truth[0].target and loud["rho_after"] < 0.2 * loud["rho"]
 
@@ -104,68 +124,108 @@ def test_a_twin_without_table_names_none(found):
 def test_an_event_carries_its_run():
     (item,) = effect_items(cause(), ["r1", "r2"])
     assert item == {
-        "effect": "gyro_bias_step", "target": "gyro_x",
+        "effect": "gyro_bias_step",
+        "target": "gyro_x",
         "parameters": {"coefficient": 0.02, "onset_s": 900.0, "run_id": "r2"},
-    }  # fmt: skip
+    }
 
 
 def test_a_coefficient_a_run_is_an_item_a_run():
-    parameters = {f"coefficient[{r}]": Value(v, 0.001, "deg/h") for r, v in (("a[1]", 0.01), ("b", -0.02))}
+    parameters = {
+        f"coefficient[{r}]": Value(v, 0.001, "deg/h") for r, v in (("a[1]", 0.01), ("b", -0.02))
+    }
     items = effect_items(
-        cause(effect="gyro_turn_on_bias", id="gyro_turn_on_bias", class_="P", parameters=parameters, run_id=None), []
+        cause(
+            effect="gyro_turn_on_bias",
+            id="gyro_turn_on_bias",
+            class_="P",
+            parameters=parameters,
+            run_id=None,
+        ),
+        [],
     )
     assert [i["parameters"] for i in items] == [
-        {"coefficient": 0.01, "run_id": "a[1]"}, {"coefficient": -0.02, "run_id": "b"}
-    ]  # fmt: skip
+        {"coefficient": 0.01, "run_id": "a[1]"},
+        {"coefficient": -0.02, "run_id": "b"},
+    ]
 
 
 @pytest.mark.parametrize("process", ["gyro_bias_instability", "gyro_rate_random_walk"])
 def test_a_slow_variation_names_its_process(process):
     slow = cause(
-        effect="slow_variation", id=process, class_="S", run_id=None, parameters={"coefficient": Value(0.005, 1e-3, "deg/h")}
+        effect="slow_variation",
+        id=process,
+        class_="S",
+        run_id=None,
+        parameters={"coefficient": Value(0.005, 1e-3, "deg/h")},
     )
     (item,) = effect_items(slow, [])
     assert item["parameters"] == {"coefficient": 0.005, "process": process}
     assert processes_of(slow)[0] == process and "gyro_gauss_markov" in processes_of(slow)
 
 
-@pytest.mark.parametrize("name,nodes,expected", [(OF_TEMPERATURE, (0.0, 10.0), [0.0, 10.0]), (OF_RUN, (), ["r1", "r2"])])
+@pytest.mark.parametrize(
+    "name,nodes,expected", [(OF_TEMPERATURE, (0.0, 10.0), [0.0, 10.0]), (OF_RUN, (), ["r1", "r2"])]
+)
 def test_a_free_function_carries_nodes_and_values(name, nodes, expected):
-    free = cause(effect=name, id=name, named=False, class_="R", run_id=None, nodes=nodes, values=(0.1, 0.2))
+    free = cause(
+        effect=name, id=name, named=False, class_="R", run_id=None, nodes=nodes, values=(0.1, 0.2)
+    )
     (item,) = effect_items(free, ["r1", "r2"])
     assert item["parameters"] == {"nodes": expected, "values": [0.1, 0.2], "unit": "deg/h"}
 
 
 def test_items_of_all_kinds_parse():
     slow = cause(
-        effect="slow_variation", id="gyro_bias_instability", class_="S", run_id=None,
+        effect="slow_variation",
+        id="gyro_bias_instability",
+        class_="S",
+        run_id=None,
         parameters={"coefficient": Value(0.005, 1e-3, "deg/h")},
-    )  # fmt: skip
+    )
     free = cause(effect=OF_RUN, id=OF_RUN, named=False, class_="R", run_id=None, values=(0.1, 0.2))
     items = [i for c in (cause(), slow, free) for i in effect_items(c, ["r1", "r2"])]
     twin = twin_from_dict(
-        {"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": items}, source="twin.json", name="twin.json"
+        {"schema": "recal.twin/1", "gyro_technology": "rlg", "effects": items},
+        source="twin.json",
+        name="twin.json",
     )
     assert [e.run_id for e in parse_effects(twin)] == ["r2", "", "r1", "r2"]
 
 
 def test_rivals_of_one_name_are_no_confusion_of_names(found):
-    rivals = (Rival("gyro_bias_step", "gyro_y", 0.05, 0.1), Rival("platform_step", "vehicle", 0.05, float("nan")))
+    rivals = (
+        Rival("gyro_bias_step", "gyro_y", 0.05, 0.1),
+        Rival("platform_step", "vehicle", 0.05, float("nan")),
+    )
     shown = document_of(replace(found, causes=(cause(rivals=rivals),), bars=((),)))["causes"][0]
     assert shown["confounded_with"] == ["platform_step"] and shown["rivals"][1]["cosine"] is None
     assert not shown["resolved"]
 
 
 def test_a_shape_that_the_fit_leaves_open_has_the_sigma_of_its_bounds(found):
-    parameters = {"coefficient": Value(0.02, 0.001, "deg/h"), "tau_s": Value(700.0, float("nan"), "s")}
-    loose = cause(effect="gyro_warmup_transient", id="gyro_warmup_transient", run_id=None, class_="R", parameters=parameters)
-    shown = document_of(replace(found, causes=(loose,), bars=((),)))["causes"][0]["parameters"]["tau_s"]
+    parameters = {
+        "coefficient": Value(0.02, 0.001, "deg/h"),
+        "tau_s": Value(700.0, float("nan"), "s"),
+    }
+    loose = cause(
+        effect="gyro_warmup_transient",
+        id="gyro_warmup_transient",
+        run_id=None,
+        class_="R",
+        parameters=parameters,
+    )
+    shown = document_of(replace(found, causes=(loose,), bars=((),)))["causes"][0]["parameters"][
+        "tau_s"
+    ]
     assert shown["sigma_from"] == "bounds" and shown["sigma"] > 100.0
 
 
 def test_the_overlay_of_a_run_follows_the_effect_fitted_on_the_others(found):
     (overlay,) = overlays(found)
-    assert (overlay.channel, overlay.unit) == (trial().truth[0].target, "deg/h") and len(overlay.curves) == 4
+    assert (overlay.channel, overlay.unit) == (trial().truth[0].target, "deg/h") and len(
+        overlay.curves
+    ) == 4
     for curve in overlay.curves:
         assert curve.held_out and curve.time_min.size == 29
         left = curve.measured - curve.effect
@@ -178,13 +238,21 @@ def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
     name = found.views[2].name
     apart = diagnosed(hold_out=(name,))
     (overlay,) = overlays(apart)
-    assert [c.held_out for c in overlay.curves] == [True, False, False, False] and overlay.curves[0].run_id == name
+    assert [c.held_out for c in overlay.curves] == [True, False, False, False] and overlay.curves[
+        0
+    ].run_id == name
     before = next(c for c in overlays(found)[0].curves if c.run_id == name)
-    assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)  # leave one out is the same fit
+    # leave one out is the same fit
+    assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)
     d = diagnosis_document(apart, trial().runs, version="1", seed=0, hold_out=(name,))
-    assert [r["run_id"] for r in d["runs"] if r["held_out"]] == [name] and d["causes"][0]["shrink"]["how"] == "runs held out"
+    assert [r["run_id"] for r in d["runs"] if r["held_out"]] == [name] and d["causes"][0]["shrink"][
+        "how"
+    ] == "runs held out"
     parked = [np.mean(v.telemetry.parked) > 0.9 for v in apart.views]
-    assert all(parked) and fitted_trace(apart, 3).gyro_rad_s.shape == (apart.views[3].telemetry.n, 3)
+    assert all(parked) and fitted_trace(apart, 3).gyro_rad_s.shape == (
+        apart.views[3].telemetry.n,
+        3,
+    )
 
 
 def test_a_stream_of_another_time_is_left_out():
@@ -192,7 +260,9 @@ def test_a_stream_of_another_time_is_left_out():
     late = replace(run, temperature=replace(run.temperature, time_s=run.temperature.time_s + 1e5))
     kept, notes = overlapping(late)
     assert kept.temperature is None and kept.imu is run.imu
-    assert notes == ("run trial-00004-1: temperature covers 100000 to 101800 s, the IMU 0 to 1800 s: left out",)
+    assert notes == (
+        "run trial-00004-1: temperature covers 100000 to 101800 s, the IMU 0 to 1800 s: left out",
+    )
     assert overlapping(run) == (run, ())
 
 
@@ -205,31 +275,52 @@ def test_advice_only_for_what_is_open(found):
     free = replace(found, causes=(cause(effect=OF_TEMPERATURE, named=False),), bars=((),))
     assert "other starts" in record_next(free, None)[0]
     rivals = (Rival("gyro_thermal_quadratic", "gyro_x", 0.3, 0.99),)
-    mixed = cause(effect="gyro_thermal_linear", id="gyro_thermal_linear", class_="R", run_id=None, rivals=rivals)
+    mixed = cause(
+        effect="gyro_thermal_linear",
+        id="gyro_thermal_linear",
+        class_="R",
+        run_id=None,
+        rivals=rivals,
+    )
     (told,) = record_next(replace(found, causes=(mixed,), bars=((),)), None)
     assert "gyro_thermal_linear from gyro_thermal_quadratic" in told
 
 
 def test_user_level_numbers_are_those_of_the_planted_effect(found):
-    """Subtracting the true trace (log less the log without the effect) gives what subtracting the fitted one gives."""
+    """Subtracting the true trace (log less the log without the effect) gives what subtracting the
+    fitted one gives.
+    """
     made, table = trial(), table_from_dict(trial().table, name="table")
     for k, view in enumerate(found.views):
         planted = made.runs[k].imu.whole().dtheta_rad - made.runs_without[k].imu.whole().dtheta_rad
         rate = planted / made.runs[k].imu.whole().dt_s[:, None]
         t = made.runs[k].imu.whole().time_s
-        true = Trace(gyro_rad_s=np.stack([np.interp(view.telemetry.time_s, t, c) for c in rate.T], axis=1))
-        ours, exact = (user_level(view, trace, table, found.twin) for trace in (fitted_trace(found, k), true))
-        assert ours.navigated_s == pytest.approx(1200.0, abs=20.0) and ours.rate_nm_h[0] == exact.rate_nm_h[0]
+        true = Trace(
+            gyro_rad_s=np.stack([np.interp(view.telemetry.time_s, t, c) for c in rate.T], axis=1)
+        )
+        ours, exact = (
+            user_level(view, trace, table, found.twin) for trace in (fitted_trace(found, k), true)
+        )
+        assert (
+            ours.navigated_s == pytest.approx(1200.0, abs=20.0)
+            and ours.rate_nm_h[0] == exact.rate_nm_h[0]
+        )
         assert ours.rate_nm_h[1] == pytest.approx(exact.rate_nm_h[1], abs=0.25)
         assert ours.heading_change_arcmin == pytest.approx(exact.heading_change_arcmin, abs=1.0)
 
 
 def test_what_the_twin_knows_already_costs_a_user_nothing(found):
-    view, fitted, table = found.views[0], fitted_trace(found, 0), table_from_dict(trial().table, name="table")
+    view, fitted, table = (
+        found.views[0],
+        fitted_trace(found, 0),
+        table_from_dict(trial().table, name="table"),
+    )
     plain = user_level(view, fitted, table, found.twin)
     known = user_level(view, fitted.scaled(0.5), table, found.twin, known=fitted.scaled(0.5))
     assert known.rate_nm_h[1] == pytest.approx(plain.rate_nm_h[1], rel=1e-9)
-    assert abs(known.heading_change_arcmin) == pytest.approx(0.5 * abs(plain.heading_change_arcmin), rel=0.3, abs=0.02)
+    assert abs(known.heading_change_arcmin) == pytest.approx(
+        0.5 * abs(plain.heading_change_arcmin), rel=0.3, abs=0.02
+    )
 
 
 def test_an_effect_on_no_sensor_has_no_user_level(found):
@@ -246,12 +337,18 @@ def test_the_page_draws_each_cause_in_every_run(found):
 
 def test_a_noise_below_the_declared_is_said_to_be(found):
     quiet = cause(
-        effect="gyro_angle_random_walk", id="gyro_angle_random_walk", class_="S", run_id=None,
+        effect="gyro_angle_random_walk",
+        id="gyro_angle_random_walk",
+        class_="S",
+        run_id=None,
         parameters={"coefficient": Value(-0.001, 1e-5, "deg/sqrt(h)")},
-    )  # fmt: skip
-    document = document_of(replace(found, causes=(quiet,), bars=((("gyro_angle_random_walk", "gyro_x", 0.9),),)))
+    )
+    document = document_of(
+        replace(found, causes=(quiet,), bars=((("gyro_angle_random_walk", "gyro_x", 0.9),),))
+    )
     page = diagnosis_html(document, (None,))
-    assert "that much less than the twin declares" in page and page.count("<svg") == 3  # map, bars, bands
+    # map, bars, bands
+    assert "that much less than the twin declares" in page and page.count("<svg") == 3
     assert any("less than declared" in line for line in summary(document))
 
 
@@ -270,18 +367,26 @@ def test_values_have_the_digits_that_count(value, sigma, text):
 
 
 def test_a_refused_page_says_what_was_needed(found):
-    document = refused_document([("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0)
+    document = refused_document(
+        [("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0
+    )
     page = diagnosis_html(document)
     assert "Not looked at" in page and "never rests" in page and "<svg" not in page
 
 
 def test_the_summary_says_it_in_lines(found):
     lines = summary(document_of(found, record_next=["one more"]))
-    assert trial().truth[0].effect in lines[0] and any("shrinks the gap by" in line for line in lines)
+    assert trial().truth[0].effect in lines[0] and any(
+        "shrinks the gap by" in line for line in lines
+    )
     assert lines[-1].endswith("one more")
 
 
 def test_a_refused_document_says_why_and_claims_nothing(found):
-    d = refused_document([("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0)
-    assert d["verdict"] == "refused" and "never rests" in d["sentence"] and d["gap"]["score"] is None
+    d = refused_document(
+        [("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0
+    )
+    assert (
+        d["verdict"] == "refused" and "never rests" in d["sentence"] and d["gap"]["score"] is None
+    )
     assert d["causes"] == [] and summary(d) == [f"SN-0042: {d['sentence']}"]

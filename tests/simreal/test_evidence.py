@@ -32,7 +32,9 @@ def null_evidence(source: str) -> Evidence:
 
 
 def inside(values: np.ndarray, *, spare: float = 0.0) -> bool:
-    """Mean square of n values within its chi-square bounds (two-sided), and a stated modelling error."""
+    """Mean square of n values within its chi-square bounds (two-sided), and a stated modelling
+    error.
+    """
     n = values.size
     low, high = chi2.ppf([FALSE_ALARM / 2, 1 - FALSE_ALARM / 2], n) / n
     return bool(low - spare <= np.mean(values**2) <= high + spare)
@@ -44,7 +46,8 @@ def test_rows_of_a_twin_that_is_right_are_white(source):
     rows = evidence.rows
     for c, channel in enumerate(CHANNELS):
         z = evidence.z[(rows.channel == c) & rows.steady]
-        spare = 0.05 if c >= SENSORS else 0.0  # rows of moving vehicles: side motion and sway are models of models
+        # rows of moving vehicles: side motion and sway are models of models
+        spare = 0.05 if c >= SENSORS else 0.0
         assert not z.size or inside(z, spare=spare), f"{channel}: {np.mean(z**2):.3f} of {z.size}"
 
 
@@ -82,7 +85,9 @@ def test_parked_whitening_is_exact():
 
 
 def test_a_signature_is_what_the_effect_does_to_the_rows():
-    """Whitening is linear: rows of a run with a known bias less those without are the bank's column."""
+    """Whitening is linear: rows of a run with a known bias less those without are the bank's
+    column.
+    """
     trial = draw_trial(72, names=["gyro_rate_ramp"], parked_s=1800.0)
     with_effect = Evidence(views(trial), trial.twin)
     table = table_from_dict(trial.table, name="trial")
@@ -109,8 +114,10 @@ def test_a_run_that_never_rests_is_told_in_words():
     imu = run.imu.whole()
     rng = np.random.default_rng(0)
     shaken = ImuLog(
-        time_s=imu.time_s, dt_s=imu.dt_s, dtheta_rad=imu.dtheta_rad + 0.02 * rng.standard_normal(imu.dtheta_rad.shape),
+        time_s=imu.time_s,
+        dt_s=imu.dt_s,
+        dtheta_rad=imu.dtheta_rad + 0.02 * rng.standard_normal(imu.dtheta_rad.shape),
         dv_m_s=imu.dv_m_s + 2.0 * rng.standard_normal(imu.dv_m_s.shape),
-    )  # fmt: skip
+    )
     said = view_run(replace(run, imu=shaken, phases=()), 0, None, TwinModel())
     assert isinstance(said, str) and "rests" in said

@@ -1,4 +1,6 @@
-"""Cells and the test of what is left: quiet under the twin's own noise, loud where something is wrong."""
+"""Cells and the test of what is left: quiet under the twin's own noise, loud where something is
+wrong.
+"""
 
 import numpy as np
 import pytest

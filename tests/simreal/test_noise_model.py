@@ -1,4 +1,6 @@
-"""Covariances of the twin's noise: by hand, and against the simulator's own draws (another implementation)."""
+"""Covariances of the twin's noise: by hand, and against the simulator's own draws (another
+implementation).
+"""
 
 from dataclasses import replace
 
@@ -55,14 +57,21 @@ def test_agrees_with_the_simulators_draws(kind):
     draws = {
         "flicker": lambda: imperfections.flicker(rng, n, instability=1.0, rate_hz=rate),
         "walk": lambda: imperfections.random_walk(rng, n, density=1.0, rate_hz=rate),
-        "sway": lambda: np.diff(
-            sway_velocity(rng, n + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
-        ) * rate,
-    }[kind]  # fmt: skip
+        "sway": lambda: (
+            np.diff(
+                sway_velocity(rng, n + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+            )
+            * rate
+        ),
+    }[kind]
     noise = ChannelNoise(
-        flicker=float(kind == "flicker"), walk=float(kind == "walk"), sway=float(kind == "sway"),
-        sway_w=2 * np.pi * 0.28, sway_zeta=0.2, run_s=600.0,
-    )  # fmt: skip
+        flicker=float(kind == "flicker"),
+        walk=float(kind == "walk"),
+        sway=float(kind == "sway"),
+        sway_w=2 * np.pi * 0.28,
+        sway_zeta=0.2,
+        run_s=600.0,
+    )
     means = np.array([draws().reshape(60, 100).mean(axis=1) for _ in range(400)])
     C = noise.covariance(60, 10.0)
     for W in (np.ones(60) / 60, np.eye(60)[30] - np.eye(60)[29], np.eye(60)[50] - np.eye(60)[5]):
@@ -72,7 +81,9 @@ def test_agrees_with_the_simulators_draws(kind):
 
 
 def test_channels_of_a_twin():
-    twin = TwinModel(gyro=GyroNoise(arw_deg_sqrt_h=0.01, turn_on_deg_h=0.02), vehicle=VehicleNoise(sway_m_s=0.01))
+    twin = TwinModel(
+        gyro=GyroNoise(arw_deg_sqrt_h=0.01, turn_on_deg_h=0.02), vehicle=VehicleNoise(sway_m_s=0.01)
+    )
     x, _, z, ax, _, az = channel_noises(twin, 3600.0, LEVEL)
     assert x.white == pytest.approx((0.01 * DEG_PER_SQRT_HOUR) ** 2)
     assert x.turn_on == pytest.approx((0.02 * DEG_PER_HOUR) ** 2)
@@ -84,7 +95,7 @@ def test_a_tilted_accelerometer_feels_its_share_of_the_sway():
     tilt = 0.02
     C_nb = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
     az = channel_noises(TwinModel(), 3600.0, C_nb)[5]
-    assert az.sway == pytest.approx(np.sin(tilt) ** 2 * TwinModel().vehicle.sway_m_s**2)
+    assert az.sway == pytest.approx(np.sin(tilt) ** 2 * TwinModel().vehicle.sway_m_s ** 2)
 
 
 def test_scatter_of_white_rows_is_chi_square():
@@ -95,20 +106,33 @@ def test_scatter_of_white_rows_is_chi_square():
 
 @pytest.mark.parametrize("sway", [0.0, 1.0])
 def test_band_sums_scatter_as_their_freedom_says(sway):
-    """Mean squares of 300 sums over 60 blocks, drawn by the simulator's own oscillator: variance 2/dof, two-sided."""
+    """Mean squares of 300 sums over 60 blocks, drawn by the simulator's own oscillator: variance
+    2/dof, two-sided.
+    """
     sums, blocks, rate = 300, 60, 10.0
     rng = np.random.default_rng(5)
     n = sums * blocks * 10
-    v = sway_velocity(rng, round(n * rate) + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+    v = sway_velocity(
+        rng, round(n * rate) + 1, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate
+    )
     seconds = sway * np.diff(v[:: round(rate)]) + 0.01 * rng.standard_normal(n)
-    noise = ChannelNoise(white=1e-4, sway=sway, sway_w=2 * np.pi * 0.28, sway_zeta=0.2, run_s=3600.0)
-    spectrum = dct(seconds.reshape(sums, blocks, 10), axis=2, norm="ortho") ** 2 / block_spectrum(noise)
+    noise = ChannelNoise(
+        white=1e-4, sway=sway, sway_w=2 * np.pi * 0.28, sway_zeta=0.2, run_s=3600.0
+    )
+    spectrum = dct(seconds.reshape(sums, blocks, 10), axis=2, norm="ortho") ** 2 / block_spectrum(
+        noise
+    )
     for low, high in BANDS:
         freedom = blocks * block_freedom(noise, low, high)
         seen = spectrum[:, :, low:high].mean(axis=(1, 2))
-        assert chi2.ppf(1e-4, sums) < np.sum((seen - 1.0) ** 2) * freedom / 2.0 < chi2.ppf(1 - 1e-4, sums)
+        assert (
+            chi2.ppf(1e-4, sums)
+            < np.sum((seen - 1.0) ** 2) * freedom / 2.0
+            < chi2.ppf(1 - 1e-4, sums)
+        )
         wrong = blocks * (high - low)
-        if sway and low == 1:  # counted as independent, the slow band would scatter 2.5 times as much as told
+        # counted as independent, the slow band would scatter 2.5 times as much as told
+        if sway and low == 1:
             assert np.sum((seen - 1.0) ** 2) * wrong / 2.0 > chi2.ppf(1 - 1e-4, sums)
 
 

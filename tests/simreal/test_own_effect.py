@@ -1,4 +1,6 @@
-"""The example of a user's own effect: it follows the protocol, is found by entry point, and a bank takes it."""
+"""The example of a user's own effect: it follows the protocol, is found by entry point, and a bank
+takes it.
+"""
 
 import importlib.util
 from pathlib import Path
@@ -31,7 +33,9 @@ class Point:
 
 
 def listed(monkeypatch, value):
-    monkeypatch.setattr(module, "entry_points", lambda group: [Point(value)] if group == module.GROUP else [])
+    monkeypatch.setattr(
+        module, "entry_points", lambda group: [Point(value)] if group == module.GROUP else []
+    )
     return module.catalogue.__wrapped__()
 
 

@@ -21,9 +21,13 @@ def noisy_day(n, seed=3):
 
 
 SERIES = {
-    "noisy": noisy_day(3600), "a walk": np.cumsum(np.random.default_rng(4).standard_normal(1025)),
-    "one": np.array([3.0]), "two": np.array([3.0, -3.0]), "flat": np.full(7, 2.0), "up": np.arange(64.0),
-}  # fmt: skip
+    "noisy": noisy_day(3600),
+    "a walk": np.cumsum(np.random.default_rng(4).standard_normal(1025)),
+    "one": np.array([3.0]),
+    "two": np.array([3.0, -3.0]),
+    "flat": np.full(7, 2.0),
+    "up": np.arange(64.0),
+}
 
 
 @pytest.mark.parametrize("name", SERIES)
@@ -47,4 +51,7 @@ def test_the_series_is_left_as_it_is():
 
 def test_sense_stays_between_its_ends_and_starts_in_the_middle():
     sense = heating_sense(noisy_day(3600), 2.0)
-    assert sense[0] == 0.0 and (sense.min(), sense.max()) == (pytest.approx(-1.0), pytest.approx(1.0))
+    assert sense[0] == 0.0 and (sense.min(), sense.max()) == (
+        pytest.approx(-1.0),
+        pytest.approx(1.0),
+    )

@@ -1,4 +1,6 @@
-"""The motion estimated from a run's own sensors against the simulator's truth, which it never sees."""
+"""The motion estimated from a run's own sensors against the simulator's truth, which it never
+sees.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -27,18 +29,25 @@ def estimated(sim, run=None, technology="rlg"):
 
 
 def errors(sim, motion, *, from_s=1.0):
-    """Heading, tilt [rad], horizontal place [m], forward speed and velocity [m/s]: estimated less true."""
+    """Heading, tilt [rad], horizontal place [m], forward speed and velocity [m/s]: estimated less
+    true.
+    """
     ref = sim.reference
     point = motion.truth.kinematics(ref.time_s - motion.origin_s)
     lat, lon, _ = geodetic_from_ecef(point.r_e)
-    place = displacement_ned(lat, lon, lat0_rad=ref.lat_rad, lon0_rad=ref.lon_rad, height0_m=ref.height_m)[:, :2]
+    place = displacement_ned(
+        lat, lon, lat0_rad=ref.lat_rad, lon0_rad=ref.lon_rad, height0_m=ref.height_m
+    )[:, :2]
     v_n = np.einsum("nji,nj->ni", dcm_en(lat, lon), point.v_e)[:, :2]
     tilt = point.euler_rad[:, :2] - np.column_stack([ref.roll_rad, ref.pitch_rad])
     true_speed = np.linalg.norm(ref.v_n_m_s[:, :2], axis=1)
     return {
-        "heading": wrap_pi(point.euler_rad[:, 2] - ref.heading_rad), "tilt": tilt, "place": place,
-        "speed": np.linalg.norm(v_n, axis=1) - true_speed, "velocity": v_n - ref.v_n_m_s[:, :2],
-    }  # fmt: skip
+        "heading": wrap_pi(point.euler_rad[:, 2] - ref.heading_rad),
+        "tilt": tilt,
+        "place": place,
+        "speed": np.linalg.norm(v_n, axis=1) - true_speed,
+        "velocity": v_n - ref.v_n_m_s[:, :2],
+    }
 
 
 @pytest.mark.parametrize(("heading_deg", "aids"), [(37.0, False), (200.0, True), (359.9, False)])
@@ -59,35 +68,47 @@ def test_stands_are_found_and_constant():
     assert len(motion.stands) == 3
     assert motion.stands[0][1] == pytest.approx(PARKED_S, abs=12.0)
     for start_s, end_s in motion.stands:
-        point = motion.truth.kinematics(np.linspace(start_s + 0.1, end_s - 0.1, 50) - motion.origin_s)
-        assert np.ptp(point.r_e, axis=0).max() == 0.0 and np.ptp(point.euler_rad, axis=0).max() == 0.0
+        point = motion.truth.kinematics(
+            np.linspace(start_s + 0.1, end_s - 0.1, 50) - motion.origin_s
+        )
+        assert (
+            np.ptp(point.r_e, axis=0).max() == 0.0 and np.ptp(point.euler_rad, axis=0).max() == 0.0
+        )
         assert not point.v_e.any()
 
 
 def test_sigma_of_the_heading_is_honest():
-    """Ten parked units: the errors are as large as their sigma says (chi-square, 10 dof, 0.1 % on either side)."""
+    """Ten parked units: the errors are as large as their sigma says (chi-square, 10 dof, 0.1 % on
+    either side).
+    """
     total = 0.0
     for seed in range(10):
         sim = simulated(seed, PARKED)
         motion = estimated(sim)
         total += (errors(sim, motion)["heading"][100] / motion.sigma_heading_rad) ** 2
-    assert total < 29.6  # the prior leaves room for an effect still to be found, so the lower side is not tested
+    # the prior leaves room for an effect still to be found, so the lower side is not tested
+    assert total < 29.6
 
 
 def test_noise_does_not_go_into_a_straight_leg():
     """Side noise and sway are the twin's: on a leg without turns the estimated way is straight."""
     sim = simulated()
     motion = estimated(sim)
-    t = np.arange(motion.stands[0][1] + 60.0, motion.stands[1][0] - 30.0, 0.1)  # after the turn, before braking
+    # after the turn, before braking
+    t = np.arange(motion.stands[0][1] + 60.0, motion.stands[1][0] - 30.0, 0.1)
     v_b = errors(sim, motion)["velocity"][np.searchsorted(sim.reference.time_s, t)]
     true_side = np.std(v_b @ np.array([-np.sin(np.radians(127)), np.cos(np.radians(127))]))
-    assert 0.01 < true_side < 0.04  # all of the side noise of 0.02 m/s is in the difference, none in the motion
+    # all of the side noise of 0.02 m/s is in the difference, none in the motion
+    assert 0.01 < true_side < 0.04
 
 
 def test_gnss_gives_place_and_a_wrong_site_does_not():
     sim = simulated(3, TAXI, 200.0, aids=True)
     site = sim.run.header.site
-    off = replace(sim.run, header=replace(sim.run.header, site=replace(site, lat_rad=site.lat_rad + 2e-5)))  # 127 m
+    # 127 m
+    off = replace(
+        sim.run, header=replace(sim.run.header, site=replace(site, lat_rad=site.lat_rad + 2e-5))
+    )
     for run in (sim.run, off):
         motion = estimated(sim, run)
         start = geodetic_from_ecef(motion.truth.kinematics(np.array([1.0])).r_e)
@@ -95,12 +116,19 @@ def test_gnss_gives_place_and_a_wrong_site_does_not():
         assert np.abs(errors(sim, motion)["heading"]).max() < HEADING_BOUND_RAD
 
 
-@pytest.mark.parametrize(("event", "stands"), [
-    (Gust(time_s=300.0, duration_s=300.0, sway_m_s=0.02), 3), (Bump(time_s=700.0, velocity_m_s=0.1), 3),
-    (Boarding(time_s=500.0, roll_arcsec=80.0), 3), (Push(time_s=600.0, distance_m=5.0, turn_deg=0.5), 4),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("event", "stands"),
+    [
+        (Gust(time_s=300.0, duration_s=300.0, sway_m_s=0.02), 3),
+        (Bump(time_s=700.0, velocity_m_s=0.1), 3),
+        (Boarding(time_s=500.0, roll_arcsec=80.0), 3),
+        (Push(time_s=600.0, distance_m=5.0, turn_deg=0.5), 4),
+    ],
+)
 def test_only_a_push_is_a_move(event, stands):
-    """What shakes the parked vehicle stays for the diagnosis to see; a tug that pushes it takes it elsewhere."""
+    """What shakes the parked vehicle stays for the diagnosis to see; a tug that pushes it takes it
+    elsewhere.
+    """
     sim = simulated(2, events=(event,))
     motion = estimated(sim)
     found = errors(sim, motion)
@@ -120,7 +148,9 @@ def test_flight_with_gnss(technology):
     assert np.abs(found["heading"]).max() < (0.05 if mems else HEADING_BOUND_RAD)
     height = geodetic_from_ecef(motion.truth.kinematics(sim.reference.time_s).r_e)[2]
     assert np.abs(height - sim.reference.height_m).max() < (30.0 if mems else 5.0)
-    assert motion.truth.motion.airborne(np.array([300.0, motion.truth.motion.end_s - 60.0])) == pytest.approx(0.0, abs=1e-9)
+    assert motion.truth.motion.airborne(
+        np.array([300.0, motion.truth.motion.end_s - 60.0])
+    ) == pytest.approx(0.0, abs=1e-9)
     assert motion.truth.motion.airborne(1000.0) == pytest.approx(1.0)
 
 
@@ -133,7 +163,9 @@ def test_a_real_flight_of_a_mems_unit():
     point = motion.truth.kinematics(run.gnss.time_s[fixes] - motion.origin_s)
     lat, lon, _ = geodetic_from_ecef(point.r_e)
     v_n = np.einsum("nji,nj->ni", dcm_en(lat, lon), point.v_e)[:, :2]
-    off = displacement_ned(lat, lon, lat0_rad=run.gnss.lat_rad[fixes], lon0_rad=run.gnss.lon_rad[fixes], height0_m=15.0)[:, :2]
+    off = displacement_ned(
+        lat, lon, lat0_rad=run.gnss.lat_rad[fixes], lon0_rad=run.gnss.lon_rad[fixes], height0_m=15.0
+    )[:, :2]
     assert motion.heading_source == "gnss"
     assert np.sqrt(np.mean((off - np.median(off, axis=0)) ** 2)) < 10.0
     assert np.sqrt(np.mean((v_n - run.gnss.v_n_m_s[fixes, :2]) ** 2)) < 2.5  # m/s, of 10 to 30
@@ -142,7 +174,11 @@ def test_a_real_flight_of_a_mems_unit():
 def test_a_mems_unit_keeps_an_assumed_heading():
     sim = simulated(1, PARKED, 37.0, "mems")
     motion = estimated(sim, technology="mems")
-    assert not motion.heading_known and motion.heading_source == "assumed" and np.isinf(motion.sigma_heading_rad)
+    assert (
+        not motion.heading_known
+        and motion.heading_source == "assumed"
+        and np.isinf(motion.sigma_heading_rad)
+    )
     assert motion.truth.kinematics(np.array([10.0])).euler_rad[0, 2] == 0.0
 
 
@@ -169,8 +205,10 @@ def test_without_temperature_table_phases_and_aids(technology):
 def test_a_run_that_never_rests_is_refused():
     rng, n = np.random.default_rng(1), 3000
     shaken = ImuLog(
-        time_s=np.arange(1, n + 1) / 10.0, dt_s=np.full(n, 0.1), dtheta_rad=0.05 * rng.standard_normal((n, 3)),
+        time_s=np.arange(1, n + 1) / 10.0,
+        dt_s=np.full(n, 0.1),
+        dtheta_rad=0.05 * rng.standard_normal((n, 3)),
         dv_m_s=rng.standard_normal((n, 3)),
-    )  # fmt: skip
+    )
     with pytest.raises(InputError, match="never rests"):
         estimate_motion(replace(simulated().run, imu=shaken, phases=()), None, twin_of())

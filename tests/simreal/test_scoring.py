@@ -12,7 +12,9 @@ from simreal.inference.scoring import Scorer, condition, fit
 
 
 def bank_of(U, z, *, low=1e-3, high=1e3):
-    effect = CatalogueEffect("e", "e", ("gyro_x",), tuple(Coefficient(f"c{k}", "", low, high) for k in range(U.shape[1])))
+    effect = CatalogueEffect(
+        "e", "e", ("gyro_x",), tuple(Coefficient(f"c{k}", "", low, high) for k in range(U.shape[1]))
+    )
     group = Group({}, np.arange(U.shape[1]), np.full(U.shape[1], np.sqrt(low * high)))
     hypothesis = Hypothesis("e", "gyro_x", effect, groups=[group])
     return SimpleNamespace(gram=U.T @ U, score=U.T @ z, hypotheses=[hypothesis])
@@ -28,7 +30,10 @@ def test_single_effect_is_the_integral_over_its_size():
     weights = np.exp(size_weights(norm, 1e-3, 1e3))
     by_hand = 0.0
     for v, weight in zip(SIZES, weights):
-        integrand = lambda a, v=v: np.exp(a * y - 0.5 * a * a - 0.5 * a * a / v) / np.sqrt(2 * np.pi * v)  # noqa: E731
+
+        def integrand(a, v=v):
+            return np.exp(a * y - 0.5 * a * a - 0.5 * a * a / v) / np.sqrt(2 * np.pi * v)
+
         by_hand += weight * quad(integrand, -80, 80, limit=400, points=[y])[0]
     assert found == pytest.approx(np.log(by_hand), rel=1e-5)
 
@@ -69,5 +74,7 @@ def test_null_evidence_is_rarely_large():
 
 
 def test_a_size_beyond_the_usual_costs_but_is_not_excluded():
-    usual, beyond, absurd = (np.logaddexp.reduce(size_weights(n, 0.5, 2.0)) for n in (10.0, 0.1, 1e-5))
+    usual, beyond, absurd = (
+        np.logaddexp.reduce(size_weights(n, 0.5, 2.0)) for n in (10.0, 0.1, 1e-5)
+    )
     assert usual > beyond > absurd > -np.inf

@@ -1,4 +1,6 @@
-"""The `effects` of a twin file: read, refused with the key that is wrong, and what they add to a run."""
+"""The `effects` of a twin file: read, refused with the key that is wrong, and what they add to a
+run.
+"""
 
 from dataclasses import replace
 
@@ -24,12 +26,18 @@ def item(effect, target, **parameters):
 
 
 def test_a_cause_of_a_diagnosis_can_be_pasted_and_means_the_plain_number():
-    pasted = item("gyro_thermal_rate", "gyro_y", coefficient={"value": 0.03, "sigma": 0.004, "unit": "deg/h per degC/min"})
+    pasted = item(
+        "gyro_thermal_rate",
+        "gyro_y",
+        coefficient={"value": 0.03, "sigma": 0.004, "unit": "deg/h per degC/min"},
+    )
     plain = item("gyro_thermal_rate", "gyro_y", coefficient=0.03)
     assert parse_effects(twin_with(pasted)) == parse_effects(twin_with(plain))
     run = parked_run()
     trace = twin_traces(parse_effects(twin_with(pasted)), run, "any")
-    np.testing.assert_allclose(trace.gyro_rad_s[:, 1], 0.03 * DEG_PER_HOUR * run.temperature_rate_degC_min[:, 1])
+    np.testing.assert_allclose(
+        trace.gyro_rad_s[:, 1], 0.03 * DEG_PER_HOUR * run.temperature_rate_degC_min[:, 1]
+    )
     assert not trace.gyro_rad_s[:, [0, 2]].any() and trace.accel_m_s2 is None
 
 
@@ -37,24 +45,47 @@ def test_effects_add_up_and_an_event_belongs_to_its_run():
     step = item("gyro_bias_step", "gyro_x", coefficient=0.02, onset_s=1000.0, run_id="second")
     ramp = item("gyro_rate_ramp", "gyro_x", coefficient=0.01)
     effects, run = parse_effects(twin_with(step, ramp)), parked_run()
-    first, second = (twin_traces(effects, run, name).gyro_rad_s[:, 0] / DEG_PER_HOUR for name in ("first", "second"))
+    first, second = (
+        twin_traces(effects, run, name).gyro_rad_s[:, 0] / DEG_PER_HOUR
+        for name in ("first", "second")
+    )
     np.testing.assert_allclose(first, 0.01 * run.time_s / 3600.0)
     np.testing.assert_allclose(second - first, 0.02 * (run.time_s > 1000.0), atol=1e-12)
 
 
 def test_a_free_function_is_straight_between_its_nodes():
-    T = item("unknown_function_of_temperature", "gyro_z", nodes=[0.0, 40.0], values=[0.0, 0.08], unit="deg/h")
-    t = item("unknown_function_of_time", "accel_x", nodes=[0.0, 1800.0, 3600.0], values=[0.0, 50.0, 0.0], unit="ug")
-    of_run = item("unknown_function_of_run", "gyro_x", nodes=["a", "b"], values=[0.01, -0.02], unit="deg/h")
+    T = item(
+        "unknown_function_of_temperature",
+        "gyro_z",
+        nodes=[0.0, 40.0],
+        values=[0.0, 0.08],
+        unit="deg/h",
+    )
+    t = item(
+        "unknown_function_of_time",
+        "accel_x",
+        nodes=[0.0, 1800.0, 3600.0],
+        values=[0.0, 50.0, 0.0],
+        unit="ug",
+    )
+    of_run = item(
+        "unknown_function_of_run", "gyro_x", nodes=["a", "b"], values=[0.01, -0.02], unit="deg/h"
+    )
     run = parked_run()
     trace = twin_traces(parse_effects(twin_with(T, t, of_run)), run, "b")
-    np.testing.assert_allclose(trace.gyro_rad_s[:, 2], 0.002 * DEG_PER_HOUR * run.temperature_degC[:, 2], rtol=1e-9)
+    np.testing.assert_allclose(
+        trace.gyro_rad_s[:, 2], 0.002 * DEG_PER_HOUR * run.temperature_degC[:, 2], rtol=1e-9
+    )
     np.testing.assert_allclose(trace.accel_m_s2[900, 0], 50.0 * run.time_s[900] / 1800.0 * MICRO_G)
     np.testing.assert_allclose(trace.gyro_rad_s[:, 0], -0.02 * DEG_PER_HOUR)
 
 
 def test_turn_on_biases_are_written_by_run():
-    each = item("gyro_turn_on_bias", "gyro_x", **{"coefficient[a]": {"value": 0.01, "unit": "deg/h"}, "coefficient[b]": -0.02})
+    each = item(
+        "gyro_turn_on_bias",
+        "gyro_x",
+        **{"coefficient[a]": {"value": 0.01, "unit": "deg/h"}, "coefficient[b]": -0.02},
+    )
     effects = parse_effects(twin_with(each))
     for run_id, size in (("a", 0.01), ("b", -0.02)):
         trace = twin_traces(effects, parked_run(), run_id)
@@ -68,7 +99,11 @@ def test_noise_has_a_signed_square_and_slow_kinds_go_by_their_process():
     less = item("gyro_angle_random_walk", "gyro_y", coefficient=-0.001)
     effects = parse_effects(twin_with(walk, by_id, less))
     extra = twin_extra_noise(effects)
-    assert [e.effect.id for e in extra] == ["gyro_rate_random_walk", "gyro_rate_random_walk", "gyro_angle_random_walk"]
+    assert [e.effect.id for e in extra] == [
+        "gyro_rate_random_walk",
+        "gyro_rate_random_walk",
+        "gyro_angle_random_walk",
+    ]
     np.testing.assert_allclose([e.square for e in extra], [1e-4, 1e-4, -1e-6])
     assert twin_traces(effects, parked_run(), "any").gyro_rad_s is None
 
@@ -76,10 +111,15 @@ def test_noise_has_a_signed_square_and_slow_kinds_go_by_their_process():
 def test_kinds_of_one_name_are_told_apart_by_their_coefficients():
     part = item("platform_settling", "vehicle", roll=20.0, tau_s=300.0)
     whole = item("platform_settling", "vehicle", roll=20.0, pitch=0.0, tau_s=300.0)
-    one, both = (twin_traces(parse_effects(twin_with(raw)), parked_run(), "any") for raw in (part, whole))
+    one, both = (
+        twin_traces(parse_effects(twin_with(raw)), parked_run(), "any") for raw in (part, whole)
+    )
     np.testing.assert_array_equal(one.gyro_rad_s, both.gyro_rad_s)
-    names = [item("platform_sway", "vehicle", rotation=50.0), item("platform_sway", "vehicle", coefficient=0.002),
-             item("engine_start", "vehicle", noise=30.0, onset_s=60.0)]  # fmt: skip
+    names = [
+        item("platform_sway", "vehicle", rotation=50.0),
+        item("platform_sway", "vehicle", coefficient=0.002),
+        item("engine_start", "vehicle", noise=30.0, onset_s=60.0),
+    ]
     ids = [e.effect.id for e in parse_effects(twin_with(*names))]
     assert ids == ["platform_sway_rotation", "platform_sway", "engine_start_noise"]
 
@@ -87,23 +127,61 @@ def test_kinds_of_one_name_are_told_apart_by_their_coefficients():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (item("gyro_thermal_liner", "gyro_x", coefficient=1.0), "effect: got 'gyro_thermal_liner', needed one of gyro_ther"),
-        (item("gyro_thermal_linear", "gyro_w", coefficient=1.0), "target: got 'gyro_w', needed one of gyro_"),
-        (item("gyro_thermal_linear", "gyro_x"), r"coefficient: got nothing, needed a number \[deg/h per degC\]"),
-        (item("gyro_thermal_lag", "gyro_x", coefficient=1.0), r"tau_s: got nothing, needed a number \[s\]"),
-        (item("gyro_thermal_lag", "gyro_x", coefficient=1.0, tau_s=-3.0), "tau_s: got -3.0, needed .* above 0"),
-        (item("gyro_thermal_linear", "gyro_x", coeficient=1.0), "coeficient: got 'coeficient', needed one of coefficient"),
-        (item("gyro_thermal_linear", "gyro_x", coefficient={"value": 1.0, "unit": "ppm"}), "coefficient.unit: got 'ppm'"),
-        (item("gyro_thermal_linear", "gyro_x", coefficient="much"), "coefficient: got 'much', needed a number"),
-        (item("slow_variation", "gyro_x", coefficient=1.0), "process: got nothing, needed one of gyro_bias_instability"),
-        (item("sculling_residual", "accel_x", coefficient=1.0), "effect: got 'sculling_residual', needed an effect that"),
-        (item("unknown_function_of_time", "gyro_x", nodes=[1, 0], values=[1, 2], unit="deg/h"), "nodes: .* 2 increasing"),
-        (item("unknown_function_of_time", "gyro_x", nodes=[0, 1], values=[1, 2], unit="ug"), "unit: got 'ug', needed deg/h"),
+        (
+            item("gyro_thermal_liner", "gyro_x", coefficient=1.0),
+            "effect: got 'gyro_thermal_liner', needed one of gyro_ther",
+        ),
+        (
+            item("gyro_thermal_linear", "gyro_w", coefficient=1.0),
+            "target: got 'gyro_w', needed one of gyro_",
+        ),
+        (
+            item("gyro_thermal_linear", "gyro_x"),
+            r"coefficient: got nothing, needed a number \[deg/h per degC\]",
+        ),
+        (
+            item("gyro_thermal_lag", "gyro_x", coefficient=1.0),
+            r"tau_s: got nothing, needed a number \[s\]",
+        ),
+        (
+            item("gyro_thermal_lag", "gyro_x", coefficient=1.0, tau_s=-3.0),
+            "tau_s: got -3.0, needed .* above 0",
+        ),
+        (
+            item("gyro_thermal_linear", "gyro_x", coeficient=1.0),
+            "coeficient: got 'coeficient', needed one of coefficient",
+        ),
+        (
+            item("gyro_thermal_linear", "gyro_x", coefficient={"value": 1.0, "unit": "ppm"}),
+            "coefficient.unit: got 'ppm'",
+        ),
+        (
+            item("gyro_thermal_linear", "gyro_x", coefficient="much"),
+            "coefficient: got 'much', needed a number",
+        ),
+        (
+            item("slow_variation", "gyro_x", coefficient=1.0),
+            "process: got nothing, needed one of gyro_bias_instability",
+        ),
+        (
+            item("sculling_residual", "accel_x", coefficient=1.0),
+            "effect: got 'sculling_residual', needed an effect that",
+        ),
+        (
+            item("unknown_function_of_time", "gyro_x", nodes=[1, 0], values=[1, 2], unit="deg/h"),
+            "nodes: .* 2 increasing",
+        ),
+        (
+            item("unknown_function_of_time", "gyro_x", nodes=[0, 1], values=[1, 2], unit="ug"),
+            "unit: got 'ug', needed deg/h",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_is_wrong_is_named_with_file_item_and_key(wrong, said):
     good = item("gyro_rate_ramp", "gyro_x", coefficient=0.01)
-    with pytest.raises(InputError, match=rf"^twin.json: effects\[1\]: (parameters\.)?{said}") as error:
+    with pytest.raises(
+        InputError, match=rf"^twin.json: effects\[1\]: (parameters\.)?{said}"
+    ) as error:
         parse_effects(twin_with(good, wrong))
     assert "\n" not in str(error.value)
 
@@ -114,12 +192,21 @@ def test_less_noise_on_one_axis_lowers_the_twin_and_gives_the_others_their_part_
     declared = twin.gyro.arw_deg_sqrt_h
     left = np.sqrt(declared**2 - 0.0012**2)
     assert lowered.gyro.arw_deg_sqrt_h == pytest.approx(left) and lowered.effects == ()
-    assert {e.target: e.coefficients[0] for e in added} == pytest.approx({"gyro_x": 0.0012, "gyro_z": 0.0012})
+    assert {e.target: e.coefficients[0] for e in added} == pytest.approx(
+        {"gyro_x": 0.0012, "gyro_z": 0.0012}
+    )
 
 
 def test_noise_that_is_not_declared_cannot_be_taken_away():
-    twin = twin_with(item("slow_variation", "gyro_y", process="gyro_gauss_markov", coefficient=-0.01, tau_s=100.0))
-    with pytest.raises(InputError, match=r"twin.json: slow_variation on gyro_y: coefficient -0.01, needed 0 or more"):
+    twin = twin_with(
+        item(
+            "slow_variation", "gyro_y", process="gyro_gauss_markov", coefficient=-0.01, tau_s=100.0
+        )
+    )
+    with pytest.raises(
+        InputError,
+        match=r"twin.json: slow_variation on gyro_y: coefficient -0.01, needed 0 or more",
+    ):
         without_excess(twin, parse_effects(twin), "any")
 
 
@@ -128,7 +215,9 @@ def test_every_effect_of_the_catalogue_can_be_written_and_read_back():
     for effect in catalogue():
         if isinstance(effect, OutOfReach):
             continue
-        numbers = {c.name: c.low for c in effect.coefficients} | {p.name: p.high for p in effect.shape}
+        numbers = {c.name: c.low for c in effect.coefficients} | {
+            p.name: p.high for p in effect.shape
+        }
         process = {"process": effect.id} if effect.name == "slow_variation" else {}
         for target in effect.targets:
             (read,) = parse_effects(twin_with(item(effect.name, target, **numbers, **process)))

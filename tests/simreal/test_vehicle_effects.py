@@ -1,4 +1,6 @@
-"""Effects of accelerometers, vehicle, wheels, GNSS and data: values worked by hand, signs, needs, and rows against seconds."""
+"""Effects of accelerometers, vehicle, wheels, GNSS and data: values worked by hand, signs, needs,
+and rows against seconds.
+"""
 
 from dataclasses import fields, replace
 
@@ -53,13 +55,20 @@ def arrays(trace: Trace) -> dict[str, np.ndarray]:
 
 
 def test_only_a_gross_axis_error_has_a_prior_against_it():
-    """A sign error of a gyro is 1000 sigmas and more; a scale factor of 10 ppm must not be called one."""
+    """A sign error of a gyro is 1000 sigmas and more; a scale factor of 10 ppm must not be called
+    one.
+    """
     assert {e.id for e in SHOWN if e.log_prior < -2.0} == {"axis_or_unit_error"}
     assert BY_ID["axis_or_unit_error"].log_prior < -5.0
 
 
 def test_declarations_are_whole():
-    gyro = (*gyro_events.GYRO_EVENTS, *gyro_noise.GYRO_NOISE, *gyro_rate.GYRO_RATE, *gyro_thermal.GYRO_THERMAL)
+    gyro = (
+        *gyro_events.GYRO_EVENTS,
+        *gyro_noise.GYRO_NOISE,
+        *gyro_rate.GYRO_RATE,
+        *gyro_thermal.GYRO_THERMAL,
+    )
     names = {name for effect in (*ALL, *gyro) for name in (effect.name, effect.id)}
     assert len(BY_ID) == len(ALL)
     for effect in ALL:
@@ -71,8 +80,14 @@ def test_declarations_are_whole():
 
 def test_effects_of_one_name_differ_in_their_parameters():
     """A twin names coefficients, and they say which one is meant."""
-    keys = [(e.name, t, frozenset(c.name for c in e.coefficients)) for e in catalogue() for t in e.targets]
-    assert len({k for k in keys if k[0] != "slow_variation"}) == sum(k[0] != "slow_variation" for k in keys)
+    keys = [
+        (e.name, t, frozenset(c.name for c in e.coefficients))
+        for e in catalogue()
+        for t in e.targets
+    ]
+    assert len({k for k in keys if k[0] != "slow_variation"}) == sum(
+        k[0] != "slow_variation" for k in keys
+    )
 
 
 @pytest.mark.parametrize("part", PARTS, ids=lambda e: e.id)
@@ -108,7 +123,10 @@ def test_rivals_are_mutual():
         rivals.setdefault(e.id if e.name == "slow_variation" else e.name, set()).update(e.rivals)
     one_sided = [(a, b) for a in rivals for b in rivals[a] if a not in rivals[b]]
     assert not one_sided and not any(name in rivals[name] for name in rivals)
-    assert "gyro_common_mode" in rivals["clock_rate"] and "gyro_g2_sensitivity" in rivals["engine_start"]
+    assert (
+        "gyro_common_mode" in rivals["clock_rate"]
+        and "gyro_g2_sensitivity" in rivals["engine_start"]
+    )
 
 
 @pytest.mark.parametrize("effect,target", CASES)
@@ -117,7 +135,9 @@ def test_each_effect_adds_either_finite_traces_or_noise(effect, target):
     shape = middle(effect, run)
     found, noise = effect.traces(run, target, shape), effect.noise(run, target, shape)
     assert bool(found) != bool(noise)
-    assert len(found) in (0, len(effect.coefficients)) and (not noise or len(effect.coefficients) == 1)
+    assert len(found) in (0, len(effect.coefficients)) and (
+        not noise or len(effect.coefficients) == 1
+    )
     for trace in found:
         values = arrays(trace)
         assert values and all(len(v) == run.n and np.isfinite(v).all() for v in values.values())
@@ -131,14 +151,22 @@ def test_each_effect_adds_either_finite_traces_or_noise(effect, target):
 def test_rows_of_a_log_add_up_to_the_seconds_of_a_diagnosis(effect, target):
     rows, seconds = rich_drive(0.1), rich_drive(1.0)
     shape = middle(effect, seconds)
-    for fine, coarse in zip(effect.traces(rows, target, shape), effect.traces(seconds, target, shape)):
+    for fine, coarse in zip(
+        effect.traces(rows, target, shape), effect.traces(seconds, target, shape)
+    ):
         for name, value in arrays(coarse).items():
-            from_rows = arrays(fine)[name].reshape(87, 100, *value.shape[1:]).mean(axis=1)  # ten-second means
+            # ten-second means
+            from_rows = arrays(fine)[name].reshape(87, 100, *value.shape[1:]).mean(axis=1)
             of_seconds = value.reshape(87, 10, *value.shape[1:]).mean(axis=1)
-            assert np.linalg.norm(from_rows - of_seconds) <= SMEARED * np.linalg.norm(of_seconds) + TINY, name
+            assert (
+                np.linalg.norm(from_rows - of_seconds)
+                <= SMEARED * np.linalg.norm(of_seconds) + TINY
+            ), name
 
 
-@pytest.mark.parametrize("effect", [e for e in ALL if isinstance(e, OutOfReach)], ids=lambda e: e.id)
+@pytest.mark.parametrize(
+    "effect", [e for e in ALL if isinstance(e, OutOfReach)], ids=lambda e: e.id
+)
 def test_what_no_log_shows_says_so_and_cannot_be_injected(effect):
     run = rich_drive()
     assert effect.needs([run], effect.targets[0]) != ""
@@ -153,7 +181,9 @@ def test_accel_thermal_is_counted_from_25_degC():
     run = still(n=3, accel_degC=np.array([[25.0] * 3, [35.0] * 3, [15.0] * 3]))
     linear, quadratic = traces("accel_thermal", run, "accel_y")
     np.testing.assert_allclose(linear.accel_m_s2[:, 1], [0, 10 * MICRO_G, -10 * MICRO_G], **EXACT)
-    np.testing.assert_allclose(quadratic.accel_m_s2[:, 1], [0, 100 * MICRO_G, 100 * MICRO_G], **EXACT)
+    np.testing.assert_allclose(
+        quadratic.accel_m_s2[:, 1], [0, 100 * MICRO_G, 100 * MICRO_G], **EXACT
+    )
     assert not linear.accel_m_s2[:, [0, 2]].any()
 
 
@@ -164,21 +194,32 @@ def test_accel_warmup_falls_to_1_over_e_after_tau():
 
 def test_accel_hysteresis_splits_heating_from_cooling_by_twice_its_size():
     T = np.concatenate([np.linspace(20, 40, 300), np.linspace(40, 20, 300)])
-    (trace,) = traces("accel_thermal_hysteresis", still(accel_degC=np.repeat(T[:, None], 3, axis=1)), "accel_z", width_degC=4.0)
+    (trace,) = traces(
+        "accel_thermal_hysteresis",
+        still(accel_degC=np.repeat(T[:, None], 3, axis=1)),
+        "accel_z",
+        width_degC=4.0,
+    )
     heating, cooling = trace.accel_m_s2[150, 2], trace.accel_m_s2[450, 2]
     assert trace.accel_m_s2[0, 2] == 0.0
     assert (heating, cooling) == (pytest.approx(MICRO_G), pytest.approx(-MICRO_G))
 
 
 def test_accel_scale_factor_and_square_of_1_g():
-    (scale,), (square,) = traces("accel_scale_factor", still(), "accel_z"), traces("accel_g2_sensitivity", still(), "accel_z")
+    (scale,), (square,) = (
+        traces("accel_scale_factor", still(), "accel_z"),
+        traces("accel_g2_sensitivity", still(), "accel_z"),
+    )
     np.testing.assert_allclose(scale.accel_m_s2[:, 2], -1e-6 * g)
     np.testing.assert_allclose(square.accel_m_s2[:, 2], MICRO_G * (g / 9.80665) ** 2)
 
 
 def test_accel_misalignment_shows_the_other_two_axes_in_order():
     run = replace(still(n=2), force_m_s2=np.tile([1.0, 2.0, 3.0], (2, 1)))
-    seen = {axis: [t.accel_m_s2[0, k] for t in traces(f"accel_misalignment_{axis}", run)] for k, axis in enumerate("xyz")}
+    seen = {
+        axis: [t.accel_m_s2[0, k] for t in traces(f"accel_misalignment_{axis}", run)]
+        for k, axis in enumerate("xyz")
+    }
     assert seen == {"x": [2e-3, 3e-3], "y": [1e-3, 3e-3], "z": [1e-3, 2e-3]}
     assert [c.name for c in BY_ID["accel_misalignment_y"].coefficients] == ["to_x", "to_z"]
 
@@ -187,10 +228,14 @@ def test_size_effect_is_50_ug_at_5_cm_and_a_tenth_of_a_radian_per_second():
     t = np.arange(10) + 0.5
     run = replace(still(n=10), rate_rad_s=np.stack([0 * t, 0 * t, 0.1 + 0 * t], axis=1))
     x, y, z = traces("imu_size_effect", run, "accel_x")
-    np.testing.assert_allclose(5 * x.accel_m_s2[:, 0] / MICRO_G, -51.0, atol=0.1)  # towards the axis of turning
+    # towards the axis of turning
+    np.testing.assert_allclose(5 * x.accel_m_s2[:, 0] / MICRO_G, -51.0, atol=0.1)
     assert not y.accel_m_s2.any() and not z.accel_m_s2.any()
     spun_up = replace(run, rate_rad_s=np.stack([0 * t, 0 * t, 0.2 * t], axis=1))
-    np.testing.assert_allclose(traces("imu_size_effect", spun_up, "accel_y")[0].accel_m_s2[:, 1], 0.2 * 0.01)  # w' x r
+    # w' x r
+    np.testing.assert_allclose(
+        traces("imu_size_effect", spun_up, "accel_y")[0].accel_m_s2[:, 1], 0.2 * 0.01
+    )
 
 
 def test_noise_of_the_accelerometers_is_in_the_units_of_the_twin():
@@ -199,33 +244,46 @@ def test_noise_of_the_accelerometers_is_in_the_units_of_the_twin():
         for key in ("accel_noise", "accel_bias_instability", "accel_rate_random_walk")
     }
     assert all(noise.channel == "accel_y" for noise in kinds.values())
-    assert (kinds["accel_noise"].white, kinds["accel_bias_instability"].flicker) == (MICRO_G**2, MICRO_G**2)
-    assert kinds["accel_rate_random_walk"].walk * 3600 == pytest.approx(MICRO_G**2)  # 1 ug after an hour
+    assert (kinds["accel_noise"].white, kinds["accel_bias_instability"].flicker) == (
+        MICRO_G**2,
+        MICRO_G**2,
+    )
+    # 1 ug after an hour
+    assert kinds["accel_rate_random_walk"].walk * 3600 == pytest.approx(MICRO_G**2)
 
 
 # ---- rotations of the vehicle
 
 
 def test_a_rotation_is_that_of_the_nonlinear_attitude():
-    """Gyro and accelerometer of a body that turns by exp(q), worked with rotation matrices on every second of the drive."""
+    """Gyro and accelerometer of a body that turns by exp(q), worked with rotation matrices on every
+    second of the drive.
+    """
     run, size = drive(), 50.0
     trace = traces("platform_settling", run, tau_s=400.0)[0].scaled(size)
     for k in (10, 100, 650, 725):
         ends = run.time_s[k] + np.array([-0.5, 0.0, 0.5])
-        turned = [dcm_from_rotation_vector([size * ARCSEC * -np.expm1(-t / 400.0), 0, 0]) for t in ends]
+        turned = [
+            dcm_from_rotation_vector([size * ARCSEC * -np.expm1(-t / 400.0), 0, 0]) for t in ends
+        ]
         force = turned[1].T @ run.force_m_s2[k] - run.force_m_s2[k]
         step = dcm_from_rotation_vector(run.rate_rad_s[k])
         rate = rotation_vector_from_dcm(turned[0].T @ step @ turned[2]) - run.rate_rad_s[k]
         np.testing.assert_allclose(trace.accel_m_s2[k], force, atol=1e-6 * g)
-        np.testing.assert_allclose(trace.gyro_rad_s[k], rate, rtol=1e-3, atol=0.08 * (size * ARCSEC) ** 2)
+        np.testing.assert_allclose(
+            trace.gyro_rad_s[k], rate, rtol=1e-3, atol=0.08 * (size * ARCSEC) ** 2
+        )
 
 
 def test_settling_of_100_arcsec_reads_as_rate_and_4_85_ug_per_arcsec():
     run = still(n=7200)
     roll, pitch = (t.scaled(100.0) for t in traces("platform_settling", run, tau_s=600.0))
-    assert pitch.gyro_rad_s[:, 1].sum() / ARCSEC == pytest.approx(100.0 * -np.expm1(-12.0), rel=1e-6)
+    assert pitch.gyro_rad_s[:, 1].sum() / ARCSEC == pytest.approx(
+        100.0 * -np.expm1(-12.0), rel=1e-6
+    )
     ug = 100 * 4.8481 * g / 9.80665
-    assert pitch.accel_m_s2[-1, 0] / MICRO_G == pytest.approx(ug, rel=1e-4)  # nose up: forward accelerometer reads +
+    # nose up: forward accelerometer reads +
+    assert pitch.accel_m_s2[-1, 0] / MICRO_G == pytest.approx(ug, rel=1e-4)
     assert roll.accel_m_s2[-1, 1] / MICRO_G == pytest.approx(-ug, rel=1e-4)  # right side down
 
 
@@ -252,7 +310,9 @@ def test_yaw_creep_is_on_gz_while_parked_only():
 @pytest.mark.parametrize("dt_s", [0.1, 1.0])
 @pytest.mark.parametrize("tau_s", [300.0, 2000.0])
 def test_yaw_creep_relaxes_while_parked_only(dt_s, tau_s):
-    """Heading A (1 - exp(-t/tau)) after the first parked stretch of 600 s, then kept, then on with the clock."""
+    """Heading A (1 - exp(-t/tau)) after the first parked stretch of 600 s, then kept, then on with
+    the clock.
+    """
     run = drive(dt_s)
     (trace,) = traces("platform_yaw_creep", run, tau_s=tau_s)
     creep = np.cumsum(np.where(run.parked, trace.gyro_rad_s[:, 2], 0.0)) * dt_s / ARCSEC
@@ -266,7 +326,9 @@ def test_yaw_creep_relaxes_while_parked_only(dt_s, tau_s):
 def test_yaw_creep_counts_from_the_start_of_the_parked_stretch():
     run = still(n=1200)
     arrived = replace(run, kind=np.where(run.time_s < 400.0, ROLLING, PARKED))
-    late, whole = (traces("platform_yaw_creep", r, tau_s=500.0)[0].gyro_rad_s[:, 2] for r in (arrived, run))
+    late, whole = (
+        traces("platform_yaw_creep", r, tau_s=500.0)[0].gyro_rad_s[:, 2] for r in (arrived, run)
+    )
     np.testing.assert_allclose(late[400:], whole[:-400], rtol=1e-9)
     assert not late[:399].any()
 
@@ -314,12 +376,14 @@ def test_latitude_error_is_the_true_place_less_the_entered_one(heading_deg):
     np.testing.assert_allclose(trace.gyro_rad_s[0], C_bn @ rate, rtol=3e-4, atol=1e-14)
     np.testing.assert_allclose(trace.accel_m_s2[0], C_bn @ force, rtol=1e-3, atol=1e-15)
     assert np.hypot(*trace.gyro_rad_s[0, :2]) / DEG_PER_HOUR == pytest.approx(0.003, rel=0.05)
-    np.testing.assert_allclose(trace.gnss_position_m[0], [-1852.2, 0, 0], atol=0.1)  # a sea mile, reads south
+    # a sea mile, reads south
+    np.testing.assert_allclose(trace.gnss_position_m[0], [-1852.2, 0, 0], atol=0.1)
 
 
 def test_deflection_pulls_the_proof_masses_the_other_way():
     north, east, anomaly = traces("vertical_deflection", still(heading_deg=90.0))
-    np.testing.assert_allclose(north.accel_m_s2[0], [0, g * ARCSEC, 0], atol=1e-15)  # body y is south
+    # body y is south
+    np.testing.assert_allclose(north.accel_m_s2[0], [0, g * ARCSEC, 0], atol=1e-15)
     np.testing.assert_allclose(east.accel_m_s2[0], [-g * ARCSEC, 0, 0], atol=1e-15)
     np.testing.assert_allclose(anomaly.accel_m_s2[0], [0, 0, -1e-5], atol=1e-15)
 
@@ -330,7 +394,10 @@ def test_deflection_pulls_the_proof_masses_the_other_way():
 def test_odometer_scale_slip_and_delay():
     run = drive()
     np.testing.assert_allclose(traces("odometer_scale", run)[0].odometer_m_s, 1e-6 * run.speed_m_s)
-    slip, late = traces("wheel_slip", run)[0].odometer_m_s, traces("odometer_time_offset", run)[0].odometer_m_s
+    slip, late = (
+        traces("wheel_slip", run)[0].odometer_m_s,
+        traces("odometer_time_offset", run)[0].odometer_m_s,
+    )
     assert slip[605] == pytest.approx(0.01 * 5.5)  # one per cent for each m/s^2
     assert slip[765] == pytest.approx(-0.01 * 2.25 * 0.5)  # braked: reads low
     assert (late[605], late[765]) == (pytest.approx(-1e-3), pytest.approx(0.5e-3))
@@ -338,7 +405,14 @@ def test_odometer_scale_slip_and_delay():
 
 def test_no_odometer_error_in_the_air():
     run = replace(drive(), kind=np.full(870, AIRBORNE))
-    for key in ("odometer_scale", "odometer_boresight", "lever_arm", "side_slip", "wheel_slip", "odometer_time_offset"):
+    for key in (
+        "odometer_scale",
+        "odometer_boresight",
+        "lever_arm",
+        "side_slip",
+        "wheel_slip",
+        "odometer_time_offset",
+    ):
         assert not any(v.any() for t in traces(key, run) for v in arrays(t).values()), key
 
 
@@ -348,23 +422,31 @@ def test_lever_arm_is_rigid_body_motion_about_the_point_that_does_not_slip():
     found = total([x.scaled(d[0]), y.scaled(d[1])])
     for k in (655, 725):
         w = np.array([0, 0, run.turn_rad_s[k]])
-        at_logged = -skew(w) @ d  # velocity of the logged point beside that of the true one, which has none to the side
+        # velocity of the logged point beside that of the true one, which has none to the side
+        at_logged = -skew(w) @ d
         assert found.lateral_m_s[k] == pytest.approx(at_logged[1])
-        assert found.odometer_m_s[k] == pytest.approx(-at_logged[0])  # read at the true point, less at the logged one
-    assert found.lateral_m_s[655] > 0  # right turn, logged ahead of the axle that does not slip: it moves to the right
+        # read at the true point, less at the logged one
+        assert found.odometer_m_s[k] == pytest.approx(-at_logged[0])
+    # right turn, logged ahead of the axle that does not slip: it moves to the right
+    assert found.lateral_m_s[655] > 0
 
 
 def test_boresight_and_side_slip_by_hand():
     run = drive()
-    assert traces("odometer_boresight", run)[0].lateral_m_s[680] == pytest.approx(0.01)  # 1 mrad at 10 m/s, to the right
+    # 1 mrad at 10 m/s, to the right
+    assert traces("odometer_boresight", run)[0].lateral_m_s[680] == pytest.approx(0.01)
     slip = traces("side_slip", run)[0].lateral_m_s
-    assert slip[655] == pytest.approx(1e-3 * 10.0 * 0.5)  # 1 mrad for 1 m/s^2, here 10 m/s x 0.05 rad/s
+    # 1 mrad for 1 m/s^2, here 10 m/s x 0.05 rad/s
+    assert slip[655] == pytest.approx(1e-3 * 10.0 * 0.5)
     assert slip[725] == pytest.approx(-1e-3 * 5.0 * 0.4)
 
 
 def test_turns_at_two_speeds_tell_side_slip_from_a_lever_arm():
     def alike(run):
-        lever, slip = traces("lever_arm", run)[0].lateral_m_s, traces("side_slip", run)[0].lateral_m_s
+        lever, slip = (
+            traces("lever_arm", run)[0].lateral_m_s,
+            traces("side_slip", run)[0].lateral_m_s,
+        )
         return abs(lever @ slip) / np.linalg.norm(lever) / np.linalg.norm(slip)
 
     run = drive()
@@ -417,7 +499,8 @@ def test_jitter_is_a_bounded_velocity_of_gravity_times_the_jitter():
     stamps = dt * np.arange(50_001) + sigma * rng.standard_normal(50_001)
     read = g * dt / np.diff(stamps)  # increments are right, the times are not
     velocity = np.cumsum((read - g) * dt)
-    change = velocity[100:] - velocity[:-100]  # over a second: twice the variance of the bounded part
+    # over a second: twice the variance of the bounded part
+    change = velocity[100:] - velocity[:-100]
     spurious = (g * dt) * 2 * (sigma / dt) ** 2  # mean of 1 / (1 + x) is not 1
     expected = 2 * noises["accel_z"].bounded * (sigma / 1e-3) ** 2
     assert np.var(change - 100 * spurious) == pytest.approx(expected, rel=0.1)
@@ -489,7 +572,8 @@ def test_needs_in_other_cases():
     straight = replace(run, turn_rad_s=0 * run.turn_rad_s)
     assert BY_ID["lever_arm"].needs([straight], "vehicle") == "turns"
     assert BY_ID["lever_arm"].needs([straight, run], "vehicle") == ""
-    creeping = replace(run, speed_m_s=0.05 * run.speed_m_s)  # half a metre a second: a push, no taxi
+    # half a metre a second: a push, no taxi
+    creeping = replace(run, speed_m_s=0.05 * run.speed_m_s)
     assert BY_ID["wheel_slip"].needs([creeping], "odometer") == "braking and acceleration"
     for key in ("imu_size_effect", "accel_g2_sensitivity"):
         assert BY_ID[key].needs([run], "accel_z") == "flight"
@@ -502,7 +586,13 @@ def test_needs_in_other_cases():
         .needs([still(accel_degC=np.sort(T, axis=0))], "accel_x")
         .startswith("temperature rising and falling")
     )
-    assert BY_ID["accel_thermal"].needs([still(accel_degC=0 * T)], "accel_x") == "an accelerometer temperature that changes"
-    assert BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x") == "an accelerometer temperature"
+    assert (
+        BY_ID["accel_thermal"].needs([still(accel_degC=0 * T)], "accel_x")
+        == "an accelerometer temperature that changes"
+    )
+    assert (
+        BY_ID["accel_thermal"].needs([still(accel_degC=T), still()], "accel_x")
+        == "an accelerometer temperature"
+    )
     with pytest.raises(InputError, match="run 0: no accelerometer temperature"):
         traces("accel_thermal", still())

@@ -1,7 +1,8 @@
-"""Effects through the diagnosis' own operator: what is wrong in a run, fitted with its signature, comes back in its unit.
+"""Effects through the diagnosis' own operator: what is wrong in a run, fitted with its signature,
+comes back in its unit.
 
-The errors are made in the log or its header, by the simulator's boarding, or by other numbers in the twin's unit, never
-with the effect's own formula.
+The errors are made in the log or its header, by the simulator's boarding, or by other numbers in
+the twin's unit, never with the effect's own formula.
 """
 
 from dataclasses import replace
@@ -54,20 +55,32 @@ def in_body(point, x, y):
 
 CASES = {
     "lever_arm": (
-        lambda r: with_header(r, wheel_reference_m=in_body(r.header.wheel_reference_m, -1.0, 0.5)), [-1.0, 0.5], ROLLED_m
+        lambda r: with_header(r, wheel_reference_m=in_body(r.header.wheel_reference_m, -1.0, 0.5)),
+        [-1.0, 0.5],
+        ROLLED_m,
     ),
     "gnss_lever_arm_or_latency": (
-        lambda r: replace(with_header(r, gnss_lever_arm_m=in_body(r.header.gnss_lever_arm_m, 1.0, 0.7)), gnss=late(r.gnss)),
-        [1.0, 0.7, 100.0], 0.0,
+        lambda r: replace(
+            with_header(r, gnss_lever_arm_m=in_body(r.header.gnss_lever_arm_m, 1.0, 0.7)),
+            gnss=late(r.gnss),
+        ),
+        [1.0, 0.7, 100.0],
+        0.0,
     ),
     "odometer_scale": (
-        lambda r: replace(r, odometer=replace(r.odometer, speed_m_s=1.005 * r.odometer.speed_m_s)), [5000.0], 200.0
+        lambda r: replace(r, odometer=replace(r.odometer, speed_m_s=1.005 * r.odometer.speed_m_s)),
+        [5000.0],
+        200.0,
     ),  # cos of the pitch: 200 ppm
     "odometer_time_offset": (lambda r: replace(r, odometer=late(r.odometer)), [100.0], 0.0),
     "site_latitude_error": (
-        lambda r: with_header(r, site=replace(r.header.site, lat_rad=r.header.site.lat_rad + 60 * ARCSEC)), [1.0], 0.0
+        lambda r: with_header(
+            r, site=replace(r.header.site, lat_rad=r.header.site.lat_rad + 60 * ARCSEC)
+        ),
+        [1.0],
+        0.0,
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("key", CASES)
@@ -80,11 +93,17 @@ def test_an_error_of_the_log_comes_back_in_size_and_sign(clean, key):
 
 def test_a_boarding_comes_back_as_a_platform_step():
     """Well inside ten seconds, so that how it rings does not matter."""
-    event = Boarding(time_s=704.0, roll_arcsec=40.0, pitch_arcsec=-60.0, heading_arcsec=80.0, settle_s=1.0)
+    event = Boarding(
+        time_s=704.0, roll_arcsec=40.0, pitch_arcsec=-60.0, heading_arcsec=80.0, settle_s=1.0
+    )
     run = simulate_run(
-        runs._ideal(runs.PARKED, 37.0), thermal_history("ambient"), runs.unit(), TWIN, rng=np.random.default_rng(3),
+        runs._ideal(runs.PARKED, 37.0),
+        thermal_history("ambient"),
+        runs.unit(),
+        TWIN,
+        rng=np.random.default_rng(3),
         events=(event,),
-    ).run  # fmt: skip
+    ).run
     found, sigma = fitted(run, "platform_step", onset_s=704.5)
     np.testing.assert_array_less(np.abs(found - [40.0, -60.0, 80.0]), 4.0 * sigma + 1.0)
 
@@ -93,9 +112,15 @@ def test_the_twins_own_crab_comes_back_as_a_boresight(clean):
     """A vehicle that crabs by 5 mrad rolls to the left of its nose: -5 mrad."""
     crabbing = replace(TWIN, vehicle=replace(TWIN.vehicle, crab_mrad=5.0))
     run = simulate_run(
-        runs._ideal(runs.TAXI, 37.0), thermal_history("ambient"), runs.unit(), crabbing, rng=np.random.default_rng(4),
-        with_gnss=True, with_odometer=True, gnss_lever_arm_m=runs.ANTENNA,
-    ).run  # fmt: skip
+        runs._ideal(runs.TAXI, 37.0),
+        thermal_history("ambient"),
+        runs.unit(),
+        crabbing,
+        rng=np.random.default_rng(4),
+        with_gnss=True,
+        with_odometer=True,
+        gnss_lever_arm_m=runs.ANTENNA,
+    ).run
     found, sigma = fitted(run, "odometer_boresight")
     assert abs(found[0] + 5.0) < 4.0 * sigma[0] and sigma[0] < 0.6
 
@@ -104,6 +129,10 @@ def test_an_accelerometer_that_drifts_by_its_temperature_comes_back_in_ug_per_de
     """Increments of the log changed by hand: 30 ug/degC on z."""
     view = view_run(clean, 0, runs.table(), TWIN)
     T = np.interp(clean.imu.time_s, view.telemetry.time_s, view.telemetry.accel_degC[:, 2])
-    dv = clean.imu.dv_m_s + np.stack([0 * T, 0 * T, 30 * 9.80665 * PPM * (T - 25.0) * clean.imu.dt_s], axis=1)
-    (linear, _), (sigma, _) = fitted(replace(clean, imu=replace(clean.imu, dv_m_s=dv)), "accel_thermal", "accel_z")
+    dv = clean.imu.dv_m_s + np.stack(
+        [0 * T, 0 * T, 30 * 9.80665 * PPM * (T - 25.0) * clean.imu.dt_s], axis=1
+    )
+    (linear, _), (sigma, _) = fitted(
+        replace(clean, imu=replace(clean.imu, dv_m_s=dv)), "accel_thermal", "accel_z"
+    )
     assert abs(linear - 30.0) < 4.0 * sigma and sigma < 6.0

@@ -1,4 +1,6 @@
-"""Small runs for tests: a unit at rest, level, heading 0, latitude 30 deg (sine and cosine differ), every stream."""
+"""Small runs for tests: a unit at rest, level, heading 0, latitude 30 deg (sine and cosine differ),
+every stream.
+"""
 
 import json
 from pathlib import Path
@@ -27,10 +29,17 @@ F_B = -gravity_n(SITE.lat_rad, SITE.height_m)
 
 def header(**changes) -> RunHeader:
     keys = dict(
-        run_id="R1", tail="N123AB", imu_serial="SN-0042", gyro_technology="rlg", start_utc="2026-03-01T05:00:00Z",
-        site=SITE, wheel_reference_m=(1.0, 0.0, 2.5), gnss_lever_arm_m=(0.5, -0.25, -1.0), gyro_mode="dithered",
+        run_id="R1",
+        tail="N123AB",
+        imu_serial="SN-0042",
+        gyro_technology="rlg",
+        start_utc="2026-03-01T05:00:00Z",
+        site=SITE,
+        wheel_reference_m=(1.0, 0.0, 2.5),
+        gnss_lever_arm_m=(0.5, -0.25, -1.0),
+        gyro_mode="dithered",
         survey=Survey(heading_rad=np.radians(12.3), sigma_heading_rad=np.radians(0.01)),
-    )  # fmt: skip
+    )
     return RunHeader(**{**keys, **changes})
 
 
@@ -49,16 +58,25 @@ def full_run(**changes) -> Run:
     time_s = np.arange(m) * 1.0
     warm = 20.0 + 0.01 * time_s[:, None] + 0.01 * rng.standard_normal((m, 3))
     keys = dict(
-        header=header(), imu=imu_log(),
-        temperature=TemperatureLog(time_s=time_s, gyro_degC=warm, block_degC=warm[:, 0], gradient_degC=warm - 20.0),
+        header=header(),
+        imu=imu_log(),
+        temperature=TemperatureLog(
+            time_s=time_s, gyro_degC=warm, block_degC=warm[:, 0], gradient_degC=warm - 20.0
+        ),
         gnss=GnssLog(
-            time_s=time_s, lat_rad=SITE.lat_rad + 1e-8 * rng.standard_normal(m), lon_rad=np.full(m, SITE.lon_rad),
-            height_m=250 + rng.standard_normal(m), v_n_m_s=0.03 * rng.standard_normal((m, 3)),
+            time_s=time_s,
+            lat_rad=SITE.lat_rad + 1e-8 * rng.standard_normal(m),
+            lon_rad=np.full(m, SITE.lon_rad),
+            height_m=250 + rng.standard_normal(m),
+            v_n_m_s=0.03 * rng.standard_normal((m, 3)),
             sigma_velocity_m_s=np.full(m, 0.03),
         ),
         odometer=OdometerLog(time_s=time_s, speed_m_s=np.zeros(m)),
-        phases=(Phase(phase="alignment", start_s=0, end_s=30), Phase(phase="parked", start_s=30, end_s=40)),
-    )  # fmt: skip
+        phases=(
+            Phase(phase="alignment", start_s=0, end_s=30),
+            Phase(phase="parked", start_s=30, end_s=40),
+        ),
+    )
     return Run(**{**keys, **changes})
 
 
@@ -66,9 +84,15 @@ def reference_log() -> ReferenceLog:
     time_s = np.arange(5) * 10.0
     same = np.ones(5)
     return ReferenceLog(
-        time_s=time_s, lat_rad=SITE.lat_rad * same, lon_rad=SITE.lon_rad * same, height_m=250.0 * same,
-        v_n_m_s=np.zeros((5, 3)), roll_rad=0 * same, pitch_rad=0.01 * same, heading_rad=1.2 * same,
-    )  # fmt: skip
+        time_s=time_s,
+        lat_rad=SITE.lat_rad * same,
+        lon_rad=SITE.lon_rad * same,
+        height_m=250.0 * same,
+        v_n_m_s=np.zeros((5, 3)),
+        roll_rad=0 * same,
+        pitch_rad=0.01 * same,
+        heading_rad=1.2 * same,
+    )
 
 
 def csv_run(path: Path, **changes) -> Path:

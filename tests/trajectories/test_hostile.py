@@ -1,6 +1,8 @@
-"""Files that somebody else sends: runs, tables, twins, scenarios and maps, damaged or made to harm; each costs one clear line.
+"""Files that somebody else sends: runs, tables, twins, scenarios and maps, damaged or made to harm;
+each costs one clear line.
 
-What a fuzz of run directories found, and limits: depth, size, growth when unpacked, rows a byte, paths that leave their folder.
+What a fuzz of run directories found, and limits: depth, size, growth when unpacked, rows a byte,
+paths that leave their folder.
 """
 
 import gzip
@@ -49,7 +51,9 @@ def judged(run: Path) -> str:
     """The verdict of `check`, which never raises; `read_run` agrees with it."""
     with damage.bounded():
         result = check(run)
-        assert all("\n" not in line for line in report_lines(result)) and json.loads(result_text(result))
+        assert all("\n" not in line for line in report_lines(result)) and json.loads(
+            result_text(result)
+        )
         try:
             read_run(run)
         except InputError as error:
@@ -66,7 +70,9 @@ def fuzzed(run: Path, count: int, seed: int) -> dict[str, dict[str, int]]:
             try:
                 counts[judged(run)] += 1
             except Exception as error:
-                raise AssertionError(f"{file.name}: seed {seed}, mutation {k}: {type(error).__name__}: {error}") from error
+                raise AssertionError(
+                    f"{file.name}: seed {seed}, mutation {k}: {type(error).__name__}: {error}"
+                ) from error
         file.write_bytes(data)
         out[file.name] = counts
     return out
@@ -90,17 +96,24 @@ def imu_columns(rows: int = 400) -> dict:
 
 @pytest.mark.parametrize(
     ("change", "line"),
-    [({"gyro_x_rad_s": lambda v: v.astype(str)}, "column gyro_x_rad_s holds string, needed float64"),
-     ({"gyro_x_rad_s": lambda v: [[x] for x in v]}, "column gyro_x_rad_s holds list"),
-     ({"time_s": lambda v: v * 1e308}, "column time_s: got inf"),
-     ({"accel_z_m_s2": lambda v: v * 1e300}, "column accel_z_m_s2: got -9.79"),
-     ({"time_s": lambda v: (v * 100).astype("datetime64[s]")}, "column time_s holds timestamp"),
-     ({"gyro_y_rad_s": lambda v: v > 0}, "column gyro_y_rad_s holds bool")],
-)  # fmt: skip
+    [
+        (
+            {"gyro_x_rad_s": lambda v: v.astype(str)},
+            "column gyro_x_rad_s holds string, needed float64",
+        ),
+        ({"gyro_x_rad_s": lambda v: [[x] for x in v]}, "column gyro_x_rad_s holds list"),
+        ({"time_s": lambda v: v * 1e308}, "column time_s: got inf"),
+        ({"accel_z_m_s2": lambda v: v * 1e300}, "column accel_z_m_s2: got -9.79"),
+        ({"time_s": lambda v: (v * 100).astype("datetime64[s]")}, "column time_s holds timestamp"),
+        ({"gyro_y_rad_s": lambda v: v > 0}, "column gyro_y_rad_s holds bool"),
+    ],
+)
 def test_wrong_types_and_huge_numbers(tmp_path, change, line):
     run = short_run(tmp_path / "run", "parquet")
     with np.errstate(over="ignore"):
-        columns = {name: change[name](v) if name in change else v for name, v in imu_columns().items()}
+        columns = {
+            name: change[name](v) if name in change else v for name, v in imu_columns().items()
+        }
     pq.write_table(pa.table(columns), run / "imu.parquet")
     assert judged(run) == "bad_input"
     assert any(line in p["text"] for p in check(run)["problems"])
@@ -116,10 +129,16 @@ def test_a_column_that_appears_twice(tmp_path):
 
 
 def test_a_parquet_of_more_rows_than_its_bytes_can_hold(tmp_path, monkeypatch):
-    """Two million zeros in some kilobytes; the limit is lowered so that no larger file is needed."""
+    """Two million zeros in some kilobytes; the limit is lowered so that no larger file is
+    needed.
+    """
     run = short_run(tmp_path / "run", "parquet")
     rows = 2_000_000
-    pq.write_table(pa.table({name: np.zeros(rows) for name in damage.COLUMNS}), run / "imu.parquet", compression="zstd")
+    pq.write_table(
+        pa.table({name: np.zeros(rows) for name in damage.COLUMNS}),
+        run / "imu.parquet",
+        compression="zstd",
+    )
     monkeypatch.setattr(text_rows, "SMALL_ROWS", 1000)
     assert (run / "imu.parquet").stat().st_size < 80_000
     assert judged(run) == "bad_input"
@@ -144,9 +163,11 @@ def test_a_gzip_that_grows_without_end(tmp_path, monkeypatch):
 def test_files_that_are_none(tmp_path):
     """A pipe would be waited for, a link followed, a directory opened."""
     for name, make in {
-        "pipe": lambda path: os.mkfifo(path), "link": lambda path: path.symlink_to("/etc/passwd"),
-        "folder": lambda path: path.mkdir(), "loop": lambda path: path.symlink_to(path.name),
-    }.items():  # fmt: skip
+        "pipe": lambda path: os.mkfifo(path),
+        "link": lambda path: path.symlink_to("/etc/passwd"),
+        "folder": lambda path: path.mkdir(),
+        "loop": lambda path: path.symlink_to(path.name),
+    }.items():
         for file in ("run.json", "gnss.csv", "phases.csv"):
             run = csv_run(tmp_path / f"{name}-{file}")
             (run / file).unlink()
@@ -173,7 +194,13 @@ def test_deep_json(tmp_path, depth):
 
 
 @pytest.mark.parametrize(
-    "text", ["a = " + "[" * DEEP + "]" * DEEP, ".".join("a" * 2000) + " = 1", "[" + ".".join("ab" * 500) + "]"], ids=[*"abc"]
+    "text",
+    [
+        "a = " + "[" * DEEP + "]" * DEEP,
+        ".".join("a" * 2000) + " = 1",
+        "[" + ".".join("ab" * 500) + "]",
+    ],
+    ids=[*"abc"],
 )
 def test_deep_toml(tmp_path, text):
     path = tmp_path / "a.toml"
@@ -186,11 +213,18 @@ def test_deep_toml(tmp_path, text):
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [('{"a": 1' + "0" * 5000 + "}", "not valid JSON"), ('{"\\ud800": 1}', "half a character in a text"),
-     ('{"a": ["\\udfff"]}', "half a character in a text"), ('{"a": NaN}', "NaN is not a number in JSON"),
-     ('{"a": 1, "a": 2}', "appears twice"), ("[1]", "needed an object"), ('"' + "a" * 10, "not valid JSON"),
-     ("\x00", "not valid JSON"), ('{"a": "' + "b" * MAX_TEXT_BYTES + '"}', f"more than {MAX_TEXT_BYTES} bytes")],
-)  # fmt: skip
+    [
+        ('{"a": 1' + "0" * 5000 + "}", "not valid JSON"),
+        ('{"\\ud800": 1}', "half a character in a text"),
+        ('{"a": ["\\udfff"]}', "half a character in a text"),
+        ('{"a": NaN}', "NaN is not a number in JSON"),
+        ('{"a": 1, "a": 2}', "appears twice"),
+        ("[1]", "needed an object"),
+        ('"' + "a" * 10, "not valid JSON"),
+        ("\x00", "not valid JSON"),
+        ('{"a": "' + "b" * MAX_TEXT_BYTES + '"}', f"more than {MAX_TEXT_BYTES} bytes"),
+    ],
+)
 def test_odd_json(tmp_path, text, line):
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match=line):
@@ -198,17 +232,46 @@ def test_odd_json(tmp_path, text, line):
 
 
 def table_dict() -> dict:
-    axis = {"temperature_degC": [0.0, 20.0, 40.0], "bias_deg_h": [0.01, 0.02, 0.03], "sigma_deg_h": [0.01, 0.01, 0.01]}
-    return {"schema": "recal.table/1", "imu_serial": "SN-1", "gyro_technology": "rlg", "created_utc": "2026-03-01T05:00:00Z",
-            "interpolation": "linear", "axes": {k: axis for k in "xyz"}, "covariance": None,
-            "provenance": {"parent_sha256": None, "runs": []}}  # fmt: skip
+    axis = {
+        "temperature_degC": [0.0, 20.0, 40.0],
+        "bias_deg_h": [0.01, 0.02, 0.03],
+        "sigma_deg_h": [0.01, 0.01, 0.01],
+    }
+    return {
+        "schema": "recal.table/1",
+        "imu_serial": "SN-1",
+        "gyro_technology": "rlg",
+        "created_utc": "2026-03-01T05:00:00Z",
+        "interpolation": "linear",
+        "axes": {k: axis for k in "xyz"},
+        "covariance": None,
+        "provenance": {"parent_sha256": None, "runs": []},
+    }
 
 
-WILD = (None, True, [], {}, "", "x" * 300, 10**400, -1, 1e308, 0.5, [1e308] * 3, {"a": 1}, "\x1b[31m", [[1.0]], "2026-99-99")
+WILD = (
+    None,
+    True,
+    [],
+    {},
+    "",
+    "x" * 300,
+    10**400,
+    -1,
+    1e308,
+    0.5,
+    [1e308] * 3,
+    {"a": 1},
+    "\x1b[31m",
+    [[1.0]],
+    "2026-99-99",
+)
 
 
 def replaced(value, rng):
-    """The value with one part of it, somewhere, replaced by something else, taken out, or with something added."""
+    """The value with one part of it, somewhere, replaced by something else, taken out, or with
+    something added.
+    """
     if isinstance(value, dict) and value and rng.random() < 0.8:
         key = list(value)[rng.integers(len(value))]
         if rng.random() < 0.15:
@@ -224,7 +287,11 @@ def replaced(value, rng):
 
 @pytest.mark.parametrize("read", [read_table_dict, read_twin], ids=["table", "twin"])
 def test_tables_and_twins_with_anything_in_them(tmp_path, read):
-    whole = table_dict() if read is read_table_dict else twin_to_dict(TwinModel(imu_serial="SN-1", table="table.json"))
+    whole = (
+        table_dict()
+        if read is read_table_dict
+        else twin_to_dict(TwinModel(imu_serial="SN-1", table="table.json"))
+    )
     path, refused = tmp_path / "a.json", 0
     for k in range(160):
         rng = np.random.default_rng([7, k])
@@ -235,7 +302,11 @@ def test_tables_and_twins_with_anything_in_them(tmp_path, read):
             read(path)
         except InputError as error:
             refused += 1
-            assert str(error).startswith(str(path)) and "\n" not in str(error) and "\x1b" not in str(error)
+            assert (
+                str(error).startswith(str(path))
+                and "\n" not in str(error)
+                and "\x1b" not in str(error)
+            )
     assert 80 < refused < 160
 
 
@@ -246,7 +317,9 @@ def test_scenarios_with_anything_in_them(tmp_path):
     path, refused = tmp_path / "a.toml", 0
     for k in range(60):
         name = packaged_scenarios()[k % len(packaged_scenarios())]
-        data = (resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml").read_bytes()
+        data = (
+            resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml"
+        ).read_bytes()
         path.write_bytes(damage.damaged(data, np.random.default_rng([8, k])))
         try:
             read_scenario(path)
@@ -259,13 +332,20 @@ def test_scenarios_with_anything_in_them(tmp_path):
 def test_a_table_as_csv_of_any_size(tmp_path):
     (tmp_path / "a.csv").write_text("axis," * (MAX_TEXT_BYTES // 4))
     with pytest.raises(InputError, match=f"a.csv: more than {MAX_TEXT_BYTES} bytes"):
-        read_table_csv(tmp_path / "a.csv", imu_serial="S", gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z")
+        read_table_csv(
+            tmp_path / "a.csv",
+            imu_serial="S",
+            gyro_technology="rlg",
+            created_utc="2026-03-01T05:00:00Z",
+        )
 
 
 # Paths
 
 
-@pytest.mark.parametrize("name", ["../../etc/passwd", "/etc/passwd", "inside/../../table.json", "link.json", "a\0b"])
+@pytest.mark.parametrize(
+    "name", ["../../etc/passwd", "/etc/passwd", "inside/../../table.json", "link.json", "a\0b"]
+)
 def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     """Read, the first line of such a file would be shown in the complaint about it."""
     folder = tmp_path / "twin"
@@ -279,7 +359,9 @@ def test_a_twin_opens_nothing_but_its_own_table(tmp_path, name):
     app = typer.Typer()
     app.command()(diagnose_command)
     run = csv_run(tmp_path / "run")
-    said = CliRunner().invoke(app, [str(run), "--twin", str(folder / "twin.json"), "-o", str(tmp_path / "out")])
+    said = CliRunner().invoke(
+        app, [str(run), "--twin", str(folder / "twin.json"), "-o", str(tmp_path / "out")]
+    )
     assert isinstance(said.exception, InputError) and "leaves the folder" in str(said.exception)
     assert not (tmp_path / "out").exists()
 
@@ -288,7 +370,9 @@ def test_the_program_ends_with_one_line_and_code_3(tmp_path):
     """The command line as a whole, in a process of its own."""
     run = csv_run(tmp_path / "run")
     (run / "run.json").write_text("[" * DEEP)
-    said = subprocess.run([sys.executable, "-m", "recal", "check", str(run)], capture_output=True, text=True)
+    said = subprocess.run(
+        [sys.executable, "-m", "recal", "check", str(run)], capture_output=True, text=True
+    )
     assert said.returncode == 3 and "Traceback" not in said.stderr
     assert "run.json: not valid JSON (nested too deeply)" in said.stderr
     assert check_module.command.__doc__

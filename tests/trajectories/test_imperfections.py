@@ -1,4 +1,6 @@
-"""Noise terms as formats.md section 3 defines them: two-sided bounds, allantools and Welch as outside judges."""
+"""Noise terms as formats.md section 3 defines them: two-sided bounds, allantools and Welch as
+outside judges.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +30,8 @@ from trajectories.simulator.imperfections import (
 )
 
 SILENT = dict.fromkeys(
-    ("arw_deg_sqrt_h", "bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h", "turn_on_deg_h"), 0.0
+    ("arw_deg_sqrt_h", "bias_instability_deg_h", "rate_random_walk_deg_h_sqrt_h", "turn_on_deg_h"),
+    0.0,
 )
 FALSE_ALARM = 1e-4
 
@@ -51,7 +54,9 @@ def test_random_walk_of_angle_and_velocity(rate_hz):
 
 
 def test_flicker_has_its_spectrum():
-    """Two-sided PSD B^2 / (2 pi f): Welch gives twice that, within 4 % in every octave over 200 draws."""
+    """Two-sided PSD B^2 / (2 pi f): Welch gives twice that, within 4 % in every octave over 200
+    draws.
+    """
     rate, n, B = 10.0, 8192, 0.002
     rng = np.random.default_rng(2)
     draws = np.stack([flicker(rng, n, instability=B, rate_hz=rate) for _ in range(200)])
@@ -62,7 +67,9 @@ def test_flicker_has_its_spectrum():
 
 
 def test_flicker_reaches_down_to_a_quarter_of_the_run():
-    """Variance of the mean over the run: all power between 1/(4T) and 1/T is in, none below (closed form by sum)."""
+    """Variance of the mean over the run: all power between 1/(4T) and 1/T is in, none below (closed
+    form by sum).
+    """
     n, rate, B = 1000, 10.0, 1.0
     rng = np.random.default_rng(3)
     means = [np.mean(flicker(rng, n, instability=B, rate_hz=rate)) for _ in range(4000)]
@@ -80,14 +87,21 @@ def test_flicker_has_its_allan_floor():
     floors = []
     for _ in range(30):
         noise = flicker(rng, 16_384, instability=B, rate_hz=rate)
-        _, deviation, _, _ = allantools.oadev(noise, rate=rate, data_type="freq", taus=[32.0, 100.0, 320.0])
+        _, deviation, _, _ = allantools.oadev(
+            noise, rate=rate, data_type="freq", taus=[32.0, 100.0, 320.0]
+        )
         floors.append(deviation**2)
     np.testing.assert_allclose(np.sqrt(np.mean(floors, axis=0)) / B, 0.664, rtol=0.05)
 
 
 def test_rate_random_walk_grows_by_k_squared_a_second():
     rng = np.random.default_rng(5)
-    ends = np.array([random_walk(rng, 3601, density=0.002 / 60, rate_hz=1.0)[[0, 900, 3600]] for _ in range(3000)])
+    ends = np.array(
+        [
+            random_walk(rng, 3601, density=0.002 / 60, rate_hz=1.0)[[0, 900, 3600]]
+            for _ in range(3000)
+        ]
+    )
     assert not ends[:, 0].any()
     assert_variance(ends[:, 1], 0.002 * np.sqrt(0.25))
     assert_variance(ends[:, 2], 0.002)
@@ -99,7 +113,9 @@ def test_session_biases_take_turn_on_and_the_nominal_bias():
     gyro = [gyro_session_bias(rng, turn_on, 5, rate_hz=10.0) for _ in range(1000)]
     assert np.ptp(gyro, axis=1).max() == 0
     assert_variance(np.array(gyro)[:, 0], 0.003)
-    noise = AccelNoise(bias_ug=(10.0, -20.0, 5.0), bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0)
+    noise = AccelNoise(
+        bias_ug=(10.0, -20.0, 5.0), bias_instability_ug=0.0, rate_random_walk_ug_sqrt_h=0.0
+    )
     accel = np.array([accel_session_bias(rng, noise, 5, rate_hz=10.0)[0] for _ in range(1000)])
     assert_variance(accel - [10.0, -20.0, 5.0], 30.0)
     assert np.abs(np.corrcoef(accel.T)[0, 1]) < 0.15  # one constant an axis
@@ -114,13 +130,22 @@ def test_accelerometer_walk_has_the_unit_of_the_twin():
 
 def test_bias_scale_and_misalignment_enter_with_their_signs():
     """Bias adds to the reading; misalignment xy is the sensitivity of gyro x to rate about y."""
-    noise = GyroNoise(**SILENT, scale_factor_ppm=(100.0, 0.0, -50.0), misalignment_mrad=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    noise = GyroNoise(
+        **SILENT,
+        scale_factor_ppm=(100.0, 0.0, -50.0),
+        misalignment_mrad=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
+    )
     true = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     bias = np.full((3, 3), 0.01)
-    read = gyro_output(np.random.default_rng(8), true, bias, noise, dt_s=0.1) - 0.01 * DEG_PER_HOUR * 0.1
+    read = (
+        gyro_output(np.random.default_rng(8), true, bias, noise, dt_s=0.1)
+        - 0.01 * DEG_PER_HOUR * 0.1
+    )
     expected = [[1.0001, 1e-3, 2e-3], [3e-3, 1.0, 4e-3], [5e-3, 6e-3, 0.99995]]
     np.testing.assert_allclose(read.T, expected, atol=1e-15)
-    accel = accel_output(np.random.default_rng(8), 0 * true, 100 + 0 * true, AccelNoise(vrw_ug_sqrt_hz=0.0), dt_s=0.1)
+    accel = accel_output(
+        np.random.default_rng(8), 0 * true, 100 + 0 * true, AccelNoise(vrw_ug_sqrt_hz=0.0), dt_s=0.1
+    )
     np.testing.assert_allclose(accel, 100e-6 * 9.80665 * 0.1)
 
 
@@ -128,7 +153,11 @@ def test_quantization_is_of_the_accumulated_angle():
     quantum = 1e-6
     true = np.abs(np.random.default_rng(9).normal(3e-7, 1e-7, (20_000, 3)))
     read = gyro_output(
-        np.random.default_rng(9), true, 0 * true, GyroNoise(**SILENT, quantization_rad=quantum), dt_s=0.01
+        np.random.default_rng(9),
+        true,
+        0 * true,
+        GyroNoise(**SILENT, quantization_rad=quantum),
+        dt_s=0.01,
     )
     np.testing.assert_allclose(read / quantum, np.round(read / quantum), atol=1e-6)
     error = np.cumsum(read, axis=0) - np.cumsum(true, axis=0)
@@ -138,11 +167,17 @@ def test_quantization_is_of_the_accumulated_angle():
 
 def test_thermometer_is_noise_then_rounding():
     true = np.full(20_000, 20.0)
-    fine = thermometer(np.random.default_rng(10), true, TemperatureNoise(noise_degC=0.05, resolution_degC=0.0))
+    fine = thermometer(
+        np.random.default_rng(10), true, TemperatureNoise(noise_degC=0.05, resolution_degC=0.0)
+    )
     assert_variance(fine - 20.0, 0.05)
-    coarse = thermometer(np.random.default_rng(10), true + 0.3, TemperatureNoise(noise_degC=0.0, resolution_degC=1.0))
+    coarse = thermometer(
+        np.random.default_rng(10), true + 0.3, TemperatureNoise(noise_degC=0.0, resolution_degC=1.0)
+    )
     assert set(coarse) == {20.0}
-    both = thermometer(np.random.default_rng(10), true, TemperatureNoise(noise_degC=0.05, resolution_degC=0.01))
+    both = thermometer(
+        np.random.default_rng(10), true, TemperatureNoise(noise_degC=0.05, resolution_degC=0.01)
+    )
     np.testing.assert_allclose(both, np.round(both, 2), atol=1e-12)
     assert_variance(both - 20.0, np.sqrt(0.05**2 + 0.01**2 / 12))
 
@@ -150,7 +185,9 @@ def test_thermometer_is_noise_then_rounding():
 def test_gnss_and_odometer_sigmas():
     n, rng = 6000, np.random.default_rng(11)
     lat, height = np.full(n, 45 * DEG), np.full(n, 250.0)
-    true = GnssLog(time_s=np.arange(n), lat_rad=lat, lon_rad=0 * lat, height_m=height, v_n_m_s=np.zeros((n, 3)))
+    true = GnssLog(
+        time_s=np.arange(n), lat_rad=lat, lon_rad=0 * lat, height_m=height, v_n_m_s=np.zeros((n, 3))
+    )
     fix = gnss_output(rng, true, GnssNoise())
     assert_variance((fix.lat_rad - lat) * (6_367_382 + 250), 0.5)  # meridian radius at 45 deg
     assert_variance(fix.lon_rad * (6_388_838 + 250) * np.cos(45 * DEG), 0.5)

@@ -1,4 +1,6 @@
-"""Reading an imu stream in pieces: the same bits, faults, lines and hash as reading it whole, however it is cut."""
+"""Reading an imu stream in pieces: the same bits, faults, lines and hash as reading it whole,
+however it is cut.
+"""
 
 import gzip
 from dataclasses import replace
@@ -28,7 +30,9 @@ FIELDS = ("time_s", "dt_s", "dtheta_rad", "dv_m_s")
 
 
 def columns_of(kind: str = "increments", *, rows: int = ROWS) -> dict[str, np.ndarray]:
-    """A parked log at 100 Hz with jitter, a late stamp, and dropouts, one of them before the last row."""
+    """A parked log at 100 Hz with jitter, a late stamp, and dropouts, one of them before the last
+    row.
+    """
     log = imu_log(seconds=rows / 100)
     time_s = log.time_s + 2e-4 * np.random.default_rng(3).uniform(-1, 1, rows)
     time_s[200] += 0.006
@@ -67,7 +71,10 @@ def assert_same(a: ImuLog, b: ImuLog) -> None:
 def joined(pieces) -> ImuLog:
     pieces = list(pieces)
     assert min(piece.rows for piece in pieces) >= 2
-    return ImuLog(**{k: np.concatenate([getattr(p, k) for p in pieces]) for k in FIELDS}, source=pieces[0].source)
+    return ImuLog(
+        **{k: np.concatenate([getattr(p, k) for p in pieces]) for k in FIELDS},
+        source=pieces[0].source,
+    )
 
 
 @pytest.mark.parametrize("kind", ["increments", "rates"])
@@ -80,12 +87,23 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
     for cut in CUTS:
         source, same_faults, lines = read_source(path, piece_rows=cut, block_bytes=cut * 80)
         assert isinstance(source, ImuFile) and same_faults == faults and lines == []
-        assert (source.rows, source.start_s, source.end_s) == (whole.rows, whole.start_s, whole.end_s)
+        assert (source.rows, source.start_s, source.end_s) == (
+            whole.rows,
+            whole.start_s,
+            whole.end_s,
+        )
         assert source.rate_hz == whole.rate_hz and jitter(source) == jitter(whole)
         assert_same(source.whole(), whole)
         assert_same(joined(source.pieces()), whole)
-        spans = [(3.0, 3.2), (whole.time_s[592], whole.time_s[594]), (-1.0, 0.1), (11.0, 99.0), (5.0, 11.37)]
-        for start, end in spans if cut > 2 else spans[:2]:  # about the dropouts; row by row every one costs a second
+        spans = [
+            (3.0, 3.2),
+            (whole.time_s[592], whole.time_s[594]),
+            (-1.0, 0.1),
+            (11.0, 99.0),
+            (5.0, 11.37),
+        ]
+        # about the dropouts; row by row every one costs a second
+        for start, end in spans if cut > 2 else spans[:2]:
             assert_same(source.between(start, end), whole.between(start, end))
             assert_same(joined(source.pieces(start, end)), whole.between(start, end))
         assert list(source.pieces(50.0, 60.0)) == []
@@ -94,7 +112,9 @@ def test_pieces_hold_the_bits_of_the_whole(tmp_path, kind, ending):
 @pytest.mark.parametrize("group_rows", [1, 64, 593, 10**6])
 def test_row_groups_do_not_matter(tmp_path, group_rows):
     whole, faults, _ = opened(tmp_path / "a.parquet", columns_of(), held_rows=10**6)
-    source, same_faults, _ = opened(tmp_path / "b.parquet", columns_of(), group_rows=group_rows, piece_rows=333)
+    source, same_faults, _ = opened(
+        tmp_path / "b.parquet", columns_of(), group_rows=group_rows, piece_rows=333
+    )
     assert same_faults == faults
     assert_same(source.whole(), whole)
     assert_same(source.between(8.0, 9.0), whole.between(8.0, 9.0))
@@ -123,7 +143,12 @@ def test_the_hash_and_the_run_are_the_same(tmp_path, cut, monkeypatch):
 
 def regular_columns(rows: int = ROWS) -> dict[str, np.ndarray]:
     log = imu_log(seconds=rows / 100)
-    return dict(zip(("time_s", *INCREMENTS), [c.copy() for c in (log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T)]))
+    return dict(
+        zip(
+            ("time_s", *INCREMENTS),
+            [c.copy() for c in (log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T)],
+        )
+    )
 
 
 def back(columns, row):
@@ -148,12 +173,16 @@ def no_time(columns, row):
 
 
 def half_rate(columns, row):
-    columns["time_s"][row:] = columns["time_s"][row] + 0.02 * np.arange(columns["time_s"].size - row)
+    columns["time_s"][row:] = columns["time_s"][row] + 0.02 * np.arange(
+        columns["time_s"].size - row
+    )
 
 
 @pytest.mark.parametrize("damage", [back, repeat, gap, hole, no_time, half_rate])
 def test_a_fault_at_a_border_is_named_as_in_the_whole(tmp_path, damage):
-    """Row 601 (index 600) begins a piece of 300, ends one of 601, and stands alone in pieces of 1."""
+    """Row 601 (index 600) begins a piece of 300, ends one of 601, and stands alone in pieces of
+    1.
+    """
     for row in (600, 2, 1199):
         columns = regular_columns()
         damage(columns, row)
@@ -212,7 +241,16 @@ def broken_before_the_last(text):
 
 
 @pytest.mark.parametrize(
-    "change", [cut_off, broken_last, broken_last_and_cut, blank_lines, windows, broken_inside, broken_before_the_last]
+    "change",
+    [
+        cut_off,
+        broken_last,
+        broken_last_and_cut,
+        blank_lines,
+        windows,
+        broken_inside,
+        broken_before_the_last,
+    ],
 )
 @pytest.mark.parametrize("packed", [False, True])
 def test_text_says_the_same_in_blocks(tmp_path, change, packed):
@@ -235,7 +273,9 @@ def test_text_says_the_same_in_blocks(tmp_path, change, packed):
 
 
 def test_a_line_without_end_is_refused(tmp_path):
-    (tmp_path / "imu.csv").write_bytes(b"time_s," + b",".join(n.encode() for n in INCREMENTS) + b"\n" + b"1" * 5_000_000)
+    (tmp_path / "imu.csv").write_bytes(
+        b"time_s," + b",".join(n.encode() for n in INCREMENTS) + b"\n" + b"1" * 5_000_000
+    )
     _, _, lines = read_source(tmp_path / "imu.csv", block_bytes=1000)
     assert lines == ["imu.csv: a line of more than 1000000 bytes"]
 
@@ -244,8 +284,12 @@ def test_damaged_parquet_is_named(tmp_path):
     """Cut off: not a Parquet file. A flipped page: which column."""
     path = tmp_path / "imu.parquet"
     rng = np.random.default_rng(1)
-    columns = {"time_s": imu_log().time_s} | {name: rng.standard_normal(4000) for name in INCREMENTS}
-    pq.write_table(pa.table(columns), path, row_group_size=1000, compression="zstd", use_dictionary=False)
+    columns = {"time_s": imu_log().time_s} | {
+        name: rng.standard_normal(4000) for name in INCREMENTS
+    }
+    pq.write_table(
+        pa.table(columns), path, row_group_size=1000, compression="zstd", use_dictionary=False
+    )
     data = path.read_bytes()
     meta = pq.ParquetFile(path).metadata.row_group(2).column(5)
     path.write_bytes(data[:-100])
@@ -274,7 +318,9 @@ def test_intervals_have_the_order_statistics_of_the_array():
         made = parts[0].joined(parts[1]).joined(parts[2])
         assert made.nominal_s == np.median(step)
         kept = step[step <= 1.5 * np.median(step)]
-        assert made.jitter == pytest.approx(np.percentile(np.abs(kept / np.median(step) - 1), 99), rel=1e-12, abs=1e-15)
+        assert made.jitter == pytest.approx(
+            np.percentile(np.abs(kept / np.median(step) - 1), 99), rel=1e-12, abs=1e-15
+        )
 
 
 @pytest.mark.parametrize("cut", [50, 1000, 1001])
@@ -290,15 +336,22 @@ def test_the_first_rest_and_a_correction_do_not_see_the_pieces(tmp_path, cut):
     def correct(piece):
         bias = 1e-6 * np.stack([np.sin(piece.time_s + k) for k in range(3)], axis=1)
         return compensate(
-            piece, gyro_bias_rad_s=bias, gyro_scale_factor_ppm=(50.0, -20.0, 7.0),
+            piece,
+            gyro_bias_rad_s=bias,
+            gyro_scale_factor_ppm=(50.0, -20.0, 7.0),
             gyro_misalignment_mrad=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6),
-        )  # fmt: skip
+        )
 
     seen = corrected(source, correct)
     assert isinstance(seen, CorrectedImu)
     assert_same(joined(seen.pieces()), corrected(whole, correct))
     assert_same(seen.between(3.0, 9.0), corrected(whole, correct).between(3.0, 9.0))
-    assert (seen.rows, seen.start_s, seen.end_s, seen.rate_hz) == (whole.rows, whole.start_s, whole.end_s, whole.rate_hz)
+    assert (seen.rows, seen.start_s, seen.end_s, seen.rate_hz) == (
+        whole.rows,
+        whole.start_s,
+        whole.end_s,
+        whole.rate_hz,
+    )
 
 
 def test_the_hash_does_not_see_the_format(tmp_path):

@@ -21,13 +21,22 @@ from trajectories.simulator.segments import (
 )
 
 FLIGHT = [
-    Park(duration_s=30.0), Turn(angle_deg=-90.0), TakeOff(), Climb(height_m=1000.0), TurnFlight(angle_deg=200.0),
-    Cruise(duration_s=60.0, speed_m_s=180.0), Descend(height_m=300.0), Landing(), Stop(duration_s=5.0),
     Park(duration_s=30.0),
-]  # fmt: skip
+    Turn(angle_deg=-90.0),
+    TakeOff(),
+    Climb(height_m=1000.0),
+    TurnFlight(angle_deg=200.0),
+    Cruise(duration_s=60.0, speed_m_s=180.0),
+    Descend(height_m=300.0),
+    Landing(),
+    Stop(duration_s=5.0),
+    Park(duration_s=30.0),
+]
 
 
-@pytest.mark.parametrize("channel", ["speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne"])
+@pytest.mark.parametrize(
+    "channel", ["speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne"]
+)
 def test_value_rate_and_acceleration_join_at_every_break(channel):
     profile = getattr(lay(FLIGHT), channel)
     for derivative in range(3):
@@ -49,10 +58,16 @@ def test_flight_returns_to_the_field_and_turns_by_the_sum_of_its_turns():
 
 
 def test_turn_keeps_its_radius_and_acceleration_its_limit():
-    motion = lay([Turn(angle_deg=180.0, radius_m=30.0, speed_m_s=5.0, acceleration_m_s2=0.4), Stop(duration_s=1.0)])
+    motion = lay(
+        [
+            Turn(angle_deg=180.0, radius_m=30.0, speed_m_s=5.0, acceleration_m_s2=0.4),
+            Stop(duration_s=1.0),
+        ]
+    )
     t = np.linspace(0, motion.end_s, 20_001)
     assert np.max(motion.course_rate_rad_s(t)) == pytest.approx(5.0 / 30.0)
-    assert np.max(np.abs(motion.speed_m_s.derivative()(t))) == pytest.approx(0.6, rel=1e-4)  # the stop's default
+    # the stop's default
+    assert np.max(np.abs(motion.speed_m_s.derivative()(t))) == pytest.approx(0.6, rel=1e-4)
     assert np.max(motion.speed_m_s.derivative()(t)) == pytest.approx(0.4, rel=1e-4)
 
 
@@ -64,7 +79,16 @@ def test_short_turn_does_not_overshoot():
 def test_phases_cover_the_run_without_holes():
     motion = lay(FLIGHT, alignment_s=10.0)
     names = [p.phase for p in motion.phases]
-    assert names == ["alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "taxi", "parked"]
+    assert names == [
+        "alignment",
+        "extended_alignment",
+        "taxi",
+        "takeoff",
+        "flight",
+        "landing",
+        "taxi",
+        "parked",
+    ]
     assert motion.phases[0].end_s == 10.0 and motion.phases[-1].end_s == motion.end_s
     assert all(a.end_s == b.start_s for a, b in zip(motion.phases, motion.phases[1:]))
 
@@ -94,7 +118,9 @@ def test_reference_motions_park_70_minutes_with_10_of_alignment(name):
 
 
 def test_realistic_taxi_is_that_of_the_requirements():
-    """Legs after turns of +90, +90, -90 deg, 120 s each at 9-10 m/s, stops of 60, 120 and 60 s after them."""
+    """Legs after turns of +90, +90, -90 deg, 120 s each at 9-10 m/s, stops of 60, 120 and 60 s
+    after them.
+    """
     _, motion = reference_motion("realistic_taxi")
     stops = [(a, b) for a, b in motion.rest if a > 4200.0]
     np.testing.assert_allclose([b - a for a, b in stops], [60.0, 120.0, 60.0])
@@ -105,7 +131,9 @@ def test_realistic_taxi_is_that_of_the_requirements():
 
 
 def test_pivot_turns_without_rolling():
-    motion = lay([Park(duration_s=10.0), Pivot(angle_deg=-90.0, duration_s=60.0), Park(duration_s=10.0)])
+    motion = lay(
+        [Park(duration_s=10.0), Pivot(angle_deg=-90.0, duration_s=60.0), Park(duration_s=10.0)]
+    )
     assert np.all(motion.speed_m_s(np.linspace(0, 80, 801)) == 0)
     assert motion.course_rad(75.0) == pytest.approx(-90 * DEG) and motion.end_s == 80.0
 

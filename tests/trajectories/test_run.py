@@ -1,4 +1,6 @@
-"""Run directories: what is written comes back bit for bit, whole or not at all, and truth stays apart."""
+"""Run directories: what is written comes back bit for bit, whole or not at all, and truth stays
+apart.
+"""
 
 import gzip
 import json
@@ -43,7 +45,10 @@ def test_written_runs_come_back_bit_for_bit(tmp_path, fmt):
     write_run(tmp_path / "first", full_run(), reference=reference_log(), fmt=fmt)
     first = read_run(tmp_path / "first")
     assert first.header == header()
-    assert all(np.array_equal(getattr(first.imu, k), getattr(imu_log(), k)) for k in ("time_s", "dtheta_rad", "dv_m_s"))
+    assert all(
+        np.array_equal(getattr(first.imu, k), getattr(imu_log(), k))
+        for k in ("time_s", "dtheta_rad", "dv_m_s")
+    )
     assert same(first.temperature, full_run().temperature)
     assert first.phases == full_run().phases
     write_run(tmp_path / "second", first, fmt=fmt)
@@ -66,7 +71,9 @@ def test_a_run_never_carries_its_reference(tmp_path):
 
 
 @settings(max_examples=40, deadline=None)
-@given(st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=1, max_size=20))
+@given(
+    st.lists(st.floats(allow_nan=False, allow_infinity=False, width=64), min_size=1, max_size=20)
+)
 def test_no_digit_is_lost_in_a_stream_file(tmp_path_factory, values):
     folder = tmp_path_factory.mktemp("streams")
     for ending in ("parquet", "csv", "csv.gz"):
@@ -76,7 +83,10 @@ def test_no_digit_is_lost_in_a_stream_file(tmp_path_factory, values):
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.integers(min_value=-360 * 10**8, max_value=360 * 10**8), st.floats(min_value=-360, max_value=360))
+@given(
+    st.integers(min_value=-360 * 10**8, max_value=360 * 10**8),
+    st.floats(min_value=-360, max_value=360),
+)
 def test_degrees_of_a_file_survive_radians(typed, stored):
     """A typed decimal comes back as typed; any stored number gives the same radians again."""
     assert degrees_exact(typed / 1e8 * DEG) == typed / 1e8
@@ -91,7 +101,9 @@ def test_typed_positions_stay_typed():
 
 
 def test_missing_values_are_empty_in_csv_and_nan_in_memory(tmp_path):
-    write_columns(tmp_path / "a.csv", {"time_s": np.array([1.0, 2.0]), "block_degC": np.array([np.nan, 20.5])})
+    write_columns(
+        tmp_path / "a.csv", {"time_s": np.array([1.0, 2.0]), "block_degC": np.array([np.nan, 20.5])}
+    )
     assert (tmp_path / "a.csv").read_text() == "time_s,block_degC\n1,\n2,20.5\n"
     assert np.isnan(StreamFile(tmp_path / "a.csv").column("block_degC")[0])
 
@@ -116,12 +128,16 @@ def test_uneven_rates_are_integrated_with_the_logged_interval(tmp_path):
     (path / "imu.csv").unlink()
     write_columns(path / "imu.parquet", columns)
     imu = read_run(path).imu
-    np.testing.assert_allclose(imu.dv_m_s[1:].sum(axis=0), F_B * (time_s[-1] - time_s[0]), rtol=1e-12)
+    np.testing.assert_allclose(
+        imu.dv_m_s[1:].sum(axis=0), F_B * (time_s[-1] - time_s[0]), rtol=1e-12
+    )
 
 
 def test_the_hash_knows_the_recording_not_its_packing(tmp_path):
     write_run(tmp_path / "a", full_run(), fmt="parquet")
-    write_run(tmp_path / "b", full_run(header=header(run_id="R2", tail="other"), phases=()), fmt="csv")
+    write_run(
+        tmp_path / "b", full_run(header=header(run_id="R2", tail="other"), phases=()), fmt="csv"
+    )
     put_lines(tmp_path / "b" / "imu.csv", [row[::-1] for row in lines(tmp_path / "b" / "imu.csv")])
     known = read_run(tmp_path / "a").sha256
     assert read_run(tmp_path / "b").sha256 == known
@@ -183,8 +199,12 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
     write_run(tmp_path / "run", full_run(header=header(run_id="R2"), gnss=None), fmt="csv")
     assert read_run(tmp_path / "run").header.run_id == "R2"
     assert sorted(p.name for p in (tmp_path / "run").iterdir()) == [
-        "imu.csv", "odometer.csv", "phases.csv", "run.json", "temperature.csv",
-    ]  # fmt: skip
+        "imu.csv",
+        "odometer.csv",
+        "phases.csv",
+        "run.json",
+        "temperature.csv",
+    ]
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
     (tmp_path / "empty").mkdir()
     write_run(tmp_path / "empty", full_run())
@@ -192,14 +212,20 @@ def test_a_run_is_replaced_but_nothing_else_is(tmp_path):
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos" / "imu.csv").write_text("mine")
     (tmp_path / "file").write_text("mine")
-    for name, why in (("run", "holds notes.txt"), ("photos", "holds no run.json"), ("file", "not a run directory")):
+    for name, why in (
+        ("run", "holds notes.txt"),
+        ("photos", "holds no run.json"),
+        ("file", "not a run directory"),
+    ):
         with pytest.raises(InputError, match=why):
             write_run(tmp_path / name, full_run())
     assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_repaired_stretches_are_listed(tmp_path):
-    """Lost rows, missing temperatures, fixes without a position: reading goes on, each is in faults."""
+    """Lost rows, missing temperatures, fixes without a position: reading goes on, each is in
+    faults.
+    """
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
@@ -217,7 +243,9 @@ def test_repaired_stretches_are_listed(tmp_path):
 
 
 def test_increments_cover_a_dropout(tmp_path):
-    """Ten lost rows would be 1 m/s of lost gravity; a logger that keeps summing must not be counted twice."""
+    """Ten lost rows would be 1 m/s of lost gravity; a logger that keeps summing must not be counted
+    twice.
+    """
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1011:])
@@ -225,7 +253,9 @@ def test_increments_cover_a_dropout(tmp_path):
     np.testing.assert_allclose(lost.dv_m_s.sum(axis=0), F_B * 40.0, atol=1e-3)
     np.testing.assert_allclose(lost.dtheta_rad.sum(axis=0), W_B * 40.0, atol=5e-6)
     summed = np.array(rows[1001:1012], dtype=float)[:, 1:].sum(axis=0)
-    put_lines(path / "imu.csv", rows[:1001] + [[rows[1011][0], *map(repr, summed.tolist())]] + rows[1012:])
+    put_lines(
+        path / "imu.csv", rows[:1001] + [[rows[1011][0], *map(repr, summed.tolist())]] + rows[1012:]
+    )
     kept = read_run(path).imu
     np.testing.assert_allclose(kept.dv_m_s[1000], summed[3:], rtol=1e-15)
 
@@ -258,7 +288,9 @@ def test_a_cut_off_file_is_read_up_to_the_cut(tmp_path):
 
 def test_conversion_record_and_unknown_keys_do_not_stop_reading(tmp_path):
     write_run(tmp_path / "run", full_run(), conversion={"source": "a.bin"})
-    assert json.loads((tmp_path / "run" / "run.json").read_text())["conversion"] == {"source": "a.bin"}
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["conversion"] == {
+        "source": "a.bin"
+    }
     edit_json(tmp_path / "run", lambda data: data.update(weather="rain"))
     assert read_run(tmp_path / "run").header == header()
 
@@ -268,7 +300,9 @@ def test_minimal_run(tmp_path):
     path = tmp_path / "run"
     write_run(path, Run(header=header(), imu=imu_log(seconds=5)))
     site = {"lat_deg": 30, "lon_deg": 7, "height_m": 250}
-    edit_json(path, lambda data: (data.pop("survey"), data.pop("gyro_mode"), data.update(site=site)))
+    edit_json(
+        path, lambda data: (data.pop("survey"), data.pop("gyro_mode"), data.update(site=site))
+    )
     read = read_run(path)
     assert read.header.site == SITE
     assert read.temperature is None and read.gnss is None and read.phases == ()
@@ -278,5 +312,6 @@ def test_phases_come_in_order_of_time(tmp_path):
     path = csv_run(tmp_path / "run")
     (path / "phases.csv").write_text("start_s,phase,end_s\n30,taxi,40\n0,alignment,30")
     assert read_run(path).phases == (
-        Phase(phase="alignment", start_s=0, end_s=30), Phase(phase="taxi", start_s=30, end_s=40),
-    )  # fmt: skip
+        Phase(phase="alignment", start_s=0, end_s=30),
+        Phase(phase="taxi", start_s=30, end_s=40),
+    )

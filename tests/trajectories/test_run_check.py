@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from ins.records import InputError
-from tests.trajectories.run_cases import csv_run, edit_json, lines, put_lines, scale_columns, set_cell
+from tests.trajectories.run_cases import (
+    csv_run,
+    edit_json,
+    lines,
+    put_lines,
+    scale_columns,
+    set_cell,
+)
 from trajectories.runs.directory import inspect_run, read_run
 
 
@@ -23,21 +30,69 @@ def rename(path, old, new):
 
 
 CELLS = [
-    ("imu", 10, "dtheta_z_rad", "nan", r"imu\.csv: row 10 \(line 11\): column dtheta_z_rad: got nan"),
+    (
+        "imu",
+        10,
+        "dtheta_z_rad",
+        "nan",
+        r"imu\.csv: row 10 \(line 11\): column dtheta_z_rad: got nan",
+    ),
     ("imu", 10, "dv_x_m_s", "", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got nan"),
     ("imu", 10, "dv_x_m_s", "-inf", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got -inf"),
     ("imu", 10, "dv_x_m_s", "1,5", r"imu\.csv: row 10 \(line 11\): 8 values, needed 7"),
-    ("imu", 10, "dv_x_m_s", "abc", r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got 'abc', needed a number"),
-    ("imu", 10, "time_s", "0.05", r"imu\.csv: row 10 \(line 11\): column time_s: 0\.05 s goes back from 0\.09 s"),
+    (
+        "imu",
+        10,
+        "dv_x_m_s",
+        "abc",
+        r"imu\.csv: row 10 \(line 11\): column dv_x_m_s: got 'abc', needed a number",
+    ),
+    (
+        "imu",
+        10,
+        "time_s",
+        "0.05",
+        r"imu\.csv: row 10 \(line 11\): column time_s: 0\.05 s goes back from 0\.09 s",
+    ),
     ("imu", 10, "time_s", "0.09", r"imu\.csv: row 10 \(line 11\): column time_s: 0\.09 s repeats"),
     ("imu", 10, "time_s", "nan", r"imu\.csv: row 10 \(line 11\): column time_s: got nan"),
-    ("temperature", 4, "time_s", "1", r"temperature\.csv: row 4 \(line 5\): column time_s: 1 s goes back from 2 s"),
-    ("temperature", 4, "gyro_x_degC", "warm", r"temperature\.csv: row 4 \(line 5\): column gyro_x_degC: got 'warm'"),
-    ("gnss", 4, "lat_deg", "91", r"gnss\.csv: row 4 \(line 5\): column lat_deg: got 91, needed -90 to 90"),
+    (
+        "temperature",
+        4,
+        "time_s",
+        "1",
+        r"temperature\.csv: row 4 \(line 5\): column time_s: 1 s goes back from 2 s",
+    ),
+    (
+        "temperature",
+        4,
+        "gyro_x_degC",
+        "warm",
+        r"temperature\.csv: row 4 \(line 5\): column gyro_x_degC: got 'warm'",
+    ),
+    (
+        "gnss",
+        4,
+        "lat_deg",
+        "91",
+        r"gnss\.csv: row 4 \(line 5\): column lat_deg: got 91, needed -90 to 90",
+    ),
     ("gnss", 4, "time_s", "2", r"gnss\.csv: row 4 \(line 5\): column time_s: 2 s repeats"),
-    ("gnss", 4, "sigma_velocity_m_s", "-1", r"gnss\.csv: row 4 .*sigma_velocity_m_s: got -1, needed more than 0"),
+    (
+        "gnss",
+        4,
+        "sigma_velocity_m_s",
+        "-1",
+        r"gnss\.csv: row 4 .*sigma_velocity_m_s: got -1, needed more than 0",
+    ),
     ("odometer", 4, "time_s", "0", r"odometer\.csv: row 4 \(line 5\): column time_s"),
-    ("phases", 2, "phase", "flying", r"phases\.csv: row 2 \(line 3\): phase 'flying', needed one of alignment"),
+    (
+        "phases",
+        2,
+        "phase",
+        "flying",
+        r"phases\.csv: row 2 \(line 3\): phase 'flying', needed one of alignment",
+    ),
     ("phases", 2, "end_s", "20", r"phases\.csv: row 2 \(line 3\): phase parked: ends at 20"),
     ("phases", 2, "end_s", "", r"phases\.csv: row 2 \(line 3\): got 'parked"),
 ]
@@ -52,16 +107,56 @@ def test_a_wrong_value_is_named(path, stream, row, column, value, line):
 
 
 COLUMNS = [
-    ("imu", "dtheta_x_rad", "dtheta_x_deg", r"unknown column dtheta_x_deg: the unit must be as in dtheta_x_rad"),
-    ("imu", "dtheta_x_rad", "gyro_x_deg_h", r"unknown column gyro_x_deg_h: the unit must be as in gyro_x_rad_s"),
-    ("imu", "dtheta_x_rad", "gyro_x_rad_s", r"imu\.csv: column gyro_x_rad_s beside dtheta_y_rad: needed either"),
+    (
+        "imu",
+        "dtheta_x_rad",
+        "dtheta_x_deg",
+        r"unknown column dtheta_x_deg: the unit must be as in dtheta_x_rad",
+    ),
+    (
+        "imu",
+        "dtheta_x_rad",
+        "gyro_x_deg_h",
+        r"unknown column gyro_x_deg_h: the unit must be as in gyro_x_rad_s",
+    ),
+    (
+        "imu",
+        "dtheta_x_rad",
+        "gyro_x_rad_s",
+        r"imu\.csv: column gyro_x_rad_s beside dtheta_y_rad: needed either",
+    ),
     ("imu", "dv_z_m_s", "dv_y_m_s", r"imu\.csv: column dv_y_m_s appears twice"),
     ("imu", "time_s", "", r"imu\.csv: column '' is a table index"),
-    ("imu", "time_s", "time_us", r"imu\.csv: unknown column time_us: the unit must be as in time_s"),
-    ("temperature", "gyro_x_degC", "gyro_x_K", r"unknown column gyro_x_K: the unit must be as in gyro_x_degC"),
-    ("temperature", "gradient_x_degC", "ambient_degC", r"column gradient_y_degC needs all of gradient_x_degC"),
-    ("gnss", "lat_deg", "lat_rad", r"gnss\.csv: unknown column lat_rad: the unit must be as in lat_deg"),
-    ("odometer", "speed_m_s", "speed_kt", r"odometer\.csv: unknown column speed_kt: the unit must be as in speed_m_s"),
+    (
+        "imu",
+        "time_s",
+        "time_us",
+        r"imu\.csv: unknown column time_us: the unit must be as in time_s",
+    ),
+    (
+        "temperature",
+        "gyro_x_degC",
+        "gyro_x_K",
+        r"unknown column gyro_x_K: the unit must be as in gyro_x_degC",
+    ),
+    (
+        "temperature",
+        "gradient_x_degC",
+        "ambient_degC",
+        r"column gradient_y_degC needs all of gradient_x_degC",
+    ),
+    (
+        "gnss",
+        "lat_deg",
+        "lat_rad",
+        r"gnss\.csv: unknown column lat_rad: the unit must be as in lat_deg",
+    ),
+    (
+        "odometer",
+        "speed_m_s",
+        "speed_kt",
+        r"odometer\.csv: unknown column speed_kt: the unit must be as in speed_m_s",
+    ),
     ("phases", "end_s", "stop", r"phases\.csv: unknown column stop"),
 ]
 
@@ -74,19 +169,43 @@ def test_a_wrong_column_is_named(path, stream, old, new, line):
 
 
 KEYS = [
-    (lambda d: d["site"].update(lat_deg=91), r"run\.json: site\.lat_deg: got 91, needed at most 90"),
-    (lambda d: d["site"].update(lat_deg="45"), r'run\.json: site\.lat_deg: got "45", needed a number'),
+    (
+        lambda d: d["site"].update(lat_deg=91),
+        r"run\.json: site\.lat_deg: got 91, needed at most 90",
+    ),
+    (
+        lambda d: d["site"].update(lat_deg="45"),
+        r'run\.json: site\.lat_deg: got "45", needed a number',
+    ),
     (lambda d: d["site"].update(height_m=float("nan")), r"run\.json: not valid JSON \(NaN"),
     (lambda d: d["site"].pop("lon_deg"), r"run\.json: key site\.lon_deg is missing"),
     (lambda d: d.pop("imu_serial"), r"run\.json: key imu_serial is missing"),
     (lambda d: d.update(imu_serial=""), r"run\.json: imu_serial"),
     (lambda d: d.update(imu_serial="a\nb"), r"run\.json: imu_serial"),
-    (lambda d: d.update(gyro_technology="laser"), r'run\.json: gyro_technology: got "laser", needed rlg, fog or mems'),
-    (lambda d: d.update(schema="recal.run/2"), r'run\.json: schema: got "recal.run/2", needed "recal.run/1"'),
-    (lambda d: d.update(start_utc="2026-03-01T05:00:00"), r"run\.json: start_utc: .* needed a UTC time"),
-    (lambda d: d.update(applied_table_sha256="abc"), r'run\.json: applied_table_sha256: got "abc", needed null or 64 hex'),
-    (lambda d: d["lever_arms_m"].update(gnss=[1, 2]), r"run\.json: lever_arms_m\.gnss: got \[1, 2\], needed at least 3 values"),
-    (lambda d: d["survey"].update(sigma_heading_deg=None), r"needed sigma_heading_deg beside heading_deg"),
+    (
+        lambda d: d.update(gyro_technology="laser"),
+        r'run\.json: gyro_technology: got "laser", needed rlg, fog or mems',
+    ),
+    (
+        lambda d: d.update(schema="recal.run/2"),
+        r'run\.json: schema: got "recal.run/2", needed "recal.run/1"',
+    ),
+    (
+        lambda d: d.update(start_utc="2026-03-01T05:00:00"),
+        r"run\.json: start_utc: .* needed a UTC time",
+    ),
+    (
+        lambda d: d.update(applied_table_sha256="abc"),
+        r'run\.json: applied_table_sha256: got "abc", needed null or 64 hex',
+    ),
+    (
+        lambda d: d["lever_arms_m"].update(gnss=[1, 2]),
+        r"run\.json: lever_arms_m\.gnss: got \[1, 2\], needed at least 3 values",
+    ),
+    (
+        lambda d: d["survey"].update(sigma_heading_deg=None),
+        r"needed sigma_heading_deg beside heading_deg",
+    ),
 ]
 
 
@@ -99,14 +218,21 @@ def test_a_wrong_key_is_named(path, change, line):
 
 @pytest.mark.parametrize(
     ("text", "line"),
-    [("{", "not valid JSON"), ("[1]", "holds [1], needed an object"), ('{"a": 1, "a": 2}', "key 'a' appears twice"),
-     ("[" * 100_000, "not valid JSON"), (json.dumps({"a": "x" * 5_000_000}), "needed at most"),
-     ('{"schema": "recal.run/1", "site": {"lat_deg": 1e999}}', "site.lat_deg")],
-)  # fmt: skip
+    [
+        ("{", "not valid JSON"),
+        ("[1]", "holds [1], needed an object"),
+        ('{"a": 1, "a": 2}', "key 'a' appears twice"),
+        ("[" * 100_000, "not valid JSON"),
+        (json.dumps({"a": "x" * 5_000_000}), "needed at most"),
+        ('{"schema": "recal.run/1", "site": {"lat_deg": 1e999}}', "site.lat_deg"),
+    ],
+)
 def test_hostile_json_is_refused(path, text, line):
     (path / "run.json").write_text(text)
     findings = inspect_run(path).findings
-    assert any(f.level == "error" and f.text.startswith("run.json") and line in f.text for f in findings), findings
+    assert any(
+        f.level == "error" and f.text.startswith("run.json") and line in f.text for f in findings
+    ), findings
 
 
 def test_files_are_named_when_missing_doubled_or_damaged(path, tmp_path):
@@ -135,17 +261,28 @@ def test_links_out_of_the_run_are_refused(path, tmp_path):
 def test_a_gap_is_named_with_its_length(path):
     rows = lines(path / "imu.csv")
     put_lines(path / "imu.csv", rows[:1001] + rows[1151:])
-    with pytest.raises(InputError, match=r"imu\.csv: row 1001 \(line 1002\): gap of 1\.510 s before it"):
+    with pytest.raises(
+        InputError, match=r"imu\.csv: row 1001 \(line 1002\): gap of 1\.510 s before it"
+    ):
         read_run(path)
 
 
-@pytest.mark.parametrize(("part", "line"), [
-    (lambda rows: rows[:2001] + rows[2001::2], r"row 2001 .*: rate changes from 100 to 50 Hz at 20\.0"),
-    (lambda rows: [rows[0], *rows[1::12]], r"rate 8\.333 Hz, needed 10 to 2000 Hz"),
-    (lambda rows: [rows[0], *([repr(float(r[0]) / 30), *r[1:]] for r in rows[1:])], r"rate 3000 Hz, needed"),
-    (lambda rows: rows[:2], r"1 rows, needed at least 2"),
-    (lambda rows: rows[:1], r"imu\.csv: no rows"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("part", "line"),
+    [
+        (
+            lambda rows: rows[:2001] + rows[2001::2],
+            r"row 2001 .*: rate changes from 100 to 50 Hz at 20\.0",
+        ),
+        (lambda rows: [rows[0], *rows[1::12]], r"rate 8\.333 Hz, needed 10 to 2000 Hz"),
+        (
+            lambda rows: [rows[0], *([repr(float(r[0]) / 30), *r[1:]] for r in rows[1:])],
+            r"rate 3000 Hz, needed",
+        ),
+        (lambda rows: rows[:2], r"1 rows, needed at least 2"),
+        (lambda rows: rows[:1], r"imu\.csv: no rows"),
+    ],
+)
 def test_a_wrong_rate_is_named(path, part, line):
     put_lines(path / "imu.csv", part(lines(path / "imu.csv")))
     with pytest.raises(InputError, match=line):
@@ -159,12 +296,27 @@ def test_a_second_of_double_rate_is_not_a_rate_change(path):
 
 
 GATES = [
-    ("dv_", 1 / 9.80665, r"mean \|f\| at rest is 0\.9\d+ m/s2, needed 9\.8: g\? multiply by 9\.80665"),
+    (
+        "dv_",
+        1 / 9.80665,
+        r"mean \|f\| at rest is 0\.9\d+ m/s2, needed 9\.8: g\? multiply by 9\.80665",
+    ),
     ("dv_", 1000.0, r"mm/s2\? divide by 1000"),
-    ("dv_", 100.0, r"m/s2 in columns of increments\? name them accel_x_m_s2 \.\.\.; or .*cm/s2\? divide by 100"),
+    (
+        "dv_",
+        100.0,
+        (
+            r"m/s2 in columns of increments\? name them accel_x_m_s2 \.\.\.; or .*cm/s2\? divide"
+            r" by 100"
+        ),
+    ),
     ("dv_", 0.9, r"needed 9\.8 within 2 %: unit or scale"),
     ("dv_", 0.0, r"gravity removed"),
-    ("dv_", -1.0, r"\+9\.79\d m/s2 on z, needed about -9\.8 on z \(z must point down\): .*accelerometer sign"),
+    (
+        "dv_",
+        -1.0,
+        r"\+9\.79\d m/s2 on z, needed about -9\.8 on z \(z must point down\): .*accelerometer sign",
+    ),
     ("dtheta_", 57.29578, r"mean \|w\| at rest is 8\d\d\.\d deg/h, .* deg/s\? multiply by pi/180"),
     ("dtheta_", 206264.8, r"deg/h\? multiply by 4\.848"),
     ("dtheta_", 1000.0, r"mrad/s\? divide by 1000"),
@@ -182,16 +334,23 @@ def test_units_and_signs_are_found_at_rest(path, prefix, factor, line):
 def test_increments_named_as_rates_are_found(path):
     rename(path / "imu.csv", "dtheta", "gyro")
     rows = lines(path / "imu.csv")
-    names = [n.replace("_rad", "_rad_s") if "gyro" in n else n.replace("dv", "accel") + "2" for n in rows[0][1:]]
+    names = [
+        n.replace("_rad", "_rad_s") if "gyro" in n else n.replace("dv", "accel") + "2"
+        for n in rows[0][1:]
+    ]
     put_lines(path / "imu.csv", [["time_s", *names], *rows[1:]])
-    with pytest.raises(InputError, match=r"velocity increments in columns of rates\? name them dv_x_m_s"):
+    with pytest.raises(
+        InputError, match=r"velocity increments in columns of rates\? name them dv_x_m_s"
+    ):
         read_run(path)
 
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_axis_map_named_for_a_wrong_installation_puts_it_right(path, axis, sign):
-    """Turn the unit so that another axis points down or up; the map in the message turns it back, right-handed."""
+    """Turn the unit so that another axis points down or up; the map in the message turns it back,
+    right-handed.
+    """
     k = "xy".index(axis)
     turn = [2, 1, 0] if axis == "x" else [0, 2, 1]
     rows = lines(path / "imu.csv")
@@ -200,10 +359,15 @@ def test_the_axis_map_named_for_a_wrong_installation_puts_it_right(path, axis, s
         body = raw[:, at : at + 3].copy()
         raw[:, at : at + 3] = body[:, turn] * np.where(np.arange(3) == k, -sign, 1)
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
-    with pytest.raises(InputError, match=rf"{'[+]' if sign > 0 else '-'}9\.79\d m/s2 on {axis}") as e:
+    with pytest.raises(
+        InputError, match=rf"{'[+]' if sign > 0 else '-'}9\.79\d m/s2 on {axis}"
+    ) as e:
         read_run(path)
     text = str(e.value)
-    told = dict(part.split(" = ") for part in text[text.index("axes ") + 5 : text.index(" would")].split(", "))
+    told = dict(
+        part.split(" = ")
+        for part in text[text.index("axes ") + 5 : text.index(" would")].split(", ")
+    )
     M = np.zeros((3, 3))
     for i, name in enumerate("xyz"):
         raw_axis = told[name].strip('"')
@@ -226,22 +390,34 @@ def test_tilted_and_biased_units_pass(path):
     raw = np.array(rows[1:], dtype=float)
     c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
     tilt = np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
-    raw[:, 1:4], raw[:, 4:7] = raw[:, 1:4] @ tilt.T + np.radians(1 / 3600) / 100, raw[:, 4:7] @ tilt.T
+    raw[:, 1:4], raw[:, 4:7] = (
+        raw[:, 1:4] @ tilt.T + np.radians(1 / 3600) / 100,
+        raw[:, 4:7] @ tilt.T,
+    )
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
     assert inspect_run(path).findings == ()
 
 
-@pytest.mark.parametrize(("technology", "bias_deg_h", "tolerance"), [("rlg", 3.0, 2), ("fog", 6.0, 5), ("mems", 9472.0, 150)])
-def test_a_rate_at_rest_that_hides_the_earth_is_a_warning_with_the_number(path, technology, bias_deg_h, tolerance):
+@pytest.mark.parametrize(
+    ("technology", "bias_deg_h", "tolerance"),
+    [("rlg", 3.0, 2), ("fog", 6.0, 5), ("mems", 9472.0, 150)],
+)
+def test_a_rate_at_rest_that_hides_the_earth_is_a_warning_with_the_number(
+    path, technology, bias_deg_h, tolerance
+):
     edit_json(path, lambda d: d.update(gyro_technology=technology))
     rows = lines(path / "imu.csv")
     raw = np.array(rows[1:], dtype=float)
     size = np.linalg.norm(raw[:, 1:4].mean(axis=0))
-    raw[:, 1:4] *= 1 + np.radians(bias_deg_h / 3600) / 100 / size  # along Earth rate: |w| grows by the whole bias
+    # along Earth rate: |w| grows by the whole bias
+    raw[:, 1:4] *= 1 + np.radians(bias_deg_h / 3600) / 100 / size
     put_lines(path / "imu.csv", [rows[0], *([repr(v) for v in row] for row in raw.tolist())])
     (found,) = inspect_run(path).findings
     assert found.level == "warning"
-    seen = re.search(rf"mean \|w\| at rest is ([\d.]+) deg/h.* needed within {tolerance} of it \({technology}\)", found.text)
+    seen = re.search(
+        rf"mean \|w\| at rest is ([\d.]+) deg/h.* needed within {tolerance} of it \({technology}\)",
+        found.text,
+    )
     assert float(seen[1]) == pytest.approx(15.04 + bias_deg_h, rel=0.02)
 
 

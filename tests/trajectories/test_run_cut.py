@@ -1,4 +1,6 @@
-"""Stretches cut out of a run: what is kept, on which clock, and that a cut run can be written and read."""
+"""Stretches cut out of a run: what is kept, on which clock, and that a cut run can be written and
+read.
+"""
 
 import numpy as np
 import pytest
@@ -17,9 +19,12 @@ def run():
 def test_two_halves_share_every_row_between_them(run):
     first, second = cut_run(run, 0.0, 17.0), cut_run(run, 17.0, 40.0)
     assert first.imu.rows + second.imu.rows == run.imu.rows
-    np.testing.assert_array_equal(np.concatenate([first.imu.time_s, second.imu.time_s]), run.imu.time_s)
+    np.testing.assert_array_equal(
+        np.concatenate([first.imu.time_s, second.imu.time_s]), run.imu.time_s
+    )
     joined = np.concatenate([first.imu.dtheta_rad, second.imu.dtheta_rad])
-    np.testing.assert_allclose(joined, run.imu.dtheta_rad, rtol=1e-9)  # first intervals: nominal to rounding
+    # first intervals: nominal to rounding
+    np.testing.assert_allclose(joined, run.imu.dtheta_rad, rtol=1e-9)
     assert second.imu.start_s == pytest.approx(17.01) and second.imu.end_s == 40.0
 
 
@@ -49,15 +54,23 @@ def test_written_and_read_again(tmp_path, run):
 
 
 def test_the_first_row_holds_one_nominal_interval():
-    """After a dropout of a second the first row would claim 0.01 s for a second's motion: the next row is the first."""
+    """After a dropout of a second the first row would claim 0.01 s for a second's motion: the next
+    row is the first.
+    """
     time_s = np.concatenate([np.arange(1, 1001), np.arange(1100, 2001)]) / 100
     dt_s = np.diff(time_s, prepend=0.0)
-    imu = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=W_B * dt_s[:, None], dv_m_s=F_B * dt_s[:, None])
+    imu = ImuLog(
+        time_s=time_s, dt_s=dt_s, dtheta_rad=W_B * dt_s[:, None], dv_m_s=F_B * dt_s[:, None]
+    )
     for start_s, first_s in ((10.0, 11.01), (10.5, 11.01), (11.0, 11.01), (9.99, 10.0)):
         part = cut_run(full_run(imu=imu), start_s, 20.0).imu
         assert part.start_s == pytest.approx(first_s)
-        np.testing.assert_allclose(part.dtheta_rad / part.dt_s[:, None], np.tile(W_B, (part.rows, 1)), rtol=1e-9)
-        np.testing.assert_allclose(part.dv_m_s / part.dt_s[:, None], np.tile(F_B, (part.rows, 1)), rtol=1e-9)
+        np.testing.assert_allclose(
+            part.dtheta_rad / part.dt_s[:, None], np.tile(W_B, (part.rows, 1)), rtol=1e-9
+        )
+        np.testing.assert_allclose(
+            part.dv_m_s / part.dt_s[:, None], np.tile(F_B, (part.rows, 1)), rtol=1e-9
+        )
 
 
 def test_another_site(run):
@@ -71,7 +84,11 @@ def test_streams_without_a_sample_are_left_out(run):
     assert part.temperature is None and part.gnss is None and part.imu.rows == 60
 
 
-@pytest.mark.parametrize(("start_s", "end_s"), [(40.0, 50.0), (20.0, 20.0), (30.0, 20.0), (10.0, 10.015)])
+@pytest.mark.parametrize(
+    ("start_s", "end_s"), [(40.0, 50.0), (20.0, 20.0), (30.0, 20.0), (10.0, 10.015)]
+)
 def test_an_empty_cut_is_bad_input(run, start_s, end_s):
-    with pytest.raises(InputError, match=r"cut \d+ to [\d.]+ s: not two imu rows \(the run has 0\.01 to 40 s\)"):
+    with pytest.raises(
+        InputError, match=r"cut \d+ to [\d.]+ s: not two imu rows \(the run has 0\.01 to 40 s\)"
+    ):
         cut_run(run, start_s, end_s)

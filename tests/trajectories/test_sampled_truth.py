@@ -1,4 +1,6 @@
-"""Truth from samples: the samples of a known truth give it back; stretches that do not meet are refused."""
+"""Truth from samples: the samples of a known truth give it back; stretches that do not meet are
+refused.
+"""
 
 import numpy as np
 import pytest
@@ -17,20 +19,35 @@ ONE_CM = 0.01
 
 
 def known():
-    motion = lay([Park(duration_s=60.0), Turn(angle_deg=90.0), Straight(duration_s=40.0), Stop(duration_s=30.0)])
-    return build_truth(motion, SITE, heading_rad=2.9, roll_rad=0.01, pitch_rad=-0.02, wheel_reference_m=LEVER)
+    motion = lay(
+        [
+            Park(duration_s=60.0),
+            Turn(angle_deg=90.0),
+            Straight(duration_s=40.0),
+            Stop(duration_s=30.0),
+        ]
+    )
+    return build_truth(
+        motion, SITE, heading_rad=2.9, roll_rad=0.01, pitch_rad=-0.02, wheel_reference_m=LEVER
+    )
 
 
 def sampled(truth, step_s=0.5):
     """Its stretches, as an estimator would give them."""
     out = []
-    for a, b, moving in zip(truth.breaks_s[:-1], truth.breaks_s[1:], truth.is_moving(truth.breaks_s[:-1])):
+    for a, b, moving in zip(
+        truth.breaks_s[:-1], truth.breaks_s[1:], truth.is_moving(truth.breaks_s[:-1])
+    ):
         t = np.linspace(a, b, max(int((b - a) / step_s), 1) + 1)
         euler = truth.kinematics(t).euler_rad
         if moving:
             speed = truth.motion.speed_m_s(t)
             move = SampledMove(
-                time_s=t, euler_rad=euler, speed_m_s=speed, v_n_m_s=np.zeros((t.size, 3)), airborne=np.zeros(t.size)
+                time_s=t,
+                euler_rad=euler,
+                speed_m_s=speed,
+                v_n_m_s=np.zeros((t.size, 3)),
+                airborne=np.zeros(t.size),
             )
             out.append(move)
         else:
@@ -45,7 +62,8 @@ def test_samples_of_a_truth_give_it_back():
     one, two = truth.kinematics(t), again.kinematics(t)
     assert np.abs(one.r_e - two.r_e).max() < 10 * ONE_CM
     assert np.abs(one.v_e - two.v_e).max() < ONE_CM
-    assert np.abs(one.euler_rad - two.euler_rad).max() < 2e-3  # the turn's blends are shorter than its samples see
+    # the turn's blends are shorter than its samples see
+    assert np.abs(one.euler_rad - two.euler_rad).max() < 2e-3
     assert np.array_equal(truth.is_moving(t), again.is_moving(t))
     assert np.abs(truth.motion.speed_m_s(t) - again.motion.speed_m_s(t)).max() < ONE_CM
 
@@ -55,7 +73,9 @@ def test_half_the_step_divides_the_error():
     true = truth.kinematics(t).euler_rad[:, 2]
 
     def error(step_s):
-        return np.abs(truth_from_samples(SITE, sampled(truth, step_s)).kinematics(t).euler_rad[:, 2] - true).max()
+        return np.abs(
+            truth_from_samples(SITE, sampled(truth, step_s)).kinematics(t).euler_rad[:, 2] - true
+        ).max()
 
     assert error(0.25) < error(0.5) / 4
 
@@ -69,10 +89,15 @@ def test_the_sensors_are_at_rest_where_it_stands():
     assert ideal.at_rest.sum() == pytest.approx(900, abs=2)
 
 
-@pytest.mark.parametrize("change", [
-    lambda s: s[1:], lambda s: [s[0], s[2]], lambda s: [s[0], s[0]],
-    lambda s: [s[0], SampledMove(**{**vars(s[1]), "time_s": s[1].time_s + 0.1}), s[2]],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda s: s[1:],
+        lambda s: [s[0], s[2]],
+        lambda s: [s[0], s[0]],
+        lambda s: [s[0], SampledMove(**{**vars(s[1]), "time_s": s[1].time_s + 0.1}), s[2]],
+    ],
+)
 def test_stretches_that_do_not_meet_are_refused(change):
     with pytest.raises(InputError, match="sampled truth"):
         truth_from_samples(SITE, change(sampled(known())))

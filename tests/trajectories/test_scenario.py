@@ -25,12 +25,17 @@ from trajectories.simulator.vehicle import EVENTS
 def small(**changes):
     """A scenario of a minute, as a dict."""
     data = {
-        "schema": "recal.scenario/1", "alignment_s": 20,
+        "schema": "recal.scenario/1",
+        "alignment_s": 20,
         "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 250},
-        "imu": {"rate_hz": 20}, "thermal": {"start": "cold"},
-        "motion": [{"segment": "park", "duration_s": 30}, {"segment": "turn", "angle_deg": 90},
-                   {"segment": "stop", "duration_s": 5}],
-    }  # fmt: skip
+        "imu": {"rate_hz": 20},
+        "thermal": {"start": "cold"},
+        "motion": [
+            {"segment": "park", "duration_s": 30},
+            {"segment": "turn", "angle_deg": 90},
+            {"segment": "stop", "duration_s": 5},
+        ],
+    }
     return {**data, **changes}
 
 
@@ -40,51 +45,84 @@ def test_packaged_scenarios_are_read(name):
     chamber = name.startswith(("fog_ramp", "rlg_gradient"))  # many hours
     rate_hz = 10 if chamber else 50 if name.startswith("mems") else 100
     assert scenario.alignment_s == 600 and scenario.imu.rate_hz == rate_hz
-    ideal = scenario_ideal(scenario_from_dict({**packaged(name), "imu": {"rate_hz": 10}}, name=name))
+    ideal = scenario_ideal(
+        scenario_from_dict({**packaged(name), "imu": {"rate_hz": 10}}, name=name)
+    )
     assert ideal.truth.motion.phases[0].phase == "alignment"
     assert ideal.speed_m_s[-1] == 0  # each ends at rest
 
 
 def packaged(name):
-    return tomllib.loads((resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml").read_text())
+    return tomllib.loads(
+        (resources.files("trajectories.simulator") / "scenarios" / f"{name}.toml").read_text()
+    )
 
 
 def test_cold_parked_taxi_is_the_realistic_taxi():
-    scenario = scenario_from_dict({**packaged("cold_parked_taxi"), "imu": {"rate_hz": 10}}, name="x")
+    scenario = scenario_from_dict(
+        {**packaged("cold_parked_taxi"), "imu": {"rate_hz": 10}}, name="x"
+    )
     _, motion = reference_motion("realistic_taxi")
     t = np.linspace(0, motion.end_s, 2000)
-    np.testing.assert_allclose(scenario_ideal(scenario).truth.motion.course_rad(t), motion.course_rad(t))
+    np.testing.assert_allclose(
+        scenario_ideal(scenario).truth.motion.course_rad(t), motion.course_rad(t)
+    )
 
 
 def test_flight_reaches_its_height_and_comes_back():
-    ideal = scenario_ideal(scenario_from_dict({**packaged("flight"), "imu": {"rate_hz": 10}}, name="x"))
+    ideal = scenario_ideal(
+        scenario_from_dict({**packaged("flight"), "imu": {"rate_hz": 10}}, name="x")
+    )
     assert ideal.height_m.max() == pytest.approx(3250.0, abs=10.0)
     assert ideal.height_m[-1] == pytest.approx(250.0, abs=0.01)
     phases = [p.phase for p in ideal.truth.motion.phases]
     assert phases == [
-        "alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "taxi", "parked",
-    ]  # fmt: skip
+        "alignment",
+        "extended_alignment",
+        "taxi",
+        "takeoff",
+        "flight",
+        "landing",
+        "taxi",
+        "parked",
+    ]
 
 
 def test_every_section_reaches_the_run():
     data = small(
-        seed=5, attitude={"heading_deg": 30.0, "roll_deg": 1.0, "pitch_deg": -2.0},
+        seed=5,
+        attitude={"heading_deg": 30.0, "roll_deg": 1.0, "pitch_deg": -2.0},
         run={"run_id": "R1", "tail": "D-ABCD", "start_utc": "2026-01-01T00:00:00Z"},
         unit={"imu_serial": "SN-7", "gyro_technology": "fog", "ageing_seed": 3},
-        twin={"gyro_technology": "fog", "gyro": {"arw_deg_sqrt_h": 0.01}}, streams={"gnss": True, "odometer": True},
+        twin={"gyro_technology": "fog", "gyro": {"arw_deg_sqrt_h": 0.01}},
+        streams={"gnss": True, "odometer": True},
         lever_arms_m={"wheel_reference": [1.0, 2.0, 3.0], "gnss": [4, 5, 6]},
         survey={"heading_deg": 30.0, "sigma_heading_deg": 0.01},
         disturbance=[{"event": "boarding", "time_s": 10, "roll_arcsec": 100}],
-    )  # fmt: skip
+    )
     made, unit = simulate_scenario(scenario_from_dict(data, name="s.toml"))
     header = made.run.header
-    assert (header.run_id, header.tail, header.imu_serial, header.gyro_technology) == ("R1", "D-ABCD", "SN-7", "fog")
-    assert header.wheel_reference_m == (1.0, 2.0, 3.0) and header.gnss_lever_arm_m == (4.0, 5.0, 6.0)
+    assert (header.run_id, header.tail, header.imu_serial, header.gyro_technology) == (
+        "R1",
+        "D-ABCD",
+        "SN-7",
+        "fog",
+    )
+    assert header.wheel_reference_m == (1.0, 2.0, 3.0) and header.gnss_lever_arm_m == (
+        4.0,
+        5.0,
+        6.0,
+    )
     assert header.survey.heading_rad == pytest.approx(30 * DEG)
     assert header.survey.sigma_heading_rad == pytest.approx(0.01 * DEG)
     assert made.run.gnss is not None and made.run.odometer is not None
-    assert made.reference.roll_rad[-1] - made.reference.roll_rad[0] == pytest.approx(100 * DEG / 3600, rel=0.05)
-    assert made.reference.pitch_rad[0] == pytest.approx(-2 * DEG, abs=1e-6) and unit.gyro_technology == "fog"
+    assert made.reference.roll_rad[-1] - made.reference.roll_rad[0] == pytest.approx(
+        100 * DEG / 3600, rel=0.05
+    )
+    assert (
+        made.reference.pitch_rad[0] == pytest.approx(-2 * DEG, abs=1e-6)
+        and unit.gyro_technology == "fog"
+    )
 
 
 def test_seed_of_the_session_and_of_the_unit_are_apart():
@@ -105,11 +143,17 @@ def test_seed_of_the_session_and_of_the_unit_are_apart():
         ({"site": {"lat_deg": "45", "lon_deg": 7.0, "height_m": 0.0}}, ["lat_deg", '"45"']),
         ({"imu": {"rate": 100}}, ["imu", "unknown key rate", "rate_hz"]),
         ({"motion": [{"segment": "taxy", "duration_s": 5}]}, ["motion[0]", "'taxy'", "straight"]),
-        ({"motion": [{"segment": "park", "duration_s": 5, "radius_m": 4}]}, ["motion[0]", "unknown key radius_m"]),
+        (
+            {"motion": [{"segment": "park", "duration_s": 5, "radius_m": 4}]},
+            ["motion[0]", "unknown key radius_m"],
+        ),
         ({"motion": 5}, ["motion", "list"]),
         ({"thermal": {"start": "cold", "settled_degF": 90}}, ["thermal", "settled_degF"]),
         ({"thermal": {}}, ["thermal", "start"]),
-        ({"twin": {"gyro_technology": "rlg", "gyro": {"arw": 1.0}}}, ["twin", "unknown key gyro.arw"]),
+        (
+            {"twin": {"gyro_technology": "rlg", "gyro": {"arw": 1.0}}},
+            ["twin", "unknown key gyro.arw"],
+        ),
         ({"twin": {"gyro_technology": "rlg"}, "twin_file": "t.json"}, ["twin and twin_file"]),
         ({"disturbance": [{"event": "meteor"}]}, ["disturbance[0]", "meteor", "boarding"]),
         ({"lever_arms_m": {"gnss": [1.0, 2.0]}}, ["lever_arms_m", "gnss", "3 values"]),
@@ -128,7 +172,11 @@ def test_the_example_shows_every_section():
     scenario = read_scenario(path)
     assert set(SECTIONS) <= set(tomllib.loads(path.read_text()))
     assert {type(e) for e in scenario.events} == set(EVENTS.values())
-    simulate_scenario(scenario_from_dict({**tomllib.loads(path.read_text()), "imu": {"rate_hz": 10}}, name="example"))
+    simulate_scenario(
+        scenario_from_dict(
+            {**tomllib.loads(path.read_text()), "imu": {"rate_hz": 10}}, name="example"
+        )
+    )
 
 
 def test_a_latitude_of_91_is_refused():
@@ -140,9 +188,13 @@ def test_a_latitude_of_91_is_refused():
 def test_unit_and_twin_must_be_of_one_technology_and_serial():
     twin = {"gyro_technology": "rlg", "imu_serial": "SN-1"}
     with pytest.raises(InputError, match=r"unit\.imu_serial says SN-2, twin says SN-1"):
-        scenario_unit(scenario_from_dict(small(twin=twin, unit={"imu_serial": "SN-2"}), name="s.toml"))
+        scenario_unit(
+            scenario_from_dict(small(twin=twin, unit={"imu_serial": "SN-2"}), name="s.toml")
+        )
     with pytest.raises(InputError, match="gyro_technology"):
-        scenario_unit(scenario_from_dict(small(twin=twin, unit={"gyro_technology": "fog"}), name="s.toml"))
+        scenario_unit(
+            scenario_from_dict(small(twin=twin, unit={"gyro_technology": "fog"}), name="s.toml")
+        )
     alone = scenario_from_dict(small(unit={"gyro_technology": "mems"}), name="s.toml")
     assert alone.twin.gyro.arw_deg_sqrt_h > 0.1 and scenario_unit(alone).gyro_technology == "mems"
     assert scenario_unit(scenario_from_dict(small(twin=twin), name="s.toml")).imu_serial == "SN-1"

@@ -1,4 +1,6 @@
-"""Temperature histories: closed-form lags solve their differential equations, start level and settle."""
+"""Temperature histories: closed-form lags solve their differential equations, start level and
+settle.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ T = np.arange(0.0, 20_000.0, 1.0)
 
 @pytest.mark.parametrize("start", STARTS)
 def test_gyros_lag_the_block_by_their_time_constant(start):
-    """tau dT/dt = T_block - T of the gyro less its own heat, by central differences; sun and all."""
+    """tau dT/dt = T_block - T of the gyro less its own heat, by central differences; sun and
+    all.
+    """
     history = thermal_history(start)
     at = history.at(T)
     for k in range(3):
@@ -20,7 +24,8 @@ def test_gyros_lag_the_block_by_their_time_constant(start):
         lagged = at.gyro_degC[:, k] - own
         rate = np.gradient(lagged, T)
         residual = (tau * rate - (at.block_degC - lagged))[2:-2]
-        assert np.max(np.abs(residual)) < 0.02  # 0.1 % of the sun's time constant is bent to keep it off tau
+        # 0.1 % of the sun's time constant is bent to keep it off tau
+        assert np.max(np.abs(residual)) < 0.02
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -28,15 +33,26 @@ def test_it_starts_at_the_start_and_settles(start):
     history = thermal_history(start)
     at = history.at(np.array([0.0, 1.0, 40_000.0]))
     np.testing.assert_allclose(at.gyro_degC[0], history.start_degC)
-    assert np.max(np.abs(np.diff(at.gyro_degC[:2], axis=0))) < 0.02  # level: below 1.2 degC/min in the first second
+    # level: below 1.2 degC/min in the first second
+    assert np.max(np.abs(np.diff(at.gyro_degC[:2], axis=0))) < 0.02
     settled = history.settled_degC + history.sun_degC
-    np.testing.assert_allclose(at.gyro_degC[2], settled + np.array(history.gyro_rise_degC), atol=1e-3)
+    np.testing.assert_allclose(
+        at.gyro_degC[2], settled + np.array(history.gyro_rise_degC), atol=1e-3
+    )
     np.testing.assert_allclose(at.gradient_degC[2], 0.0, atol=1e-3)
 
 
 def test_named_starts_go_the_way_they_say():
-    change = {s: np.diff(thermal_history(s).at(np.array([0.0, 4200.0])).gyro_degC[:, 0])[0] for s in STARTS}
-    assert change["cold"] > 30 and 10 < change["ambient"] < 30 and 0 < change["hot"] < 12 and change["cooling"] < -10
+    change = {
+        s: np.diff(thermal_history(s).at(np.array([0.0, 4200.0])).gyro_degC[:, 0])[0]
+        for s in STARTS
+    }
+    assert (
+        change["cold"] > 30
+        and 10 < change["ambient"] < 30
+        and 0 < change["hot"] < 12
+        and change["cooling"] < -10
+    )
     coldest = min(thermal_history(s).at(T).gyro_degC.min() for s in STARTS)
     hottest = max(thermal_history(s).at(T).gyro_degC.max() for s in STARTS)
     assert -10 <= coldest and hottest <= 52  # within the nodes of a table, but for its last degrees

@@ -1,4 +1,6 @@
-"""Truth: position, velocity and acceleration are derivatives of one another; P does not slip; rest is rest."""
+"""Truth: position, velocity and acceleration are derivatives of one another; P does not slip; rest
+is rest.
+"""
 
 import numpy as np
 import pytest
@@ -8,14 +10,27 @@ from ins.earth import dcm_en, displacement_ned, geodetic_from_ecef
 from ins.records import Site
 from ins.units import DEG
 from trajectories.simulator.motions import lay
-from trajectories.simulator.segments import Climb, Cruise, Park, Pivot, Stop, Straight, TakeOff, Turn, TurnFlight
+from trajectories.simulator.segments import (
+    Climb,
+    Cruise,
+    Park,
+    Pivot,
+    Stop,
+    Straight,
+    TakeOff,
+    Turn,
+    TurnFlight,
+)
 from trajectories.simulator.truth import build_truth, rate_from_euler
 
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 TAXI = [
-    Park(duration_s=20.0), Turn(angle_deg=90.0), Straight(duration_s=60.0), Turn(angle_deg=-60.0),
+    Park(duration_s=20.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=60.0),
+    Turn(angle_deg=-60.0),
     Stop(duration_s=15.0),
-]  # fmt: skip
+]
 STEP_S = 1e-2
 
 
@@ -32,7 +47,9 @@ def test_velocity_and_acceleration_are_the_derivatives(lever):
     # position carries 1e-9 m of rounding: 1e-9 / (12 STEP_S) x 10 terms
     np.testing.assert_allclose(central_difference(k.r_e), k.v_e[inner], atol=1e-6)
     np.testing.assert_allclose(central_difference(k.v_e), k.a_e[inner], atol=1e-6)
-    np.testing.assert_allclose(central_difference(k.euler_rad), k.euler_rate_rad_s[inner], atol=1e-6)
+    np.testing.assert_allclose(
+        central_difference(k.euler_rad), k.euler_rate_rad_s[inner], atol=1e-6
+    )
 
 
 def test_rest_is_constant_to_the_bit_and_joins_the_motion():
@@ -60,19 +77,27 @@ def test_height_speed_and_course_are_those_of_the_motion():
 
 
 def test_straight_leg_ends_where_speed_times_time_says():
-    motion = lay([Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0), Stop(duration_s=1.0)])
+    motion = lay(
+        [Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0), Stop(duration_s=1.0)]
+    )
     truth = build_truth(motion, SITE, heading_rad=30 * DEG)
     lat, lon, _ = geodetic_from_ecef(truth.kinematics(np.array([motion.end_s])).r_e)
     ramp_s = 1.875 * 10.0 / 1.0  # half of the start ramp is lost; the stop adds half of its own
     length = 10.0 * (300.0 - ramp_s / 2) + 10.0 * 0.5 * 1.875 * 10.0 / 0.6
-    moved = displacement_ned(lat, lon, lat0_rad=SITE.lat_rad, lon0_rad=SITE.lon_rad, height0_m=SITE.height_m)[0]
-    np.testing.assert_allclose(moved, [length * np.cos(30 * DEG), length * np.sin(30 * DEG)], atol=0.5)
+    moved = displacement_ned(
+        lat, lon, lat0_rad=SITE.lat_rad, lon0_rad=SITE.lon_rad, height0_m=SITE.height_m
+    )[0]
+    np.testing.assert_allclose(
+        moved, [length * np.cos(30 * DEG), length * np.sin(30 * DEG)], atol=0.5
+    )
 
 
 def test_wheel_reference_point_stands_while_the_vehicle_pivots():
     """P lies 6 m ahead of the IMU: turning right, the IMU swings to the left, v_y = -6 m x rate."""
     lever = np.array([6.0, 1.0, 2.0])
-    motion = lay([Park(duration_s=5.0), Pivot(angle_deg=90.0, duration_s=40.0), Park(duration_s=5.0)])
+    motion = lay(
+        [Park(duration_s=5.0), Pivot(angle_deg=90.0, duration_s=40.0), Park(duration_s=5.0)]
+    )
     truth = build_truth(motion, SITE, wheel_reference_m=tuple(lever))
     k = truth.kinematics(np.linspace(0.0, motion.end_s, 501))
     lat, lon, _ = geodetic_from_ecef(k.r_e)
@@ -103,4 +128,6 @@ def test_euler_rates_match_the_derivative_of_the_matrix():
     h = 1e-6
     C = [dcm_from_euler(*(euler + s * h * rate)[0]) for s in (-1, 0, 1)]
     W = C[1].T @ (C[2] - C[0]) / (2 * h)
-    np.testing.assert_allclose(rate_from_euler(euler, rate)[0], [W[2, 1], W[0, 2], W[1, 0]], atol=1e-9)
+    np.testing.assert_allclose(
+        rate_from_euler(euler, rate)[0], [W[2, 1], W[0, 2], W[1, 0]], atol=1e-9
+    )

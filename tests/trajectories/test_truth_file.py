@@ -1,4 +1,6 @@
-"""A profile of somebody else's as the motion of a run: followed, navigated back, and refused where it cannot be."""
+"""A profile of somebody else's as the motion of a run: followed, navigated back, and refused where
+it cannot be.
+"""
 
 from pathlib import Path
 
@@ -9,7 +11,12 @@ from ins.earth import radii_of_curvature
 from ins.records import ImuLog, InputError, NavState, Site
 from ins.strapdown.mechanization import navigate
 from ins.units import DEG
-from trajectories.simulator.scenario import scenario_from_dict, scenario_ideal, scenario_truth, simulate_scenario
+from trajectories.simulator.scenario import (
+    scenario_from_dict,
+    scenario_ideal,
+    scenario_truth,
+    simulate_scenario,
+)
 from trajectories.simulator.truth_file import COLUMNS, departure
 
 DATA = Path(__file__).parents[3] / "shared" / "data"
@@ -18,7 +25,9 @@ LAT = 51.0
 
 
 def drive(n=4001, dt=0.01, speed=12.0, *, start=0.0):
-    """40 s: away from rest (or at `start` m/s), a right turn of 60 deg, a stop of 5 s; rows (n, 10) as in the files."""
+    """40 s: away from rest (or at `start` m/s), a right turn of 60 deg, a stop of 5 s; rows (n, 10)
+    as in the files.
+    """
     t = dt * np.arange(n)
 
     def blend(a, b):
@@ -32,22 +41,28 @@ def drive(n=4001, dt=0.01, speed=12.0, *, start=0.0):
     middle = 0.5 * (v_n[1:] + v_n[:-1]) * dt
     north, east = np.vstack([np.zeros(3), np.cumsum(middle, axis=0)])[:, :2].T
     lat = LAT * DEG + north / (meridian + 10)
-    place = np.stack([lat / DEG, east / ((transverse + 10) * np.cos(lat)) / DEG, np.full(n, 10.0)], axis=-1)
+    place = np.stack(
+        [lat / DEG, east / ((transverse + 10) * np.cos(lat)) / DEG, np.full(n, 10.0)], axis=-1
+    )
     zero = np.zeros(n)
     return np.column_stack([t, place, v_n, zero, 0.5 + zero, heading / DEG])
 
 
 def write(path, rows, *, header=True):
     lines = [",".join(COLUMNS)] if header else []
-    path.write_text("\n".join([*lines, *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n")
+    path.write_text(
+        "\n".join([*lines, *(",".join(map(repr, row)) for row in rows.tolist())]) + "\n"
+    )
     return path
 
 
 def scenario(folder, file="truth.csv", **keys):
     data = {
-        "schema": "recal.scenario/1", "imu": {"rate_hz": 50}, "thermal": {"start": "ambient"},
+        "schema": "recal.scenario/1",
+        "imu": {"rate_hz": 50},
+        "thermal": {"start": "ambient"},
         "truth": {"file": file, "park_s": 60.0, **keys},
-    }  # fmt: skip
+    }
     return scenario_from_dict(data, name="s", folder=folder)
 
 
@@ -59,7 +74,8 @@ def test_run_follows_the_file(tmp_path, header):
     off = departure(truth, plan.profile)
     assert off.position_m < ONE_CM and off.velocity_m_s < ONE_CM and off.attitude_deg < 0.05
     assert truth.motion.end_s == pytest.approx(60 + 40 + 20)
-    assert truth.motion.rest[0] == pytest.approx((0, 62), abs=0.5)  # the file itself stands for its first 2 s
+    # the file itself stands for its first 2 s
+    assert truth.motion.rest[0] == pytest.approx((0, 62), abs=0.5)
     assert truth.motion.rest[-1] == pytest.approx((95, 120), abs=0.5)
 
 
@@ -67,12 +83,21 @@ def test_navigation_from_the_ideal_sensors_returns_to_the_file(tmp_path):
     rows = drive()
     write(tmp_path / "truth.csv", rows)
     ideal = scenario_ideal(scenario(tmp_path))
-    imu = ImuLog(time_s=ideal.time_s, dt_s=np.full(ideal.time_s.size, 0.02), dtheta_rad=ideal.dtheta_rad, dv_m_s=ideal.dv_m_s)
+    imu = ImuLog(
+        time_s=ideal.time_s,
+        dt_s=np.full(ideal.time_s.size, 0.02),
+        dtheta_rad=ideal.dtheta_rad,
+        dv_m_s=ideal.dv_m_s,
+    )
     initial = NavState(time_s=0.0, site=ideal.truth.site, v_n_m_s=np.zeros(3), C_nb=ideal.C_nb[0])
     history = navigate(imu, initial, epoch_s=1.0)
     end = rows[np.searchsorted(rows[:, 0], history.time_s[-1] - 60.0)]
-    metres = (history.lat_rad[-1] - end[1] * DEG) * 6.37e6, (history.lon_rad[-1] - end[2] * DEG) * 6.37e6 * np.cos(LAT * DEG)
-    assert np.hypot(*metres) < 10 * ONE_CM  # 200 m of way; Schuler's feedback is below a millimetre in 100 s
+    metres = (
+        (history.lat_rad[-1] - end[1] * DEG) * 6.37e6,
+        (history.lon_rad[-1] - end[2] * DEG) * 6.37e6 * np.cos(LAT * DEG),
+    )
+    # 200 m of way; Schuler's feedback is below a millimetre in 100 s
+    assert np.hypot(*metres) < 10 * ONE_CM
     assert history.v_n_m_s[-1] == pytest.approx(end[4:7], abs=2 * ONE_MM)
 
 
@@ -83,7 +108,9 @@ def test_a_run_up_meets_the_first_row(tmp_path):
     off = departure(scenario_truth(plan), plan.profile)
     assert off.position_m < 2 * ONE_CM and off.velocity_m_s < ONE_CM
     meridian, _ = radii_of_curvature(LAT * DEG)
-    assert (LAT * DEG - plan.profile.site.lat_rad) * (meridian + 10) == pytest.approx(0.5 * 8.0 * 15.0, abs=ONE_CM)
+    assert (LAT * DEG - plan.profile.site.lat_rad) * (meridian + 10) == pytest.approx(
+        0.5 * 8.0 * 15.0, abs=ONE_CM
+    )
     assert plan.profile.time_s[0] == pytest.approx(75.0)
 
 
@@ -99,12 +126,24 @@ def test_a_simulated_run_has_the_place_and_the_streams(tmp_path):
 @pytest.mark.parametrize(
     ("change", "keys", "line"),
     [
-        (lambda r: drive(start=3.0), {}, "truth.csv: row 1 moves at 3 m/s, needed 0 or truth.run_up_s"),
+        (
+            lambda r: drive(start=3.0),
+            {},
+            "truth.csv: row 1 moves at 3 m/s, needed 0 or truth.run_up_s",
+        ),
         (lambda r: np.where(np.arange(10) == 1, 91.0, r), {}, "truth.csv: row 1: lat_deg 91"),
         (lambda r: r[[0, 1, 1, *range(3, 50)]], {}, "truth.csv: row 3: time_s 0.01 after 0.01"),
-        (lambda r: np.where(r == r[7, 0], np.nan, r), {}, "truth.csv: row 8: column time_s: got nan"),
+        (
+            lambda r: np.where(r == r[7, 0], np.nan, r),
+            {},
+            "truth.csv: row 8: column time_s: got nan",
+        ),
         (lambda r: r[:5], {}, "truth.csv: 5 rows, needed 10"),
-        (lambda r: r[:2000], {"park_after_s": 5.0}, "truth.park_after_s: got 5, but the last row moves"),
+        (
+            lambda r: r[:2000],
+            {"park_after_s": 5.0},
+            "truth.park_after_s: got 5, but the last row moves",
+        ),
         (lambda r: drive(start=3.0), {"run_up_s": 5.0, "park_s": 0.0}, "truth.park_s: got 0"),
         (lambda r: r, {"step_s": 0.0}, "step_s above 0"),
         (lambda r: r, {"parks": 1.0}, "unknown key parks"),
@@ -128,7 +167,12 @@ def test_wrong_columns_are_named(tmp_path, text):
 @pytest.mark.parametrize("key", ["site", "attitude", "motion"])
 def test_truth_goes_with_no_other_motion(tmp_path, key):
     write(tmp_path / "truth.csv", drive())
-    data = {"schema": "recal.scenario/1", "thermal": {"start": "cold"}, "truth": {"file": "truth.csv"}, key: {}}
+    data = {
+        "schema": "recal.scenario/1",
+        "thermal": {"start": "cold"},
+        "truth": {"file": "truth.csv"},
+        key: {},
+    }
     if key == "motion":
         data[key] = [{"segment": "park", "duration_s": 1}]
     with pytest.raises(InputError, match=f"{key} and truth are both given"):
@@ -140,6 +184,7 @@ def test_truth_goes_with_no_other_motion(tmp_path, key):
 def test_profiles_of_groves_are_followed(number, keys):
     plan = scenario(DATA, file=f"groves_Profile_{number}.csv", **keys)
     off = departure(scenario_truth(plan), plan.profile)
-    assert off.position_m < ONE_CM  # of 60 s to 175 s; they carry 0.1 m/s of noise and yaw steps that 0.1 s rounds off
+    # of 60 s to 175 s; they carry 0.1 m/s of noise and yaw steps that 0.1 s rounds off
+    assert off.position_m < ONE_CM
     assert off.velocity_m_s < 0.15 and off.attitude_deg < 0.7
     assert isinstance(plan.profile.site, Site)

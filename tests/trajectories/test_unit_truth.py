@@ -1,4 +1,6 @@
-"""True units: ageing has its size and length, the factory table is the curve, extra terms do what they say."""
+"""True units: ageing has its size and length, the factory table is the curve, extra terms do what
+they say.
+"""
 
 import numpy as np
 import pytest
@@ -33,7 +35,9 @@ def test_factory_table_is_the_curve_without_its_ageing():
     table = unit.factory_table()
     fresh = aged_unit(np.random.default_rng(3), ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
     for axis in "xyz":
-        np.testing.assert_allclose(table["axes"][axis]["bias_deg_h"], fresh.bias_deg_h(axis, NODES_DEGC), atol=1e-12)
+        np.testing.assert_allclose(
+            table["axes"][axis]["bias_deg_h"], fresh.bias_deg_h(axis, NODES_DEGC), atol=1e-12
+        )
         assert table["axes"][axis]["sigma_deg_h"] == [pytest.approx(np.hypot(0.006, 0.004))] * 7
     assert table["imu_serial"] == "SN-9"
 
@@ -44,7 +48,9 @@ def test_factory_table_is_a_valid_table_and_errs_little_between_its_nodes():
 
     errors = []
     for seed in range(30):
-        unit = aged_unit(np.random.default_rng(seed), ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
+        unit = aged_unit(
+            np.random.default_rng(seed), ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0
+        )
         table = unit.factory_table()
         table_from_dict(table, name="factory")
         middle = NODES_DEGC[:-1] + 5.0
@@ -60,13 +66,21 @@ def test_a_unit_made_from_a_table_has_it_exactly_and_ages_on_top():
     axis = {"temperature_degC": nodes, "bias_deg_h": [0.01, -0.02, 0.03], "sigma_deg_h": [0.01] * 3}
     other = {**axis, "bias_deg_h": [0.0, 0.1, 0.2]}
     table = {"axes": {"x": other, "y": axis, "z": other}}
-    unit = aged_unit(np.random.default_rng(1), table=table, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
+    unit = aged_unit(
+        np.random.default_rng(1), table=table, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0
+    )
     at = np.linspace(-20, 60, 81)
-    np.testing.assert_allclose(unit.bias_deg_h("y", at), np.interp(at, nodes, axis["bias_deg_h"]), atol=1e-15)
-    np.testing.assert_allclose(unit.bias_deg_h("z", at), np.interp(at, nodes, other["bias_deg_h"]), atol=1e-15)
+    np.testing.assert_allclose(
+        unit.bias_deg_h("y", at), np.interp(at, nodes, axis["bias_deg_h"]), atol=1e-15
+    )
+    np.testing.assert_allclose(
+        unit.bias_deg_h("z", at), np.interp(at, nodes, other["bias_deg_h"]), atol=1e-15
+    )
     slopes = [0.001, 0.0, -0.002]
     smooth = {"axes": {key: {**axis, "slope_deg_h_degC": slopes} for key in "xyz"}}
-    unit = aged_unit(np.random.default_rng(1), table=smooth, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0)
+    unit = aged_unit(
+        np.random.default_rng(1), table=smooth, ageing_offset_deg_h=0.0, ageing_shape_deg_h=0.0
+    )
     inside = at[(at >= -7) & (at <= 42)]
     expected = CubicHermiteSpline(nodes, axis["bias_deg_h"], slopes)(inside)
     np.testing.assert_allclose(unit.bias_deg_h("z", inside), expected, atol=1e-15)
@@ -80,7 +94,10 @@ def test_rate_term_lag_and_hysteresis():
     base = plain.bias_history_deg_h(there_and_back, dt)
 
     def extra(**terms):
-        return aged_unit(np.random.default_rng(4), **terms).bias_history_deg_h(there_and_back, dt) - base
+        return (
+            aged_unit(np.random.default_rng(4), **terms).bias_history_deg_h(there_and_back, dt)
+            - base
+        )
 
     rated = extra(thermal_rate_deg_h_per_degC_min=(0.03, 0.0, 0.0))
     np.testing.assert_allclose(rated[100:3500, 0], 0.015, rtol=1e-6)
@@ -88,9 +105,13 @@ def test_rate_term_lag_and_hysteresis():
     assert not rated[:, 1:].any()
     late = extra(lag_s=(0.0, 300.0, 0.0))
     felt = up[3000] - 300.0 * rate  # a ramp is followed tau late
-    assert base[3000, 1] + late[3000, 1] == pytest.approx(float(plain.bias_deg_h("y", felt)), abs=1e-6)
+    assert base[3000, 1] + late[3000, 1] == pytest.approx(
+        float(plain.bias_deg_h("y", felt)), abs=1e-6
+    )
     split = extra(hysteresis_deg_h=(0.0, 0.0, 0.005))
-    assert split[3000, 2] == pytest.approx(0.005, rel=1e-3) and split[7100, 2] == pytest.approx(-0.005, rel=1e-3)
+    assert split[3000, 2] == pytest.approx(0.005, rel=1e-3) and split[7100, 2] == pytest.approx(
+        -0.005, rel=1e-3
+    )
     assert abs(split[0, 2]) < 1e-12
 
 
@@ -102,14 +123,23 @@ def test_curves_hold_beyond_their_grid_and_technology_is_checked():
 
 
 def test_gradients_and_the_slope_of_the_rate_term_by_hand():
-    """Warming by 0.5 degC/min at 30 degC with differences (2, -1, 4): x has its own line and y's, z that of x as its next."""
+    """Warming by 0.5 degC/min at 30 degC with differences (2, -1, 4): x has its own line and y's, z
+    that of x as its next.
+    """
     T = 30.0 + 0.5 * (np.arange(61.0) - 30.0)[:, None] / 60.0 * np.ones(3)
     lines = np.tile([2.0, -1.0, 4.0], (61, 1))
     terms = dict(
-        gradient_deg_h_per_degC=(0.03, 0.0, -0.02), gradient_cross_deg_h_per_degC=(0.01, 0.0, 0.005),
+        gradient_deg_h_per_degC=(0.03, 0.0, -0.02),
+        gradient_cross_deg_h_per_degC=(0.01, 0.0, 0.005),
         thermal_rate_slope_deg_h_per_degC2_min=(0.0, 0.001, 0.0),
-    )  # fmt: skip
+    )
     unit, plain = (aged_unit(np.random.default_rng(4), **t) for t in (terms, {}))
     more = unit.bias_history_deg_h(T, 1.0, lines) - plain.bias_history_deg_h(T, 1.0, lines)
-    np.testing.assert_allclose(more[30], [0.03 * 2 - 0.01, 0.001 * 10 * 0.5, -0.02 * 4 + 0.005 * 2], atol=1e-12)
-    np.testing.assert_allclose((unit.bias_history_deg_h(T, 1.0) - plain.bias_history_deg_h(T, 1.0))[:, [0, 2]], 0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        more[30], [0.03 * 2 - 0.01, 0.001 * 10 * 0.5, -0.02 * 4 + 0.005 * 2], atol=1e-12
+    )
+    np.testing.assert_allclose(
+        (unit.bias_history_deg_h(T, 1.0) - plain.bias_history_deg_h(T, 1.0))[:, [0, 2]],
+        0.0,
+        atol=1e-15,
+    )

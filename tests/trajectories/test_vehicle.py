@@ -1,4 +1,6 @@
-"""Disturbances: their statistics, their signs, and that sensors and truth move together (through the mechanization)."""
+"""Disturbances: their statistics, their signs, and that sensors and truth move together (through
+the mechanization).
+"""
 
 import numpy as np
 import pytest
@@ -13,19 +15,39 @@ from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Climb, Cruise, Park, Stop, Straight, TakeOff, Turn
 from trajectories.simulator.sensors import ideal_sensors
 from trajectories.simulator.truth import build_truth
-from trajectories.simulator.vehicle import Boarding, Bump, Gust, Push, disturb, gauss_markov, sway_velocity
+from trajectories.simulator.vehicle import (
+    Boarding,
+    Bump,
+    Gust,
+    Push,
+    disturb,
+    gauss_markov,
+    sway_velocity,
+)
 
-QUIET = {"crab_mrad": 0.0, "lateral_noise_m_s": 0.0, "yaw_creep_arcsec_sqrt_h": 0.0, "sway_m_s": 0.0}
+QUIET = {
+    "crab_mrad": 0.0,
+    "lateral_noise_m_s": 0.0,
+    "yaw_creep_arcsec_sqrt_h": 0.0,
+    "sway_m_s": 0.0,
+}
 SITE = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
 TAXI = [
-    Park(duration_s=60.0), Turn(angle_deg=90.0), Straight(duration_s=120.0), Stop(duration_s=20.0),
-    Turn(angle_deg=-90.0), Straight(duration_s=60.0), Stop(duration_s=10.0),
-]  # fmt: skip
+    Park(duration_s=60.0),
+    Turn(angle_deg=90.0),
+    Straight(duration_s=120.0),
+    Stop(duration_s=20.0),
+    Turn(angle_deg=-90.0),
+    Straight(duration_s=60.0),
+    Stop(duration_s=10.0),
+]
 
 
 @pytest.fixture(scope="module")
 def taxi():
-    return ideal_sensors(build_truth(lay(TAXI), SITE, heading_rad=0.4, wheel_reference_m=(4.0, 0.5, 1.0)), 100.0)
+    return ideal_sensors(
+        build_truth(lay(TAXI), SITE, heading_rad=0.4, wheel_reference_m=(4.0, 0.5, 1.0)), 100.0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,20 +67,53 @@ def chi_square_band(n, false_alarm=1e-4):
         ({"lateral_noise_m_s": 0.3}, (), 0.02),
         ({"yaw_creep_arcsec_sqrt_h": 300.0}, (), 0.002),
         ({"sway_m_s": 0.02}, (), 0.001),
-        ({}, (Boarding(time_s=20.0, roll_arcsec=300.0, pitch_arcsec=-200.0, heading_arcsec=250.0),), 0.02),
-        ({}, (Boarding(time_s=20.0, roll_arcsec=300.0), Boarding(time_s=30.0, pitch_arcsec=300.0)), 0.02),
-        ({}, (Gust(time_s=10.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=50.0, velocity_m_s=0.2)), 0.001),
+        (
+            {},
+            (Boarding(time_s=20.0, roll_arcsec=300.0, pitch_arcsec=-200.0, heading_arcsec=250.0),),
+            0.02,
+        ),
+        (
+            {},
+            (Boarding(time_s=20.0, roll_arcsec=300.0), Boarding(time_s=30.0, pitch_arcsec=300.0)),
+            0.02,
+        ),
+        (
+            {},
+            (Gust(time_s=10.0, duration_s=30.0, sway_m_s=0.1), Bump(time_s=50.0, velocity_m_s=0.2)),
+            0.001,
+        ),
         ({}, (Push(time_s=10.0, distance_m=-4.0, turn_deg=0.2),), 0.03),
-        ({}, (Bump(time_s=50.0, velocity_m_s=0.2, direction_deg=70.0), Boarding(time_s=20.0, sink_mm=30.0)), 0.002),
+        (
+            {},
+            (
+                Bump(time_s=50.0, velocity_m_s=0.2, direction_deg=70.0),
+                Boarding(time_s=20.0, sink_mm=30.0),
+            ),
+            0.002,
+        ),
     ],
-    ids=["crab", "side noise", "creep", "sway", "boarding", "roll then pitch", "gust and bump",
-         "push", "side bump and sinking"],
+    ids=[
+        "crab",
+        "side noise",
+        "creep",
+        "sway",
+        "boarding",
+        "roll then pitch",
+        "gust and bump",
+        "push",
+        "side bump and sinking",
+    ],
 )
 def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
-    """The disturbed increments navigate to the disturbed truth; the bounds are what the module says is left out."""
+    """The disturbed increments navigate to the disturbed truth; the bounds are what the module says
+    is left out.
+    """
     moved = disturb(taxi, VehicleNoise(**{**QUIET, **noise}), events, np.random.default_rng(5))
     imu = ImuLog(
-        time_s=taxi.time_s, dt_s=np.full(taxi.time_s.size, taxi.dt_s), dtheta_rad=moved.dtheta_rad, dv_m_s=moved.dv_m_s
+        time_s=taxi.time_s,
+        dt_s=np.full(taxi.time_s.size, taxi.dt_s),
+        dtheta_rad=moved.dtheta_rad,
+        dv_m_s=moved.dv_m_s,
     )
     start = NavState(time_s=0.0, site=SITE, v_n_m_s=np.zeros(3), C_nb=dcm_from_euler(0.0, 0.0, 0.4))
     history = navigate(imu, start, epoch_s=None)
@@ -68,7 +123,9 @@ def test_sensors_and_truth_move_together(taxi, noise, events, far_m):
     assert np.max(np.abs(history.v_n_m_s[1:] - moved.v_n_m_s)) < 2e-4
     phi = rotation_vector_from_dcm(history.C_nb[1:] @ np.swapaxes(moved.C_nb, 1, 2))
     assert np.max(np.abs(phi)) < 0.002 * ARCSEC
-    shifted = np.max(np.abs(moved.v_n_m_s - taxi.v_n_m_s)) + np.max(np.abs(moved.C_nb - taxi.C_nb)) * 10
+    shifted = (
+        np.max(np.abs(moved.v_n_m_s - taxi.v_n_m_s)) + np.max(np.abs(moved.C_nb - taxi.C_nb)) * 10
+    )
     assert shifted > 0.005  # the disturbance was there
 
 
@@ -120,9 +177,13 @@ def test_yaw_creep_walks_only_while_parked(parked, taxi):
 
 
 def test_sway_has_its_rms_and_the_correlation_of_the_oscillator():
-    """R(tau) = rms^2 e^{-zw tau}(cos wd tau - z w/wd sin wd tau): velocity of a damped oscillator under white force."""
+    """R(tau) = rms^2 e^{-zw tau}(cos wd tau - z w/wd sin wd tau): velocity of a damped oscillator
+    under white force.
+    """
     rate, f, z, rms = 10.0, 0.28, 0.2, 0.001
-    v = sway_velocity(np.random.default_rng(4), 400_000, rms_m_s=rms, frequency_hz=f, damping=z, rate_hz=rate)
+    v = sway_velocity(
+        np.random.default_rng(4), 400_000, rms_m_s=rms, frequency_hz=f, damping=z, rate_hz=rate
+    )
     w = 2 * np.pi * f
     wd = w * np.sqrt(1 - z**2)
     independent = v.size / rate * z * w  # samples worth: correlation time 1/(2 z w) of the square
@@ -130,14 +191,25 @@ def test_sway_has_its_rms_and_the_correlation_of_the_oscillator():
     for lag in (3, 10, 18, 36):
         tau = lag / rate
         expected = np.exp(-z * w * tau) * (np.cos(wd * tau) - z * w / wd * np.sin(wd * tau))
-        assert np.mean(v[lag:] * v[:-lag]) / rms**2 == pytest.approx(expected, abs=4 / np.sqrt(independent))
+        assert np.mean(v[lag:] * v[:-lag]) / rms**2 == pytest.approx(
+            expected, abs=4 / np.sqrt(independent)
+        )
 
 
 def test_sway_does_not_depend_on_the_sample_rate():
-    """Exact discretisation: the variance of the first sample and of late ones agree at 10 and 200 Hz."""
+    """Exact discretisation: the variance of the first sample and of late ones agree at 10 and 200
+    Hz.
+    """
     for rate in (10.0, 200.0):
         runs = [
-            sway_velocity(np.random.default_rng(s), 60, rms_m_s=1.0, frequency_hz=0.28, damping=0.2, rate_hz=rate)
+            sway_velocity(
+                np.random.default_rng(s),
+                60,
+                rms_m_s=1.0,
+                frequency_hz=0.28,
+                damping=0.2,
+                rate_hz=rate,
+            )
             for s in range(1000)
         ]
         low, high = chi_square_band(1000)
@@ -149,11 +221,15 @@ def test_side_noise_is_gauss_markov_of_two_seconds():
     v = gauss_markov(np.random.default_rng(6), 400_000, rms=0.02, tau_s=2.0, rate_hz=10.0)
     independent = v.size / 20.0
     assert np.mean(v**2) / 0.02**2 == pytest.approx(1.0, abs=4 * np.sqrt(2 / independent))
-    assert np.mean(v[20:] * v[:-20]) / 0.02**2 == pytest.approx(np.exp(-1), abs=4 / np.sqrt(independent))
+    assert np.mean(v[20:] * v[:-20]) / 0.02**2 == pytest.approx(
+        np.exp(-1), abs=4 / np.sqrt(independent)
+    )
 
 
 def test_side_noise_acts_along_body_y_and_only_while_rolling(taxi):
-    moved = disturb(taxi, VehicleNoise(**{**QUIET, "lateral_noise_m_s": 0.05}), (), np.random.default_rng(7))
+    moved = disturb(
+        taxi, VehicleNoise(**{**QUIET, "lateral_noise_m_s": 0.05}), (), np.random.default_rng(7)
+    )
     extra_b = np.einsum("nji,nj->ni", taxi.C_nb, moved.v_n_m_s - taxi.v_n_m_s)
     np.testing.assert_allclose(extra_b[:, [0, 2]], 0.0, atol=1e-15)
     assert not extra_b[taxi.speed_m_s < 0.5, 1].any()
@@ -161,11 +237,18 @@ def test_side_noise_acts_along_body_y_and_only_while_rolling(taxi):
 
 
 def test_nothing_shakes_a_vehicle_in_the_air():
-    ideal = ideal_sensors(build_truth(lay([TakeOff(), Climb(height_m=300.0), Cruise(duration_s=30.0)]), SITE), 10.0)
+    ideal = ideal_sensors(
+        build_truth(lay([TakeOff(), Climb(height_m=300.0), Cruise(duration_s=30.0)]), SITE), 10.0
+    )
     noise = VehicleNoise(crab_mrad=5.0, yaw_creep_arcsec_sqrt_h=0.0, sway_m_s=0.1)
-    moved = disturb(ideal, noise, (Gust(time_s=0.0, duration_s=100.0, sway_m_s=1.0),), np.random.default_rng(11))
+    moved = disturb(
+        ideal, noise, (Gust(time_s=0.0, duration_s=100.0, sway_m_s=1.0),), np.random.default_rng(11)
+    )
     extra = moved.v_n_m_s - ideal.v_n_m_s
-    assert not extra[ideal.on_wheels < 1e-9].any() and np.abs(extra[ideal.on_wheels == 1.0]).max() > 0.1
+    assert (
+        not extra[ideal.on_wheels < 1e-9].any()
+        and np.abs(extra[ideal.on_wheels == 1.0]).max() > 0.1
+    )
 
 
 def test_boarding_settles_at_its_step_within_seconds(parked):
@@ -175,11 +258,18 @@ def test_boarding_settles_at_its_step_within_seconds(parked):
     angles[:, 2] = wrap_pi(angles[:, 2])
     assert np.max(np.abs(angles[parked.time_s <= 100.0])) < 1e-12
     settled = angles[parked.time_s > 105.0] / ARCSEC
-    np.testing.assert_allclose(settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1)
+    np.testing.assert_allclose(
+        settled, np.tile([100.0, -50.0, 20.0], (settled.shape[0], 1)), atol=0.1
+    )
 
 
 def test_bump_reaches_its_velocity_and_leaves_no_displacement(taxi):
-    moved = disturb(taxi, VehicleNoise(**QUIET), (Bump(time_s=20.0, velocity_m_s=0.2),), np.random.default_rng(9))
+    moved = disturb(
+        taxi,
+        VehicleNoise(**QUIET),
+        (Bump(time_s=20.0, velocity_m_s=0.2),),
+        np.random.default_rng(9),
+    )
     assert np.max(np.abs(moved.v_n_m_s[:5000])) == pytest.approx(0.2 * np.cos(0.4), rel=0.01)
     assert abs(moved.lat_rad[4000] - taxi.lat_rad[4000]) * 6.4e6 < 1e-6
 
@@ -199,4 +289,6 @@ def test_level_turns_with_the_displacement_as_the_frames_say():
 
     lat, dlat, dlon = 0.8, 3e-6, -5e-6
     between = rotation_vector_from_dcm(dcm_en(lat, 0.1).T @ dcm_en(lat + dlat, 0.1 + dlon))
-    np.testing.assert_allclose(between, [np.cos(lat) * dlon, -dlat, -np.sin(lat) * dlon], atol=1e-10)
+    np.testing.assert_allclose(
+        between, [np.cos(lat) * dlon, -dlat, -np.sin(lat) * dlon], atol=1e-10
+    )

@@ -19,12 +19,20 @@ from trajectories.runs.physics_gates import check_physics
 from trajectories.runs.schema import SCHEMA, header_from_json
 
 OPTIONS = {
-    "imu_serial": "--serial", "gyro_technology": "--technology", "start_utc": "--start-utc",
-    "lat_deg": "--lat-deg", "lon_deg": "--lon-deg", "height_m": "--height-m",
-}  # fmt: skip
+    "imu_serial": "--serial",
+    "gyro_technology": "--technology",
+    "start_utc": "--start-utc",
+    "lat_deg": "--lat-deg",
+    "lon_deg": "--lon-deg",
+    "height_m": "--height-m",
+}
 MANY_LOST = 0.01  # of all rows
 # Words of the notes that may say why a key of the header is missing.
-TELLING = {"": ("damaged", "garbled", "cut off"), "lat_deg": ("left out:", "no gnss stream"), "start_utc": ("no date",)}
+TELLING = {
+    "": ("damaged", "garbled", "cut off"),
+    "lat_deg": ("left out:", "no gnss stream"),
+    "start_utc": ("no date",),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,44 +51,70 @@ class Conversion:
 def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:
     """The run in a log file.
 
-    `options` is the map, `given` run.json keys from the command line (flat: lat_deg, lon_deg, height_m for the site);
-    they override those of the map, which override what the log itself says. InputError names what is missing or wrong.
+    `options` is the map, `given` run.json keys from the command line (flat: lat_deg, lon_deg,
+    height_m for the site); they override those of the map, which override what the log itself says.
+    InputError names what is missing or wrong.
     """
     path = Path(path)
     name, log = read_log(path, options)
     findings, label = Findings(), path.name
-    header, errors, unknown = header_from_json(_header(log, given, path), name="options and map [run]")
+    header, errors, unknown = header_from_json(
+        _header(log, given, path), name="options and map [run]"
+    )
     if header is None or unknown:
         raise InputError((errors + unknown)[0])
     rate = RateScan(1.0 / log.imu.rate_hz, lambda k: f"{label}: row {k + 1}", label)
     rate.feed(log.imu.time_s)
     findings.error(*rate.lines)
     check_rows(log.imu, time_shift_s=log.time_shift_s, label=label, findings=findings)
-    check_physics(log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings)
+    check_physics(
+        log.imu, site=header.site, technology=header.gyro_technology, label=label, findings=findings
+    )
     check_streams(log.gnss, log.odometer, label=label, findings=findings)
     if findings.errors:
         raise InputError(findings.errors[0])
     findings.warn(*_lost(log.imu, label))
-    run = Run(header=header, imu=log.imu, temperature=log.temperature, gnss=log.gnss, odometer=log.odometer, faults=log.faults)
+    run = Run(
+        header=header,
+        imu=log.imu,
+        temperature=log.temperature,
+        gnss=log.gnss,
+        odometer=log.odometer,
+        faults=log.faults,
+    )
     record = {
-        "source": path.name, "source_sha256": _file_sha256(path), "format": name, "time_shift_s": log.time_shift_s,
-        "notes": list(log.notes), "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
-    }  # fmt: skip
+        "source": path.name,
+        "source_sha256": _file_sha256(path),
+        "format": name,
+        "time_shift_s": log.time_shift_s,
+        "notes": list(log.notes),
+        "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
+    }
     if log.other_files:
-        record["other_sources"] = [{"source": p.name, "source_sha256": _file_sha256(p)} for p in log.other_files]
+        record["other_sources"] = [
+            {"source": p.name, "source_sha256": _file_sha256(p)} for p in log.other_files
+        ]
     return Conversion(
-        run=replace(run, sha256=run_sha256(run)), record=record, findings=tuple(findings.items), reference=log.reference
+        run=replace(run, sha256=run_sha256(run)),
+        record=record,
+        findings=tuple(findings.items),
+        reference=log.reference,
     )
 
 
 def _lost(imu: ImuLog, label: str) -> list[str]:
-    """A line where more than a few rows are missing: the rate is held over each hole, as a run's reader does."""
+    """A line where more than a few rows are missing: the rate is held over each hole, as a run's
+    reader does.
+    """
     intervals = np.round(imu.dt_s * imu.rate_hz)
     lost = int(np.sum(intervals - 1, where=imu.dt_s * imu.rate_hz > DROPOUT))
     if lost <= MANY_LOST * imu.rows:
         return []
-    return [f"{label}: {lost} of {imu.rows + lost} rows lost ({lost / (imu.rows + lost):.0%}): each hole has the rate of the "
-            "row after it; what moved meanwhile is not known (spans: repaired)"]  # fmt: skip
+    return [
+        f"{label}: {lost} of {imu.rows + lost} rows lost ({lost / (imu.rows + lost):.0%}): each"
+        " hole has the rate of the row after it; what moved meanwhile is not known (spans:"
+        " repaired)"
+    ]
 
 
 def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:
@@ -88,18 +122,29 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
     known = {k: v for k, v in given.items() if v is not None}
     position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}
     header = {
-        "schema": SCHEMA, "run_id": path.name.split(".")[0], "tail": "", "lever_arms_m": {},
-        "applied_table_sha256": None, **log.header, **known,
-    }  # fmt: skip
+        "schema": SCHEMA,
+        "run_id": path.name.split(".")[0],
+        "tail": "",
+        "lever_arms_m": {},
+        "applied_table_sha256": None,
+        **log.header,
+        **known,
+    }
     site = header.get("site", {})
     header["site"] = {**site, **position} if isinstance(site, dict) else site
     if isinstance(header["site"], dict):
-        missing = [k for k in OPTIONS if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)]
+        missing = [
+            k
+            for k in OPTIONS
+            if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)
+        ]
         if missing:
             told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
             words = [word for key in ("", *missing) for word in TELLING.get(key, ())]
             why = next((f" ({n})" for n in log.notes if any(word in n for word in words)), "")
-            raise InputError(f"{path.name}: needed from the options or [run] in the map: {told}{why}")
+            raise InputError(
+                f"{path.name}: needed from the options or [run] in the map: {told}{why}"
+            )
     return header
 
 

@@ -1,6 +1,8 @@
-"""Whether fixes, their velocities and a wheel speak of the same motion: units and axes of a map that rest does not show.
+"""Whether fixes, their velocities and a wheel speak of the same motion: units and axes of a map
+that rest does not show.
 
-Positions are the yardstick: a receiver's velocity is that of its positions, and a wheel's speed that of the velocity.
+Positions are the yardstick: a receiver's velocity is that of its positions, and a wheel's speed
+that of the velocity.
 """
 
 import numpy as np
@@ -12,16 +14,28 @@ from trajectories.runs.checks import Findings
 
 MOVING_M_S, CLIMBING_M_S, LEAST_PAIRS = 2.0, 0.5, 20
 MAX_APART_S = 2.5  # of two fixes: a turn between them would show
-OFF, FITS = 0.3, 0.1  # of the speed, medians: what velocities may be off, and what the right unit leaves
+# of the speed, medians: what velocities may be off, and what the right unit leaves
+OFF, FITS = 0.3, 0.1
 FACTORS = {  # a speed that reads so many times what it is
-    3.6: "km/h taken for m/s", 1 / 3.6: "m/s taken for km/h", 3600 / 1852: "kn taken for m/s", 1852 / 3600: "m/s taken for kn",
-    1.852: "km/h taken for kn", 1 / 1.852: "kn taken for km/h", 1 / 0.44704: "mph taken for m/s", 1e3: "mm/s taken for m/s",
-    1e2: "cm/s taken for m/s", 1e-2: "m/s taken for cm/s",
-}  # fmt: skip
+    3.6: "km/h taken for m/s",
+    1 / 3.6: "m/s taken for km/h",
+    3600 / 1852: "kn taken for m/s",
+    1852 / 3600: "m/s taken for kn",
+    1.852: "km/h taken for kn",
+    1 / 1.852: "kn taken for km/h",
+    1 / 0.44704: "mph taken for m/s",
+    1e3: "mm/s taken for m/s",
+    1e2: "cm/s taken for m/s",
+    1e-2: "m/s taken for cm/s",
+}
 
 
-def check_streams(gnss: GnssLog | None, odometer: OdometerLog | None, *, label: str, findings: Findings) -> None:
-    """Adds an error where velocities or a wheel show another unit, order or sign than they were taken for."""
+def check_streams(
+    gnss: GnssLog | None, odometer: OdometerLog | None, *, label: str, findings: Findings
+) -> None:
+    """Adds an error where velocities or a wheel show another unit, order or sign than they were
+    taken for.
+    """
     if gnss is None or gnss.time_s.size <= LEAST_PAIRS:
         return
     for told in (_velocities(gnss), _wheel(gnss, odometer) if odometer is not None else ""):
@@ -34,24 +48,43 @@ def _velocities(gnss: GnssLog) -> str:
     moving = np.linalg.norm(way[:, :2], axis=1) > MOVING_M_S
     if np.count_nonzero(moving) >= LEAST_PAIRS:
         level, seen = way[moving, :2], v[moving, :2]
-        orders = {"": seen, "east taken for north (frame?)": seen[:, ::-1], "signs turned round": -seen}
-        found = [(_off(values / factor, level), ", ".join(filter(None, (order, unit))))
-                 for order, values in orders.items() for factor, unit in {1.0: "", **FACTORS}.items()]  # fmt: skip
+        orders = {
+            "": seen,
+            "east taken for north (frame?)": seen[:, ::-1],
+            "signs turned round": -seen,
+        }
+        found = [
+            (_off(values / factor, level), ", ".join(filter(None, (order, unit))))
+            for order, values in orders.items()
+            for factor, unit in {1.0: "", **FACTORS}.items()
+        ]
         off, cause = min(found)
         if found[0][0] > OFF and off < FITS and cause:
-            return f"velocities of the fixes are {found[0][0]:.0%} off what their positions do: {cause}?"
+            return (
+                f"velocities of the fixes are {found[0][0]:.0%} off what their positions do:"
+                f" {cause}?"
+            )
     climbing = np.abs(way[:, 2]) > CLIMBING_M_S
-    if np.count_nonzero(climbing) >= LEAST_PAIRS and abs(np.median(v[climbing, 2] / way[climbing, 2]) + 1) < OFF:
+    if (
+        np.count_nonzero(climbing) >= LEAST_PAIRS
+        and abs(np.median(v[climbing, 2] / way[climbing, 2]) + 1) < OFF
+    ):
         return "the fixes rise where their velocity says down: up taken for down (frame?)"
     return ""
 
 
 def _pairs(gnss: GnssLog) -> tuple[NDArray, NDArray]:
-    """Mean velocity north, east, down between fixes by their positions, and by their velocities, (n, 3) each [m/s]."""
+    """Mean velocity north, east, down between fixes by their positions, and by their velocities,
+    (n, 3) each [m/s].
+    """
     step = np.diff(gnss.time_s)
     k = np.flatnonzero((step > 0) & (step <= MAX_APART_S))
     level = displacement_ned(
-        gnss.lat_rad[k + 1], gnss.lon_rad[k + 1], lat0_rad=gnss.lat_rad[k], lon0_rad=gnss.lon_rad[k], height0_m=gnss.height_m[k]
+        gnss.lat_rad[k + 1],
+        gnss.lon_rad[k + 1],
+        lat0_rad=gnss.lat_rad[k],
+        lon0_rad=gnss.lon_rad[k],
+        height0_m=gnss.height_m[k],
     )
     way = np.column_stack([level[:, :2], gnss.height_m[k] - gnss.height_m[k + 1]]) / step[k, None]
     return way, 0.5 * (gnss.v_n_m_s[k] + gnss.v_n_m_s[k + 1])
@@ -72,4 +105,8 @@ def _wheel(gnss: GnssLog, odometer: OdometerLog) -> str:
     typical = float(np.median(ratio))
     steady = np.median(np.abs(ratio / typical - 1)) < FITS
     cause = next((told for factor, told in FACTORS.items() if abs(typical / factor - 1) < FITS), "")
-    return f"the wheel reads {typical:.3g} times the speed of the fixes: {cause}?" if steady and cause else ""
+    return (
+        f"the wheel reads {typical:.3g} times the speed of the fixes: {cause}?"
+        if steady and cause
+        else ""
+    )

@@ -1,4 +1,6 @@
-"""The known log formats, and choosing one: by the map's `format`, else by the content of the file."""
+"""The known log formats, and choosing one: by the map's `format`, else by the content of the
+file.
+"""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -9,24 +11,30 @@ from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
 
-# Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any MATLAB file.
+# Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any
+# MATLAB file.
 MODULES = ("ardupilot", "px4", "ros", "navego", "psins", "kfgins", "novatel", "mapped")
 
 
 GZIP = b"\x1f\x8b\x08"
 PACKED = {
-    b"PK\x03\x04": "zip", b"BZh": "bzip2", b"\xfd7zXZ\x00": "xz", b"7z\xbc\xaf": "7z", b"Rar!": "rar",
+    b"PK\x03\x04": "zip",
+    b"BZh": "bzip2",
+    b"\xfd7zXZ\x00": "xz",
+    b"7z\xbc\xaf": "7z",
+    b"Rar!": "rar",
     b"\x28\xb5\x2f\xfd": "zstd",
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertedLog:
-    """What a reader found: streams with run time (starting at 0), what it dropped or repaired, and what it noticed.
+    """What a reader found: streams with run time (starting at 0), what it dropped or repaired, and
+    what it noticed.
 
-    `time_shift_s` is what was subtracted from the log's own times [s], `wraps_s` the periods by which its clock wrapped;
-    `header` holds run.json keys the log knows; `reference` is a solution or truth that came with the log, for scoring
-    only; `other_files`: read beside the log.
+    `time_shift_s` is what was subtracted from the log's own times [s], `wraps_s` the periods by
+    which its clock wrapped; `header` holds run.json keys the log knows; `reference` is a solution
+    or truth that came with the log, for scoring only; `other_files`: read beside the log.
     """
 
     imu: ImuLog
@@ -44,10 +52,11 @@ class ConvertedLog:
 
 @dataclass(frozen=True, kw_only=True)
 class Reader:
-    """One format: its name in maps, a line about it, `detect(path)` by content, `read(path, options)`.
+    """One format: its name in maps, a line about it, `detect(path)` by content, `read(path,
+    options)`.
 
-    folder: whether a log may be a folder; only then do `detect` and `read` see one. gnss_file: whether fixes may be in
-    another file (`gnss.file`, --gnss).
+    folder: whether a log may be a folder; only then do `detect` and `read` see one. gnss_file:
+    whether fixes may be in another file (`gnss.file`, --gnss).
     """
 
     name: str
@@ -65,7 +74,9 @@ def readers() -> tuple[Reader, ...]:
 
 
 def _refuse_no_log(path: Path) -> None:
-    """InputError for what no reader can make anything of, whatever the map says: nothing, an empty file, a packed one."""
+    """InputError for what no reader can make anything of, whatever the map says: nothing, an empty
+    file, a packed one.
+    """
     if not (path.is_file() or path.is_dir()):
         dead = "a link that leads nowhere" if path.is_symlink() else "no such file"
         raise InputError(f"{path}: {'not a file' if path.exists() else dead}")
@@ -81,32 +92,50 @@ def _refuse_no_log(path: Path) -> None:
     for magic, what in PACKED.items():
         if head.startswith(magic):
             raise InputError(f"{path}: a {what} file: unpack it first and give the log in it")
-    if (head.startswith(b"\xff\xfe") and head[3::2] == bytes(3)) or (head.startswith(b"\xfe\xff") and head[2::2] == bytes(3)):
-        raise InputError(f"{path}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)")
+    if (head.startswith(b"\xff\xfe") and head[3::2] == bytes(3)) or (
+        head.startswith(b"\xfe\xff") and head[2::2] == bytes(3)
+    ):
+        raise InputError(
+            f"{path}: text in UTF-16, needed UTF-8: save it so (iconv -f UTF-16 -t UTF-8)"
+        )
     if head.startswith(GZIP) and path.suffix != ".gz":
-        raise InputError(f"{path}: a gzip file without .gz in its name: unpack it first, or name it so (text only)")
+        raise InputError(
+            f"{path}: a gzip file without .gz in its name: unpack it first, or name it so (text"
+            " only)"
+        )
 
 
 def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]:
-    """The name of the format and the log. InputError where the file, its format or an option is wrong."""
+    """The name of the format and the log. InputError where the file, its format or an option is
+    wrong.
+    """
     _refuse_no_log(path)
     known = tuple(reader for reader in readers() if reader.folder or path.is_file())
     name = options.get("format")
-    if name is None and path.is_file() and {"gyro", "accel"} & set(options):  # a column map says itself what it is
+    # a column map says itself what it is
+    if name is None and path.is_file() and {"gyro", "accel"} & set(options):
         name = importlib.import_module("trajectories.readers.columns.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]
         if not chosen and name in (r.name for r in readers()):
             raise InputError(f"{path}: a folder, needed a file: a {name} log is one")
         if not chosen:
-            raise InputError(f"format: got {str(name)[:40]!r}, needed one of {', '.join(r.name for r in known)}")
+            raise InputError(
+                f"format: got {str(name)[:40]!r}, needed one of {', '.join(r.name for r in known)}"
+            )
     else:
         chosen = list(islice((r for r in known if r.detect(path)), 1))
     if not chosen and path.is_dir():
-        raise InputError(f"{path}: a folder without a bag (.bag, .db3, .mcap): needed the file of the log")
+        raise InputError(
+            f"{path}: a folder without a bag (.bag, .db3, .mcap): needed the file of the log"
+        )
     if not chosen:
         formats = "; ".join(f"{r.name} ({r.about})" for r in known)
-        raise InputError(f"{path}: format not recognised, needed --map with a `format`. Known: {formats}")
+        raise InputError(
+            f"{path}: format not recognised, needed --map with a `format`. Known: {formats}"
+        )
     if "gnss" in options and not chosen[0].gnss_file:
-        raise InputError(f"{path.name}: [gnss] (--gnss): a {chosen[0].name} log takes no fixes of another file")
+        raise InputError(
+            f"{path.name}: [gnss] (--gnss): a {chosen[0].name} log takes no fixes of another file"
+        )
     return chosen[0].name, chosen[0].read(path, options)

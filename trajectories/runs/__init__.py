@@ -1,1 +1,3 @@
-"""Run directories: streams read and written strictly, long logs left in their file, checks of every row."""
+"""Run directories: streams read and written strictly, long logs left in their file, checks of every
+row.
+"""

@@ -1,7 +1,8 @@
-"""What can be wrong with the rows of a stream: values, times, gaps, rate. Lines that name file, row and column.
+"""What can be wrong with the rows of a stream: values, times, gaps, rate. Lines that name file, row
+and column.
 
-Levels: an "error" makes the run unusable (`read_run` raises it); a "suspect" fails `recal check` only; a "warning"
-does neither.
+Levels: an "error" makes the run unusable (`read_run` raises it); a "suspect" fails `recal check`
+only; a "warning" does neither.
 """
 
 from collections.abc import Callable
@@ -76,16 +77,26 @@ class Listed:
     @property
     def lines(self) -> list[str]:
         more = self._count - len(self._lines)
-        return [*self._lines[:-1], f"{self._lines[-1]} (and {more} more such rows)"] if more else self._lines
+        return (
+            [*self._lines[:-1], f"{self._lines[-1]} (and {more} more such rows)"]
+            if more
+            else self._lines
+        )
 
 
 def check_increasing(time_s: NDArray, row: Row) -> list[str]:
     """Times that go back or repeat, shape (n,)."""
     found = Listed()
-    found.add(np.flatnonzero(np.diff(time_s) <= 0) + 1, lambda k: not_increasing(row(k), time_s[k], time_s[k - 1]))
+    found.add(
+        np.flatnonzero(np.diff(time_s) <= 0) + 1,
+        lambda k: not_increasing(row(k), time_s[k], time_s[k - 1]),
+    )
     return found.lines
 
 
 def not_increasing(where: str, time_s: float, before_s: float) -> str:
     verb = "repeats" if time_s == before_s else "goes back from"
-    return f"{where}: column time_s: {time_s:.9g} s {verb} {before_s:.9g} s, needed strictly increasing"
+    return (
+        f"{where}: column time_s: {time_s:.9g} s {verb} {before_s:.9g} s, needed strictly"
+        " increasing"
+    )

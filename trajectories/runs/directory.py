@@ -1,7 +1,7 @@
 """Read and write run directories (formats.md, section 1).
 
-`inspect_run` reads everything and lists all that is wrong; `read_run` is the same, raising the first error.
-Truth (`reference`) comes only from `read_reference`, so that no estimator can see it.
+`inspect_run` reads everything and lists all that is wrong; `read_run` is the same, raising the
+first error. Truth (`reference`) comes only from `read_reference`, so that no estimator can see it.
 """
 
 import hashlib
@@ -31,9 +31,11 @@ FORMATS = ("parquet", "csv", "csv.gz")
 
 @dataclass(frozen=True, kw_only=True)
 class Inspection:
-    """What a run directory holds and what is wrong with it; `run` is None where an error makes it unusable.
+    """What a run directory holds and what is wrong with it; `run` is None where an error makes it
+    unusable.
 
-    `header` and `logs` (by stream) are what could be read even then; `quiet` holds the means at rest.
+    `header` and `logs` (by stream) are what could be read even then; `quiet` holds the means at
+    rest.
     """
 
     path: Path
@@ -50,10 +52,12 @@ class Inspection:
 
 
 def read_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False) -> Run:
-    """The run in a directory, without its reference. InputError names the file, the row or key, and the trouble.
+    """The run in a directory, without its reference. InputError names the file, the row or key, and
+    the trouble.
 
-    What could be repaired or had to be dropped is in `Run.faults`. An imu stream of more than `held_rows` rows stays in
-    its file, which must then outlive the run. dead_columns: imu columns without any value stay as NaN.
+    What could be repaired or had to be dropped is in `Run.faults`. An imu stream of more than
+    `held_rows` rows stays in its file, which must then outlive the run. dead_columns: imu columns
+    without any value stay as NaN.
     """
     inspection = inspect_run(path, held_rows=held_rows, dead_columns=dead_columns)
     if inspection.run is None:
@@ -73,8 +77,12 @@ def read_reference(path: Path) -> ReferenceLog | None:
     return log
 
 
-def inspect_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False) -> Inspection:
-    """Reads a run directory and lists everything that is wrong; raises nothing for bad input. Options as `read_run`."""
+def inspect_run(
+    path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False
+) -> Inspection:
+    """Reads a run directory and lists everything that is wrong; raises nothing for bad input.
+    Options as `read_run`.
+    """
     path, findings = Path(path), Findings()
     faults: list[Span] = []
     if not path.is_dir():
@@ -82,7 +90,10 @@ def inspect_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = 
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
     logs: dict[str, Any] = {}
-    loaders: dict[str, Callable] = {"imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns), **streams.LOADERS}
+    loaders: dict[str, Callable] = {
+        "imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns),
+        **streams.LOADERS,
+    }
     for name, load in loaders.items():
         logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
         faults += more
@@ -91,24 +102,38 @@ def inspect_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = 
     imu, quiet, run = logs["imu"], None, None
     if imu is not None and header is not None:
         site, technology = header.site, header.gyro_technology
-        quiet = check_physics(imu, site=site, technology=technology, label=_label(path, "imu"), findings=findings)
+        quiet = check_physics(
+            imu, site=site, technology=technology, label=_label(path, "imu"), findings=findings
+        )
         streams.check_overlap(imu, logs, header, findings)
     if imu is not None and header is not None and not findings.errors:
         run = Run(header=header, faults=tuple(faults), **{**logs, "phases": logs["phases"] or ()})
         run = replace(run, sha256=run_sha256(run))
     return Inspection(
-        path=path, run=run, findings=tuple(findings.items), header=header, logs=logs, faults=tuple(faults), quiet=quiet
+        path=path,
+        run=run,
+        findings=tuple(findings.items),
+        header=header,
+        logs=logs,
+        faults=tuple(faults),
+        quiet=quiet,
     )
 
 
 def run_sha256(run: Run) -> str:
-    """Hash of what was measured: the serial and the float64 content of imu, temperature, gnss and odometer.
+    """Hash of what was measured: the serial and the float64 content of imu, temperature, gnss and
+    odometer.
 
-    Packing, column order, run_id, tail, site and phases do not change it, so that the same recording is known again
-    under another name. Increments are hashed as read (rates once turned into increments), angles in radians.
+    Packing, column order, run_id, tail, site and phases do not change it, so that the same
+    recording is known again under another name. Increments are hashed as read (rates once turned
+    into increments), angles in radians.
     """
     digest = hashlib.sha256(json.dumps(["recal.run/1", run.header.imu_serial]).encode())
-    for key, shape in (("dtheta_rad", (run.imu.rows, 3)), ("dv_m_s", (run.imu.rows, 3)), ("time_s", (run.imu.rows,))):
+    for key, shape in (
+        ("dtheta_rad", (run.imu.rows, 3)),
+        ("dv_m_s", (run.imu.rows, 3)),
+        ("time_s", (run.imu.rows,)),
+    ):
         digest.update(f"imu.{key}{shape}".encode())
         for piece in run.imu.pieces():
             digest.update(np.ascontiguousarray(getattr(piece, key), dtype="<f8").data)
@@ -122,12 +147,17 @@ def run_sha256(run: Run) -> str:
 
 
 def write_run(
-    path: Path, run: Run, *, reference: ReferenceLog | None = None, fmt: str = "parquet",
+    path: Path,
+    run: Run,
+    *,
+    reference: ReferenceLog | None = None,
+    fmt: str = "parquet",
     conversion: dict[str, Any] | None = None,
-) -> None:  # fmt: skip
+) -> None:
     """Writes a run directory completely or not at all; an older run at `path` is replaced.
 
-    fmt is "parquet", "csv" or "csv.gz". InputError where `path` exists and is not a run: nothing is overwritten.
+    fmt is "parquet", "csv" or "csv.gz". InputError where `path` exists and is not a run: nothing is
+    overwritten.
     """
     if fmt not in FORMATS:
         raise InputError(f"run format {fmt!r}, needed one of {', '.join(FORMATS)}")
@@ -139,7 +169,10 @@ def write_run(
     except OSError as error:
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
     try:
-        text = json.dumps(header_to_json(run.header, conversion=conversion), indent=1, allow_nan=False) + "\n"
+        text = (
+            json.dumps(header_to_json(run.header, conversion=conversion), indent=1, allow_nan=False)
+            + "\n"
+        )
         (new / "run.json").write_text(text, encoding="utf-8")
         for name, columns in streams.tables(run, reference).items():
             write_columns(new / f"{name}.{fmt}", columns)
@@ -168,7 +201,9 @@ def _read_header(path: Path, findings: Findings) -> RunHeader | None:
 
 
 def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: int) -> Any:
-    """What `load` makes of a stream; None where it is absent or cannot be used (then findings say why)."""
+    """What `load` makes of a stream; None where it is absent or cannot be used (then findings say
+    why).
+    """
     stream = _open_stream(path, name, findings, held_rows)
     try:
         return load(stream, findings) if stream else None
@@ -179,7 +214,9 @@ def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: 
         findings.warn(*(stream.notes if stream else ()))
 
 
-def _open_stream(path: Path, name: str, findings: Findings, held_rows: int = HELD_ROWS) -> StreamFile | None:
+def _open_stream(
+    path: Path, name: str, findings: Findings, held_rows: int = HELD_ROWS
+) -> StreamFile | None:
     found = [f"{name}{end}" for end in ENDINGS if os.path.lexists(path / f"{name}{end}")]
     if len(found) > 1:
         findings.error(f"{' and '.join(found)}: needed one of them")
@@ -235,7 +272,9 @@ def _refuse_foreign(path: Path) -> None:
 
 
 def _put_in_place(new: Path, path: Path) -> None:
-    """Rename a complete directory to its name; an older one steps aside first and is then removed."""
+    """Rename a complete directory to its name; an older one steps aside first and is then
+    removed.
+    """
     if not path.exists():
         new.rename(path)
         return

@@ -1,7 +1,7 @@
 """The imu stream: rows to increments, with all that can be wrong in its values and times.
 
-A long stream stays in its file and is read again, a piece at a time, by whoever uses it; a short one becomes an `ImuLog`.
-Both hold the same bits.
+A long stream stays in its file and is read again, a piece at a time, by whoever uses it; a short
+one becomes an `ImuLog`. Both hold the same bits.
 """
 
 from collections.abc import Iterator
@@ -12,17 +12,26 @@ from numpy.typing import NDArray
 
 from ins.records import ImuLog, ImuSource, Span
 from trajectories.runs.checks import MAX_GAP_S, Findings
-from trajectories.runs.imu_scan import Dropouts, DropoutScan, FiniteScan, Intervals, RateScan, TimeScan
+from trajectories.runs.imu_scan import (
+    Dropouts,
+    DropoutScan,
+    FiniteScan,
+    Intervals,
+    RateScan,
+    TimeScan,
+)
 from trajectories.runs.schema import imu_columns
 from trajectories.runs.stream_files import HELD_ROWS, PIECE_ROWS, StreamFile
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ImuFile:
-    """Increments that stay in their file (an `ins.records.ImuSource`); each use reads what it needs.
+    """Increments that stay in their file (an `ins.records.ImuSource`); each use reads what it
+    needs.
 
-    names: of the columns; intervals: of all rows; scaled_rows: rows after a dropout whose increments are made to
-    cover it; index_row, index_time_s, index_before_s: first row of each piece, its time and that of the row before it.
+    names: of the columns; intervals: of all rows; scaled_rows: rows after a dropout whose
+    increments are made to cover it; index_row, index_time_s, index_before_s: first row of each
+    piece, its time and that of the row before it.
     """
 
     stream: StreamFile
@@ -63,10 +72,14 @@ class ImuFile:
             yield _joined(held, self.source)
 
     def _parts(self, start_s: float, end_s: float) -> Iterator[tuple[NDArray, ...]]:
-        """time_s, dt_s, dtheta_rad, dv_m_s of the rows in (start_s, end_s], as the file's pieces come."""
+        """time_s, dt_s, dtheta_rad, dv_m_s of the rows in (start_s, end_s], as the file's pieces
+        come.
+        """
         first = max(int(np.searchsorted(self.index_time_s, start_s, side="right")) - 1, 0)
         before_s, nominal_s = self.index_before_s[first], self.intervals.nominal_s
-        for row, columns in self.stream.pieces(self.names, from_row=int(self.index_row[first]), rows=self.piece_rows):
+        for row, columns in self.stream.pieces(
+            self.names, from_row=int(self.index_row[first]), rows=self.piece_rows
+        ):
             time_s = columns["time_s"]
             dt_s = np.diff(time_s, prepend=nominal_s if row == 0 else before_s)
             if row == 0:
@@ -89,14 +102,18 @@ class ImuFile:
 
 
 def load_imu(
-    stream: StreamFile, findings: Findings, *, held_rows: int = HELD_ROWS, piece_rows: int = PIECE_ROWS,
+    stream: StreamFile,
+    findings: Findings,
+    *,
+    held_rows: int = HELD_ROWS,
+    piece_rows: int = PIECE_ROWS,
     dead_columns: bool = False,
-) -> tuple[ImuSource | None, list[Span]]:  # fmt: skip
+) -> tuple[ImuSource | None, list[Span]]:
     """The imu stream as increments, with its faults; None once an error was found.
 
     dead_columns: a sensor without a finite value in any row is told of, its NaN stay in the log.
-    In memory up to `held_rows` rows. A row of rates is the mean over the interval that ends at its time, so
-    increment = rate x interval.
+    In memory up to `held_rows` rows. A row of rates is the mean over the interval that ends at its
+    time, so increment = rate x interval.
     """
     errors, names = len(findings.errors), imu_columns(stream.names)
     times = TimeScan(stream.row)
@@ -107,8 +124,16 @@ def load_imu(
         with np.errstate(over="ignore", invalid="ignore"):  # numbers that are refused below
             values.feed(row, columns)
     silent = [scan for scan in values.finite if dead_columns and scan.bad_rows == times.rows]
-    findings.warn(*(f"{stream.label}: column {scan.column} has no finite value in any row: left out" for scan in silent))
-    findings.error(*(line for scan in values.finite if scan not in silent for line in scan.lines), *times.finite.lines)
+    findings.warn(
+        *(
+            f"{stream.label}: column {scan.column} has no finite value in any row: left out"
+            for scan in silent
+        )
+    )
+    findings.error(
+        *(line for scan in values.finite if scan not in silent for line in scan.lines),
+        *times.finite.lines,
+    )
     if times.rows < 2:
         findings.error(f"{stream.label}: {times.rows} rows, needed at least 2")
     elif len(findings.errors) == errors:
@@ -117,13 +142,24 @@ def load_imu(
         findings.error(*times.gaps.lines, *values.rate.lines)
     if len(findings.errors) > errors:
         return None, []
-    source, dropouts = "rates" if "gyro_x_rad_s" in names else "increments", values.dropouts.finish()
+    source, dropouts = (
+        "rates" if "gyro_x_rad_s" in names else "increments",
+        values.dropouts.finish(),
+    )
     file = ImuFile(
-        stream=stream, names=names, source=source, rows=times.rows, start_s=times.start_s, end_s=times.end_s,
-        intervals=times.intervals, scaled_rows=dropouts.row[dropouts.short] if source == "increments" else _NO_ROWS,
-        index_row=np.array(values.index_row), index_time_s=np.array(values.index_time_s),
-        index_before_s=np.array(values.index_before_s), piece_rows=piece_rows,
-    )  # fmt: skip
+        stream=stream,
+        names=names,
+        source=source,
+        rows=times.rows,
+        start_s=times.start_s,
+        end_s=times.end_s,
+        intervals=times.intervals,
+        scaled_rows=dropouts.row[dropouts.short] if source == "increments" else _NO_ROWS,
+        index_row=np.array(values.index_row),
+        index_time_s=np.array(values.index_time_s),
+        index_before_s=np.array(values.index_before_s),
+        piece_rows=piece_rows,
+    )
     return file.whole() if file.rows <= held_rows else file, dropout_spans(dropouts)
 
 
@@ -137,7 +173,10 @@ class _ValueScan:
         self._names, self._clean = names, times.clean
         self.finite = [FiniteScan(name, stream.row) for name in names[1:]]
         nominal_s = times.intervals.nominal_s if times.clean else 1.0
-        self.rate, self.dropouts = RateScan(nominal_s, stream.row, stream.label), DropoutScan(nominal_s)
+        self.rate, self.dropouts = (
+            RateScan(nominal_s, stream.row, stream.label),
+            DropoutScan(nominal_s),
+        )
         self.index_row: list[int] = []
         self.index_time_s: list[float] = []
         self.index_before_s = [np.nan]
@@ -154,8 +193,12 @@ class _ValueScan:
             self.dropouts.feed(time_s, np.nan_to_num(_vectors(columns, self._names[4:])))
 
 
-def imu_log(time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str) -> tuple[ImuLog, list[Span]]:
-    """Rates (per second) or increments, (n, 3) each and changed in place, as a log with its dropouts held over."""
+def imu_log(
+    time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str
+) -> tuple[ImuLog, list[Span]]:
+    """Rates (per second) or increments, (n, 3) each and changed in place, as a log with its
+    dropouts held over.
+    """
     nominal = Intervals.of(np.diff(time_s)).nominal_s
     dt_s = np.concatenate([[nominal], np.diff(time_s)])
     scan = DropoutScan(nominal)
@@ -169,7 +212,9 @@ def imu_log(time_s: NDArray, dtheta: NDArray, dv: NDArray, *, source: str) -> tu
 
 def jitter(imu: ImuSource) -> float:
     """99th percentile of |interval - nominal| over the nominal interval, dropouts left out."""
-    intervals = imu.intervals if isinstance(imu, ImuFile) else Intervals.of(np.diff(imu.whole().time_s))
+    intervals = (
+        imu.intervals if isinstance(imu, ImuFile) else Intervals.of(np.diff(imu.whole().time_s))
+    )
     return intervals.jitter
 
 
@@ -186,8 +231,11 @@ def dropout_spans(found: Dropouts) -> list[Span]:
     return spans
 
 
-def _to_increments(rows: slice | NDArray, dt_s: NDArray, dtheta: NDArray, dv: NDArray, held_s: float) -> None:
-    """Make rows that hold `held_s` of motion cover their interval, in place: 1 s, rates; a nominal one, after a dropout.
+def _to_increments(
+    rows: slice | NDArray, dt_s: NDArray, dtheta: NDArray, dv: NDArray, held_s: float
+) -> None:
+    """Make rows that hold `held_s` of motion cover their interval, in place: 1 s, rates; a nominal
+    one, after a dropout.
 
     The rate is taken as constant over lost rows.
     """
@@ -203,5 +251,7 @@ def _vectors(columns: dict[str, NDArray], names: tuple[str, ...]) -> NDArray:
 def _joined(parts: list[tuple[NDArray, ...]], source: str) -> ImuLog:
     if not parts:
         parts = [(np.empty(0), np.empty(0), np.empty((0, 3)), np.empty((0, 3)))]
-    time_s, dt_s, dtheta, dv = parts[0] if len(parts) == 1 else (np.concatenate(column) for column in zip(*parts))
+    time_s, dt_s, dtheta, dv = (
+        parts[0] if len(parts) == 1 else (np.concatenate(column) for column in zip(*parts))
+    )
     return ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta, dv_m_s=dv, source=source)

@@ -1,7 +1,8 @@
 """Frame, sign and unit trouble seen at rest: mean |f| against gravity, mean |w| against Earth rate.
 
-At rest and level, axes forward-right-down, an accelerometer triad reads (0, 0, -g) and the gyros read Earth rate,
-whose part along the vertical is -Omega sinL (CONVENTIONS.md). Each message names the likely cause and the fix.
+At rest and level, axes forward-right-down, an accelerometer triad reads (0, 0, -g) and the gyros
+read Earth rate, whose part along the vertical is -Omega sinL (CONVENTIONS.md). Each message names
+the likely cause and the fix.
 """
 
 from dataclasses import dataclass
@@ -16,10 +17,13 @@ from trajectories.runs.checks import Findings
 
 QUIET_S = 30.0  # length of the quiet stretch the gates use
 QUIET_SEARCH_S = 600.0  # looked for in this much of the log
-QUIET_F = 0.02  # of |f|: scatter of one-second means; sway and gusts stay below it, driving does not
-G_TOLERANCE = {"rlg": 0.02, "fog": 0.02, "mems": 0.1}  # of gravity: consumer accelerometers are off by up to 60 mg
+# of |f|: scatter of one-second means; sway and gusts stay below it, driving does not
+QUIET_F = 0.02
+# of gravity: consumer accelerometers are off by up to 60 mg
+G_TOLERANCE = {"rlg": 0.02, "fog": 0.02, "mems": 0.1}
 EXPECTED_F = 9.8  # [m/s^2] anywhere on Earth to 0.5 %
-# How far |w| at rest may be from Earth rate [deg/h]: the raw bias that a working unit's table takes out, noise of 30 s.
+# How far |w| at rest may be from Earth rate [deg/h]: the raw bias that a working unit's table takes
+# out, noise of 30 s.
 W_TOLERANCE_DEG_H = {"rlg": 2.0, "fog": 5.0, "mems": 150.0}
 FACTOR_TOLERANCE = 0.3  # of a suspected unit factor in the Earth rate
 
@@ -39,17 +43,24 @@ W_UNITS = (
     (DEG, "rad/s scaled by pi/180 once too often", "multiply by 57.2958"),
     (1 / 3600.0, "rad/s divided by 3600 once too often", "multiply by 3600"),
 )
-# The body axes (x, y, z) from raw ones, by where gravity shows: key = (axis, sign of the mean specific force on it).
+# The body axes (x, y, z) from raw ones, by where gravity shows: key = (axis, sign of the mean
+# specific force on it).
 AXIS_MAPS = {
-    ("x", 1): ("z", "y", "-x"), ("x", -1): ("-z", "y", "x"), ("y", 1): ("x", "z", "-y"),
-    ("y", -1): ("x", "-z", "y"), ("z", 1): ("x", "-y", "-z"),
-}  # fmt: skip
-RIGHT_FORWARD_UP = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, ("y", "x", "-z")))  # the other usual set with z up
+    ("x", 1): ("z", "y", "-x"),
+    ("x", -1): ("-z", "y", "x"),
+    ("y", 1): ("x", "z", "-y"),
+    ("y", -1): ("x", "-z", "y"),
+    ("z", 1): ("x", "-y", "-z"),
+}
+# the other usual set with z up
+RIGHT_FORWARD_UP = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, ("y", "x", "-z")))
 
 
 @dataclass(frozen=True, kw_only=True)
 class QuietMeans:
-    """Mean specific force [m/s^2] and angular rate [rad/s], shape (3,), over the quiet stretch start_s to end_s."""
+    """Mean specific force [m/s^2] and angular rate [rad/s], shape (3,), over the quiet stretch
+    start_s to end_s.
+    """
 
     start_s: float
     end_s: float
@@ -58,31 +69,42 @@ class QuietMeans:
 
 
 def quiet_means(source: ImuSource) -> QuietMeans | None:
-    """Means over the first stretch near the start of the log in which one-second means of f hold still, else None."""
+    """Means over the first stretch near the start of the log in which one-second means of f hold
+    still, else None.
+    """
     start, last = source.start_s, source.end_s
     imu = source.between(-np.inf, start + QUIET_SEARCH_S + QUIET_S)
     while start < min(source.start_s + QUIET_SEARCH_S, last):
         part = slice(*np.searchsorted(imu.time_s, [start, start + QUIET_S]))
         start += QUIET_S
         time_s, dt_s = imu.time_s[part], imu.dt_s[part]
-        if time_s.size < 2 or time_s[-1] - time_s[0] < min(QUIET_S / 2, (last - source.start_s) / 2):
+        if time_s.size < 2 or time_s[-1] - time_s[0] < min(
+            QUIET_S / 2, (last - source.start_s) / 2
+        ):
             continue
         second = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], 1.0))
         f = np.add.reduceat(imu.dv_m_s[part], second) / np.add.reduceat(dt_s, second)[:, None]
         f_mean = imu.dv_m_s[part].sum(axis=0) / dt_s.sum()
         if np.sqrt(np.mean(np.sum((f - f_mean) ** 2, axis=1))) <= QUIET_F * np.linalg.norm(f_mean):
             return QuietMeans(
-                start_s=float(time_s[0]), end_s=float(time_s[-1]), f_m_s2=f_mean,
+                start_s=float(time_s[0]),
+                end_s=float(time_s[-1]),
+                f_m_s2=f_mean,
                 w_rad_s=imu.dtheta_rad[part].sum(axis=0) / dt_s.sum(),
-            )  # fmt: skip
+            )
     return None
 
 
-def check_physics(imu: ImuSource, *, site: Site, technology: str, label: str, findings: Findings) -> QuietMeans | None:
+def check_physics(
+    imu: ImuSource, *, site: Site, technology: str, label: str, findings: Findings
+) -> QuietMeans | None:
     """Adds what the quiet start says about units, signs and axes; returns the means it used."""
     means = quiet_means(imu)
     if means is None:
-        findings.warn(f"{label}: no {QUIET_S:g} s at rest in the first {QUIET_SEARCH_S:g} s: units and axes not tested")
+        findings.warn(
+            f"{label}: no {QUIET_S:g} s at rest in the first {QUIET_SEARCH_S:g} s: units and axes"
+            " not tested"
+        )
         return None
     f_wrong = _force_size(means, imu, technology) or _force_axis(means, site, technology)
     if f_wrong:
@@ -101,11 +123,14 @@ def _force_size(means: QuietMeans, imu: ImuSource, technology: str) -> str:
     seen = f"mean |f| at rest is {size:.4g} m/s2, needed 9.8"
     causes = [(imu.rate_hz, "m/s2 in columns of increments", "name them accel_x_m_s2 ...")]
     if imu.source == "rates":
-        causes = [(1 / imu.rate_hz, "velocity increments in columns of rates", "name them dv_x_m_s ...")]
+        causes = [
+            (1 / imu.rate_hz, "velocity increments in columns of rates", "name them dv_x_m_s ...")
+        ]
     fits = [
-        f"{unit}? {fix}" for factor, unit, fix in (*causes, *F_UNITS)
+        f"{unit}? {fix}"
+        for factor, unit, fix in (*causes, *F_UNITS)
         if abs(size / (EXPECTED_F * factor) - 1) <= tolerance
-    ]  # fmt: skip
+    ]
     if fits:
         return f"{seen}: {'; or '.join(fits)}"
     hint = "gravity removed from the log?" if size < 0.5 else "unit or scale of the accelerometers?"
@@ -117,7 +142,10 @@ def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
     axis, sign = AXES[k], int(np.sign(means.f_m_s2[k]))
     if (axis, sign) == ("z", -1):
         return ""
-    seen = f"mean f at rest is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z (z must point down)"
+    seen = (
+        f"mean f at rest is {means.f_m_s2[k]:+.3f} m/s2 on {axis}, needed about -9.8 on z (z must"
+        " point down)"
+    )
     body = ", ".join(f'{b} = "{raw}"' for b, raw in zip(AXES, AXIS_MAPS[axis, sign]))
     fix = f"axes {body} would put it there"
     if (axis, sign) != ("z", 1):
@@ -125,7 +153,11 @@ def _force_axis(means: QuietMeans, site: Site, technology: str) -> str:
     fix += f" if x points forward and y left, {RIGHT_FORWARD_UP} if x points right and y forward"
     upward = float(means.w_rad_s[2] / (EARTH_RATE_RAD_S * np.sin(site.lat_rad) or np.inf))
     if technology != "mems" and abs(abs(upward) - 1) < FACTOR_TOLERANCE:
-        cause = f"z points up: {fix}" if upward > 0 else "Earth rate says z points down: accelerometer sign"
+        cause = (
+            f"z points up: {fix}"
+            if upward > 0
+            else "Earth rate says z points down: accelerometer sign"
+        )
         return f"{seen}: {cause}"
     return f"{seen}: accelerometer sign or axes? If z points up, {fix}"
 
@@ -138,15 +170,22 @@ def _earth_rate(means: QuietMeans, site: Site, imu: ImuSource) -> tuple[str, str
     seen = _rate_seen(size)
     causes = [(imu.rate_hz, "rates in columns of increments", "name them gyro_x_rad_s ...")]
     if imu.source == "rates":
-        causes = [(1 / imu.rate_hz, "angle increments in columns of rates", "name them dtheta_x_rad ...")]
+        causes = [
+            (1 / imu.rate_hz, "angle increments in columns of rates", "name them dtheta_x_rad ...")
+        ]
     for factor, unit, fix in (*causes, *W_UNITS):
         scale = factor * EARTH_RATE_RAD_S
         if max(abs(size - scale), abs(down - factor * needed_down)) < FACTOR_TOLERANCE * scale:
             return "error", f"{seen}: {unit}? {fix}"
-    if max(abs(size - EARTH_RATE_RAD_S), abs(down + needed_down)) < 0.2 * min(EARTH_RATE_RAD_S, 5 * abs(needed_down)):
-        return "suspect", (
-            f"rate about the vertical is {down / DEG_PER_HOUR:+.3f} deg/h, needed {needed_down / DEG_PER_HOUR:+.3f}: "
-            "sign of the gyros or of the latitude?"
+    if max(abs(size - EARTH_RATE_RAD_S), abs(down + needed_down)) < 0.2 * min(
+        EARTH_RATE_RAD_S, 5 * abs(needed_down)
+    ):
+        return (
+            "suspect",
+            (
+                f"rate about the vertical is {down / DEG_PER_HOUR:+.3f} deg/h, needed"
+                f" {needed_down / DEG_PER_HOUR:+.3f}: sign of the gyros or of the latitude?"
+            ),
         )
     return "warning", ""
 
@@ -156,17 +195,29 @@ def _rate_size(means: QuietMeans, technology: str) -> str:
     size, tolerance = float(np.linalg.norm(means.w_rad_s)), W_TOLERANCE_DEG_H[technology]
     if abs(size - EARTH_RATE_RAD_S) <= tolerance * DEG_PER_HOUR:
         return ""
-    read, factor = ("deg/s read as rad/s", DEG) if size > EARTH_RATE_RAD_S else ("rad/s read as deg/s", 1 / DEG)
+    read, factor = (
+        ("deg/s read as rad/s", DEG)
+        if size > EARTH_RATE_RAD_S
+        else ("rad/s read as deg/s", 1 / DEG)
+    )
     unit = f"a unit ({read}: it would be {size * factor / DEG_PER_HOUR:.3g} deg/h)"
-    return f"{_rate_seen(size)}, needed within {tolerance:g} of it ({technology}): turning, a large bias, or {unit}?"
+    return (
+        f"{_rate_seen(size)}, needed within {tolerance:g} of it ({technology}): turning, a large"
+        f" bias, or {unit}?"
+    )
 
 
 def _rate_seen(size_rad_s: float) -> str:
-    return f"mean |w| at rest is {size_rad_s / DEG_PER_HOUR:.4g} deg/h, Earth rate is {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    return (
+        f"mean |w| at rest is {size_rad_s / DEG_PER_HOUR:.4g} deg/h, Earth rate is"
+        f" {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+    )
 
 
 def expected_rest(site: Site) -> dict[str, float]:
-    """What the means at rest should be at this site: gravity, and Earth rate along down and north."""
+    """What the means at rest should be at this site: gravity, and Earth rate along down and
+    north.
+    """
     return {
         "f_m_s2": float(gravity_magnitude(site.lat_rad, site.height_m)),
         "w_deg_h": EARTH_RATE_RAD_S / DEG_PER_HOUR,

@@ -1,4 +1,5 @@
-"""What a run directory may hold (formats.md, section 1): the columns of each stream and the keys of run.json.
+"""What a run directory may hold (formats.md, section 1): the columns of each stream and the keys of
+run.json.
 
 Angles are degrees in the files and radians in the records; `degrees_exact` is the way back.
 """
@@ -11,7 +12,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 
 from ins.json_file import complaints, without_schema
 from ins.records import AXES, InputError, RemovedModel, RunHeader, Site, Survey
@@ -26,7 +35,9 @@ def _triple(pattern: str) -> tuple[str, ...]:
 
 INCREMENTS = _triple("dtheta_{}_rad") + _triple("dv_{}_m_s")
 RATES = _triple("gyro_{}_rad_s") + _triple("accel_{}_m_s2")
-GYRO_DEGC, ACCEL_DEGC, GRADIENT_DEGC = (_triple(p) for p in ("gyro_{}_degC", "accel_{}_degC", "gradient_{}_degC"))
+GYRO_DEGC, ACCEL_DEGC, GRADIENT_DEGC = (
+    _triple(p) for p in ("gyro_{}_degC", "accel_{}_degC", "gradient_{}_degC")
+)
 POSITION = ("lat_deg", "lon_deg", "height_m")
 VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
 SIGMAS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
@@ -58,7 +69,9 @@ def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]
     allowed = (*INCREMENTS, *RATES, "time_s") if stream == "imu" else known
     wrong = [_unknown(n, allowed) for n in names if n not in known]
     wrong += [f"column {n} appears twice" for n in dict.fromkeys(names) if list(names).count(n) > 1]
-    wrong += [f"column {n} is missing, needed {' '.join(required)}" for n in required if n not in names][:1]
+    wrong += [
+        f"column {n} is missing, needed {' '.join(required)}" for n in required if n not in names
+    ][:1]
     for triple in WHOLE_TRIPLES:
         given = [n for n in triple if n in names]
         if triple[0] in optional and 0 < len(given) < 3:
@@ -67,7 +80,9 @@ def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]
 
 
 def imu_columns(names: Iterable[str]) -> tuple[str, ...]:
-    """The imu columns in order: those of rates where the file names more of them, else of increments."""
+    """The imu columns in order: those of rates where the file names more of them, else of
+    increments.
+    """
     given = set(names)
     rates = len(given & set(RATES)) > len(given & set(INCREMENTS)) or (
         not given & set(INCREMENTS) and any(n.startswith(("gyro_", "accel_")) for n in given)
@@ -78,12 +93,16 @@ def imu_columns(names: Iterable[str]) -> tuple[str, ...]:
 def _unknown(name: str, known: Sequence[str]) -> str:
     if not name or name.startswith(("Unnamed:", "__index_level_")):
         return f"column {name!r} is a table index: write the file without it"
-    stem = re.match(r"(?:(?:gyro|accel|dtheta|dv|gradient)_[xyz]|time|lat|lon|height|speed|v[ned])_", name)
+    stem = re.match(
+        r"(?:(?:gyro|accel|dtheta|dv|gradient)_[xyz]|time|lat|lon|height|speed|v[ned])_", name
+    )
     same = [k for k in known if stem and k.startswith(stem.group())]
     if same:
         return f"unknown column {name}: the unit must be as in {same[0]}"
     near = difflib.get_close_matches(name, known, n=1)
-    return f"unknown column {name}" + (f" (did you mean {near[0]}?)" if near else f", needed among: {' '.join(known)}")
+    return f"unknown column {name}" + (
+        f" (did you mean {near[0]}?)" if near else f", needed among: {' '.join(known)}"
+    )
 
 
 class _Open(BaseModel):
@@ -169,10 +188,13 @@ class _RunKeys(_Open):
         return text
 
 
-EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")  # in every run.json; the default is taken with a warning
+# in every run.json; the default is taken with a warning
+EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")
 
 
-def header_from_json(data: dict[str, Any], *, name: str) -> tuple[RunHeader | None, list[str], list[str]]:
+def header_from_json(
+    data: dict[str, Any], *, name: str
+) -> tuple[RunHeader | None, list[str], list[str]]:
     """The header in run.json, the errors (header None then) and the warnings, one line each."""
     try:
         keys = _RunKeys.model_validate(without_schema(data, SCHEMA, name=name))
@@ -181,35 +203,67 @@ def header_from_json(data: dict[str, Any], *, name: str) -> tuple[RunHeader | No
     except ValidationError as error:
         return None, complaints(error, _RunKeys, name=name), []
     warnings = [f"{name}: unknown key {key}, not used" for key in _unused(keys)]
-    warnings += [f"{name}: key {k} is missing, taken as {_default(k)}" for k in EXPECTED if k not in data]
+    warnings += [
+        f"{name}: key {k} is missing, taken as {_default(k)}" for k in EXPECTED if k not in data
+    ]
     survey, removed = keys.survey or _SurveyKeys(), keys.removed_thermal_model
     header = RunHeader(
-        run_id=keys.run_id, tail=keys.tail, imu_serial=keys.imu_serial, gyro_technology=keys.gyro_technology,
-        start_utc=keys.start_utc, site=site_from_degrees(**{k: getattr(keys.site, k) for k in POSITION}),
-        wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference), gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
-        applied_table_sha256=keys.applied_table_sha256, gyro_mode=keys.gyro_mode,
-        survey=Survey(**{k.replace("_deg", "_rad"): _rad(getattr(survey, k)) for k in type(survey).model_fields}),
-        removed_model=None if removed is None else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields}),
+        run_id=keys.run_id,
+        tail=keys.tail,
+        imu_serial=keys.imu_serial,
+        gyro_technology=keys.gyro_technology,
+        start_utc=keys.start_utc,
+        site=site_from_degrees(**{k: getattr(keys.site, k) for k in POSITION}),
+        wheel_reference_m=_xyz(keys.lever_arms_m.wheel_reference),
+        gnss_lever_arm_m=_xyz(keys.lever_arms_m.gnss),
+        applied_table_sha256=keys.applied_table_sha256,
+        gyro_mode=keys.gyro_mode,
+        survey=Survey(
+            **{
+                k.replace("_deg", "_rad"): _rad(getattr(survey, k))
+                for k in type(survey).model_fields
+            }
+        ),
+        removed_model=(
+            None
+            if removed is None
+            else RemovedModel(**{k: getattr(removed, k) for k in type(removed).model_fields})
+        ),
         level_removed=keys.gyro_level_removed,
-    )  # fmt: skip
+    )
     return header, [], warnings
 
 
-def header_to_json(header: RunHeader, *, conversion: dict[str, Any] | None = None) -> dict[str, Any]:
+def header_to_json(
+    header: RunHeader, *, conversion: dict[str, Any] | None = None
+) -> dict[str, Any]:
     """run.json as a plain dict; `conversion` says where a converted log came from."""
     site, survey = header.site, header.survey
     return {
-        "schema": SCHEMA, "run_id": header.run_id, "tail": header.tail, "imu_serial": header.imu_serial,
-        "gyro_technology": header.gyro_technology, "start_utc": header.start_utc,
-        "site": {"lat_deg": _deg(site.lat_rad), "lon_deg": _deg(site.lon_rad), "height_m": float(site.height_m)},
-        "lever_arms_m": {"wheel_reference": list(map(float, header.wheel_reference_m)),
-                         "gnss": list(map(float, header.gnss_lever_arm_m))},
-        "applied_table_sha256": header.applied_table_sha256, "gyro_mode": header.gyro_mode,
-        "survey": {k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields},
+        "schema": SCHEMA,
+        "run_id": header.run_id,
+        "tail": header.tail,
+        "imu_serial": header.imu_serial,
+        "gyro_technology": header.gyro_technology,
+        "start_utc": header.start_utc,
+        "site": {
+            "lat_deg": _deg(site.lat_rad),
+            "lon_deg": _deg(site.lon_rad),
+            "height_m": float(site.height_m),
+        },
+        "lever_arms_m": {
+            "wheel_reference": list(map(float, header.wheel_reference_m)),
+            "gnss": list(map(float, header.gnss_lever_arm_m)),
+        },
+        "applied_table_sha256": header.applied_table_sha256,
+        "gyro_mode": header.gyro_mode,
+        "survey": {
+            k: _deg(getattr(survey, k.replace("_deg", "_rad"))) for k in _SurveyKeys.model_fields
+        },
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
         **({"gyro_level_removed": True} if header.level_removed else {}),
         **({"conversion": conversion} if conversion else {}),
-    }  # fmt: skip
+    }
 
 
 def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Site:
@@ -217,10 +271,12 @@ def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Sit
 
 
 def degrees_exact(angle_rad: ArrayLike) -> NDArray:
-    """Degrees for a file: the short decimal a person typed where it gives the same float in radians, else the quotient.
+    """Degrees for a file: the short decimal a person typed where it gives the same float in
+    radians, else the quotient.
 
-    What was read from a file comes back the same in degrees and in radians; other angles may lose one unit in the last
-    place of the radians the first time (1.4e-9 m on the ground), nothing after.
+    What was read from a file comes back the same in degrees and in radians; other angles may lose
+    one unit in the last place of the radians the first time (1.4e-9 m on the ground), nothing
+    after.
     """
     rad = np.asarray(angle_rad, dtype=float)
     quotient = rad / DEG
@@ -241,7 +297,9 @@ def _xyz(values: list[float]) -> tuple[float, float, float]:
 
 
 def _default(key: str) -> str:
-    return {"tail": "''", "lever_arms_m": "zero", "applied_table_sha256": "null (raw gyro output)"}[key]
+    return {"tail": "''", "lever_arms_m": "zero", "applied_table_sha256": "null (raw gyro output)"}[
+        key
+    ]
 
 
 def _unused(keys: _Open, prefix: str = "") -> list[str]:

@@ -1,7 +1,9 @@
-"""Stream files as columns of float64: Parquet, CSV and CSV in gzip, read strictly and written without loss.
+"""Stream files as columns of float64: Parquet, CSV and CSV in gzip, read strictly and written
+without loss.
 
-Rows are counted from 1, the header not counted; messages on CSV give the line as well. A stream is read whole, column
-by column, or in pieces of some ten thousand rows, as often as needed; a short one is kept after its first reading.
+Rows are counted from 1, the header not counted; messages on CSV give the line as well. A stream is
+read whole, column by column, or in pieces of some ten thousand rows, as often as needed; a short
+one is kept after its first reading.
 """
 
 import csv
@@ -28,7 +30,8 @@ from trajectories.runs.text_rows import (
 )
 
 ENDINGS = (".parquet", ".csv", ".csv.gz")
-PANDAS_INDEX = re.compile(r"__index_level_\d+__")  # what pandas adds to a filtered frame, no data of the run
+# what pandas adds to a filtered frame, no data of the run
+PANDAS_INDEX = re.compile(r"__index_level_\d+__")
 
 HELD_ROWS = 1_000_000  # 83 min at 200 Hz: 64 MB of increments
 READ_AHEAD_BYTES = 1 << 20
@@ -39,10 +42,13 @@ Piece = tuple[int, dict[str, NDArray]]  # index of its first row, columns
 class StreamFile:
     """One open stream file: column names first, values on demand; `notes` lists what was dropped.
 
-    Text is parsed a block of `block_bytes` at a time; a stream of at most `held_rows` rows is kept once all was read.
+    Text is parsed a block of `block_bytes` at a time; a stream of at most `held_rows` rows is kept
+    once all was read.
     """
 
-    def __init__(self, path: Path, *, block_bytes: int = BLOCK_BYTES, held_rows: int = HELD_ROWS) -> None:
+    def __init__(
+        self, path: Path, *, block_bytes: int = BLOCK_BYTES, held_rows: int = HELD_ROWS
+    ) -> None:
         self.path, self.label = path, path.name
         self.notes: list[str] = []
         self.is_text = not path.name.endswith(".parquet")
@@ -53,7 +59,9 @@ class StreamFile:
         try:
             self.names = self._open_text() if self.is_text else self._open_parquet()
         except OSError as error:
-            raise InputError(f"{path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
+            raise InputError(
+                f"{path}: cannot be read ({' '.join(str(error).split())[:200]})"
+            ) from None
 
     def _open_text(self) -> tuple[str, ...]:
         head = b""
@@ -78,12 +86,16 @@ class StreamFile:
             self._file = pq.ParquetFile(self.path, buffer_size=READ_AHEAD_BYTES, pre_buffer=False)
             names = self._file.schema_arrow.names
         except (pa.ArrowException, UnicodeDecodeError) as error:
-            raise InputError(f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})") from None
+            raise InputError(
+                f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})"
+            ) from None
         refuse_rows(self._file.metadata.num_rows, self.path)
         return tuple(n for n in names if not PANDAS_INDEX.fullmatch(n))
 
     def column(self, name: str) -> NDArray:
-        """One column as float64, missing values NaN; InputError names file, row and column of anything else."""
+        """One column as float64, missing values NaN; InputError names file, row and column of
+        anything else.
+        """
         if self.is_text:
             if self._held is None:
                 self._held = [table for _, table in self._text_tables(0)]
@@ -93,10 +105,14 @@ class StreamFile:
         self._check_type(name, tables[0].schema.field(name).type if tables else None)
         return np.concatenate([_values(table, name) for table in tables] or [np.empty(0)])
 
-    def pieces(self, names: Sequence[str] | None = None, *, from_row: int = 0, rows: int = PIECE_ROWS) -> Iterator[Piece]:
-        """The named columns (None: all) from a row on, at most `rows` rows at a time, as float64, missing values NaN.
+    def pieces(
+        self, names: Sequence[str] | None = None, *, from_row: int = 0, rows: int = PIECE_ROWS
+    ) -> Iterator[Piece]:
+        """The named columns (None: all) from a row on, at most `rows` rows at a time, as float64,
+        missing values NaN.
 
-        InputError as in `column`. What is kept of a long stream is one block of text or one batch of Parquet.
+        InputError as in `column`. What is kept of a long stream is one block of text or one batch
+        of Parquet.
         """
         names = self.names if names is None else names
         for start, table in self._tables(names, from_row, rows):
@@ -107,23 +123,35 @@ class StreamFile:
                 yield start + a, {name: _values(part, name) for name in names}
 
     def _tables(self, names: Sequence[str], from_row: int, rows: int) -> Iterator[tuple[int, Any]]:
-        """Index of the first row and table, the one with `from_row` first; all of it kept where that is little."""
+        """Index of the first row and table, the one with `from_row` first; all of it kept where
+        that is little.
+        """
         if self._held is not None:
             yield from _numbered(self._held)
             return
-        read = self._text_tables(from_row) if self.is_text else self._parquet_tables(names, from_row, rows)
-        kept: list[Any] | None = [] if from_row == 0 and (self.is_text or set(names) == set(self.names)) else None
+        read = (
+            self._text_tables(from_row)
+            if self.is_text
+            else self._parquet_tables(names, from_row, rows)
+        )
+        kept: list[Any] | None = (
+            [] if from_row == 0 and (self.is_text or set(names) == set(self.names)) else None
+        )
         try:
             for start, table in read:
                 if kept is not None:
                     kept = None if start + table.num_rows > self._held_rows else [*kept, table]
                 yield start, table
         except OSError as error:
-            raise InputError(f"{self.path}: cannot be read ({' '.join(str(error).split())[:200]})") from None
+            raise InputError(
+                f"{self.path}: cannot be read ({' '.join(str(error).split())[:200]})"
+            ) from None
         self._held = kept
 
     def _text_tables(self, from_row: int) -> Iterator[tuple[int, Any]]:
-        """Blocks of parsed rows; after the first reading, blocks before `from_row` are passed over unparsed."""
+        """Blocks of parsed rows; after the first reading, blocks before `from_row` are passed over
+        unparsed.
+        """
         notes: list[str] = []
         parts = _without_header(text_parts(self.path, notes, block_bytes=self._block_bytes))
         blocks = line_blocks(parts, label=self.label, block_bytes=self._block_bytes)
@@ -132,7 +160,9 @@ class StreamFile:
             if k < len(known) and start + known[k] <= from_row:
                 start, lines = start + known[k], lines + text.count(b"\n")
                 continue
-            table, more = parse_block(text, self.names, label=self.label, lines_before=lines, last=last)
+            table, more = parse_block(
+                text, self.names, label=self.label, lines_before=lines, last=last
+            )
             self._note(*more)
             counted.append(table.num_rows if table is not None else 0)
             if table is not None:
@@ -145,18 +175,24 @@ class StreamFile:
         self._note(*(f"{self.label}: {note}" for note in notes))
         self._rows_of = known or counted
 
-    def _parquet_tables(self, names: Sequence[str], from_row: int, rows: int = PIECE_ROWS) -> Iterator[tuple[int, Any]]:
+    def _parquet_tables(
+        self, names: Sequence[str], from_row: int, rows: int = PIECE_ROWS
+    ) -> Iterator[tuple[int, Any]]:
         import pyarrow as pa
 
         groups, start = self._groups_from(from_row)
         try:
-            for batch in self._file.iter_batches(rows, row_groups=groups, columns=list(names), use_threads=False):
+            for batch in self._file.iter_batches(
+                rows, row_groups=groups, columns=list(names), use_threads=False
+            ):
                 if batch.num_rows:
                     yield start, pa.Table.from_batches([batch])
                 start += batch.num_rows
         except (pa.ArrowException, OSError) as error:
             name, error = self._damaged(names, groups) or (" ".join(names), error)
-            raise InputError(f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})") from None
+            raise InputError(
+                f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})"
+            ) from None
 
     def _groups_from(self, from_row: int) -> tuple[list[int], int]:
         """Row groups from the one with `from_row` on, and their first row."""
@@ -171,7 +207,9 @@ class StreamFile:
 
         for name in names:
             try:
-                for _ in self._file.iter_batches(PIECE_ROWS, row_groups=groups, columns=[name], use_threads=False):
+                for _ in self._file.iter_batches(
+                    PIECE_ROWS, row_groups=groups, columns=[name], use_threads=False
+                ):
                     pass
             except (pa.ArrowException, OSError) as error:
                 return name, error
@@ -207,7 +245,9 @@ class StreamFile:
         try:
             values = self._file.read(columns=[name]).column(0)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})") from None
+            raise InputError(
+                f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})"
+            ) from None
         if not (pa.types.is_string(values.type) or pa.types.is_large_string(values.type)):
             raise InputError(f"{self.label}: column {name} holds {values.type}, needed text")
         try:
@@ -223,7 +263,9 @@ class StreamFile:
 def _values(table: Any, name: str) -> NDArray:
     import pyarrow as pa
 
-    return np.asarray(table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64)
+    return np.asarray(
+        table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64
+    )
 
 
 def _numbered(tables: Sequence[Any]) -> Iterator[tuple[int, Any]]:
@@ -244,7 +286,9 @@ def _without_header(parts: Iterator[bytes]) -> Iterator[bytes]:
 
 
 def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
-    """Columns to a new Parquet or CSV file by its ending; every float64 comes back bit-identical, NaN as missing."""
+    """Columns to a new Parquet or CSV file by its ending; every float64 comes back bit-identical,
+    NaN as missing.
+    """
     import pyarrow as pa
 
     table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
@@ -252,12 +296,18 @@ def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
         import pyarrow.parquet as pq
 
         floats = [f.name for f in table.schema if pa.types.is_floating(f.type)]
-        pq.write_table(table, path, compression="zstd", use_dictionary=False, use_byte_stream_split=floats)
+        pq.write_table(
+            table, path, compression="zstd", use_dictionary=False, use_byte_stream_split=floats
+        )
         return
     from pyarrow import csv as arrow_csv
 
     out = io.BytesIO((",".join(table.column_names) + "\n").encode())
     out.seek(0, io.SEEK_END)
-    arrow_csv.write_csv(table, out, arrow_csv.WriteOptions(include_header=False, quoting_style="none"))
+    arrow_csv.write_csv(
+        table, out, arrow_csv.WriteOptions(include_header=False, quoting_style="none")
+    )
     data = out.getvalue()
-    path.write_bytes(gzip.compress(data, compresslevel=6, mtime=0) if path.name.endswith(".gz") else data)
+    path.write_bytes(
+        gzip.compress(data, compresslevel=6, mtime=0) if path.name.endswith(".gz") else data
+    )

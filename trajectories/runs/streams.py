@@ -1,6 +1,7 @@
 """The streams beside the imu: columns to records and back, and what is odd about a thermometer.
 
-Each loader returns the record (None after an error) and the spans it dropped; lines go to `Findings`.
+Each loader returns the record (None after an error) and the spans it dropped; lines go to
+`Findings`.
 """
 
 import csv
@@ -26,7 +27,14 @@ from ins.records import (
 )
 from ins.thermometer_faults import HOLE_S
 from ins.units import DEG
-from trajectories.runs.checks import JITTER_WARNING, MAX_VALUE, Findings, Row, check_increasing, first_beyond
+from trajectories.runs.checks import (
+    JITTER_WARNING,
+    MAX_VALUE,
+    Findings,
+    Row,
+    check_increasing,
+    first_beyond,
+)
 from trajectories.runs.imu_stream import jitter
 from trajectories.runs.schema import (
     ACCEL_DEGC,
@@ -54,20 +62,26 @@ def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
     columns = kept.columns
     check_thermometer(columns, stream.label, findings)
     record = TemperatureLog(
-        time_s=columns["time_s"], gyro_degC=_stack(columns, GYRO_DEGC),
+        time_s=columns["time_s"],
+        gyro_degC=_stack(columns, GYRO_DEGC),
         accel_degC=_stack(columns, ACCEL_DEGC) if ACCEL_DEGC[0] in columns else None,
         gradient_degC=_stack(columns, GRADIENT_DEGC) if GRADIENT_DEGC[0] in columns else None,
-        block_degC=columns.get("block_degC"), ambient_degC=columns.get("ambient_degC"),
-    )  # fmt: skip
+        block_degC=columns.get("block_degC"),
+        ambient_degC=columns.get("ambient_degC"),
+    )
     return record, faults
 
 
 def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
-    """Fixes with anything but a sigma missing, and those at 0 N 0 E exactly (no fix), are dropped and listed.
+    """Fixes with anything but a sigma missing, and those at 0 N 0 E exactly (no fix), are dropped
+    and listed.
 
-    A sigma that is missing stays NaN (the declared one is taken then); a column of nothing else counts as absent.
+    A sigma that is missing stays NaN (the declared one is taken then); a column of nothing else
+    counts as absent.
     """
-    kept, faults = _columns(stream, [name for name in stream.names if name not in SIGMAS], findings, no_fix=True)
+    kept, faults = _columns(
+        stream, [name for name in stream.names if name not in SIGMAS], findings, no_fix=True
+    )
     if kept is None or not _check_position(kept, findings):
         return None, faults
     sigmas = {name: kept.columns[name] for name in SIGMAS if name in kept.columns}
@@ -99,7 +113,9 @@ def load_reference(stream: StreamFile, findings: Findings) -> ReferenceLog | Non
 
 
 def load_phases(stream: StreamFile, findings: Findings) -> Loaded:
-    """The phases in order of time; an unknown name or an end before its start is an error naming the row."""
+    """The phases in order of time; an unknown name or an end before its start is an error naming
+    the row.
+    """
     phases, errors = [], len(findings.errors)
     for k, (name, start_s, end_s) in enumerate(_phase_rows(stream)):
         try:
@@ -111,65 +127,103 @@ def load_phases(stream: StreamFile, findings: Findings) -> Loaded:
     phases.sort(key=lambda p: p.start_s)
     for a, b in pairwise(phases):
         if b.start_s < a.end_s:
-            findings.warn(f"{stream.label}: {b.phase} starts at {b.start_s:g} s, {a.phase} ends at {a.end_s:g} s")
+            findings.warn(
+                f"{stream.label}: {b.phase} starts at {b.start_s:g} s, {a.phase} ends at"
+                f" {a.end_s:g} s"
+            )
     return (None if len(findings.errors) > errors else tuple(phases)), []
 
 
 LOADERS: dict[str, Callable[[StreamFile, Findings], Loaded]] = {
-    "temperature": load_temperature, "gnss": load_gnss, "odometer": load_odometer, "phases": load_phases,
-}  # fmt: skip
+    "temperature": load_temperature,
+    "gnss": load_gnss,
+    "odometer": load_odometer,
+    "phases": load_phases,
+}
 
 
 def tables(run: Run, reference: ReferenceLog | None) -> dict[str, dict[str, Any]]:
-    """The streams of a run as columns of its files; reading them back gives the same records bit for bit."""
+    """The streams of a run as columns of its files; reading them back gives the same records bit
+    for bit.
+    """
     imu = run.imu.whole()
     out: dict[str, dict[str, Any]] = {}
-    out["imu"] = {"time_s": imu.time_s, **_spread(INCREMENTS, np.hstack([imu.dtheta_rad, imu.dv_m_s]))}
+    out["imu"] = {
+        "time_s": imu.time_s,
+        **_spread(INCREMENTS, np.hstack([imu.dtheta_rad, imu.dv_m_s])),
+    }
     if (t := run.temperature) is not None:
         out["temperature"] = {
-            "time_s": t.time_s, **_spread(GYRO_DEGC, t.gyro_degC), **_spread(ACCEL_DEGC, t.accel_degC),
-            **_given(block_degC=t.block_degC), **_spread(GRADIENT_DEGC, t.gradient_degC),
+            "time_s": t.time_s,
+            **_spread(GYRO_DEGC, t.gyro_degC),
+            **_spread(ACCEL_DEGC, t.accel_degC),
+            **_given(block_degC=t.block_degC),
+            **_spread(GRADIENT_DEGC, t.gradient_degC),
             **_given(ambient_degC=t.ambient_degC),
-        }  # fmt: skip
+        }
     if run.gnss is not None:
-        out["gnss"] = {**_place(run.gnss), **_given(**{name: getattr(run.gnss, name) for name in SIGMAS})}
+        out["gnss"] = {
+            **_place(run.gnss),
+            **_given(**{name: getattr(run.gnss, name) for name in SIGMAS}),
+        }
     if run.odometer is not None:
         out["odometer"] = {"time_s": run.odometer.time_s, "speed_m_s": run.odometer.speed_m_s}
     if run.phases:
         keys = ("phase", "start_s", "end_s")
         out["phases"] = {key: [getattr(p, key) for p in run.phases] for key in keys}
     if reference is not None:
-        angles = {name: degrees_exact(getattr(reference, name.replace("_deg", "_rad"))) for name in ATTITUDE}
+        angles = {
+            name: degrees_exact(getattr(reference, name.replace("_deg", "_rad")))
+            for name in ATTITUDE
+        }
         out["reference"] = {**_place(reference), **angles}
     return out
 
 
-def check_overlap(imu: ImuSource, optional: dict[str, Any], header: RunHeader, findings: Findings) -> None:
+def check_overlap(
+    imu: ImuSource, optional: dict[str, Any], header: RunHeader, findings: Findings
+) -> None:
     """Streams that do not share the imu's time, a late start, a site far from the first fix."""
     start, end = imu.start_s, imu.end_s
     if not -1.0 <= start <= 60.0:
-        findings.warn(f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)")
+        findings.warn(
+            f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)"
+        )
     if (spread := jitter(imu)) > JITTER_WARNING:
         findings.warn(f"imu: time stamps jitter by {spread:.0%} of the interval (99th percentile)")
     for name in ("temperature", "gnss", "odometer"):
         log = optional.get(name)
         if log is not None and (log.time_s[0] > end or log.time_s[-1] < start):
             a, b = log.time_s[0], log.time_s[-1]
-            findings.suspect(f"{name}: time_s {a:.6g} to {b:.6g} s, imu {start:.6g} to {end:.6g} s: other time base?")
+            findings.suspect(
+                f"{name}: time_s {a:.6g} to {b:.6g} s, imu {start:.6g} to {end:.6g} s: other time"
+                " base?"
+            )
         elif name == "temperature" and log is not None:
             beyond = [(start, log.time_s[0]), (log.time_s[-1], end)]
-            lines = [f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)" for a, b in beyond if b - a > HOLE_S]
+            lines = [
+                f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)"
+                for a, b in beyond
+                if b - a > HOLE_S
+            ]
             findings.warn(*lines)
     gnss = optional.get("gnss")
     if gnss is not None:
-        off = np.degrees(np.abs([gnss.lat_rad[0] - header.site.lat_rad, gnss.lon_rad[0] - header.site.lon_rad]))
+        off = np.degrees(
+            np.abs([gnss.lat_rad[0] - header.site.lat_rad, gnss.lon_rad[0] - header.site.lon_rad])
+        )
         if off[0] > 1 or 1 < off[1] * np.cos(header.site.lat_rad) < 359:
-            findings.warn(f"gnss: first fix is {off[0]:.3f} deg in latitude, {off[1]:.3f} in longitude off the site")
+            findings.warn(
+                f"gnss: first fix is {off[0]:.3f} deg in latitude, {off[1]:.3f} in longitude off"
+                " the site"
+            )
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """The rows kept, column by column, and how a message names one of them as it was in the file."""
+    """The rows kept, column by column, and how a message names one of them as it was in the
+    file.
+    """
 
     columns: dict[str, NDArray]
     row: Row
@@ -182,7 +236,10 @@ def _columns(
     columns = {name: stream.column(name) for name in stream.names}
     if wild := _wild(columns):
         name, k = wild
-        findings.error(f"{stream.row(k)}: column {name}: got {columns[name][k]:g}, needed within +-{MAX_VALUE:g}")
+        findings.error(
+            f"{stream.row(k)}: column {name}: got {columns[name][k]:g}, needed within"
+            f" +-{MAX_VALUE:g}"
+        )
         return None, []
     empty = [name for name in required if not np.isfinite(columns[name]).any()]
     if empty:
@@ -197,7 +254,9 @@ def _columns(
         findings.error(f"{stream.label}: no row is complete")
         return None, []
     faults = _dropped(stream.label, columns["time_s"], kept, why)
-    findings.warn(*(f"{stream.label}: {s.reason} ({s.start_s:.3f} to {s.end_s:.3f} s)" for s in faults))
+    findings.warn(
+        *(f"{stream.label}: {s.reason} ({s.start_s:.3f} to {s.end_s:.3f} s)" for s in faults)
+    )
     part = _Rows(
         {name: np.ascontiguousarray(values[rows]) for name, values in columns.items()},
         lambda k: stream.row(int(rows[k])),
@@ -230,17 +289,28 @@ def _dropped(label: str, time_s: NDArray, kept: NDArray, why: str) -> list[Span]
 
 def _check_position(kept: "_Rows", findings: Findings) -> bool:
     wrong: list[str] = []
-    for name, low, high in (("lat_deg", -90, 90), ("lon_deg", -360, 360), ("height_m", -1000, 30000)):
+    for name, low, high in (
+        ("lat_deg", -90, 90),
+        ("lon_deg", -360, 360),
+        ("height_m", -1000, 30000),
+    ):
         values = kept.columns[name]
         bad = np.flatnonzero((values < low) | (values > high))
-        wrong += [f"{kept.row(k)}: column {name}: got {values[k]:g}, needed {low} to {high}" for k in bad[:1]]
+        wrong += [
+            f"{kept.row(k)}: column {name}: got {values[k]:g}, needed {low} to {high}"
+            for k in bad[:1]
+        ]
     findings.error(*wrong)
     return not wrong
 
 
 def _phase_rows(stream: StreamFile) -> list[tuple[str, float, float]]:
     if not stream.is_text:
-        columns = [stream.text_column("phase"), stream.column("start_s").tolist(), stream.column("end_s").tolist()]
+        columns = [
+            stream.text_column("phase"),
+            stream.column("start_s").tolist(),
+            stream.column("end_s").tolist(),
+        ]
         return list(zip(*columns))
     order = [stream.names.index(name) for name in ("phase", "start_s", "end_s")]
     rows = [r for r in csv.reader(stream.text.splitlines()) if r]
@@ -252,7 +322,9 @@ def _phase_rows(stream: StreamFile) -> list[tuple[str, float, float]]:
             name, start, end = (row[i].strip() for i in order)
             out.append((name, float(start), float(end)))
         except (IndexError, ValueError):
-            raise InputError(f"{stream.row(k)}: got {','.join(row)[:60]!r}, needed phase, start_s, end_s") from None
+            raise InputError(
+                f"{stream.row(k)}: got {','.join(row)[:60]!r}, needed phase, start_s, end_s"
+            ) from None
     return out
 
 
@@ -275,6 +347,9 @@ def _place(log: GnssLog | ReferenceLog) -> dict[str, NDArray]:
 
 def _place_records(columns: dict[str, NDArray]) -> dict[str, NDArray]:
     return {
-        "time_s": columns["time_s"], "lat_rad": columns["lat_deg"] * DEG, "lon_rad": columns["lon_deg"] * DEG,
-        "height_m": columns["height_m"], "v_n_m_s": _stack(columns, VELOCITY),
-    }  # fmt: skip
+        "time_s": columns["time_s"],
+        "lat_rad": columns["lat_deg"] * DEG,
+        "lon_rad": columns["lon_deg"] * DEG,
+        "height_m": columns["height_m"],
+        "v_n_m_s": _stack(columns, VELOCITY),
+    }

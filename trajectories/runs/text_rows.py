@@ -18,7 +18,8 @@ SMALL_ROWS, MAX_ROWS_PER_BYTE = 5_000_000, 20  # of a Parquet file: constants ta
 MAX_TEXT_BYTES = 8_000_000_000
 MAX_LINE_BYTES = 1_000_000
 BLOCK_BYTES = 1 << 22
-MAX_GROWTH, SMALL_BYTES = 200, 1 << 28  # unpacked bytes of each packed one; what a log may unpack to in any case
+# unpacked bytes of each packed one; what a log may unpack to in any case
+MAX_GROWTH, SMALL_BYTES = 200, 1 << 28
 UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
 MAX_BAD = 0.01  # of the lines of a log; beyond it the map is wrong, not the lines
 LISTED = 10  # bad lines named
@@ -26,14 +27,20 @@ MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
 
 
 def refuse_rows(rows: int, path: Path) -> None:
-    """InputError where a packed table says that it has more rows than a log has, or than so small a file can hold."""
+    """InputError where a packed table says that it has more rows than a log has, or than so small a
+    file can hold.
+    """
     most = min(MAX_ROWS, SMALL_ROWS + MAX_ROWS_PER_BYTE * path.stat().st_size)
     if rows > most:
-        raise InputError(f"{path.name}: {rows} rows in {path.stat().st_size} bytes, needed at most {most}")
+        raise InputError(
+            f"{path.name}: {rows} rows in {path.stat().st_size} bytes, needed at most {most}"
+        )
 
 
 def read_text(path: Path) -> tuple[bytes, str]:
-    """The bytes of a text file, gunzipped as far as it goes, and a note where a gzip file is cut off or damaged."""
+    """The bytes of a text file, gunzipped as far as it goes, and a note where a gzip file is cut
+    off or damaged.
+    """
     notes: list[str] = []
     text = bytearray()
     for part in text_parts(path, notes):
@@ -42,7 +49,8 @@ def read_text(path: Path) -> tuple[bytes, str]:
 
 
 def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) -> Iterator[bytes]:
-    """The text in parts of about `block_bytes`, gunzipped as far as it goes; what is wrong with the gzip goes to `notes`.
+    """The text in parts of about `block_bytes`, gunzipped as far as it goes; what is wrong with the
+    gzip goes to `notes`.
 
     A byte order mark in front is no text.
     """
@@ -65,7 +73,9 @@ def _parts(path: Path, notes: list[str], block_bytes: int) -> Iterator[bytes]:
 
 
 def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
-    """What can be unpacked of a gzip file of one or more members; a note where it ends too early."""
+    """What can be unpacked of a gzip file of one or more members; a note where it ends too
+    early.
+    """
     most = min(MAX_TEXT_BYTES, SMALL_BYTES + MAX_GROWTH * path.stat().st_size)
     size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
     with path.open("rb") as file:
@@ -76,7 +86,9 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
                 part = unpack.decompress(chunk)
                 size += len(part)
                 if size > most:
-                    raise InputError(f"{path}: more than {most} bytes unpacked, needed at most that")
+                    raise InputError(
+                        f"{path}: more than {most} bytes unpacked, needed at most that"
+                    )
                 if part:
                     yield part
         except zlib.error as error:
@@ -88,9 +100,13 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
         notes.append(f"gzip data damaged after {size} bytes ({note}), the rest dropped")
 
 
-def line_blocks(parts: Iterator[bytes], *, label: str, block_bytes: int = BLOCK_BYTES) -> Iterator[tuple[bytes, bool]]:
-    """Whole lines, at least `block_bytes` of them, and whether they are the last: the last block alone may end without
-    a line end, and no block but the last ends in what may be the last line of the text."""
+def line_blocks(
+    parts: Iterator[bytes], *, label: str, block_bytes: int = BLOCK_BYTES
+) -> Iterator[tuple[bytes, bool]]:
+    """Whole lines, at least `block_bytes` of them, and whether they are the last: the last block
+    alone may end without a line end, and no block but the last ends in what may be the last line of
+    the text.
+    """
     held = b""
     for part in parts:
         cut = held.rfind(b"\n") + 1
@@ -106,24 +122,39 @@ def line_blocks(parts: Iterator[bytes], *, label: str, block_bytes: int = BLOCK_
 
 
 def parse_rows(
-    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2,
+    text: bytes,
+    names: Sequence[str],
+    *,
+    label: str,
+    delimiter: str = ",",
+    first_line: int = 2,
     used: Sequence[str] | None = None,
-) -> tuple[Any, list[str]]:  # fmt: skip
-    """A pyarrow table of float64 columns (those of `used`; None: all) from rows of text, and what was dropped.
+) -> tuple[Any, list[str]]:
+    """A pyarrow table of float64 columns (those of `used`; None: all) from rows of text, and what
+    was dropped.
 
-    A last row without a line end, or broken, is a cut-off file: dropped and noted. A few broken rows before it become rows
-    of missing values, and are noted; with many, the first is an InputError with line and column. `delimiter` " " means any
-    white space.
+    A last row without a line end, or broken, is a cut-off file: dropped and noted. A few broken
+    rows before it become rows of missing values, and are noted; with many, the first is an
+    InputError with line and column. `delimiter` " " means any white space.
     """
     try:
-        table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
+        table, notes = parse_block(
+            text, names, label=label, delimiter=delimiter, first_line=first_line, used=used
+        )
     except InputError:
         text, bad, why = _mended(text, names, delimiter, names if used is None else used)
         if not bad:
             raise
-        table, notes = parse_block(text, names, label=label, delimiter=delimiter, first_line=first_line, used=used)
-        shown = ", ".join(str(first_line + k) for k in bad[:LISTED]) + (f" and {len(bad) - LISTED} more" * (len(bad) > LISTED))
-        notes = [f"{label}: no row of {len(names)} numbers in line {shown} ({why}): taken as missing", *notes]
+        table, notes = parse_block(
+            text, names, label=label, delimiter=delimiter, first_line=first_line, used=used
+        )
+        shown = ", ".join(str(first_line + k) for k in bad[:LISTED]) + (
+            f" and {len(bad) - LISTED} more" * (len(bad) > LISTED)
+        )
+        notes = [
+            f"{label}: no row of {len(names)} numbers in line {shown} ({why}): taken as missing",
+            *notes,
+        ]
     if table is None:
         raise InputError(f"{label}: no rows")
     if table.num_rows > MAX_ROWS:
@@ -132,10 +163,19 @@ def parse_rows(
 
 
 def parse_block(
-    text: bytes, names: Sequence[str], *, label: str, delimiter: str = ",", first_line: int = 2, lines_before: int = 0,
-    last: bool = True, used: Sequence[str] | None = None,
-) -> tuple[Any, list[str]]:  # fmt: skip
-    """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it holds no row."""
+    text: bytes,
+    names: Sequence[str],
+    *,
+    label: str,
+    delimiter: str = ",",
+    first_line: int = 2,
+    lines_before: int = 0,
+    last: bool = True,
+    used: Sequence[str] | None = None,
+) -> tuple[Any, list[str]]:
+    """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it
+    holds no row.
+    """
     notes: list[str] = []
     used = names if used is None else used
     if last and text and not text.endswith((b"\n", b"\r")):
@@ -144,7 +184,10 @@ def parse_block(
     table, problem = _arrow_table(text, names, delimiter, used)
     if problem and (bad := _first_bad_line(text, names, delimiter, used)):
         index, at_end, why = bad
-        where = f"{label}: row {lines_before + index + 1} (line {lines_before + index + first_line}): {why}"
+        where = (
+            f"{label}: row {lines_before + index + 1} (line {lines_before + index + first_line}):"
+            f" {why}"
+        )
         if not (last and at_end):
             raise InputError(where)
         notes.append(f"{where}: last row dropped")
@@ -155,11 +198,19 @@ def parse_block(
     return table, notes
 
 
-def _mended(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[bytes, list[int], str]:
-    """The text with missing values for lines that are no rows, the indices of those (none if many), the first's fault."""
+def _mended(
+    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
+) -> tuple[bytes, list[int], str]:
+    """The text with missing values for lines that are no rows, the indices of those (none if many),
+    the first's fault.
+    """
     lines = text.split(b"\n")
     end = lines.pop()
-    bad = {k: why for k, line in enumerate(lines) if line.strip() and (why := _wrong_line(line, names, delimiter, used))}
+    bad = {
+        k: why
+        for k, line in enumerate(lines)
+        if line.strip() and (why := _wrong_line(line, names, delimiter, used))
+    }
     if not bad or len(bad) > max(5, MAX_BAD * len(lines)):
         return text, [], ""
     missing = delimiter.join(["nan"] * len(names)).encode()
@@ -168,7 +219,9 @@ def _mended(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[st
     return b"\n".join([*lines, end]), list(bad), next(iter(bad.values()))
 
 
-def _arrow_table(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[Any, str]:
+def _arrow_table(
+    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
+) -> tuple[Any, str]:
     """The table, None where the text is blank, and what the parser complains of."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
@@ -178,14 +231,19 @@ def _arrow_table(text: bytes, names: Sequence[str], delimiter: str, used: Sequen
         text, delimiter = re.sub(rb"[ \t]+", b",", text), ","
     if not text.strip():
         return None, ""
-    keys, wanted = [str(i) for i in range(len(names))], [str(i) for i, name in enumerate(names) if name in used]
+    keys, wanted = (
+        [str(i) for i in range(len(names))],
+        [str(i) for i, name in enumerate(names) if name in used],
+    )
     try:
         table = arrow_csv.read_csv(
             pa.BufferReader(text),
             read_options=arrow_csv.ReadOptions(column_names=keys),
             parse_options=arrow_csv.ParseOptions(delimiter=delimiter),
             convert_options=arrow_csv.ConvertOptions(
-                column_types=dict.fromkeys(wanted, pa.float64()), null_values=list(MISSING), include_columns=wanted
+                column_types=dict.fromkeys(wanted, pa.float64()),
+                null_values=list(MISSING),
+                include_columns=wanted,
             ),
         )
     except pa.ArrowException as error:
@@ -193,8 +251,12 @@ def _arrow_table(text: bytes, names: Sequence[str], delimiter: str, used: Sequen
     return table.rename_columns([names[int(k)] for k in wanted]), ""
 
 
-def _first_bad_line(text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> tuple[int, bool, str] | None:
-    """Index of the first line that is not one number a used column, whether it is the last, and what is wrong with it."""
+def _first_bad_line(
+    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
+) -> tuple[int, bool, str] | None:
+    """Index of the first line that is not one number a used column, whether it is the last, and
+    what is wrong with it.
+    """
     lines = text.decode("utf-8", errors="replace").splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
@@ -210,7 +272,11 @@ def _wrong_line(line: bytes, names: Sequence[str], delimiter: str, used: Sequenc
     if "\r" in text or "\0" in text:
         return "not a row of text"
     try:
-        fields = text.split() if delimiter == " " else next(csv.reader([text], delimiter=delimiter, strict=True), [])
+        fields = (
+            text.split()
+            if delimiter == " "
+            else next(csv.reader([text], delimiter=delimiter, strict=True), [])
+        )
     except csv.Error:
         return "not a row of separated values"
     return _wrong_fields(fields, names, used) if fields else ""

@@ -1,4 +1,6 @@
-"""What `recal check` says of a temperature stream: the faults that the recalibration would find in it."""
+"""What `recal check` says of a temperature stream: the faults that the recalibration would find in
+it.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +13,10 @@ def check_thermometer(columns: dict[str, NDArray], label: str, findings: Finding
     """Warnings on thermometers and holes; kelvin, which no reader should pass on, is a suspect."""
     time_s = columns["time_s"]
     thermometers = {
-        name: values for name, values in columns.items()
+        name: values
+        for name, values in columns.items()
         if name != "time_s" and not name.startswith("gradient") and np.isfinite(values).any()
-    }  # fmt: skip
+    }
     for fault in check_thermometers(time_s, thermometers).faults:
         name = "" if fault.column == "temperature" else f"{fault.column} "
         say = findings.suspect if fault.kind == "implausible" else findings.warn

@@ -1,4 +1,6 @@
-"""A climatic chamber: soaks and steady ramps between two temperatures, felt by the unit through its own lag."""
+"""A climatic chamber: soaks and steady ramps between two temperatures, felt by the unit through its
+own lag.
+"""
 
 from dataclasses import dataclass
 
@@ -11,13 +13,16 @@ from trajectories.simulator.thermal import Temperatures, first_order_rise
 
 @dataclass(frozen=True, kw_only=True)
 class ChamberProfile:
-    """`cycles` times from start_degC to end_degC and, with there_and_back, back again, a soak before and after each ramp.
+    """`cycles` times from start_degC to end_degC and, with there_and_back, back again, a soak
+    before and after each ramp.
 
-    The unit follows the chamber with one time constant (unit_tau_s), each gyro follows the unit with its own; on a steady
-    ramp every gyro therefore trails by unit_tau_s + gyro_tau_s and Tdiff is a fraction of what it trails the unit.
+    The unit follows the chamber with one time constant (unit_tau_s), each gyro follows the unit
+    with its own; on a steady ramp every gyro therefore trails by unit_tau_s + gyro_tau_s and Tdiff
+    is a fraction of what it trails the unit.
 
-    A heater on one side, on for the first half of every side_period_s, holds side_degC across the unit with the time constant
-    side_tau_s: side_gradient of it shows at each gyro's Tdiff, side_warming of it in the gyro's temperature.
+    A heater on one side, on for the first half of every side_period_s, holds side_degC across the
+    unit with the time constant side_tau_s: side_gradient of it shows at each gyro's Tdiff,
+    side_warming of it in the gyro's temperature.
     """
 
     start_degC: float = -20.0
@@ -39,10 +44,18 @@ class ChamberProfile:
     def __post_init__(self) -> None:
         taus = (self.unit_tau_s, self.side_tau_s, self.side_period_s, *self.gyro_tau_s)
         if not min(taus) > 0 or self.unit_tau_s in self.gyro_tau_s:
-            raise InputError("thermal: time constants must be above 0, gyro_tau_s other than unit_tau_s")
-        if not self.rate_degC_min > 0 or self.soak_s < 0 or self.cycles < 1 or self.start_degC == self.end_degC:
             raise InputError(
-                "thermal: chamber: needed rate_degC_min above 0, soak_s not below 0, cycles of at least 1, two temperatures"
+                "thermal: time constants must be above 0, gyro_tau_s other than unit_tau_s"
+            )
+        if (
+            not self.rate_degC_min > 0
+            or self.soak_s < 0
+            or self.cycles < 1
+            or self.start_degC == self.end_degC
+        ):
+            raise InputError(
+                "thermal: chamber: needed rate_degC_min above 0, soak_s not below 0, cycles of at"
+                " least 1, two temperatures"
             )
 
     @property
@@ -64,20 +77,32 @@ class ChamberProfile:
             for k, tau in enumerate(self.gyro_tau_s):
                 a, b = self.unit_tau_s, tau
                 gyro[:, k] += bend * (a * _trail(since, a) - b * _trail(since, b)) / (a - b)
-        gradient = np.asarray(self.gradient_fraction) * (unit[:, None] + np.asarray(self.gyro_rise_degC) - gyro)
+        gradient = np.asarray(self.gradient_fraction) * (
+            unit[:, None] + np.asarray(self.gyro_rise_degC) - gyro
+        )
         side = self._side(t)[:, None]
-        gradient, gyro = gradient + side * np.asarray(self.side_gradient), gyro + side * np.asarray(self.side_warming)
+        gradient, gyro = (
+            gradient + side * np.asarray(self.side_gradient),
+            gyro + side * np.asarray(self.side_warming),
+        )
         return Temperatures(
-            gyro_degC=gyro, accel_degC=np.repeat(gyro.mean(axis=1)[:, None], 3, axis=1), gradient_degC=gradient,
-            block_degC=unit, ambient_degC=chamber,
-        )  # fmt: skip
+            gyro_degC=gyro,
+            accel_degC=np.repeat(gyro.mean(axis=1)[:, None], 3, axis=1),
+            gradient_degC=gradient,
+            block_degC=unit,
+            ambient_degC=chamber,
+        )
 
     def _side(self, t: NDArray) -> NDArray:
         """Temperature difference that the heater makes across the unit (n,)."""
         out = np.zeros(t.shape)
         if self.side_degC:
             for k in range(int(2 * t.max() / self.side_period_s) + 1):
-                out += (-1.0) ** k * self.side_degC * first_order_rise(t - 0.5 * k * self.side_period_s, self.side_tau_s)
+                out += (
+                    (-1.0) ** k
+                    * self.side_degC
+                    * first_order_rise(t - 0.5 * k * self.side_period_s, self.side_tau_s)
+                )
         return out
 
     def _corners(self) -> tuple[NDArray, NDArray]:

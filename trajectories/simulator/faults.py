@@ -1,4 +1,5 @@
-"""Faults put into a finished run, for tests of the gates: each returns a new run, the given one is untouched.
+"""Faults put into a finished run, for tests of the gates: each returns a new run, the given one is
+untouched.
 
 Row spans are half open, [start_s, end_s). Raises InputError where a span holds no row.
 """
@@ -22,10 +23,17 @@ def stuck_thermometer(run: Run, *, axis: str, start_s: float, end_s: float = np.
     return replace(run, temperature=replace(run.temperature, gyro_degC=gyro))
 
 
-def clipped_gyro(run: Run, *, axis: str, limit_rad_s: float, start_s: float = -np.inf, end_s: float = np.inf) -> Run:
+def clipped_gyro(
+    run: Run, *, axis: str, limit_rad_s: float, start_s: float = -np.inf, end_s: float = np.inf
+) -> Run:
     """The gyro of an axis saturates at +-limit."""
     imu = run.imu.whole()
-    return _with(run, imu, "dtheta_rad", _clipped(imu, imu.dtheta_rad, axis, limit_rad_s, _rows(imu.time_s, start_s, end_s)))
+    return _with(
+        run,
+        imu,
+        "dtheta_rad",
+        _clipped(imu, imu.dtheta_rad, axis, limit_rad_s, _rows(imu.time_s, start_s, end_s)),
+    )
 
 
 def clipped_accelerometer(
@@ -33,11 +41,20 @@ def clipped_accelerometer(
 ) -> Run:
     """The accelerometer of an axis saturates at +-limit."""
     imu = run.imu.whole()
-    return _with(run, imu, "dv_m_s", _clipped(imu, imu.dv_m_s, axis, limit_m_s2, _rows(imu.time_s, start_s, end_s)))
+    return _with(
+        run,
+        imu,
+        "dv_m_s",
+        _clipped(imu, imu.dv_m_s, axis, limit_m_s2, _rows(imu.time_s, start_s, end_s)),
+    )
 
 
-def stuck_at_full_scale(run: Run, *, sensor: str, axis: str, at_s: float, rows: int, total: float) -> Run:
-    """For some rows a "gyro" or an "accelerometer" reads one extreme value, `total` [rad or m/s] over all of them."""
+def stuck_at_full_scale(
+    run: Run, *, sensor: str, axis: str, at_s: float, rows: int, total: float
+) -> Run:
+    """For some rows a "gyro" or an "accelerometer" reads one extreme value, `total` [rad or m/s]
+    over all of them.
+    """
     imu = run.imu.whole()
     first = int(np.searchsorted(imu.time_s, at_s))
     name = {"gyro": "dtheta_rad", "accelerometer": "dv_m_s"}[sensor]
@@ -54,7 +71,11 @@ def _clipped(imu: ImuLog, increments: NDArray, axis: str, limit: float, rows: ND
 
 
 def _with(run: Run, imu: ImuLog, name: str, increments: NDArray) -> Run:
-    changed = replace(imu, dtheta_rad=increments) if name == "dtheta_rad" else replace(imu, dv_m_s=increments)
+    changed = (
+        replace(imu, dtheta_rad=increments)
+        if name == "dtheta_rad"
+        else replace(imu, dv_m_s=increments)
+    )
     return replace(run, imu=changed)
 
 
@@ -72,9 +93,15 @@ def dropout(run: Run, *, start_s: float, end_s: float) -> Run:
     imu = run.imu.whole()
     keep = ~_rows(imu.time_s, start_s, end_s)
     return replace(
-        run, imu=ImuLog(time_s=imu.time_s[keep], dt_s=imu.dt_s[keep], dtheta_rad=imu.dtheta_rad[keep],
-                        dv_m_s=imu.dv_m_s[keep], source=imu.source),
-    )  # fmt: skip
+        run,
+        imu=ImuLog(
+            time_s=imu.time_s[keep],
+            dt_s=imu.dt_s[keep],
+            dtheta_rad=imu.dtheta_rad[keep],
+            dv_m_s=imu.dv_m_s[keep],
+            source=imu.source,
+        ),
+    )
 
 
 def time_jump(run: Run, *, at_s: float, by_s: float) -> Run:

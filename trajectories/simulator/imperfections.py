@@ -1,7 +1,9 @@
-"""Sensor imperfections as formats.md section 3 defines them, written apart from the estimator; rng passed in.
+"""Sensor imperfections as formats.md section 3 defines them, written apart from the estimator; rng
+passed in.
 
-Slow errors (flicker, rate random walk, turn-on) are made at SLOW_RATE_HZ and interpolated between: what flicker has
-above half of that is below 1 % of the white noise in power for the default twins (1e-5 for rlg and fog gyros).
+Slow errors (flicker, rate random walk, turn-on) are made at SLOW_RATE_HZ and interpolated between:
+what flicker has above half of that is below 1 % of the white noise in power for the default twins
+(1e-5 for rlg and fog gyros).
 """
 
 from collections.abc import Sequence
@@ -10,23 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import radii_of_curvature
-from ins.records import AccelNoise, GnssLog, GnssNoise, GyroNoise, OdometerLog, OdometerNoise, TemperatureNoise
-from ins.units import (
-    DEG_PER_HOUR,
-    DEG_PER_SQRT_HOUR,
-    MICRO_G,
-    MILLIRADIAN,
-    PPM,
-)  # fmt: skip
+from ins.records import (
+    AccelNoise,
+    GnssLog,
+    GnssNoise,
+    GyroNoise,
+    OdometerLog,
+    OdometerNoise,
+    TemperatureNoise,
+)
+from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MILLIRADIAN, PPM
 
 SLOW_RATE_HZ = 10.0
 
 
 def flicker(rng: np.random.Generator, n: int, *, instability: float, rate_hz: float) -> NDArray:
-    """Bias instability B, shape (n,): two-sided PSD B^2 / (2 pi f) from 1/(4 x run length) to half the rate.
+    """Bias instability B, shape (n,): two-sided PSD B^2 / (2 pi f) from 1/(4 x run length) to half
+    the rate.
 
-    Drawn in the frequency domain over four run lengths, of which the first is kept. Allan floor sqrt(2 ln2 / pi) B.
-    Source: IEEE Std 952-1997, annex C (eq. C.14).
+    Drawn in the frequency domain over four run lengths, of which the first is kept. Allan floor
+    sqrt(2 ln2 / pi) B. Source: IEEE Std 952-1997, annex C (eq. C.14).
     """
     if instability == 0:
         return np.zeros(n)
@@ -45,24 +50,46 @@ def random_walk(rng: np.random.Generator, n: int, *, density: float, rate_hz: fl
     return np.cumsum(steps)
 
 
-def gyro_session_bias(rng: np.random.Generator, noise: GyroNoise, n: int, *, rate_hz: float) -> NDArray:
-    """Turn-on, flicker and rate random walk of three gyros at k / rate_hz, (n, 3) [deg/h]; without the thermal bias."""
+def gyro_session_bias(
+    rng: np.random.Generator, noise: GyroNoise, n: int, *, rate_hz: float
+) -> NDArray:
+    """Turn-on, flicker and rate random walk of three gyros at k / rate_hz, (n, 3) [deg/h]; without
+    the thermal bias.
+    """
     return _session_bias(
-        rng, n, rate_hz=rate_hz, turn_on=noise.turn_on_deg_h, instability=noise.bias_instability_deg_h,
+        rng,
+        n,
+        rate_hz=rate_hz,
+        turn_on=noise.turn_on_deg_h,
+        instability=noise.bias_instability_deg_h,
         walk=noise.rate_random_walk_deg_h_sqrt_h / 60.0,
-    )  # fmt: skip
+    )
 
 
-def accel_session_bias(rng: np.random.Generator, noise: AccelNoise, n: int, *, rate_hz: float) -> NDArray:
-    """Nominal bias, turn-on, flicker and rate random walk of three accelerometers at k / rate_hz, (n, 3) [micro-g]."""
+def accel_session_bias(
+    rng: np.random.Generator, noise: AccelNoise, n: int, *, rate_hz: float
+) -> NDArray:
+    """Nominal bias, turn-on, flicker and rate random walk of three accelerometers at k / rate_hz,
+    (n, 3) [micro-g].
+    """
     return np.asarray(noise.bias_ug) + _session_bias(
-        rng, n, rate_hz=rate_hz, turn_on=noise.turn_on_ug, instability=noise.bias_instability_ug,
+        rng,
+        n,
+        rate_hz=rate_hz,
+        turn_on=noise.turn_on_ug,
+        instability=noise.bias_instability_ug,
         walk=noise.rate_random_walk_ug_sqrt_h / 60.0,
-    )  # fmt: skip
+    )
 
 
 def _session_bias(
-    rng: np.random.Generator, n: int, *, rate_hz: float, turn_on: float, instability: float, walk: float
+    rng: np.random.Generator,
+    n: int,
+    *,
+    rate_hz: float,
+    turn_on: float,
+    instability: float,
+    walk: float,
 ) -> NDArray:
     axes = [
         turn_on * rng.standard_normal()
@@ -74,28 +101,48 @@ def _session_bias(
 
 
 def gyro_output(
-    rng: np.random.Generator, dtheta_rad: NDArray, bias_deg_h: NDArray, noise: GyroNoise, *, dt_s: float | NDArray
+    rng: np.random.Generator,
+    dtheta_rad: NDArray,
+    bias_deg_h: NDArray,
+    noise: GyroNoise,
+    *,
+    dt_s: float | NDArray,
 ) -> NDArray:
-    """Measured increments (n, 3): scale factor and misalignment, bias, angle random walk, then quantised angle.
+    """Measured increments (n, 3): scale factor and misalignment, bias, angle random walk, then
+    quantised angle.
 
     dt_s: of all rows, or of each (n, 1).
     """
-    white = noise.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(dt_s) * rng.standard_normal(dtheta_rad.shape)
+    white = (
+        noise.arw_deg_sqrt_h
+        * DEG_PER_SQRT_HOUR
+        * np.sqrt(dt_s)
+        * rng.standard_normal(dtheta_rad.shape)
+    )
     measured = dtheta_rad @ sensitivity(noise.scale_factor_ppm, noise.misalignment_mrad).T
     measured += bias_deg_h * (DEG_PER_HOUR * dt_s) + white
     return _quantised(measured, noise.quantization_rad)
 
 
 def accel_output(
-    rng: np.random.Generator, dv_m_s: NDArray, bias_ug: NDArray, noise: AccelNoise, *, dt_s: float | NDArray
+    rng: np.random.Generator,
+    dv_m_s: NDArray,
+    bias_ug: NDArray,
+    noise: AccelNoise,
+    *,
+    dt_s: float | NDArray,
 ) -> NDArray:
-    """Measured velocity increments (n, 3): bias and velocity random walk. dt_s: of all rows, or of each (n, 1)."""
+    """Measured velocity increments (n, 3): bias and velocity random walk. dt_s: of all rows, or of
+    each (n, 1).
+    """
     white = noise.vrw_ug_sqrt_hz * MICRO_G * np.sqrt(dt_s) * rng.standard_normal(dv_m_s.shape)
     return dv_m_s + bias_ug * (MICRO_G * dt_s) + white
 
 
 def sensitivity(scale_factor_ppm: Sequence[float], misalignment_mrad: Sequence[float]) -> NDArray:
-    """Matrix from true to measured rate; misalignment [xy, xz, yx, yz, zx, zy]: of gyro i to rate about j."""
+    """Matrix from true to measured rate; misalignment [xy, xz, yx, yz, zx, zy]: of gyro i to rate
+    about j.
+    """
     M = np.diag(1.0 + np.asarray(scale_factor_ppm) * PPM)
     M[[0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1]] = np.asarray(misalignment_mrad) * MILLIRADIAN
     return M
@@ -112,25 +159,37 @@ def _quantised(increments: NDArray, quantum: float) -> NDArray:
 def thermometer(rng: np.random.Generator, true_degC: NDArray, noise: TemperatureNoise) -> NDArray:
     """Readings of any shape: white noise, then rounding to the resolution."""
     read = true_degC + noise.noise_degC * rng.standard_normal(true_degC.shape)
-    return noise.resolution_degC * np.round(read / noise.resolution_degC) if noise.resolution_degC else read
+    return (
+        noise.resolution_degC * np.round(read / noise.resolution_degC)
+        if noise.resolution_degC
+        else read
+    )
 
 
 def gnss_output(rng: np.random.Generator, true: GnssLog, noise: GnssNoise) -> GnssLog:
-    """Fixes with white errors; horizontal sigma for each of north and east, velocity sigma for all three axes."""
+    """Fixes with white errors; horizontal sigma for each of north and east, velocity sigma for all
+    three axes.
+    """
     n = true.time_s.size
     north, east = noise.sigma_horizontal_m * rng.standard_normal((2, n))
     meridian, transverse = radii_of_curvature(true.lat_rad)
     return GnssLog(
-        time_s=true.time_s, lat_rad=true.lat_rad + north / (meridian + true.height_m),
+        time_s=true.time_s,
+        lat_rad=true.lat_rad + north / (meridian + true.height_m),
         lon_rad=true.lon_rad + east / ((transverse + true.height_m) * np.cos(true.lat_rad)),
         height_m=true.height_m + noise.sigma_vertical_m * rng.standard_normal(n),
         v_n_m_s=true.v_n_m_s + noise.sigma_velocity_m_s * rng.standard_normal((n, 3)),
-        sigma_horizontal_m=np.full(n, noise.sigma_horizontal_m), sigma_vertical_m=np.full(n, noise.sigma_vertical_m),
+        sigma_horizontal_m=np.full(n, noise.sigma_horizontal_m),
+        sigma_vertical_m=np.full(n, noise.sigma_vertical_m),
         sigma_velocity_m_s=np.full(n, noise.sigma_velocity_m_s),
-    )  # fmt: skip
+    )
 
 
-def odometer_output(rng: np.random.Generator, true: OdometerLog, noise: OdometerNoise) -> OdometerLog:
+def odometer_output(
+    rng: np.random.Generator, true: OdometerLog, noise: OdometerNoise
+) -> OdometerLog:
     """Speeds with scale error and white noise."""
     white = noise.noise_m_s * rng.standard_normal(true.time_s.size)
-    return OdometerLog(time_s=true.time_s, speed_m_s=true.speed_m_s * (1 + noise.scale_ppm * PPM) + white)
+    return OdometerLog(
+        time_s=true.time_s, speed_m_s=true.speed_m_s * (1 + noise.scale_ppm * PPM) + white
+    )

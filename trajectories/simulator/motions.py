@@ -1,8 +1,10 @@
-"""Named motions: segments laid end to end give speed, course, climb and lift-off as smooth functions of time.
+"""Named motions: segments laid end to end give speed, course, climb and lift-off as smooth
+functions of time.
 
-A profile is constant but for quintic blends (C2: value, rate and acceleration join), so a vehicle at rest starts
-and stops with zero acceleration and zero jerk. Speed is that of the no-slip reference point P along body x; the
-heading of body x is the course of P (crab and side noise are added in `vehicle`). Height is above the start.
+A profile is constant but for quintic blends (C2: value, rate and acceleration join), so a vehicle
+at rest starts and stops with zero acceleration and zero jerk. Speed is that of the no-slip
+reference point P along body x; the heading of body x is the course of P (crab and side noise are
+added in `vehicle`). Height is above the start.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,7 +29,7 @@ from trajectories.simulator.segments import (
     TakeOff,
     Turn,
     TurnFlight,
-)  # fmt: skip
+)
 
 PEAK = 15.0 / 8.0  # largest slope of the quintic blend 10 u^3 - 15 u^4 + 6 u^5 over its mean slope
 TURN_BLEND_S = 3.0  # time over which a turn on wheels reaches its rate
@@ -77,7 +79,9 @@ class _Plan:
         return duration_s
 
     def sweep(self, channel: str, amount: float, *, peak: float, blend_s: float) -> float:
-        """A rate channel up, held and back to zero so that its integral is `amount`; returns the time taken [s]."""
+        """A rate channel up, held and back to zero so that its integral is `amount`; returns the
+        time taken [s].
+        """
         if amount == 0:
             return 0.0
         rate = np.copysign(min(abs(peak), abs(amount) / blend_s), amount)
@@ -95,7 +99,8 @@ class _Plan:
 def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
     """Segments end to end, from rest at time 0, as smooth profiles with their phases.
 
-    Raises InputError where a segment cannot follow from the one before (parking at speed, flying before take-off).
+    Raises InputError where a segment cannot follow from the one before (parking at speed, flying
+    before take-off).
     """
     if not segments:
         raise InputError("motion: no segments, needed at least one")
@@ -105,30 +110,46 @@ def lay(segments: Sequence[Segment], *, alignment_s: float = 600.0) -> Motion:
         start_s = plan.time_s
         _check(segment, plan, f"motion[{number}] {type(segment).__name__}")
         phase = _STEPS[type(segment)](plan, segment)
-        spans.append(("first_park" if number == 0 and phase == "parked" else phase, start_s, plan.time_s))
+        spans.append(
+            ("first_park" if number == 0 and phase == "parked" else phase, start_s, plan.time_s)
+        )
     course_rate = _profile(plan.blends["course_rate_rad_s"], plan.time_s)
     return Motion(
-        end_s=plan.time_s, speed_m_s=_profile(plan.blends["speed_m_s"], plan.time_s), course_rate_rad_s=course_rate,
-        course_rad=_antiderivative(course_rate), climb_rate_m_s=_profile(plan.blends["climb_rate_m_s"], plan.time_s),
-        airborne=_profile(plan.blends["airborne"], plan.time_s), rest=tuple(plan.rest),
+        end_s=plan.time_s,
+        speed_m_s=_profile(plan.blends["speed_m_s"], plan.time_s),
+        course_rate_rad_s=course_rate,
+        course_rad=_antiderivative(course_rate),
+        climb_rate_m_s=_profile(plan.blends["climb_rate_m_s"], plan.time_s),
+        airborne=_profile(plan.blends["airborne"], plan.time_s),
+        rest=tuple(plan.rest),
         phases=_phases(spans, alignment_s),
-    )  # fmt: skip
+    )
 
 
 def _check(segment: Segment, plan: _Plan, name: str) -> None:
     for key, value in vars(segment).items():
         if value is not None and not np.isfinite(value):
             raise InputError(f"{name}: {key} = {value}, needed a finite number")
-        if key not in ("angle_deg", "height_m", "speed_m_s") and value is not None and not value > 0:
+        if (
+            key not in ("angle_deg", "height_m", "speed_m_s")
+            and value is not None
+            and not value > 0
+        ):
             raise InputError(f"{name}: {key} = {value}, needed more than 0")
     airborne, moving = plan.level["airborne"] == 1.0, plan.level["speed_m_s"] > 0
     if isinstance(segment, Climb | Cruise | TurnFlight | Descend | Landing) != airborne:
-        raise InputError(f"{name}: the vehicle is {'in the air' if airborne else 'on the ground'} here")
+        raise InputError(
+            f"{name}: the vehicle is {'in the air' if airborne else 'on the ground'} here"
+        )
     if isinstance(segment, Park | Pivot) and moving:
-        raise InputError(f"{name}: still rolling at {plan.level['speed_m_s']:g} m/s; a stop must come before")
+        raise InputError(
+            f"{name}: still rolling at {plan.level['speed_m_s']:g} m/s; a stop must come before"
+        )
     speed = getattr(segment, "speed_m_s", None)
     if speed is not None and not speed > 0:
-        raise InputError(f"{name}: speed_m_s = {speed}, needed more than 0 (use a stop or a park to stand)")
+        raise InputError(
+            f"{name}: speed_m_s = {speed}, needed more than 0 (use a stop or a park to stand)"
+        )
 
 
 def _park(plan: _Plan, s: Park) -> str:
@@ -145,7 +166,9 @@ def _straight(plan: _Plan, s: Straight) -> str:
 def _turn(plan: _Plan, s: Turn) -> str:
     plan.time_s += plan.reach_speed(s.speed_m_s, peak_m_s2=s.acceleration_m_s2)
     rate = s.speed_m_s / s.radius_m
-    plan.time_s += plan.sweep("course_rate_rad_s", s.angle_deg * DEG, peak=rate, blend_s=TURN_BLEND_S)
+    plan.time_s += plan.sweep(
+        "course_rate_rad_s", s.angle_deg * DEG, peak=rate, blend_s=TURN_BLEND_S
+    )
     return "taxi"
 
 
@@ -170,7 +193,9 @@ def _take_off(plan: _Plan, s: TakeOff) -> str:
 
 def _climb(plan: _Plan, s: Climb | Descend) -> str:
     speed_s = plan.reach_speed(s.speed_m_s, peak_m_s2=1.0)
-    climb_s = plan.sweep("climb_rate_m_s", s.height_m - plan.height_m, peak=s.rate_m_s, blend_s=FLIGHT_BLEND_S)
+    climb_s = plan.sweep(
+        "climb_rate_m_s", s.height_m - plan.height_m, peak=s.rate_m_s, blend_s=FLIGHT_BLEND_S
+    )
     plan.height_m = s.height_m
     plan.time_s += max(speed_s, climb_s)
     return "flight"
@@ -183,14 +208,19 @@ def _cruise(plan: _Plan, s: Cruise) -> str:
 
 
 def _turn_flight(plan: _Plan, s: TurnFlight) -> str:
-    rate = 9.81 * np.tan(s.bank_deg * DEG) / plan.level["speed_m_s"]  # truth.py banks by the course rate itself
-    plan.time_s += plan.sweep("course_rate_rad_s", s.angle_deg * DEG, peak=rate, blend_s=FLIGHT_BLEND_S)
+    # truth.py banks by the course rate itself
+    rate = 9.81 * np.tan(s.bank_deg * DEG) / plan.level["speed_m_s"]
+    plan.time_s += plan.sweep(
+        "course_rate_rad_s", s.angle_deg * DEG, peak=rate, blend_s=FLIGHT_BLEND_S
+    )
     return "flight"
 
 
 def _landing(plan: _Plan, s: Landing) -> str:
     speed_s = plan.reach_speed(s.touchdown_speed_m_s, peak_m_s2=1.0)
-    sink_s = plan.sweep("climb_rate_m_s", -plan.height_m, peak=s.sink_rate_m_s, blend_s=FLIGHT_BLEND_S)
+    sink_s = plan.sweep(
+        "climb_rate_m_s", -plan.height_m, peak=s.sink_rate_m_s, blend_s=FLIGHT_BLEND_S
+    )
     plan.height_m = 0.0
     plan.time_s += max(speed_s, sink_s)
     plan.blend("airborne", 0.0, start_s=plan.time_s, duration_s=LIFT_OFF_S)
@@ -199,14 +229,26 @@ def _landing(plan: _Plan, s: Landing) -> str:
     return "landing"
 
 
-_STEPS: dict[type, Callable[[_Plan, Any], str]] = {  # each lays its segment down and names the phase
-    Park: _park, Straight: _straight, Turn: _turn, Stop: _stop, Pivot: _pivot, TakeOff: _take_off, Climb: _climb,
-    Cruise: _cruise, TurnFlight: _turn_flight, Descend: _climb, Landing: _landing,
-}  # fmt: skip
+# each lays its segment down and names the phase
+_STEPS: dict[type, Callable[[_Plan, Any], str]] = {
+    Park: _park,
+    Straight: _straight,
+    Turn: _turn,
+    Stop: _stop,
+    Pivot: _pivot,
+    TakeOff: _take_off,
+    Climb: _climb,
+    Cruise: _cruise,
+    TurnFlight: _turn_flight,
+    Descend: _climb,
+    Landing: _landing,
+}
 
 
 def _profile(blends: list[tuple[float, float, float, float]], end_s: float) -> PPoly:
-    """Constants joined by quintic blends (start, end, from, to), held beyond both ends. Blends are in time order."""
+    """Constants joined by quintic blends (start, end, from, to), held beyond both ends. Blends are
+    in time order.
+    """
     breaks, rows, value = [-1.0], [], 0.0
     for start_s, stop_s, y0, y1 in blends:
         if start_s > breaks[-1]:
@@ -244,7 +286,8 @@ def _phases(spans: list[tuple[str, float, float]], alignment_s: float) -> tuple[
 PARKED_S = 4200.0  # 10 min of alignment and 60 min extended, physics.md 6.7
 _LEG_300 = Straight(duration_s=300.0, speed_m_s=10.0, acceleration_m_s2=1.0)
 _LEG_200 = Straight(duration_s=200.0, speed_m_s=10.0, acceleration_m_s2=1.0)
-_REFERENCE: dict[str, tuple[float, tuple[Segment, ...]]] = {  # heading at alignment [deg], what follows the parking
+# heading at alignment [deg], what follows the parking
+_REFERENCE: dict[str, tuple[float, tuple[Segment, ...]]] = {
     "parked_only": (0.0, ()),
     "straight_taxi": (0.0, (_LEG_300,)),
     "taxi_0_180": (0.0, (Turn(angle_deg=180.0), _LEG_300)),
@@ -254,23 +297,42 @@ _REFERENCE: dict[str, tuple[float, tuple[Segment, ...]]] = {  # heading at align
     "taxi_m90_p90_300_stop_120": (-90.0, (Turn(angle_deg=180.0), _LEG_300, Stop(duration_s=120.0))),
     "legs_90_180_90": (
         0.0,
-        (Turn(angle_deg=90.0), _LEG_200, Stop(duration_s=60.0), Turn(angle_deg=90.0), _LEG_200, Stop(duration_s=60.0),
-         Turn(angle_deg=-90.0), _LEG_200, Stop(duration_s=60.0)),
+        (
+            Turn(angle_deg=90.0),
+            _LEG_200,
+            Stop(duration_s=60.0),
+            Turn(angle_deg=90.0),
+            _LEG_200,
+            Stop(duration_s=60.0),
+            Turn(angle_deg=-90.0),
+            _LEG_200,
+            Stop(duration_s=60.0),
+        ),
     ),
     "turn_90_park_20min": (0.0, (Pivot(angle_deg=90.0), Park(duration_s=1200.0))),
     "turn_180_park_20min": (0.0, (Pivot(angle_deg=180.0), Park(duration_s=1200.0))),
     "turn_180_park_60min": (0.0, (Pivot(angle_deg=180.0), Park(duration_s=3600.0))),
     "realistic_taxi": (
         0.0,
-        (Turn(angle_deg=90.0), Straight(duration_s=120.0, speed_m_s=9.5), Stop(duration_s=60.0),
-         Turn(angle_deg=90.0), Straight(duration_s=120.0, speed_m_s=9.5), Stop(duration_s=120.0),
-         Turn(angle_deg=-90.0), Straight(duration_s=120.0, speed_m_s=9.5), Stop(duration_s=60.0)),
+        (
+            Turn(angle_deg=90.0),
+            Straight(duration_s=120.0, speed_m_s=9.5),
+            Stop(duration_s=60.0),
+            Turn(angle_deg=90.0),
+            Straight(duration_s=120.0, speed_m_s=9.5),
+            Stop(duration_s=120.0),
+            Turn(angle_deg=-90.0),
+            Straight(duration_s=120.0, speed_m_s=9.5),
+            Stop(duration_s=60.0),
+        ),
     ),
-}  # fmt: skip
+}
 REFERENCE_MOTIONS = tuple(_REFERENCE)
 
 
-def reference_motion(name: str, *, parked_s: float = PARKED_S, alignment_s: float = 600.0) -> tuple[float, Motion]:
+def reference_motion(
+    name: str, *, parked_s: float = PARKED_S, alignment_s: float = 600.0
+) -> tuple[float, Motion]:
     """Heading at alignment [rad] and motion of a row of physics.md 6.7, or of the realistic taxi.
 
     Raises InputError where the name is not one of REFERENCE_MOTIONS.

@@ -1,8 +1,10 @@
-"""Truth from samples: standing stretches and moving ones given at even steps, joined into one smooth run.
+"""Truth from samples: standing stretches and moving ones given at even steps, joined into one
+smooth run.
 
-For the motion of a run that was estimated from its own sensors. As in `truth`, a quintic spline of Earth-fixed velocity
-and of roll, pitch, heading IS the truth; at rest everything is constant. On wheels the IMU's velocity follows from
-speed, heading and lever arm (no side slip); in the air it is taken from the samples.
+For the motion of a run that was estimated from its own sensors. As in `truth`, a quintic spline of
+Earth-fixed velocity and of roll, pitch, heading IS the truth; at rest everything is constant. On
+wheels the IMU's velocity follows from speed, heading and lever arm (no side slip); in the air it is
+taken from the samples.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,8 +37,9 @@ class SampledStand:
 class SampledMove:
     """A moving stretch at m even steps, its ends included.
 
-    euler_rad (m, 3): roll, pitch, heading, not wrapped; speed_m_s (m,): of the wheel reference point, level, along the heading;
-    v_n_m_s (m, 3): velocity of the IMU, used as far as it is airborne (m,): 0 on wheels to 1 in the air.
+    euler_rad (m, 3): roll, pitch, heading, not wrapped; speed_m_s (m,): of the wheel reference
+    point, level, along the heading; v_n_m_s (m, 3): velocity of the IMU, used as far as it is
+    airborne (m,): 0 on wheels to 1 in the air.
     """
 
     time_s: NDArray
@@ -58,13 +61,17 @@ Sampled = SampledStand | SampledMove
 
 
 def truth_from_samples(
-    site: Site, stretches: Sequence[Sampled], *, wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    site: Site,
+    stretches: Sequence[Sampled],
+    *,
+    wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> Truth:
     """The truth that starts at a site at time 0, at rest, and goes through the stretches in order.
 
-    Where a moving stretch meets a standing one, its speed, rates and accelerations are zero and its attitude is that of
-    the standing one, whatever the samples say. Headings run on from stretch to stretch, not wrapped.
-    Raises InputError where the stretches leave a hole, do not start standing at 0, or a moving one is too short.
+    Where a moving stretch meets a standing one, its speed, rates and accelerations are zero and its
+    attitude is that of the standing one, whatever the samples say. Headings run on from stretch to
+    stretch, not wrapped. Raises InputError where the stretches leave a hole, do not start standing
+    at 0, or a moving one is too short.
     """
     _check(stretches)
     joined = [_joined(stretches, k) for k in range(len(stretches))]
@@ -75,7 +82,13 @@ def truth_from_samples(
         if isinstance(stretch, SampledStand):
             found.append(Stretch(stretch.start_s, r_e, np.asarray(stretch.euler_rad, dtype=float)))
             continue
-        moving = _moving(stretch, motion, r_e, np.asarray(wheel_reference_m, dtype=float), stops=k + 1 < len(joined))
+        moving = _moving(
+            stretch,
+            motion,
+            r_e,
+            np.asarray(wheel_reference_m, dtype=float),
+            stops=k + 1 < len(joined),
+        )
         found.append(moving)
         r_e = moving.at(np.array([stretch.end_s]))[0][0]
     return Truth(site, motion, wheel_reference_m, tuple(found))
@@ -87,11 +100,15 @@ def _check(stretches: Sequence[Sampled]) -> None:
     for a, b in pairwise(stretches):
         if a.end_s != b.start_s or isinstance(a, SampledStand) == isinstance(b, SampledStand):
             raise InputError(
-                f"sampled truth: {a.end_s:g} s to {b.start_s:g} s: needed standing and moving in turn, without holes"
+                f"sampled truth: {a.end_s:g} s to {b.start_s:g} s: needed standing and moving in"
+                " turn, without holes"
             )
     for stretch in stretches:
         if isinstance(stretch, SampledMove) and stretch.time_s.size < FEWEST_SAMPLES:
-            raise InputError(f"sampled truth: {stretch.time_s.size} samples of a moving stretch, needed {FEWEST_SAMPLES}")
+            raise InputError(
+                f"sampled truth: {stretch.time_s.size} samples of a moving stretch, needed"
+                f" {FEWEST_SAMPLES}"
+            )
 
 
 def _joined(stretches: Sequence[Sampled], k: int) -> Sampled:
@@ -100,13 +117,18 @@ def _joined(stretches: Sequence[Sampled], k: int) -> Sampled:
     if isinstance(stretch, SampledStand):
         return stretch
     euler, speed, v_n = stretch.euler_rad.copy(), stretch.speed_m_s.copy(), stretch.v_n_m_s.copy()
-    for row, beside in ((0, stretches[k - 1]), (-1, stretches[k + 1] if k + 1 < len(stretches) else None)):
+    for row, beside in (
+        (0, stretches[k - 1]),
+        (-1, stretches[k + 1] if k + 1 < len(stretches) else None),
+    ):
         if isinstance(beside, SampledStand):
             euler[row], speed[row], v_n[row] = beside.euler_rad, 0.0, 0.0
     return replace(stretch, euler_rad=euler, speed_m_s=speed, v_n_m_s=v_n)
 
 
-def _moving(stretch: SampledMove, motion: Motion, r_e: NDArray, lever_p_b: NDArray, *, stops: bool) -> Stretch:
+def _moving(
+    stretch: SampledMove, motion: Motion, r_e: NDArray, lever_p_b: NDArray, *, stops: bool
+) -> Stretch:
     t = stretch.time_s
     euler = make_interp_spline(t, stretch.euler_rad, k=5, bc_type=_ends(3, stops))
     air = stretch.airborne[:, None]
@@ -123,17 +145,33 @@ def _ends(columns: int, stops: bool) -> tuple[list, list]:
 
 
 def _motion(stretches: Sequence[Sampled]) -> Motion:
-    """The profiles that sensors beside the inertial ones read, relative to the first heading; phases are not named."""
+    """The profiles that sensors beside the inertial ones read, relative to the first heading;
+    phases are not named.
+    """
     first = float(stretches[0].euler_rad[2])  # a standing one
     heading = _profile(stretches, lambda s: s.euler_rad[..., 2] - first, _clamped)
-    speed = _profile(stretches, lambda s: s.speed_m_s if isinstance(s, SampledMove) else 0.0, _clamped)
-    climb = _profile(stretches, lambda s: -s.airborne * s.v_n_m_s[:, 2] if isinstance(s, SampledMove) else 0.0, _clamped)
-    airborne = _profile(stretches, lambda s: s.airborne if isinstance(s, SampledMove) else 0.0, PchipInterpolator)
+    speed = _profile(
+        stretches, lambda s: s.speed_m_s if isinstance(s, SampledMove) else 0.0, _clamped
+    )
+    climb = _profile(
+        stretches,
+        lambda s: -s.airborne * s.v_n_m_s[:, 2] if isinstance(s, SampledMove) else 0.0,
+        _clamped,
+    )
+    airborne = _profile(
+        stretches, lambda s: s.airborne if isinstance(s, SampledMove) else 0.0, PchipInterpolator
+    )
     rest = tuple((s.start_s, s.end_s) for s in stretches if isinstance(s, SampledStand))
     return Motion(
-        end_s=stretches[-1].end_s, speed_m_s=speed, course_rate_rad_s=heading.derivative(), course_rad=heading,
-        climb_rate_m_s=climb, airborne=airborne, rest=rest, phases=(),
-    )  # fmt: skip
+        end_s=stretches[-1].end_s,
+        speed_m_s=speed,
+        course_rate_rad_s=heading.derivative(),
+        course_rad=heading,
+        climb_rate_m_s=climb,
+        airborne=airborne,
+        rest=rest,
+        phases=(),
+    )
 
 
 def _clamped(t: NDArray, values: NDArray) -> PPoly:
@@ -141,8 +179,10 @@ def _clamped(t: NDArray, values: NDArray) -> PPoly:
 
 
 def _profile(
-    stretches: Sequence[Sampled], value: Callable[[Sampled], Any], curve: Callable[[NDArray, NDArray], PPoly]
-) -> PPoly:  # fmt: skip
+    stretches: Sequence[Sampled],
+    value: Callable[[Sampled], Any],
+    curve: Callable[[NDArray, NDArray], PPoly],
+) -> PPoly:
     """Constant while standing; while moving, the curve of piecewise cubics through the samples."""
     breaks, pieces = [stretches[0].start_s], []
     for stretch in stretches:

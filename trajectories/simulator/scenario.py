@@ -1,8 +1,9 @@
-"""Scenario files (TOML): what to simulate, every unit in its key's name; an unknown key is an error that names it.
+"""Scenario files (TOML): what to simulate, every unit in its key's name; an unknown key is an error
+that names it.
 
-Sections: top level (schema, seed, alignment_s), run, site, attitude, imu, motion (list), thermal, unit, twin (inline)
-or twin_file, streams, lever_arms_m, survey, disturbance (list); truth (a profile) instead of site, attitude and motion.
-Ready ones are packaged in `scenarios/`.
+Sections: top level (schema, seed, alignment_s), run, site, attitude, imu, motion (list), thermal,
+unit, twin (inline) or twin_file, streams, lever_arms_m, survey, disturbance (list); truth (a
+profile) instead of site, attitude and motion. Ready ones are packaged in `scenarios/`.
 """
 
 from dataclasses import MISSING, dataclass, field, fields
@@ -64,7 +65,9 @@ class ImuSection:
 
 @dataclass(frozen=True, kw_only=True)
 class UnitSection:
-    """The true unit; `ageing_seed` fixes its curves, so that several sessions can be made of one unit."""
+    """The true unit; `ageing_seed` fixes its curves, so that several sessions can be made of one
+    unit.
+    """
 
     imu_serial: str = ""
     gyro_technology: str = ""
@@ -105,14 +108,22 @@ class SurveySection:
 
 
 SECTIONS: dict[str, type] = {
-    "run": RunSection, "site": SiteSection, "attitude": AttitudeSection, "imu": ImuSection, "unit": UnitSection,
-    "streams": StreamsSection, "lever_arms_m": LeverArmSection, "survey": SurveySection,
-}  # fmt: skip
+    "run": RunSection,
+    "site": SiteSection,
+    "attitude": AttitudeSection,
+    "imu": ImuSection,
+    "unit": UnitSection,
+    "streams": StreamsSection,
+    "lever_arms_m": LeverArmSection,
+    "survey": SurveySection,
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scenario:
-    """A checked scenario file. `table_path`: of the factory table, from the unit or its twin; None: a random curve."""
+    """A checked scenario file. `table_path`: of the factory table, from the unit or its twin; None:
+    a random curve.
+    """
 
     name: str
     seed: int
@@ -136,7 +147,9 @@ class Scenario:
 def packaged_scenarios() -> list[str]:
     """Names of the scenarios that come with the program."""
     folder = resources.files("trajectories.simulator") / "scenarios"
-    return sorted(f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml"))
+    return sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
 
 
 def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scenario:
@@ -146,14 +159,25 @@ def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scena
     """
     path = Path(source)
     if not path.exists() and str(source) in packaged_scenarios():
-        text, folder = (resources.files("trajectories.simulator") / "scenarios" / f"{source}.toml").read_text("utf-8"), Path()
+        text, folder = (
+            (resources.files("trajectories.simulator") / "scenarios" / f"{source}.toml").read_text(
+                "utf-8"
+            ),
+            Path(),
+        )
     else:
         text, folder = _read_text(path), path.parent
-    return scenario_from_dict(parse_toml(text, name=str(source)), name=str(source), folder=folder, twin_path=twin_path)
+    return scenario_from_dict(
+        parse_toml(text, name=str(source)), name=str(source), folder=folder, twin_path=twin_path
+    )
 
 
-def scenario_from_dict(data: dict[str, Any], *, name: str, folder: Path = Path(), twin_path: Path | None = None) -> Scenario:
-    """The scenario in a plain dict; paths in it are relative to `folder`, `name` begins each error line."""
+def scenario_from_dict(
+    data: dict[str, Any], *, name: str, folder: Path = Path(), twin_path: Path | None = None
+) -> Scenario:
+    """The scenario in a plain dict; paths in it are relative to `folder`, `name` begins each error
+    line.
+    """
     refuse_non_finite(data, name=name)
     rest = {k: v for k, v in without_schema(data, SCHEMA, name=name).items() if k not in SECTIONS}
     head = fill(_Head, rest, name=name)
@@ -162,16 +186,32 @@ def scenario_from_dict(data: dict[str, Any], *, name: str, folder: Path = Path()
         data = {**data, "site": _site_keys(profile.site)}
     elif not head.motion:
         raise InputError(f"{name}: key motion is missing, needed it or [truth]")
-    sections = {key: fill(cls, data.get(key, {}), name=f"{name}: {key}") for key, cls in SECTIONS.items()}
+    sections = {
+        key: fill(cls, data.get(key, {}), name=f"{name}: {key}") for key, cls in SECTIONS.items()
+    }
     unit: UnitSection = sections["unit"]
-    twin, twin_folder = _twin(head, folder, twin_path, name, technology=unit.gyro_technology or "rlg")
+    twin, twin_folder = _twin(
+        head, folder, twin_path, name, technology=unit.gyro_technology or "rlg"
+    )
     factory_table = folder / unit.table if unit.table else table_path(twin, twin_folder)
     return Scenario(
-        name=Path(name).stem, seed=head.seed, alignment_s=head.alignment_s, twin=twin, table_path=factory_table,
-        segments=tuple(_one_of(SEGMENTS, "segment", m, f"{name}: motion[{k}]") for k, m in enumerate(head.motion)),
-        events=tuple(_one_of(EVENTS, "event", e, f"{name}: disturbance[{k}]") for k, e in enumerate(head.disturbance)),
-        thermal=_thermal(head.thermal, f"{name}: thermal"), profile=profile, **sections,
-    )  # fmt: skip
+        name=Path(name).stem,
+        seed=head.seed,
+        alignment_s=head.alignment_s,
+        twin=twin,
+        table_path=factory_table,
+        segments=tuple(
+            _one_of(SEGMENTS, "segment", m, f"{name}: motion[{k}]")
+            for k, m in enumerate(head.motion)
+        ),
+        events=tuple(
+            _one_of(EVENTS, "event", e, f"{name}: disturbance[{k}]")
+            for k, e in enumerate(head.disturbance)
+        ),
+        thermal=_thermal(head.thermal, f"{name}: thermal"),
+        profile=profile,
+        **sections,
+    )
 
 
 def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> TruthProfile | None:
@@ -182,7 +222,10 @@ def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> Tr
         if key in data:
             raise InputError(f"{name}: {key} and truth are both given, needed one of them")
     if data.get("streams", {}).get("odometer"):
-        raise InputError(f"{name}: streams.odometer: got true, needed false with truth: it does not say what rolls")
+        raise InputError(
+            f"{name}: streams.odometer: got true, needed false with truth: it does not say what"
+            " rolls"
+        )
     try:
         return read_profile(fill(TruthSection, head.truth, name=f"{name}: truth"), folder)
     except InputError as error:
@@ -197,21 +240,33 @@ def _site_keys(site: Site) -> dict[str, float]:
 def simulate_scenario(
     scenario: Scenario, *, seed: int | None = None, table: dict[str, Any] | None = None
 ) -> tuple[SimulatedRun, UnitTruth]:
-    """One session of the scenario's unit, and that unit; `table` (checked) is its factory table, at `table_path`."""
+    """One session of the scenario's unit, and that unit; `table` (checked) is its factory table, at
+    `table_path`.
+    """
     unit = scenario_unit(scenario, table=table)
     seed = scenario.seed if seed is None else seed
     run, survey = scenario.run, scenario.survey
     simulated = simulate_run(
-        scenario_ideal(scenario), scenario.thermal, unit, scenario.twin, rng=np.random.default_rng(seed),
-        with_gnss=scenario.streams.gnss, with_odometer=scenario.streams.odometer, with_phases=scenario.streams.phases,
-        events=scenario.events, gnss_lever_arm_m=scenario.lever_arms_m.gnss,
-        run_id=run.run_id or f"{scenario.name}-{seed}", tail=run.tail, start_utc=run.start_utc,
+        scenario_ideal(scenario),
+        scenario.thermal,
+        unit,
+        scenario.twin,
+        rng=np.random.default_rng(seed),
+        with_gnss=scenario.streams.gnss,
+        with_odometer=scenario.streams.odometer,
+        with_phases=scenario.streams.phases,
+        events=scenario.events,
+        gnss_lever_arm_m=scenario.lever_arms_m.gnss,
+        run_id=run.run_id or f"{scenario.name}-{seed}",
+        tail=run.tail,
+        start_utc=run.start_utc,
         survey=Survey(
-            heading_rad=_radians(survey.heading_deg), sigma_heading_rad=_radians(survey.sigma_heading_deg),
+            heading_rad=_radians(survey.heading_deg),
+            sigma_heading_rad=_radians(survey.sigma_heading_deg),
             centre_line_rad=_radians(survey.centre_line_deg),
             sigma_centre_line_rad=_radians(survey.sigma_centre_line_deg),
         ),
-    )  # fmt: skip
+    )
     return simulated, unit
 
 
@@ -228,40 +283,61 @@ def scenario_truth(scenario: Scenario) -> Truth:
     return build_truth(
         lay(scenario.segments, alignment_s=scenario.alignment_s),
         Site(lat_rad=site.lat_deg * DEG, lon_rad=site.lon_deg * DEG, height_m=site.height_m),
-        heading_rad=attitude.heading_deg * DEG, roll_rad=attitude.roll_deg * DEG, pitch_rad=attitude.pitch_deg * DEG,
+        heading_rad=attitude.heading_deg * DEG,
+        roll_rad=attitude.roll_deg * DEG,
+        pitch_rad=attitude.pitch_deg * DEG,
         wheel_reference_m=scenario.lever_arms_m.wheel_reference,
-    )  # fmt: skip
+    )
 
 
 def scenario_unit(scenario: Scenario, *, table: dict[str, Any] | None = None) -> UnitTruth:
-    """The scenario's unit: serial and technology from its section, else the table, else the twin; they must agree."""
+    """The scenario's unit: serial and technology from its section, else the table, else the twin;
+    they must agree.
+    """
     section, twin = scenario.unit, scenario.twin
-    serials = {"unit.imu_serial": section.imu_serial, "table": (table or {}).get("imu_serial"), "twin": twin.imu_serial}
+    serials = {
+        "unit.imu_serial": section.imu_serial,
+        "table": (table or {}).get("imu_serial"),
+        "twin": twin.imu_serial,
+    }
     serial = _agreed(scenario.name, "imu_serial", serials) or "SN-0042"
     technologies = {
-        "unit.gyro_technology": section.gyro_technology, "table": (table or {}).get("gyro_technology"),
+        "unit.gyro_technology": section.gyro_technology,
+        "table": (table or {}).get("gyro_technology"),
         "twin": twin.gyro_technology,
-    }  # fmt: skip
+    }
     return aged_unit(
-        np.random.default_rng(section.ageing_seed), imu_serial=serial, table=table,
+        np.random.default_rng(section.ageing_seed),
+        imu_serial=serial,
+        table=table,
         gyro_technology=_agreed(scenario.name, "gyro_technology", technologies),
-        ageing_offset_deg_h=section.ageing_offset_deg_h, ageing_shape_deg_h=section.ageing_shape_deg_h,
-        thermal_rate_deg_h_per_degC_min=section.thermal_rate_deg_h_per_degC_min, lag_s=section.lag_s,
-        hysteresis_deg_h=section.hysteresis_deg_h, shupe_deg_h_per_degC_min=section.shupe_deg_h_per_degC_min,
-        shupe_centre_degC=section.shupe_centre_degC, shupe_lag_s=section.shupe_lag_s,
+        ageing_offset_deg_h=section.ageing_offset_deg_h,
+        ageing_shape_deg_h=section.ageing_shape_deg_h,
+        thermal_rate_deg_h_per_degC_min=section.thermal_rate_deg_h_per_degC_min,
+        lag_s=section.lag_s,
+        hysteresis_deg_h=section.hysteresis_deg_h,
+        shupe_deg_h_per_degC_min=section.shupe_deg_h_per_degC_min,
+        shupe_centre_degC=section.shupe_centre_degC,
+        shupe_lag_s=section.shupe_lag_s,
         thermal_rate_slope_deg_h_per_degC2_min=section.thermal_rate_slope_deg_h_per_degC2_min,
         gradient_deg_h_per_degC=section.gradient_deg_h_per_degC,
         gradient_cross_deg_h_per_degC=section.gradient_cross_deg_h_per_degC,
-    )  # fmt: skip
+    )
 
 
 def fill(cls: type, data: Any, *, name: str) -> Any:
-    """A dataclass from a plain dict: types, missing and unknown keys are checked against its fields."""
+    """A dataclass from a plain dict: types, missing and unknown keys are checked against its
+    fields.
+    """
     if not isinstance(data, dict):
         raise InputError(f"{name}: got {str(data)[:60]!r}, needed a table of keys")
     hints = get_type_hints(cls)
     needed: dict[str, Any] = {
-        f.name: (_file_type(hints[f.name]), ... if f.default is f.default_factory is MISSING else None) for f in fields(cls)
+        f.name: (
+            _file_type(hints[f.name]),
+            ... if f.default is f.default_factory is MISSING else None,
+        )
+        for f in fields(cls)
     }
     model = parse(create_model(cls.__name__, __base__=StrictModel, **needed), data, name=name)
     given = model.model_dump(exclude_unset=True)
@@ -284,8 +360,12 @@ class _Head:
     disturbance: list[dict[str, Any]] = field(default_factory=list)
 
 
-def _twin(head: _Head, folder: Path, twin_path: Path | None, name: str, *, technology: str) -> tuple[TwinModel, Path]:
-    """The twin (else the defaults of the technology) and the folder that its table is relative to."""
+def _twin(
+    head: _Head, folder: Path, twin_path: Path | None, name: str, *, technology: str
+) -> tuple[TwinModel, Path]:
+    """The twin (else the defaults of the technology) and the folder that its table is relative
+    to.
+    """
     if head.twin is not None and head.twin_file is not None:
         raise InputError(f"{name}: twin and twin_file are both given, needed one of them")
     if twin_path is not None:
@@ -311,7 +391,9 @@ def _thermal(data: dict[str, Any], name: str) -> ThermalHistory | ChamberProfile
     if start == "chamber":
         return fill(ChamberProfile, {k: v for k, v in data.items() if k != "start"}, name=name)
     if start not in STARTS:
-        raise InputError(f"{name}: start: got {str(start)[:60]!r}, needed one of {', '.join(STARTS)}, chamber")
+        raise InputError(
+            f"{name}: start: got {str(start)[:60]!r}, needed one of {', '.join(STARTS)}, chamber"
+        )
     base = thermal_history(start)
     changes = {k: v for k, v in data.items() if k != "start"}
     known = {f.name: getattr(base, f.name) for f in fields(base)}
@@ -338,6 +420,8 @@ def _read_text(path: Path) -> str:
         return path.read_text(encoding="utf-8-sig")
     except OSError as error:
         known = ", ".join(packaged_scenarios())
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); packaged scenarios: {known}") from None
+        raise InputError(
+            f"{path}: cannot be read ({error.strerror or error}); packaged scenarios: {known}"
+        ) from None
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: not UTF-8 text ({error.reason} at byte {error.start})") from None

@@ -1,4 +1,6 @@
-"""The segments that a motion is made of; `motions.lay` puts them end to end. Angles are right positive."""
+"""The segments that a motion is made of; `motions.lay` puts them end to end. Angles are right
+positive.
+"""
 
 from dataclasses import dataclass
 
@@ -12,7 +14,9 @@ class Park:
 
 @dataclass(frozen=True, kw_only=True)
 class Straight:
-    """A straight taxi leg, reaching its speed at the stated peak acceleration; the duration includes that."""
+    """A straight taxi leg, reaching its speed at the stated peak acceleration; the duration
+    includes that.
+    """
 
     duration_s: float
     speed_m_s: float = 9.5
@@ -21,7 +25,9 @@ class Straight:
 
 @dataclass(frozen=True, kw_only=True)
 class Turn:
-    """A turn on wheels, right positive, at a peak rate of speed / radius; the speed is reached before it, straight."""
+    """A turn on wheels, right positive, at a peak rate of speed / radius; the speed is reached
+    before it, straight.
+    """
 
     angle_deg: float
     radius_m: float = 25.0
@@ -97,9 +103,31 @@ class Landing:
     taxi_speed_m_s: float = 9.5
 
 
-Segment = Park | Straight | Turn | Stop | Pivot | TakeOff | Climb | Cruise | TurnFlight | Descend | Landing
+Segment = (
+    Park
+    | Straight
+    | Turn
+    | Stop
+    | Pivot
+    | TakeOff
+    | Climb
+    | Cruise
+    | TurnFlight
+    | Descend
+    | Landing
+)
 SEGMENTS: dict[str, type] = {
-    "park": Park, "straight": Straight, "taxi": Straight, "turn": Turn, "stop": Stop, "pivot": Pivot, "tow": Pivot,
-    "take_off": TakeOff, "climb": Climb, "cruise": Cruise, "turn_flight": TurnFlight, "descend": Descend,
+    "park": Park,
+    "straight": Straight,
+    "taxi": Straight,
+    "turn": Turn,
+    "stop": Stop,
+    "pivot": Pivot,
+    "tow": Pivot,
+    "take_off": TakeOff,
+    "climb": Climb,
+    "cruise": Cruise,
+    "turn_flight": TurnFlight,
+    "descend": Descend,
     "landing": Landing,
-}  # fmt: skip
+}

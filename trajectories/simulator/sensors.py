@@ -1,7 +1,9 @@
-"""Ideal inertial sensors from truth, in inertial and Earth-fixed axes: no mechanization, no navigation-frame formula.
+"""Ideal inertial sensors from truth, in inertial and Earth-fixed axes: no mechanization, no
+navigation-frame formula.
 
-Specific force: f_e = r''_e + 2 Omega x r'_e - g_e with plumb-line gravity (attraction and centrifugal), turned to body.
-Angular rate: from the rotation vectors of C_ib within each sample, by collocation at the quadrature nodes.
+Specific force: f_e = r''_e + 2 Omega x r'_e - g_e with plumb-line gravity (attraction and
+centrifugal), turned to body. Angular rate: from the rotation vectors of C_ib within each sample, by
+collocation at the quadrature nodes.
 """
 
 from dataclasses import dataclass
@@ -24,11 +26,13 @@ OMEGA_IE_E = np.array([0.0, 0.0, EARTH_RATE_RAD_S])
 
 @dataclass(frozen=True, kw_only=True)
 class IdealSensors:
-    """What a perfect unit would put out, and the truth at the end of each sample; made once, used for many seeds.
+    """What a perfect unit would put out, and the truth at the end of each sample; made once, used
+    for many seeds.
 
-    dtheta_rad, dv_m_s (n, 3) over the 1/rate_hz that ends at time_s; lat_rad, lon_rad, height_m (n,), v_n_m_s,
-    euler_rad (roll, pitch, heading; heading not wrapped) (n, 3), C_nb (n, 3, 3): of the IMU, without disturbances.
-    speed_m_s: of P along body x; on_wheels: 1 on the ground, 0 in the air; at_rest: the sample lies wholly at rest.
+    dtheta_rad, dv_m_s (n, 3) over the 1/rate_hz that ends at time_s; lat_rad, lon_rad, height_m
+    (n,), v_n_m_s, euler_rad (roll, pitch, heading; heading not wrapped) (n, 3), C_nb (n, 3, 3): of
+    the IMU, without disturbances. speed_m_s: of P along body x; on_wheels: 1 on the ground, 0 in
+    the air; at_rest: the sample lies wholly at rest.
     """
 
     truth: Truth
@@ -52,7 +56,8 @@ class IdealSensors:
 
 
 def ideal_sensors(truth: Truth, rate_hz: float, *, samples: slice = slice(None)) -> IdealSensors:
-    """Increments over each sample of the whole run and the truth at their ends; samples at rest are worked out once.
+    """Increments over each sample of the whole run and the truth at their ends; samples at rest are
+    worked out once.
 
     samples: of the whole run's, those wanted (step 1); the same bits as in the whole run.
     Raises InputError where the rate is outside 10 Hz to 2 kHz or the run shorter than two samples.
@@ -61,7 +66,9 @@ def ideal_sensors(truth: Truth, rate_hz: float, *, samples: slice = slice(None))
         raise InputError(f"imu rate {rate_hz:g} Hz, needed 10 Hz to 2 kHz")
     n = int(np.floor(truth.motion.end_s * rate_hz + 1e-9))
     if n < 2:
-        raise InputError(f"motion lasts {truth.motion.end_s:g} s, needed at least two samples at {rate_hz:g} Hz")
+        raise InputError(
+            f"motion lasts {truth.motion.end_s:g} s, needed at least two samples at {rate_hz:g} Hz"
+        )
     dt = 1.0 / rate_hz
     wanted = np.arange(n)[samples]
     n, time_s, starts = wanted.size, (wanted + 1) / rate_hz, wanted / rate_hz
@@ -78,15 +85,26 @@ def ideal_sensors(truth: Truth, rate_hz: float, *, samples: slice = slice(None))
         _put(out, rows, _sample(truth, starts[rows], dt))
     motion = truth.motion
     return IdealSensors(
-        truth=truth, rate_hz=rate_hz, time_s=time_s, at_rest=at_rest, speed_m_s=motion.speed_m_s(time_s),
-        on_wheels=1.0 - motion.airborne(time_s), **out,
-    )  # fmt: skip
+        truth=truth,
+        rate_hz=rate_hz,
+        time_s=time_s,
+        at_rest=at_rest,
+        speed_m_s=motion.speed_m_s(time_s),
+        on_wheels=1.0 - motion.airborne(time_s),
+        **out,
+    )
 
 
 _SHAPES: dict[str, tuple[int, ...]] = {
-    "dtheta_rad": (3,), "dv_m_s": (3,), "lat_rad": (), "lon_rad": (), "height_m": (), "v_n_m_s": (3,),
-    "euler_rad": (3,), "C_nb": (3, 3),
-}  # fmt: skip
+    "dtheta_rad": (3,),
+    "dv_m_s": (3,),
+    "lat_rad": (),
+    "lon_rad": (),
+    "height_m": (),
+    "v_n_m_s": (3,),
+    "euler_rad": (3,),
+    "C_nb": (3, 3),
+}
 
 
 def _put(out: dict[str, NDArray], rows: Any, values: dict[str, NDArray]) -> None:
@@ -99,15 +117,24 @@ def _sample(truth: Truth, starts: NDArray, dt: float) -> dict[str, NDArray]:
     points = [truth.kinematics(starts + dt * tau) for tau in (0.0, *NODES, 1.0)]
     frames = [_frames(point) for point in points]
     C_b0i = np.swapaxes(_C_ib(points[0], frames[0]), -1, -2)
-    turned = np.stack([rotation_vector_from_dcm(C_b0i @ _C_ib(p, f)) for p, f in zip(points[1:], frames[1:])], axis=1)
-    force_b = np.stack([_specific_force_b(p, f) for p, f in zip(points[1:-1], frames[1:-1])], axis=1)
+    turned = np.stack(
+        [rotation_vector_from_dcm(C_b0i @ _C_ib(p, f)) for p, f in zip(points[1:], frames[1:])],
+        axis=1,
+    )
+    force_b = np.stack(
+        [_specific_force_b(p, f) for p, f in zip(points[1:-1], frames[1:-1])], axis=1
+    )
     end, last = points[-1], frames[-1]
     return {
         "dtheta_rad": np.einsum("k,nki->ni", WEIGHTS, _body_rate(turned)),
         "dv_m_s": dt * np.einsum("k,nki->ni", WEIGHTS, force_b),
-        "lat_rad": last.lat_rad, "lon_rad": last.lon_rad, "height_m": last.height_m,
-        "v_n_m_s": np.einsum("nji,nj->ni", last.C_en, end.v_e), "euler_rad": end.euler_rad, "C_nb": last.C_nb,
-    }  # fmt: skip
+        "lat_rad": last.lat_rad,
+        "lon_rad": last.lon_rad,
+        "height_m": last.height_m,
+        "v_n_m_s": np.einsum("nji,nj->ni", last.C_en, end.v_e),
+        "euler_rad": end.euler_rad,
+        "C_nb": last.C_nb,
+    }
 
 
 class _Frames(NamedTuple):
@@ -130,7 +157,9 @@ def _C_ib(point: Kinematics, frames: _Frames) -> NDArray:
 
 
 def _specific_force_b(point: Kinematics, frames: _Frames) -> NDArray:
-    """f_b = C_be (r''_e + 2 Omega x r'_e - g_e) [m/s^2], (n, 3).  Source: Groves (2013), eq. (5.35), solved for f."""
+    """f_b = C_be (r''_e + 2 Omega x r'_e - g_e) [m/s^2], (n, 3).  Source: Groves (2013), eq.
+    (5.35), solved for f.
+    """
     g_e = np.einsum("nij,nj->ni", frames.C_en, gravity_n(frames.lat_rad, frames.height_m))
     f_e = point.a_e + np.cross(2 * OMEGA_IE_E, point.v_e) - g_e
     return np.einsum("nji,nj->ni", frames.C_en @ frames.C_nb, f_e)
@@ -139,9 +168,9 @@ def _specific_force_b(point: Kinematics, frames: _Frames) -> NDArray:
 def _body_rate(turned_rad: NDArray) -> NDArray:
     """Body rate times the sample time at the quadrature nodes, (n, 3, 3).
 
-    `turned_rad` (n, 4, 3): rotation vector since the sample's start at NODES and 1. It is taken as the quartic
-    through these points and 0; omega = p' - (1 - cos p)/p^2 p x p' + (p - sin p)/p^3 p x (p x p'), factors as series.
-    Source: Bortz (1971), inverted (right Jacobian of SO(3)).
+    `turned_rad` (n, 4, 3): rotation vector since the sample's start at NODES and 1. It is taken as
+    the quartic through these points and 0; omega = p' - (1 - cos p)/p^2 p x p' + (p - sin p)/p^3 p
+    x (p x p'), factors as series. Source: Bortz (1971), inverted (right Jacobian of SO(3)).
     """
     phi = turned_rad[:, :-1]
     phi_dot = np.einsum("kj,nji->nki", DERIVATIVE, turned_rad)

@@ -1,6 +1,8 @@
-"""One simulated session: ideal sensors + vehicle + temperatures + the unit's true bias + noise -> a run and its truth.
+"""One simulated session: ideal sensors + vehicle + temperatures + the unit's true bias + noise -> a
+run and its truth.
 
-Everything stays in memory; `trajectories.runs.directory.write_run` puts it on disk. The same rng state gives the same run.
+Everything stays in memory; `trajectories.runs.directory.write_run` puts it on disk. The same rng
+state gives the same run.
 """
 
 from collections.abc import Sequence
@@ -22,7 +24,7 @@ from ins.records import (
     Survey,
     TemperatureLog,
     TwinModel,
-)  # fmt: skip
+)
 from trajectories.runs.directory import run_sha256
 from trajectories.simulator import imperfections
 from trajectories.simulator.chamber import ChamberProfile
@@ -39,8 +41,9 @@ REFERENCE_HZ, TEMPERATURE_HZ, GNSS_HZ, ODOMETER_HZ = 10.0, 1.0, 1.0, 10.0
 class SimulatedRun:
     """A run, and what only the simulator knows.
 
-    gyro_bias_true_deg_h, accel_bias_true_ug (n, 3): total bias (thermal, turn-on, flicker, random walk) at bias_time_s
-    (n,), 1 Hz; temperature_true_degC (n, 3): of the gyros; the temperature stream has the same times.
+    gyro_bias_true_deg_h, accel_bias_true_ug (n, 3): total bias (thermal, turn-on, flicker, random
+    walk) at bias_time_s (n,), 1 Hz; temperature_true_degC (n, 3): of the gyros; the temperature
+    stream has the same times.
     """
 
     run: Run
@@ -52,26 +55,45 @@ class SimulatedRun:
 
 
 def simulate_run(
-    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, unit: UnitTruth, twin: TwinModel, *,
+    ideal: IdealSensors,
+    thermal: ThermalHistory | ChamberProfile,
+    unit: UnitTruth,
+    twin: TwinModel,
+    *,
     rng: np.random.Generator,
-    with_gnss: bool = False, with_odometer: bool = False, with_phases: bool = True, events: Sequence[Event] = (),
-    gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0), run_id: str = "simulated", tail: str = "SIM",
-    start_utc: str = "2026-03-01T05:00:00Z", survey: Survey | None = None,
-) -> SimulatedRun:  # fmt: skip
+    with_gnss: bool = False,
+    with_odometer: bool = False,
+    with_phases: bool = True,
+    events: Sequence[Event] = (),
+    gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    run_id: str = "simulated",
+    tail: str = "SIM",
+    start_utc: str = "2026-03-01T05:00:00Z",
+    survey: Survey | None = None,
+) -> SimulatedRun:
     """One power-on session of a unit in a vehicle, over an ideal run made once for many seeds.
 
     Raises InputError where the twin lists effects (they are injected by `simreal`).
     """
     if twin.effects:
-        raise InputError(f"twin: effect {twin.effects[0].get('effect')!r} is not among what simulate_run can make")
+        raise InputError(
+            f"twin: effect {twin.effects[0].get('effect')!r} is not among what simulate_run can"
+            " make"
+        )
     moved = disturb(ideal, twin.vehicle, events, rng)
     slow_s, gyro_bias, accel_bias = _biases(ideal, thermal, unit, twin, rng)
     temperature, temperature_true = _temperatures(ideal, thermal, twin, rng)
     header = RunHeader(
-        run_id=run_id, tail=tail, imu_serial=unit.imu_serial, gyro_technology=unit.gyro_technology,
-        start_utc=start_utc, site=ideal.truth.site, wheel_reference_m=ideal.truth.wheel_reference_m,
-        gnss_lever_arm_m=gnss_lever_arm_m, survey=survey or Survey(),
-    )  # fmt: skip
+        run_id=run_id,
+        tail=tail,
+        imu_serial=unit.imu_serial,
+        gyro_technology=unit.gyro_technology,
+        start_utc=start_utc,
+        site=ideal.truth.site,
+        wheel_reference_m=ideal.truth.wheel_reference_m,
+        gnss_lever_arm_m=gnss_lever_arm_m,
+        survey=survey or Survey(),
+    )
     run = Run(
         header=header,
         imu=_imu(ideal, moved, slow_s, gyro_bias, accel_bias, twin, rng),
@@ -80,18 +102,29 @@ def simulate_run(
         odometer=_odometer(ideal, twin, rng) if with_odometer else None,
         phases=ideal.truth.motion.phases if with_phases else (),
     )
-    second = slice(0, len(temperature_true) * int(imperfections.SLOW_RATE_HZ), int(imperfections.SLOW_RATE_HZ))
+    second = slice(
+        0, len(temperature_true) * int(imperfections.SLOW_RATE_HZ), int(imperfections.SLOW_RATE_HZ)
+    )
     return SimulatedRun(
-        run=replace(run, sha256=run_sha256(run)), reference=reference_of(ideal, moved),
-        bias_time_s=slow_s[second], gyro_bias_true_deg_h=gyro_bias[second], accel_bias_true_ug=accel_bias[second],
+        run=replace(run, sha256=run_sha256(run)),
+        reference=reference_of(ideal, moved),
+        bias_time_s=slow_s[second],
+        gyro_bias_true_deg_h=gyro_bias[second],
+        accel_bias_true_ug=accel_bias[second],
         temperature_true_degC=temperature_true,
-    )  # fmt: skip
+    )
 
 
 def _biases(
-    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, unit: UnitTruth, twin: TwinModel, rng: np.random.Generator
+    ideal: IdealSensors,
+    thermal: ThermalHistory | ChamberProfile,
+    unit: UnitTruth,
+    twin: TwinModel,
+    rng: np.random.Generator,
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Times (m,), gyro bias [deg/h] and accelerometer bias [micro-g] (m, 3) from power-on to the end of the run."""
+    """Times (m,), gyro bias [deg/h] and accelerometer bias [micro-g] (m, 3) from power-on to the
+    end of the run.
+    """
     rate_hz = imperfections.SLOW_RATE_HZ
     m = int(np.ceil(ideal.time_s[-1] * rate_hz - 1e-6)) + 1
     slow_s = np.arange(m) / rate_hz
@@ -102,42 +135,61 @@ def _biases(
 
 
 def _imu(
-    ideal: IdealSensors, moved: Disturbed, slow_s: NDArray, gyro_bias: NDArray, accel_bias: NDArray,
-    twin: TwinModel, rng: np.random.Generator,
-) -> ImuLog:  # fmt: skip
+    ideal: IdealSensors,
+    moved: Disturbed,
+    slow_s: NDArray,
+    gyro_bias: NDArray,
+    accel_bias: NDArray,
+    twin: TwinModel,
+    rng: np.random.Generator,
+) -> ImuLog:
     dt = ideal.dt_s
     middle_s = ideal.time_s - 0.5 * dt
     gyro = np.stack([np.interp(middle_s, slow_s, bias) for bias in gyro_bias.T], axis=-1)
     accel = np.stack([np.interp(middle_s, slow_s, bias) for bias in accel_bias.T], axis=-1)
     return ImuLog(
-        time_s=ideal.time_s, dt_s=np.full(ideal.time_s.size, dt),
+        time_s=ideal.time_s,
+        dt_s=np.full(ideal.time_s.size, dt),
         dtheta_rad=imperfections.gyro_output(rng, moved.dtheta_rad, gyro, twin.gyro, dt_s=dt),
         dv_m_s=imperfections.accel_output(rng, moved.dv_m_s, accel, twin.accel, dt_s=dt),
-    )  # fmt: skip
+    )
 
 
 def _temperatures(
-    ideal: IdealSensors, thermal: ThermalHistory | ChamberProfile, twin: TwinModel, rng: np.random.Generator
+    ideal: IdealSensors,
+    thermal: ThermalHistory | ChamberProfile,
+    twin: TwinModel,
+    rng: np.random.Generator,
 ) -> tuple[TemperatureLog, NDArray]:
     time_s = np.arange(np.floor(ideal.time_s[-1] * TEMPERATURE_HZ) + 1) / TEMPERATURE_HZ
     true = thermal.at(time_s)
     read = {
         f.name: imperfections.thermometer(rng, getattr(true, f.name), twin.temperature)
         for f in fields(true)
-    }  # fmt: skip
+    }
     return TemperatureLog(time_s=time_s, **read), true.gyro_degC
 
 
 def _every(ideal: IdealSensors, rate_hz: float) -> NDArray:
-    """Rows of the IMU samples nearest to multiples of 1 / rate_hz, so that truth is at hand without interpolation."""
-    rows = np.round(np.arange(1, int(ideal.time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz * ideal.rate_hz).astype(int) - 1
+    """Rows of the IMU samples nearest to multiples of 1 / rate_hz, so that truth is at hand without
+    interpolation.
+    """
+    rows = (
+        np.round(
+            np.arange(1, int(ideal.time_s[-1] * rate_hz + 1e-6) + 1) / rate_hz * ideal.rate_hz
+        ).astype(int)
+        - 1
+    )
     return np.unique(np.clip(rows, 0, ideal.time_s.size - 1))
 
 
 def _gnss(
-    ideal: IdealSensors, moved: Disturbed, lever_b_m: tuple[float, float, float], twin: TwinModel,
+    ideal: IdealSensors,
+    moved: Disturbed,
+    lever_b_m: tuple[float, float, float],
+    twin: TwinModel,
     rng: np.random.Generator,
-) -> GnssLog:  # fmt: skip
+) -> GnssLog:
     """Fixes of the antenna: r_imu + C_eb lever, v_imu + C_nb (omega_nb_b x lever)."""
     rows = _every(ideal, GNSS_HZ)
     lever = np.asarray(lever_b_m, dtype=float)
@@ -147,12 +199,20 @@ def _gnss(
     point = ideal.truth.kinematics(ideal.time_s[rows])
     spin_b = rate_from_euler(point.euler_rad, point.euler_rate_rad_s)
     v_n = moved.v_n_m_s[rows] + np.einsum("nij,nj->ni", moved.C_nb[rows], np.cross(spin_b, lever))
-    true = GnssLog(time_s=ideal.time_s[rows], lat_rad=antenna[0], lon_rad=antenna[1], height_m=antenna[2], v_n_m_s=v_n)
+    true = GnssLog(
+        time_s=ideal.time_s[rows],
+        lat_rad=antenna[0],
+        lon_rad=antenna[1],
+        height_m=antenna[2],
+        v_n_m_s=v_n,
+    )
     return imperfections.gnss_output(rng, true, twin.gnss)
 
 
 def _odometer(ideal: IdealSensors, twin: TwinModel, rng: np.random.Generator) -> OdometerLog:
-    """Speed of the wheel reference point along body x, which is pitched on its wheels; in the air the wheels stand."""
+    """Speed of the wheel reference point along body x, which is pitched on its wheels; in the air
+    the wheels stand.
+    """
     rows = _every(ideal, ODOMETER_HZ)
     along_x = ideal.speed_m_s * np.cos(ideal.euler_rad[:, 1]) * ideal.on_wheels
     true = OdometerLog(time_s=ideal.time_s[rows], speed_m_s=along_x[rows])
@@ -164,7 +224,12 @@ def reference_of(ideal: IdealSensors, moved: Disturbed) -> ReferenceLog:
     rows = _every(ideal, min(REFERENCE_HZ, ideal.rate_hz))
     roll, pitch, heading = euler_from_dcm(moved.C_nb[rows])
     return ReferenceLog(
-        time_s=ideal.time_s[rows], lat_rad=moved.lat_rad[rows], lon_rad=moved.lon_rad[rows],
-        height_m=ideal.height_m[rows], v_n_m_s=moved.v_n_m_s[rows], roll_rad=roll, pitch_rad=pitch,
+        time_s=ideal.time_s[rows],
+        lat_rad=moved.lat_rad[rows],
+        lon_rad=moved.lon_rad[rows],
+        height_m=ideal.height_m[rows],
+        v_n_m_s=moved.v_n_m_s[rows],
+        roll_rad=roll,
+        pitch_rad=pitch,
         heading_rad=heading,
-    )  # fmt: skip
+    )

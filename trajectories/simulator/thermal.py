@@ -1,7 +1,8 @@
 """Temperature histories of a unit after power-on: block, gyros, accelerometers, gradient, ambient.
 
-The block approaches its settled temperature with one time constant; each gyro follows the block with a second one, so
-its temperature starts level (second order). The sun on the apron adds a slow load from a given time on.
+The block approaches its settled temperature with one time constant; each gyro follows the block
+with a second one, so its temperature starts level (second order). The sun on the apron adds a slow
+load from a given time on.
 """
 
 from dataclasses import dataclass, replace
@@ -14,7 +15,9 @@ from ins.records import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class Temperatures:
-    """True temperatures [degC] at n times: gyros, accelerometers, gradient at each gyro (n, 3); block, ambient (n,)."""
+    """True temperatures [degC] at n times: gyros, accelerometers, gradient at each gyro (n, 3);
+    block, ambient (n,).
+    """
 
     gyro_degC: NDArray
     accel_degC: NDArray
@@ -27,8 +30,8 @@ class Temperatures:
 class ThermalHistory:
     """One power-on: the unit starts at `start_degC` and settles at `settled_degC` (block).
 
-    gyro_rise_degC: each gyro's own heat above the block; gradient_fraction: Tdiff per block-to-gyro difference;
-    sun_degC, from sun_start_s on, warms the block with the time constant sun_tau_s.
+    gyro_rise_degC: each gyro's own heat above the block; gradient_fraction: Tdiff per block-to-gyro
+    difference; sun_degC, from sun_start_s on, warms the block with the time constant sun_tau_s.
     """
 
     ambient_degC: float
@@ -45,7 +48,9 @@ class ThermalHistory:
     def __post_init__(self) -> None:
         taus = (self.block_tau_s, self.sun_tau_s, *self.gyro_tau_s)
         if not min(taus) > 0 or self.block_tau_s in self.gyro_tau_s:
-            raise InputError("thermal: time constants must be above 0, gyro_tau_s other than block_tau_s")
+            raise InputError(
+                "thermal: time constants must be above 0, gyro_tau_s other than block_tau_s"
+            )
 
     def at(self, time_s: ArrayLike) -> Temperatures:
         """Temperatures at times (n,) since power-on."""
@@ -53,18 +58,27 @@ class ThermalHistory:
         sun = self.sun_degC * first_order_rise(t - self.sun_start_s, self.sun_tau_s)
         step = self.settled_degC - self.start_degC
         block = self.start_degC + step * first_order_rise(t, self.block_tau_s) + sun
-        own = np.stack([r * first_order_rise(t, tau) for r, tau in zip(self.gyro_rise_degC, self.gyro_tau_s)], axis=-1)
-        lagged = self.start_degC + np.stack([
-            step * _second_order(t, self.block_tau_s, tau)
-            + self.sun_degC * _second_order(t - self.sun_start_s, self.sun_tau_s, 0.999 * tau)
-            for tau in self.gyro_tau_s
-        ], axis=-1)  # fmt: skip
+        own = np.stack(
+            [r * first_order_rise(t, tau) for r, tau in zip(self.gyro_rise_degC, self.gyro_tau_s)],
+            axis=-1,
+        )
+        lagged = self.start_degC + np.stack(
+            [
+                step * _second_order(t, self.block_tau_s, tau)
+                + self.sun_degC * _second_order(t - self.sun_start_s, self.sun_tau_s, 0.999 * tau)
+                for tau in self.gyro_tau_s
+            ],
+            axis=-1,
+        )
         gradient = np.asarray(self.gradient_fraction) * (block[:, None] - lagged)
         accel = np.repeat(lagged.mean(axis=1)[:, None], 3, axis=1)
         return Temperatures(
-            gyro_degC=lagged + own, accel_degC=accel, gradient_degC=gradient, block_degC=block,
+            gyro_degC=lagged + own,
+            accel_degC=accel,
+            gradient_degC=gradient,
+            block_degC=block,
             ambient_degC=np.full(t.shape, self.ambient_degC),
-        )  # fmt: skip
+        )
 
 
 def first_order_rise(t: NDArray, tau_s: float) -> NDArray:
@@ -74,19 +88,24 @@ def first_order_rise(t: NDArray, tau_s: float) -> NDArray:
 
 def _second_order(t: NDArray, tau1_s: float, tau2_s: float) -> NDArray:
     """Step response of two lags in series (distinct time constants), 0 before its start."""
-    return (tau1_s * first_order_rise(t, tau1_s) - tau2_s * first_order_rise(t, tau2_s)) / (tau1_s - tau2_s)
+    return (tau1_s * first_order_rise(t, tau1_s) - tau2_s * first_order_rise(t, tau2_s)) / (
+        tau1_s - tau2_s
+    )
 
 
 STARTS = {
     "cold": ThermalHistory(ambient_degC=-5.0, start_degC=-5.0, settled_degC=34.0),
     "ambient": ThermalHistory(ambient_degC=20.0, start_degC=20.0, settled_degC=42.0),
-    "hot": ThermalHistory(ambient_degC=36.0, start_degC=41.0, settled_degC=44.0, sun_degC=4.0, sun_start_s=600.0),
+    "hot": ThermalHistory(
+        ambient_degC=36.0, start_degC=41.0, settled_degC=44.0, sun_degC=4.0, sun_start_s=600.0
+    ),
     "cooling": ThermalHistory(ambient_degC=5.0, start_degC=46.0, settled_degC=26.0),
 }
 
 
 def thermal_history(start: str, *, rng: np.random.Generator | None = None) -> ThermalHistory:
-    """A named power-on (one of STARTS); an rng moves its temperatures by 3 degC, its block time by 15 % (1 sigma).
+    """A named power-on (one of STARTS); an rng moves its temperatures by 3 degC, its block time by
+    15 % (1 sigma).
 
     Raises InputError where the name is not one of STARTS.
     """
@@ -97,7 +116,10 @@ def thermal_history(start: str, *, rng: np.random.Generator | None = None) -> Th
         return history
     shift = 3.0 * rng.standard_normal(3)
     return replace(
-        history, ambient_degC=history.ambient_degC + shift[0], start_degC=history.start_degC + shift[0] + shift[1],
+        history,
+        ambient_degC=history.ambient_degC + shift[0],
+        start_degC=history.start_degC + shift[0] + shift[1],
         settled_degC=history.settled_degC + shift[0] + shift[2],
-        block_tau_s=history.block_tau_s * float(np.clip(1 + 0.15 * rng.standard_normal(), 0.6, 1.6)),
-    )  # fmt: skip
+        block_tau_s=history.block_tau_s
+        * float(np.clip(1 + 0.15 * rng.standard_normal(), 0.6, 1.6)),
+    )

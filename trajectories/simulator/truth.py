@@ -1,8 +1,9 @@
-"""Truth as functions of time: a quintic spline of Earth-fixed velocity and of roll, pitch, heading IS the truth.
+"""Truth as functions of time: a quintic spline of Earth-fixed velocity and of roll, pitch, heading
+IS the truth.
 
-Position, latitude, north-east-down velocity and acceleration all come back from that one spline (position is its
-integral), so they agree to rounding. No navigation-frame equation is used but to draw the path the spline is
-fitted to. At rest everything is constant.
+Position, latitude, north-east-down velocity and acceleration all come back from that one spline
+(position is its integral), so they agree to rounding. No navigation-frame equation is used but to
+draw the path the spline is fitted to. At rest everything is constant.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,13 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline, CubicHermiteSpline, PPoly, make_interp_spline
 
 from ins.attitude import dcm_from_euler
-from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef, gravity_magnitude, radii_of_curvature
+from ins.earth import (
+    dcm_en,
+    ecef_from_geodetic,
+    geodetic_from_ecef,
+    gravity_magnitude,
+    radii_of_curvature,
+)
 from ins.records import Site
 from ins.units import DEG
 from trajectories.simulator.motions import Motion
@@ -25,7 +32,9 @@ VEL, EULER = slice(0, 3), slice(3, 6)
 
 @dataclass(frozen=True)
 class Kinematics:
-    """Truth at n times, each (n, 3): Earth-fixed position, velocity, acceleration of the IMU; roll, pitch, heading."""
+    """Truth at n times, each (n, 3): Earth-fixed position, velocity, acceleration of the IMU; roll,
+    pitch, heading.
+    """
 
     time_s: NDArray
     r_e: NDArray
@@ -56,7 +65,9 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Truth:
-    """A whole run. `wheel_reference_m`: from the IMU to the point P that does not slip, body axes."""
+    """A whole run. `wheel_reference_m`: from the IMU to the point P that does not slip, body
+    axes.
+    """
 
     site: Site
     motion: Motion
@@ -85,14 +96,23 @@ class Truth:
         return Kinematics(t, *out)
 
     def _index(self, t: NDArray) -> NDArray:
-        return np.clip(np.searchsorted(self.breaks_s, t, side="right") - 1, 0, len(self.stretches) - 1)
+        return np.clip(
+            np.searchsorted(self.breaks_s, t, side="right") - 1, 0, len(self.stretches) - 1
+        )
 
 
 def build_truth(
-    motion: Motion, site: Site, *, heading_rad: float = 0.0, roll_rad: float = 0.0, pitch_rad: float = 0.0,
+    motion: Motion,
+    site: Site,
+    *,
+    heading_rad: float = 0.0,
+    roll_rad: float = 0.0,
+    pitch_rad: float = 0.0,
     wheel_reference_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-) -> Truth:  # fmt: skip
-    """The truth of a motion that starts at a site on a heading; roll and pitch are those of the IMU on the wheels."""
+) -> Truth:
+    """The truth of a motion that starts at a site on a heading; roll and pitch are those of the IMU
+    on the wheels.
+    """
     start = np.array([roll_rad, pitch_rad, heading_rad])
     lever_p_b = np.asarray(wheel_reference_m, dtype=float)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
@@ -125,13 +145,16 @@ def _spans(motion: Motion) -> list[tuple[float, float, bool]]:
     return spans
 
 
-def _moving(motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, start_s: float, end_s: float) -> Stretch:
+def _moving(
+    motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, start_s: float, end_s: float
+) -> Stretch:
     at_rest_after = any(a <= end_s < b for a, b in motion.rest)
     n = max(12, int(np.ceil((end_s - start_s) / KNOT_S)))
     step_s = (end_s - start_s) / n
     tail = 0 if at_rest_after else int(np.ceil(TAIL_S / step_s))
     t = start_s + step_s * np.arange(n + tail + 1)
-    zero = [(1, np.zeros(3)), (2, np.zeros(3))]  # rest is left and reached with no rate and no acceleration
+    # rest is left and reached with no rate and no acceleration
+    zero = [(1, np.zeros(3)), (2, np.zeros(3))]
     ends = (zero, zero if at_rest_after else [(3, np.zeros(3)), (4, np.zeros(3))])
     gravity = float(gravity_magnitude(geodetic_from_ecef(r_e)[0], 0.0))
     euler = make_interp_spline(t, _attitude(motion, t, start, gravity), k=5, bc_type=ends)
@@ -144,7 +167,9 @@ def _moving(motion: Motion, r_e: NDArray, start: NDArray, lever_p_b: NDArray, st
 
 
 def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -> NDArray:
-    """Roll, pitch, heading (n, 3): heading is the course; in the air bank balances the turn, pitch follows the path."""
+    """Roll, pitch, heading (n, 3): heading is the course; in the air bank balances the turn, pitch
+    follows the path.
+    """
     speed, airborne = motion.speed_m_s(t), motion.airborne(t)
     bank = airborne * np.arctan(speed * motion.course_rate_rad_s(t) / gravity_m_s2)
     path = np.arctan2(motion.climb_rate_m_s(t), np.maximum(speed, 1.0))
@@ -153,14 +178,17 @@ def _attitude(motion: Motion, t: NDArray, start: NDArray, gravity_m_s2: float) -
 
 
 def imu_velocity_n(motion: Motion, euler: BSpline, t: NDArray, lever_p_b: NDArray) -> NDArray:
-    """Velocity of the IMU: P follows the course, the IMU is at -lever from it: v_imu = v_P - omega x lever.
+    """Velocity of the IMU: P follows the course, the IMU is at -lever from it: v_imu = v_P - omega
+    x lever.
 
-    omega is that of body to navigation axes; the turning of those axes (below 1e-5 rad/s on wheels) is left out of
-    the arm's motion: 10 micrometres a second at 5 m.
+    omega is that of body to navigation axes; the turning of those axes (below 1e-5 rad/s on wheels)
+    is left out of the arm's motion: 10 micrometres a second at 5 m.
     """
     heading = euler(t)[:, 2]
     speed = motion.speed_m_s(t)
-    v_p_n = np.stack([speed * np.cos(heading), speed * np.sin(heading), -motion.climb_rate_m_s(t)], axis=-1)
+    v_p_n = np.stack(
+        [speed * np.cos(heading), speed * np.sin(heading), -motion.climb_rate_m_s(t)], axis=-1
+    )
     if not np.any(lever_p_b):
         return v_p_n
     C_nb = dcm_from_euler(*euler(t).T)
@@ -169,16 +197,25 @@ def imu_velocity_n(motion: Motion, euler: BSpline, t: NDArray, lever_p_b: NDArra
 
 
 def rate_from_euler(euler_rad: NDArray, euler_rate_rad_s: NDArray) -> NDArray:
-    """omega_nb_b [rad/s] (n, 3) of roll, pitch, heading and their rates.  Source: Groves (2013), eq. (2.57)."""
+    """omega_nb_b [rad/s] (n, 3) of roll, pitch, heading and their rates.  Source: Groves (2013),
+    eq. (2.57).
+    """
     r, p = euler_rad[:, 0], euler_rad[:, 1]
     dr, dp, dh = euler_rate_rad_s.T
-    return np.stack([
-        dr - dh * np.sin(p), dp * np.cos(r) + dh * np.sin(r) * np.cos(p), -dp * np.sin(r) + dh * np.cos(r) * np.cos(p)
-    ], axis=-1)  # fmt: skip
+    return np.stack(
+        [
+            dr - dh * np.sin(p),
+            dp * np.cos(r) + dh * np.sin(r) * np.cos(p),
+            -dp * np.sin(r) + dh * np.cos(r) * np.cos(p),
+        ],
+        axis=-1,
+    )
 
 
 def frames_along(r_e: NDArray, v_n: NDArray, t: NDArray) -> NDArray:
-    """C_en (n, 3, 3) along a path, by Picard iteration on latitude and height; only draws the path (see the module)."""
+    """C_en (n, 3, 3) along a path, by Picard iteration on latitude and height; only draws the path
+    (see the module).
+    """
     lat0, lon0, height0 = (float(a) for a in geodetic_from_ecef(r_e))
     height = height0 - _integral(v_n[:, 2], t)
     lat = np.full(t.size, lat0)

@@ -1,8 +1,10 @@
-"""A truth profile of somebody else's as the motion of a simulated run: position, velocity and attitude by time.
+"""A truth profile of somebody else's as the motion of a simulated run: position, velocity and
+attitude by time.
 
-The file has the columns of a run's `reference` stream, as CSV or Parquet; a CSV without a header has them in that order.
-Attitude and velocity are what the run follows; its position is their integral from the file's first place on, for a
-profile whose position and velocity disagree cannot be followed in both (`departure` says by how much it departs).
+The file has the columns of a run's `reference` stream, as CSV or Parquet; a CSV without a header
+has them in that order. Attitude and velocity are what the run follows; its position is their
+integral from the file's first place on, for a profile whose position and velocity disagree cannot
+be followed in both (`departure` says by how much it departs).
 """
 
 import re
@@ -18,20 +20,29 @@ from ins.records import InputError, Site
 from ins.units import DEG
 from trajectories.runs.schema import ATTITUDE, POSITION, REQUIRED, VELOCITY, check_columns
 from trajectories.runs.stream_files import StreamFile
-from trajectories.simulator.sampled_truth import Sampled, SampledMove, SampledStand, truth_from_samples
+from trajectories.simulator.sampled_truth import (
+    Sampled,
+    SampledMove,
+    SampledStand,
+    truth_from_samples,
+)
 from trajectories.simulator.truth import Truth
 
 COLUMNS = REQUIRED["reference"]
-STILL_M_S = 0.005  # rows slower than this for STILL_S are a stop; published profiles carry millimetres a second of noise
+# rows slower than this for STILL_S are a stop; published profiles carry millimetres a second of
+# noise
+STILL_M_S = 0.005
 STILL_S = 1.0
 FEWEST_ROWS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
 class TruthSection:
-    """`file`: relative to the scenario; the unit stands `park_s` before its first row and `park_after_s` after its last.
+    """`file`: relative to the scenario; the unit stands `park_s` before its first row and
+    `park_after_s` after its last.
 
-    run_up_s: time to reach the speed of a first row that moves. step_s: knots of the motion; rows between are averaged.
+    run_up_s: time to reach the speed of a first row that moves. step_s: knots of the motion; rows
+    between are averaged.
     """
 
     file: str
@@ -47,9 +58,11 @@ class TruthSection:
 
 @dataclass(frozen=True, kw_only=True)
 class TruthProfile:
-    """The rows of a file, times from the start of the run (n,): lat, lon [rad], height [m], v_n (n, 3), euler (n, 3).
+    """The rows of a file, times from the start of the run (n,): lat, lon [rad], height [m], v_n (n,
+    3), euler (n, 3).
 
-    euler_rad: roll, pitch, heading, not wrapped; stretches: what the run does, from the start of the run to its end.
+    euler_rad: roll, pitch, heading, not wrapped; stretches: what the run does, from the start of
+    the run to its end.
     """
 
     source: str
@@ -82,7 +95,10 @@ def read_profile(section: TruthSection, folder: Path) -> TruthProfile:
     moving_start = bool(np.linalg.norm(v_n[0]) >= STILL_M_S)
     if moving_start and not section.run_up_s > 0:
         speed = float(np.linalg.norm(v_n[0]))
-        raise InputError(f"{path.name}: row 1 moves at {speed:.3g} m/s, needed 0 or truth.run_up_s: a run starts at rest")
+        raise InputError(
+            f"{path.name}: row 1 moves at {speed:.3g} m/s, needed 0 or truth.run_up_s: a run starts"
+            " at rest"
+        )
     start_s = section.park_s + (section.run_up_s if moving_start else 0.0)
     time_s = time_s - time_s[0] + start_s
     site = _start(place[0], v_n[0], section.run_up_s if moving_start else 0.0)
@@ -90,7 +106,13 @@ def read_profile(section: TruthSection, folder: Path) -> TruthProfile:
     stretches = [_stretch(span, moves, time_s, v_n, euler, section.step_s) for span, moves in spans]
     stretches = _with_parks(stretches, section, euler, v_n, moving_start)
     return TruthProfile(
-        source=str(path), site=site, time_s=time_s, place=place, v_n_m_s=v_n, euler_rad=euler, stretches=tuple(stretches)
+        source=str(path),
+        site=site,
+        time_s=time_s,
+        place=place,
+        v_n_m_s=v_n,
+        euler_rad=euler,
+        stretches=tuple(stretches),
     )
 
 
@@ -101,7 +123,9 @@ def departure(truth: Truth, profile: TruthProfile) -> Departure:
     lat, lon, height = geodetic_from_ecef(point.r_e)
     meridian, transverse = radii_of_curvature(lat)
     off = profile.place[inside] - np.stack([lat, lon, height], axis=-1)
-    metres = off * np.stack([meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1)
+    metres = off * np.stack(
+        [meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1
+    )
     v_n = np.einsum("nji,nj->ni", dcm_en(lat, lon), point.v_e)
     turn = np.abs(profile.euler_rad[inside] - point.euler_rad)
     return Departure(
@@ -121,7 +145,10 @@ def _columns(path: Path) -> dict[str, NDArray]:
             raise InputError(wrong[0])
         return {name: stream.column(name) for name in COLUMNS}
     if len(stream.names) != len(COLUMNS):
-        raise InputError(f"{path.name}: {len(stream.names)} columns without names, needed {len(COLUMNS)}: {' '.join(COLUMNS)}")
+        raise InputError(
+            f"{path.name}: {len(stream.names)} columns without names, needed {len(COLUMNS)}:"
+            f" {' '.join(COLUMNS)}"
+        )
     try:
         rows = np.loadtxt(path, delimiter=",", ndmin=2)
     except ValueError as error:
@@ -135,15 +162,23 @@ def _checked(columns: dict[str, NDArray], name: str) -> tuple[NDArray, NDArray, 
     for key, values in columns.items():
         if not np.all(np.isfinite(values)):
             row = int(np.argmin(np.isfinite(values))) + 1
-            raise InputError(f"{name}: row {row}: column {key}: got {values[row - 1]}, needed a number")
+            raise InputError(
+                f"{name}: row {row}: column {key}: got {values[row - 1]}, needed a number"
+            )
     if time_s.size < FEWEST_ROWS:
         raise InputError(f"{name}: {time_s.size} rows, needed {FEWEST_ROWS} or more")
     if not np.all(np.diff(time_s) > 0):
         row = int(np.argmax(np.diff(time_s) <= 0)) + 2
-        raise InputError(f"{name}: row {row}: time_s {time_s[row - 1]:g} after {time_s[row - 2]:g}, needed a later one")
+        raise InputError(
+            f"{name}: row {row}: time_s {time_s[row - 1]:g} after {time_s[row - 2]:g}, needed a"
+            " later one"
+        )
     if np.max(np.abs(columns["lat_deg"])) > 90:
         row = int(np.argmax(np.abs(columns["lat_deg"]) > 90)) + 1
-        raise InputError(f"{name}: row {row}: lat_deg {columns['lat_deg'][row - 1]:g}, needed -90 to 90: degrees, not radians?")
+        raise InputError(
+            f"{name}: row {row}: lat_deg {columns['lat_deg'][row - 1]:g}, needed -90 to 90:"
+            " degrees, not radians?"
+        )
     place = np.stack([columns[k] for k in POSITION], axis=-1) * [DEG, DEG, 1.0]
     v_n = np.stack([columns[k] for k in VELOCITY], axis=-1)
     euler = np.unwrap(np.stack([columns[k] for k in ATTITUDE], axis=-1) * DEG, axis=0)
@@ -156,13 +191,16 @@ def _start(place: NDArray, v_n: NDArray, run_up_s: float) -> Site:
     meridian, transverse = radii_of_curvature(lat)
     back = 0.5 * run_up_s * v_n  # a symmetric blend covers half of speed x time
     return Site(
-        lat_rad=lat - float(back[0] / (meridian + height)), height_m=height + float(back[2]),
+        lat_rad=lat - float(back[0] / (meridian + height)),
+        height_m=height + float(back[2]),
         lon_rad=lon - float(back[1] / ((transverse + height) * np.cos(lat))),
-    )  # fmt: skip
+    )
 
 
 def _spans(time_s: NDArray, v_n: NDArray) -> list[tuple[slice, bool]]:
-    """Rows of stops and of motion in turn; a stop shorter than STILL_S is part of the motion. Neighbours share a row."""
+    """Rows of stops and of motion in turn; a stop shorter than STILL_S is part of the motion.
+    Neighbours share a row.
+    """
     slow = np.linalg.norm(v_n, axis=1) < STILL_M_S
     edges = np.flatnonzero(np.diff(slow)) + 1
     moves = np.ones(slow.size, dtype=bool)
@@ -173,14 +211,20 @@ def _spans(time_s: NDArray, v_n: NDArray) -> list[tuple[slice, bool]]:
     found = []
     for a, b in pairwise(cuts):
         moving = bool(moves[a])
-        found.append((slice(max(a - 1, 0) if moving else a, min(b + 1, slow.size) if moving else b), moving))
+        found.append(
+            (slice(max(a - 1, 0) if moving else a, min(b + 1, slow.size) if moving else b), moving)
+        )
     return found
 
 
-def _stretch(span: slice, moves: bool, time_s: NDArray, v_n: NDArray, euler: NDArray, step_s: float) -> Sampled:
+def _stretch(
+    span: slice, moves: bool, time_s: NDArray, v_n: NDArray, euler: NDArray, step_s: float
+) -> Sampled:
     t = time_s[span]
     if not moves:
-        return SampledStand(start_s=float(t[0]), end_s=float(t[-1]), euler_rad=np.mean(euler[span], axis=0))
+        return SampledStand(
+            start_s=float(t[0]), end_s=float(t[-1]), euler_rad=np.mean(euler[span], axis=0)
+        )
     knots = np.linspace(t[0], t[-1], max(2, round((t[-1] - t[0]) / step_s) + 1))
     values = _averaged(t, np.hstack([euler[span], v_n[span]]), knots)
     return _move(knots, values[:, :3], values[:, 3:])
@@ -189,13 +233,26 @@ def _stretch(span: slice, moves: bool, time_s: NDArray, v_n: NDArray, euler: NDA
 def _move(time_s: NDArray, euler_rad: NDArray, v_n_m_s: NDArray) -> SampledMove:
     """Velocity as the samples say: what rolls without slip is not known of a profile."""
     speed = np.linalg.norm(v_n_m_s[:, :2], axis=1)
-    return SampledMove(time_s=time_s, euler_rad=euler_rad, speed_m_s=speed, v_n_m_s=v_n_m_s, airborne=np.ones(time_s.size))
+    return SampledMove(
+        time_s=time_s,
+        euler_rad=euler_rad,
+        speed_m_s=speed,
+        v_n_m_s=v_n_m_s,
+        airborne=np.ones(time_s.size),
+    )
 
 
 def _averaged(t: NDArray, values: NDArray, knots: NDArray) -> NDArray:
-    """Mean of the piecewise linear curve through the rows over the step about each knot, half a step at the ends."""
+    """Mean of the piecewise linear curve through the rows over the step about each knot, half a
+    step at the ends.
+    """
     half = 0.5 * (knots[1] - knots[0])
-    integral = np.vstack([np.zeros(values.shape[1]), np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None], axis=0)])
+    integral = np.vstack(
+        [
+            np.zeros(values.shape[1]),
+            np.cumsum(0.5 * (values[1:] + values[:-1]) * np.diff(t)[:, None], axis=0),
+        ]
+    )
     low, high = np.maximum(knots - half, t[0]), np.minimum(knots + half, t[-1])
 
     def at(x: NDArray) -> NDArray:
@@ -209,8 +266,12 @@ def _averaged(t: NDArray, values: NDArray, knots: NDArray) -> NDArray:
     return mean
 
 
-def _with_parks(found: list[Sampled], section: TruthSection, euler: NDArray, v_n: NDArray, moving_start: bool) -> list[Sampled]:
-    """The stretches with the run-up and the time at rest before the first row, and the rest after the last."""
+def _with_parks(
+    found: list[Sampled], section: TruthSection, euler: NDArray, v_n: NDArray, moving_start: bool
+) -> list[Sampled]:
+    """The stretches with the run-up and the time at rest before the first row, and the rest after
+    the last.
+    """
     first, last = found[0], found[-1]
     if moving_start and isinstance(first, SampledMove):
         n = max(2, round(section.run_up_s / section.step_s))
@@ -218,9 +279,10 @@ def _with_parks(found: list[Sampled], section: TruthSection, euler: NDArray, v_n
         t = first.start_s - section.run_up_s + section.run_up_s * u
         speed = (10 * u**3 - 15 * u**4 + 6 * u**5)[:, None] * v_n[0]
         found[0] = _move(
-            np.concatenate([t, first.time_s]), np.vstack([np.tile(euler[0], (n, 1)), first.euler_rad]),
+            np.concatenate([t, first.time_s]),
+            np.vstack([np.tile(euler[0], (n, 1)), first.euler_rad]),
             np.vstack([speed, first.v_n_m_s]),
-        )  # fmt: skip
+        )
     if isinstance(first, SampledStand):
         found[0] = SampledStand(start_s=0.0, end_s=first.end_s, euler_rad=first.euler_rad)
     elif not section.park_s > 0:
@@ -230,7 +292,9 @@ def _with_parks(found: list[Sampled], section: TruthSection, euler: NDArray, v_n
     if not section.park_after_s > 0:
         return found
     if isinstance(last, SampledMove) and np.linalg.norm(v_n[-1]) >= STILL_M_S:
-        raise InputError(f"truth.park_after_s: got {section.park_after_s:g}, but the last row moves; needed 0")
+        raise InputError(
+            f"truth.park_after_s: got {section.park_after_s:g}, but the last row moves; needed 0"
+        )
     end_s = last.end_s + section.park_after_s
     if isinstance(last, SampledStand):
         begin = found[-1].start_s

@@ -1,11 +1,15 @@
-"""What the vehicle does beyond its motion: sway, crab, side noise, yaw creep, people, gusts, a tug's bump.
+"""What the vehicle does beyond its motion: sway, crab, side noise, yaw creep, people, gusts, a
+tug's bump.
 
 All are laid over an ideal run to second order in angle, with the truth moved alike:
-- a velocity dv_n moves the position, adds C_bn (d(dv_n)/dt + 2 omega_ie x dv_n) to the specific force, and turns the
+- a velocity dv_n moves the position, adds C_bn (d(dv_n)/dt + 2 omega_ie x dv_n) to the specific
+force, and turns the
   local level by rho = (cosL dlon, -dlat, -sinL dlon), which the gyros see;
-- a rotation of the body by the vector q (body axes) gives dtheta' = exp(-q) dtheta + dq - q_before x q / 2,
+- a rotation of the body by the vector q (body axes) gives dtheta' = exp(-q) dtheta + dq - q_before
+x q / 2,
   turns the specific force, and its heading part turns the course of rolling.
-Left out: changes of gravity with the displacement, (displacement / R) x speed: 0.5 mm/s at 200 m/s after 17 m of crab.
+Left out: changes of gravity with the displacement, (displacement / R) x speed: 0.5 mm/s at 200 m/s
+after 17 m of crab.
 """
 
 from collections.abc import Sequence
@@ -31,9 +35,11 @@ BUMP_PEAK = 0.75 * np.sqrt(3)  # makes the largest value of sin(2 pi u) sin(pi u
 
 @dataclass(frozen=True, kw_only=True)
 class Boarding:
-    """A step of the body's attitude and height (people, fuel): rings in over about `settle_s`; stays.
+    """A step of the body's attitude and height (people, fuel): rings in over about `settle_s`;
+    stays.
 
-    sink_mm: downward, in the velocity and the specific force; the truth's height, held to the wheels, leaves it out.
+    sink_mm: downward, in the velocity and the specific force; the truth's height, held to the
+    wheels, leaves it out.
     """
 
     time_s: float
@@ -55,7 +61,9 @@ class Gust:
 
 @dataclass(frozen=True, kw_only=True)
 class Bump:
-    """A tug's bump on the gear: one to and fro, no lasting displacement; direction clockwise from body x."""
+    """A tug's bump on the gear: one to and fro, no lasting displacement; direction clockwise from
+    body x.
+    """
 
     time_s: float
     velocity_m_s: float
@@ -65,7 +73,9 @@ class Bump:
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
-    """A tug moves the parked vehicle along body x (negative: back) at this speed, and may turn it by a little."""
+    """A tug moves the parked vehicle along body x (negative: back) at this speed, and may turn it
+    by a little.
+    """
 
     time_s: float
     distance_m: float
@@ -75,13 +85,20 @@ class Push:
 
     def __post_init__(self) -> None:
         if not (self.speed_m_s > 0 and self.ramp_s > 0):
-            raise InputError(f"push: speed_m_s {self.speed_m_s}, ramp_s {self.ramp_s}, needed above 0")
+            raise InputError(
+                f"push: speed_m_s {self.speed_m_s}, ramp_s {self.ramp_s}, needed above 0"
+            )
         if abs(self.turn_deg) > MAX_PUSH_TURN_DEG:
-            raise InputError(f"push: turn_deg {self.turn_deg}, needed within +-{MAX_PUSH_TURN_DEG:g}: use a turn segment")
+            raise InputError(
+                f"push: turn_deg {self.turn_deg}, needed within +-{MAX_PUSH_TURN_DEG:g}: use a turn"
+                " segment"
+            )
 
     @property
     def duration_s(self) -> float:
-        """Ramps of `ramp_s` up and down, steady between; a short way takes two ramps at a lower speed."""
+        """Ramps of `ramp_s` up and down, steady between; a short way takes two ramps at a lower
+        speed.
+        """
         return max(abs(self.distance_m) / self.speed_m_s, self.ramp_s) + self.ramp_s
 
 
@@ -91,7 +108,9 @@ EVENTS: dict[str, type] = {"boarding": Boarding, "gust": Gust, "bump": Bump, "pu
 
 @dataclass(frozen=True, kw_only=True)
 class Disturbed:
-    """The run with its disturbances: true increments and the truth at the end of each sample (see IdealSensors)."""
+    """The run with its disturbances: true increments and the truth at the end of each sample (see
+    IdealSensors).
+    """
 
     dtheta_rad: NDArray
     dv_m_s: NDArray
@@ -109,7 +128,8 @@ def disturb(
     q_b = _body_rotation(ideal, vehicle, events, rng)
     side_n = _side_velocity_n(ideal, vehicle, events, rng)
     yaw = np.einsum("nj,nj->n", ideal.C_nb[:, 2], q_b)[:, None]
-    dv_n = side_n + yaw * np.cross([0.0, 0.0, 1.0], ideal.v_n_m_s)  # the course of rolling turns with the heading
+    # the course of rolling turns with the heading
+    dv_n = side_n + yaw * np.cross([0.0, 0.0, 1.0], ideal.v_n_m_s)
     meridian, transverse = radii_of_curvature(ideal.lat_rad)
     cos_lat = np.cos(ideal.lat_rad)
     dlat = _running_integral(dv_n[:, 0] / (meridian + ideal.height_m), dt)
@@ -123,18 +143,29 @@ def disturb(
     coriolis_n = np.cross(2 * omega_ie_n(ideal.lat_rad), 0.5 * (dv_n + _shifted(dv_n)))
     dv_b = ideal.dv_m_s + _turn_back(middle, dv_n - _shifted(dv_n) + coriolis_n * dt)
     return Disturbed(
-        dtheta_rad=dtheta, dv_m_s=_turned_by(0.5 * (q_b + _shifted(q_b)), dv_b), lat_rad=ideal.lat_rad + dlat,
-        lon_rad=ideal.lon_rad + dlon, v_n_m_s=ideal.v_n_m_s + dv_n, C_nb=ideal.C_nb @ dcm_from_rotation_vector(q_b),
-    )  # fmt: skip
+        dtheta_rad=dtheta,
+        dv_m_s=_turned_by(0.5 * (q_b + _shifted(q_b)), dv_b),
+        lat_rad=ideal.lat_rad + dlat,
+        lon_rad=ideal.lon_rad + dlon,
+        v_n_m_s=ideal.v_n_m_s + dv_n,
+        C_nb=ideal.C_nb @ dcm_from_rotation_vector(q_b),
+    )
 
 
 def sway_velocity(
-    rng: np.random.Generator, n: int, *, rms_m_s: float, frequency_hz: float, damping: float, rate_hz: float
+    rng: np.random.Generator,
+    n: int,
+    *,
+    rms_m_s: float,
+    frequency_hz: float,
+    damping: float,
+    rate_hz: float,
 ) -> NDArray:
-    """Velocity (n,) of a damped oscillator under white force, in its steady state; exact at the samples.
+    """Velocity (n,) of a damped oscillator under white force, in its steady state; exact at the
+    samples.
 
-    x'' + 2 z w x' + w^2 x = white; the steady covariance of (x, x') is rms^2 diag(1/w^2, 1). The two states are run
-    as one complex eigenmode.
+    x'' + 2 z w x' + w^2 x = white; the steady covariance of (x, x') is rms^2 diag(1/w^2, 1). The
+    two states are run as one complex eigenmode.
     """
     if rms_m_s == 0:
         return np.zeros(n)
@@ -151,7 +182,9 @@ def sway_velocity(
     return np.real(modes[1] @ states)
 
 
-def gauss_markov(rng: np.random.Generator, n: int, *, rms: float, tau_s: float, rate_hz: float) -> NDArray:
+def gauss_markov(
+    rng: np.random.Generator, n: int, *, rms: float, tau_s: float, rate_hz: float
+) -> NDArray:
     """First-order Gauss-Markov samples (n,), steady from the start."""
     keep = np.exp(-1 / (tau_s * rate_hz))
     drive = rms * np.sqrt(1 - keep**2) * rng.standard_normal(n)
@@ -164,19 +197,26 @@ def _body_rotation(
 ) -> NDArray:
     """Rotation vector of the body against its undisturbed attitude, body axes (n, 3)."""
     q_b = np.zeros((ideal.time_s.size, 3))
-    step = vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0 * np.sqrt(ideal.dt_s)  # only while parked
+    # only while parked
+    step = vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0 * np.sqrt(ideal.dt_s)
     q_b[:, 2] = np.cumsum(step * ideal.at_rest * rng.standard_normal(ideal.time_s.size))
     for event in events:
         if isinstance(event, Boarding):
             size = ARCSEC * np.array([event.roll_arcsec, event.pitch_arcsec, event.heading_arcsec])
             q_b += size * _ringing_step(ideal.time_s - event.time_s, event.settle_s)[:, None]
         elif isinstance(event, Push):
-            q_b[:, 2] += event.turn_deg * DEG * _smooth_step((ideal.time_s - event.time_s) / event.duration_s)
+            q_b[:, 2] += (
+                event.turn_deg
+                * DEG
+                * _smooth_step((ideal.time_s - event.time_s) / event.duration_s)
+            )
     return q_b
 
 
 def _ringing_step(since_s: NDArray, settle_s: float) -> NDArray:
-    """Unit step of a damped oscillator that has all but settled (5 %) after settle_s; at rest before 0."""
+    """Unit step of a damped oscillator that has all but settled (5 %) after settle_s; at rest
+    before 0.
+    """
     t = np.maximum(since_s, 0.0)
     decay = 3.0 / settle_s
     ring = decay * np.sqrt(1 - BOARDING_DAMPING**2) / BOARDING_DAMPING
@@ -203,7 +243,9 @@ def _side_velocity_n(
             u = (t - event.time_s) / event.duration_s
             envelope = _smooth_step(10 * u) * _smooth_step(10 * (1 - u))
             for axis in range(2):
-                dv_n[:, axis] += envelope * sway_velocity(rng, n, rms_m_s=event.sway_m_s, **oscillator)
+                dv_n[:, axis] += envelope * sway_velocity(
+                    rng, n, rms_m_s=event.sway_m_s, **oscillator
+                )
         elif isinstance(event, Bump):
             u = np.clip((t - event.time_s) / event.duration_s, 0.0, 1.0)
             to_and_fro = event.velocity_m_s * BUMP_PEAK * np.sin(2 * np.pi * u) * np.sin(np.pi * u)

@@ -1,10 +1,13 @@
-"""Whether the fixes of a log are of the antenna that its run.json names: its lever arm, and how late their times are.
+"""Whether the fixes of a log are of the antenna that its run.json names: its lever arm, and how
+late their times are.
 
-Four flights are compared by the likelihood of their innovations: antenna as declared; delays free; lever arm free; both free.
-What is free is a state of the filter with a wide prior, so a free flight pays for its freedom, and under the declared antenna a
-gain of g nats has a probability below exp(-g) (Markov's inequality on the likelihood ratio). A lever arm is taken only where it
-is also off by more than the slow errors of a receiver can make it, ARM_FLOOR of a fix's sigma. What is taken enters the last
-flight as a considered parameter: its sigma widens the solution's and is not made smaller by the fixes that it was found from.
+Four flights are compared by the likelihood of their innovations: antenna as declared; delays free;
+lever arm free; both free. What is free is a state of the filter with a wide prior, so a free flight
+pays for its freedom, and under the declared antenna a gain of g nats has a probability below
+exp(-g) (Markov's inequality on the likelihood ratio). A lever arm is taken only where it is also
+off by more than the slow errors of a receiver can make it, ARM_FLOOR of a fix's sigma. What is
+taken enters the last flight as a considered parameter: its sigma widens the solution's and is not
+made smaller by the fixes that it was found from.
 """
 
 from dataclasses import dataclass, replace
@@ -36,10 +39,12 @@ PASSES = 4  # of a free flight, each begun where the last one ended
 SETTLED_S, SETTLED_M = 0.003, 0.1
 LEAST_DELAY_S = 0.01
 ARM_FLOOR, LEAST_ARM_M = 0.3, 0.03  # of the sigma of a position; of structures that bend
-FILTERED_M_S = 1.5  # where velocities are older than positions, a filter made them so, and a filter is no pure delay
+# where velocities are older than positions, a filter made them so, and a filter is no pure delay
+FILTERED_M_S = 1.5
 DELAY_FLOOR_S = 0.005  # of stamps that jitter
 ARM_PROBABILITY = 1e-4
-WIDE = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)  # in which no large bias hides the antenna
+# in which no large bias hides the antenna
+WIDE = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)
 ARM, DELAYS = slice(0, 3), slice(3, 5)
 
 
@@ -54,10 +59,11 @@ CHOICES = (NOTHING, Freed(arm=False, delay=True), Freed(arm=True, delay=False), 
 
 @dataclass(frozen=True, kw_only=True)
 class SeenAntenna:
-    """The antenna that a log was flown with, what of it was taken from the fixes, and what the fixes alone say.
+    """The antenna that a log was flown with, what of it was taken from the fixes, and what the
+    fixes alone say.
 
-    seen: with everything free, floors in its covariance; None where that could not be flown. gain_nats: of what was taken, over
-    the declared antenna.
+    seen: with everything free, floors in its covariance; None where that could not be flown.
+    gain_nats: of what was taken, over the declared antenna.
     """
 
     antenna: Antenna
@@ -77,7 +83,8 @@ class Fitted:
 
 
 def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | None:
-    """The antenna and the noise that a log needs, with the flight under them; None where it cannot be flown.
+    """The antenna and the noise that a log needs, with the flight under them; None where it cannot
+    be flown.
 
     antenna: as declared. sigma_position_m: of a level fix, declared.
     """
@@ -85,17 +92,25 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     declared = fly(first, whole=True)
     if declared is None:
         return None
-    as_declared = Fitted(model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared)
+    as_declared = Fitted(
+        model=first, antenna=SeenAntenna(antenna=antenna), history=declared, declared=declared
+    )
     found = choose(fly, first, sigma_position_m, refit=False)
     if found is None:
         return as_declared
     loud = misfits(found[0].history)
-    scales = _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
+    scales = (
+        _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
+    )
     if scales.fitted:
         found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
     best, seen = found
     model = replace(best.model, antenna=seen.antenna)
-    history = declared if model.scales == first.scales and seen.freed == NOTHING else fly(model, whole=True)
+    history = (
+        declared
+        if model.scales == first.scales and seen.freed == NOTHING
+        else fly(model, whole=True)
+    )
     if history is None:
         return as_declared
     last = Flown(model, history)
@@ -105,17 +120,24 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
 
 
 def _all_noise(fly: Fly, first: Model, found: Flown) -> NoiseScales:
-    """The likeliest factors where the innovations do not fit, looked for from noise as declared and from WIDE noise: a slow
-    error of the receiver explains much of what noisy sensors do, and the other way round."""
+    """The likeliest factors where the innovations do not fit, looked for from noise as declared and
+    from WIDE noise: a slow error of the receiver explains much of what noisy sensors do, and the
+    other way round.
+    """
     starts = found, _settled(fly, replace(first, scales=WIDE), BOTH)
-    low, wide = (None if start is None else raised_noise(start, fly, steps=(COARSE,)) for start in starts)
+    low, wide = (
+        None if start is None else raised_noise(start, fly, steps=(COARSE,)) for start in starts
+    )
     assert low is not None
     better = wide if wide is not None and wide.over(low) > 0.0 else low
     return raised_noise(better, fly, steps=(FINE,)).model.scales
 
 
-def choose(fly: Fly, base: Model, sigma_position_m: float, *, refit: bool) -> tuple[Flown, SeenAntenna] | None:
-    """The likeliest of the four flights with the antenna that comes of it, from a model with the declared antenna.
+def choose(
+    fly: Fly, base: Model, sigma_position_m: float, *, refit: bool
+) -> tuple[Flown, SeenAntenna] | None:
+    """The likeliest of the four flights with the antenna that comes of it, from a model with the
+    declared antenna.
 
     refit: satellite sigmas to each flight's own NIS.
     """
@@ -136,7 +158,9 @@ def choose(fly: Fly, base: Model, sigma_position_m: float, *, refit: bool) -> tu
 
 
 def _settled(fly: Fly, base: Model, freed: Freed, *, refit: bool = False) -> Flown | None:
-    """A flight with these parts of the antenna free, begun anew where it ended until it ends where it began."""
+    """A flight with these parts of the antenna free, begun anew where it ended until it ends where
+    it began.
+    """
     start = _free(base.antenna, base.antenna, freed)
     at = flown(replace(base, antenna=start), fly)
     for _ in range(PASSES if any(freed) else 0):
@@ -144,7 +168,9 @@ def _settled(fly: Fly, base: Model, freed: Freed, *, refit: bool = False) -> Flo
             return None
         end = at.history.antenna
         off_m = float(np.abs(end.lever_arm_m - start.lever_arm_m).max())
-        off_s = max(abs(end.delay_s - start.delay_s), abs(end.velocity_delay_s - start.velocity_delay_s))
+        off_s = max(
+            abs(end.delay_s - start.delay_s), abs(end.velocity_delay_s - start.velocity_delay_s)
+        )
         if off_s < SETTLED_S and off_m < SETTLED_M:
             break
         start = _free(base.antenna, end, freed)
@@ -158,21 +184,34 @@ def _free(declared: Antenna, at: Antenna, freed: Freed) -> Antenna:
     late = at if freed.delay else declared
     return Antenna(
         lever_arm_m=at.lever_arm_m if freed.arm else declared.lever_arm_m,
-        delay_s=late.delay_s, velocity_delay_s=late.velocity_delay_s, covariance=np.diag(sigma**2), estimated=True,
-    )  # fmt: skip
+        delay_s=late.delay_s,
+        velocity_delay_s=late.velocity_delay_s,
+        covariance=np.diag(sigma**2),
+        estimated=True,
+    )
 
 
 def _floor_m(flight: Flown, sigma_position_m: float) -> float:
-    """What a receiver's slow errors, and the filter of its velocities, can make of a lever arm [m]."""
+    """What a receiver's slow errors, and the filter of its velocities, can make of a lever arm
+    [m].
+    """
     end = flight.history.antenna
     filtered = FILTERED_M_S * abs(end.velocity_delay_s - end.delay_s)
-    return float(np.hypot(max(ARM_FLOOR * sigma_position_m * flight.model.scales.position, LEAST_ARM_M), filtered))
+    return float(
+        np.hypot(
+            max(ARM_FLOOR * sigma_position_m * flight.model.scales.position, LEAST_ARM_M), filtered
+        )
+    )
 
 
 def _material(flight: Flown, declared: Antenna, freed: Freed, sigma_position_m: float) -> bool:
-    """Whether what was freed is off what was declared by more than its sigma and what does not matter."""
+    """Whether what was freed is off what was declared by more than its sigma and what does not
+    matter.
+    """
     end = flight.history.antenna
-    late_s = max(abs(end.delay_s - declared.delay_s), abs(end.velocity_delay_s - declared.velocity_delay_s))
+    late_s = max(
+        abs(end.delay_s - declared.delay_s), abs(end.velocity_delay_s - declared.velocity_delay_s)
+    )
     if freed.delay and late_s < LEAST_DELAY_S:
         return False
     if not freed.arm:

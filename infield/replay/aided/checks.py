@@ -1,4 +1,6 @@
-"""What a log of fixes says against itself or its header: fixes that repeat, a site elsewhere, a unit that looks sideways."""
+"""What a log of fixes says against itself or its header: fixes that repeat, a site elsewhere, a
+unit that looks sideways.
+"""
 
 from dataclasses import replace
 
@@ -20,7 +22,9 @@ SOON_S = 60.0
 
 
 def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[str, ...]]:
-    """The fixes less those whose position is, bit for bit, that of the one before while the receiver says that it moves."""
+    """The fixes less those whose position is, bit for bit, that of the one before while the
+    receiver says that it moves.
+    """
     r_e, speed = fixes.r_e_m, np.linalg.norm(fixes.v_n_m_s, axis=1)
     same = np.zeros(len(r_e), dtype=bool)
     same[1:] = (r_e[1:] == r_e[:-1]).all(axis=1) & (speed[1:] > MOVING_M_S)
@@ -30,29 +34,46 @@ def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[str, ...]]:
     first, last = fixes.time_s[rows[0]], fixes.time_s[rows[-1]]
     hole = np.where(same[:, None], np.nan, 0.0)
     note = (
-        f"{rows.size} fixes from {first:.1f} to {last:.1f} s are left out: their position is that of the fix before, to the "
-        f"last digit, at {float(np.median(speed[rows])):.1f} m/s (a receiver that is stuck, or a log that repeats it)"
+        f"{rows.size} fixes from {first:.1f} to {last:.1f} s are left out: their position is that"
+        f" of the fix before, to the last digit, at {float(np.median(speed[rows])):.1f} m/s (a"
+        " receiver that is stuck, or a log that repeats it)"
     )
     return replace(fixes, r_e_m=r_e + hole, v_n_m_s=fixes.v_n_m_s + hole), (note,)
 
 
-def site_note(fixes: Fixes, stands: tuple[Where, ...], site: Site, start_s: float) -> tuple[str, ...]:
+def site_note(
+    fixes: Fixes, stands: tuple[Where, ...], site: Site, start_s: float
+) -> tuple[str, ...]:
     """Whether a log that begins parked has its first fixes where the header says that it stands."""
     parked = next((s for s in stands if s[0] < start_s + SOON_S), None)
     if parked is None:
         return ()
-    rows = np.flatnonzero((fixes.time_s >= parked[0]) & (fixes.time_s <= parked[1]) & np.isfinite(fixes.r_e_m[:, 0]))
+    rows = np.flatnonzero(
+        (fixes.time_s >= parked[0]) & (fixes.time_s <= parked[1]) & np.isfinite(fixes.r_e_m[:, 0])
+    )
     if not rows.size:
         return ()
-    off = np.median(fixes.r_e_m[rows], axis=0) - ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
-    off_m, sigma_m = float(np.linalg.norm(off)), float(np.linalg.norm(fixes.sigma_position_m[rows[0]]))
+    off = np.median(fixes.r_e_m[rows], axis=0) - ecef_from_geodetic(
+        site.lat_rad, site.lon_rad, site.height_m
+    )
+    off_m, sigma_m = (
+        float(np.linalg.norm(off)),
+        float(np.linalg.norm(fixes.sigma_position_m[rows[0]])),
+    )
     if off_m < max(SITE_M, SITE_SIGMAS * sigma_m):
         return ()
-    return (f"the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes by the fixes",)
+    return (
+        (
+            f"the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes"
+            " by the fixes"
+        ),
+    )
 
 
 def mounting_note(history: AidedHistory) -> tuple[str, ...]:
-    """Whether body x keeps off the track: a unit turned about the vertical is navigated right, and its heading is its own."""
+    """Whether body x keeps off the track: a unit turned about the vertical is navigated right, and
+    its heading is its own.
+    """
     v_n = history.v_n_m_s
     rows = np.linalg.norm(v_n[:, :2], axis=1) > ON_TRACK_M_S
     if rows.sum() < ON_TRACK_ROWS:
@@ -63,8 +84,11 @@ def mounting_note(history: AidedHistory) -> tuple[str, ...]:
     if abs(mean) < OFF_TRACK_RAD or spread > SPREAD_RAD:
         return ()
     return (
-        f"body x points {mean / DEG:+.0f} deg off the track (median; half of the rows within {spread / DEG:.1f} deg): where "
-        "that is no crab, the unit is mounted turned, and roll, pitch and heading are its own",
+        (
+            f"body x points {mean / DEG:+.0f} deg off the track (median; half of the rows within"
+            f" {spread / DEG:.1f} deg): where that is no crab, the unit is mounted turned, and"
+            " roll, pitch and heading are its own"
+        ),
     )
 
 

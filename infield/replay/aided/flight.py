@@ -1,8 +1,11 @@
-"""A logged session navigated with its satellite fixes: an inertial solution held by GNSS, with sigmas that were tested.
+"""A logged session navigated with its satellite fixes: an inertial solution held by GNSS, with
+sigmas that were tested.
 
-    compensated log -> where it stands -> start (gyrocompass while parked, else satellite velocities) -> filter -> noise judged
+    compensated log -> where it stands -> start (gyrocompass while parked, else satellite
+    velocities) -> filter -> noise judged
 
-Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial flights.
+Errors, filter and gate: `ins.filters.aided_kernel`. It is causal, and no part of the free-inertial
+flights.
 """
 
 from collections.abc import Callable, Iterable
@@ -18,7 +21,15 @@ from infield.replay.aided.checks import mounting_note, site_note, without_repeat
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.replay.aided.start import FoundStart, moving_start, parked_start
 from infield.replay.aided.words import antenna_words, scaled_words, unbelieved
-from ins.filters.aided_filter import KINDS, AidedHistory, AidedNavigator, AidedNoise, Antenna, Fixes, fixes_of
+from ins.filters.aided_filter import (
+    KINDS,
+    AidedHistory,
+    AidedNavigator,
+    AidedNoise,
+    Antenna,
+    Fixes,
+    fixes_of,
+)
 from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import (
     DEG_PER_HOUR,
@@ -31,20 +42,26 @@ from ins.units import (
 
 FEWEST_FIXES = 10
 HELD_S = 7200.0  # of log that is kept in memory for it
-FIT_S = 1800.0  # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
+# of log that noise and antenna are fitted on, from the first time on that the vehicle moves
+FIT_S = 1800.0
 PLURAL = {"position": "positions", "velocity": "velocities"}
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
-FLICKER_S = 20.0  # with 60 the squared attitude error of a MEMS unit is 1.5 times its variance, with 20 it is 1.0 times
-STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}  # a parked vehicle's own turning; 0: no measurement (a gyrocompass
+# with 60 the squared attitude error of a MEMS unit is 1.5 times its variance, with 20 it is 1.0
+# times
+FLICKER_S = 20.0
+# a parked vehicle's own turning; 0: no measurement (a gyrocompass
+STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}
 # does better with what the gyros read)
-RESET_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}  # a solution that rejects every position for so long is begun anew
+# a solution that rejects every position for so long is begun anew
+RESET_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outage:
-    """A stretch without a used position, sigma of the level position at its end [m], and what the next fix was off [m];
-    NaN where none follows."""
+    """A stretch without a used position, sigma of the level position at its end [m], and what the
+    next fix was off [m]; NaN where none follows.
+    """
 
     start_s: float
     end_s: float
@@ -54,10 +71,12 @@ class Outage:
 
 @dataclass(frozen=True, kw_only=True)
 class AidedResult:
-    """verdict: "aided", "inconsistent" or "refused"; what follows is None or empty where nothing was flown.
+    """verdict: "aided", "inconsistent" or "refused"; what follows is None or empty where nothing
+    was flown.
 
-    declared_nis: mean NIS of position and velocity with the noise as declared, before any scale (`capped_nis`);
-    flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter follows it.
+    declared_nis: mean NIS of position and velocity with the noise as declared, before any scale
+    (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
+    follows it.
     """
 
     verdict: str
@@ -76,23 +95,29 @@ class AidedResult:
 
 
 def aided_noise(twin: TwinModel) -> AidedNoise:
-    """Densities of a twin in SI; flicker is carried by a random walk beside the twin's own (`flicker_walk`)."""
+    """Densities of a twin in SI; flicker is carried by a random walk beside the twin's own
+    (`flicker_walk`).
+    """
     gyro, accel = twin.gyro, twin.accel
     flicker = flicker_walk(gyro.bias_instability_deg_h, gyro.arw_deg_sqrt_h * 60.0)
     accel_flicker = flicker_walk(accel.bias_instability_ug, accel.vrw_ug_sqrt_hz)
     return AidedNoise(
         arw=gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR,
         vrw=accel.vrw_ug_sqrt_hz * MICRO_G,
-        gyro_walk=float(np.hypot(gyro.rate_random_walk_deg_h_sqrt_h, flicker)) * DEG_PER_HOUR_SQRT_HOUR,
-        accel_walk=float(np.hypot(accel.rate_random_walk_ug_sqrt_h, accel_flicker)) * MICRO_G_PER_SQRT_HOUR,
+        gyro_walk=float(np.hypot(gyro.rate_random_walk_deg_h_sqrt_h, flicker))
+        * DEG_PER_HOUR_SQRT_HOUR,
+        accel_walk=float(np.hypot(accel.rate_random_walk_ug_sqrt_h, accel_flicker))
+        * MICRO_G_PER_SQRT_HOUR,
     )
 
 
 def flicker_walk(instability: float, white: float) -> float:
-    """Random walk K [unit/sqrt(h)] whose Allan variance K^2 t/3 meets that of a flicker, (0.664 B)^2, where the flicker rises
-    from white noise N^2/t, but not before FLICKER_S, and after an hour at the latest.
+    """Random walk K [unit/sqrt(h)] whose Allan variance K^2 t/3 meets that of a flicker, (0.664
+    B)^2, where the flicker rises from white noise N^2/t, but not before FLICKER_S, and after an
+    hour at the latest.
 
-    instability B [unit]; white N [unit sqrt(s)]. Longer than that the walk says more than the flicker does: safe.
+    instability B [unit]; white N [unit sqrt(s)]. Longer than that the walk says more than the
+    flicker does: safe.
     """
     floor = 0.664 * instability  # IEEE Std 952, annex C
     if floor <= 0:
@@ -102,22 +127,32 @@ def flicker_walk(instability: float, white: float) -> float:
 
 
 def navigate_aided(
-    run: Run, imu: ImuSource, twin: TwinModel, *, rest: Where | None, gyro_sigma_deg_h: NDArray | None, role: str = "active"
+    run: Run,
+    imu: ImuSource,
+    twin: TwinModel,
+    *,
+    rest: Where | None,
+    gyro_sigma_deg_h: NDArray | None,
+    role: str = "active",
 ) -> AidedResult:
     """The aided solution of a run.
 
-    imu: compensated. rest: where a gyrocompass aligned, None where it could not. gyro_sigma_deg_h (3,): what may be left of the
-    gyro biases, None: unknown, the technology's.
+    imu: compensated. rest: where a gyrocompass aligned, None where it could not. gyro_sigma_deg_h
+    (3,): what may be left of the gyro biases, None: unknown, the technology's.
     """
     header = run.header
     if run.gnss is None:
         return AidedResult(verdict="refused", reasons=("no satellite fixes in the run",), role=role)
     fixes = fixes_of(
-        run.gnss, horizontal_m=twin.gnss.sigma_horizontal_m, vertical_m=twin.gnss.sigma_vertical_m,
+        run.gnss,
+        horizontal_m=twin.gnss.sigma_horizontal_m,
+        vertical_m=twin.gnss.sigma_vertical_m,
         velocity_m_s=twin.gnss.sigma_velocity_m_s,
-    )  # fmt: skip
+    )
     fixes, repeats = without_repeats(fixes)
-    inside = (fixes.time_s > imu.start_s) & (fixes.time_s <= imu.end_s) & np.isfinite(fixes.r_e_m[:, 0])
+    inside = (
+        (fixes.time_s > imu.start_s) & (fixes.time_s <= imu.end_s) & np.isfinite(fixes.r_e_m[:, 0])
+    )
     if inside.sum() < FEWEST_FIXES:
         reason = f"{int(inside.sum())} satellite fixes within the imu log, needed {FEWEST_FIXES}"
         return AidedResult(verdict="refused", reasons=(reason,), role=role)
@@ -131,25 +166,52 @@ def navigate_aided(
     def begin(late: Fixes, lever: NDArray) -> FoundStart | str:
         if rest is None:
             return moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
-        return parked_start(imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
+        return parked_start(
+            imu, late, header.site, twin, rest=rest, gyro_sigma_deg_h=sigma, lever_arm_m=lever
+        )
 
-    declared_m = twin.gnss.sigma_horizontal_m, twin.gnss.sigma_vertical_m, twin.gnss.sigma_velocity_m_s
-    flights = _Flights(imu, fixes, aided_noise(twin), declared_m, stands, header.gyro_technology, begin)
+    declared_m = (
+        twin.gnss.sigma_horizontal_m,
+        twin.gnss.sigma_vertical_m,
+        twin.gnss.sigma_velocity_m_s,
+    )
+    flights = _Flights(
+        imu, fixes, aided_noise(twin), declared_m, stands, header.gyro_technology, begin
+    )
     fitted = fit_model(flights, antenna, declared_m[0])
     if fitted is None:
         reason = str(flights.start(antenna))
-        return AidedResult(verdict="refused", reasons=(reason,), role=role, fixes=fixes, stands=stands)
+        return AidedResult(
+            verdict="refused", reasons=(reason,), role=role, fixes=fixes, stands=stands
+        )
     history, scales = fitted.history, fitted.model.scales
-    reasons, found = judged(history) + unbelieved(scales, header.gyro_technology), flights.start(fitted.model.antenna)
+    reasons, found = (
+        judged(history) + unbelieved(scales, header.gyro_technology),
+        flights.start(fitted.model.antenna),
+    )
     assert isinstance(found, FoundStart)
     notes = repeats + site_note(fixes, stands, header.site, imu.start_s) + mounting_note(history)
-    notes += antenna_words(fitted.antenna, antenna) + ((scaled_words(scales, twin),) if scales.fitted else ())
+    notes += antenna_words(fitted.antenna, antenna) + (
+        (scaled_words(scales, twin),) if scales.fitted else ()
+    )
     return AidedResult(
-        verdict="inconsistent" if reasons else "aided", reasons=reasons, role=role, found=found, history=history, fixes=fixes,
-        notes=notes, scales=scales, antenna=fitted.antenna, stands=stands, outages=find_outages(history),
+        verdict="inconsistent" if reasons else "aided",
+        reasons=reasons,
+        role=role,
+        found=found,
+        history=history,
+        fixes=fixes,
+        notes=notes,
+        scales=scales,
+        antenna=fitted.antenna,
+        stands=stands,
+        outages=find_outages(history),
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
-        flicker=(twin.gyro.bias_instability_deg_h * DEG_PER_HOUR, twin.accel.bias_instability_ug * MICRO_G),
-    )  # fmt: skip
+        flicker=(
+            twin.gyro.bias_instability_deg_h * DEG_PER_HOUR,
+            twin.accel.bias_instability_ug * MICRO_G,
+        ),
+    )
 
 
 @dataclass(frozen=True)
@@ -169,27 +231,39 @@ class _Flights:
     def start(self, antenna: Antenna) -> FoundStart | str:
         key = antenna.velocity_delay_s, *antenna.lever_arm_m
         if key not in self.starts:
-            self.starts[key] = self.begin(self.fixes.earlier(antenna.velocity_delay_s), antenna.lever_arm_m)
+            self.starts[key] = self.begin(
+                self.fixes.earlier(antenna.velocity_delay_s), antenna.lever_arm_m
+            )
         return self.starts[key]
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
         found = self.start(model.antenna)
         if isinstance(found, str):
             return None
-        start_s, base_s = found.start.state.time_s, min(model.antenna.delay_s, model.antenna.velocity_delay_s)
+        start_s, base_s = (
+            found.start.state.time_s,
+            min(model.antenna.delay_s, model.antenna.velocity_delay_s),
+        )
         fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
         navigator = AidedNavigator(
-            found.start, model.scales.of(self.noise, *self.declared_m), fixes, stands=self.stands,
-            antenna=model.antenna.later(-base_s), stand_sigma_m_s=STAND_SIGMA_M_S,
-            stand_rate_rad_s=STAND_RATE_RAD_S[self.technology], reset_s=RESET_S[self.technology],
-        )  # fmt: skip
+            found.start,
+            model.scales.of(self.noise, *self.declared_m),
+            fixes,
+            stands=self.stands,
+            antenna=model.antenna.later(-base_s),
+            stand_sigma_m_s=STAND_SIGMA_M_S,
+            stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
+            reset_s=RESET_S[self.technology],
+        )
         for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)
         history = navigator.finish()
         return replace(history, antenna=history.antenna.later(base_s))
 
     def _pieces(self, start_s: float, *, whole: bool) -> Iterable[ImuLog]:
-        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in memory if it is not long."""
+        """The log from its start: all of it, or FIT_S, counted from the end of a stand there; in
+        memory if it is not long.
+        """
         first_s = start_s - 2.0
         if whole:
             return self.imu.pieces(first_s, np.inf)
@@ -236,15 +310,23 @@ def judged(history: AidedHistory) -> tuple[str, ...]:
         rejected = rejected_rows(history, k).size
         seen = rejected + dof // 3
         if rejected > MAX_REJECTED * seen:
-            found.append(f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most {MAX_REJECTED:.0%}")
+            found.append(
+                f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most"
+                f" {MAX_REJECTED:.0%}"
+            )
     if (times := reset_times(history)).size:
         told = ", ".join(f"{t:.1f}" for t in times[:5])
-        found.append(f"the solution rejected all fixes for long and was begun anew {times.size} times (at {told} s)")
+        found.append(
+            f"the solution rejected all fixes for long and was begun anew {times.size} times (at"
+            f" {told} s)"
+        )
     return tuple(found)
 
 
 def find_outages(history: AidedHistory) -> tuple[Outage, ...]:
-    """Stretches of OUTAGE_S and more between used positions, from the start on, and after the last one."""
+    """Stretches of OUTAGE_S and more between used positions, from the start on, and after the last
+    one.
+    """
     from ins.filters.aided_kernel import REJECTED, UNSEEN
 
     used = np.flatnonzero((history.used[:, 0] != UNSEEN) & (history.used[:, 0] != REJECTED))
@@ -253,8 +335,12 @@ def find_outages(history: AidedHistory) -> tuple[Outage, ...]:
     for k in np.flatnonzero(np.diff(times) > OUTAGE_S):
         row = max(int(np.searchsorted(history.time_s, times[k + 1] - 1e-6)) - 1, 0)
         after = history.residual[used[k], :2] if k < used.size else np.full(2, np.nan)
-        found.append(Outage(
-            start_s=float(times[k]), end_s=float(times[k + 1]),
-            sigma_m=float(np.sqrt(history.variance[row, :2].sum())), off_m=float(np.linalg.norm(after)),
-        ))  # fmt: skip
+        found.append(
+            Outage(
+                start_s=float(times[k]),
+                end_s=float(times[k + 1]),
+                sigma_m=float(np.sqrt(history.variance[row, :2].sum())),
+                off_m=float(np.linalg.norm(after)),
+            )
+        )
     return tuple(found)

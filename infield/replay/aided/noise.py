@@ -1,10 +1,11 @@
 """How much larger than declared the noise of a log is, by the aided filter's own innovations.
 
-The declared noise stands wherever the innovations fit it. Where they do not, factors are raised, never lowered: white noise of
-the sensors, walks of their biases, sigmas of the satellite positions and of the velocities, all by the likelihood of the
-innovations, with the antenna free (`infield.replay.aided.antenna`), so that no lever arm or delay passes for noise. A slow error of
-the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by construction and tests nothing
-any more; the document says so and keeps the first.
+The declared noise stands wherever the innovations fit it. Where they do not, factors are raised,
+never lowered: white noise of the sensors, walks of their biases, sigmas of the satellite positions
+and of the velocities, all by the likelihood of the innovations, with the antenna free
+(`infield.replay.aided.antenna`), so that no lever arm or delay passes for noise. A slow error of
+the positions, which hides in innovations that fit, is tried in any case. NIS is then near one by
+construction and tests nothing any more; the document says so and keeps the first.
 """
 
 from dataclasses import dataclass, field, replace
@@ -20,19 +21,35 @@ from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, Ai
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
 GAIN_NATS = 5.0  # of likelihood that a change must bring
 COARSE, FINE = 4.0, 2.0  # steps of a factor
-LARGEST = {"white": 1024.0, "walk": 1024.0, "slow": 64.0, "slow_s": 800.0, "slow_velocity": 64.0, "slow_velocity_s": 48.0}
-LEAST = {"white": 1.0, "walk": 1.0, "slow": 0.5, "slow_s": 100.0, "slow_velocity": 0.5, "slow_velocity_s": 0.75}
+LARGEST = {
+    "white": 1024.0,
+    "walk": 1024.0,
+    "slow": 64.0,
+    "slow_s": 800.0,
+    "slow_velocity": 64.0,
+    "slow_velocity_s": 48.0,
+}
+LEAST = {
+    "white": 1.0,
+    "walk": 1.0,
+    "slow": 0.5,
+    "slow_s": 100.0,
+    "slow_velocity": 0.5,
+    "slow_velocity_s": 0.75,
+}
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
 SLOW = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
-BELIEVED = {"mems": 1024.0, "fog": 32.0, "rlg": 32.0}  # factors on sensors from which on no noise explains a log
+# factors on sensors from which on no noise explains a log
+BELIEVED = {"mems": 1024.0, "fog": 32.0, "rlg": 32.0}
 GNSS_PASSES, SEARCH_PASSES = 3, 1
 MAX_OUTLIERS = 0.1  # share of rejected fixes up to which they are the receiver's outliers
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseScales:
-    """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for slow errors of time constants
-    slow_s, slow_velocity_s [s]."""
+    """Factors on declared sigmas; slow, slow_velocity: on those of a position and a velocity, for
+    slow errors of time constants slow_s, slow_velocity_s [s].
+    """
 
     white: float = 1.0
     walk: float = 1.0
@@ -51,25 +68,42 @@ class NoiseScales:
     @property
     def capped(self) -> tuple[str, ...]:
         """Names of the factors that stand at the largest that is tried."""
-        return tuple(name for name, most in LARGEST.items() if name not in OF_WHAT and getattr(self, name) >= most)
+        return tuple(
+            name
+            for name, most in LARGEST.items()
+            if name not in OF_WHAT and getattr(self, name) >= most
+        )
 
-    def of(self, noise: AidedNoise, level_m: float, down_m: float, velocity_m_s: float) -> AidedNoise:
+    def of(
+        self, noise: AidedNoise, level_m: float, down_m: float, velocity_m_s: float
+    ) -> AidedNoise:
         """The noise under these factors, from the declared sigmas of a position and a velocity."""
         return AidedNoise(
-            arw=self.white * noise.arw, vrw=self.white * noise.vrw, gyro_walk=self.walk * noise.gyro_walk,
-            accel_walk=self.walk * noise.accel_walk, slow_level_m=self.slow * level_m,
-            slow_down_m=self.slow * down_m, slow_s=self.slow_s,
-            slow_velocity_m_s=self.slow_velocity * velocity_m_s, slow_velocity_s=self.slow_velocity_s,
-        )  # fmt: skip
+            arw=self.white * noise.arw,
+            vrw=self.white * noise.vrw,
+            gyro_walk=self.walk * noise.gyro_walk,
+            accel_walk=self.walk * noise.accel_walk,
+            slow_level_m=self.slow * level_m,
+            slow_down_m=self.slow * down_m,
+            slow_s=self.slow_s,
+            slow_velocity_m_s=self.slow_velocity * velocity_m_s,
+            slow_velocity_s=self.slow_velocity_s,
+        )
 
     def other(self, name: str, step: float) -> "NoiseScales":
-        """One factor times a step, within its bounds; the slow error comes at its declared sigma and goes below LEAST."""
+        """One factor times a step, within its bounds; the slow error comes at its declared sigma
+        and goes below LEAST.
+        """
         value = step * getattr(self, name)
         if name in OF_WHAT.values() and value < LEAST[name]:
             value = float(getattr(self, name) == 0.0 and step > 1.0)
         else:
             value = float(np.clip(value, LEAST[name], LARGEST[name]))
-        return self if getattr(self, OF_WHAT.get(name, name)) == 0.0 and name in OF_WHAT else replace(self, **{name: value})
+        return (
+            self
+            if getattr(self, OF_WHAT.get(name, name)) == 0.0 and name in OF_WHAT
+            else replace(self, **{name: value})
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +115,9 @@ class Model:
 
 
 class Fly(Protocol):
-    """Navigates a log from its start, the whole of it or the part that models are fitted on; None where no start is found."""
+    """Navigates a log from its start, the whole of it or the part that models are fitted on; None
+    where no start is found.
+    """
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None: ...
 
@@ -92,8 +128,9 @@ class Flown:
     history: AidedHistory
 
     def over(self, other: "Flown") -> float:
-        """Log likelihood ratio to another flight of the same log, over the fixes that both saw; a rejected one counts as if
-        at the gate."""
+        """Log likelihood ratio to another flight of the same log, over the fixes that both saw; a
+        rejected one counts as if at the gate.
+        """
         mine, others = self.history.loglik, other.history.loglik
         seen = np.isfinite(mine) & np.isfinite(others)
         return float((mine[seen] - others[seen]).sum())
@@ -105,10 +142,16 @@ def flown(model: Model, fly: Fly) -> Flown | None:
 
 
 def raised_noise(
-    start: Flown, fly: Fly, names: tuple[str, ...] = tuple(LARGEST), *, steps: tuple[float, ...] = (COARSE, FINE)
+    start: Flown,
+    fly: Fly,
+    names: tuple[str, ...] = tuple(LARGEST),
+    *,
+    steps: tuple[float, ...] = (COARSE, FINE),
 ) -> Flown:
-    """The likeliest factors of these names, antenna as in `start`; from there one after the other, up and down, in each of the
-    steps in turn. The sigmas of the fixes go with them where white noise does."""
+    """The likeliest factors of these names, antenna as in `start`; from there one after the other,
+    up and down, in each of the steps in turn. The sigmas of the fixes go with them where white
+    noise does.
+    """
     refit = "white" in names
     best = with_gnss(start, fly) if refit else start
     for factor in steps:
@@ -132,14 +175,20 @@ def _moved(at: Flown, fly: Fly, name: str, move: float, *, refit: bool) -> Flown
     return with_gnss(other, fly, passes=SEARCH_PASSES) if refit and other is not None else other
 
 
-def with_gnss(at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True, passes: int = GNSS_PASSES) -> Flown:
-    """The satellite sigmas at which the NIS of each kind is one, not below declared; `lower` False: raised at most."""
+def with_gnss(
+    at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True, passes: int = GNSS_PASSES
+) -> Flown:
+    """The satellite sigmas at which the NIS of each kind is one, not below declared; `lower` False:
+    raised at most.
+    """
     for _ in range(passes):
         scales = at.model.scales
         factor = [np.sqrt(capped_nis(at.history, k)) for k in range(2)]
         if not lower:
             factor = [max(f, 1.0) if misfit(at.history, k) else 1.0 for k, f in enumerate(factor)]
-        changed = {name: float(max(getattr(scales, name) * f, 1.0)) for name, f in zip(KINDS, factor)}
+        changed = {
+            name: float(max(getattr(scales, name) * f, 1.0)) for name, f in zip(KINDS, factor)
+        }
         if all(abs(changed[name] / getattr(scales, name) - 1.0) < 0.02 for name in KINDS):
             break
         model = replace(at.model, scales=replace(scales, **changed))
@@ -153,15 +202,17 @@ def with_gnss(at: Flown, fly: Fly, *, whole: bool = False, lower: bool = True, p
 def capped_nis(history: AidedHistory, kind: int) -> float:
     """Mean NIS per degree of freedom of a kind; 1 where there is none.
 
-    Rejected fixes are left out where they are few, the receiver's own outliers; where they are more than MAX_OUTLIERS of
-    all, it is the model that does not fit, and each is taken as at the gate.
+    Rejected fixes are left out where they are few, the receiver's own outliers; where they are more
+    than MAX_OUTLIERS of all, it is the model that does not fit, and each is taken as at the gate.
     """
     nis = _counted(history, kind)
     return float(np.minimum(nis, chi2.isf(REJECT_PROBABILITY, 3)).mean() / 3.0) if nis.size else 1.0
 
 
 def misfit(history: AidedHistory, kind: int) -> bool:
-    """Whether the innovations of a kind are larger than their noise allows, and by an amount that matters."""
+    """Whether the innovations of a kind are larger than their noise allows, and by an amount that
+    matters.
+    """
     mean = capped_nis(history, kind)
     return mean > MATERIAL and nis_verdict(mean, 3 * _counted(history, kind).size) is not None
 

@@ -1,7 +1,9 @@
-"""Where and how aided navigation starts: parked, on the gyrocompass; or moving, on the satellite velocities.
+"""Where and how aided navigation starts: parked, on the gyrocompass; or moving, on the satellite
+velocities.
 
-Either way the first covariance is wide beside what the filter will soon know, so that a start taken from data that it sees
-again adds next to nothing: heading 0.05 rad or more on the gyrocompass; three sigmas of the match, and floors, when moving.
+Either way the first covariance is wide beside what the filter will soon know, so that a start taken
+from data that it sees again adds next to nothing: heading 0.05 rad or more on the gyrocompass;
+three sigmas of the match, and floors, when moving.
 """
 
 from dataclasses import dataclass
@@ -19,9 +21,11 @@ from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 
 GYROCOMPASS, MATCHING = "gyrocompass", "velocity matching"
-WINDOW_S, LONGEST_S, STRIDE_S = 15.0, 60.0, 20.0  # of log to match on, at first and at most; between two tries
+# of log to match on, at first and at most; between two tries
+WINDOW_S, LONGEST_S, STRIDE_S = 15.0, 60.0, 20.0
 LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
-HEADING_LIMIT_RAD = 3.0 * DEG  # sigma of a match that is taken: three of them are still nearly linear
+# sigma of a match that is taken: three of them are still nearly linear
+HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match
 REST_S = 30.0  # of standing before, whose mean rate is the gyros' bias
 PLACE_M = 10.0  # position prior beside a fix; without one while parked, SITE_M
@@ -30,7 +34,9 @@ SITE_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True)
 class FoundStart:
-    """A start, how it was found ("gyrocompass" or "velocity matching") and the stretch of log it was found on."""
+    """A start, how it was found ("gyrocompass" or "velocity matching") and the stretch of log it
+    was found on.
+    """
 
     start: AidedStart
     method: str
@@ -40,39 +46,79 @@ class FoundStart:
 
 
 def parked_start(
-    imu: ImuSource, fixes: Fixes, site: Site, twin: TwinModel, *, rest: Where, gyro_sigma_deg_h: NDArray, lever_arm_m: NDArray
+    imu: ImuSource,
+    fixes: Fixes,
+    site: Site,
+    twin: TwinModel,
+    *,
+    rest: Where,
+    gyro_sigma_deg_h: NDArray,
+    lever_arm_m: NDArray,
 ) -> FoundStart:
     """From the beginning of a rest that a gyrocompass aligns on."""
     log = imu.between(*rest)
     means = coarse.rest_means(log)
     C_nb = coarse.gyrocompass_dcm(means)
     sigma = gyro_sigma_deg_h * DEG_PER_HOUR
-    at = np.flatnonzero((fixes.time_s >= rest[0]) & (fixes.time_s <= rest[1]) & np.isfinite(fixes.r_e_m[:, 0]))
+    at = np.flatnonzero(
+        (fixes.time_s >= rest[0]) & (fixes.time_s <= rest[1]) & np.isfinite(fixes.r_e_m[:, 0])
+    )
     place, place_sigma = site, np.full(3, SITE_M)
     if at.size:
         place = _site(fixes.r_e_m[at[0]])
-        place_sigma = np.maximum(PLACE_M, 10.0 * fixes.sigma_position_m[at[0]]) + float(np.linalg.norm(lever_arm_m))
+        place_sigma = np.maximum(PLACE_M, 10.0 * fixes.sigma_position_m[at[0]]) + float(
+            np.linalg.norm(lever_arm_m)
+        )
     heading = diffuse_heading_rad(np.diag(sigma**2), EARTH_RATE_RAD_S * np.cos(site.lat_rad))
-    P = _covariance(place_sigma, 0.1, np.diag([DIFFUSE_TILT_RAD, DIFFUSE_TILT_RAD, heading]) ** 2, sigma, twin, means)
+    P = _covariance(
+        place_sigma,
+        0.1,
+        np.diag([DIFFUSE_TILT_RAD, DIFFUSE_TILT_RAD, heading]) ** 2,
+        sigma,
+        twin,
+        means,
+    )
     state = NavState(time_s=float(log.time_s[0]), site=place, v_n_m_s=np.zeros(3), C_nb=C_nb)
-    start = AidedStart(state=state, gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3), covariance=P)
-    return FoundStart(start=start, method=GYROCOMPASS, span=rest, sigma_heading_rad=heading, gyro_sigma_rad_s=sigma)
+    start = AidedStart(
+        state=state, gyro_bias_rad_s=np.zeros(3), accel_bias_m_s2=np.zeros(3), covariance=P
+    )
+    return FoundStart(
+        start=start,
+        method=GYROCOMPASS,
+        span=rest,
+        sigma_heading_rad=heading,
+        gyro_sigma_rad_s=sigma,
+    )
 
 
 def moving_start(
-    imu: ImuSource, fixes: Fixes, twin: TwinModel, stands: tuple[Where, ...], *, gyro_sigma_deg_h: NDArray,
+    imu: ImuSource,
+    fixes: Fixes,
+    twin: TwinModel,
+    stands: tuple[Where, ...],
+    *,
+    gyro_sigma_deg_h: NDArray,
     lever_arm_m: NDArray,
-) -> FoundStart | str:  # fmt: skip
-    """At the end of the first window whose velocities show the heading; in words what is missing where none does."""
+) -> FoundStart | str:
+    """At the end of the first window whose velocities show the heading; in words what is missing
+    where none does.
+    """
     best: float | None = None
     for first_s in _candidates(imu, fixes):
         bias, sigma, means = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
         for window_s in np.arange(WINDOW_S, LONGEST_S + 1.0, WINDOW_S):
-            if first_s + window_s > imu.end_s or _level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S:
+            if (
+                first_s + window_s > imu.end_s
+                or _level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
+            ):
                 continue
             log = imu.between(first_s, first_s + window_s)
             found = match_velocity(
-                log, fixes, lever_arm_m=lever_arm_m, gyro_bias_rad_s=bias, sigma_gyro_rad_s=float(sigma.max())
+                log,
+                fixes,
+                lever_arm_m=lever_arm_m,
+                gyro_bias_rad_s=bias,
+                sigma_gyro_rad_s=float(sigma.max()),
             )
             if found is None:
                 continue
@@ -83,20 +129,31 @@ def moving_start(
     limit = f"needed {HEADING_LIMIT_RAD / DEG:g} deg within {LONGEST_S:g} s of log"
     if best is None:
         return (
-            f"the satellite velocity never changes by {LEAST_CHANGE_M_S:g} m/s within {LONGEST_S:g} s: heading cannot be found "
-            "(a constant velocity does not show it)"
+            f"the satellite velocity never changes by {LEAST_CHANGE_M_S:g} m/s within {LONGEST_S:g}"
+            " s: heading cannot be found (a constant velocity does not show it)"
         )
-    return f"heading from the satellite velocities is at best good to {best / DEG:.2g} deg, {limit}: too little manoeuvring"
+    return (
+        f"heading from the satellite velocities is at best good to {best / DEG:.2g} deg, {limit}:"
+        " too little manoeuvring"
+    )
 
 
 def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
-    """Times to start a window at: before the first manoeuvre that is worth a try, and every STRIDE_S after it."""
+    """Times to start a window at: before the first manoeuvre that is worth a try, and every
+    STRIDE_S after it.
+    """
     first = max(imu.start_s, float(fixes.time_s[0]))
-    return [t for t in np.arange(first, imu.end_s - WINDOW_S, STRIDE_S) if _level_change(fixes, t, t + LONGEST_S) > 0]
+    return [
+        t
+        for t in np.arange(first, imu.end_s - WINDOW_S, STRIDE_S)
+        if _level_change(fixes, t, t + LONGEST_S) > 0
+    ]
 
 
 def _level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
-    """The largest change of level satellite velocity within a span, less four sigmas of it [m/s]."""
+    """The largest change of level satellite velocity within a span, less four sigmas of it
+    [m/s].
+    """
     rows = (fixes.time_s >= start_s) & (fixes.time_s <= end_s) & np.isfinite(fixes.v_n_m_s[:, 0])
     if rows.sum() < 2:
         return 0.0
@@ -105,9 +162,15 @@ def _level_change(fixes: Fixes, start_s: float, end_s: float) -> float:
 
 
 def _bias_before(
-    imu: ImuSource, stands: tuple[Where, ...], first_s: float, twin: TwinModel, gyro_sigma_deg_h: NDArray
+    imu: ImuSource,
+    stands: tuple[Where, ...],
+    first_s: float,
+    twin: TwinModel,
+    gyro_sigma_deg_h: NDArray,
 ) -> tuple[NDArray, NDArray, coarse.RestMeans | None]:
-    """Gyro bias and its sigma [rad/s] at a time, from the last stand before it; Earth rate is within the sigma."""
+    """Gyro bias and its sigma [rad/s] at a time, from the last stand before it; Earth rate is
+    within the sigma.
+    """
     unknown = gyro_sigma_deg_h * DEG_PER_HOUR
     before = [(a, min(b, first_s)) for a, b in stands if min(b, first_s) - a >= 10.0]
     if not before or float(unknown.max()) < EARTH_RATE_RAD_S:
@@ -116,7 +179,10 @@ def _bias_before(
     log = imu.between(max(start, end - REST_S), end)
     seconds = float(log.dt_s.sum())
     noise = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR / np.sqrt(seconds)
-    walk = np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h) * DEG_PER_HOUR
+    walk = (
+        np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h)
+        * DEG_PER_HOUR
+    )
     late = np.sqrt(max(first_s - end, 0.0) / 3600.0)
     sigma = float(np.sqrt(EARTH_RATE_RAD_S**2 + noise**2 + (walk * late) ** 2))
     return log.dtheta_rad.sum(axis=0) / seconds, np.full(3, sigma), coarse.rest_means(log)
@@ -126,16 +192,27 @@ def _last_fix(fixes: Fixes, log: ImuLog) -> int | None:
     """The last whole fix of a log, not more than a second before its end."""
     end_s = log.time_s[-1]
     rows = np.flatnonzero(
-        (fixes.time_s <= end_s) & (fixes.time_s > end_s - 1.2) & np.isfinite(fixes.r_e_m[:, 0] + fixes.v_n_m_s[:, 0])
+        (fixes.time_s <= end_s)
+        & (fixes.time_s > end_s - 1.2)
+        & np.isfinite(fixes.r_e_m[:, 0] + fixes.v_n_m_s[:, 0])
     )
     return int(rows[-1]) if rows.size else None
 
 
 def _started(
-    found: Match, log: ImuLog, fixes: Fixes, fix: int, lever_arm_m: NDArray, bias: NDArray, sigma: NDArray, twin: TwinModel,
+    found: Match,
+    log: ImuLog,
+    fixes: Fixes,
+    fix: int,
+    lever_arm_m: NDArray,
+    bias: NDArray,
+    sigma: NDArray,
+    twin: TwinModel,
     means: coarse.RestMeans | None,
-) -> FoundStart:  # fmt: skip
-    """At the end of the log: the last fix brought to its time at its own velocity, antenna to unit."""
+) -> FoundStart:
+    """At the end of the log: the last fix brought to its time at its own velocity, antenna to
+    unit.
+    """
     late_s = float(log.time_s[-1] - fixes.time_s[fix])
     swing = found.C_nb @ np.cross(found.rate_b, lever_arm_m)
     v_n = fixes.v_n_m_s[fix] - swing
@@ -143,31 +220,56 @@ def _started(
     off = late_s * v_n - found.C_nb @ lever_arm_m
     gravity = float(gravity_magnitude(lat, height))
     radius = 6378137.0 + height
-    site = Site(lat_rad=lat + off[0] / radius, lon_rad=lon + off[1] / (radius * np.cos(lat)), height_m=height - off[2])
+    site = Site(
+        lat_rad=lat + off[0] / radius,
+        lon_rad=lon + off[1] / (radius * np.cos(lat)),
+        height_m=height - off[2],
+    )
     theta = 9.0 * found.covariance + np.diag(np.square(FLOORS_RAD))
     late_v = 10.0 * late_s + 0.1  # m/s that the velocity may have changed since the fix
     P = _covariance(
-        3.0 * fixes.sigma_position_m[fix] + late_s * late_v + 1.0, float(3.0 * fixes.sigma_velocity_m_s[fix].max() + late_v),
-        theta, sigma, twin, means, gravity=gravity,
-    )  # fmt: skip
-    state = NavState(time_s=float(log.time_s[-1]), site=site, v_n_m_s=v_n, C_nb=_orthonormal(found.C_nb))
+        3.0 * fixes.sigma_position_m[fix] + late_s * late_v + 1.0,
+        float(3.0 * fixes.sigma_velocity_m_s[fix].max() + late_v),
+        theta,
+        sigma,
+        twin,
+        means,
+        gravity=gravity,
+    )
+    state = NavState(
+        time_s=float(log.time_s[-1]), site=site, v_n_m_s=v_n, C_nb=_orthonormal(found.C_nb)
+    )
     start = AidedStart(state=state, gyro_bias_rad_s=bias, accel_bias_m_s2=np.zeros(3), covariance=P)
     return FoundStart(
-        start=start, method=MATCHING, span=(float(log.time_s[0]), float(log.time_s[-1])),
-        sigma_heading_rad=float(np.sqrt(theta[2, 2])), gyro_sigma_rad_s=sigma,
-    )  # fmt: skip
+        start=start,
+        method=MATCHING,
+        span=(float(log.time_s[0]), float(log.time_s[-1])),
+        sigma_heading_rad=float(np.sqrt(theta[2, 2])),
+        gyro_sigma_rad_s=sigma,
+    )
 
 
 def _covariance(
-    position_m: NDArray, velocity_m_s: float, theta: NDArray, gyro_rad_s: NDArray, twin: TwinModel,
-    means: coarse.RestMeans | None, *, gravity: float | None = None,
-) -> NDArray:  # fmt: skip
+    position_m: NDArray,
+    velocity_m_s: float,
+    theta: NDArray,
+    gyro_rad_s: NDArray,
+    twin: TwinModel,
+    means: coarse.RestMeans | None,
+    *,
+    gravity: float | None = None,
+) -> NDArray:
     """P (15, 15); the accelerometers' turn-on, widened by what |f| at rest is off gravity."""
     P = np.zeros((15, 15))
     accel = max(twin.accel.turn_on_ug, 1.0) * MICRO_G
     if means is not None and gravity is not None:
         accel = float(np.hypot(accel, np.linalg.norm(means.f_ib_b) - gravity))
-    for part, sigma in ((POS, position_m), (VEL, np.full(3, velocity_m_s)), (GYRO, gyro_rad_s), (ACCEL, np.full(3, accel))):
+    for part, sigma in (
+        (POS, position_m),
+        (VEL, np.full(3, velocity_m_s)),
+        (GYRO, gyro_rad_s),
+        (ACCEL, np.full(3, accel)),
+    ):
         P[part, part] = np.diag(np.square(sigma))
     P[THETA, THETA] = theta
     return P

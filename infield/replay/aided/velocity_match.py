@@ -1,9 +1,12 @@
-"""Attitude of a moving unit from satellite velocities: the force its accelerometers feel, turned by its gyros, against the
-change of velocity that the receiver sees. Heading comes from level acceleration; at a constant velocity there is none.
+"""Attitude of a moving unit from satellite velocities: the force its accelerometers feel, turned by
+its gyros, against the change of velocity that the receiver sees. Heading comes from level
+acceleration; at a constant velocity there is none.
 
-    v(t2) - v(t1) - g dt + (2 omega_ie + omega_en) x v dt  =  C_nb0 (integral of C_b0b f dt + change of C_b0b (omega x lever))
+    v(t2) - v(t1) - g dt + (2 omega_ie + omega_en) x v dt  =  C_nb0 (integral of C_b0b f dt + change
+    of C_b0b (omega x lever))
 
-solved for C_nb0 by singular values (Wahba's problem; Groves 2013, section 5.6; Wu and Pan, IEEE T-AES 49(2), 2013).
+solved for C_nb0 by singular values (Wahba's problem; Groves 2013, section 5.6; Wu and Pan, IEEE
+T-AES 49(2), 2013).
 """
 
 from dataclasses import dataclass
@@ -16,13 +19,15 @@ from ins.earth import geodetic_from_ecef, gravity_n, omega_en_n, omega_ie_n
 from ins.filters.aided_filter import Fixes
 from ins.records import ImuLog
 
-APART_S = 0.95  # between the fixes of a pair: short of it noise outweighs what gravity and turns show
+# between the fixes of a pair: short of it noise outweighs what gravity and turns show
+APART_S = 0.95
 FEWEST_PAIRS = 5
 
 
 @dataclass(frozen=True)
 class Match:
-    """Attitude at the log's last row; covariance (3, 3) [rad^2] of its NED error; residual RMS of a pair [m/s]; pairs.
+    """Attitude at the log's last row; covariance (3, 3) [rad^2] of its NED error; residual RMS of a
+    pair [m/s]; pairs.
 
     rate_b: angular rate at the last row [rad/s], for the antenna's swing.
     """
@@ -39,12 +44,18 @@ class Match:
 
 
 def match_velocity(
-    imu: ImuLog, fixes: Fixes, *, lever_arm_m: NDArray, gyro_bias_rad_s: NDArray, sigma_gyro_rad_s: float
+    imu: ImuLog,
+    fixes: Fixes,
+    *,
+    lever_arm_m: NDArray,
+    gyro_bias_rad_s: NDArray,
+    sigma_gyro_rad_s: float,
 ) -> Match | None:
-    """Attitude over a bounded log from the fixes in it; None where there are too few, or where they do not say.
+    """Attitude over a bounded log from the fixes in it; None where there are too few, or where they
+    do not say.
 
-    The covariance takes the residuals as they are, or the declared noise where that is larger, and a constant gyro error
-    of `sigma_gyro_rad_s` over the log.
+    The covariance takes the residuals as they are, or the declared noise where that is larger, and
+    a constant gyro error of `sigma_gyro_rad_s` over the log.
     """
     from ins.strapdown.body_forces import turned_forces
 
@@ -54,7 +65,9 @@ def match_velocity(
     if used.size < FEWEST_PAIRS + 1:
         return None
     t, v = fixes.time_s[used], fixes.v_n_m_s[used]
-    rate = (imu.dtheta_rad / imu.dt_s[:, None] - gyro_bias_rad_s)[np.clip(np.searchsorted(imu.time_s, t), 0, imu.rows - 1)]
+    rate = (imu.dtheta_rad / imu.dt_s[:, None] - gyro_bias_rad_s)[
+        np.clip(np.searchsorted(imu.time_s, t), 0, imu.rows - 1)
+    ]
     felt = np.stack([np.interp(t, edges, column) for column in force.T], axis=1)
     at = np.clip(np.searchsorted(edges, t), 0, imu.rows)
     felt += np.einsum("kij,kj->ki", C_b0b[at], np.cross(rate, lever_arm_m))
@@ -69,13 +82,18 @@ def match_velocity(
         return None
     turned = (sigma_gyro_rad_s * float(edges[-1] - edges[0])) ** 2 * np.eye(3)
     return Match(
-        C_nb=C @ C_b0b[-1], covariance=variance * np.linalg.inv(information) + turned,
-        residual_m_s=float(np.sqrt(np.mean(left**2))), pairs=len(left), rate_b=rate[-1],
-    )  # fmt: skip
+        C_nb=C @ C_b0b[-1],
+        covariance=variance * np.linalg.inv(information) + turned,
+        residual_m_s=float(np.sqrt(np.mean(left**2))),
+        pairs=len(left),
+        rate_b=rate[-1],
+    )
 
 
 def _apart(fixes: Fixes, edges: NDArray) -> NDArray:
-    """Fixes with position and velocity inside the log, each at least APART_S after the one before."""
+    """Fixes with position and velocity inside the log, each at least APART_S after the one
+    before.
+    """
     inside = (fixes.time_s >= edges[0]) & (fixes.time_s <= edges[-1])
     inside &= np.isfinite(fixes.v_n_m_s[:, 0]) & np.isfinite(fixes.r_e_m[:, 0])
     found: list[int] = []

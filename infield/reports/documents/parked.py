@@ -1,4 +1,6 @@
-"""What `update.json` says of sessions without a heading (zero-rate biases of a parked unit): budget, assumptions, effect."""
+"""What `update.json` says of sessions without a heading (zero-rate biases of a parked unit):
+budget, assumptions, effect.
+"""
 
 from typing import Any
 
@@ -12,7 +14,10 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, HOUR
 
-METHOD = "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate removed, joint merge"
+METHOD = (
+    "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate"
+    " removed, joint merge"
+)
 
 
 def parked_sessions(result: UpdateResult) -> list[SessionResult]:
@@ -50,19 +55,26 @@ def of_session(e: SessionEstimate) -> dict[str, Any]:
 
 
 def _stretches(e: SessionEstimate) -> list[dict[str, Any]]:
-    """Every stretch of rest: when, how long, how warm, and how far the unit was turned since the one before."""
+    """Every stretch of rest: when, how long, how warm, and how far the unit was turned since the
+    one before.
+    """
     p, found = e.parked, []
     assert p is not None
     for k, stretch in enumerate(p.stretches):
         T, turn = e.bins.temperature_degC[p.stretch == k], p.turns[k - 1] if k else None
         start_s, end_s = float(stretch.seconds.start_s[0]), float(stretch.seconds.end_s[-1])
-        found.append({
-            "start_s": start_s, "duration_s": end_s - start_s, "still_s": stretch.still_s,
-            "bins": int(np.count_nonzero(p.stretch == k)), "temperature_degC": [float(T.min()), float(T.max())],
-            "turned_deg": None if turn is None else turn.heading_rad / DEG,
-            "sigma_turned_deg": None if turn is None else turn.sigma_rad / DEG,
-            "turn_told": None if turn is None else turn.told,
-        })  # fmt: skip
+        found.append(
+            {
+                "start_s": start_s,
+                "duration_s": end_s - start_s,
+                "still_s": stretch.still_s,
+                "bins": int(np.count_nonzero(p.stretch == k)),
+                "temperature_degC": [float(T.min()), float(T.max())],
+                "turned_deg": None if turn is None else turn.heading_rad / DEG,
+                "sigma_turned_deg": None if turn is None else turn.sigma_rad / DEG,
+                "turn_told": None if turn is None else turn.told,
+            }
+        )
     return found
 
 
@@ -75,19 +87,33 @@ def phases(e: SessionEstimate) -> tuple[Phase, ...]:
 
 
 def stretch_words(zero_rate: dict[str, Any]) -> list[str]:
-    """The stretches of one run and what was left out, a line each; none for a run of one stretch and nothing else."""
+    """The stretches of one run and what was left out, a line each; none for a run of one stretch
+    and nothing else.
+    """
     lines = []
     for k, s in enumerate(zero_rate.get("stretches", [])):
         low, high = s["temperature_degC"]
         turned = (
-            "" if s["turned_deg"] is None
-            else f"; turned by {s['turned_deg']:+.0f} +- {s['sigma_turned_deg']:.0f} deg since the one before" if s["turn_told"]
-            else f"; how far it was turned is not known (+- {min(s['sigma_turned_deg'], 180.0):.0f} deg)"
-        )  # fmt: skip
-        lines.append(
-            f"stretch {k + 1}: {s['duration_s']:.0f} s from {s['start_s']:.0f} s on, {low:.1f} to {high:.1f} degC{turned}"
+            ""
+            if s["turned_deg"] is None
+            else (
+                f"; turned by {s['turned_deg']:+.0f} +- {s['sigma_turned_deg']:.0f} deg since the"
+                " one before"
+                if s["turn_told"]
+                else (
+                    "; how far it was turned is not known (+-"
+                    f" {min(s['sigma_turned_deg'], 180.0):.0f} deg)"
+                )
+            )
         )
-    return lines + [f"left out: {s['start_s']:.0f} to {s['end_s']:.0f} s: {s['reason']}" for s in zero_rate.get("left_out", [])]
+        lines.append(
+            f"stretch {k + 1}: {s['duration_s']:.0f} s from {s['start_s']:.0f} s on, {low:.1f} to"
+            f" {high:.1f} degC{turned}"
+        )
+    return lines + [
+        f"left out: {s['start_s']:.0f} to {s['end_s']:.0f} s: {s['reason']}"
+        for s in zero_rate.get("left_out", [])
+    ]
 
 
 def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
@@ -95,7 +121,11 @@ def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]
     assert session.estimate is not None and session.estimate.parked is not None
     p, gyro = session.estimate.parked, result.twin.gyro
     seconds = float(p.used_s.sum())
-    walk = gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    walk = (
+        gyro.rate_random_walk_deg_h_sqrt_h**2
+        / HOUR
+        * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    )
     heading = np.sqrt(p.of_mean(p.earth.of_heading))
     if len(p.stretches) == 1:
         heading = p.earth.heading_deg_h[0] * np.sqrt(np.maximum(1.0 - p.earth.down_b[0] ** 2, 0.0))
@@ -110,41 +140,66 @@ def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]
             "bias instability": 0.664 * gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
         }
-        rows += [{"axis": axis, "term": term, "sigma_deg_h": float(s)} for term, s in terms.items() if s > 0]
+        rows += [
+            {"axis": axis, "term": term, "sigma_deg_h": float(s)}
+            for term, s in terms.items()
+            if s > 0
+        ]
     return rows
 
 
 def assumptions(result: UpdateResult) -> list[str]:
     """What a reader must believe for these numbers to hold."""
-    twin, found = result.twin, [s.estimate.parked for s in parked_sessions(result) if s.estimate is not None]
+    twin, found = (
+        result.twin,
+        [s.estimate.parked for s in parked_sessions(result) if s.estimate is not None],
+    )
     north = max((float(p.earth.heading_deg_h.max()) for p in found if p is not None), default=0.0)
     several = any(len(p.stretches) > 1 for p in found if p is not None)
     common = (
-        "one common error of all points of a stretch of rest, the turns between the stretches of a run as the gyros tell them"
-        if several else "one common error of all points of a session"
-    )  # fmt: skip
+        "one common error of all points of a stretch of rest, the turns between the stretches of a"
+        " run as the gyros tell them"
+        if several
+        else "one common error of all points of a session"
+    )
     heading = (
-        f"no heading is known: the level part of Earth rate is {common}, {north:.1f} deg/h "
-        "(1 sigma) on a level axis; headings of different sessions are taken as unrelated, so a unit that always parks the "
-        "same way keeps that part in its table (a surveyed heading in run.json takes it out)"
-    ) if north else "the surveyed heading takes the level part of Earth rate out"  # fmt: skip
+        f"no heading is known: the level part of Earth rate is {common}, {north:.1f} deg/h (1"
+        " sigma) on a level axis; headings of different sessions are taken as unrelated, so a unit"
+        " that always parks the same way keeps that part in its table (a surveyed heading in"
+        " run.json takes it out)"
+        if north
+        else "the surveyed heading takes the level part of Earth rate out"
+    )
     if not found:
-        heading = "the heading of the parked unit need not be known; what it leaves of Earth rate is one error of a session"
+        heading = (
+            "the heading of the parked unit need not be known; what it leaves of Earth rate is one"
+            " error of a session"
+        )
     noisiest = max((p.noise_scale for p in found if p is not None), default=0.0)
     said = f", the log's own where larger (at most {noisiest:.2g} times the model)" if found else ""
     return [
         heading,
-        f"level by gravity, accelerometers within {twin.accel.turn_on_ug:g} ug (1 sigma); vertical Earth rate is removed",
+        (
+            f"level by gravity, accelerometers within {twin.accel.turn_on_ug:g} ug (1 sigma);"
+            " vertical Earth rate is removed"
+        ),
         "the unit stands: a turn at one steady rate all along would be taken for a bias",
         f"noise of the unit from {twin.source}{said}",
-        f"each power-on departs from the table by {twin.gyro.turn_on_deg_h:g} deg/h (1 sigma, turn-on)",
-        f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
-        f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",
+        (
+            f"each power-on departs from the table by {twin.gyro.turn_on_deg_h:g} deg/h (1 sigma,"
+            " turn-on)"
+        ),
+        (
+            f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
+            f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year"
+        ),
     ]
 
 
 def effect(result: UpdateResult) -> dict[str, Any] | None:
-    """The change of the table over the temperatures of the last merged session, its level and its shape apart."""
+    """The change of the table over the temperatures of the last merged session, its level and its
+    shape apart.
+    """
     merged = [s for s in parked_sessions(result) if s.merged is not None]
     if not merged or not result.merged_runs or merged[-1].estimate is None:
         return None
@@ -175,7 +230,9 @@ def effect_words(found: dict[str, Any]) -> str:
     """One line of it for people."""
     low, high = found["temperature_degC"]
     return (
-        f"over {low:.0f} to {high:.0f} degC the table's level moves by {found['level_change_deg_h']:.3g} deg/h (left: "
-        f"{found['level_left_sigma_deg_h']:.3g}), its shape by {found['shape_change_deg_h']:.3g} deg/h (left: "
-        f"{found['shape_left_sigma_deg_h']:.3g}), RMS over the gyros; each start adds its turn-on of {found['turn_on_deg_h']:g}"
+        f"over {low:.0f} to {high:.0f} degC the table's level moves by"
+        f" {found['level_change_deg_h']:.3g} deg/h (left: {found['level_left_sigma_deg_h']:.3g}),"
+        f" its shape by {found['shape_change_deg_h']:.3g} deg/h (left:"
+        f" {found['shape_left_sigma_deg_h']:.3g}), RMS over the gyros; each start adds its turn-on"
+        f" of {found['turn_on_deg_h']:g}"
     )

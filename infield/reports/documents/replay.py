@@ -1,29 +1,39 @@
-"""`replay.json`, schema recal.replay/1: what `infield.replay.free_inertial` found, in units of the border.
+"""`replay.json`, schema recal.replay/1: what `infield.replay.free_inertial` found, in units of the
+border.
 
     verdict, reasons, notes     "replayed", "refused" or "inconsistent"; notes hold for any verdict
     run_id, run_sha256, imu_serial, gyro_technology, store, noise_model, version
     vertical                    what the height was damped to
     alignment_span, parked_span {start_s, end_s}
     tables[]                    role ("active", "previous"), origin, revision, sha256, notes, and:
-      alignment                 as alignment.json: attitude at the end of the alignment, sigmas, verdict, reasons
-      parked                    a drift (below) against the parked position
-      predicted                 sigma_nm_h and sigma_end_speed_m_s of that drift; level_gyro_sigma_deg_h (north gyro,
-                                mean over the span), rule_of_thumb_nm_h = 60 NM/h per deg/h of it; seen_over_sigma
-      schuler                   period_min with sigma_period_min and amplitude_m_s of the parked velocity's swing, null with a
-                                reason where it cannot be fitted; expected_period_min = 2 pi sqrt(R/g)
-      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s, realign, seen_by
-                                ("gnss", "odometer"; "imu": neither covers it, it may be a steady roll)
+      alignment                 as alignment.json: attitude at the end of the alignment, sigmas,
+      verdict, reasons parked                    a drift (below) against the parked position
+      predicted                 sigma_nm_h and sigma_end_speed_m_s of that drift;
+      level_gyro_sigma_deg_h (north gyro,
+                                mean over the span), rule_of_thumb_nm_h = 60 NM/h per deg/h of it;
+                                seen_over_sigma
+      schuler                   period_min with sigma_period_min and amplitude_m_s of the parked
+      velocity's swing, null with a
+                                reason where it cannot be fitted; expected_period_min = 2 pi
+                                sqrt(R/g)
+      stops[]                   start_s, end_s, ground_speed_m_s, ground_speed_kt (median), max_m_s,
+      realign, seen_by
+                                ("gnss", "odometer"; "imu": neither covers it, it may be a steady
+                                roll)
       realign                   any residual ground speed above 5 kt while standing
       realign_at                where that was: "parked", or seen_by of the stops
-      gnss                      a drift against GNSS after the parked span, null where none is logged
-      scoring_only              reference: a drift against it after the parked span; heading_error_mrad, in sigmas too
-    difference                  active less previous: NM/h, heading, and what the tables' own difference predicts of the
-                                heading and of the position at the end of the parked span; null without two flights
-    aided                       the solution with GNSS (infield.reports.documents.aided), null without GNSS or with --no-aided
-    definitions                 of the measures, in words
+      gnss                      a drift against GNSS after the parked span, null where none is
+      logged scoring_only              reference: a drift against it after the parked span;
+      heading_error_mrad, in sigmas too
+    difference                  active less previous: NM/h, heading, and what the tables' own
+    difference predicts of the
+                                heading and of the position at the end of the parked span; null
+                                without two flights
+    aided                       the solution with GNSS (infield.reports.documents.aided), null
+    without GNSS or with --no-aided definitions                 of the measures, in words
 
-A drift: hours, end_radial_error_nm (and _m), max_radial_error_nm, rate_nm_h, rms_rate_nm_h, end_speed_m_s,
-max_speed_m_s, end_speed_kt, drift_class, limit_2t_2_nm, limit_3t_3_nm at the end.
+A drift: hours, end_radial_error_nm (and _m), max_radial_error_nm, rate_nm_h, rms_rate_nm_h,
+end_speed_m_s, max_speed_m_s, end_speed_kt, drift_class, limit_2t_2_nm, limit_3t_3_nm at the end.
 The same input gives the same bytes: there is no time of issue.
 """
 
@@ -42,31 +52,53 @@ from ins.twin_file import twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
 
 DEFINITIONS = {
-    "parked": "free-inertial from the end of the alignment until the vehicle rolls, against the parked position",
+    "parked": (
+        "free-inertial from the end of the alignment until the vehicle rolls, against the parked"
+        " position"
+    ),
     "rate_nm_h": "radial position error at the end of the span / hours since navigation began",
-    "rms_rate_nm_h": "RMS radial error over the span / RMS time since navigation began: "
-    "the slope of the straight line through the start that has the error's own RMS",
-    "drift_class": "2T+2 where the radial error stays within 2 T + 2 NM at every time T [h] of the span, else 3T+3, "
-    "else beyond 3T+3",
+    "rms_rate_nm_h": (
+        "RMS radial error over the span / RMS time since navigation began: "
+        "the slope of the straight line through the start that has the error's own RMS"
+    ),
+    "drift_class": (
+        "2T+2 where the radial error stays within 2 T + 2 NM at every time T [h] of the span, else"
+        " 3T+3, else beyond 3T+3"
+    ),
     "realign": f"residual ground speed above {REALIGN_M_S / KNOT:.0f} kt while the vehicle stands",
-    "predicted": "table covariance, and turn-on, flicker and random walks of the noise model, through the linear error "
-    "model from a gyrocompass alignment on: one sigma of the parked rate_nm_h",
-    "schuler": "one period fitted to north and east velocity while parked, beside a straight line; sigma by what is left, "
-    "in stretches; 84.4 min where nothing but tilt moves the velocity",
-    "gnss": "solution less GNSS after the parked span, time counted from the end of the alignment; the offset while "
-    "parked (a site entered roughly) is taken out",
-    "aided": "the log compensated with the active table, navigated with its satellite fixes; NIS: squared innovation over what "
-    "the filter expects, 1 where its sigmas are honest",
+    "predicted": (
+        "table covariance, and turn-on, flicker and random walks of the noise model, through the"
+        " linear error model from a gyrocompass alignment on: one sigma of the parked rate_nm_h"
+    ),
+    "schuler": (
+        "one period fitted to north and east velocity while parked, beside a straight line; sigma"
+        " by what is left, in stretches; 84.4 min where nothing but tilt moves the velocity"
+    ),
+    "gnss": (
+        "solution less GNSS after the parked span, time counted from the end of the alignment; the"
+        " offset while parked (a site entered roughly) is taken out"
+    ),
+    "aided": (
+        "the log compensated with the active table, navigated with its satellite fixes; NIS:"
+        " squared innovation over what the filter expects, 1 where its sigmas are honest"
+    ),
     "scoring_only": "the run's reference (truth): it scores, it never navigates",
 }
 
 
 def replay_document(
-    result: ReplayResult, twin: TwinModel, *, store: str | None, version: str, notes: tuple[str, ...] = (),
-    thermal_model: dict[str, Any] | None = None, reference: ReferenceLog | None = None,
-) -> dict[str, Any]:  # fmt: skip
-    """The document; `notes` are what the caller knows of the tables, and come first; thermal_model: as in update.json;
-    reference: scores the aided solution."""
+    result: ReplayResult,
+    twin: TwinModel,
+    *,
+    store: str | None,
+    version: str,
+    notes: tuple[str, ...] = (),
+    thermal_model: dict[str, Any] | None = None,
+    reference: ReferenceLog | None = None,
+) -> dict[str, Any]:
+    """The document; `notes` are what the caller knows of the tables, and come first; thermal_model:
+    as in update.json; reference: scores the aided solution.
+    """
     header, tables = result.run.header, [_table(t, result) for t in result.tables]
     return {
         "schema": "recal.replay/1",
@@ -126,7 +158,9 @@ def _table(t: TableReplay, result: ReplayResult) -> dict[str, Any]:
 
 def _alignment(t: TableReplay, run: Run) -> dict[str, Any]:
     document = alignment_document(t.alignment, run)
-    return {k: v for k, v in document.items() if k not in ("schema", "run_id", "imu_serial", "phases")}
+    return {
+        k: v for k, v in document.items() if k not in ("schema", "run_id", "imu_serial", "phases")
+    }
 
 
 def _drift(d: Drift | None) -> dict[str, Any] | None:
@@ -153,7 +187,9 @@ def _predicted(t: TableReplay) -> dict[str, Any] | None:
     if t.predicted is None or t.parked is None or t.bins is None or t.alignment.C_nb is None:
         return None
     start_s = t.alignment.time_s
-    north = level_shares(t.bins.edges_s, t.alignment.C_nb, (start_s, start_s + t.parked.time_s[-1]))[0]
+    north = level_shares(
+        t.bins.edges_s, t.alignment.C_nb, (start_s, start_s + t.parked.time_s[-1])
+    )[0]
     sigma = float(np.sqrt(north @ t.bins.prior @ north))
     return {
         "sigma_nm_h": t.predicted.sigma_nm_h,
@@ -170,16 +206,24 @@ def _schuler(t: TableReplay, run: Run) -> dict[str, Any] | None:
         return None
     fit = fit_schuler(t.parked, run.header.site)
     return {
-        "period_min": fit.period_s / 60.0, "sigma_period_min": fit.sigma_s / 60.0, "amplitude_m_s": fit.amplitude_m_s,
-        "expected_period_min": fit.expected_s / 60.0, "reason": fit.reason,
-    }  # fmt: skip
+        "period_min": fit.period_s / 60.0,
+        "sigma_period_min": fit.sigma_s / 60.0,
+        "amplitude_m_s": fit.amplitude_m_s,
+        "expected_period_min": fit.expected_s / 60.0,
+        "reason": fit.reason,
+    }
 
 
 def _stop(s: StopSpeed) -> dict[str, Any]:
     return {
-        "start_s": s.start_s, "end_s": s.end_s, "ground_speed_m_s": s.median_m_s,
-        "ground_speed_kt": s.median_m_s / KNOT, "max_m_s": s.max_m_s, "realign": s.realign, "seen_by": s.seen_by,
-    }  # fmt: skip
+        "start_s": s.start_s,
+        "end_s": s.end_s,
+        "ground_speed_m_s": s.median_m_s,
+        "ground_speed_kt": s.median_m_s / KNOT,
+        "max_m_s": s.max_m_s,
+        "realign": s.realign,
+        "seen_by": s.seen_by,
+    }
 
 
 def _scoring(t: TableReplay) -> dict[str, Any] | None:
@@ -194,24 +238,32 @@ def _scoring(t: TableReplay) -> dict[str, Any] | None:
 
 
 def _difference(result: ReplayResult) -> dict[str, Any] | None:
-    """What changed from the previous to the active table, and what their difference says should have."""
+    """What changed from the previous to the active table, and what their difference says should
+    have.
+    """
     new, old, turned = result.of("active"), result.of("previous"), heading_change(result)
     if new is None or old is None or turned is None:
         return None
     out: dict[str, Any] = {
-        "heading_deg": turned[0] / DEG, "heading_mrad": turned[0] / MILLIRADIAN,
-        "heading_expected_mrad": turned[1] / MILLIRADIAN, "rate_nm_h": None, "rms_rate_nm_h": None,
+        "heading_deg": turned[0] / DEG,
+        "heading_mrad": turned[0] / MILLIRADIAN,
+        "heading_expected_mrad": turned[1] / MILLIRADIAN,
+        "rate_nm_h": None,
+        "rms_rate_nm_h": None,
         "parked_end_displacement_m": None,
-    }  # fmt: skip
+    }
     if new.parked is None or old.parked is None:
         return out
     for key in ("rate_nm_h", "rms_rate_nm_h"):
         before, after = getattr(old.parked, key), getattr(new.parked, key)
         out[key] = {"previous": before, "active": after, "change": after - before}
     if new.predicted is not None and new.bins is not None and old.bins is not None:
-        expected = -new.predicted.response_m_per_deg_h @ (new.bins.table_deg_h - old.bins.table_deg_h)
+        expected = -new.predicted.response_m_per_deg_h @ (
+            new.bins.table_deg_h - old.bins.table_deg_h
+        )
         seen = new.parked.position_m[-1] - old.parked.position_m[-1]
         out["parked_end_displacement_m"] = {
-            axis: {"seen": float(seen[k]), "expected": float(expected[k])} for k, axis in enumerate(("north", "east"))
+            axis: {"seen": float(seen[k]), "expected": float(expected[k])}
+            for k, axis in enumerate(("north", "east"))
         }
     return out

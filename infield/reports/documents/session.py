@@ -1,4 +1,6 @@
-"""What `update.json` and the report say of one run: alignment, measurements, coverage, residuals, the claim chain."""
+"""What `update.json` and the report say of one run: alignment, measurements, coverage, residuals,
+the claim chain.
+"""
 
 from typing import Any
 
@@ -28,11 +30,17 @@ def session_document(session: SessionResult) -> dict[str, Any]:
         "sha256": session.run.sha256,
         "tail": header.tail,
         "start_utc": header.start_utc,
-        "site": {"lat_deg": header.site.lat_rad / DEG, "lon_deg": header.site.lon_rad / DEG, "height_m": header.site.height_m},
+        "site": {
+            "lat_deg": header.site.lat_rad / DEG,
+            "lon_deg": header.site.lon_rad / DEG,
+            "height_m": header.site.height_m,
+        },
         "outcome": session.verdict.outcome,
         "reasons": list(session.verdict.reasons),
         "duration_s": session.run.imu.end_s - session.run.imu.start_s,
-        "streams": [n for n in ("temperature", "gnss", "odometer") if getattr(session.run, n) is not None],
+        "streams": [
+            n for n in ("temperature", "gnss", "odometer") if getattr(session.run, n) is not None
+        ],
     }
     if session.temperature is not None:
         T = session.temperature
@@ -83,7 +91,9 @@ def _alignment(e: SessionEstimate) -> dict[str, Any]:
 
 
 def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
-    """Phases by the motion; what lies between the stretches of a parked unit is nobody's to name."""
+    """Phases by the motion; what lies between the stretches of a parked unit is nobody's to
+    name.
+    """
     several = e.parked is not None and len(e.parked.stretches) > 1
     return parked_document.phases(e) if several else detect_phases(e.motion)
 
@@ -93,7 +103,8 @@ def _navigated(session: SessionResult, e: SessionEstimate) -> dict[str, Any]:
     tally = e.navigated.filter.tally
     return {
         "measurements": {
-            kind: {"nis_mean": tally.nis[kind] / tally.dof[kind], "dof": tally.dof[kind]} for kind in sorted(tally.nis)
+            kind: {"nis_mean": tally.nis[kind] / tally.dof[kind], "dof": tally.dof[kind]}
+            for kind in sorted(tally.nis)
         },
         "parked_jitter_m": e.navigated.displacement_sigma_m,
         "smoothing": _smoothing(e),
@@ -103,14 +114,18 @@ def _navigated(session: SessionResult, e: SessionEstimate) -> dict[str, Any]:
 
 
 def _smoothing(e: SessionEstimate) -> dict[str, dict[str, float]]:
-    """RMS over the bins of each gyro's sigma when the bin's time was over, and given the whole run."""
+    """RMS over the bins of each gyro's sigma when the bin's time was over, and given the whole
+    run.
+    """
     filtered = e.navigated.filter.filtered[:, 1, :] / DEG_PER_HOUR**2
     smoothed = np.diag(e.covariance).reshape(-1, 3)
     return {
-        axis: {"filtered_sigma_deg_h": float(np.sqrt(np.nanmean(filtered[:, k]))),
-               "smoothed_sigma_deg_h": float(np.sqrt(np.mean(smoothed[:, k])))}
+        axis: {
+            "filtered_sigma_deg_h": float(np.sqrt(np.nanmean(filtered[:, k]))),
+            "smoothed_sigma_deg_h": float(np.sqrt(np.mean(smoothed[:, k]))),
+        }
         for k, axis in enumerate(AXES)
-    }  # fmt: skip
+    }
 
 
 def _coverage(session: SessionResult) -> list[dict[str, Any]]:
@@ -128,7 +143,14 @@ def _coverage(session: SessionResult) -> list[dict[str, Any]]:
         edges = np.arange(5 * np.floor(values.min() / 5), values.max() + 5.0, 5.0)
         counts, _ = np.histogram(values, edges)
         for low, high, n in zip(edges[:-1], edges[1:], counts):
-            found.append({"axis": axis, "low_degC": float(low), "high_degC": float(high), "seconds": float(n * step)})
+            found.append(
+                {
+                    "axis": axis,
+                    "low_degC": float(low),
+                    "high_degC": float(high),
+                    "seconds": float(n * step),
+                }
+            )
     return found
 
 
@@ -138,22 +160,38 @@ def _residuals(session: SessionResult) -> list[dict[str, Any]]:
     assert p is not None and session.estimate is not None
     before, after = session.estimate.bins.table_deg_h, _table_after(session)
     return [
-        {"axis": AXES[a], "time_s": float(t), "temperature_degC": float(T), "before_deg_h": float(y - b),
-         "after_deg_h": float(y - c), "sigma_deg_h": float(s)}
-        for a, t, T, y, b, c, s in zip(p.axis_index, p.time_s, p.temperature_degC, p.bias_deg_h, before, after, p.sigma_deg_h)
-    ]  # fmt: skip
+        {
+            "axis": AXES[a],
+            "time_s": float(t),
+            "temperature_degC": float(T),
+            "before_deg_h": float(y - b),
+            "after_deg_h": float(y - c),
+            "sigma_deg_h": float(s),
+        }
+        for a, t, T, y, b, c, s in zip(
+            p.axis_index, p.time_s, p.temperature_degC, p.bias_deg_h, before, after, p.sigma_deg_h
+        )
+    ]
 
 
 def _table_after(session: SessionResult) -> NDArray:
-    """The merged table at the points; as it was where nothing was merged or a stuck thermometer ties no table to them."""
+    """The merged table at the points; as it was where nothing was merged or a stuck thermometer
+    ties no table to them.
+    """
     assert session.estimate is not None and session.points is not None
     before, H = session.estimate.bins.table_deg_h, session.points.H
-    return np.where(H.any(axis=1), H @ session.merged.candidate.parameters, before) if session.merged else before
+    return (
+        np.where(H.any(axis=1), H @ session.merged.candidate.parameters, before)
+        if session.merged
+        else before
+    )
 
 
 def _heating_cooling(session: SessionResult) -> list[dict[str, Any]]:
-    """Mean residual to the merged table over rising and over falling temperature, per axis, with the sigma of their
-    difference from the points' joint covariance; null where one side was not visited."""
+    """Mean residual to the merged table over rising and over falling temperature, per axis, with
+    the sigma of their difference from the points' joint covariance; null where one side was not
+    visited.
+    """
     p = session.points
     assert p is not None
     residual = p.bias_deg_h - _table_after(session)
@@ -161,11 +199,19 @@ def _heating_cooling(session: SessionResult) -> list[dict[str, Any]]:
     for k, axis in enumerate(AXES):
         up = (p.axis_index == k) & (p.temperature_rate_degC_min > HEATING_DEG_C_MIN)
         down = (p.axis_index == k) & (p.temperature_rate_degC_min < -HEATING_DEG_C_MIN)
-        row: dict[str, Any] = {"axis": axis, "heating_points": int(up.sum()), "cooling_points": int(down.sum()),
-                               "difference_deg_h": None, "sigma_deg_h": None}  # fmt: skip
+        row: dict[str, Any] = {
+            "axis": axis,
+            "heating_points": int(up.sum()),
+            "cooling_points": int(down.sum()),
+            "difference_deg_h": None,
+            "sigma_deg_h": None,
+        }
         if up.any() and down.any():
             w = up / up.sum() - down / down.sum()
-            row["difference_deg_h"], row["sigma_deg_h"] = float(w @ residual), float(np.sqrt(w @ p.covariance @ w))
+            row["difference_deg_h"], row["sigma_deg_h"] = (
+                float(w @ residual),
+                float(np.sqrt(w @ p.covariance @ w)),
+            )
         found.append(row)
     return found
 
@@ -184,7 +230,9 @@ def _velocity(session: SessionResult) -> dict[str, Any]:
 
 
 def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] | None:
-    """The patent's own path beside the filter: points along north and east of the parked heading."""
+    """The patent's own path beside the filter: points along north and east of the parked
+    heading.
+    """
     p, e = session.points, session.estimate
     if chain is None or p is None or e is None:
         return None
@@ -196,9 +244,12 @@ def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] |
         north, east = (float(np.interp(point.time_s, centre, level[:, k])) for k in (0, 1))
         rows.append({**vars(point), "filter_north_deg_h": north, "filter_east_deg_h": east})
     nan = bool(np.isnan(chain.psi_rad))
-    difference = np.array([
-        [r["north_deg_h"] - r["filter_north_deg_h"], r["east_deg_h"] - r["filter_east_deg_h"]] for r in rows
-    ])  # fmt: skip
+    difference = np.array(
+        [
+            [r["north_deg_h"] - r["filter_north_deg_h"], r["east_deg_h"] - r["filter_east_deg_h"]]
+            for r in rows
+        ]
+    )
     return {
         "points": rows,
         "heading_error_mrad": None if nan else chain.psi_rad / MILLIRADIAN,
@@ -222,7 +273,9 @@ def _rms(values: NDArray) -> float:
 
 
 def heading_error(session: SessionResult | None) -> dict[str, Any]:
-    """Computed minus true at the end of the alignment; null where the session did not add to the alignment."""
+    """Computed minus true at the end of the alignment; null where the session did not add to the
+    alignment.
+    """
     nothing = {"value_mrad": None, "sigma_mrad": None, "source": None}
     if session is None or session.estimate is None:
         return nothing

@@ -1,4 +1,5 @@
-"""The result of an update as the plain document of formats.md section 5 (`update.json`), with all a report shows.
+"""The result of an update as the plain document of formats.md section 5 (`update.json`), with all a
+report shows.
 
 Everything is computed here; `infield.reports.update_page` only draws it.
 """
@@ -27,19 +28,33 @@ from ins.records import AXES
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
 
-NM_H_PER_DEG_H = 60.0  # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
-METHOD = "in-field recalibration after US 5,527,003: navigation-mode error filter, joint merge with full covariance"
+# mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
+NM_H_PER_DEG_H = 60.0
+METHOD = (
+    "in-field recalibration after US 5,527,003: navigation-mode error filter, joint merge with full"
+    " covariance"
+)
 
 
 def update_document(
-    result: UpdateResult, *, committed: bool, store: str | None, version: str, table_before: dict[str, Any],
-    revision: int | None = None, rollback_command: str | None = None, thermal_model: dict[str, Any] | None = None,
-) -> dict[str, Any]:  # fmt: skip
+    result: UpdateResult,
+    *,
+    committed: bool,
+    store: str | None,
+    version: str,
+    table_before: dict[str, Any],
+    revision: int | None = None,
+    rollback_command: str | None = None,
+    thermal_model: dict[str, Any] | None = None,
+) -> dict[str, Any]:
     """update.json. table_before: the dict as stored, so that its hash is the stored one.
 
-    thermal_model: what `thermal_use.use_document` says of the model that left the log before the table.
+    thermal_model: what `thermal_use.use_document` says of the model that left the log before the
+    table.
     """
-    verdict = {"accepted": "committed" if committed else "proposed"}.get(result.outcome, result.outcome)
+    verdict = {"accepted": "committed" if committed else "proposed"}.get(
+        result.outcome, result.outcome
+    )
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
     without_heading = parked_document.parked_sessions(result)
@@ -62,7 +77,11 @@ def update_document(
         "uncertainty_budget": _budget(best, result) if best else [],
         "table_before_sha256": table_sha256(table_before),
         "table_after_sha256": table_sha256(after),
-        "method": {"name": parked_document.METHOD if parked else METHOD, "program": "recal", "version": version},
+        "method": {
+            "name": parked_document.METHOD if parked else METHOD,
+            "program": "recal",
+            "version": version,
+        },
         "issued_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "store": store,
         "revision": revision,
@@ -74,10 +93,22 @@ def update_document(
         **({"zero_rate_effect": parked_document.effect(result)} if parked else {}),
         "changes": _changes(result.before, result.after),
         "hysteresis": [
-            {"axis": t.axis, "kind": t.kind, "value": t.value, "sigma": t.sigma, "z": t.z, "action": t.action,
-             "unit": "deg/h per degC/min" if t.kind == "rate" else "deg/h", "text": t.words()} for t in result.terms
+            {
+                "axis": t.axis,
+                "kind": t.kind,
+                "value": t.value,
+                "sigma": t.sigma,
+                "z": t.z,
+                "action": t.action,
+                "unit": "deg/h per degC/min" if t.kind == "rate" else "deg/h",
+                "text": t.words(),
+            }
+            for t in result.terms
         ],
-        "disagreement": {"steps": [vars(s) for s in result.steps], "accepted": result.step_accepted},
+        "disagreement": {
+            "steps": [vars(s) for s in result.steps],
+            "accepted": result.step_accepted,
+        },
         "sessions": [session_document(s) for s in result.sessions],
         **({} if thermal_model is None else {"thermal_model": thermal_model}),
     }
@@ -90,7 +121,9 @@ def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
         seen = [s.seen[k] for s in sessions if s.seen]
         if not seen:
             continue
-        best: AxisObservability = min(seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h)
+        best: AxisObservability = min(
+            seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h
+        )
         refused = all(s.verdict.outcome == "refused" for s in sessions)
         found[axis] = {
             "sigma_before_deg_h": best.sigma_before_deg_h,
@@ -138,10 +171,17 @@ def _excluded(session: SessionResult) -> list[dict[str, Any]]:
         spans += list(session.temperature.spans())
     if session.estimate is not None:
         parked = session.estimate.parked
-        spans += list(session.estimate.motion.excluded() if parked else excluded_spans(session.estimate.navigated))
+        spans += list(
+            session.estimate.motion.excluded()
+            if parked
+            else excluded_spans(session.estimate.navigated)
+        )
         spans += list(parked.left_out) if parked else []
     run_id = session.run.header.run_id
-    return [{"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id} for s in spans]
+    return [
+        {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id}
+        for s in spans
+    ]
 
 
 def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
@@ -154,15 +194,24 @@ def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
         "band_95": [band[0], band[1]] if dof else None,
         "band_999": list(nis_band(dof, 0.999)) if dof else None,
         "merge": [
-            {"run_id": s.run.header.run_id, "nis": s.merged.nis, "dof": s.merged.dof, "band_999": list(s.merged.band),
-             "axis_shift_sigmas": s.merged.axis_z.tolist(), "axis_shift_limit_sigmas": AXIS_Z_LIMIT}
-            for s in sessions if s.merged
+            {
+                "run_id": s.run.header.run_id,
+                "nis": s.merged.nis,
+                "dof": s.merged.dof,
+                "band_999": list(s.merged.band),
+                "axis_shift_sigmas": s.merged.axis_z.tolist(),
+                "axis_shift_limit_sigmas": AXIS_Z_LIMIT,
+            }
+            for s in sessions
+            if s.merged
         ],
-    }  # fmt: skip
+    }
 
 
 def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
-    """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and its head)."""
+    """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and
+    its head).
+    """
     e, twin = session.estimate, result.twin
     assert e is not None
     if e.parked is not None:
@@ -173,7 +222,11 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
     g = float(gravity_magnitude(lat, session.run.header.site.height_m))
     tilt = twin.accel.turn_on_ug * MICRO_G / g
     omega = EARTH_RATE_RAD_S / DEG_PER_HOUR
-    walk = twin.gyro.rate_random_walk_deg_h_sqrt_h**2 / HOUR * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    walk = (
+        twin.gyro.rate_random_walk_deg_h_sqrt_h**2
+        / HOUR
+        * random_walk_covariance(np.zeros(1), np.array([seconds]))
+    )
     creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG / np.sqrt(seconds / HOUR)
     misalignment = misalignment_sigma_mrad(twin, result.settings)
     rows = []
@@ -181,7 +234,9 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
         level = axis != "z"
         terms = {
             "angle random walk": twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR),
-            "accelerometer bias (tilt)": omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat)),
+            "accelerometer bias (tilt)": (
+                omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat))
+            ),
             "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
             "yaw creep of the airframe": 0.0 if level else creep,
             "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
@@ -189,28 +244,50 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
             "bias instability": 0.664 * twin.gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
         }
-        rows += [{"axis": axis, "term": term, "sigma_deg_h": float(s)} for term, s in terms.items() if s > 0]
+        rows += [
+            {"axis": axis, "term": term, "sigma_deg_h": float(s)}
+            for term, s in terms.items()
+            if s > 0
+        ]
     return rows
 
 
 def _assumptions(result: UpdateResult) -> list[str]:
     s, twin = result.settings, result.twin
     misaligned = ", ".join(f"{sigma:.3g}" for sigma in misalignment_sigma_mrad(twin, s))
-    hold = f"the parked airframe keeps its heading up to {twin.vehicle.yaw_creep_arcsec_sqrt_h:g} arcsec/sqrt(h)"
+    hold = (
+        f"the parked airframe keeps its heading up to {twin.vehicle.yaw_creep_arcsec_sqrt_h:g}"
+        " arcsec/sqrt(h)"
+    )
     return [
-        hold if s.hold_heading else "no parked-attitude constraint: the vertical gyro rests on its prior",
-        f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within {s.sigma_lever_arm_m:g} m (1 sigma), both estimated",
-        f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over {LATERAL_TIME_S:g} s",
+        (
+            hold
+            if s.hold_heading
+            else "no parked-attitude constraint: the vertical gyro rests on its prior"
+        ),
+        (
+            f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within"
+            f" {s.sigma_lever_arm_m:g} m (1 sigma), both estimated"
+        ),
+        (
+            f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over"
+            f" {LATERAL_TIME_S:g} s"
+        ),
         f"gyro misalignment within {misaligned} mrad for x, y, z (1 sigma)",
         f"noise of the unit from {twin.source}",
-        f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
-        f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year",
+        (
+            f"ageing of the table {result.ageing.common_deg_h_sqrt_year:g} deg/h common and "
+            f"{result.ageing.shape_deg_h_sqrt_year:g} deg/h shape per square root of a year"
+        ),
     ]
 
 
 def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
     """What the change means at the temperatures visited, the new table taken as the better one."""
-    session = next((s for s in reversed(result.sessions) if s.merged is not None and s.estimate is not None), None)
+    session = next(
+        (s for s in reversed(result.sessions) if s.merged is not None and s.estimate is not None),
+        None,
+    )
     if session is None or session.estimate is None or not result.merged_runs:
         return None
     T = session.estimate.bins.temperature_degC
@@ -228,7 +305,9 @@ def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class LevelChange:
-    """RMS length of the level gyros' change (x, y) between two tables, and of what the new one leaves unknown [deg/h]."""
+    """RMS length of the level gyros' change (x, y) between two tables, and of what the new one
+    leaves unknown [deg/h].
+    """
 
     level_deg_h: float
     left_deg_h: float
@@ -243,9 +322,13 @@ class LevelChange:
         return NM_H_PER_DEG_H * self.left_deg_h
 
 
-def level_change(before: ThermalTable, after: ThermalTable, temperature_degC: tuple[NDArray, NDArray]) -> LevelChange:
+def level_change(
+    before: ThermalTable, after: ThermalTable, temperature_degC: tuple[NDArray, NDArray]
+) -> LevelChange:
     """The change at temperatures of gyros x and y, (n,) and (m,)."""
-    change = [after.bias_deg_h(k, T) - before.bias_deg_h(k, T) for k, T in enumerate(temperature_degC)]
+    change = [
+        after.bias_deg_h(k, T) - before.bias_deg_h(k, T) for k, T in enumerate(temperature_degC)
+    ]
     sigma = [after.sigma_deg_h(k, T) for k, T in enumerate(temperature_degC)]
     level, left = (float(np.sqrt(sum(np.mean(v**2) for v in values))) for values in (change, sigma))
     return LevelChange(level_deg_h=level, left_deg_h=left)
@@ -256,10 +339,23 @@ def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:
     rows = []
     for k, axis in enumerate(AXES):
         T = after.temperature_degC[k]
-        columns = (T, before.bias_deg_h(k, T), before.sigma_deg_h(k, T), after.bias_deg_h(k, T), after.sigma_deg_h(k, T))
+        columns = (
+            T,
+            before.bias_deg_h(k, T),
+            before.sigma_deg_h(k, T),
+            after.bias_deg_h(k, T),
+            after.sigma_deg_h(k, T),
+        )
         for t, b0, s0, b1, s1 in zip(*columns):
-            rows.append({
-                "axis": axis, "temperature_degC": float(t), "before_deg_h": float(b0), "U_before_k2_deg_h": 2 * float(s0),
-                "after_deg_h": float(b1), "U_after_k2_deg_h": 2 * float(s1), "change_deg_h": float(b1 - b0),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "axis": axis,
+                    "temperature_degC": float(t),
+                    "before_deg_h": float(b0),
+                    "U_before_k2_deg_h": 2 * float(s0),
+                    "after_deg_h": float(b1),
+                    "U_after_k2_deg_h": 2 * float(s1),
+                    "change_deg_h": float(b1 - b0),
+                }
+            )
     return rows

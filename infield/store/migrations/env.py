@@ -1,4 +1,6 @@
-"""Alembic environment: runs on the connection that infield.store.table_store hands over, inside its transaction."""
+"""Alembic environment: runs on the connection that infield.store.table_store hands over, inside its
+transaction.
+"""
 
 from alembic import context
 

@@ -1,4 +1,6 @@
-"""`recal table proposals|approve|reject`: updates kept for review, decided without the page of `recal serve`."""
+"""`recal table proposals|approve|reject`: updates kept for review, decided without the page of
+`recal serve`.
+"""
 
 from __future__ import annotations
 
@@ -29,28 +31,46 @@ if TYPE_CHECKING:
 
 app = typer.Typer()
 
-NumberArgument = Annotated[int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)]
-ByOption = Annotated[str | None, typer.Option("--by", help="Who decides; default: your login name.")]
+NumberArgument = Annotated[
+    int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)
+]
+ByOption = Annotated[
+    str | None, typer.Option("--by", help="Who decides; default: your login name.")
+]
 ReasonOption = Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")]
 STATES = ("open", "out of date", "approved", "rejected")
-StateOption = Annotated[str | None, typer.Option("--state", help="Only those that are: " + ", ".join(STATES) + ".")]
+StateOption = Annotated[
+    str | None, typer.Option("--state", help="Only those that are: " + ", ".join(STATES) + ".")
+]
 
 
 @app.command(cls=Command)
 def proposals(
-    number: Annotated[int | None, typer.Argument(metavar="[NUMBER]", help="One of them, in full.", min=1)] = None,
-    store: StoreUrl = DEFAULT_STORE, serial: SerialOption = None, technology: TechnologyOption = None,
-    mode: ModeOption = None, state: StateOption = None, output: OutputPath = None, as_json: JsonFlag = False,
-    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
-) -> None:  # fmt: skip
-    """Updates kept for review and what was decided; with NUMBER and -o, its update.json and update.html.
+    number: Annotated[
+        int | None, typer.Argument(metavar="[NUMBER]", help="One of them, in full.", min=1)
+    ] = None,
+    store: StoreUrl = DEFAULT_STORE,
+    serial: SerialOption = None,
+    technology: TechnologyOption = None,
+    mode: ModeOption = None,
+    state: StateOption = None,
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Updates kept for review and what was decided; with NUMBER and -o, its update.json and
+    update.html.
 
     Example: recal table proposals 3 --serial SN-0042 -o review
     """
     from infield.store.table_store import TableStore
 
     if state not in (None, *STATES):
-        raise typer.BadParameter(f"{state!r}, needed one of {', '.join(STATES)}", param_hint="--state")
+        raise typer.BadParameter(
+            f"{state!r}, needed one of {', '.join(STATES)}", param_hint="--state"
+        )
     if output is not None and number is None:
         raise typer.BadParameter("needs the NUMBER of the proposal to write", param_hint="-o")
     with TableStore.open(store) as opened:
@@ -70,52 +90,110 @@ def proposals(
 
 @app.command(cls=Command)
 def approve(
-    number: NumberArgument, reason: ReasonOption, by: ByOption = None, store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None, technology: TechnologyOption = None, mode: ModeOption = None, as_json: JsonFlag = False,
-    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
-) -> None:  # fmt: skip
+    number: NumberArgument,
+    reason: ReasonOption,
+    by: ByOption = None,
+    store: StoreUrl = DEFAULT_STORE,
+    serial: SerialOption = None,
+    technology: TechnologyOption = None,
+    mode: ModeOption = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
     """A proposed table becomes the active one; refused where the active table has moved since.
 
-    Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC covered"
+    Example: recal table approve 3 --serial SN-0042 --reason "residuals white, 21 to 34 degC
+    covered"
     """
-    _decide("approved", number, (serial, technology, mode), by, reason, store, as_json=as_json, verbose=verbose, quiet=quiet)
+    _decide(
+        "approved",
+        number,
+        (serial, technology, mode),
+        by,
+        reason,
+        store,
+        as_json=as_json,
+        verbose=verbose,
+        quiet=quiet,
+    )
 
 
 @app.command(cls=Command)
 def reject(
-    number: NumberArgument, reason: ReasonOption, by: ByOption = None, store: StoreUrl = DEFAULT_STORE,
-    serial: SerialOption = None, technology: TechnologyOption = None, mode: ModeOption = None, as_json: JsonFlag = False,
-    quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
-) -> None:  # fmt: skip
+    number: NumberArgument,
+    reason: ReasonOption,
+    by: ByOption = None,
+    store: StoreUrl = DEFAULT_STORE,
+    serial: SerialOption = None,
+    technology: TechnologyOption = None,
+    mode: ModeOption = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
     """A proposed table is turned down; the active one stays, the proposal and the reason are kept.
 
     Example: recal table reject 3 --serial SN-0042 --reason "the aircraft was towed at minute 12"
     """
-    _decide("rejected", number, (serial, technology, mode), by, reason, store, as_json=as_json, verbose=verbose, quiet=quiet)
+    _decide(
+        "rejected",
+        number,
+        (serial, technology, mode),
+        by,
+        reason,
+        store,
+        as_json=as_json,
+        verbose=verbose,
+        quiet=quiet,
+    )
 
 
 def _decide(
-    verdict: str, number: int, unit: tuple[str | None, str | None, str | None], by: str | None, reason: str, url: str, *,
-    as_json: bool, verbose: bool, quiet: bool,
-) -> None:  # fmt: skip
+    verdict: str,
+    number: int,
+    unit: tuple[str | None, str | None, str | None],
+    by: str | None,
+    reason: str,
+    url: str,
+    *,
+    as_json: bool,
+    verbose: bool,
+    quiet: bool,
+) -> None:
     from infield.store.table_store import RunAlreadyMerged, StoreConflict, TableStore
 
     with TableStore.open(url) as opened:
         try:
-            decided = opened.decide(number, verdict, *unit, by=login_name() if by is None else by, reason=reason)
-            result: dict[str, Any] = {"schema": "recal.decision/1", "verdict": verdict, "reasons": [], **_about(decided)}
+            decided = opened.decide(
+                number, verdict, *unit, by=login_name() if by is None else by, reason=reason
+            )
+            result: dict[str, Any] = {
+                "schema": "recal.decision/1",
+                "verdict": verdict,
+                "reasons": [],
+                **_about(decided),
+            }
         except (StoreConflict, RunAlreadyMerged) as error:
             result = {"schema": "recal.decision/1", "verdict": "refused", "reasons": [str(error)]}
     answer(result, as_json=as_json, verbose=verbose)
     if result["verdict"] == "refused":
         say(f"refused: {result['reasons'][0]}", quiet=quiet)
     else:
-        became = f", revision {decided.decision.revision_number}" if decided.decision and verdict == "approved" else ""
+        became = (
+            f", revision {decided.decision.revision_number}"
+            if decided.decision and verdict == "approved"
+            else ""
+        )
         say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)
     finish(result)
 
 
-def _show(full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool) -> None:
+def _show(
+    full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
+) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
     from infield.reports.update_page import update_html
     from recal.cli.update import summary
@@ -135,19 +213,36 @@ def _about(p: Proposal) -> dict[str, Any]:
     """A proposal without its texts."""
     decided = p.decision
     return {
-        **vars(p.unit), "proposal": p.number, "state": p.state, "proposed_utc": p.proposed_utc, "proposed_by": p.proposed_by,
-        "parent_sha256": p.parent_sha256, "sha256": p.sha256, "note": p.note, "runs": [vars(run) for run in p.runs],
-        "decision": None if decided is None else {
-            "verdict": decided.verdict, "decided_utc": decided.decided_utc, "by": decided.decided_by,
-            "reason": decided.reason, "revision": decided.revision_number,
-        },
-    }  # fmt: skip
+        **vars(p.unit),
+        "proposal": p.number,
+        "state": p.state,
+        "proposed_utc": p.proposed_utc,
+        "proposed_by": p.proposed_by,
+        "parent_sha256": p.parent_sha256,
+        "sha256": p.sha256,
+        "note": p.note,
+        "runs": [vars(run) for run in p.runs],
+        "decision": (
+            None
+            if decided is None
+            else {
+                "verdict": decided.verdict,
+                "decided_utc": decided.decided_utc,
+                "by": decided.decided_by,
+                "reason": decided.reason,
+                "revision": decided.revision_number,
+            }
+        ),
+    }
 
 
 def _lines(p: Proposal) -> list[str]:
     """A proposal for people."""
     who = f"  by {p.proposed_by}" if p.proposed_by else ""
-    lines = [f"proposal {p.number}  {p.state:11}  {p.proposed_utc}  {p.sha256[:12]}  {len(p.runs)} run(s){who}"]
+    lines = [
+        f"proposal {p.number}  {p.state:11}  {p.proposed_utc}  {p.sha256[:12]}  {len(p.runs)}"
+        f" run(s){who}"
+    ]
     lines += [f"     {p.note}"] if p.note else []
     if p.decision is not None:
         became = f", revision {p.decision.revision_number}" if p.decision.revision_number else ""

@@ -1,4 +1,6 @@
-"""Stored tables as `recal table` finds, names and prints them; its options. Libraries are imported where used."""
+"""Stored tables as `recal table` finds, names and prints them; its options. Libraries are imported
+where used.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +11,18 @@ import typer
 if TYPE_CHECKING:
     from infield.store.table_store import Revision, TableStore
 
-SerialOption = Annotated[str | None, typer.Option("--serial", help="IMU serial; needed where the store holds several.")]
+SerialOption = Annotated[
+    str | None, typer.Option("--serial", help="IMU serial; needed where the store holds several.")
+]
 TechnologyOption = Annotated[str | None, typer.Option("--technology", help="rlg, fog or mems.")]
-ModeOption = Annotated[str | None, typer.Option("--mode", help="Gyro mode, where the unit has several.")]
+ModeOption = Annotated[
+    str | None, typer.Option("--mode", help="Gyro mode, where the unit has several.")
+]
 NoteOption = Annotated[str, typer.Option("--note", help="Kept with the revision.")]
 MAX_DIGITS = 10  # of a revision number
-RevisionOption = Annotated[str, typer.Option("--revision", help="A number, factory, previous or active.")]
+RevisionOption = Annotated[
+    str, typer.Option("--revision", help="A number, factory, previous or active.")
+]
 
 
 def open_tables(url: str, *, any_clock: bool = False) -> TableStore:
@@ -29,10 +37,14 @@ def other_technology(opened: TableStore, table: dict[str, Any]) -> str | None:
     held = [u.unit for u in opened.units() if u.unit.imu_serial == serial]
     if not held or any(unit.gyro_technology == technology for unit in held):
         return None
-    return f"gyro_technology {technology}, the store holds {', '.join(map(str, held))}: another unit?"
+    return (
+        f"gyro_technology {technology}, the store holds {', '.join(map(str, held))}: another unit?"
+    )
 
 
-def find_revision(opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None) -> Revision:
+def find_revision(
+    opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None
+) -> Revision:
     """A revision by number or tag; InputError where there is none."""
     key = key_of(opened.active(serial, technology, mode))
     if name == "previous":
@@ -41,12 +53,17 @@ def find_revision(opened: TableStore, name: str, serial: str | None, technology:
         return found  # type: ignore[return-value]
     if name in ("active", "factory"):
         record = next(u for u in opened.units() if key_of(u.active) == key)
-        return opened.revision({"active": record.active.number, "factory": record.factory_number}[name], *key)
+        return opened.revision(
+            {"active": record.active.number, "factory": record.factory_number}[name], *key
+        )
     return opened.revision(revision_number(name), *key)
 
 
 def revision_number(name: str) -> int:
-    need(name.isdecimal() and len(name) < MAX_DIGITS, f"revision {name[:40]!r}, needed a number, factory, previous or active")
+    need(
+        name.isdecimal() and len(name) < MAX_DIGITS,
+        f"revision {name[:40]!r}, needed a number, factory, previous or active",
+    )
     return int(name)
 
 
@@ -74,10 +91,16 @@ def key_of(revision: Revision) -> tuple[str, str, str]:
 def about(r: Revision) -> dict[str, Any]:
     """A revision without its table."""
     return {
-        **vars(r.unit), "revision": r.number, "kind": r.kind, "created_utc": r.created_utc, "sha256": r.sha256,
-        "parent_sha256": r.parent_sha256, "restored_revision": r.restored_number, "note": r.note,
+        **vars(r.unit),
+        "revision": r.number,
+        "kind": r.kind,
+        "created_utc": r.created_utc,
+        "sha256": r.sha256,
+        "parent_sha256": r.parent_sha256,
+        "restored_revision": r.restored_number,
+        "note": r.note,
         "runs": [vars(run) for run in r.runs],
-    }  # fmt: skip
+    }
 
 
 def line_of(r: Revision) -> str:

@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, finish
+from recal.cli.console import (
+    DEFAULT_STORE,
+    JsonFlag,
+    NoSeed,
+    Quiet,
+    StoreUrl,
+    Verbose,
+    answer,
+    finish,
+)
 
 if TYPE_CHECKING:
     from infield.store.verify import StoreCheck
@@ -18,16 +27,27 @@ HEAD_DIGITS = 16  # printed; enough to find it again
 def command(
     store: StoreUrl = DEFAULT_STORE,
     head: Annotated[
-        list[str] | None, typer.Option("--head", help="A head printed earlier: it must still be in a chain. Repeatable.")
+        list[str] | None,
+        typer.Option(
+            "--head", help="A head printed earlier: it must still be in a chain. Repeatable."
+        ),
     ] = None,
     report: Annotated[
-        list[Path] | None, typer.Option("--report", help="An update.json: it must be as the store holds it. Repeatable.")
+        list[Path] | None,
+        typer.Option(
+            "--report", help="An update.json: it must be as the store holds it. Repeatable."
+        ),
     ] = None,
-    as_json: JsonFlag = False, quiet: Quiet = False, verbose: Verbose = False, seed: NoSeed = None,
-) -> None:  # fmt: skip
-    """Check every hash, chain, tag, merged run, twin and proposal; one line a unit, exit code 3 where one is broken.
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Check every hash, chain, tag, merged run, twin and proposal; one line a unit, exit code 3
+    where one is broken.
 
-    Reads only. Example: recal table verify --store sqlite:///recal.db --report recal-update/update.json
+    Reads only. Example: recal table verify --store sqlite:///recal.db --report
+    recal-update/update.json
     """
     from infield.store.table_store import TableStore
     from ins.json_file import read_json_object
@@ -45,15 +65,24 @@ def command(
 def document(check: StoreCheck, store: str) -> dict[str, Any]:
     """The result; `faults` by unit, and those of no unit."""
     units = [
-        {**vars(u.unit), "revisions": u.revisions, "head_sha256": u.head_sha256, "faults": list(u.faults)}
+        {
+            **vars(u.unit),
+            "revisions": u.revisions,
+            "head_sha256": u.head_sha256,
+            "faults": list(u.faults),
+        }
         for u in check.units
-    ]  # fmt: skip
+    ]
     reasons = [f"{u.unit}: {fault}" for u in check.units for fault in u.faults]
     return {
-        "schema": "recal.verify/1", "store": store, "verdict": "intact" if check.intact else "broken",
-        "reasons": [*check.faults, *reasons], "faults": list(check.faults), "units": units,
+        "schema": "recal.verify/1",
+        "store": store,
+        "verdict": "intact" if check.intact else "broken",
+        "reasons": [*check.faults, *reasons],
+        "faults": list(check.faults),
+        "units": units,
         "revisions": {str(u.unit): u.revisions for u in check.units},
-    }  # fmt: skip
+    }
 
 
 def lines(result: dict[str, Any]) -> list[str]:

@@ -1,4 +1,6 @@
-"""`recal thermal`: thermal coefficients from chamber runs, and a fitted model taken out of a run."""
+"""`recal thermal`: thermal coefficients from chamber runs, and a fitted model taken out of a
+run.
+"""
 
 import typer
 

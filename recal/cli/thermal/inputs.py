@@ -33,7 +33,9 @@ class ManyRuns(Command):
 
 
 def runs_of_one_unit(paths: Sequence[Path], technology: str) -> Iterator[Run]:
-    """One run in memory at a time; InputError for one given twice, of another unit or another technology."""
+    """One run in memory at a time; InputError for one given twice, of another unit or another
+    technology.
+    """
     from ins.records import InputError
     from trajectories.runs.directory import read_run
 
@@ -44,11 +46,19 @@ def runs_of_one_unit(paths: Sequence[Path], technology: str) -> Iterator[Run]:
         if run.sha256 in seen:
             raise InputError(f"{path}: the same run as {seen[run.sha256]}, needed another one")
         if run.header.removed_model is not None:
-            raise InputError(f"{path}: run.json: removed_thermal_model is set, needed raw gyro output")
+            raise InputError(
+                f"{path}: run.json: removed_thermal_model is set, needed raw gyro output"
+            )
         if run.header.gyro_technology != technology:
-            raise InputError(f"{path}: run.json: gyro_technology {run.header.gyro_technology!r}, needed {technology!r}")
+            raise InputError(
+                f"{path}: run.json: gyro_technology {run.header.gyro_technology!r}, needed"
+                f" {technology!r}"
+            )
         if serial and run.header.imu_serial != serial:
-            raise InputError(f"{path}: run.json: imu_serial {run.header.imu_serial!r}, needed {serial!r} (first run)")
+            raise InputError(
+                f"{path}: run.json: imu_serial {run.header.imu_serial!r}, needed {serial!r} (first"
+                " run)"
+            )
         seen[run.sha256], serial = str(path), run.header.imu_serial
         yield run
 
@@ -79,10 +89,13 @@ def noise_model(run: Run, store_url: str, twin_path: Path | None) -> TwinModel:
     header = run.header
     if twin_path is not None:
         twin = read_twin(twin_path)
-        if twin.gyro_technology != header.gyro_technology or twin.imu_serial not in ("", header.imu_serial):
+        if twin.gyro_technology != header.gyro_technology or twin.imu_serial not in (
+            "",
+            header.imu_serial,
+        ):
             raise InputError(
-                f"{twin_path}: is of {twin.gyro_technology} unit {twin.imu_serial or '(any)'}, run {header.run_id} of "
-                f"{header.gyro_technology} unit {header.imu_serial}"
+                f"{twin_path}: is of {twin.gyro_technology} unit {twin.imu_serial or '(any)'}, run"
+                f" {header.run_id} of {header.gyro_technology} unit {header.imu_serial}"
             )
         return twin
     return _stored_twin(run, store_url) or default_twin(header.gyro_technology)

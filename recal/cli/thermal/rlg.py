@@ -21,9 +21,15 @@ from recal.cli.console import (
 
 
 def command(
-    runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit at rest, warmed and cooled.")],
-    check: Annotated[list[Path] | None, typer.Option("--check", help="Runs to test on, not fitted to.")] = None,
-    remounted: Annotated[bool, typer.Option("--remounted", help="The unit was moved between the runs.")] = False,
+    runs: Annotated[
+        list[Path], typer.Argument(help="Run directories of one unit at rest, warmed and cooled.")
+    ],
+    check: Annotated[
+        list[Path] | None, typer.Option("--check", help="Runs to test on, not fitted to.")
+    ] = None,
+    remounted: Annotated[
+        bool, typer.Option("--remounted", help="The unit was moved between the runs.")
+    ] = False,
     store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
     output: OutputPath = None,
@@ -32,11 +38,14 @@ def command(
     verbose: Verbose = False,
     seed: NoSeed = None,
 ) -> None:
-    """Ring-laser gyro: K1..K6 of b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff from runs at rest.
+    """Ring-laser gyro: K1..K6 of b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff from
+    runs at rest.
 
     Example: recal thermal rlg chamber-1 chamber-2 --check chamber-3 -o rlg
     """
-    document = rlg_gradients(runs, check or [], remounted=remounted, store_url=store, twin_path=twin, output=output)
+    document = rlg_gradients(
+        runs, check or [], remounted=remounted, store_url=store, twin_path=twin, output=output
+    )
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document):
         say(line, quiet=quiet)
@@ -44,7 +53,13 @@ def command(
 
 
 def rlg_gradients(
-    runs: list[Path], check: list[Path], *, remounted: bool, store_url: str, twin_path: Path | None, output: Path | None
+    runs: list[Path],
+    check: list[Path],
+    *,
+    remounted: bool,
+    store_url: str,
+    twin_path: Path | None,
+    output: Path | None,
 ) -> dict[str, Any]:
     """Writes thermal_rlg.json and .html; returns the document."""
     from infield.reports.documents.rlg import rlg_document
@@ -66,10 +81,12 @@ def rlg_gradients(
         checks = [held_out_run(read_run(path), model, study.axes, twin) for path in check]
         document = rlg_document(study, checks=checks, version=program_version())
     directory = output_directory(output, "thermal")
-    write_files({
-        directory / "thermal_rlg.json": result_text(document),
-        directory / "thermal_rlg.html": rlg_html(document, study, checks),
-    })  # fmt: skip
+    write_files(
+        {
+            directory / "thermal_rlg.json": result_text(document),
+            directory / "thermal_rlg.html": rlg_html(document, study, checks),
+        }
+    )
     return document
 
 
@@ -79,19 +96,26 @@ def summary(document: dict[str, Any]) -> list[str]:
     lines += [f"  because {reason}" for reason in document["reasons"]]
     lines += [f"  {note}" for note in document["notes"]]
     for axis, a in document["axes"].items():
-        used = {name: t for name, t in a["terms"].items() if t["state"] == "used" and name not in ("K1", "K2", "K3")}
-        said = ", ".join(f"{name} {t['value']:+.5f} +- {t['sigma']:.5f}" for name, t in used.items())
+        used = {
+            name: t
+            for name, t in a["terms"].items()
+            if t["state"] == "used" and name not in ("K1", "K2", "K3")
+        }
+        said = ", ".join(
+            f"{name} {t['value']:+.5f} +- {t['sigma']:.5f}" for name, t in used.items()
+        )
         h = a["held_out"]
         lines.append(
-            f"  gyro {axis}: {said or 'no rate or gradient term'}; "
-            f"held out {h['before_deg_h']:.4f} -> {h['temperature_only_deg_h']:.4f} (temperature) -> "
-            f"{h['model_deg_h']:.4f} deg/h RMS, noise {h['noise_deg_h']:.4f}"
+            f"  gyro {axis}: {said or 'no rate or gradient term'}; held out {h['before_deg_h']:.4f}"
+            f" -> {h['temperature_only_deg_h']:.4f} (temperature) -> {h['model_deg_h']:.4f} deg/h"
+            f" RMS, noise {h['noise_deg_h']:.4f}"
         )
     for found in document["check"]:
         for axis, row in found["axes"].items():
             lines.append(
-                f"  {found['run_id']} gyro {axis}: {row['before_deg_h']:.4f} -> {row['temperature_only_deg_h']:.4f} "
-                f"(temperature) -> {row['after_deg_h']:.4f} deg/h RMS (noise {row['noise_deg_h']:.4f}), "
-                f"{row['causal_after_deg_h']:.4f} in real-time order"
+                f"  {found['run_id']} gyro {axis}: {row['before_deg_h']:.4f} ->"
+                f" {row['temperature_only_deg_h']:.4f} (temperature) -> {row['after_deg_h']:.4f}"
+                f" deg/h RMS (noise {row['noise_deg_h']:.4f}), {row['causal_after_deg_h']:.4f} in"
+                " real-time order"
             )
     return lines

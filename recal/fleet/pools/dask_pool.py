@@ -1,8 +1,9 @@
-"""A Dask cluster by the address of its scheduler (extra `cluster`); the workers may be on other machines.
+"""A Dask cluster by the address of its scheduler (extra `cluster`); the workers may be on other
+machines.
 
-Tasks name files: run directories, the store and the output folder must be there under the same paths, which is asked
-before anything else. Dask restarts a killed worker and hands its task out again; after its
-`allowed-failures` the task is given up.
+Tasks name files: run directories, the store and the output folder must be there under the same
+paths, which is asked before anything else. Dask restarts a killed worker and hands its task out
+again; after its `allowed-failures` the task is given up.
 """
 
 import os
@@ -37,10 +38,17 @@ class DaskPool:
         except (ImportError, OSError) as error:
             self.close()
             raise InputError(f"--cluster {address}: a worker cannot take part: {error}") from None
-        wrong = [words for worker, facts in sorted(found.items()) if (words := _wrong(worker, facts, sqlite))]
+        wrong = [
+            words
+            for worker, facts in sorted(found.items())
+            if (words := _wrong(worker, facts, sqlite))
+        ]
         if wrong:
             self.close()
-            raise InputError(f"--cluster {address}: {wrong[0]}" + (f" (and {len(wrong) - 1} more)" if wrong[1:] else ""))
+            raise InputError(
+                f"--cluster {address}: {wrong[0]}"
+                + (f" (and {len(wrong) - 1} more)" if wrong[1:] else "")
+            )
 
     @property
     def size(self) -> int:
@@ -59,13 +67,26 @@ class DaskPool:
                 break
             except queue.Empty:
                 if self._client.status not in ("running", "connecting"):
-                    raise InputError(f"--cluster {self.address}: the scheduler is gone; the same command goes on") from None
+                    raise InputError(
+                        f"--cluster {self.address}: the scheduler is gone; the same command goes on"
+                    ) from None
         if future.status == "finished":
             return [Done(task, future.result())]
         if future.status == "cancelled":
-            raise InputError(f"--cluster {self.address}: the scheduler is gone; the same command goes on")
+            raise InputError(
+                f"--cluster {self.address}: the scheduler is gone; the same command goes on"
+            )
         error = future.exception()
-        return [Lost(task, f"{error.last_worker.address} died at it" if isinstance(error, KilledWorker) else repr(error)[:300])]
+        return [
+            Lost(
+                task,
+                (
+                    f"{error.last_worker.address} died at it"
+                    if isinstance(error, KilledWorker)
+                    else repr(error)[:300]
+                ),
+            )
+        ]
 
     def close(self) -> None:
         self._client.close(timeout=2)
@@ -75,7 +96,12 @@ def probe(paths: Sequence[str]) -> dict[str, Any]:
     """What a worker sees, told by itself."""
     missing = [path for path in paths if not os.path.exists(path)]
     writable = all(os.access(path, os.W_OK) for path in paths[:1] if path not in missing)
-    return {"host": socket.gethostname(), "missing": missing, "writable": writable, "version": program_version()}
+    return {
+        "host": socket.gethostname(),
+        "missing": missing,
+        "writable": writable,
+        "version": program_version(),
+    }
 
 
 def _connect(address: str) -> Any:
@@ -87,20 +113,28 @@ def _connect(address: str) -> Any:
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputError(f"--cluster {address}: no Dask scheduler answers there ({why[:200]})") from None
+        raise InputError(
+            f"--cluster {address}: no Dask scheduler answers there ({why[:200]})"
+        ) from None
 
 
 def _wrong(worker: str, facts: dict[str, Any], sqlite: bool) -> str:
     """Why a worker cannot take part, empty if it can."""
     where = f"worker {worker} on {facts['host']}"
     if facts["missing"]:
-        return f"{where} does not see {facts['missing'][0]}: runs, store and output must be reachable by the same paths there"
+        return (
+            f"{where} does not see {facts['missing'][0]}: runs, store and output must be reachable"
+            " by the same paths there"
+        )
     if not facts["writable"]:
         return f"{where} cannot write to the output folder"
     if facts["version"] != program_version():
         return f"{where} has recal {facts['version']}, here is {program_version()}"
     if sqlite and facts["host"] != socket.gethostname():
-        return f"{where}: a SQLite store takes no writers from other machines; use PostgreSQL (--store postgresql://...)"
+        return (
+            f"{where}: a SQLite store takes no writers from other machines; use PostgreSQL (--store"
+            " postgresql://...)"
+        )
     return ""
 
 

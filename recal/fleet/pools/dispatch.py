@@ -1,4 +1,6 @@
-"""Hands tasks to a pool: runs of a unit one after the other, units side by side, what a dead worker left once more."""
+"""Hands tasks to a pool: runs of a unit one after the other, units side by side, what a dead worker
+left once more.
+"""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -16,7 +18,9 @@ WARM = 3  # tasks after which more than one goes out, whatever they gave
 class UnitQueue:
     """What is left to do for one unit; done: the outcomes of its runs so far."""
 
-    def __init__(self, name: str, tasks: Sequence[RunTask], done: Sequence[RunOutcome], pages: str) -> None:
+    def __init__(
+        self, name: str, tasks: Sequence[RunTask], done: Sequence[RunOutcome], pages: str
+    ) -> None:
         self.name, self.outcomes, self.pages = name, list(done), pages
         self.runs = [run for task in tasks for run in task.runs]
         self._tasks = deque(tasks)
@@ -43,10 +47,14 @@ class UnitQueue:
         return summary is not None and summary["of"] == self.summary_task().identity
 
 
-def run_all(queues: Sequence[UnitQueue], pool: Pool, journal: Journal, told: Callable[[RunOutcome], None]) -> None:
-    """Work through all queues, the longest first; every outcome goes to the journal, then to `told`.
+def run_all(
+    queues: Sequence[UnitQueue], pool: Pool, journal: Journal, told: Callable[[RunOutcome], None]
+) -> None:
+    """Work through all queues, the longest first; every outcome goes to the journal, then to
+    `told`.
 
-    Until a first update has run through, one task goes out at a time: it compiles what the others then load.
+    Until a first update has run through, one task goes out at a time: it compiles what the others
+    then load.
     """
     waiting = deque(sorted(queues, key=lambda q: -len(q.runs)))
     at_work: dict[Task, UnitQueue] = {}
@@ -75,18 +83,30 @@ def _take(waiting: deque[UnitQueue]) -> tuple[Task | None, UnitQueue]:
     return queue.next_task(), queue
 
 
-def _settle(event: Done | Lost, queue: UnitQueue, journal: Journal, told: Callable[[RunOutcome], None]) -> bool:
+def _settle(
+    event: Done | Lost, queue: UnitQueue, journal: Journal, told: Callable[[RunOutcome], None]
+) -> bool:
     """Write down what a task gave; whether one of its runs went through the filter."""
     if isinstance(event.task, UnitTask):
         if isinstance(event, Done):
             journal.add_unit(queue.name, event.result)
         return False
-    why = f"worker died {event.task.attempt} times at this run: {event.why}" if isinstance(event, Lost) else ""
-    outcomes = event.result if isinstance(event, Done) else [
-        outcome_of(run, "crashed", why, attempts=event.task.attempt) for run in event.task.runs
-    ]  # fmt: skip
+    why = (
+        f"worker died {event.task.attempt} times at this run: {event.why}"
+        if isinstance(event, Lost)
+        else ""
+    )
+    outcomes = (
+        event.result
+        if isinstance(event, Done)
+        else [
+            outcome_of(run, "crashed", why, attempts=event.task.attempt) for run in event.task.runs
+        ]
+    )
     for outcome in outcomes:
         queue.outcomes.append(outcome)
         journal.add_run(outcome)
         told(outcome)
-    return any(outcome.outcome in MERGED or outcome.outcome == "inconsistent" for outcome in outcomes)
+    return any(
+        outcome.outcome in MERGED or outcome.outcome == "inconsistent" for outcome in outcomes
+    )

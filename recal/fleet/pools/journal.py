@@ -1,7 +1,9 @@
-"""The journal of a fleet update: what is done, one JSON object a line, on the disk before the next task is handed out.
+"""The journal of a fleet update: what is done, one JSON object a line, on the disk before the next
+task is handed out.
 
-Only the parent writes it. A kill leaves at most one cut line, at the end: it is dropped, and what it told is found out anew
-(the store knows which runs it holds). Lines of a call with another store or other settings count for nothing in this one.
+Only the parent writes it. A kill leaves at most one cut line, at the end: it is dropped, and what
+it told is found out anew (the store knows which runs it holds). Lines of a call with another store
+or other settings count for nothing in this one.
 """
 
 import hashlib
@@ -19,9 +21,11 @@ NAME = "journal.jsonl"
 
 
 class Journal:
-    """Open for one parent at a time. runs: outcomes by path; units: summaries by unit; both of earlier calls like this one.
+    """Open for one parent at a time. runs: outcomes by path; units: summaries by unit; both of
+    earlier calls like this one.
 
-    heads: number of each unit's active revision before the first of these calls; a unit that is not there had no table.
+    heads: number of each unit's active revision before the first of these calls; a unit that is not
+    there had no table.
     """
 
     def __init__(self, folder: Path, settings: dict[str, Any], heads: Mapping[str, int]) -> None:
@@ -79,7 +83,9 @@ class Journal:
                 if line["call"] == self.call:
                     self._take(line)
             except (ValueError, KeyError, TypeError):
-                raise InputError(f"{self.path}: line {number} is damaged; move the file away to begin anew") from None
+                raise InputError(
+                    f"{self.path}: line {number} is damaged; move the file away to begin anew"
+                ) from None
 
     def _take(self, line: dict[str, Any]) -> None:
         if line["event"] == "call":

@@ -1,6 +1,8 @@
-"""Worker processes on this machine, each with a pipe to the parent: one may die without taking the others along.
+"""Worker processes on this machine, each with a pipe to the parent: one may die without taking the
+others along.
 
-A worker that finds its pipe closed ends: a killed parent leaves none behind for longer than the run it is at.
+A worker that finds its pipe closed ends: a killed parent leaves none behind for longer than the run
+it is at.
 """
 
 import multiprocessing
@@ -59,7 +61,9 @@ class _Worker:
 
 
 class LocalPool:
-    """`workers` spawned processes, each with one thread of linear algebra; a dead one is replaced."""
+    """`workers` spawned processes, each with one thread of linear algebra; a dead one is
+    replaced.
+    """
 
     def __init__(self, workers: int) -> None:
         self._context = multiprocessing.get_context("spawn")
@@ -93,7 +97,9 @@ class LocalPool:
             worker.pipe.close()
 
     def _hear(self, k: int, worker: _Worker) -> list[Done | Lost]:
-        """What a worker sent before anything else; without a word it is dead and a new one takes its place."""
+        """What a worker sent before anything else; without a word it is dead and a new one takes
+        its place.
+        """
         try:
             while worker.pipe.poll():
                 message = worker.pipe.recv()
@@ -140,7 +146,9 @@ def serve(pipe: Connection) -> None:
 
 @contextmanager
 def _one_thread() -> Iterator[None]:
-    """What a process started in here reads before it loads numpy; two threads for small matrices only wait for each other."""
+    """What a process started in here reads before it loads numpy; two threads for small matrices
+    only wait for each other.
+    """
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:

@@ -1,7 +1,9 @@
-"""What a worker does: take a task, call `recal update` on it, say what became of each run. Nothing it meets stops the fleet.
+"""What a worker does: take a task, call `recal update` on it, say what became of each run. Nothing
+it meets stops the fleet.
 
-The worker commits by itself, in the one transaction of `recal update`: killed before it, nothing has happened; killed after
-it, the store holds the run, and whoever takes the task again finds that out.
+The worker commits by itself, in the one transaction of `recal update`: killed before it, nothing
+has happened; killed after it, the store holds the run, and whoever takes the task again finds that
+out.
 """
 
 import os
@@ -23,10 +25,12 @@ from recal.service.output import write_text
 
 CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
 CONFLICT_WORDS = ("update again", "try again")  # how infield.store.table_store ends a StoreConflict
-STORE_FAULT = ("store ", "no store")  # how its InputErrors begin: not the run's fault, worth another call
+# how its InputErrors begin: not the run's fault, worth another call
+STORE_FAULT = ("store ", "no store")
 AGAIN = "again"  # not told yet: to be taken again without the runs that are
 Pair = tuple[PlannedRun, str]  # a run and the folder of its report
-_ONE_AT_A_TIME = threading.Lock()  # a Dask worker may have several threads; drawing and migrations are one per process
+# a Dask worker may have several threads; drawing and migrations are one per process
+_ONE_AT_A_TIME = threading.Lock()
 
 
 def perform(task: Task) -> Any:
@@ -40,19 +44,25 @@ def worker_name() -> str:
 
 
 def take_runs(task: RunTask) -> tuple[RunOutcome, ...]:
-    """One update over the task's runs; with several, those that stand in the way of the others are left out of it."""
+    """One update over the task's runs; with several, those that stand in the way of the others are
+    left out of it.
+    """
     started, cpu = time.perf_counter(), time.process_time()
     found = dict(_outcomes(task, list(zip(task.runs, task.folders))))
     share = len(task.runs)
     spent: dict[str, Any] = {
         "seconds": round((time.perf_counter() - started) / share, 4),
-        "cpu_s": round((time.process_time() - cpu) / share, 4), "worker": worker_name(), "attempts": task.attempt,
-    }  # fmt: skip
+        "cpu_s": round((time.process_time() - cpu) / share, 4),
+        "worker": worker_name(),
+        "attempts": task.attempt,
+    }
     return tuple(replace(found[run.path], **spent) for run in task.runs)
 
 
 def _outcomes(task: RunTask, runs: list[Pair]) -> Iterator[tuple[str, RunOutcome]]:
-    """Outcomes by path. A run that cannot be read, or contradicts, is told and the rest taken again without it."""
+    """Outcomes by path. A run that cannot be read, or contradicts, is told and the rest taken again
+    without it.
+    """
     while runs:
         told = [o for o in _one_update(task, runs) if o.outcome != AGAIN]
         yield from ((outcome.path, outcome) for outcome in told)
@@ -61,7 +71,9 @@ def _outcomes(task: RunTask, runs: list[Pair]) -> Iterator[tuple[str, RunOutcome
 
 
 def _one_update(task: RunTask, runs: Sequence[Pair]) -> list[RunOutcome]:
-    """One call of `recal update`, its document as outcomes; whatever it raises is an outcome too. At least one is not AGAIN."""
+    """One call of `recal update`, its document as outcomes; whatever it raises is an outcome too.
+    At least one is not AGAIN.
+    """
     try:
         document = _update(task, runs)
         return list(_told(task, runs, document))
@@ -72,7 +84,10 @@ def _one_update(task: RunTask, runs: Sequence[Pair]) -> list[RunOutcome]:
     if failures:
         bad = {failure.path for failure in failures}
         return failures + [outcome_of(run, AGAIN) for run, _ in runs if run.path not in bad]
-    return [outcome_of(run, "crashed", "breaks down together with the other runs of this unit") for run, _ in runs]
+    return [
+        outcome_of(run, "crashed", "breaks down together with the other runs of this unit")
+        for run, _ in runs
+    ]
 
 
 def _failure_alone(task: RunTask, pair: Pair) -> RunOutcome | None:
@@ -88,13 +103,23 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
     """The outcome of a run on which an update raised."""
     run, folder = pair
     if not Path(run.path).is_dir():
-        return outcome_of(run, "bad_input", f"{run.path}: no such run directory on {socket.gethostname()}, where the worker is")
-    text = f"{error.filename or run.path}: {error.strerror or error}" if isinstance(error, OSError) else str(error)
+        return outcome_of(
+            run,
+            "bad_input",
+            f"{run.path}: no such run directory on {socket.gethostname()}, where the worker is",
+        )
+    text = (
+        f"{error.filename or run.path}: {error.strerror or error}"
+        if isinstance(error, OSError)
+        else str(error)
+    )
     if isinstance(error, InputError | OSError) and not text.startswith(STORE_FAULT):
         return outcome_of(run, "bad_input", text)
     if isinstance(error, InputError | StoreConflict):
         return outcome_of(run, "crashed", text)
-    return outcome_of(run, "crashed", _crash_words(error), folder=folder, notes=(*run.notes, *_keep_trace(folder)))
+    return outcome_of(
+        run, "crashed", _crash_words(error), folder=folder, notes=(*run.notes, *_keep_trace(folder))
+    )
 
 
 def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
@@ -102,11 +127,15 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
     first = runs[0][0]
     for attempt in range(CONFLICT_TRIES):
         document = update(
-            [Path(run.path) for run, _ in runs], store_url=task.store_url, commit=task.commit, propose=task.propose,
+            [Path(run.path) for run, _ in runs],
+            store_url=task.store_url,
+            commit=task.commit,
+            propose=task.propose,
             html=False,
-            twin=None if first.twin is None else Path(first.twin), config=None if task.config is None else Path(task.config),
+            twin=None if first.twin is None else Path(first.twin),
+            config=None if task.config is None else Path(task.config),
             output=Path(runs[0][1]),
-        )  # fmt: skip
+        )
         if not _conflicted(document):
             return document
         time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
@@ -115,23 +144,42 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
 
 def _conflicted(document: dict[str, Any]) -> bool:
     reasons = document["reasons"]
-    return document["verdict"] == "refused" and len(reasons) == 1 and reasons[0].endswith(CONFLICT_WORDS)
+    return (
+        document["verdict"] == "refused"
+        and len(reasons) == 1
+        and reasons[0].endswith(CONFLICT_WORDS)
+    )
 
 
 def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iterator[RunOutcome]:
-    """The document's sessions as outcomes, one a run; AGAIN for those that only stand beside one that contradicts."""
+    """The document's sessions as outcomes, one a run; AGAIN for those that only stand beside one
+    that contradicts.
+    """
     verdict, merged = document["verdict"], dict(task.merged)
-    rest = {"committed": "committed", "proposed": "proposed", "inconsistent": AGAIN}.get(verdict, "refused")
+    rest = {"committed": "committed", "proposed": "proposed", "inconsistent": AGAIN}.get(
+        verdict, "refused"
+    )
     remembered = document.get("remembered", "")
     for (run, _), session in zip(runs, document["sessions"], strict=True):
-        outcome = rest if session["outcome"] == "accepted" else AGAIN if rest == AGAIN else session["outcome"]
+        outcome = (
+            rest
+            if session["outcome"] == "accepted"
+            else AGAIN
+            if rest == AGAIN
+            else session["outcome"]
+        )
         outcome = "inconsistent" if session["outcome"] == "inconsistent" else outcome
         notes = (*run.notes, remembered) if outcome == "inconsistent" and remembered else run.notes
         told = outcome_of(
-            run, outcome, *(session["reasons"] or (document["reasons"] if outcome == "refused" else ())), notes=notes,
-            sha256=session["sha256"], folder=runs[0][1], revision=document["revision"] if outcome == "committed" else None,
+            run,
+            outcome,
+            *(session["reasons"] or (document["reasons"] if outcome == "refused" else ())),
+            notes=notes,
+            sha256=session["sha256"],
+            folder=runs[0][1],
+            revision=document["revision"] if outcome == "committed" else None,
             proposal=document.get("proposal") if outcome == "proposed" else None,
-        )  # fmt: skip
+        )
         told = _if_held(task, told, merged.get(told.sha256)) if outcome == "refused" else told
         if told.outcome in MERGED:
             merged[told.sha256] = told.path
@@ -139,7 +187,9 @@ def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iter
 
 
 def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOutcome:
-    """A refused run that the table holds is no refusal: merged under another path, before, or by a worker that was killed."""
+    """A refused run that the table holds is no refusal: merged under another path, before, or by a
+    worker that was killed.
+    """
     if original is not None:
         return replace(outcome, outcome="already", reasons=(f"the same recording as {original}",))
     key = task.unit
@@ -149,7 +199,9 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
         if not store.has_run(outcome.sha256, key.imu_serial):
             return outcome
         history = store.history(key.imu_serial, key.gyro_technology, key.gyro_mode)
-    by = next((r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None)
+    by = next(
+        (r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None
+    )
     if by is None:
         return replace(outcome, outcome="already", reasons=("came with the table",))
     if by.number <= task.head or not by.report_json:
@@ -157,12 +209,17 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
         return replace(outcome, outcome="already", reasons=(words,), revision=by.number)
     write_text(Path(outcome.folder) / "update.json", by.report_json)
     note = "committed before its worker or the call was stopped; found in the store"
-    return replace(outcome, outcome="committed", reasons=(), revision=by.number, notes=(*outcome.notes, note))
+    return replace(
+        outcome, outcome="committed", reasons=(), revision=by.number, notes=(*outcome.notes, note)
+    )
 
 
 def _crash_words(error: Exception) -> str:
     frame = traceback.extract_tb(error.__traceback__)[-1]
-    return f"{type(error).__name__}: {str(error)[:300]} ({Path(frame.filename).name}, line {frame.lineno})"
+    return (
+        f"{type(error).__name__}: {str(error)[:300]} ({Path(frame.filename).name}, line"
+        f" {frame.lineno})"
+    )
 
 
 def _keep_trace(folder: str) -> tuple[str, ...]:

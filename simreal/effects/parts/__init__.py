@@ -1,1 +1,3 @@
-"""What effects are built of: formulas on telemetry, gyro effects, needs, hysteresis, thermal memory, recordings."""
+"""What effects are built of: formulas on telemetry, gyro effects, needs, hysteresis, thermal
+memory, recordings.
+"""

@@ -1,4 +1,5 @@
-"""Effects written as formulas: one function gives the traces or the noise, one says what recordings lack.
+"""Effects written as formulas: one function gives the traces or the noise, one says what recordings
+lack.
 
 A declaration in the catalogue names the functions; the class only hands the calls on.
 """
@@ -18,7 +19,9 @@ Need = Callable[[Sequence[Telemetry], str], str]
 
 @dataclass(frozen=True)
 class EachAlone:
-    """A formula of `count` traces, each made without the others: alone(run, target, shape, k) is that of coefficient k."""
+    """A formula of `count` traces, each made without the others: alone(run, target, shape, k) is
+    that of coefficient k.
+    """
 
     alone: Callable[[Telemetry, str, Shape, int], Trace]
     count: int
@@ -62,9 +65,11 @@ class FormulaEffect(CatalogueEffect):
 
 @dataclass(frozen=True)
 class PartEffect(FormulaEffect):
-    """Some coefficients of an effect, the others zero: what acts through one alone does not pay for the rest.
+    """Some coefficients of an effect, the others zero: what acts through one alone does not pay for
+    the rest.
 
-    whole : id of that effect. kept : places of the coefficients among its own, so that its traces can be used again.
+    whole : id of that effect. kept : places of the coefficients among its own, so that its traces
+    can be used again.
     """
 
     whole: str = ""
@@ -78,14 +83,17 @@ class PartEffect(FormulaEffect):
 
 
 def with_parts(effect: FormulaEffect, *names: str, **renamed: str) -> tuple[FormulaEffect, ...]:
-    """An effect, and the same with one coefficient only for each of these (none: for each of its own).
+    """An effect, and the same with one coefficient only for each of these (none: for each of its
+    own).
 
-    All go by the name of the effect and share the prior of one; a part's id ends in the name of its coefficient, or in a
-    key of `renamed`, whose value is that name.
+    All go by the name of the effect and share the prior of one; a part's id ends in the name of its
+    coefficient, or in a key of `renamed`, whose value is that name.
     """
     places = {c.name: k for k, c in enumerate(effect.coefficients)}
     chosen = {name: name for name in names or (() if renamed else places)} | renamed
-    return sharing_prior(effect, *(_part(effect, end, places[name]) for end, name in chosen.items()))
+    return sharing_prior(
+        effect, *(_part(effect, end, places[name]) for end, name in chosen.items())
+    )
 
 
 def sharing_prior(*effects: FormulaEffect) -> tuple[FormulaEffect, ...]:
@@ -101,7 +109,9 @@ def _part(effect: FormulaEffect, end: str, place: int) -> PartEffect:
 
 @dataclass(frozen=True)
 class OutOfReach(CatalogueEffect):
-    """A known effect that a log of this format does not show: never found, always listed with what it needs."""
+    """A known effect that a log of this format does not show: never found, always listed with what
+    it needs.
+    """
 
     need: str = ""
 

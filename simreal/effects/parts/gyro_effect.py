@@ -1,4 +1,6 @@
-"""What the declarations of gyro effects share: the single coefficient, several of one kind, a series on one gyro."""
+"""What the declarations of gyro effects share: the single coefficient, several of one kind, a
+series on one gyro.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -22,7 +24,9 @@ def several(names: Sequence[str], unit: str, low: float, high: float) -> tuple[C
     return tuple(Coefficient(name=name, unit=unit, low=low, high=high) for name in names)
 
 
-def gyro_effect(name: str, *, id: str = "", targets: tuple[str, ...] = GYROS, **fields: Any) -> FormulaEffect:
+def gyro_effect(
+    name: str, *, id: str = "", targets: tuple[str, ...] = GYROS, **fields: Any
+) -> FormulaEffect:
     """A declaration: `fields` as in FormulaEffect; the id is the name unless given."""
     return FormulaEffect(id=id or name, name=name, targets=targets, **fields)
 

@@ -30,7 +30,9 @@ def gyro_degC(run: Telemetry, target: str) -> NDArray:
 
 
 def gyro_degC_min(run: Telemetry, target: str) -> NDArray:
-    """Rate of a gyro's temperature (n,) [degC/min]; from the temperature where the run does not hold it."""
+    """Rate of a gyro's temperature (n,) [degC/min]; from the temperature where the run does not
+    hold it.
+    """
     if run.temperature_rate_degC_min is not None:
         return run.temperature_rate_degC_min[:, AXIS[target]]
     return 60.0 * run.rate_of(gyro_degC(run, target))
@@ -39,12 +41,16 @@ def gyro_degC_min(run: Telemetry, target: str) -> NDArray:
 def gradient_degC(run: Telemetry, target: str) -> NDArray:
     """Temperature difference reading of a gyro (n,); InputError where it is not logged."""
     if run.gradient_degC is None:
-        raise InputError(f"run {run.run_index}: no gradient_{target[-1]}_degC, needed by this effect")
+        raise InputError(
+            f"run {run.run_index}: no gradient_{target[-1]}_degC, needed by this effect"
+        )
     return run.gradient_degC[:, AXIS[target]]
 
 
 def lacks_temperature(runs: Sequence[Telemetry], target: str) -> str:
-    """For effects of the gyro's temperature itself: a temperature in all runs, not one and the same throughout."""
+    """For effects of the gyro's temperature itself: a temperature in all runs, not one and the same
+    throughout.
+    """
     if any(run.temperature_degC is None for run in runs):
         return "a gyro temperature"
     changes = span(over(runs, lambda run: gyro_degC(run, target)))
@@ -56,7 +62,9 @@ def lacks_temperature_rate(runs: Sequence[Telemetry], target: str) -> str:
     if any(run.temperature_degC is None for run in runs):
         return "a gyro temperature"
     changes = max((span(gyro_degC(run, target)) for run in runs), default=0.0)
-    return "" if changes > TEMPERATURE_CHANGE_degC else "a gyro temperature that changes within a run"
+    return (
+        "" if changes > TEMPERATURE_CHANGE_degC else "a gyro temperature that changes within a run"
+    )
 
 
 def lacks_heating_and_cooling(runs: Sequence[Telemetry], target: str) -> str:
@@ -64,7 +72,11 @@ def lacks_heating_and_cooling(runs: Sequence[Telemetry], target: str) -> str:
     if lack := lacks_temperature_rate(runs, target):
         return lack
     swings = np.array([swing(gyro_degC(run, target)) for run in runs]).max(axis=0)
-    return "" if swings.min() > TEMPERATURE_CHANGE_degC else "temperature rising and falling (a run that cools)"
+    return (
+        ""
+        if swings.min() > TEMPERATURE_CHANGE_degC
+        else "temperature rising and falling (a run that cools)"
+    )
 
 
 def lacks_gradient(runs: Sequence[Telemetry], target: str) -> str:
@@ -76,7 +88,9 @@ def lacks_gradient(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def swing(values: NDArray) -> tuple[float, float]:
-    """Largest rise and largest fall of a series (n,): how far it goes from an earlier low, or from an earlier high."""
+    """Largest rise and largest fall of a series (n,): how far it goes from an earlier low, or from
+    an earlier high.
+    """
     up = values - np.minimum.accumulate(values)
     down = np.maximum.accumulate(values) - values
     return float(up.max(initial=0.0)), float(down.max(initial=0.0))
@@ -94,9 +108,11 @@ def lacks_turns(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def lacks_turns_or_earth_rate(runs: Sequence[Telemetry], target: str) -> str:
-    """For a scale factor: turns about its own axis; where vehicles turn at all, Earth rate on several starts will do.
+    """For a scale factor: turns about its own axis; where vehicles turn at all, Earth rate on
+    several starts will do.
 
-    That shows only errors far beyond the usual (0.2 % for 0.02 deg/h), which must not go by another name.
+    That shows only errors far beyond the usual (0.2 % for 0.02 deg/h), which must not go by another
+    name.
     """
     lack = lacks_turns(runs, target)
     turn = not _lacks_turns_about(runs, GYROS, "turns")
@@ -106,7 +122,9 @@ def lacks_turns_or_earth_rate(runs: Sequence[Telemetry], target: str) -> str:
 
 
 def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:
-    """For effects of the rate about the other two axes: turns, or Earth rate at several headings."""
+    """For effects of the rate about the other two axes: turns, or Earth rate at several
+    headings.
+    """
     others = [gyro for gyro in GYROS if gyro != target]
     lack = _lacks_turns_about(runs, others, "turns about another axis")
     several = several_headings([run for run in runs if run.heading_known])
@@ -133,8 +151,12 @@ def several_headings(runs: Sequence[Telemetry]) -> bool:
     if not runs:
         return False
     first = runs[0].heading_rad[0]
-    off = np.concatenate([np.unique(np.round(np.angle(np.exp(1j * (run.heading_rad - first))), 1)) for run in runs])
-    return bool(np.abs(np.angle(np.exp(1j * np.subtract.outer(off, off)))).max() > HEADING_APART_RAD)
+    off = np.concatenate(
+        [np.unique(np.round(np.angle(np.exp(1j * (run.heading_rad - first))), 1)) for run in runs]
+    )
+    return bool(
+        np.abs(np.angle(np.exp(1j * np.subtract.outer(off, off)))).max() > HEADING_APART_RAD
+    )
 
 
 def lacks_headings(runs: Sequence[Telemetry], target: str) -> str:
@@ -155,7 +177,9 @@ def _turning(run: Telemetry, target: str) -> NDArray:
 
 
 def _lacks_turns_about(runs: Sequence[Telemetry], gyros: Sequence[str], otherwise: str) -> str:
-    """Empty with a turn about one of these gyros' axes; "turns" with none about any, `otherwise` with others only."""
+    """Empty with a turn about one of these gyros' axes; "turns" with none about any, `otherwise`
+    with others only.
+    """
     turned = {gyro: any(max(turns_rad(run, gyro)) > TURN_RAD for run in runs) for gyro in GYROS}
     if any(turned[gyro] for gyro in gyros):
         return ""

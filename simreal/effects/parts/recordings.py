@@ -1,4 +1,6 @@
-"""What a set of runs holds, as questions with a yes or no, and the plain words for what it lacks."""
+"""What a set of runs holds, as questions with a yes or no, and the plain words for what it
+lacks.
+"""
 
 from collections.abc import Callable, Sequence
 

@@ -1,7 +1,7 @@
 """A temperature that lags behind another.
 
-Made on a grid of seconds, straight in between, so that the rows of a log and the seconds of a diagnosis give the same
-result; gaps in the instants are bridged by straight lines.
+Made on a grid of seconds, straight in between, so that the rows of a log and the seconds of a
+diagnosis give the same result; gaps in the instants are bridged by straight lines.
 """
 
 import numpy as np
@@ -14,8 +14,8 @@ GRID_S = 1.0
 def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
     """The temperature (n,) behind a first-order lag, at rest at the first reading.
 
-    Exact for a straight line between grid points: the deficit e = T - T_lag becomes a e + s tau (1 - a) after a step of
-    length h, with the slope s and a = exp(-h / tau).
+    Exact for a straight line between grid points: the deficit e = T - T_lag becomes a e + s tau (1
+    - a) after a step of length h, with the slope s and a = exp(-h / tau).
     """
     span = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
     if span <= 0.0:

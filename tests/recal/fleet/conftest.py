@@ -30,11 +30,16 @@ def known_sessions():
 
 @pytest.fixture
 def inline(monkeypatch, known_sessions):
-    """Tasks in this process; the pools that were made. The same run against the same table is estimated once a test session."""
+    """Tasks in this process; the pools that were made. The same run against the same table is
+    estimated once a test session.
+    """
     pools, real = [], pipeline._one_session
 
     def remembered(run, table, twin, settings, repeated):
-        text = f"{run.sha256} {run.header} {canonical_json(table_to_dict(table))} {twin} {settings} {repeated}"
+        text = (
+            f"{run.sha256} {run.header} {canonical_json(table_to_dict(table))} {twin} {settings}"
+            f" {repeated}"
+        )
         key = hashlib.sha256(text.encode()).hexdigest()
         if key not in known_sessions:
             known_sessions[key] = real(run, table, twin, settings, repeated)

@@ -1,4 +1,6 @@
-"""A tiny fleet on disk: three units with two runs each, simulated once, and a pool that works in this process."""
+"""A tiny fleet on disk: three units with two runs each, simulated once, and a pool that works in
+this process.
+"""
 
 import shutil
 from dataclasses import replace
@@ -20,7 +22,9 @@ def run_of(serial: str, k: int, **header):
     """The k-th run of a unit; units differ in nothing but their serial."""
     start, start_utc = STARTS[k]
     run = simulated(31 + k, start=start, start_utc=start_utc).run
-    return replace(run, header=replace(run.header, imu_serial=serial, run_id=f"{serial}-{k}", **header))
+    return replace(
+        run, header=replace(run.header, imu_serial=serial, run_id=f"{serial}-{k}", **header)
+    )
 
 
 def write_fleet(folder: Path) -> Path:

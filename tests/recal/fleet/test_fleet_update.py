@@ -1,4 +1,6 @@
-"""The spine with its tasks in this process: same tables as `recal update`, failures isolated, nothing twice, nothing lost."""
+"""The spine with its tasks in this process: same tables as `recal update`, failures isolated,
+nothing twice, nothing lost.
+"""
 
 import json
 import shutil
@@ -23,11 +25,18 @@ MISSING = "runs/SN-A/flight-9"
 
 
 def call(mode="commit", source="runs", output="out", **more):
-    return update_fleet(FleetRequest(source=Path(source), store_url=URL, output=Path(output), mode=mode, pages="none", **more))
+    return update_fleet(
+        FleetRequest(
+            source=Path(source), store_url=URL, output=Path(output), mode=mode, pages="none", **more
+        )
+    )
 
 
 def outcomes(document):
-    return {Path(run["path"]).parent.name + "/" + Path(run["path"]).name: run["outcome"] for run in document["runs"]}
+    return {
+        Path(run["path"]).parent.name + "/" + Path(run["path"]).name: run["outcome"]
+        for run in document["runs"]
+    }
 
 
 def lines(output="out", event="run"):
@@ -43,8 +52,17 @@ def test_tables_are_those_of_recal_update_run_after_run(fleet, inline):
         for serial in SERIALS:
             store.rollback(serial)
     for k in (0, 1):
-        update([fleet / "runs" / "SN-B" / f"flight-{k}"], store_url=URL, commit=True, output=fleet / "o", html=False)
-    by_hand, by_fleet = json.loads(history(fleet, "SN-B")[-1].table_json), json.loads(active["SN-B"])
+        update(
+            [fleet / "runs" / "SN-B" / f"flight-{k}"],
+            store_url=URL,
+            commit=True,
+            output=fleet / "o",
+            html=False,
+        )
+    by_hand, by_fleet = (
+        json.loads(history(fleet, "SN-B")[-1].table_json),
+        json.loads(active["SN-B"]),
+    )
     assert by_hand["axes"] == by_fleet["axes"] and by_hand["covariance"] == by_fleet["covariance"]
 
 
@@ -53,7 +71,10 @@ def test_a_second_call_does_nothing_and_says_the_same(fleet, inline):
     assert len(inline[0].seen) == UPDATES + len(SERIALS)  # each run, then each unit's summary
     second = call()
     assert len(inline) == 1  # no pool was needed
-    assert second["counts"] == first["counts"] and second["units"][0]["drift"] == first["units"][0]["drift"]
+    assert (
+        second["counts"] == first["counts"]
+        and second["units"][0]["drift"] == first["units"][0]["drift"]
+    )
     assert [len(history(fleet, serial)) for serial in SERIALS] == [3, 3, 3]
     assert second["timing"]["runs"] == 0 and len(second["timing"]["earlier_calls"]) == 1
 
@@ -76,10 +97,15 @@ def spoil_some(fleet):
     (runs / "SN-C/flight-1/run.json").write_text("{")
     write_run(runs / "SN-C" / "flight-2", run_of("SN-C", 1, start_utc="1970-01-01T00:00:00Z"))
     return {
-        "SN-A/flight-0": "committed", "SN-A/flight-1": "bad_input", "SN-B/flight-0": "committed", "SN-B/flight-1": "refused",
-        "SN-C/flight-0": "committed", "SN-C/flight-0-again": "already", "SN-C/flight-1": "bad_input",
+        "SN-A/flight-0": "committed",
+        "SN-A/flight-1": "bad_input",
+        "SN-B/flight-0": "committed",
+        "SN-B/flight-1": "refused",
+        "SN-C/flight-0": "committed",
+        "SN-C/flight-0-again": "already",
+        "SN-C/flight-1": "bad_input",
         "SN-C/flight-2": "bad_input",
-    }  # fmt: skip
+    }
 
 
 @pytest.mark.parametrize("joint", [False, True])
@@ -87,7 +113,9 @@ def test_bad_runs_are_told_and_stop_nothing(fleet, inline, joint):
     expected = spoil_some(fleet)
     document = call(joint=joint)
     assert outcomes(document) == expected and document["verdict"] == "committed"
-    reasons = {Path(r["path"]).name: r["reasons"] for r in document["runs"] if r["imu_serial"] == "SN-C"}
+    reasons = {
+        Path(r["path"]).name: r["reasons"] for r in document["runs"] if r["imu_serial"] == "SN-C"
+    }
     assert reasons["flight-0-again"] == [f"the same recording as {fleet}/runs/SN-C/flight-0"]
     groups = sorted((g["outcome"], g["count"]) for g in document["left_out"])
     assert groups == [("bad_input", 1)] * 3 + [("refused", 1)]
@@ -97,10 +125,14 @@ def test_bad_runs_are_told_and_stop_nothing(fleet, inline, joint):
 def test_proposals_wait_in_the_store_one_a_unit(fleet, inline):
     expected = spoil_some(fleet)
     document = call("propose", by="a fleet test")
-    assert outcomes(document) == {k: "proposed" if v == "committed" else v for k, v in expected.items()}
+    assert outcomes(document) == {
+        k: "proposed" if v == "committed" else v for k, v in expected.items()
+    }
     with TableStore.open(URL) as store:
         waiting = store.proposals()
-        assert [(p.unit.imu_serial, p.proposed_by, len(p.runs)) for p in waiting] == [(s, "a fleet test", 1) for s in SERIALS]
+        assert [(p.unit.imu_serial, p.proposed_by, len(p.runs)) for p in waiting] == [
+            (s, "a fleet test", 1) for s in SERIALS
+        ]
         assert store.decide(1, "approved", "SN-B", by="x", reason="y").decision is not None
     assert [u["proposal"] for u in document["units"]] == [1, 1, 1]
     assert len(history(fleet, "SN-A")) == 1 and len(history(fleet, "SN-B")) == 2
@@ -116,7 +148,9 @@ def test_a_dry_run_stores_nothing(fleet, inline):
 
 
 def test_a_commit_the_worker_could_not_tell_of_is_found_again(fleet, inline, monkeypatch):
-    """Killed after the commit: no journal line, no report; the next call finds the run in the store."""
+    """Killed after the commit: no journal line, no report; the next call finds the run in the
+    store.
+    """
     real = work.take_runs
 
     def dies_once(task):
@@ -136,7 +170,9 @@ def test_a_commit_the_worker_could_not_tell_of_is_found_again(fleet, inline, mon
     run = next(r for r in document["runs"] if r["run_id"] == "SN-A-0")
     assert "found in the store" in run["notes"][0] and run["revision"] == 2
     report = json.loads((Path("out") / run["report"]).read_text())
-    assert report["verdict"] == "committed" and [r["sha256"] for r in report["runs"]] == [run["sha256"]]
+    assert report["verdict"] == "committed" and [r["sha256"] for r in report["runs"]] == [
+        run["sha256"]
+    ]
     assert [r.kind for r in history(fleet, "SN-A")] == ["factory", "update", "update"]
 
 
@@ -150,7 +186,11 @@ def test_a_dead_worker_costs_a_try_and_three_cost_the_run(fleet, inline):
     def spoil(task):
         if hasattr(task, "runs") and task.runs[0].run_id in ("SN-A-0", "SN-B-0"):
             deaths.append(task)
-            return "killed by SIGKILL" if task.attempt < (2 if task.runs[0].run_id == "SN-B-0" else 9) else ""
+            return (
+                "killed by SIGKILL"
+                if task.attempt < (2 if task.runs[0].run_id == "SN-B-0" else 9)
+                else ""
+            )
         return ""
 
     from recal.fleet import update as spine
@@ -182,7 +222,9 @@ def test_a_crash_is_kept_apart_with_its_traceback(fleet, inline, monkeypatch):
 
 
 def test_another_writer_in_between_is_waited_out(fleet, inline, monkeypatch):
-    """Somebody imports a table between reading and committing: the update is made again, on the new table."""
+    """Somebody imports a table between reading and committing: the update is made again, on the new
+    table.
+    """
     told = []
 
     def update_beside(runs, **options):
@@ -216,7 +258,9 @@ def test_a_rollback_is_respected(fleet, inline):
 
 
 def test_a_stepped_unit_is_named_and_not_followed(fleet, inline):
-    table = table_to_dict(shifted(table_from_dict(factory_dict(), name="factory"), (-0.05, 0.0, 0.0)))
+    table = table_to_dict(
+        shifted(table_from_dict(factory_dict(), name="factory"), (-0.05, 0.0, 0.0))
+    )
     with TableStore.open(URL) as store:
         store.import_table({**table, "imu_serial": "SN-A"})
     document = call()
@@ -224,13 +268,19 @@ def test_a_stepped_unit_is_named_and_not_followed(fleet, inline):
     unit = next(u for u in document["units"] if u["imu_serial"] == "SN-A")
     assert len(unit["step_words"]) == 1 and "--accept-step" in unit["step_words"][0]
     assert unit["table"]["contradictions"] == 2 and unit["table"]["kind"] == "import"
-    assert "2 sessions contradict it" in next(s for s in document["stale"] if s["imu_serial"] == "SN-A")["reasons"]
+    assert (
+        "2 sessions contradict it"
+        in next(s for s in document["stale"] if s["imu_serial"] == "SN-A")["reasons"]
+    )
 
 
 def test_units_without_a_table(fleet, inline):
     write_run(fleet / "runs" / "SN-NEW" / "flight-0", run_of("SN-NEW", 0))
     document = call(known_only=True)
-    assert outcomes(document)["SN-NEW/flight-0"] == "refused" and document["counts"]["committed"] == UPDATES
+    assert (
+        outcomes(document)["SN-NEW/flight-0"] == "refused"
+        and document["counts"]["committed"] == UPDATES
+    )
     document = call()
     run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
     assert run["outcome"] == "committed" and "begins with the default" in run["notes"][0]
@@ -239,7 +289,20 @@ def test_units_without_a_table(fleet, inline):
 
 def test_exit_codes_and_json(fleet, inline):
     def exit_code(*arguments):
-        done = CliRunner().invoke(app, ["fleet", "update", *arguments, "--store", URL, "--commit", "--pages", "none", "--json"])
+        done = CliRunner().invoke(
+            app,
+            [
+                "fleet",
+                "update",
+                *arguments,
+                "--store",
+                URL,
+                "--commit",
+                "--pages",
+                "none",
+                "--json",
+            ],
+        )
         return done.exit_code, json.loads(done.stdout)
 
     spoil_some(fleet)

@@ -1,4 +1,6 @@
-"""The journal survives a cut last line, tells of other damage, and counts only calls of the same settings."""
+"""The journal survives a cut last line, tells of other damage, and counts only calls of the same
+settings.
+"""
 
 import pytest
 
@@ -7,7 +9,9 @@ from recal.fleet.pools.journal import Journal
 from recal.fleet.records import RunOutcome
 
 SETTINGS = {"store": "sqlite:///a.db", "mode": "commit"}
-RUNS = [RunOutcome(path=f"/r{k}", outcome="committed", reasons=("why",), revision=k) for k in (1, 2)]
+RUNS = [
+    RunOutcome(path=f"/r{k}", outcome="committed", reasons=("why",), revision=k) for k in (1, 2)
+]
 
 
 def written(folder, settings=SETTINGS):
@@ -24,7 +28,9 @@ def test_what_was_written_is_read_by_a_call_like_it_only(tmp_path):
     first = written(tmp_path)
     again = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
     assert again.runs == {run.path: run for run in RUNS} and again.units == {"SN-1": {"of": "x"}}
-    assert again.heads == first.heads == {"SN-1 (rlg)": 3} and again.calls[0]["timing"] == {"seconds": 1.0}
+    assert again.heads == first.heads == {"SN-1 (rlg)": 3} and again.calls[0]["timing"] == {
+        "seconds": 1.0
+    }
     again.close()
     other = Journal(tmp_path, {**SETTINGS, "mode": "propose"}, {})
     assert not other.runs and not other.units

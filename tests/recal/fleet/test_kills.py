@@ -1,4 +1,6 @@
-"""Real processes killed by SIGKILL (parent, own worker, a worker of a Dask cluster): nothing lost, nothing twice."""
+"""Real processes killed by SIGKILL (parent, own worker, a worker of a Dask cluster): nothing lost,
+nothing twice.
+"""
 
 import json
 import os
@@ -16,14 +18,22 @@ from ins.records import InputError
 from recal.fleet.pools import dask_pool
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history
 
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(Path(recal.__file__).parent.parent), "OMP_NUM_THREADS": "1"}
+ENVIRONMENT = {
+    **os.environ,
+    "PYTHONPATH": str(Path(recal.__file__).parent.parent),
+    "OMP_NUM_THREADS": "1",
+}
 PATIENCE_S = 300.0
 
 
 def start(*arguments, folder, module="recal"):
     return subprocess.Popen(
-        [sys.executable, "-m", module, *arguments], cwd=folder, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )  # fmt: skip
+        [sys.executable, "-m", module, *arguments],
+        cwd=folder,
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
 
 
 def fleet_update(folder, *more):
@@ -45,7 +55,11 @@ def fleet_update(folder, *more):
 
 def journal(folder):
     path = folder / "out" / "journal.jsonl"
-    whole = [line for line in path.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")] if path.exists() else []
+    whole = (
+        [line for line in path.read_bytes().splitlines(keepends=True) if line.endswith(b"\n")]
+        if path.exists()
+        else []
+    )
     return [line["run"] for line in map(json.loads, whole) if line["event"] == "run"]
 
 
@@ -96,19 +110,37 @@ def cluster(folder):
     """A scheduler and two worker processes, each started by itself."""
     pytest.importorskip("distributed")
     told = folder / "scheduler.json"
-    processes = [start(
-        "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(told), folder=folder,
-        module="distributed.cli.dask_scheduler",
-    )]  # fmt: skip
+    processes = [
+        start(
+            "--host",
+            "127.0.0.1",
+            "--port",
+            "0",
+            "--no-dashboard",
+            "--scheduler-file",
+            str(told),
+            folder=folder,
+            module="distributed.cli.dask_scheduler",
+        )
+    ]
     try:
         while not told.exists():
             assert processes[0].poll() is None, processes[0].stderr.read().decode()
             time.sleep(0.05)
         address = json.loads(told.read_text())["address"]
-        processes += [start(
-            address, "--nthreads", "1", "--no-dashboard", "--local-directory", str(folder), folder=folder,
-            module="distributed.cli.dask_worker",
-        ) for _ in range(2)]  # fmt: skip
+        processes += [
+            start(
+                address,
+                "--nthreads",
+                "1",
+                "--no-dashboard",
+                "--local-directory",
+                str(folder),
+                folder=folder,
+                module="distributed.cli.dask_worker",
+            )
+            for _ in range(2)
+        ]
         yield address
     finally:
         for process in reversed(processes):

@@ -1,4 +1,6 @@
-"""Worker processes killed for real: the task comes back as lost, a new worker does it, nothing is merged twice."""
+"""Worker processes killed for real: the task comes back as lost, a new worker does it, nothing is
+merged twice.
+"""
 
 import os
 import signal
@@ -18,14 +20,20 @@ from tests.recal.fleet.made_fleet import history
 def task(fleet):
     (run, _), *_ = plan_fleet(listed_runs(fleet / "runs"), datetime.now(UTC)).units.values()
     return RunTask(
-        runs=(run,), folders=(str(fleet / "out"),), store_url=f"sqlite:///{fleet}/recal.db", commit=True, propose=None,
-        config=None, head=1,
-    )  # fmt: skip
+        runs=(run,),
+        folders=(str(fleet / "out"),),
+        store_url=f"sqlite:///{fleet}/recal.db",
+        commit=True,
+        propose=None,
+        config=None,
+        head=1,
+    )
 
 
 def kill(pool, after_s=0.0):
     (worker,) = pool._workers
-    while not worker.pipe.poll() and not worker.ready:  # it has loaded everything and waits for a task
+    # it has loaded everything and waits for a task
+    while not worker.pipe.poll() and not worker.ready:
         time.sleep(0.01)
     time.sleep(after_s)
     os.kill(worker.process.pid, signal.SIGKILL)

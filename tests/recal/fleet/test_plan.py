@@ -19,9 +19,15 @@ def make_run(folder, serial="SN-1", run_id="r", start_utc="2026-01-01T00:00:00Z"
     """A run directory of which only run.json is ever read here."""
     folder.mkdir(parents=True)
     data = {
-        "schema": "recal.run/1", "run_id": run_id, "tail": "T", "imu_serial": serial, "gyro_technology": "rlg",
-        "start_utc": start_utc, "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 0.0}, **more,
-    }  # fmt: skip
+        "schema": "recal.run/1",
+        "run_id": run_id,
+        "tail": "T",
+        "imu_serial": serial,
+        "gyro_technology": "rlg",
+        "start_utc": start_utc,
+        "site": {"lat_deg": 45.0, "lon_deg": 7.0, "height_m": 0.0},
+        **more,
+    }
     (folder / "run.json").write_text(json.dumps(data))
     return folder
 
@@ -102,7 +108,13 @@ def test_what_cannot_be_ordered_is_set_aside_with_its_reason(tmp_path):
     assert sum(map(len, plan.units.values())) == 1
     assert {o.outcome for o in plan.set_aside} == {"bad_input"}
     reasons = [o.reasons[0] for o in plan.set_aside]
-    words = ("clock was not set", "in the future", "not valid JSON", "gyro_technology", "no such run")
+    words = (
+        "clock was not set",
+        "in the future",
+        "not valid JSON",
+        "gyro_technology",
+        "no such run",
+    )
     assert all(w in reason for w, reason in zip(words, reasons, strict=True))
 
 
@@ -121,11 +133,17 @@ def test_a_file_written_anew_changes_the_signature(tmp_path):
 
 
 def test_folders_of_odd_names_stay_inside_and_apart():
-    odd = [UnitKey(imu_serial=s, gyro_technology="rlg") for s in ("../../etc", "a/b", "a_b", "..", "Ä", "x" * 200)]
+    odd = [
+        UnitKey(imu_serial=s, gyro_technology="rlg")
+        for s in ("../../etc", "a/b", "a_b", "..", "Ä", "x" * 200)
+    ]
     names = [unit_folder(key) for key in odd]
     assert len(set(names)) == len(names)
     assert all("/" not in name and not name.startswith(".") and len(name) < 100 for name in names)
-    assert unit_folder(UnitKey(imu_serial="SN-1", gyro_technology="fog", gyro_mode="m")) == "SN-1-fog-m"
+    assert (
+        unit_folder(UnitKey(imu_serial="SN-1", gyro_technology="fog", gyro_mode="m"))
+        == "SN-1-fog-m"
+    )
     runs = [
         PlannedRun(path=f"/{k}", unit=odd[0], run_id="../r", start_utc=start, signature="")
         for k, start in enumerate(("2026-01-01T01:00:00+02:00", "2026-01-01T00:00:00Z"))

@@ -1,4 +1,6 @@
-"""The page of a fleet of hundreds: self-contained, readable, from the document alone; verdicts and groups of reasons."""
+"""The page of a fleet of hundreds: self-contained, readable, from the document alone; verdicts and
+groups of reasons.
+"""
 
 import re
 from collections import Counter
@@ -8,7 +10,14 @@ import pytest
 
 from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
-from recal.fleet.document import MAX_POINTS, VERDICTS, Timing, fleet_document, fleet_verdict, plain_reason
+from recal.fleet.document import (
+    MAX_POINTS,
+    VERDICTS,
+    Timing,
+    fleet_document,
+    fleet_verdict,
+    plain_reason,
+)
 from recal.fleet.figures import progress_drawing
 from recal.fleet.records import RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
@@ -16,44 +25,71 @@ from recal.fleet.report import SHOWN_UNITS, fleet_html
 UNITS = 240
 STEPS = [
     {"axis": "x", "shift_deg_h": 0.05, "sigma_deg_h": 0.003},
-    {"axis": "z", "shift_deg_h": 0.5, "sigma_deg_h": 0.003},  # no level gyro: no drift of the position
+    # no level gyro: no drift of the position
+    {"axis": "z", "shift_deg_h": 0.5, "sigma_deg_h": 0.003},
 ]
 
 
 def summary(k):
     return {
-        "of": "x", "steps": STEPS if k == 7 else [], "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
+        "of": "x",
+        "steps": STEPS if k == 7 else [],
+        "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
         "pages": [f"/out/units/U{k}/last"],
-        "coverage": [{"low_degC": 5.0 * (k % 7), "high_degC": 5.0 * (k % 7) + 5.0, "seconds": 600.0}],
-        "drift": {
-            "level_change_deg_h": 0.001 * k, "nm_h": 0.06 * (k % 50), "sigma_nm_h": 0.2,
-            "surprise_sigmas": 4.0 if k == 9 else 1.0,
-            "sigma_before_deg_h": 0.0072, "sigma_after_deg_h": 0.0024, "largest_deg_h": 0.01, "temperature_degC": [1.0, 50.0],
-        } if k else None,
-    }  # fmt: skip
+        "coverage": [
+            {"low_degC": 5.0 * (k % 7), "high_degC": 5.0 * (k % 7) + 5.0, "seconds": 600.0}
+        ],
+        "drift": (
+            {
+                "level_change_deg_h": 0.001 * k,
+                "nm_h": 0.06 * (k % 50),
+                "sigma_nm_h": 0.2,
+                "surprise_sigmas": 4.0 if k == 9 else 1.0,
+                "sigma_before_deg_h": 0.0072,
+                "sigma_after_deg_h": 0.0024,
+                "largest_deg_h": 0.01,
+                "temperature_degC": [1.0, 50.0],
+            }
+            if k
+            else None
+        ),
+    }
 
 
 @pytest.fixture(scope="module")
 def document():
     units = [UnitKey(imu_serial=f"<U{k}>", gyro_technology="rlg") for k in range(UNITS)]
     outcomes = [
-        RunOutcome(path=f"/r/{k}", outcome="committed" if k else "refused", reasons=() if k else ("too short: 240 s",),
-                   folder=f"/out/units/U{k}/last", notes=("a note",) if k == 3 else (), **vars(key))
+        RunOutcome(
+            path=f"/r/{k}",
+            outcome="committed" if k else "refused",
+            reasons=() if k else ("too short: 240 s",),
+            folder=f"/out/units/U{k}/last",
+            notes=("a note",) if k == 3 else (),
+            **vars(key),
+        )
         for k, key in enumerate(units)
-    ]  # fmt: skip
+    ]
     timing = Timing()
     for outcome in outcomes:
         timing.tell(outcome)
     return fleet_document(
-        outcomes, {key: summary(k) for k, key in enumerate(units)}, store_url="sqlite:////nowhere/a.db", mode="commit",
-        joint=False, output=Path("/out"), timing=timing.to_json(60.0), earlier=[],
-    )  # fmt: skip
+        outcomes,
+        {key: summary(k) for k, key in enumerate(units)},
+        store_url="sqlite:////nowhere/a.db",
+        mode="commit",
+        joint=False,
+        output=Path("/out"),
+        timing=timing.to_json(60.0),
+        earlier=[],
+    )
 
 
 def test_units_are_ranked_by_predicted_drift_a_step_counted(document):
     first, *units = document["units"]
     assert first["imu_serial"] == "<U7>" and first["rank"] == 1
-    assert first["step_drift"] == {"nm_h": pytest.approx(3.0), "sigma_nm_h": pytest.approx(0.18)}  # 60 NM/h a deg/h
+    # 60 NM/h a deg/h
+    assert first["step_drift"] == {"nm_h": pytest.approx(3.0), "sigma_nm_h": pytest.approx(0.18)}
     drifts = [u["drift"]["nm_h"] for u in units if u["drift"]]
     assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 2
     assert [u["rank"] for u in document["units"]] == [*range(1, UNITS), None]
@@ -65,7 +101,10 @@ def test_the_page_is_whole_and_fetches_nothing(document):
     assert not re.search(r"https?://|<script|<link|@import|src=", page)
     assert "<U1>" not in page and "&lt;U1&gt;" in page
     assert page.count("update.html") == UNITS + 1 and page.count('class="strip"') == UNITS - 1
-    assert f"The other {UNITS - 1 - SHOWN_UNITS} units" in page and "1 of 240 units moved by more than 3 times" in page
+    assert (
+        f"The other {UNITS - 1 - SHOWN_UNITS} units" in page
+        and "1 of 240 units moved by more than 3 times" in page
+    )
     assert "table disagrees with unit &lt;since&gt;" in page and "too short: # s" in page
     assert len(page) < 600_000
 
@@ -92,6 +131,10 @@ def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
 
 def test_reasons_are_grouped_without_names_and_numbers():
     run = RunOutcome(
-        path="/a/b", run_id="r7", imu_serial="SN-7", outcome="refused", reasons=("/a/b: r7 of SN-7 rests 4.5 s, x2 axis y",)
+        path="/a/b",
+        run_id="r7",
+        imu_serial="SN-7",
+        outcome="refused",
+        reasons=("/a/b: r7 of SN-7 rests 4.5 s, x2 axis y",),
     )
     assert plain_reason(run) == "RUN: RUN of UNIT rests # s, x2 axis y"

@@ -1,4 +1,6 @@
-"""Samples of every reader's format, and ways in which a log gets damaged; a new reader registers its sample here."""
+"""Samples of every reader's format, and ways in which a log gets damaged; a new reader registers
+its sample here.
+"""
 
 import gzip
 import resource
@@ -13,14 +15,25 @@ from typing import Any
 import numpy as np
 from scipy.io import savemat
 
-from tests.trajectories.readers import ardupilot_logs, ros_bags, test_kfgins, test_navego, test_novatel, test_psins, test_px4
+from tests.trajectories.readers import (
+    ardupilot_logs,
+    ros_bags,
+    test_kfgins,
+    test_navego,
+    test_novatel,
+    test_psins,
+    test_px4,
+)
 from tests.trajectories.readers.known_motion import parked
 from tests.trajectories.run_cases import F_B, W_B
 
 ROWS = 240
 COLUMNS = ["time_s", *(f"gyro_{a}_rad_s" for a in "xyz"), *(f"accel_{a}_m_s2" for a in "xyz")]
-NAMED = {"time": {"column": "time_s"}, "gyro": {"columns": COLUMNS[1:4], "unit": "rad/s"},
-         "accel": {"columns": COLUMNS[4:], "unit": "m/s2"}}  # fmt: skip
+NAMED = {
+    "time": {"column": "time_s"},
+    "gyro": {"columns": COLUMNS[1:4], "unit": "rad/s"},
+    "accel": {"columns": COLUMNS[4:], "unit": "m/s2"},
+}
 PLAUSIBLE_RAD_S, PLAUSIBLE_M_S2 = 100.0, 2000.0
 MEMORY_BYTES = 1 << 30  # that a damaged sample of some ten kilobytes may never ask for
 HANG_S = 60  # a reader that takes this long for such a sample does not come back
@@ -54,7 +67,11 @@ def _csv(path: Path) -> None:
 
 
 def _text(path: Path) -> None:
-    path.write_text(" ".join(COLUMNS) + "\n" + "".join(" ".join(map(repr, row)) + "\n" for row in table().tolist()))
+    path.write_text(
+        " ".join(COLUMNS)
+        + "\n"
+        + "".join(" ".join(map(repr, row)) + "\n" for row in table().tolist())
+    )
 
 
 def _parquet(path: Path) -> None:
@@ -65,12 +82,18 @@ def _parquet(path: Path) -> None:
 
 
 def _mat(path: Path) -> None:
-    savemat(path, {"imu": {"t": table()[:, 0], "w": table()[:, 1:4], "f": table()[:, 4:]}}, do_compression=True)
+    savemat(
+        path,
+        {"imu": {"t": table()[:, 0], "w": table()[:, 1:4], "f": table()[:, 4:]}},
+        do_compression=True,
+    )
 
 
 def _bag(form: str) -> Callable[[Path], None]:
     def write(path: Path) -> None:
-        made = ros_bags.write(path.with_name(f"bag-{path.name}"), form, ros_bags.messages(rows=ROWS))
+        made = ros_bags.write(
+            path.with_name(f"bag-{path.name}"), form, ros_bags.messages(rows=ROWS)
+        )
         stored = made if made.is_file() else next(p for p in made.iterdir() if p.suffix != ".yaml")
         path.write_bytes(stored.read_bytes())
         shutil.rmtree(made) if made.is_dir() else made.unlink()
@@ -79,8 +102,11 @@ def _bag(form: str) -> Callable[[Path], None]:
 
 
 SHORT = parked(seconds=ROWS / 100, start_s=20.0)
-MAT = {"time": {"column": "imu.t"}, "gyro": {"columns": [f"imu.w[{k}]" for k in range(3)], "unit": "rad/s"},
-       "accel": {"columns": [f"imu.f[{k}]" for k in range(3)], "unit": "m/s2"}}  # fmt: skip
+MAT = {
+    "time": {"column": "imu.t"},
+    "gyro": {"columns": [f"imu.w[{k}]" for k in range(3)], "unit": "rad/s"},
+    "accel": {"columns": [f"imu.f[{k}]" for k in range(3)], "unit": "m/s2"},
+}
 SAMPLES = [
     Sample("csv", ".csv", _csv),
     Sample("csv", ".csv.gz", _csv),
@@ -88,28 +114,69 @@ SAMPLES = [
     Sample("binary", ".bin", lambda path: table().tofile(path), {**NAMED, "columns": COLUMNS}),
     Sample("parquet", ".parquet", _parquet),
     Sample("mat", ".mat", _mat, MAT),
-    Sample("dataflash", ".bin", lambda path: ardupilot_logs.write(path, ardupilot_logs.old_messages(rows=ROWS))),
-    Sample("dataflash", "-new.bin",
-           lambda path: ardupilot_logs.write(path, ardupilot_logs.new_messages(rows=ROWS)), {"imu": 2}),
+    Sample(
+        "dataflash",
+        ".bin",
+        lambda path: ardupilot_logs.write(path, ardupilot_logs.old_messages(rows=ROWS)),
+    ),
+    Sample(
+        "dataflash",
+        "-new.bin",
+        lambda path: ardupilot_logs.write(path, ardupilot_logs.new_messages(rows=ROWS)),
+        {"imu": 2},
+    ),
     Sample("dataflash_text", ".log", lambda path: ardupilot_logs.write_text(path, rows=ROWS)),
-    Sample("ardupilot_mat", ".mat", lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS), do_compression=True)),
-    Sample("ardupilot_mat", "-plain.mat", lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS))),
+    Sample(
+        "ardupilot_mat",
+        ".mat",
+        lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS), do_compression=True),
+    ),
+    Sample(
+        "ardupilot_mat",
+        "-plain.mat",
+        lambda path: savemat(path, ardupilot_logs.mat_variables(rows=ROWS)),
+    ),
     Sample("ulog", ".ulg", lambda path: test_px4.write(path, test_px4.ulog(rows=ROWS))),
     Sample("psins", ".imu", lambda path: test_psins.simu_file(path, SHORT)),
     Sample("psins", ".txt", lambda path: test_psins.text_file(path, SHORT)),
-    Sample("psins", ".mat",
-           lambda path: savemat(path, {"imu": test_psins.imu_rows(SHORT), "gps": test_psins.gps_rows(3)}, do_compression=True)),
+    Sample(
+        "psins",
+        ".mat",
+        lambda path: savemat(
+            path,
+            {"imu": test_psins.imu_rows(SHORT), "gps": test_psins.gps_rows(3)},
+            do_compression=True,
+        ),
+    ),
     Sample("kfgins", ".txt", lambda path: test_kfgins.write_imu(path, SHORT)),
-    Sample("kfgins", ".bin", lambda path: np.column_stack([SHORT.time_s, SHORT.dtheta, SHORT.dv]).tofile(path)),
-    Sample("navego", ".mat", lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss())),
+    Sample(
+        "kfgins",
+        ".bin",
+        lambda path: np.column_stack([SHORT.time_s, SHORT.dtheta, SHORT.dv]).tofile(path),
+    ),
+    Sample(
+        "navego",
+        ".mat",
+        lambda path: test_navego.write(path, imu1=test_navego.imu(SHORT), gnss1=test_navego.gnss()),
+    ),
     Sample("novatel", ".asc", lambda path: test_novatel.write(path, test_novatel.raw_lines(SHORT))),
-    *(Sample("ros", f"-{form}.{end}", _bag(form)) for form, end in
-      (("ros1", "bag"), ("ros1-bz2", "bag"), ("sqlite3", "db3"), ("mcap", "mcap"), ("mcap-storage", "mcap"))),
-]  # fmt: skip
+    *(
+        Sample("ros", f"-{form}.{end}", _bag(form))
+        for form, end in (
+            ("ros1", "bag"),
+            ("ros1-bz2", "bag"),
+            ("sqlite3", "db3"),
+            ("mcap", "mcap"),
+            ("mcap-storage", "mcap"),
+        )
+    ),
+]
 
 
 def damaged(data: bytes, rng: np.random.Generator) -> bytes:
-    """One or more of: cut off, bits flipped, blocks zeroed, lost, doubled, swapped, foreign bytes, wild lengths."""
+    """One or more of: cut off, bits flipped, blocks zeroed, lost, doubled, swapped, foreign bytes,
+    wild lengths.
+    """
     for _ in range(rng.choice([1, 1, 1, 2, 4])):
         data = WAYS[rng.integers(len(WAYS))](bytearray(data), rng) if data else data
     return data
@@ -152,9 +219,17 @@ def _foreign(data: bytearray, rng: np.random.Generator) -> bytes:
 
 
 def _wild(data: bytearray, rng: np.random.Generator) -> bytes:
-    """A length, count or number of four or eight bytes that is as large as it can be, nought, or negative."""
+    """A length, count or number of four or eight bytes that is as large as it can be, nought, or
+    negative.
+    """
     at, size = _place(data, rng), int(rng.choice([2, 4, 8]))
-    word = (b"\xff" * size, b"\xff" * (size - 1) + b"\x7f", bytes(size), b"\0" * (size - 1) + b"\x80", b"\xff\xff\xff\xe7")
+    word = (
+        b"\xff" * size,
+        b"\xff" * (size - 1) + b"\x7f",
+        bytes(size),
+        b"\0" * (size - 1) + b"\x80",
+        b"\xff\xff\xff\xe7",
+    )
     new = word[int(rng.integers(len(word)))]
     data[at : at + len(new)] = new
     return bytes(data)

@@ -1,4 +1,6 @@
-"""A parked unit with noise, so that no row is like another, and what it takes to write it as a CSV log and convert it."""
+"""A parked unit with noise, so that no row is like another, and what it takes to write it as a CSV
+log and convert it.
+"""
 
 from pathlib import Path
 
@@ -19,16 +21,23 @@ STEPS = 0.01 * np.arange(N)
 def noisy() -> dict[str, np.ndarray]:
     """Columns t, wx to wz [deg/h], fx to fz [mg]."""
     rng = np.random.default_rng(1)
-    return {k: v + (k != "t") * rng.standard_normal(N) * (0.5 if k[0] == "w" else 0.05) for k, v in rate_table().items()}
+    return {
+        k: v + (k != "t") * rng.standard_normal(N) * (0.5 if k[0] == "w" else 0.05)
+        for k, v in rate_table().items()
+    }
 
 
-def convert(path: Path, columns: dict, keys: dict | None = None, given: dict | None = None) -> Conversion:
+def convert(
+    path: Path, columns: dict, keys: dict | None = None, given: dict | None = None
+) -> Conversion:
     """The columns as log.csv, converted by the map of `noisy` with more keys."""
     (path / "log.csv").write_text(csv_text(columns))
     return convert_log(path / "log.csv", MAP | (keys or {}), GIVEN if given is None else given)
 
 
-def with_fixes(path: Path, *, given: dict | None = None, gnss: dict | None = None, **changes) -> Conversion:
+def with_fixes(
+    path: Path, *, given: dict | None = None, gnss: dict | None = None, **changes
+) -> Conversion:
     """The unit with fixes in gps.csv once a second, some columns changed."""
     (path / "gps.csv").write_text(csv_text({"stamp": 5000.01 + SECONDS, **FIXES, **changes}))
     keys = {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}, **(gnss or {})}

@@ -1,7 +1,9 @@
-"""ROS bags of a vehicle that stands nose up and right side down, then turns right; written by rosbags, in every form.
+"""ROS bags of a vehicle that stands nose up and right side down, then turns right; written by
+rosbags, in every form.
 
-Axes of the messages are those of REP-103 (x forward, y left, z up), so that standing level reads +g on z, a nose that
-points up reads + on x, a left side that points up + on y, and a turn to the right - about z.
+Axes of the messages are those of REP-103 (x forward, y left, z up), so that standing level reads +g
+on z, a nose that points up reads + on x, a left side that points up + on y, and a turn to the right
+- about z.
 """
 
 from pathlib import Path
@@ -22,10 +24,23 @@ def f_flu() -> np.ndarray:
     return G * np.array([np.sin(PITCH), np.cos(PITCH) * np.sin(ROLL), np.cos(PITCH) * np.cos(ROLL)])
 
 
-def messages(*, imu_topics=("/imu/data",), stamps=None, temperature_topics=("/imu/temperature",), frame="imu_link",
-             velocity_frame="gps", twist="TwistWithCovarianceStamped", with_fix=True, flu=None, start_ns=START_NS,
-             rows=ROWS, unknown_covariance=False) -> list[tuple]:  # fmt: skip
-    """(topic, type, receive time [ns], fields): in the order of receiving. `stamps` (rows,): other header stamps [ns]."""
+def messages(
+    *,
+    imu_topics=("/imu/data",),
+    stamps=None,
+    temperature_topics=("/imu/temperature",),
+    frame="imu_link",
+    velocity_frame="gps",
+    twist="TwistWithCovarianceStamped",
+    with_fix=True,
+    flu=None,
+    start_ns=START_NS,
+    rows=ROWS,
+    unknown_covariance=False,
+) -> list[tuple]:
+    """(topic, type, receive time [ns], fields): in the order of receiving. `stamps` (rows,): other
+    header stamps [ns].
+    """
     out: list[tuple] = []
     w_turn = np.array([0.0, 0.0, -TURN])
     for k in range(rows):
@@ -34,14 +49,40 @@ def messages(*, imu_topics=("/imu/data",), stamps=None, temperature_topics=("/im
         w = w_turn * (k >= PARKED_S * RATE_HZ)
         for i, topic in enumerate(imu_topics):
             out.append(
-                (topic, "sensor_msgs/msg/Imu", received + i, (stamp, frame, w * (i + 1), f_flu() if flu is None else flu))
+                (
+                    topic,
+                    "sensor_msgs/msg/Imu",
+                    received + i,
+                    (stamp, frame, w * (i + 1), f_flu() if flu is None else flu),
+                )
             )
         if k % 50 == 0:
             for i, topic in enumerate(temperature_topics):
-                out.append((topic, "sensor_msgs/msg/Temperature", received + 10, (stamp, frame, 30.0 + 10 * i + k / 1000)))
+                out.append(
+                    (
+                        topic,
+                        "sensor_msgs/msg/Temperature",
+                        received + 10,
+                        (stamp, frame, 30.0 + 10 * i + k / 1000),
+                    )
+                )
         if k % 20 == 5 and with_fix:
-            out.append(("/fix", "sensor_msgs/msg/NavSatFix", received + 20, (stamp, "gps", 2 * (not unknown_covariance))))
-            out.append(("/vel", f"geometry_msgs/msg/{twist}", received + 30, (stamp + 10**7, velocity_frame)))
+            out.append(
+                (
+                    "/fix",
+                    "sensor_msgs/msg/NavSatFix",
+                    received + 20,
+                    (stamp, "gps", 2 * (not unknown_covariance)),
+                )
+            )
+            out.append(
+                (
+                    "/vel",
+                    f"geometry_msgs/msg/{twist}",
+                    received + 30,
+                    (stamp + 10**7, velocity_frame),
+                )
+            )
     return out
 
 
@@ -63,7 +104,8 @@ def _write_ros1(path: Path, storage: str, packed: str, made: list[tuple]) -> Pat
         writer.set_compression(Writer.CompressionFormat[packed.upper()])
     with writer:
         connections = {
-            (t, kind): writer.add_connection(t, kind, typestore=store) for t, kind in dict.fromkeys(m[:2] for m in made)
+            (t, kind): writer.add_connection(t, kind, typestore=store)
+            for t, kind in dict.fromkeys(m[:2] for m in made)
         }
         for topic, kind, received, fields in made:
             message = _message(store, kind, fields, ros1=True)
@@ -81,10 +123,15 @@ def _write_ros2(path: Path, storage: str, packed: str, made: list[tuple]) -> Pat
         writer.set_compression(CompressionMode[packed.upper()], CompressionFormat.ZSTD)
     with writer:
         connections = {
-            (t, kind): writer.add_connection(t, kind, typestore=store) for t, kind in dict.fromkeys(m[:2] for m in made)
+            (t, kind): writer.add_connection(t, kind, typestore=store)
+            for t, kind in dict.fromkeys(m[:2] for m in made)
         }
         for topic, kind, received, fields in made:
-            writer.write(connections[topic, kind], received, store.serialize_cdr(_message(store, kind, fields), kind))
+            writer.write(
+                connections[topic, kind],
+                received,
+                store.serialize_cdr(_message(store, kind, fields), kind),
+            )
     return path
 
 
@@ -103,12 +150,20 @@ def _vector(types, v):
 
 def _imu(types, kind, header, w, f):
     orientation = types["geometry_msgs/msg/Quaternion"](x=0.1, y=0.2, z=0.3, w=0.9)
-    covariances = {f"{k}_covariance": np.full(9, 0.5) for k in ("orientation", "angular_velocity", "linear_acceleration")}
+    covariances = {
+        f"{k}_covariance": np.full(9, 0.5)
+        for k in ("orientation", "angular_velocity", "linear_acceleration")
+    }
     if f is None:
         covariances["linear_acceleration_covariance"] = np.full(9, -1.0)
         f = np.zeros(3)
-    return kind(header=header, orientation=orientation, angular_velocity=_vector(types, w),
-                linear_acceleration=_vector(types, f), **covariances)  # fmt: skip
+    return kind(
+        header=header,
+        orientation=orientation,
+        angular_velocity=_vector(types, w),
+        linear_acceleration=_vector(types, f),
+        **covariances,
+    )
 
 
 def _temperature(types, kind, header, value):
@@ -118,8 +173,15 @@ def _temperature(types, kind, header, value):
 def _fix(types, kind, header, covariance_type):
     status = types["sensor_msgs/msg/NavSatStatus"](status=0, service=1)
     covariance = np.array([1.0, 0, 0, 0, 3.0, 0, 0, 0, 9.0])
-    return kind(header=header, status=status, latitude=LAT_DEG, longitude=LON_DEG, altitude=HEIGHT_M,
-                position_covariance=covariance, position_covariance_type=covariance_type)  # fmt: skip
+    return kind(
+        header=header,
+        status=status,
+        latitude=LAT_DEG,
+        longitude=LON_DEG,
+        altitude=HEIGHT_M,
+        position_covariance=covariance,
+        position_covariance_type=covariance_type,
+    )
 
 
 def _twist(types, kind, header):
@@ -132,8 +194,16 @@ def _twist_covariance(types, kind, header):
     zero = _vector(types, (0.0, 0.0, 0.0))
     twist = types["geometry_msgs/msg/Twist"](linear=_vector(types, (EAST, NORTH, UP)), angular=zero)
     full = np.diag([0.01, 0.04, 0.09, 1.0, 1.0, 1.0]).ravel()
-    return kind(header=header, twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=full))
+    return kind(
+        header=header,
+        twist=types["geometry_msgs/msg/TwistWithCovariance"](twist=twist, covariance=full),
+    )
 
 
-_MAKE = {"Imu": _imu, "Temperature": _temperature, "NavSatFix": _fix, "TwistStamped": _twist,
-         "TwistWithCovarianceStamped": _twist_covariance}  # fmt: skip
+_MAKE = {
+    "Imu": _imu,
+    "Temperature": _temperature,
+    "NavSatFix": _fix,
+    "TwistStamped": _twist,
+    "TwistWithCovarianceStamped": _twist_covariance,
+}

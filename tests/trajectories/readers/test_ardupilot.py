@@ -1,4 +1,6 @@
-"""ArduPilot logs of every form, written by hand in ardupilot_logs.py: one parked unit, whole, cut off and garbled."""
+"""ArduPilot logs of every form, written by hand in ardupilot_logs.py: one parked unit, whole, cut
+off and garbled.
+"""
 
 import re
 from pathlib import Path
@@ -33,17 +35,23 @@ def rates(log, rows: int = logs.ROWS):
 def check_parked(run, *, w=logs.W, decimals: float = 1e-6):
     """Rates, forces, place and velocities of the parked unit."""
     np.testing.assert_allclose(run.imu.dtheta_rad / DT_S, np.tile(w, (logs.ROWS, 1)), rtol=1e-6)
-    np.testing.assert_allclose(run.imu.dv_m_s / DT_S, np.tile(F_B, (logs.ROWS, 1)), rtol=1e-6, atol=decimals)
+    np.testing.assert_allclose(
+        run.imu.dv_m_s / DT_S, np.tile(F_B, (logs.ROWS, 1)), rtol=1e-6, atol=decimals
+    )
     assert run.header.gyro_technology == "mems"
     assert run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
     assert run.header.site.lon_rad == pytest.approx(logs.LON_DEG * DEG, abs=1e-9)
     assert run.header.site.height_m == pytest.approx(logs.HEIGHT_M, abs=1e-6)
-    np.testing.assert_allclose(run.gnss.v_n_m_s, np.tile([0.0, 2.0, -0.5], (run.gnss.time_s.size, 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        run.gnss.v_n_m_s, np.tile([0.0, 2.0, -0.5], (run.gnss.time_s.size, 1)), atol=1e-12
+    )
     assert run.gnss.time_s[1] - run.gnss.time_s[0] == pytest.approx(0.2, abs=1e-6)
 
 
 def test_dataflash_of_old_firmware(old):
-    """UTC by hand: week 1871 began on 2015-11-15 00:00:00 GPS; the first row is at 603 920.00 s, its interval before."""
+    """UTC by hand: week 1871 began on 2015-11-15 00:00:00 GPS; the first row is at 603 920.00 s,
+    its interval before.
+    """
     made = convert_log(old, {}, {})
     check_parked(made.run)
     assert made.record["format"] == "dataflash"
@@ -62,23 +70,37 @@ def test_the_second_imu_and_its_temperature(old):
     T = made.run.temperature
     np.testing.assert_allclose(T.gyro_degC[:, 0], 40.0 + (T.time_s - DT_S) / DT_S / 500, atol=1e-4)
     np.testing.assert_array_equal(T.gyro_degC[:, 0], T.gyro_degC[:, 2])
-    assert any("less the autopilot's gyro offsets INS_GYR2OFFS_X Y Z = +0.001000" in n for n in made.record["notes"])
+    assert any(
+        "less the autopilot's gyro offsets INS_GYR2OFFS_X Y Z = +0.001000" in n
+        for n in made.record["notes"]
+    )
 
 
 def test_gyro_offsets_added_back(old):
-    assert convert_log(old, {"imu": 2}, {}).run.header.level_removed and not convert_log(old, {}, {}).run.header.level_removed
+    assert (
+        convert_log(old, {"imu": 2}, {}).run.header.level_removed
+        and not convert_log(old, {}, {}).run.header.level_removed
+    )
     made = convert_log(old, {"imu": 2, "gyro_offsets": "add_back"}, {})
     assert not made.run.header.level_removed
     check_parked(made.run, w=2 * logs.W + [0.001, 0.002, 0.003])
-    with pytest.raises(InputError, match=r"flight\.bin: IMU: gyro_offsets: the log has no parameters INS_GYROFFS_X Y Z"):
+    with pytest.raises(
+        InputError,
+        match=r"flight\.bin: IMU: gyro_offsets: the log has no parameters INS_GYROFFS_X Y Z",
+    ):
         convert_log(old, {"gyro_offsets": "add_back"}, {})
 
 
 def test_a_log_compensated_in_flight_is_refused(tmp_path):
-    """What the autopilot took out would be learnt as if the unit had no bias there (PX4 PR 20660 and 21073 were such)."""
+    """What the autopilot took out would be learnt as if the unit had no bias there (PX4 PR 20660
+    and 21073 were such).
+    """
     switch = logs.message(logs.OLD["PARM"], "INS_TCAL2_ENABLE", 1.0)
     log = logs.write(tmp_path / "flight.bin", [*logs.old_messages(), switch])
-    with pytest.raises(InputError, match=r"flight\.bin: IMU2: INS_TCAL2_ENABLE is 1: gyros compensated for temperature"):
+    with pytest.raises(
+        InputError,
+        match=r"flight\.bin: IMU2: INS_TCAL2_ENABLE is 1: gyros compensated for temperature",
+    ):
         convert_log(log, {"imu": 2}, {})
     assert convert_log(log, {"imu": 1}, {}).run.header.applied_table_sha256 is None
     told = convert_log(log, {"imu": 2, "run": {"applied_table_sha256": "a" * 64}}, {})
@@ -86,7 +108,9 @@ def test_a_log_compensated_in_flight_is_refused(tmp_path):
 
 
 def test_dataflash_of_new_firmware(tmp_path):
-    """Microseconds, instances, no fix at first, accuracy from GPA (its columns are in hundredths)."""
+    """Microseconds, instances, no fix at first, accuracy from GPA (its columns are in
+    hundredths).
+    """
     made = convert_log(logs.write(tmp_path / "new.bin", logs.new_messages()), {"imu": 2}, {})
     check_parked(made.run, w=2 * logs.W)
     assert made.run.header.imu_serial == "new-imu2"
@@ -127,11 +151,13 @@ def test_start_later_in_the_log(old):
 
 @pytest.mark.parametrize(
     ("options", "line"),
-    [({"imu": 3}, r"flight\.bin: no IMU 3, has 1, 2 \(--imu\)"),
-     ({"imu": 0}, r"map: imu: got 0, needed at least 1"),
-     ({"column": 1}, r"map: unknown key column"),
-     ({"gyro_offsets": "raw"}, r"map: gyro_offsets: got \"raw\"")],
-)  # fmt: skip
+    [
+        ({"imu": 3}, r"flight\.bin: no IMU 3, has 1, 2 \(--imu\)"),
+        ({"imu": 0}, r"map: imu: got 0, needed at least 1"),
+        ({"column": 1}, r"map: unknown key column"),
+        ({"gyro_offsets": "raw"}, r"map: gyro_offsets: got \"raw\""),
+    ],
+)
 def test_wrong_options_are_named(old, options, line):
     with pytest.raises(InputError, match=line):
         convert_log(old, options, {})
@@ -140,18 +166,36 @@ def test_wrong_options_are_named(old, options, line):
 def test_a_log_without_gps_needs_the_site(tmp_path):
     messages = [m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0]]
     path = logs.write(tmp_path / "log.bin", messages)
-    with pytest.raises(InputError, match=r"log\.bin: needed from the options or \[run\] .*start_utc .*lat_deg \(--lat-deg\)"):
+    with pytest.raises(
+        InputError,
+        match=r"log\.bin: needed from the options or \[run\] .*start_utc .*lat_deg \(--lat-deg\)",
+    ):
         convert_log(path, {}, {})
-    site = {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"}
+    site = {
+        "lat_deg": -35.0,
+        "lon_deg": 149.0,
+        "height_m": 500.0,
+        "start_utc": "2015-11-22T00:00:00Z",
+    }
     assert convert_log(path, {}, site).run.gnss is None
 
 
 def test_accelerations_in_g_are_refused(tmp_path):
     """Firmware or an export that changed units: the physics gate names them."""
     messages = logs.head_of(logs.OLD)
-    messages += [logs.message(logs.OLD["IMU"], 20 * k, *logs.W, *(F_B / 9.80665), 0, 0, 30.0) for k in range(2000)]
-    site = {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"}
-    with pytest.raises(InputError, match=r"mean \|f\| at rest is 0.9986 m/s2, needed 9.8: g\? multiply by 9.80665"):
+    messages += [
+        logs.message(logs.OLD["IMU"], 20 * k, *logs.W, *(F_B / 9.80665), 0, 0, 30.0)
+        for k in range(2000)
+    ]
+    site = {
+        "lat_deg": -35.0,
+        "lon_deg": 149.0,
+        "height_m": 500.0,
+        "start_utc": "2015-11-22T00:00:00Z",
+    }
+    with pytest.raises(
+        InputError, match=r"mean \|f\| at rest is 0.9986 m/s2, needed 9.8: g\? multiply by 9.80665"
+    ):
         convert_log(logs.write(tmp_path / "log.bin", messages), {}, site)
 
 
@@ -165,23 +209,32 @@ def test_cut_off_within_a_message(tmp_path, lost):
     path = tmp_path / "cut.bin"
     path.write_bytes(whole[:-lost])
     tables, notes = read_tables(path, {"IMU", "IMU2"})
-    assert tables["IMU"]["TimeMS"].size == logs.ROWS and tables["IMU2"]["TimeMS"].size == logs.ROWS - 1
+    assert (
+        tables["IMU"]["TimeMS"].size == logs.ROWS and tables["IMU2"]["TimeMS"].size == logs.ROWS - 1
+    )
     length = len(logs.old_messages()[-1])
     start = len(whole) - length
-    assert notes == [f"cut.bin: ends within a message, the last {length - lost} bytes (from byte {start}) dropped"]
+    assert notes == [
+        f"cut.bin: ends within a message, the last {length - lost} bytes (from byte {start})"
+        " dropped"
+    ]
 
 
 @pytest.mark.parametrize("damage", ["bytes lost", "bytes added", "head garbled", "block of zeros"])
 def test_damage_within_is_read_around(tmp_path, damage):
-    """At most three messages of the place are lost, no garbled row passes, and the place is named."""
+    """At most three messages of the place are lost, no garbled row passes, and the place is
+    named.
+    """
     messages = [m for m in logs.old_messages() if m[2] != logs.OLD["GPS"][0]]
     k = len(messages) - 401
     at = sum(map(len, messages[:k]))
     data = b"".join(messages)
     data = {
-        "bytes lost": data[: at + 10] + data[at + 17 :], "bytes added": data[: at + 10] + b"\x07" * 9 + data[at + 10 :],
-        "head garbled": data[:at] + b"\x00" + data[at + 1 :], "block of zeros": data[: at + 5] + bytes(60) + data[at + 65 :],
-    }[damage]  # fmt: skip
+        "bytes lost": data[: at + 10] + data[at + 17 :],
+        "bytes added": data[: at + 10] + b"\x07" * 9 + data[at + 10 :],
+        "head garbled": data[:at] + b"\x00" + data[at + 1 :],
+        "block of zeros": data[: at + 5] + bytes(60) + data[at + 65 :],
+    }[damage]
     path = tmp_path / "hit.bin"
     path.write_bytes(data)
     tables, notes = read_tables(path, {"IMU", "IMU2"})
@@ -195,7 +248,9 @@ def test_damage_within_is_read_around(tmp_path, damage):
 
 
 def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
-    """Flipped bits leave the frame whole: a time far ahead, an impossible rate, a temperature no sensor has."""
+    """Flipped bits leave the frame whole: a time far ahead, an impossible rate, a temperature no
+    sensor has.
+    """
     messages = logs.old_messages()
     form = logs.OLD["IMU"]
     rows = [k for k, m in enumerate(messages) if m[2] == form[0]]
@@ -219,7 +274,9 @@ def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
     messages = logs.old_messages()
     form = logs.OLD["GPS"]
     first = next(k for k, m in enumerate(messages) if m[2] == form[0])
-    messages[first] = logs.message(form, 3, 0, 5, 9, 150, 500_000_000, 70_000_000, 12, 100, 200, 9000, -0.5, FIRST)
+    messages[first] = logs.message(
+        form, 3, 0, 5, 9, 150, 500_000_000, 70_000_000, 12, 100, 200, 9000, -0.5, FIRST
+    )
     made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
     assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
@@ -256,7 +313,10 @@ def test_a_number_that_a_garbled_format_makes_a_text(tmp_path, name, letters, ga
 
 def test_another_format_of_the_same_type_is_not_taken(tmp_path):
     messages = logs.old_messages()
-    messages.insert(20, logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"))
+    messages.insert(
+        20,
+        logs.fmt(131, "IMU", "IffffffIIf", "TimeMS,GyrY,GyrX,GyrZ,AccX,AccY,AccZ,ErrG,ErrA,Temp"),
+    )
     tables, notes = read_tables(logs.write(tmp_path / "log.bin", messages), {"IMU"})
     assert tables["IMU"]["GyrX"][100] == pytest.approx(logs.W[0])
     assert "another format for message type 131 (IMU), the first one kept" in notes[0]
@@ -270,25 +330,45 @@ def test_text_damage(tmp_path):
     path.write_bytes(b"\r\n".join(lines)[:-20])
     _, log = read_log(path, {})
     assert log.imu.rows >= logs.ROWS - 3
-    assert "last line has no line end (file cut off?), dropped; damaged, skipped: lines 101, 201" in log.notes[0]
+    assert (
+        "last line has no line end (file cut off?), dropped; damaged, skipped: lines 101, 201"
+        in log.notes[0]
+    )
 
 
 def test_matlab_damage(tmp_path):
-    """A file cut off within IMU has none; one cut off later, or with another variable garbled, is read without it."""
+    """A file cut off within IMU has none; one cut off later, or with another variable garbled, is
+    read without it.
+    """
     path = logs.write_mat(tmp_path / "flight.mat", compress=False)
     whole = path.read_bytes()
     path.write_bytes(whole[:5000])
-    with pytest.raises(InputError, match=r"holds none of .* \(flight\.mat: cut off at byte 128: the last 4872 bytes dropped"):
+    with pytest.raises(
+        InputError,
+        match=r"holds none of .* \(flight\.mat: cut off at byte 128: the last 4872 bytes dropped",
+    ):
         convert_log(path, {"format": "ardupilot_mat"}, {})
     path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2))
     with pytest.raises(InputError, match="no IMU 1, has none"):
         convert_log(path, {"format": "ardupilot_mat"}, {})
     path.write_bytes(whole[:128] + whole[128:].replace(b"IMU", b"IMX", 2)[:-40])
-    with pytest.raises(InputError, match=r"no IMU 1, has none \(--imu\) \(flight\.mat: cut off at byte \d+: the last"):
+    with pytest.raises(
+        InputError,
+        match=r"no IMU 1, has none \(--imu\) \(flight\.mat: cut off at byte \d+: the last",
+    ):
         convert_log(path, {"format": "ardupilot_mat"}, {})
     gps = whole.index(b"GPS_label")
     path.write_bytes(whole[:gps] + b"\xff" * 60 + whole[gps + 60 :])
-    made = convert_log(path, {}, {"lat_deg": -35.0, "lon_deg": 149.0, "height_m": 500.0, "start_utc": "2015-11-22T00:00:00Z"})
+    made = convert_log(
+        path,
+        {},
+        {
+            "lat_deg": -35.0,
+            "lon_deg": 149.0,
+            "height_m": 500.0,
+            "start_utc": "2015-11-22T00:00:00Z",
+        },
+    )
     assert made.run.imu.rows == logs.ROWS and made.run.gnss is None
     assert "flight.mat: GPS has shape (50, 14) and 0 labels, not read" in made.record["notes"]
     path.write_bytes(whole[:-40])
@@ -308,7 +388,10 @@ def test_a_packed_matlab_variable_that_is_garbled(tmp_path):
     path.write_bytes(data)
     _, log = read_log(path, {})
     assert log.imu.rows == logs.ROWS and log.gnss is None
-    assert any(re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n) for n in log.notes)
+    assert any(
+        re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n)
+        for n in log.notes
+    )
 
 
 def test_other_matlab_files_are_named(tmp_path):
@@ -321,7 +404,10 @@ def test_other_matlab_files_are_named(tmp_path):
     with pytest.raises(InputError, match=r"b\.mat: holds none of the messages"):
         convert_log(tmp_path / "b.mat", {"format": "ardupilot_mat"}, {})
     (tmp_path / "c.mat").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(600))
-    with pytest.raises(InputError, match=r"c\.mat: a MATLAB file of version 7\.3 \(HDF5\), needed version 5 to 7\.2"):
+    with pytest.raises(
+        InputError,
+        match=r"c\.mat: a MATLAB file of version 7\.3 \(HDF5\), needed version 5 to 7\.2",
+    ):
         convert_log(tmp_path / "c.mat", {"format": "ardupilot_mat"}, {})
 
 
@@ -329,7 +415,12 @@ SHORT = b"".join(logs.old_messages(rows=40))
 
 
 @settings(max_examples=150, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=12), st.integers(0, 40)), max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=12), st.integers(0, 40)),
+        max_size=6,
+    )
+)
 def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
     """Bytes replaced, added and taken out anywhere: a log, or one InputError; nothing else."""
     data = SHORT
@@ -345,10 +436,15 @@ def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
 def test_any_damage_of_the_other_forms(tmp_path_factory, seed, name):
     rng = np.random.default_rng(seed)
     base = tmp_path_factory.getbasetemp()
-    make = {"ardupilot_mat": lambda p: logs.write_mat(p, compress=bool(seed % 2)), "dataflash_text": logs.write_text}[name]
+    make = {
+        "ardupilot_mat": lambda p: logs.write_mat(p, compress=bool(seed % 2)),
+        "dataflash_text": logs.write_text,
+    }[name]
     path = make(base / "fuzz_other.mat")
     data = bytearray(path.read_bytes())
-    for at in rng.integers(0, min(len(data), 3000 if seed % 3 else len(data)), size=rng.integers(1, 8)):
+    for at in rng.integers(
+        0, min(len(data), 3000 if seed % 3 else len(data)), size=rng.integers(1, 8)
+    ):
         data[at] = rng.integers(0, 256)
     path.write_bytes(data[: rng.integers(1, len(data))] if seed % 5 == 0 else data)
     read_or_refuse(path, name)
@@ -369,24 +465,40 @@ def read_or_refuse(path: Path, name: str) -> None:
 
 def log_that_declares(tmp_path, *, gyro: str, accel: str):
     """The new log with FMTU and UNIT as 4.x firmware writes them; its values are as ever."""
-    forms = {"FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"), "UNIT": (137, "QbZ", "TimeUS,Id,Label")}
-    extra = [logs.fmt(kind, name, letters, columns) for name, (kind, letters, columns) in forms.items()]
-    extra += [logs.message(forms["UNIT"], 0, ord(k), text) for k, text in (("E", gyro), ("o", accel), ("O", "degC"))]
-    extra.append(logs.message(forms["FMTU"], 0, logs.NEW["IMU"][0], "s#EEEooo--O--ZZ", "F-000000-------"))
-    return logs.write(tmp_path / "new.bin", logs.new_messages()[:6] + extra + logs.new_messages()[6:])
+    forms = {
+        "FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
+        "UNIT": (137, "QbZ", "TimeUS,Id,Label"),
+    }
+    extra = [
+        logs.fmt(kind, name, letters, columns) for name, (kind, letters, columns) in forms.items()
+    ]
+    extra += [
+        logs.message(forms["UNIT"], 0, ord(k), text)
+        for k, text in (("E", gyro), ("o", accel), ("O", "degC"))
+    ]
+    extra.append(
+        logs.message(forms["FMTU"], 0, logs.NEW["IMU"][0], "s#EEEooo--O--ZZ", "F-000000-------")
+    )
+    return logs.write(
+        tmp_path / "new.bin", logs.new_messages()[:6] + extra + logs.new_messages()[6:]
+    )
 
 
 def test_declared_units_are_used(tmp_path):
     check_parked(convert_log(log_that_declares(tmp_path, gyro="rad/s", accel="m/s/s"), {}, {}).run)
     turned = convert_log(log_that_declares(tmp_path, gyro="deg/s", accel="m/s/s"), {}, {}).run
-    np.testing.assert_allclose(turned.imu.dtheta_rad / DT_S, np.tile(logs.W * np.pi / 180, (logs.ROWS, 1)), rtol=1e-6)
+    np.testing.assert_allclose(
+        turned.imu.dtheta_rad / DT_S, np.tile(logs.W * np.pi / 180, (logs.ROWS, 1)), rtol=1e-6
+    )
 
 
 @pytest.mark.parametrize(
     ("gyro", "accel", "line"),
-    [("rev/s", "m/s/s", r"new\.bin: IMU 1: GyrX is in 'rev/s', needed rad/s or deg/s"),
-     ("rad/s", "ft/s/s", r"new\.bin: IMU 1: AccX is in 'ft/s/s', needed m/s/s or m/s2 or g")],
-)  # fmt: skip
+    [
+        ("rev/s", "m/s/s", r"new\.bin: IMU 1: GyrX is in 'rev/s', needed rad/s or deg/s"),
+        ("rad/s", "ft/s/s", r"new\.bin: IMU 1: AccX is in 'ft/s/s', needed m/s/s or m/s2 or g"),
+    ],
+)
 def test_unknown_declared_units_are_refused(tmp_path, gyro, accel, line):
     with pytest.raises(InputError, match=line):
         convert_log(log_that_declares(tmp_path, gyro=gyro, accel=accel), {}, {})

@@ -1,4 +1,6 @@
-"""Clocks that wrap, are set, repeat, count from another epoch or in another unit: read as they went on, or refused."""
+"""Clocks that wrap, are set, repeat, count from another epoch or in another unit: read as they went
+on, or refused.
+"""
 
 import numpy as np
 import pytest
@@ -6,15 +8,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ins.records import InputError
-from tests.trajectories.readers.hostile_rows import DATELESS, GPS_LESS_UNIX_S, SECONDS, STEPS, UNIX_S, convert, noisy
+from tests.trajectories.readers.hostile_rows import (
+    DATELESS,
+    GPS_LESS_UNIX_S,
+    SECONDS,
+    STEPS,
+    UNIX_S,
+    convert,
+    noisy,
+)
 from tests.trajectories.readers.test_maps import FIXES, GNSS, N, csv_text
 from trajectories.readers.rows.clocks import beside, going_on
 from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
 
 PERIODS = [
-    ("32 bits of microseconds", 4294.967296), ("32 bits of milliseconds", 4_294_967.296), ("GPS week", 604_800.0),
-    ("day", 86_400.0), ("hour", 3600.0), ("16 bits of milliseconds", 65.536), ("minute", 60.0),
-]  # fmt: skip
+    ("32 bits of microseconds", 4294.967296),
+    ("32 bits of milliseconds", 4_294_967.296),
+    ("GPS week", 604_800.0),
+    ("day", 86_400.0),
+    ("hour", 3600.0),
+    ("16 bits of milliseconds", 65.536),
+    ("minute", 60.0),
+]
 
 
 @pytest.mark.parametrize(("name", "period_s"), PERIODS)
@@ -26,7 +41,9 @@ def test_a_clock_that_starts_again_goes_on(tmp_path, name, period_s):
     assert made.run.imu.rows == N and made.run.imu.end_s == pytest.approx(60.0, abs=1e-5)
     straight = convert(tmp_path, columns | {"t": STEPS})
     np.testing.assert_allclose(made.run.imu.dtheta_rad, straight.run.imu.dtheta_rad, rtol=1e-3)
-    assert [n for n in made.record["notes"] if f"starts again at row 3001 ({name})" in n] and len(made.record["notes"]) == 1
+    assert [n for n in made.record["notes"] if f"starts again at row 3001 ({name})" in n] and len(
+        made.record["notes"]
+    ) == 1
 
 
 def test_many_wraps_of_a_short_clock():
@@ -34,22 +51,32 @@ def test_many_wraps_of_a_short_clock():
     out, found = going_on(t % 65.536)
     np.testing.assert_allclose(out, t, atol=1e-9)
     assert [round(k * 0.01 / 65.536) for k, _, _ in found] == list(range(1, 16))
-    out, found = going_on(np.concatenate([t[:9000], t[3000:9000]]))  # a clock that is set back by a minute goes beyond one
+    # a clock that is set back by a minute goes beyond one
+    out, found = going_on(np.concatenate([t[:9000], t[3000:9000]]))
     assert found == []
 
 
 def test_everything_on_the_clock_wraps_with_it(tmp_path):
-    """Fixes, temperatures and wheel in the log's rows, then in files of their own, over the wrap of 32 bits of milliseconds."""
+    """Fixes, temperatures and wheel in the log's rows, then in files of their own, over the wrap of
+    32 bits of milliseconds.
+    """
     columns, ticks = noisy(), (np.round(1e3 * STEPS) + 2**32 - 30_000) % 2**32
     slow = {"stamp": ticks[::100], **FIXES, "T": 20 + SECONDS / 10, "v": np.full(60, 3.0)}
     rows = columns | {"t": ticks} | {k: np.full(N, np.nan) for k in slow if k != "stamp"}
     for name in slow:
         if name != "stamp":
             rows[name][::100] = slow[name]
-    keys = {"time": {"column": "t", "unit": "ms"}, "gnss": GNSS, "temperature": {"columns": ["T"]}, "odometer": {"column": "v"}}
+    keys = {
+        "time": {"column": "t", "unit": "ms"},
+        "gnss": GNSS,
+        "temperature": {"columns": ["T"]},
+        "odometer": {"column": "v"},
+    }
     (tmp_path / "slow.csv").write_text(csv_text(slow))
     other = {"file": "slow.csv", "time": {"column": "stamp", "unit": "ms"}}
-    apart = {"time": keys["time"]} | {k: {**keys[k], **other} for k in ("gnss", "temperature", "odometer")}
+    apart = {"time": keys["time"]} | {
+        k: {**keys[k], **other} for k in ("gnss", "temperature", "odometer")
+    }
     for made in (convert(tmp_path, rows, keys), convert(tmp_path, columns | {"t": ticks}, apart)):
         for stream in (made.run.gnss, made.run.temperature, made.run.odometer):
             np.testing.assert_allclose(stream.time_s, SECONDS + 0.01, atol=1e-5)
@@ -57,23 +84,32 @@ def test_everything_on_the_clock_wraps_with_it(tmp_path):
 
 
 def test_another_stream_that_begins_after_the_wrap():
-    np.testing.assert_allclose(beside(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0])
+    np.testing.assert_allclose(
+        beside(np.array([5.0, 6.0]), 604_790.0, 604_820.0, (604_800.0,)), [604_805.0, 604_806.0]
+    )
     np.testing.assert_allclose(beside(np.array([5.0, 6.0]), 100.0, 200.0, (604_800.0,)), [5.0, 6.0])
 
 
 @pytest.mark.parametrize("back_s", [18.0, 59.99, 999.0])
 def test_a_clock_that_is_set_back_is_refused(tmp_path, back_s):
-    """Half of the rows again before the others: nobody knows whether they were joined, swapped or the clock set."""
+    """Half of the rows again before the others: nobody knows whether they were joined, swapped or
+    the clock set.
+    """
     columns = noisy()
     columns["t"] = 2000.0 + STEPS - back_s * (np.arange(N) >= 3000)
-    with pytest.raises(InputError, match=rf"clock goes back by {back_s - 0.01:.3f} s at row 3001: .*--to-s or --from-s"):
+    with pytest.raises(
+        InputError,
+        match=rf"clock goes back by {back_s - 0.01:.3f} s at row 3001: .*--to-s or --from-s",
+    ):
         convert(tmp_path, columns)
     made = convert(tmp_path, columns, {"from_s": 2000.0}) if back_s > 59 else None
     assert made is None or made.run.imu.rows == 3000
 
 
 def test_one_garbled_time_costs_one_row(tmp_path):
-    """Ahead by less than a second: the rows behind it are not late, and it does not stay between two others."""
+    """Ahead by less than a second: the rows behind it are not late, and it does not stay between
+    two others.
+    """
     columns = noisy()
     columns["t"][1000] += 0.4957
     made = convert(tmp_path, columns)
@@ -87,23 +123,38 @@ def test_one_garbled_time_costs_one_row(tmp_path):
 
 @pytest.mark.parametrize(
     ("stamps", "line"),
-    [(np.round(STEPS, 1), "stamps too coarse\\? rate_hz in the map"), (np.round(STEPS), "stamps too coarse"),
-     (1e3 * STEPS, r"rows 10 s apart \(median\), needed 0\.0005 to 0\.1 s: unit of the time stamps\?"),
-     (1e-305 * STEPS, r"rows 1e-307 s apart .*unit of the time stamps"), (0 * STEPS, "needed at least 2 with rising times"),
-     (STEPS[::-1], "needed at least 2 with rising times")],
+    [
+        (np.round(STEPS, 1), "stamps too coarse\\? rate_hz in the map"),
+        (np.round(STEPS), "stamps too coarse"),
+        (
+            1e3 * STEPS,
+            r"rows 10 s apart \(median\), needed 0\.0005 to 0\.1 s: unit of the time stamps\?",
+        ),
+        (1e-305 * STEPS, r"rows 1e-307 s apart .*unit of the time stamps"),
+        (0 * STEPS, "needed at least 2 with rising times"),
+        (STEPS[::-1], "needed at least 2 with rising times"),
+    ],
     ids=["0.1 s", "1 s", "ms as s", "hardly above 0", "constant", "backward"],
-)  # fmt: skip
+)
 def test_stamps_that_are_no_clock(tmp_path, stamps, line):
     with pytest.raises(InputError, match=line):
         convert(tmp_path, noisy() | {"t": stamps + 0.0})
 
 
-@pytest.mark.parametrize(("epoch", "start_s", "year"), [("unix", 0.0, 1970), ("gps", 345_600.0, 1980), ("unix", 1.7e10, 2508)])
+@pytest.mark.parametrize(
+    ("epoch", "start_s", "year"),
+    [("unix", 0.0, 1970), ("gps", 345_600.0, 1980), ("unix", 1.7e10, 2508)],
+)
 def test_a_clock_without_the_date_gives_none(tmp_path, epoch, start_s, year):
-    """Seconds since boot or of the week under the name of an epoch: the date is asked for, not made up."""
+    """Seconds since boot or of the week under the name of an epoch: the date is asked for, not made
+    up.
+    """
     columns = noisy() | {"t": start_s + 0.01 + STEPS}
     keys = {"time": {"column": "t", "epoch": epoch}}
-    with pytest.raises(InputError, match=rf"start_utc \(--start-utc\) \(log.csv: its clock shows the year {year}: no date"):
+    with pytest.raises(
+        InputError,
+        match=rf"start_utc \(--start-utc\) \(log.csv: its clock shows the year {year}: no date",
+    ):
         convert(tmp_path, columns, keys, DATELESS)
     assert convert(tmp_path, columns, keys).run.header.start_utc == "2026-03-01T05:00:00Z"
 
@@ -114,13 +165,19 @@ def test_utc_and_gps_time_are_brought_together(tmp_path, imu, other):
     clock_s = {"unix": UNIX_S + STEPS, "gps": UNIX_S + GPS_LESS_UNIX_S + STEPS}
     (tmp_path / "gps.csv").write_text(csv_text({"stamp": clock_s[other][::100], **FIXES}))
     gnss = {**GNSS, "file": "gps.csv", "time": {"column": "stamp", "epoch": other}}
-    made = convert(tmp_path, noisy() | {"t": clock_s[imu]}, {"time": {"column": "t", "epoch": imu}, "gnss": gnss}, DATELESS)
+    made = convert(
+        tmp_path,
+        noisy() | {"t": clock_s[imu]},
+        {"time": {"column": "t", "epoch": imu}, "gnss": gnss},
+        DATELESS,
+    )
     np.testing.assert_allclose(made.run.gnss.time_s, SECONDS + 0.01, atol=1e-5)
     assert made.run.header.start_utc == "2026-03-01T04:59:59.990Z"
 
 
 def test_gps_time_of_utc_and_back():
-    unix_s = np.array([1e9, 1_483_228_799.0, 1_483_228_800.0, 1.7e9])  # around the leap second of 2017
+    # around the leap second of 2017
+    unix_s = np.array([1e9, 1_483_228_799.0, 1_483_228_800.0, 1.7e9])
     np.testing.assert_allclose(unix_seconds(gps_of_unix(unix_s)), unix_s)
     assert gps_of_unix(UNIX_S) == UNIX_S + GPS_LESS_UNIX_S
 
@@ -128,7 +185,9 @@ def test_gps_time_of_utc_and_back():
 def test_fixes_beyond_the_imu_are_said(tmp_path):
     """A log by UTC and one by GPS time without a word of it: the 18 s show."""
     (tmp_path / "gps.csv").write_text(csv_text({"stamp": 4982.01 + SECONDS, **FIXES}))
-    made = convert(tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}})
+    made = convert(
+        tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
+    )
     assert "gps.csv: 18 of 60 fixes lie before or after the imu: left out" in made.record["notes"]
 
 
@@ -143,7 +202,11 @@ def test_any_wrapped_clock_goes_on(period_s, phase, seed):
     assert len(found) == int(t[-1] // period_s) - int(t[0] // period_s)
 
 
-@pytest.mark.parametrize("keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}])
+@pytest.mark.parametrize(
+    "keys", [{"from_s": 9e9}, {"to_s": 0.0}, {"from_s": 5040.0, "to_s": 5020.0}]
+)
 def test_a_stretch_that_the_log_does_not_have(tmp_path, keys):
-    with pytest.raises(InputError, match=r"0 rows in the stretch .*the log has 5000\.010 to 5060\.000 s"):
+    with pytest.raises(
+        InputError, match=r"0 rows in the stretch .*the log has 5000\.010 to 5060\.000 s"
+    ):
         convert(tmp_path, noisy(), keys)

@@ -1,4 +1,6 @@
-"""Column maps: units, axes, damaged rows, time. A parked unit whose raw axes are x up, y right, z forward."""
+"""Column maps: units, axes, damaged rows, time. A parked unit whose raw axes are x up, y right, z
+forward.
+"""
 
 import numpy as np
 import pytest
@@ -26,16 +28,21 @@ def raw_columns(*, start_s: float = 5000.0) -> dict:
     """What such a unit logs, SI rates: body (x, y, z) = (raw z, raw y, -raw x)."""
     columns = {"t": start_s + DT_S * np.arange(N)}
     for name, v in (("w", W_B), ("f", F_B)):
-        columns |= {f"{name}x": np.full(N, -v[2]), f"{name}y": np.full(N, v[1]), f"{name}z": np.full(N, v[0])}
+        columns |= {
+            f"{name}x": np.full(N, -v[2]),
+            f"{name}y": np.full(N, v[1]),
+            f"{name}z": np.full(N, v[0]),
+        }
     return columns
 
 
 def options(**changes) -> dict:
     keys = {
-        "time": {"column": "t"}, "axes": {"x": "z", "y": "y", "z": "-x"},
+        "time": {"column": "t"},
+        "axes": {"x": "z", "y": "y", "z": "-x"},
         "gyro": {"columns": ["wx", "wy", "wz"], "unit": "rad/s"},
         "accel": {"columns": ["fx", "fy", "fz"], "unit": "m/s2"},
-    }  # fmt: skip
+    }
     return {k: v for k, v in {**keys, **changes}.items() if v is not None}
 
 
@@ -77,7 +84,8 @@ def test_accel_units(unit):
 def test_unit_factors_are_the_published_ones():
     """Independent of ins.units: BIPM and CGPM values typed here."""
     assert GYRO_RATES["deg/h"] == pytest.approx(4.84813681109536e-06 / 1, rel=1e-14)
-    assert GYRO_RATES["arcsec/s"] == pytest.approx(GYRO_RATES["deg/h"], rel=1e-14)  # 1 deg/h is 1 arcsec/s
+    # 1 deg/h is 1 arcsec/s
+    assert GYRO_RATES["arcsec/s"] == pytest.approx(GYRO_RATES["deg/h"], rel=1e-14)
     assert ACCEL_RATES["g"] == 9.80665
     assert ACCEL_RATES["ug"] == pytest.approx(9.80665e-6, rel=1e-14)
     assert ACCEL_RATES["ft/s2"] == 0.3048
@@ -99,8 +107,12 @@ def test_a_rate_instead_of_times():
 
 
 def test_temperatures_follow_their_gyro():
-    """Raw x points up, so its thermometer belongs to body z; seconds are averaged, kelvin converted."""
-    columns = raw_columns() | {k: np.full(N, v + 273.15) for k, v in (("Tx", 30.0), ("Ty", 20.0), ("Tz", 10.0))}
+    """Raw x points up, so its thermometer belongs to body z; seconds are averaged, kelvin
+    converted.
+    """
+    columns = raw_columns() | {
+        k: np.full(N, v + 273.15) for k, v in (("Tx", 30.0), ("Ty", 20.0), ("Tz", 10.0))
+    }
     columns["Tx"][::2] += 0.2
     log = convert(columns, temperature={"columns": ["Tx", "Ty", "Tz"], "unit": "K"})
     assert log.temperature.time_s.size == 3  # [0, 1), [1, 2), [2, 2]
@@ -126,14 +138,18 @@ def test_damaged_rows_are_dropped_and_listed():
         "log: row 31 dropped: repeat an earlier row",
         "log: row 32 dropped: time repeats or goes back",
     )
-    assert [s.reason for s in log.faults] == ["dropout: 4 imu rows lost"]  # neighbours within a second are one stretch
+    # neighbours within a second are one stretch
+    assert [s.reason for s in log.faults] == ["dropout: 4 imu rows lost"]
     np.testing.assert_allclose(log.imu.dv_m_s.sum(axis=0), F_B * N * DT_S, rtol=1e-9, atol=1e-12)
 
 
 def test_a_gap_is_refused_with_the_stretch_to_take():
     columns = raw_columns()
     columns["t"][80:] += 3.0
-    line = r"log: gap of 3\.010 s after row 80 \(log time 5000\.790 s\), needed at .* --from-s 5003\.800 --to-s 5004\.990"
+    line = (
+        r"log: gap of 3\.010 s after row 80 \(log time 5000\.790 s\), needed at .* --from-s"
+        r" 5003\.800 --to-s 5004\.990"
+    )
     with pytest.raises(InputError, match=line):
         convert(columns)
     log = convert(columns, from_s=5003.8, to_s=5004.99)
@@ -141,7 +157,9 @@ def test_a_gap_is_refused_with_the_stretch_to_take():
     assert log.notes == ("log: 80 rows outside the stretch that was asked for (from_s, to_s)",)
 
 
-@pytest.mark.parametrize(("period_s", "name"), [(2**32 * 1e-6, "32 bits of microseconds"), (604_800.0, "GPS week")])
+@pytest.mark.parametrize(
+    ("period_s", "name"), [(2**32 * 1e-6, "32 bits of microseconds"), (604_800.0, "GPS week")]
+)
 def test_a_clock_that_starts_again(period_s, name):
     """The clock passes its period at row 101; the rows are those of a clock that does not."""
     columns = raw_columns(start_s=period_s - 1.005)
@@ -149,11 +167,15 @@ def test_a_clock_that_starts_again(period_s, name):
     columns["t"] = columns["t"] % period_s
     log = convert(columns)
     np.testing.assert_allclose(log.imu.time_s, straight.imu.time_s, atol=1e-9)
-    assert log.notes == (f"log: clock starts again at row 102 ({name}): {period_s:.6f} s added from there",)
+    assert log.notes == (
+        f"log: clock starts again at row 102 ({name}): {period_s:.6f} s added from there",
+    )
 
 
 def test_filler_of_zeros_is_left_out():
-    """Zeros before the first and after the last row, as flash memory has them, and rows before the clock is set."""
+    """Zeros before the first and after the last row, as flash memory has them, and rows before the
+    clock is set.
+    """
     columns = raw_columns()
     for name, values in columns.items():
         values[:20] = values[-30:] = 0.0
@@ -161,7 +183,10 @@ def test_filler_of_zeros_is_left_out():
             values[20:25] = 0.0
     log = convert(columns)
     assert log.imu.time_s.size == N - 55
-    assert log.notes == ("log: rows 1-20, 171-200 dropped: filler", "log: rows 21-25 dropped: time is zero")
+    assert log.notes == (
+        "log: rows 1-20, 171-200 dropped: filler",
+        "log: rows 21-25 dropped: time is zero",
+    )
 
 
 def test_late_rows_are_put_back_where_they_fit():
@@ -186,14 +211,18 @@ def test_rows_written_twice_cost_nothing():
     order = np.sort(np.concatenate([np.arange(N), np.arange(0, N, 3)]))
     log = convert({name: values[order] for name, values in columns.items()})
     np.testing.assert_array_equal(log.imu.dtheta_rad, convert(columns).imu.dtheta_rad)
-    assert len(log.notes) == 1 and log.notes[0].endswith("57 more stretches dropped: repeat an earlier row")
+    assert len(log.notes) == 1 and log.notes[0].endswith(
+        "57 more stretches dropped: repeat an earlier row"
+    )
 
 
 def test_mixed_increments_and_rates():
     columns = raw_columns()
     for k in ("wx", "wy", "wz"):
         columns[k] = columns[k] * DT_S / DEG
-    log = convert(columns, gyro={"columns": ["wx", "wy", "wz"], "unit": "deg", "kind": "increments"})
+    log = convert(
+        columns, gyro={"columns": ["wx", "wy", "wz"], "unit": "deg", "kind": "increments"}
+    )
     assert log.imu.source == "increments"
     np.testing.assert_allclose(log.imu.dtheta_rad[5], W_B * DT_S, rtol=1e-9)
     np.testing.assert_allclose(log.imu.dv_m_s[5], F_B * DT_S, rtol=1e-9, atol=1e-18)
@@ -201,22 +230,42 @@ def test_mixed_increments_and_rates():
 
 @pytest.mark.parametrize(
     ("changes", "line"),
-    [({"axes": {"x": "z", "y": "y", "z": "x"}}, 'map: axes x = "z", y = "y", z = "x": needed a right-handed set'),
-     ({"axes": {"x": "x", "y": "x", "z": "z"}}, "needed a right-handed set that uses x, y and z once"),
-     ({"axes": {"x": "up"}}, 'map: axes.x: got "up"'),
-     ({"axis": {}}, "map: unknown key axis (did you mean axes?)"),
-     ({"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}}, "map: key gyro.unit is missing"),
-     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}}, "gyro.unit: got 'deg/min', needed one of rad/s,"),
-     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "g"}}, "map: gyro.unit: got 'g'"),
-     ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s", "kind": "increments"}}, "deg/s is a unit of rates"),
-     ({"gyro": {"columns": ["wx", "wy"], "unit": "deg/s"}}, "map: gyro.columns"),
-     ({"time": None}, "map: needed either a [time] column or rate_hz"),
-     ({"rate_hz": 100.0}, "map: needed either a [time] column or rate_hz"),
-     ({"time": None, "rate_hz": 5.0}, "map: rate_hz: got 5.0, needed at least 10"),
-     ({"accel": {"columns": ["fx", "fy", "up"], "unit": "g"}}, "log: no column up, has t wx"),
-     ({"accel": {"columns": ["fx", "fy", "fz"], "unit": "g", "scale": float("nan")}}, "map: accel.scale: got nan"),
-     ({"temperature": {"columns": ["a", "b"]}}, "map: temperature.columns")],
-)  # fmt: skip
+    [
+        (
+            {"axes": {"x": "z", "y": "y", "z": "x"}},
+            'map: axes x = "z", y = "y", z = "x": needed a right-handed set',
+        ),
+        (
+            {"axes": {"x": "x", "y": "x", "z": "z"}},
+            "needed a right-handed set that uses x, y and z once",
+        ),
+        ({"axes": {"x": "up"}}, 'map: axes.x: got "up"'),
+        ({"axis": {}}, "map: unknown key axis (did you mean axes?)"),
+        (
+            {"gyro": {"columns": ["wx", "wy", "wz"], "units": "deg/s"}},
+            "map: key gyro.unit is missing",
+        ),
+        (
+            {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/min"}},
+            "gyro.unit: got 'deg/min', needed one of rad/s,",
+        ),
+        ({"gyro": {"columns": ["wx", "wy", "wz"], "unit": "g"}}, "map: gyro.unit: got 'g'"),
+        (
+            {"gyro": {"columns": ["wx", "wy", "wz"], "unit": "deg/s", "kind": "increments"}},
+            "deg/s is a unit of rates",
+        ),
+        ({"gyro": {"columns": ["wx", "wy"], "unit": "deg/s"}}, "map: gyro.columns"),
+        ({"time": None}, "map: needed either a [time] column or rate_hz"),
+        ({"rate_hz": 100.0}, "map: needed either a [time] column or rate_hz"),
+        ({"time": None, "rate_hz": 5.0}, "map: rate_hz: got 5.0, needed at least 10"),
+        ({"accel": {"columns": ["fx", "fy", "up"], "unit": "g"}}, "log: no column up, has t wx"),
+        (
+            {"accel": {"columns": ["fx", "fy", "fz"], "unit": "g", "scale": float("nan")}},
+            "map: accel.scale: got nan",
+        ),
+        ({"temperature": {"columns": ["a", "b"]}}, "map: temperature.columns"),
+    ],
+)
 def test_wrong_maps_are_refused(changes, line):
     with pytest.raises(InputError) as caught:
         convert(raw_columns(), **changes)
@@ -226,7 +275,9 @@ def test_wrong_maps_are_refused(changes, line):
 def test_a_wrong_map_is_not_taken_for_damaged_rows():
     columns = raw_columns()
     columns["wx"][:50] = 1e9
-    with pytest.raises(InputError, match=r"log: 50 of 200 rows are damaged \(first row 1: beyond 100 rad/s"):
+    with pytest.raises(
+        InputError, match=r"log: 50 of 200 rows are damaged \(first row 1: beyond 100 rad/s"
+    ):
         convert(columns)
 
 

@@ -1,4 +1,6 @@
-"""Every reader on damaged logs: a log of finite values in the order of time with what was dropped named, or one InputError."""
+"""Every reader on damaged logs: a log of finite values in the order of time with what was dropped
+named, or one InputError.
+"""
 
 from pathlib import Path
 
@@ -26,7 +28,10 @@ def whole(tmp_path_factory) -> dict[str, tuple[bytes, ConvertedLog]]:
     for sample in SAMPLES:
         path = tmp_path_factory.mktemp("whole") / f"log{sample.suffix}"
         sample.write(path)
-        out[sample.name] = path.read_bytes(), read_log(path, {"format": sample.reader, **sample.options})[1]
+        out[sample.name] = (
+            path.read_bytes(),
+            read_log(path, {"format": sample.reader, **sample.options})[1],
+        )
     return out
 
 
@@ -44,19 +49,25 @@ def test_the_samples_are_whole_and_known_by_content(whole, tmp_path, sample):
 
 
 def outcome(sample: Sample, path: Path, before: ConvertedLog, options: dict | None = None) -> str:
-    """How a damaged log ends: "read", "told" or "refused". Fails on anything but a good log or one line that says why."""
+    """How a damaged log ends: "read", "told" or "refused". Fails on anything but a good log or one
+    line that says why.
+    """
     with damage.bounded():
         for reader in readers():
             assert reader.detect(path) in (True, False)
         try:
-            _, log = read_log(path, {"format": sample.reader, **sample.options} if options is None else options)
+            _, log = read_log(
+                path, {"format": sample.reader, **sample.options} if options is None else options
+            )
         except InputError as error:
             assert str(error) and "\n" not in str(error) and len(str(error)) < 1000
             return "refused"
     check_log(log)
     told = set(log.notes) - set(before.notes)
-    dt = np.append(log.imu.dt_s, 1 / log.imu.rate_hz) * log.imu.rate_hz  # a late stamp before an early one is no hole
-    hole = np.any((dt[1:-1] > 1.6) & (dt[1:-1] + dt[2:] > 2.6))  # rows lost at either end leave no trace in most formats
+    # a late stamp before an early one is no hole
+    dt = np.append(log.imu.dt_s, 1 / log.imu.rate_hz) * log.imu.rate_hz
+    # rows lost at either end leave no trace in most formats
+    hole = np.any((dt[1:-1] > 1.6) & (dt[1:-1] + dt[2:] > 2.6))
     assert not hole or told or log.faults, "rows are gone and nothing says so"
     return "told" if told or log.faults else "read"
 
@@ -67,7 +78,8 @@ def check_log(log: ConvertedLog) -> None:
     for values in (imu.time_s, imu.dt_s, imu.dtheta_rad, imu.dv_m_s):
         assert np.isfinite(values).all()
     assert np.all(np.diff(imu.time_s) > 0) and np.all(imu.dt_s > 0) and imu.dt_s.max() <= 1.0 + 1e-9
-    over_s = np.maximum(imu.dt_s, np.median(imu.dt_s))[:, None] * (1 + 1e-9)  # a stamp may be a little off
+    # a stamp may be a little off
+    over_s = np.maximum(imu.dt_s, np.median(imu.dt_s))[:, None] * (1 + 1e-9)
     assert np.all(np.abs(imu.dtheta_rad) <= damage.PLAUSIBLE_RAD_S * over_s)
     assert np.all(np.abs(imu.dv_m_s) <= damage.PLAUSIBLE_M_S2 * over_s)
     for stream in (log.gnss, log.temperature, log.odometer, log.reference):
@@ -81,7 +93,9 @@ def check_log(log: ConvertedLog) -> None:
     assert all("\n" not in text for text in (*log.notes, *(s.reason for s in log.faults)))
 
 
-def mutations(sample: Sample, data: bytes, before: ConvertedLog, path: Path, count: int, seed: int) -> dict:
+def mutations(
+    sample: Sample, data: bytes, before: ConvertedLog, path: Path, count: int, seed: int
+) -> dict:
     counts = dict.fromkeys(("read", "told", "refused"), 0)
     for k in range(count):
         rng = np.random.default_rng([seed, k])
@@ -89,7 +103,9 @@ def mutations(sample: Sample, data: bytes, before: ConvertedLog, path: Path, cou
         try:
             counts[outcome(sample, path, before)] += 1
         except Exception as error:
-            raise AssertionError(f"{sample.name}: seed {seed}, mutation {k}: {type(error).__name__}: {error}") from error
+            raise AssertionError(
+                f"{sample.name}: seed {seed}, mutation {k}: {type(error).__name__}: {error}"
+            ) from error
     return counts
 
 
@@ -102,12 +118,17 @@ def test_damage_is_read_or_refused(whole, tmp_path, sample):
 @pytest.mark.parametrize("sample", SAMPLES, ids=IDS)
 def test_much_damage_is_read_or_refused(whole, tmp_path, sample):
     """Prints how the mutations ended; run with `-m slow -s`."""
-    print(f"\n{sample.name}: {mutations(sample, *whole[sample.name], tmp_path / f'log{sample.suffix}', LONG, seed=2)}")
+    print(
+        f"\n{sample.name}:"
+        f" {mutations(sample, *whole[sample.name], tmp_path / f'log{sample.suffix}', LONG, seed=2)}"
+    )
 
 
 @pytest.mark.parametrize("sample", SAMPLES, ids=IDS)
 def test_cut_off_at_every_share(whole, tmp_path, sample):
-    """What is before the cut counts: never fewer rows for a later cut, where the format lets one read from the front."""
+    """What is before the cut counts: never fewer rows for a later cut, where the format lets one
+    read from the front.
+    """
     data, before = whole[sample.name]
     rows = []
     for share in np.linspace(0.02, 0.98, 9):
@@ -133,7 +154,8 @@ def test_the_guard_sees_hangs_and_memory(monkeypatch):
         np.ones(damage.MEMORY_BYTES // 4)
 
 
-# Faults of rows: what a logger, a radio link or a careless export does, on the columns that every reader hands on
+# Faults of rows: what a logger, a radio link or a careless export does, on the columns that every
+# reader hands on
 
 
 def noisy_columns(*, seconds: float = 20.0, seed: int = 8) -> dict[str, np.ndarray]:
@@ -154,7 +176,9 @@ def turned(log: ConvertedLog) -> np.ndarray:
 
 @pytest.mark.parametrize("burst", [1, 8, 60])
 def test_a_quarter_of_the_packets_lost(burst):
-    """At random and in bursts: every hole is named, the rate of the row after it held over it, the span kept."""
+    """At random and in bursts: every hole is named, the rate of the row after it held over it, the
+    span kept.
+    """
     rng = np.random.default_rng(burst)
     columns = noisy_columns()
     whole = convert(columns)
@@ -163,7 +187,9 @@ def test_a_quarter_of_the_packets_lost(burst):
     lost = (starts[:, None] + np.arange(burst)).ravel()
     kept = np.setdiff1d(np.arange(n), lost[(lost > 0) & (lost < n - 1)])
     if np.max(np.diff(columns["time_s"][kept])) > 1.0:  # bursts that touch each other
-        with pytest.raises(InputError, match=r"gap of 1\.\d+ s after row \d+ \(log time .*--from-s"):
+        with pytest.raises(
+            InputError, match=r"gap of 1\.\d+ s after row \d+ \(log time .*--from-s"
+        ):
             convert({k: v[kept] for k, v in columns.items()})
         return
     log = convert({k: v[kept] for k, v in columns.items()})
@@ -172,7 +198,8 @@ def test_a_quarter_of_the_packets_lost(burst):
     assert sum(int(s.reason.split()[1]) for s in log.faults) == n - kept.size
     holes = log.imu.time_s[1:][log.imu.dt_s[1:] > 0.015]
     assert all(any(a < t <= b for a, b in spans) for t in holes)
-    assert np.abs(turned(log) - turned(whole)).max() < 0.1 * burst * 0.01 * np.sqrt(n / burst)  # 0.1 rad/s over each hole
+    # 0.1 rad/s over each hole
+    assert np.abs(turned(log) - turned(whole)).max() < 0.1 * burst * 0.01 * np.sqrt(n / burst)
 
 
 def test_many_lost_rows_are_a_warning(tmp_path):
@@ -180,14 +207,21 @@ def test_many_lost_rows_are_a_warning(tmp_path):
     keep = np.sort(np.random.default_rng(2).choice(2000, size=1500, replace=False))
     path = tmp_path / "log.csv"
     rows = np.column_stack([v[keep] for v in columns.values()]).tolist()
-    path.write_text(",".join(damage.COLUMNS) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows))
+    path.write_text(
+        ",".join(damage.COLUMNS) + "\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
+    )
     site = {"lat_deg": 30.0, "lon_deg": 7.0, "height_m": 250.0, "start_utc": "2026-03-01T05:00:00Z"}
     made = convert_log(path, {}, {"imu_serial": "S", "gyro_technology": "mems", **site})
     lost = round((columns["time_s"][keep[-1]] - columns["time_s"][keep[0]]) * 100) + 1 - 1500
-    assert any(f.text.startswith(f"log.csv: {lost} of {1500 + lost} rows lost (25%)") for f in made.findings)
+    assert any(
+        f.text.startswith(f"log.csv: {lost} of {1500 + lost} rows lost (25%)")
+        for f in made.findings
+    )
 
 
-@pytest.mark.parametrize(("value", "why"), [(np.nan, "missing"), (1e38, "beyond"), (-np.inf, "missing"), (3e5, "beyond")])
+@pytest.mark.parametrize(
+    ("value", "why"), [(np.nan, "missing"), (1e38, "beyond"), (-np.inf, "missing"), (3e5, "beyond")]
+)
 def test_corrupt_rows_are_named_and_only_those_are_gone(value, why):
     columns = noisy_columns()
     rows = np.random.default_rng(5).choice(np.arange(1, 1999), size=15, replace=False)
@@ -204,7 +238,9 @@ def test_corrupt_rows_are_named_and_only_those_are_gone(value, why):
 @settings(max_examples=60, deadline=None)
 @given(st.integers(0, 2**32 - 1))
 def test_any_mixture_of_faults(seed):
-    """Rows doubled, swapped, garbled, lost and filled with zeros, clocks that jump and wrap: a good log or one line."""
+    """Rows doubled, swapped, garbled, lost and filled with zeros, clocks that jump and wrap: a good
+    log or one line.
+    """
     rng = np.random.default_rng(seed)
     table = np.column_stack(list(noisy_columns(seconds=6.0).values()))
     for fault in rng.choice(len(ROW_FAULTS), size=rng.integers(1, 5)):
@@ -218,7 +254,9 @@ def test_any_mixture_of_faults(seed):
 
 
 def _double(table, rng):
-    order = np.sort(np.concatenate([np.arange(len(table)), rng.integers(len(table), size=rng.integers(1, 50))]))
+    order = np.sort(
+        np.concatenate([np.arange(len(table)), rng.integers(len(table), size=rng.integers(1, 50))])
+    )
     return table[order]
 
 
@@ -241,7 +279,9 @@ def _lose(table, rng):
 
 
 def _fill(table, rng):
-    return np.concatenate([np.zeros((rng.integers(0, 30), 7)), table, np.zeros((rng.integers(0, 30), 7))])
+    return np.concatenate(
+        [np.zeros((rng.integers(0, 30), 7)), table, np.zeros((rng.integers(0, 30), 7))]
+    )
 
 
 def _wrap(table, rng):

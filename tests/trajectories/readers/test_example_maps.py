@@ -1,4 +1,6 @@
-"""Each map of examples/maps on a log written as its remarks say: no option is needed, gravity and Earth rate come out."""
+"""Each map of examples/maps on a log written as its remarks say: no option is needed, gravity and
+Earth rate come out.
+"""
 
 import gzip
 
@@ -16,20 +18,30 @@ from trajectories.readers.conversion import convert_log
 
 DEG_H, MG = np.pi / 180 / 3600, 9.80665e-3
 UNIX_S = 1_772_341_200.0  # 2026-03-01T05:00:00Z
-REAL = ("calgary_project_data", "x_LN100_up", "x_adi_up")  # logs of ../shared/data, tested in tests/recal/test_convert.py
+# logs of ../shared/data, tested in tests/recal/test_convert.py
+REAL = ("calgary_project_data", "x_LN100_up", "x_adi_up")
 
 
 def recorder_csv(folder):
     out, (w, f) = parked(), (v / 0.01 for v in parked().rfu())
     remark = "# a recorder, seen to start\n"
-    rows = [f"{1e3 * (UNIX_S + t):.0f};{';'.join(f'{v:.9g}' for v in (*a / DEG_H, *b / MG))};{'' if k % 100 else '68.0'};ok"
-            for k, (t, a, b) in enumerate(zip(out.time_s, w, f))]  # fmt: skip
+    rows = []
+    for k, (t, a, b) in enumerate(zip(out.time_s, w, f)):
+        readings = ";".join(f"{v:.9g}" for v in (*a / DEG_H, *b / MG))
+        oven = "" if k % 100 else "68.0"
+        rows.append(f"{1e3 * (UNIX_S + t):.0f};{readings};{oven};ok")
     names = "utc_ms;wx;wy;wz;ax;ay;az;oven;state\nms;deg/h;deg/h;deg/h;mg;mg;mg;degF;-\n"
-    (folder / "log.csv.gz").write_bytes(gzip.compress((remark + names + remark + "\n".join(rows) + "\n").encode()))
+    (folder / "log.csv.gz").write_bytes(
+        gzip.compress((remark + names + remark + "\n".join(rows) + "\n").encode())
+    )
     fixes = [
-        f"{1e3 * (UNIX_S + k):.0f},{LAT_DEG},{LON_DEG},{HEIGHT_M},0.4,0.8,1.0,2.0,0.5,{3 if k > 5 else 0}" for k in range(1, 60)
+        f"{1e3 * (UNIX_S + k):.0f},{LAT_DEG},{LON_DEG},{HEIGHT_M},0.4,0.8,1.0,2.0,0.5,"
+        f"{3 if k > 5 else 0}"
+        for k in range(1, 60)
     ]
-    (folder / "recorder_gps.csv").write_text("\n".join(["utc_ms,lat,lon,h,sh,sv,ve,vn,vu,quality", *fixes]) + "\n")
+    (folder / "recorder_gps.csv").write_text(
+        "\n".join(["utc_ms,lat,lon,h,sh,sv,ve,vn,vu,quality", *fixes]) + "\n"
+    )
     return folder / "log.csv.gz", out
 
 
@@ -44,14 +56,35 @@ def recorder_parquet(folder):
     flu = np.array([1.0, -1.0, -1.0])
     w, f = out.dtheta / 0.01 * flu, out.dv / 0.01 / 9.80665 * flu
     n = out.rows
-    record = lambda v: pa.StructArray.from_arrays([pa.array(v[:, k]) for k in range(3)], ["x", "y", "z"])  # noqa: E731
-    fixes = {"lat": np.radians(LAT_DEG + 1e-6 * np.arange(60.0)), "lon": np.radians(LON_DEG), "alt": HEIGHT_M, "sn": 0.3,
-             "se": 0.4, "sd": 0.9, "sigma_v": 0.02, "vn": 0.1, "ve": 0.0, "vd": 0.0}  # fmt: skip
-    pq.write_table(pa.table({
-        "t_us": np.round(out.time_s * 1e6).astype(np.int64), "gyro": record(w), "accel": record(f),
-        "temp": record(np.tile([20.0, 21.0, 22.0], (n, 1))), "wheel": np.full(n, 36.0),
-        **{name: np.repeat(values * np.ones(60), 100) for name, values in fixes.items()},
-    }), folder / "log.parquet")  # fmt: skip
+
+    def record(v):
+        return pa.StructArray.from_arrays([pa.array(v[:, k]) for k in range(3)], ["x", "y", "z"])
+
+    fixes = {
+        "lat": np.radians(LAT_DEG + 1e-6 * np.arange(60.0)),
+        "lon": np.radians(LON_DEG),
+        "alt": HEIGHT_M,
+        "sn": 0.3,
+        "se": 0.4,
+        "sd": 0.9,
+        "sigma_v": 0.02,
+        "vn": 0.1,
+        "ve": 0.0,
+        "vd": 0.0,
+    }
+    pq.write_table(
+        pa.table(
+            {
+                "t_us": np.round(out.time_s * 1e6).astype(np.int64),
+                "gyro": record(w),
+                "accel": record(f),
+                "temp": record(np.tile([20.0, 21.0, 22.0], (n, 1))),
+                "wheel": np.full(n, 36.0),
+                **{name: np.repeat(values * np.ones(60), 100) for name, values in fixes.items()},
+            }
+        ),
+        folder / "log.parquet",
+    )
     return folder / "log.parquet", out
 
 
@@ -67,7 +100,10 @@ def matlab_struct(folder):
     out = parked()
     w, f = out.rfu()
     oven = {"t": np.arange(1.0, 60.0)[:, None], "T": np.tile([293.15, 294.15, 295.15], (59, 1))}
-    savemat(folder / "matlab_struct.mat", {"log": {"t": out.time_s[:, None], "inc": np.hstack([w / DEG_H, f])}, "oven": oven})
+    savemat(
+        folder / "matlab_struct.mat",
+        {"log": {"t": out.time_s[:, None], "inc": np.hstack([w / DEG_H, f])}, "oven": oven},
+    )
     return folder / "matlab_struct.mat", out
 
 
@@ -103,12 +139,20 @@ def psins(folder):
 def navego(folder):
     upside = test_navego.imu(fb=-test_navego.OUT.dv / 0.01)
     test_navego.write(folder / "navego_gnss.mat", gnss=test_navego.gnss())
-    return test_navego.write(folder / "imus.mat", imu1=upside, imu2=test_navego.imu()), test_navego.OUT
+    return (
+        test_navego.write(folder / "imus.mat", imu1=upside, imu2=test_navego.imu()),
+        test_navego.OUT,
+    )
 
 
-WRITERS = {f.__name__: f for f in (recorder_csv, recorder_parquet, matlab_struct, kfgins, novatel, psins, navego)}
-MORE = {f.__name__.removeprefix("check_"): f for f in
-        (check_recorder_csv, check_recorder_parquet, check_matlab_struct, check_kfgins)}  # fmt: skip
+WRITERS = {
+    f.__name__: f
+    for f in (recorder_csv, recorder_parquet, matlab_struct, kfgins, novatel, psins, navego)
+}
+MORE = {
+    f.__name__.removeprefix("check_"): f
+    for f in (check_recorder_csv, check_recorder_parquet, check_matlab_struct, check_kfgins)
+}
 
 
 def test_every_map_is_tested():

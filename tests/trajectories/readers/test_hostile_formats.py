@@ -1,4 +1,6 @@
-"""What goes wrong in logs of one maker: weeks that are not known, sensors of two rates, packets lost or doubled, wraps."""
+"""What goes wrong in logs of one maker: weeks that are not known, sensors of two rates, packets
+lost or doubled, wraps.
+"""
 
 import gzip
 import struct
@@ -9,8 +11,22 @@ from scipy.io import savemat
 
 from ins.records import InputError
 from tests.trajectories.readers import ardupilot_logs as ap
-from tests.trajectories.readers import ros_bags, test_kfgins, test_navego, test_novatel, test_psins, test_px4
-from tests.trajectories.readers.known_motion import GIVEN, LAT_DEG, LON_DEG, PLACELESS, Output, parked
+from tests.trajectories.readers import (
+    ros_bags,
+    test_kfgins,
+    test_navego,
+    test_novatel,
+    test_psins,
+    test_px4,
+)
+from tests.trajectories.readers.known_motion import (
+    GIVEN,
+    LAT_DEG,
+    LON_DEG,
+    PLACELESS,
+    Output,
+    parked,
+)
 from tests.trajectories.readers.test_navego import gnss as navego_gnss
 from trajectories.readers.conversion import convert_log
 
@@ -38,8 +54,13 @@ def test_px4_with_a_slow_accelerometer(tmp_path):
         if topic[0] != "sensor_accel" or every[topic] % 4 == 1:
             kept.append(message)
     made = px4(tmp_path, kept)
-    assert made.run.imu.rows == ROWS and any("vehicle_imu 1: rates are less" in note for note in made.record["notes"])
-    with pytest.raises(InputError, match=r"sensor_gyro 1: 100 Hz, sensor_accel 25 Hz: needed like rates \(or another topic"):
+    assert made.run.imu.rows == ROWS and any(
+        "vehicle_imu 1: rates are less" in note for note in made.record["notes"]
+    )
+    with pytest.raises(
+        InputError,
+        match=r"sensor_gyro 1: 100 Hz, sensor_accel 25 Hz: needed like rates \(or another topic",
+    ):
         px4(tmp_path, kept, {"topic": "sensor_gyro"})
 
 
@@ -48,10 +69,14 @@ def test_px4_with_30_percent_lost_and_with_messages_twice(tmp_path):
     made = px4(tmp_path, [m for _, m in px4_messages()[1] if rng.random() > 0.3])
     lost = sum(int(s.reason.split()[1]) for s in made.run.faults)
     assert 0.6 * ROWS < made.run.imu.rows == round(made.run.imu.end_s * 100) - lost
-    assert any("dropped: no sensor_accel beside them (lost)" in note for note in made.record["notes"])
+    assert any(
+        "dropped: no sensor_accel beside them (lost)" in note for note in made.record["notes"]
+    )
     assert any("rows lost" in f.text for f in made.findings)
     test_px4.check_parked(
-        px4(tmp_path, [m for _, m in px4_messages()[1] for _ in (0, 1)]).run, test_px4.W + test_px4.OFFSET, ROWS
+        px4(tmp_path, [m for _, m in px4_messages()[1] for _ in (0, 1)]).run,
+        test_px4.W + test_px4.OFFSET,
+        ROWS,
     )
 
 
@@ -59,7 +84,14 @@ def changed(messages: list[bytes], name: str, change) -> list[bytes]:
     """The old ArduPilot messages of a name with other values."""
     kind, letters, _ = ap.OLD[name]
     form = struct.Struct("<" + "".join(ap.LETTERS[c] for c in letters))
-    return [m[:3] + form.pack(*change(list(form.unpack(m[3:])))) if m[:3] == ap.HEAD + bytes([kind]) else m for m in messages]
+    return [
+        (
+            m[:3] + form.pack(*change(list(form.unpack(m[3:]))))
+            if m[:3] == ap.HEAD + bytes([kind])
+            else m
+        )
+        for m in messages
+    ]
 
 
 def ardupilot(path, messages, given=None):
@@ -75,52 +107,91 @@ def test_ardupilot_over_the_wrap_of_its_milliseconds(tmp_path):
     a, b = ardupilot(tmp_path, plain).run, ardupilot(tmp_path, wrapped).run
     assert a.header.start_utc == b.header.start_utc and a.imu.rows == b.imu.rows == ROWS
     np.testing.assert_allclose(a.gnss.time_s, b.gnss.time_s, atol=1e-6)
-    np.testing.assert_allclose(a.temperature.gyro_degC, b.temperature.gyro_degC, atol=0.01)  # by whole seconds
+    # by whole seconds
+    np.testing.assert_allclose(a.temperature.gyro_degC, b.temperature.gyro_degC, atol=0.01)
 
 
 @pytest.mark.parametrize("week", [0, ap.WEEK - 1024])
 def test_ardupilot_without_the_week(tmp_path, week):
     messages = changed(ap.old_messages(rows=200), "GPS", lambda v: [*v[:2], week, *v[3:]])
     with pytest.raises(
-        InputError, match=r"start_utc \(--start-utc\) \(flight.bin: GPS weeks that give no date \(unknown, or modulo"
+        InputError,
+        match=(
+            r"start_utc \(--start-utc\) \(flight.bin: GPS weeks that give no date \(unknown, or"
+            r" modulo"
+        ),
     ):
         ardupilot(tmp_path, messages)
-    assert ardupilot(tmp_path, messages, {"start_utc": "2026-03-01T05:00:00Z"}).run.gnss.time_s.size == 20
+    assert (
+        ardupilot(tmp_path, messages, {"start_utc": "2026-03-01T05:00:00Z"}).run.gnss.time_s.size
+        == 20
+    )
 
 
 def test_ardupilot_temperatures_that_are_none(tmp_path):
-    for degC, said in ((293.0, "Temp is 0 or no temperature in all messages"), (0.0, "Temp is 0"), (np.nan, "Temp is 0")):
-        made = ardupilot(tmp_path, changed(ap.old_messages(rows=200), "IMU", lambda v, t=degC: [*v[:-1], t]))
+    for degC, said in (
+        (293.0, "Temp is 0 or no temperature in all messages"),
+        (0.0, "Temp is 0"),
+        (np.nan, "Temp is 0"),
+    ):
+        made = ardupilot(
+            tmp_path, changed(ap.old_messages(rows=200), "IMU", lambda v, t=degC: [*v[:-1], t])
+        )
         assert made.run.temperature is None and any(said in note for note in made.record["notes"])
-    odd = changed(ap.old_messages(rows=200), "IMU", lambda v: [*v[:-1], 400.0 if v[0] % 400 == 0 else v[-1]])
+    odd = changed(
+        ap.old_messages(rows=200), "IMU", lambda v: [*v[:-1], 400.0 if v[0] % 400 == 0 else v[-1]]
+    )
     made = ardupilot(tmp_path, odd)
     assert made.run.temperature.gyro_degC.max() < 40
-    assert any("temperatures are 400 to 400 degC, needed -60 to 125: left out" in note for note in made.record["notes"])
+    assert any(
+        "temperatures are 400 to 400 degC, needed -60 to 125: left out" in note
+        for note in made.record["notes"]
+    )
 
 
-@pytest.mark.parametrize(("letters", "labels"), [("s#FFFooo--O--ZZ", ()), ("s#EEEooo--O--ZZ", (("E", "deg/s"),))])
+@pytest.mark.parametrize(
+    ("letters", "labels"), [("s#FFFooo--O--ZZ", ()), ("s#EEEooo--O--ZZ", (("E", "deg/s"),))]
+)
 def test_ardupilot_that_declares_its_units_twice(tmp_path, letters, labels):
-    """Logs of two firmwares, joined: the second FMTU names another unit, or the second UNIT calls the same letter otherwise."""
-    forms = {"FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"), "UNIT": (137, "QbZ", "TimeUS,Id,Label")}
+    """Logs of two firmwares, joined: the second FMTU names another unit, or the second UNIT calls
+    the same letter otherwise.
+    """
+    forms = {
+        "FMTU": (136, "QBNN", "TimeUS,FmtType,UnitIds,MultIds"),
+        "UNIT": (137, "QbZ", "TimeUS,Id,Label"),
+    }
     extra = [ap.fmt(kind, name, kinds, columns) for name, (kind, kinds, columns) in forms.items()]
     extra += [
-        ap.message(forms["UNIT"], 0, ord(k), text) for k, text in (("E", "rad/s"), ("F", "deg/s"), ("o", "m/s/s"), *labels)
+        ap.message(forms["UNIT"], 0, ord(k), text)
+        for k, text in (("E", "rad/s"), ("F", "deg/s"), ("o", "m/s/s"), *labels)
     ]
     first = ap.message(forms["FMTU"], 0, ap.NEW["IMU"][0], "s#EEEooo--O--ZZ", "F-000000-------")
     second = ap.message(forms["FMTU"], 0, ap.NEW["IMU"][0], letters, "F-000000-------")
     messages = ap.new_messages(rows=200)
-    assert ardupilot(tmp_path, messages[:6] + extra[:5] + [first, first] + messages[6:]).run.imu.rows == 200
+    assert (
+        ardupilot(tmp_path, messages[:6] + extra[:5] + [first, first] + messages[6:]).run.imu.rows
+        == 200
+    )
     with pytest.raises(
-        InputError, match=r"IMU 1: its units are declared twice, differently \(FMTU, UNIT\): logs of two firmwares"
+        InputError,
+        match=(
+            r"IMU 1: its units are declared twice, differently \(FMTU, UNIT\): logs of two"
+            r" firmwares"
+        ),
     ):
         ardupilot(tmp_path, messages[:6] + extra + [first, second] + messages[6:])
 
 
 def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
-    """A byte order mark, old line ends, gzip: known by content and read. UTF-16: refused, with what would help."""
+    """A byte order mark, old line ends, gzip: known by content and read. UTF-16: refused, with what
+    would help.
+    """
     ap.write_text(tmp_path / "a.log", rows=200)
     test_psins.simu_file(tmp_path / "a.imu", parked(seconds=20.0))
-    test_novatel.write(tmp_path / "a.asc", test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0)))
+    test_novatel.write(
+        tmp_path / "a.asc",
+        test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0)),
+    )
     for name, rows in (("a.log", 200), ("a.imu", 2000), ("a.asc", 4000)):
         data = (tmp_path / name).read_bytes()
         given = {} if name == "a.log" else GIVEN
@@ -135,15 +206,23 @@ def test_texts_of_autopilots_and_receivers_as_editors_save_them(tmp_path):
 
 def in_week(lines: list[str], week) -> list[str]:
     """NovAtel lines with another week, and the check that goes with it."""
-    bodies = [text[1:].rsplit("*", 1)[0].replace(f",{test_novatel.WEEK},", f",{week},").replace(
-        f";{test_novatel.WEEK},", f";{week},") for text in lines]  # fmt: skip
+    bodies = [
+        text[1:]
+        .rsplit("*", 1)[0]
+        .replace(f",{test_novatel.WEEK},", f",{week},")
+        .replace(f";{test_novatel.WEEK},", f";{week},")
+        for text in lines
+    ]
     return [test_novatel.line(text[0], body) for text, body in zip(lines, bodies)]
 
 
 def test_novatel_without_the_week(tmp_path):
     lines = test_novatel.raw_lines(parked(dt=0.005, start_s=200_000.0, seconds=20.0))
-    for week, line in ((0, r"its clock shows the year 1980: no date"), (1023, "its clock shows the year 1999: no date"),
-                       ("", r"RAWIMUSX rows without GPS week and seconds")):  # fmt: skip
+    for week, line in (
+        (0, r"its clock shows the year 1980: no date"),
+        (1023, "its clock shows the year 1999: no date"),
+        ("", r"RAWIMUSX rows without GPS week and seconds"),
+    ):
         with pytest.raises(InputError, match=line):
             test_novatel.convert(tmp_path, in_week(lines, week), given=DATELESS)
     made = test_novatel.convert(tmp_path, in_week(lines, 0))
@@ -153,14 +232,19 @@ def test_novatel_without_the_week(tmp_path):
 def test_novatel_fixes_at_the_origin(tmp_path):
     lines = test_novatel.raw_lines()
     nowhere = [
-        test_novatel.position(200_001.0 + k, k).replace(f"{LAT_DEG + k * 1e-5:.11f},{LON_DEG:.11f}", "0.0,0.0")
+        test_novatel.position(200_001.0 + k, k).replace(
+            f"{LAT_DEG + k * 1e-5:.11f},{LON_DEG:.11f}", "0.0,0.0"
+        )
         for k in range(20)
     ]
     lines += [test_novatel.line("#", text[1:].rsplit("*", 1)[0]) for text in nowhere]
     lines += [test_novatel.velocity(200_001.0 + k, 1.0) for k in range(49)]
     lines += [test_novatel.position(200_021.0 + k, k) for k in range(25)]
     made = test_novatel.convert(tmp_path, lines, given={"imu_serial": "SN-1"})
-    assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3) and made.run.gnss.time_s.size == 25
+    assert (
+        np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
+        and made.run.gnss.time_s.size == 25
+    )
     assert "span.log: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record["notes"]
 
 
@@ -170,7 +254,9 @@ OUT = parked(seconds=60.0, start_s=100.0)
 def kfgins(path, fixes: list[str], out: Output = OUT, **options):
     test_kfgins.write_imu(path / "imu.txt", out)
     (path / "gnss.txt").write_text("\n".join(fixes) + "\n")
-    return convert_log(path / "imu.txt", {"format": "kfgins", "gnss": {"file": "gnss.txt"}, **options}, PLACELESS)
+    return convert_log(
+        path / "imu.txt", {"format": "kfgins", "gnss": {"file": "gnss.txt"}, **options}, PLACELESS
+    )
 
 
 def fix(time_s: float, lat=LAT_DEG, lon=LON_DEG, sigma="0.01") -> str:
@@ -178,24 +264,39 @@ def fix(time_s: float, lat=LAT_DEG, lon=LON_DEG, sigma="0.01") -> str:
 
 
 def test_kfgins_fixes(tmp_path):
-    """Beginning after the end of the week that the IMU began in; at the origin; in radians; without any sigma."""
+    """Beginning after the end of the week that the IMU began in; at the origin; in radians; without
+    any sigma.
+    """
     over = Output((OUT.time_s + 604_800 - 130) % 604_800, OUT.dtheta, OUT.dv)
     made = kfgins(tmp_path, [fix(t) for t in np.arange(5.0, 29.0)], over)
     np.testing.assert_allclose(made.run.gnss.time_s, np.arange(35.0, 59.0), atol=1e-6)
-    made = kfgins(tmp_path, [fix(t, *((0.0, 0.0) if t < 120 else ())) for t in np.arange(101.0, 160.0)])
+    made = kfgins(
+        tmp_path, [fix(t, *((0.0, 0.0) if t < 120 else ())) for t in np.arange(101.0, 160.0)]
+    )
     assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG)
     with pytest.raises(
-        InputError, match=r"gnss.txt: latitudes and longitudes up to 0.597775 and 1.90066, needed degrees: radians\?"
+        InputError,
+        match=(
+            r"gnss.txt: latitudes and longitudes up to 0.597775 and 1.90066, needed degrees:"
+            r" radians\?"
+        ),
     ):
-        kfgins(tmp_path, [fix(t, np.radians(LAT_DEG), np.radians(LON_DEG)) for t in np.arange(101.0, 160.0)])
-    with pytest.raises(InputError, match=r"lat_deg \(--lat-deg\).*\(gnss.txt: GPS rows 1-59 left out"):
+        kfgins(
+            tmp_path,
+            [fix(t, np.radians(LAT_DEG), np.radians(LON_DEG)) for t in np.arange(101.0, 160.0)],
+        )
+    with pytest.raises(
+        InputError, match=r"lat_deg \(--lat-deg\).*\(gnss.txt: GPS rows 1-59 left out"
+    ):
         kfgins(tmp_path, [fix(t, sigma="nan") for t in np.arange(101.0, 160.0)])
 
 
 def test_kfgins_rows_twice_and_a_byte_order_mark(tmp_path):
     """Known by content all the same, and no row lost."""
     twice = np.repeat(np.arange(OUT.rows), 2)
-    test_kfgins.write_imu(tmp_path / "imu.txt", Output(OUT.time_s[twice], OUT.dtheta[twice], OUT.dv[twice]))
+    test_kfgins.write_imu(
+        tmp_path / "imu.txt", Output(OUT.time_s[twice], OUT.dtheta[twice], OUT.dv[twice])
+    )
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
     assert made.record["format"] == "kfgins" and made.run.imu.rows == OUT.rows
     test_kfgins.write_imu(tmp_path / "imu.txt")
@@ -209,10 +310,17 @@ def test_receivers_of_nothing_but_nan(tmp_path):
     gps = test_psins.gps_rows(3) * np.nan
     savemat(tmp_path / "log.mat", {"imu": test_psins.imu_rows(OUT), "gps": gps})
     made = convert_log(tmp_path / "log.mat", {}, GIVEN)
-    assert made.run.gnss is None and "log.mat: GPS rows 1-3 left out: not finite or beyond any aircraft" in made.record["notes"]
+    assert (
+        made.run.gnss is None
+        and "log.mat: GPS rows 1-3 left out: not finite or beyond any aircraft"
+        in made.record["notes"]
+    )
     receiver = navego_gnss()
     for name in ("lat", "lon"):
-        savemat(tmp_path / "log.mat", {"imu1": test_navego.imu(OUT), "gnss": {**receiver, name: receiver[name] * np.nan}})
+        savemat(
+            tmp_path / "log.mat",
+            {"imu1": test_navego.imu(OUT), "gnss": {**receiver, name: receiver[name] * np.nan}},
+        )
         assert convert_log(tmp_path / "log.mat", {}, GIVEN).run.gnss is None
 
 
@@ -220,8 +328,14 @@ def test_receivers_of_nothing_but_nan(tmp_path):
 def test_bags_with_messages_lost_or_twice(tmp_path, form):
     messages, rng = ros_bags.messages(rows=ROWS), np.random.default_rng(3)
     given = {"imu_serial": "SN-1", "gyro_technology": "mems"}
-    made = convert_log(ros_bags.write(tmp_path / "twice", form, [m for m in messages for _ in (0, 1)]), {}, given)
+    made = convert_log(
+        ros_bags.write(tmp_path / "twice", form, [m for m in messages for _ in (0, 1)]), {}, given
+    )
     assert made.run.imu.rows == ROWS and made.run.gnss.time_s.size == ROWS // 20
-    made = convert_log(ros_bags.write(tmp_path / "lost", form, [m for m in messages if rng.random() > 0.3]), {}, given)
+    made = convert_log(
+        ros_bags.write(tmp_path / "lost", form, [m for m in messages if rng.random() > 0.3]),
+        {},
+        given,
+    )
     lost = sum(int(s.reason.split()[1]) for s in made.run.faults)
     assert made.run.imu.rows == round(made.run.imu.end_s * 100) - lost and lost > 0.25 * ROWS

@@ -1,4 +1,6 @@
-"""KF-GINS logs written by hand as its README lays them out: parked, a right turn, fixes and truth in files of their own."""
+"""KF-GINS logs written by hand as its README lays them out: parked, a right turn, fixes and truth
+in files of their own.
+"""
 
 import numpy as np
 import pytest
@@ -35,7 +37,9 @@ def write_gnss(path, *, velocity=False, seconds=60, start_s=SOW):
     columns += [np.full(seconds, v) for v in ((1.0, 0.0, -0.5) if velocity else ())]
     columns += [np.full(seconds, s) for s in (0.012, 0.009, 0.02)]
     columns += [np.full(seconds, s) for s in ((0.03, 0.03, 0.03) if velocity else ())]
-    np.savetxt(path, np.column_stack(columns), fmt="%.3f %.12f %.12f" + " %.4f" * (len(columns) - 3))
+    np.savetxt(
+        path, np.column_stack(columns), fmt="%.3f %.12f %.12f" + " %.4f" * (len(columns) - 3)
+    )
     return path
 
 
@@ -47,12 +51,16 @@ def test_parked_text(tmp_path):
     assert made.record["notes"] == []
 
 
-@pytest.mark.parametrize("head", ["% sow dtx dty dtz dvx dvy dvz\n", "sow dtx dty dtz dvx dvy dvz\n"])
+@pytest.mark.parametrize(
+    "head", ["% sow dtx dty dtz dvx dvy dvz\n", "sow dtx dty dtz dvx dvy dvz\n"]
+)
 @pytest.mark.parametrize("comma", [False, True])
 def test_a_line_of_names_and_commas(tmp_path, head, comma):
     text = write_imu(tmp_path / "imu.txt").read_text()
     text = "\n".join(",".join(line.split()) for line in text.splitlines()) + "\n" if comma else text
-    (tmp_path / "imu.txt").write_text((head.replace(" ", ",") if comma and head[0] != "%" else head) + text)
+    (tmp_path / "imu.txt").write_text(
+        (head.replace(" ", ",") if comma and head[0] != "%" else head) + text
+    )
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
     check_parked(made.run, OUT)
     assert made.record["format"] == "kfgins"
@@ -67,7 +75,9 @@ def test_doubles(tmp_path):
 
 
 def test_a_right_turn_is_one(tmp_path):
-    check_right_turn(convert_log(write_imu(tmp_path / "imu.txt", parked_and_turned()), {}, GIVEN).run)
+    check_right_turn(
+        convert_log(write_imu(tmp_path / "imu.txt", parked_and_turned()), {}, GIVEN).run
+    )
 
 
 def test_over_the_end_of_the_week(tmp_path):
@@ -76,10 +86,13 @@ def test_over_the_end_of_the_week(tmp_path):
     rows = np.loadtxt(path)
     rows[:, 0] %= 604_800.0
     np.savetxt(path, rows, fmt="%16.9f" + " %.12e" * 6)
-    made = convert_log(path, {"gps_week": 2400}, {k: v for k, v in GIVEN.items() if k != "start_utc"})
+    made = convert_log(
+        path, {"gps_week": 2400}, {k: v for k, v in GIVEN.items() if k != "start_utc"}
+    )
     check_parked(made.run, late)
     assert any("clock starts again at row 3000 (GPS week)" in note for note in made.record["notes"])
-    # Week 2400 began on 2026-01-04, so its last 30 s are those of Saturday 2026-01-10, less 18 leap seconds.
+    # Week 2400 began on 2026-01-04, so its last 30 s are those of Saturday 2026-01-10, less 18 leap
+    # seconds.
     assert made.run.header.start_utc == "2026-01-10T23:59:12.000Z"
 
 
@@ -92,7 +105,9 @@ def test_fixes_of_another_file_give_the_place(tmp_path):
     np.testing.assert_allclose(run.gnss.v_n_m_s, np.tile([1.0, 0.0, -0.5], (60, 1)), atol=1e-3)
     np.testing.assert_allclose(run.gnss.sigma_horizontal_m, np.sqrt((0.012**2 + 0.009**2) / 2))
     np.testing.assert_allclose(run.gnss.sigma_vertical_m, 0.02)
-    np.testing.assert_allclose(run.gnss.sigma_velocity_m_s[1:-1], 0.0106 * np.sqrt(2) / 2, rtol=0.02)
+    np.testing.assert_allclose(
+        run.gnss.sigma_velocity_m_s[1:-1], 0.0106 * np.sqrt(2) / 2, rtol=0.02
+    )
     assert any("differences of their positions" in note for note in made.record["notes"])
     assert made.record["other_sources"][0]["source"] == gnss.name
 
@@ -109,14 +124,21 @@ def test_truth_gives_reference_date_and_place(tmp_path):
     """456 250 s are Friday 06:44:10 of week 2017 (from 2018-09-02), GPS 18 s ahead of UTC."""
     t = SOW + np.arange(0.0, 60.0, 0.5)
     row = [LAT_DEG, LON_DEG, HEIGHT_M, 1.0, 2.0, -0.5, 3.0, -2.0, 40.0]
-    np.savetxt(tmp_path / "truth.nav", np.column_stack([np.full(t.size, 2017), t, np.tile(row, (t.size, 1))]), fmt="%.9f")
+    np.savetxt(
+        tmp_path / "truth.nav",
+        np.column_stack([np.full(t.size, 2017), t, np.tile(row, (t.size, 1))]),
+        fmt="%.9f",
+    )
     options = {"truth": "truth.nav"}
-    made = convert_log(write_imu(tmp_path / "imu.txt"), options, {"imu_serial": "S", "gyro_technology": "mems"})
+    made = convert_log(
+        write_imu(tmp_path / "imu.txt"), options, {"imu_serial": "S", "gyro_technology": "mems"}
+    )
     assert made.run.header.start_utc == "2018-09-07T06:43:52.000Z"
     assert np.degrees(made.run.header.site.lon_rad) == pytest.approx(LON_DEG)
     reference = made.reference
     np.testing.assert_allclose(
-        np.degrees([reference.roll_rad[5], reference.pitch_rad[5], reference.heading_rad[5]]), [3, -2, 40]
+        np.degrees([reference.roll_rad[5], reference.pitch_rad[5], reference.heading_rad[5]]),
+        [3, -2, 40],
     )
     np.testing.assert_allclose(reference.v_n_m_s[7], [1.0, 2.0, -0.5])
     assert reference.time_s[0] == pytest.approx(0.0, abs=1e-5)
@@ -124,14 +146,32 @@ def test_truth_gives_reference_date_and_place(tmp_path):
 
 @pytest.mark.parametrize(
     ("options", "given", "line"),
-    [({}, PLACELESS, r"imu\.txt: needed from the options or \[run\] in the map: lat_deg \(--lat-deg\)"),
-     ({}, {"lat_deg": 1.0, "lon_deg": 1.0, "height_m": 1.0}, r"imu_serial \(--serial\), gyro_technology .*, start_utc"),
-     ({"gnss": {"file": "no.txt"}}, GIVEN, r"gnss\.file \(--gnss\): .*no\.txt: no such file"),
-     ({"gnss": {"file": "imu.txt"}}, GIVEN, r"imu\.txt: a sigma of -0\.0977\d+ m, needed more than 0: a file of fixes\?"),
-     ({"gnss": {"file": "six.txt"}}, GIVEN, r"six\.txt: 6 columns, needed 7 or 10 or 13"),
-     ({"gps_weeks": 2000}, GIVEN, r"map: unknown key gps_weeks \(did you mean gps_week\?\)"),
-     ({"truth": "six.txt"}, GIVEN, r"six\.txt: 6 columns, needed 11 \(week, time, position, velocity, attitude\)")],
-)  # fmt: skip
+    [
+        (
+            {},
+            PLACELESS,
+            r"imu\.txt: needed from the options or \[run\] in the map: lat_deg \(--lat-deg\)",
+        ),
+        (
+            {},
+            {"lat_deg": 1.0, "lon_deg": 1.0, "height_m": 1.0},
+            r"imu_serial \(--serial\), gyro_technology .*, start_utc",
+        ),
+        ({"gnss": {"file": "no.txt"}}, GIVEN, r"gnss\.file \(--gnss\): .*no\.txt: no such file"),
+        (
+            {"gnss": {"file": "imu.txt"}},
+            GIVEN,
+            r"imu\.txt: a sigma of -0\.0977\d+ m, needed more than 0: a file of fixes\?",
+        ),
+        ({"gnss": {"file": "six.txt"}}, GIVEN, r"six\.txt: 6 columns, needed 7 or 10 or 13"),
+        ({"gps_weeks": 2000}, GIVEN, r"map: unknown key gps_weeks \(did you mean gps_week\?\)"),
+        (
+            {"truth": "six.txt"},
+            GIVEN,
+            r"six\.txt: 6 columns, needed 11 \(week, time, position, velocity, attitude\)",
+        ),
+    ],
+)
 def test_what_is_missing_or_wrong_is_named(tmp_path, options, given, line):
     write_imu(tmp_path / "imu.txt")
     np.savetxt(tmp_path / "six.txt", np.ones((30, 6)))
@@ -141,30 +181,47 @@ def test_what_is_missing_or_wrong_is_named(tmp_path, options, given, line):
 
 def test_axes_the_wrong_way_up_are_refused(tmp_path):
     """Forward, left, up: what a KF-GINS file is not."""
-    with pytest.raises(InputError, match=r"mean f at rest is \+9\.\d+ m/s2 on z, needed about -9\.8"):
+    with pytest.raises(
+        InputError, match=r"mean f at rest is \+9\.\d+ m/s2 on z, needed about -9\.8"
+    ):
         convert_log(write_imu(tmp_path / "imu.txt", sign=-1.0), {}, GIVEN)
 
 
 def test_rates_are_not_taken_for_increments(tmp_path):
     """The same rows in rad/s and m/s2 are not recognised; forced, gravity gives them away."""
-    np.savetxt(tmp_path / "imu.txt", np.column_stack([OUT.time_s, OUT.dtheta / 0.01, OUT.dv / 0.01]), fmt="%.12e")
+    np.savetxt(
+        tmp_path / "imu.txt",
+        np.column_stack([OUT.time_s, OUT.dtheta / 0.01, OUT.dv / 0.01]),
+        fmt="%.12e",
+    )
     with pytest.raises(InputError, match="format not recognised"):
         convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    with pytest.raises(InputError, match=r"mean \|f\| at rest is 979\.6 m/s2, needed 9\.8: m/s2 in columns of increments\?"):
+    with pytest.raises(
+        InputError,
+        match=r"mean \|f\| at rest is 979\.6 m/s2, needed 9\.8: m/s2 in columns of increments\?",
+    ):
         convert_log(tmp_path / "imu.txt", {"format": "kfgins"}, GIVEN)
 
 
 def test_a_damaged_row_is_named(tmp_path):
     text = write_imu(tmp_path / "imu.txt").read_text().splitlines()
-    (tmp_path / "imu.txt").write_text("\n".join([*text[:3000], "456280.0 1.0", *text[3000:]]) + "\n")
+    (tmp_path / "imu.txt").write_text(
+        "\n".join([*text[:3000], "456280.0 1.0", *text[3000:]]) + "\n"
+    )
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
     check_parked(made.run, OUT)
-    assert "imu.txt: no row of 7 numbers in line 3001 (2 values, needed 7): taken as missing" in made.record["notes"]
+    assert (
+        "imu.txt: no row of 7 numbers in line 3001 (2 values, needed 7): taken as missing"
+        in made.record["notes"]
+    )
 
 
 def test_a_few_garbled_lines_are_dropped_and_named(tmp_path):
     """In the first lines, by which the format is known, and in the file of fixes too."""
-    for write, name, at in ((write_imu, "imu.txt", (3, 70, 4000)), (write_gnss, "gnss.txt", (7, 20))):
+    for write, name, at in (
+        (write_imu, "imu.txt", (3, 70, 4000)),
+        (write_gnss, "gnss.txt", (7, 20)),
+    ):
         lines = write(tmp_path / name).read_text().splitlines()
         for k in at:
             lines[k] = lines[k][:20] + "x" + lines[k][21:]

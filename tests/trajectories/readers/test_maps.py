@@ -1,4 +1,6 @@
-"""Column maps on every kind of file: the same parked unit written in the ways that people write logs."""
+"""Column maps on every kind of file: the same parked unit written in the ways that people write
+logs.
+"""
 
 import gzip
 import json
@@ -26,11 +28,22 @@ MAP = {
 def rate_table() -> dict[str, np.ndarray]:
     """Rates in deg/h and milli-g, axes forward, right, down."""
     w, f = OUT.dtheta / 0.01 * DEG_H, OUT.dv / 0.01 / 9.80665e-3
-    return {"t": OUT.time_s, "wx": w[:, 0], "wy": w[:, 1], "wz": w[:, 2], "fx": f[:, 0], "fy": f[:, 1], "fz": f[:, 2]}
+    return {
+        "t": OUT.time_s,
+        "wx": w[:, 0],
+        "wy": w[:, 1],
+        "wz": w[:, 2],
+        "fx": f[:, 0],
+        "fy": f[:, 1],
+        "fz": f[:, 2],
+    }
 
 
 def lines(columns: dict, delimiter=",") -> list[str]:
-    return [delimiter.join(repr(float(v)) if np.isfinite(v) else "" for v in row) for row in zip(*columns.values())]
+    return [
+        delimiter.join(repr(float(v)) if np.isfinite(v) else "" for v in row)
+        for row in zip(*columns.values())
+    ]
 
 
 def csv_text(columns: dict, *, head=None, delimiter=",") -> str:
@@ -43,16 +56,36 @@ def convert(path, options=None, **given):
 
 @pytest.mark.parametrize(
     ("text", "keys"),
-    [(csv_text(rate_table()), {}),
-     (csv_text(rate_table(), head="t;wx;wy;wz;fx;fy;fz", delimiter=";"), {"delimiter": ";"}),
-     (csv_text(rate_table(), delimiter="\t"), {"delimiter": "\t"}),
-     ("logger 7\nunit SN-1\n" + csv_text(rate_table()), {"header_lines": 3}),
-     ("logger 7\n" + csv_text(rate_table(), head="t,wx,wy,wz,fx,fy,fz\ns,deg/h,deg/h,deg/h,mg,mg,mg"),
-      {"header_lines": 3, "names_line": 2}),
-     ("# made by\n\n" + csv_text(rate_table()).replace("\n", "\n# a remark, with, commas\n", 40), {"comment": "#"}),
-     ("\r\n".join(["t wx wy wz fx fy fz", *lines(rate_table(), "   ")]) + "\r\n", {"format": "text", "header_lines": 1})],
-    ids=["plain", "semicolons", "tabs", "header in line 3", "units below names", "comments", "white space"],
-)  # fmt: skip
+    [
+        (csv_text(rate_table()), {}),
+        (csv_text(rate_table(), head="t;wx;wy;wz;fx;fy;fz", delimiter=";"), {"delimiter": ";"}),
+        (csv_text(rate_table(), delimiter="\t"), {"delimiter": "\t"}),
+        ("logger 7\nunit SN-1\n" + csv_text(rate_table()), {"header_lines": 3}),
+        (
+            "logger 7\n"
+            + csv_text(rate_table(), head="t,wx,wy,wz,fx,fy,fz\ns,deg/h,deg/h,deg/h,mg,mg,mg"),
+            {"header_lines": 3, "names_line": 2},
+        ),
+        (
+            "# made by\n\n"
+            + csv_text(rate_table()).replace("\n", "\n# a remark, with, commas\n", 40),
+            {"comment": "#"},
+        ),
+        (
+            "\r\n".join(["t wx wy wz fx fy fz", *lines(rate_table(), "   ")]) + "\r\n",
+            {"format": "text", "header_lines": 1},
+        ),
+    ],
+    ids=[
+        "plain",
+        "semicolons",
+        "tabs",
+        "header in line 3",
+        "units below names",
+        "comments",
+        "white space",
+    ],
+)
 @pytest.mark.parametrize("packed", [False, True], ids=["", "gz"])
 def test_text(tmp_path, text, keys, packed):
     path = tmp_path / ("log.csv.gz" if packed else "log.csv")
@@ -64,8 +97,13 @@ def test_text(tmp_path, text, keys, packed):
 
 @pytest.mark.parametrize(
     ("delimiter", "needed"),
-    [(";", r'delimiter = ";"'), ("\t", r'delimiter = "\\t"'), ("   ", r'format = "text"'), ("|", r'delimiter = "\|"')],
-)  # fmt: skip
+    [
+        (";", r'delimiter = ";"'),
+        ("\t", r'delimiter = "\\t"'),
+        ("   ", r'format = "text"'),
+        ("|", r'delimiter = "\|"'),
+    ],
+)
 @pytest.mark.parametrize("named", [True, False])
 def test_another_separator_is_named(tmp_path, delimiter, needed, named):
     columns = rate_table()
@@ -77,7 +115,10 @@ def test_another_separator_is_named(tmp_path, delimiter, needed, named):
 
 def test_raw_numbers_are_not_taken_for_text(tmp_path):
     np.column_stack(list(rate_table().values())).tofile(tmp_path / "log.dat")
-    with pytest.raises(InputError, match=r"log\.dat: no text: needed format in the map \(binary, with columns and dtype\?\)"):
+    with pytest.raises(
+        InputError,
+        match=r"log\.dat: no text: needed format in the map \(binary, with columns and dtype\?\)",
+    ):
         convert(tmp_path / "log.dat")
 
 
@@ -86,19 +127,27 @@ def test_columns_that_are_not_used_may_hold_anything(tmp_path):
     rows = [rows[0] + ",state,utc"] + [f'{row},"ok, fine",2026-03-01 05:00' for row in rows[1:]]
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     check_parked(convert(tmp_path / "log.csv").run, OUT)
-    with pytest.raises(InputError, match=r"log\.csv: row 1 \(line 2\): column utc: got '2026-03-01 05:00', needed a number"):
+    with pytest.raises(
+        InputError,
+        match=r"log\.csv: row 1 \(line 2\): column utc: got '2026-03-01 05:00', needed a number",
+    ):
         convert(tmp_path / "log.csv", MAP | {"time": {"column": "utc"}})
 
 
 def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
-    """A few are rows of missing values, and listed; many are a wrong map, and the first is named."""
+    """A few are rows of missing values, and listed; many are a wrong map, and the first is
+    named.
+    """
     rows = ["# head", *csv_text(rate_table()).splitlines()]
     rows[10], rows[99] = "1,2,what,4,5,6,7", '5000.5,"1,2'
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
     assert made.run.imu.rows == N - 2
     assert made.record["notes"][:2] == [
-        "log.csv: no row of 7 numbers in line 11, 100 (column wy: got 'what', needed a number): taken as missing",
+        (
+            "log.csv: no row of 7 numbers in line 11, 100 (column wy: got 'what', needed a number):"
+            " taken as missing"
+        ),
         "log.csv: rows 9, 98 dropped: missing or not finite",
     ]
     assert [s.reason for s in made.run.faults] == ["dropout: 2 imu rows lost"]
@@ -113,8 +162,13 @@ def test_parquet(tmp_path):
     columns = rate_table()
     pq.write_table(pa.table(columns | {"state": ["ok"] * N}), tmp_path / "log.pq")
     check_parked(convert(tmp_path / "log.pq").run, OUT)
-    record = pa.StructArray.from_arrays([pa.array(columns[k]) for k in ("wx", "wy", "wz")], ["x", "y", "z"])
-    pq.write_table(pa.table({k: v for k, v in columns.items() if k[0] != "w"} | {"gyro": record}), tmp_path / "log.parquet")
+    record = pa.StructArray.from_arrays(
+        [pa.array(columns[k]) for k in ("wx", "wy", "wz")], ["x", "y", "z"]
+    )
+    pq.write_table(
+        pa.table({k: v for k, v in columns.items() if k[0] != "w"} | {"gyro": record}),
+        tmp_path / "log.parquet",
+    )
     nested = MAP | {"gyro": {"columns": ["gyro.x", "gyro.y", "gyro.z"], "unit": "deg/h"}}
     made = convert(tmp_path / "log.parquet", nested)
     check_parked(made.run, OUT)
@@ -122,11 +176,18 @@ def test_parquet(tmp_path):
 
 
 def test_parquet_time_stamps_give_the_date(tmp_path):
-    """2026-03-01T05:00:00Z is 1 772 341 200 s since 1970 (by `date -d`); run time 0 is one interval before the first row."""
+    """2026-03-01T05:00:00Z is 1 772 341 200 s since 1970 (by `date -d`); run time 0 is one interval
+    before the first row.
+    """
     columns = rate_table()
-    stamps = pa.array(np.round((1_772_341_200 + 0.01 * np.arange(N)) * 1e9).astype(np.int64), type=pa.timestamp("ns"))
+    stamps = pa.array(
+        np.round((1_772_341_200 + 0.01 * np.arange(N)) * 1e9).astype(np.int64),
+        type=pa.timestamp("ns"),
+    )
     pq.write_table(pa.table({**columns, "t": stamps}), tmp_path / "log.parquet")
-    made = convert(tmp_path / "log.parquet", MAP | {"time": {"column": "t", "epoch": "unix"}}, start_utc=None)
+    made = convert(
+        tmp_path / "log.parquet", MAP | {"time": {"column": "t", "epoch": "unix"}}, start_utc=None
+    )
     assert made.run.header.start_utc == "2026-03-01T04:59:59.990Z"
     np.testing.assert_allclose(made.run.imu.dtheta_rad, OUT.dtheta, rtol=1e-4)
 
@@ -136,7 +197,9 @@ def test_parquet_refusals(tmp_path):
     with pytest.raises(InputError, match=r"log\.parquet: column wz holds string, needed numbers"):
         convert(tmp_path / "log.parquet")
     with pytest.raises(InputError, match=r"log\.parquet: no column up, has t wx"):
-        convert(tmp_path / "log.parquet", MAP | {"accel": {"columns": ["up", "fy", "fz"], "unit": "g"}})
+        convert(
+            tmp_path / "log.parquet", MAP | {"accel": {"columns": ["up", "fy", "fz"], "unit": "g"}}
+        )
     with pytest.raises(InputError, match=r"log\.parquet: its columns do not name the imu columns"):
         convert_log(tmp_path / "log.parquet", {"format": "parquet"}, GIVEN)
     whole = (tmp_path / "log.parquet").read_bytes()
@@ -157,28 +220,57 @@ def test_own_names_need_no_map(tmp_path):
 
 
 MAT_MAPS = {
-    "vectors": ({"t": "t", "w": ["wx", "wy", "wz"], "f": ["fx", "fy", "fz"]}),
-    "matrix": ({"t": "data[0]", "w": ["data[1]", "data[2]", "data[3]"], "f": ["data[4]", "data[5]", "data[6]"]}),
-    "matlab": ({"t": "log.t", "w": [f"log.wb(:,{k})" for k in (1, 2, 3)], "f": [f"log.fb(:, {k})" for k in (1, 2, 3)]}),
-    "elements": ({"t": "unit(2).t", "w": [f"unit(2).wb[{k}]" for k in range(3)], "f": [f"unit(2).fb[{k}]" for k in range(3)]}),
+    "vectors": {"t": "t", "w": ["wx", "wy", "wz"], "f": ["fx", "fy", "fz"]},
+    "matrix": {
+        "t": "data[0]",
+        "w": ["data[1]", "data[2]", "data[3]"],
+        "f": ["data[4]", "data[5]", "data[6]"],
+    },
+    "matlab": {
+        "t": "log.t",
+        "w": [f"log.wb(:,{k})" for k in (1, 2, 3)],
+        "f": [f"log.fb(:, {k})" for k in (1, 2, 3)],
+    },
+    "elements": {
+        "t": "unit(2).t",
+        "w": [f"unit(2).wb[{k}]" for k in range(3)],
+        "f": [f"unit(2).fb[{k}]" for k in range(3)],
+    },
 }
 
 
 @pytest.mark.parametrize("style", MAT_MAPS)
 @pytest.mark.parametrize("compressed", [False, True], ids=["", "compressed"])
 def test_matlab(tmp_path, style, compressed):
-    """The same unit as vectors, columns of a matrix, fields of a struct, an element of a struct array."""
+    """The same unit as vectors, columns of a matrix, fields of a struct, an element of a struct
+    array.
+    """
     columns = rate_table()
     w, f = (np.column_stack([columns[k + a] for a in "xyz"]) for k in "wf")
     unit = {"t": OUT.time_s[:, None], "wb": w, "fb": f}
     other = {**unit, "wb": -w}
-    savemat(tmp_path / "log.mat", do_compression=compressed, mdict={
-        **columns, "data": np.column_stack(list(columns.values())), "log": unit, "unit": np.array([other, unit], dtype=object),
-        "comment": "text", "nothing": np.empty((0, 0)),
-    } if style != "elements" else {"unit": struct_array(other, unit)})  # fmt: skip
+    savemat(
+        tmp_path / "log.mat",
+        do_compression=compressed,
+        mdict=(
+            {
+                **columns,
+                "data": np.column_stack(list(columns.values())),
+                "log": unit,
+                "unit": np.array([other, unit], dtype=object),
+                "comment": "text",
+                "nothing": np.empty((0, 0)),
+            }
+            if style != "elements"
+            else {"unit": struct_array(other, unit)}
+        ),
+    )
     names = MAT_MAPS[style]
-    keys = {"time": {"column": names["t"]}, "gyro": {"columns": names["w"], "unit": "deg/h"},
-            "accel": {"columns": names["f"], "unit": "mg"}}  # fmt: skip
+    keys = {
+        "time": {"column": names["t"]},
+        "gyro": {"columns": names["w"], "unit": "deg/h"},
+        "accel": {"columns": names["f"], "unit": "mg"},
+    }
     made = convert(tmp_path / "log.mat", keys)
     check_parked(made.run, OUT)
     assert made.record["format"] == "mat"
@@ -194,19 +286,31 @@ def struct_array(*elements: dict) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("column", "line"),
-    [("log.w[0]", r"log\.mat: no matrix log\.w, has log\.t 6000x1, log\.wb 6000x3"),
-     ("gyro[0]", r"log\.mat: no matrix gyro, has .*log\.t 6000x1"),
-     ("log.wb", r"log\.mat: log\.wb is log\.wb 6000x3, needed which column: log\.wb\[0\] is the first"),
-     ("log.wb[3]", r"log\.mat: log\.wb\[3\]: log\.wb has 3 columns"), ("log.wb(:,0)", r"log\.wb has 3 columns"),
-     ("log.wb(1,:)", r"map: column 'log\.wb\(1,:\)', needed a name such as"),
-     ("log.short", r"log\.mat: log\.short has 5 values, log\.t has 6000, needed as many")],
-)  # fmt: skip
+    [
+        ("log.w[0]", r"log\.mat: no matrix log\.w, has log\.t 6000x1, log\.wb 6000x3"),
+        ("gyro[0]", r"log\.mat: no matrix gyro, has .*log\.t 6000x1"),
+        (
+            "log.wb",
+            r"log\.mat: log\.wb is log\.wb 6000x3, needed which column: log\.wb\[0\] is the first",
+        ),
+        ("log.wb[3]", r"log\.mat: log\.wb\[3\]: log\.wb has 3 columns"),
+        ("log.wb(:,0)", r"log\.wb has 3 columns"),
+        ("log.wb(1,:)", r"map: column 'log\.wb\(1,:\)', needed a name such as"),
+        ("log.short", r"log\.mat: log\.short has 5 values, log\.t has 6000, needed as many"),
+    ],
+)
 def test_matlab_columns_that_are_not_there(tmp_path, column, line):
     columns = rate_table()
     w = np.column_stack([columns["w" + a] for a in "xyz"])
-    savemat(tmp_path / "log.mat", {"log": {"t": OUT.time_s[:, None], "wb": w, "fb": w, "short": np.ones((5, 1))}})
-    keys = {"time": {"column": "log.t"}, "gyro": {"columns": [column, "log.wb[1]", "log.wb[2]"], "unit": "deg/h"},
-            "accel": {"columns": ["log.fb[0]", "log.fb[1]", "log.fb[2]"], "unit": "mg"}}  # fmt: skip
+    savemat(
+        tmp_path / "log.mat",
+        {"log": {"t": OUT.time_s[:, None], "wb": w, "fb": w, "short": np.ones((5, 1))}},
+    )
+    keys = {
+        "time": {"column": "log.t"},
+        "gyro": {"columns": [column, "log.wb[1]", "log.wb[2]"], "unit": "deg/h"},
+        "accel": {"columns": ["log.fb[0]", "log.fb[1]", "log.fb[2]"], "unit": "mg"},
+    }
     with pytest.raises(InputError, match=line):
         convert(tmp_path / "log.mat", keys)
 
@@ -214,16 +318,26 @@ def test_matlab_columns_that_are_not_there(tmp_path, column, line):
 def test_matlab_7_3_is_refused(tmp_path):
     """Its head as MATLAB writes it: text to byte 124, version 0x0200, then HDF5 from byte 512."""
     head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Sat Nov 21 2026 HDF5 schema 1.00 ."
-    (tmp_path / "log.mat").write_bytes(head.ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF\r\n\x1a\n" + bytes(500))
+    (tmp_path / "log.mat").write_bytes(
+        head.ljust(124) + b"\x00\x02IM" + bytes(384) + b"\x89HDF\r\n\x1a\n" + bytes(500)
+    )
     for options in ({}, MAP, {"format": "mat"}):
-        with pytest.raises(InputError, match=r"7\.3 \(HDF5\), needed version 5 to 7\.2: in MATLAB save with -v7"):
+        with pytest.raises(
+            InputError, match=r"7\.3 \(HDF5\), needed version 5 to 7\.2: in MATLAB save with -v7"
+        ):
             convert_log(tmp_path / "log.mat", options, GIVEN)
 
 
 FIXES = {
-    "lat": LAT_DEG + 1e-6 * np.arange(60), "lon": LON_DEG + 0.0 * np.arange(60), "h": 380.0 + 0.1 * np.arange(60),
-    "v1": np.full(60, 2.0), "v2": np.full(60, 3.0), "v3": np.full(60, 0.5), "s": np.full(60, 0.4), "sv": np.full(60, 0.9),
-}  # fmt: skip
+    "lat": LAT_DEG + 1e-6 * np.arange(60),
+    "lon": LON_DEG + 0.0 * np.arange(60),
+    "h": 380.0 + 0.1 * np.arange(60),
+    "v1": np.full(60, 2.0),
+    "v2": np.full(60, 3.0),
+    "v3": np.full(60, 0.5),
+    "s": np.full(60, 0.4),
+    "sv": np.full(60, 0.9),
+}
 GNSS = {
     "position": {"columns": ["lat", "lon", "h"], "sigma": ["s", "s", "sv"]},
     "velocity": {"columns": ["v1", "v2", "v3"], "frame": "enu", "unit": "km/h"},
@@ -231,7 +345,9 @@ GNSS = {
 
 
 def test_fixes_and_temperatures_among_the_rows(tmp_path):
-    """1 Hz fixes beside every hundredth row (then again in every row), deg F at 0.5 Hz, a wheel in km/h; empty elsewhere."""
+    """1 Hz fixes beside every hundredth row (then again in every row), deg F at 0.5 Hz, a wheel in
+    km/h; empty elsewhere.
+    """
     columns = rate_table()
     for name, values in FIXES.items():
         columns[name] = np.full(N, np.nan)
@@ -254,7 +370,9 @@ def test_fixes_and_temperatures_among_the_rows(tmp_path):
     for name, values in FIXES.items():
         columns[name] = np.repeat(values, 100)
     (tmp_path / "held.csv").write_text(csv_text(columns))
-    check_fixes(convert(tmp_path / "held.csv", MAP | {"gnss": GNSS}).run.gnss, np.arange(60) * 1.0 + 0.01)
+    check_fixes(
+        convert(tmp_path / "held.csv", MAP | {"gnss": GNSS}).run.gnss, np.arange(60) * 1.0 + 0.01
+    )
 
 
 def check_fixes(gnss, time_s):
@@ -269,9 +387,16 @@ def check_fixes(gnss, time_s):
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mat"])
 def test_streams_in_files_of_their_own(tmp_path, kind):
-    columns = {"stamp": (5000.01 + np.arange(60)) * 1e3, **FIXES, "fix": np.where(np.arange(60) < 5, 2.0, 3.0)}
+    columns = {
+        "stamp": (5000.01 + np.arange(60)) * 1e3,
+        **FIXES,
+        "fix": np.where(np.arange(60) < 5, 2.0, 3.0),
+    }
     files = {}
-    for name, data in (("gps", columns), ("oven", {"stamp": 5000.0 + np.arange(0.0, 60.0, 2.0), "T": np.full(30, 303.15)})):
+    for name, data in (
+        ("gps", columns),
+        ("oven", {"stamp": 5000.0 + np.arange(0.0, 60.0, 2.0), "T": np.full(30, 303.15)}),
+    ):
         files[name] = f"{name}.{kind}"
         if kind == "csv":
             (tmp_path / files[name]).write_text(csv_text(data))
@@ -280,7 +405,12 @@ def test_streams_in_files_of_their_own(tmp_path, kind):
         else:
             savemat(tmp_path / files[name], data)
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
-    gnss = {**GNSS, "file": files["gps"], "time": {"column": "stamp", "unit": "ms"}, "fix": {"column": "fix"}}
+    gnss = {
+        **GNSS,
+        "file": files["gps"],
+        "time": {"column": "stamp", "unit": "ms"},
+        "fix": {"column": "fix"},
+    }
     oven = {"file": files["oven"], "time": {"column": "stamp"}, "columns": ["T"], "unit": "K"}
     made = convert(tmp_path / "log.csv", MAP | {"gnss": gnss, "temperature": oven})
     assert made.run.gnss.time_s.size == 55
@@ -291,12 +421,20 @@ def test_streams_in_files_of_their_own(tmp_path, kind):
 
 
 def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
-    """North at 0.1 m/s up to 30 s, then at rest. Two fixes of 5 mm, 2 s apart: 3.5 mm/s; more where the speed changes."""
+    """North at 0.1 m/s up to 30 s, then at rest. Two fixes of 5 mm, 2 s apart: 3.5 mm/s; more where
+    the speed changes.
+    """
     time_s = np.arange(60.0)
     north = np.minimum(time_s, 30.0) * 0.1
     lat_deg = LAT_DEG + north / 110_922.0  # metres a degree on this parallel
-    fixes = {"stamp": 5000.01 + time_s, "lat": lat_deg, "lon": np.full(60, LON_DEG), "h": 380 - 0.2 * time_s,
-             "s": np.full(60, 0.005), "sv": np.full(60, 0.01)}  # fmt: skip
+    fixes = {
+        "stamp": 5000.01 + time_s,
+        "lat": lat_deg,
+        "lon": np.full(60, LON_DEG),
+        "h": 380 - 0.2 * time_s,
+        "s": np.full(60, 0.005),
+        "sv": np.full(60, 0.01),
+    }
     (tmp_path / "gps.csv").write_text(csv_text(fixes))
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
     gnss = {"file": "gps.csv", "time": {"column": "stamp"}, "position": GNSS["position"]}
@@ -306,11 +444,17 @@ def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
     np.testing.assert_allclose(v[32:, :2], 0.0, atol=1e-9)
     np.testing.assert_allclose(sigma[[10, 50]], 0.005 * np.sqrt(2) / 2, rtol=1e-3)
     assert sigma[30] == pytest.approx(0.025, rel=0.05)
-    assert "gps.csv: fixes have no velocity: differences of their positions, sigma 0.00354 m/s (median)" in made.record["notes"]
+    assert (
+        "gps.csv: fixes have no velocity: differences of their positions, sigma 0.00354 m/s"
+        " (median)" in made.record["notes"]
+    )
     without = {**gnss, "position": {"columns": ["lat", "lon", "h"]}}
     made = convert(tmp_path / "log.csv", MAP | {"gnss": without})
     assert made.run.gnss is None
-    assert "gps.csv: fixes without velocity, and no sigma to give to differences of their positions" in made.record["notes"]
+    assert (
+        "gps.csv: fixes without velocity, and no sigma to give to differences of their positions"
+        in made.record["notes"]
+    )
 
 
 def test_another_clock_is_said(tmp_path):
@@ -319,23 +463,46 @@ def test_another_clock_is_said(tmp_path):
     keys = MAP | {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
     made = convert(tmp_path / "log.csv", keys)
     assert made.run.gnss is None
-    assert "gps.csv: fixes at 0.000 to 59.000 s, imu 5000.000 to 5060.000 s: no gnss stream" in made.record["notes"]
+    assert (
+        "gps.csv: fixes at 0.000 to 59.000 s, imu 5000.000 to 5060.000 s: no gnss stream"
+        in made.record["notes"]
+    )
     for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
-        with pytest.raises(InputError, match=r"gps\.csv: no .* between the first and the last imu row: another clock\?"):
-            convert(tmp_path / "log.csv", MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}})
+        with pytest.raises(
+            InputError,
+            match=r"gps\.csv: no .* between the first and the last imu row: another clock\?",
+        ):
+            convert(
+                tmp_path / "log.csv",
+                MAP | {name: {**part, "file": "gps.csv", "time": {"column": "stamp"}}},
+            )
 
 
 @pytest.mark.parametrize(
     ("keys", "line"),
-    [({"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}}, r"map: gnss\.file: .*no\.csv: no such file"),
-     ({"gnss": {**GNSS, "file": "no.csv"}}, r"map: gnss\.time: needed, the column of its time stamps"),
-     ({"gnss": {"position": {"columns": ["a", "b"]}}}, r"map: gnss\.position\.columns"),
-     ({"gnss": {**GNSS, "frame": "ned"}}, r"map: unknown key gnss\.frame"),
-     ({"gnss": GNSS}, r"log\.csv: no column lat, has t wx"),
-     ({"odometer": {"column": "fx", "unit": "mph"}}, r"map: odometer\.unit: got \"mph\", needed m/s, km/h or kn"),
-     ({"header_lines": 1, "names_line": 3}, r"map: names_line 3, needed at most header_lines \(1\)"),
-     ({"temperature": {"columns": ["fx"], "unit": "F"}}, r"map: temperature\.unit: got \"F\"")],
-)  # fmt: skip
+    [
+        (
+            {"gnss": {**GNSS, "file": "no.csv", "time": {"column": "t"}}},
+            r"map: gnss\.file: .*no\.csv: no such file",
+        ),
+        (
+            {"gnss": {**GNSS, "file": "no.csv"}},
+            r"map: gnss\.time: needed, the column of its time stamps",
+        ),
+        ({"gnss": {"position": {"columns": ["a", "b"]}}}, r"map: gnss\.position\.columns"),
+        ({"gnss": {**GNSS, "frame": "ned"}}, r"map: unknown key gnss\.frame"),
+        ({"gnss": GNSS}, r"log\.csv: no column lat, has t wx"),
+        (
+            {"odometer": {"column": "fx", "unit": "mph"}},
+            r"map: odometer\.unit: got \"mph\", needed m/s, km/h or kn",
+        ),
+        (
+            {"header_lines": 1, "names_line": 3},
+            r"map: names_line 3, needed at most header_lines \(1\)",
+        ),
+        ({"temperature": {"columns": ["fx"], "unit": "F"}}, r"map: temperature\.unit: got \"F\""),
+    ],
+)
 def test_wrong_keys_are_named(tmp_path, keys, line):
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
     with pytest.raises(InputError, match=line):
@@ -344,11 +511,22 @@ def test_wrong_keys_are_named(tmp_path, keys, line):
 
 @pytest.mark.parametrize(
     ("keys", "line"),
-    [({"accel": {**MAP["accel"], "unit": "g"}}, r"6000 of 6000 rows are damaged \(first row 1: beyond 100 rad/s or 2000"),
-     ({"gyro": {**MAP["gyro"], "unit": "deg/s"}}, r"rows are damaged|mean \|w\| at rest"),
-     ({"axes": {"x": "y", "y": "x", "z": "-z"}}, r"mean f at rest is \+9\.\d+ m/s2 on z, .*z points up"),
-     ({"axes": {"x": "z", "y": "y", "z": "-x"}}, r"mean f at rest is .* on x, needed about -9\.8 on z")],
-)  # fmt: skip
+    [
+        (
+            {"accel": {**MAP["accel"], "unit": "g"}},
+            r"6000 of 6000 rows are damaged \(first row 1: beyond 100 rad/s or 2000",
+        ),
+        ({"gyro": {**MAP["gyro"], "unit": "deg/s"}}, r"rows are damaged|mean \|w\| at rest"),
+        (
+            {"axes": {"x": "y", "y": "x", "z": "-z"}},
+            r"mean f at rest is \+9\.\d+ m/s2 on z, .*z points up",
+        ),
+        (
+            {"axes": {"x": "z", "y": "y", "z": "-x"}},
+            r"mean f at rest is .* on x, needed about -9\.8 on z",
+        ),
+    ],
+)
 def test_wrong_units_and_axes_are_refused(tmp_path, keys, line):
     (tmp_path / "log.csv").write_text(csv_text(rate_table()))
     with pytest.raises(InputError, match=line):

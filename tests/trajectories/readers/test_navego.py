@@ -1,4 +1,6 @@
-"""NaveGo logs by hand, structs as in its navego_example_synth.m: SI units, radians, forward, right, down."""
+"""NaveGo logs by hand, structs as in its navego_example_synth.m: SI units, radians, forward, right,
+down.
+"""
 
 import numpy as np
 import pytest
@@ -26,23 +28,52 @@ OUT = parked()
 
 
 def imu(output: Output = OUT, **changes) -> dict:
-    return {"t": output.time_s[:, None], "fb": output.dv / 0.01, "wb": output.dtheta / 0.01, "freq": 100.0,
-            "arw": np.full((1, 3), 1e-5), "ini_align": np.zeros((1, 3)), **changes}  # fmt: skip
+    return {
+        "t": output.time_s[:, None],
+        "fb": output.dv / 0.01,
+        "wb": output.dtheta / 0.01,
+        "freq": 100.0,
+        "arw": np.full((1, 3), 1e-5),
+        "ini_align": np.zeros((1, 3)),
+        **changes,
+    }
 
 
 def gnss(**changes) -> dict:
     n = 60
     one = np.ones((n, 1))
-    return {"t": np.arange(1.0, n + 1)[:, None], "lat": np.radians(LAT_DEG) * one, "lon": np.radians(LON_DEG) * one,
-            "h": HEIGHT_M * one, "vel": np.tile([1.0, 2.0, -0.5], (n, 1)), "stdm": np.array([[3.0, 4.0, 10.0]]),
-            "stdv": np.full((1, 3), 0.1), "larm": np.array([[0.5], [-0.25], [-1.0]]), "freq": 1.0, **changes}  # fmt: skip
+    return {
+        "t": np.arange(1.0, n + 1)[:, None],
+        "lat": np.radians(LAT_DEG) * one,
+        "lon": np.radians(LON_DEG) * one,
+        "h": HEIGHT_M * one,
+        "vel": np.tile([1.0, 2.0, -0.5], (n, 1)),
+        "stdm": np.array([[3.0, 4.0, 10.0]]),
+        "stdv": np.full((1, 3), 0.1),
+        "larm": np.array([[0.5], [-0.25], [-1.0]]),
+        "freq": 1.0,
+        **changes,
+    }
 
 
 def ref() -> dict:
     one = np.ones((OUT.rows, 1))
-    angles = {k: np.radians(v) * one for k, v in (("roll", ROLL_DEG), ("pitch", PITCH_DEG), ("yaw", HEADING_DEG - 360))}
-    place = {"lat": np.radians(LAT_DEG) * one, "lon": np.radians(LON_DEG) * one, "h": HEIGHT_M * one}
-    return {"t": OUT.time_s[:, None], **place, "vel": np.zeros((OUT.rows, 3)), **angles, "DCMnb": np.zeros((OUT.rows, 9))}
+    angles = {
+        k: np.radians(v) * one
+        for k, v in (("roll", ROLL_DEG), ("pitch", PITCH_DEG), ("yaw", HEADING_DEG - 360))
+    }
+    place = {
+        "lat": np.radians(LAT_DEG) * one,
+        "lon": np.radians(LON_DEG) * one,
+        "h": HEIGHT_M * one,
+    }
+    return {
+        "t": OUT.time_s[:, None],
+        **place,
+        "vel": np.zeros((OUT.rows, 3)),
+        **angles,
+        "DCMnb": np.zeros((OUT.rows, 9)),
+    }
 
 
 def write(path, **variables):
@@ -51,7 +82,9 @@ def write(path, **variables):
 
 
 def test_imu_receiver_and_reference(tmp_path):
-    made = convert_log(write(tmp_path / "log.mat", imu1=imu(), gnss=gnss(), ref=ref()), {}, PLACELESS)
+    made = convert_log(
+        write(tmp_path / "log.mat", imu1=imu(), gnss=gnss(), ref=ref()), {}, PLACELESS
+    )
     check_parked(made.run, OUT)
     assert made.record["format"] == "navego"
     fixes = made.run.gnss
@@ -67,13 +100,20 @@ def test_imu_receiver_and_reference(tmp_path):
 
 
 def test_a_right_turn_is_one(tmp_path):
-    check_right_turn(convert_log(write(tmp_path / "log.mat", imu=imu(parked_and_turned())), {}, GIVEN).run)
+    check_right_turn(
+        convert_log(write(tmp_path / "log.mat", imu=imu(parked_and_turned())), {}, GIVEN).run
+    )
 
 
 def test_several_imus_and_a_receiver_of_another_file(tmp_path):
     """As NaveGo saves them: imu1.mat, imu2.mat, gnss.mat; a solution in between is no receiver."""
     upside = imu(fb=-OUT.dv / 0.01)
-    write(tmp_path / "imus.mat", imu1=upside, imu2=imu(), nav1_e={**ref(), "vel": np.zeros((OUT.rows, 3))})
+    write(
+        tmp_path / "imus.mat",
+        imu1=upside,
+        imu2=imu(),
+        nav1_e={**ref(), "vel": np.zeros((OUT.rows, 3))},
+    )
     write(tmp_path / "gnss.mat", gnss=gnss())
     made = convert_log(tmp_path / "imus.mat", {"imu": 2, "gnss": {"file": "gnss.mat"}}, PLACELESS)
     check_parked(made.run, OUT)
@@ -83,20 +123,48 @@ def test_several_imus_and_a_receiver_of_another_file(tmp_path):
         convert_log(tmp_path / "imus.mat", {}, GIVEN)
     made = convert_log(tmp_path / "imus.mat", {"imu": 2}, GIVEN)
     assert made.run.gnss is None
-    assert "imus.mat: no gnss struct: no gnss stream (--gnss for another file)" in made.record["notes"]
+    assert (
+        "imus.mat: no gnss struct: no gnss stream (--gnss for another file)" in made.record["notes"]
+    )
 
 
 @pytest.mark.parametrize(
     ("variables", "options", "line"),
-    [({"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)}, {}, r"mean \|w\| at rest is .*: deg/s\? multiply by pi/180"),
-     ({"imu": imu(fb=OUT.dv / 0.01 / 9.80665)}, {}, r"mean \|f\| at rest is 0\.9989 m/s2, needed 9\.8: g\? multiply"),
-     ({"imu": imu(fb=OUT.dv.T)}, {}, r"log\.mat: imu\.fb 3x6000, needed 3 columns"),
-     ({"imu": imu(t=OUT.time_s[:50, None])}, {}, r"log\.mat: imu: t has 50 rows, wb 6000, fb 6000, needed as many"),
-     ({"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))}, {}, r"log\.mat: gnss\.lat up to 34\.25, needed radians"),
-     ({"imu": imu()}, {"imu": 2}, r"log\.mat: no IMU 2 \(--imu\), has imu"),
-     ({"nav": ref()}, {"format": "navego"}, r"log\.mat: no IMU 1 \(--imu\), has nav\.t 6000x1, nav\.lat 6000x1"),
-     ({"imu": imu()}, {"gnss": {"file": "log.mat"}}, r"log\.mat: no struct with t, lat, lon, h, has imu\.t 6000x1")],
-)  # fmt: skip
+    [
+        (
+            {"imu": imu(wb=np.degrees(OUT.dtheta) / 0.01)},
+            {},
+            r"mean \|w\| at rest is .*: deg/s\? multiply by pi/180",
+        ),
+        (
+            {"imu": imu(fb=OUT.dv / 0.01 / 9.80665)},
+            {},
+            r"mean \|f\| at rest is 0\.9989 m/s2, needed 9\.8: g\? multiply",
+        ),
+        ({"imu": imu(fb=OUT.dv.T)}, {}, r"log\.mat: imu\.fb 3x6000, needed 3 columns"),
+        (
+            {"imu": imu(t=OUT.time_s[:50, None])},
+            {},
+            r"log\.mat: imu: t has 50 rows, wb 6000, fb 6000, needed as many",
+        ),
+        (
+            {"imu": imu(), "gnss": gnss(lat=np.full((60, 1), LAT_DEG))},
+            {},
+            r"log\.mat: gnss\.lat up to 34\.25, needed radians",
+        ),
+        ({"imu": imu()}, {"imu": 2}, r"log\.mat: no IMU 2 \(--imu\), has imu"),
+        (
+            {"nav": ref()},
+            {"format": "navego"},
+            r"log\.mat: no IMU 1 \(--imu\), has nav\.t 6000x1, nav\.lat 6000x1",
+        ),
+        (
+            {"imu": imu()},
+            {"gnss": {"file": "log.mat"}},
+            r"log\.mat: no struct with t, lat, lon, h, has imu\.t 6000x1",
+        ),
+    ],
+)
 def test_what_does_not_fit_is_named(tmp_path, variables, options, line):
     with pytest.raises(InputError, match=line):
         convert_log(write(tmp_path / "log.mat", **variables), options, GIVEN)

@@ -1,4 +1,6 @@
-"""NovAtel ASCII logs: lines of NovAtel's own documentation, and a parked unit written by hand from it."""
+"""NovAtel ASCII logs: lines of NovAtel's own documentation, and a parked unit written by hand from
+it.
+"""
 
 import zlib
 
@@ -37,7 +39,8 @@ DOCUMENTED = """\
 """.splitlines()
 WEEK, SECONDS = 2400, 200_000.0
 OUT = parked(dt=0.005, start_s=SECONDS, seconds=50.0)
-LITEF_RAD, LITEF_M_S = 1.0e-9, 2.0e-8  # ISA-100C; fine enough that a count is far below what is compared
+# ISA-100C; fine enough that a count is far below what is compared
+LITEF_RAD, LITEF_M_S = 1.0e-9, 2.0e-8
 PLACELESS = {"imu_serial": "SN-1"}
 
 
@@ -52,25 +55,37 @@ def check_sum(text: str) -> int:
 
 
 def line(sign: str, text: str) -> str:
-    """With the check as zlib has it, which `test_the_check_of_documented_lines` holds against the one above."""
+    """With the check as zlib has it, which `test_the_check_of_documented_lines` holds against the
+    one above.
+    """
     return f"{sign}{text}*{zlib.crc32(text.encode(), 0xFFFFFFFF) ^ 0xFFFFFFFF:08x}"
 
 
 def counts(output: Output, gyro: float, accel: float) -> np.ndarray:
-    """z, -y, x of velocity, then of angle, in axes y forward, x right, z up; remainders carried over as hardware does."""
+    """z, -y, x of velocity, then of angle, in axes y forward, x right, z up; remainders carried
+    over as hardware does.
+    """
     dtheta, dv = output.rfu()
-    table = np.column_stack([dv[:, 2], -dv[:, 1], dv[:, 0], dtheta[:, 2], -dtheta[:, 1], dtheta[:, 0]])
+    table = np.column_stack(
+        [dv[:, 2], -dv[:, 1], dv[:, 0], dtheta[:, 2], -dtheta[:, 1], dtheta[:, 0]]
+    )
     scaled = np.cumsum(table / np.array([accel] * 3 + [gyro] * 3), axis=0)
     return np.diff(np.rint(scaled), axis=0, prepend=0.0).astype(int)
 
 
-def raw_lines(output: Output = OUT, *, kind="RAWIMUSX", number=26, gyro=LITEF_RAD, accel=LITEF_M_S, info="00") -> list[str]:
+def raw_lines(
+    output: Output = OUT, *, kind="RAWIMUSX", number=26, gyro=LITEF_RAD, accel=LITEF_M_S, info="00"
+) -> list[str]:
     out = []
     for t, row in zip(output.time_s, counts(output, gyro, accel)):
         body = f"{WEEK},{t:.9f},00000077," + ",".join(map(str, row))
         body = f"{info},{number}," + body if kind.endswith("X") else body
         short = "S" in kind.removeprefix("RAWIMU")
-        head = f"{WEEK},{t:.3f}" if short else f"COM1,0,60.0,FINESTEERING,{WEEK},{t:.3f},02000020,0dc5,16809"
+        head = (
+            f"{WEEK},{t:.3f}"
+            if short
+            else f"COM1,0,60.0,FINESTEERING,{WEEK},{t:.3f},02000020,0dc5,16809"
+        )
         out.append(line("%" if short else "#", f"{kind}A,{head};{body}"))
     return out
 
@@ -81,23 +96,37 @@ def header(t: float) -> str:
 
 def position(t: float, k: int, *, name="BESTGNSSPOS", kind="SINGLE", status="SOL_COMPUTED") -> str:
     """Heights above the geoid, which lies 30 m below the ellipsoid."""
-    place = f"{LAT_DEG + k * 1e-5:.11f},{LON_DEG:.11f},{HEIGHT_M + 30:.4f},-30.0000,WGS84,0.3000,0.4000,0.9000"
-    return line("#", f'{name}A,{header(t)};{status},{kind},{place},"AAAA",0.000,0.000,18,18,18,0,00,02,11,01')
+    place = f"{LAT_DEG + k * 1e-5:.11f},{LON_DEG:.11f},{HEIGHT_M + 30:.4f}"
+    place += ",-30.0000,WGS84,0.3000,0.4000,0.9000"
+    return line(
+        "#",
+        f'{name}A,{header(t)};{status},{kind},{place},"AAAA",0.000,0.000,18,18,18,0,00,02,11,01',
+    )
 
 
-def velocity(t: float, speed: float, *, latency=0.25, track=30.0, up=0.5, name="BESTGNSSVEL") -> str:
-    return line("#", f"{name}A,{header(t)};SOL_COMPUTED,SINGLE,{latency:.3f},0.000,{speed:.4f},{track:.6f},{up:.4f},0.0")
+def velocity(
+    t: float, speed: float, *, latency=0.25, track=30.0, up=0.5, name="BESTGNSSVEL"
+) -> str:
+    return line(
+        "#",
+        f"{name}A,{header(t)};SOL_COMPUTED,SINGLE,{latency:.3f},0.000,{speed:.4f},{track:.6f},{up:.4f},0.0",
+    )
 
 
 def solution(t: float, status="INS_SOLUTION_GOOD") -> str:
     angles = f"{ROLL_DEG:.9f},{PITCH_DEG:.9f},{HEADING_DEG:.9f}"
-    body = f"{WEEK},{t:.9f},{LAT_DEG:.11f},{LON_DEG:.11f},{HEIGHT_M:.4f},1.0,2.0,0.5,{angles},{status}"
+    body = (
+        f"{WEEK},{t:.9f},{LAT_DEG:.11f},{LON_DEG:.11f},{HEIGHT_M:.4f},1.0,2.0,0.5,{angles},{status}"
+    )
     return line("%", f"INSPVASA,{WEEK},{t:.3f};{body}")
 
 
 def config(name: str, turn="0.0000,0.0000,0.0000") -> str:
     before = f"{name},5,50,20,DEFAULT,7fd1bf,AUTOMATIC,ROVER,FALSE,0,0,0,17,0,0,0,0,0,0,0,1"
-    return line("#", f"INSCONFIGA,{header(SECONDS)};{before},RBV,IMUBODY,{turn},3.0000,3.0000,3.0000,FROM_COMMAND")
+    return line(
+        "#",
+        f"INSCONFIGA,{header(SECONDS)};{before},RBV,IMUBODY,{turn},3.0000,3.0000,3.0000,FROM_COMMAND",
+    )
 
 
 def write(path, lines):
@@ -117,7 +146,9 @@ def check_parked_on_average(run, output=OUT):
     np.testing.assert_allclose(run.imu.dv_m_s.sum(axis=0) / span, f, atol=2e-6)
 
 
-@pytest.mark.parametrize("text", DOCUMENTED, ids=[text[1 : text.index("A,")] for text in DOCUMENTED])
+@pytest.mark.parametrize(
+    "text", DOCUMENTED, ids=[text[1 : text.index("A,")] for text in DOCUMENTED]
+)
 def test_the_check_of_documented_lines(text):
     body, _, check = text[1:].partition("*")
     assert crc32(body.encode()) == check_sum(body) == int(check, 16)
@@ -129,14 +160,23 @@ def test_documented_rows_show_gravity_upward():
     known = imu_type("EPSON_G320")
     scale, unit = known.accel
     force = np.array(fields[3:6], dtype=float) * scale * 1e-3
-    assert unit == "mg" and force[0] == pytest.approx(1.0, abs=0.01) and np.linalg.norm(force) == pytest.approx(1.0, abs=0.01)
+    assert (
+        unit == "mg"
+        and force[0] == pytest.approx(1.0, abs=0.01)
+        and np.linalg.norm(force) == pytest.approx(1.0, abs=0.01)
+    )
 
 
 @pytest.mark.parametrize("kind", ["RAWIMU", "RAWIMUS", "RAWIMUX", "RAWIMUSX"])
 def test_parked(tmp_path, kind):
     """Week 2400 began on 2026-01-04; 200 000 s later is Tuesday 07:33:20, GPS 18 s ahead of UTC."""
-    made = convert(tmp_path, [config("ISA100C"), *raw_lines(kind=kind)], given={k: v for k, v in GIVEN.items() if k in
-                   ("imu_serial", "lat_deg", "lon_deg", "height_m")})  # fmt: skip
+    made = convert(
+        tmp_path,
+        [config("ISA100C"), *raw_lines(kind=kind)],
+        given={
+            k: v for k, v in GIVEN.items() if k in ("imu_serial", "lat_deg", "lon_deg", "height_m")
+        },
+    )
     check_parked_on_average(made.run)
     assert made.record["format"] == "novatel"
     assert made.run.header.start_utc == "2026-01-06T07:33:02.000Z"
@@ -144,14 +184,18 @@ def test_parked(tmp_path, kind):
     assert made.run.imu.source == "increments" and made.run.temperature is None
     notes = " ".join(made.record["notes"])
     assert "IMU ISA100C (26): a count is gyro 1e-09 rad, accel 2e-08 m/s" in notes
-    assert f"{kind} has no temperature" in notes and "IMU axes taken as y forward, x right, z up" in notes
+    assert (
+        f"{kind} has no temperature" in notes
+        and "IMU axes taken as y forward, x right, z up" in notes
+    )
 
 
 def test_a_right_turn_is_one(tmp_path):
     check_right_turn(convert(tmp_path, raw_lines(parked_and_turned(dt=0.005, start_s=SECONDS))).run)
 
 
-# Scales typed from other sources than NovAtel's driver: Apollo's GetImuParameter (rad, m/s), the OEM6 SPAN manual for the rest.
+# Scales typed from other sources than NovAtel's driver: Apollo's GetImuParameter (rad, m/s), the
+# OEM6 SPAN manual for the rest.
 SCALES = {
     "HG1700_AG58": (1.16415321826934814453e-10, 0.3048 * 7.450580596923828125e-9, 0.01),
     "HG1700-AG62": (1.16415321826934814453e-10, 0.3048 * 1.490116119384765625e-8, 0.01),
@@ -161,7 +205,8 @@ SCALES = {
     "ADIS16488": (5.8516723170686385e-09, 9.31322574615478515625e-8, 0.005),
     "OEM-IMU-STIM300": (8.32237840649762e-09, 2.384185791015625e-07, 0.008),
     "KVH1750": (1.0850694444444445e-07, 1.52587890625e-06, 0.005),
-    "EPSON_G320": (1.7044230976507124e-11, 0.2 / 65536 * 9.80665e-3 / 125, 0.008),  # Apollo: the same with 9.8015
+    # Apollo: the same with 9.8015
+    "EPSON_G320": (1.7044230976507124e-11, 0.2 / 65536 * 9.80665e-3 / 125, 0.008),
     "µIMU": (1.0e-9, 2.0e-8, 0.005),
     "HG4930_AN01": (2.0**-33, 2.0**-29, 0.01),
 }
@@ -169,13 +214,21 @@ SCALES = {
 
 @pytest.mark.parametrize("name", SCALES)
 def test_types(tmp_path, name):
-    """The same unit in the counts of each type; the mean is right within a count of the whole stretch."""
+    """The same unit in the counts of each type; the mean is right within a count of the whole
+    stretch.
+    """
     gyro, accel, dt = SCALES[name]
     output = parked(dt=dt, start_s=SECONDS, seconds=40.0)
-    made = convert(tmp_path, raw_lines(output, kind="RAWIMUS", gyro=gyro, accel=accel), {"imu_type": name}, GIVEN | {
-        "gyro_technology": imu_type(name).technology})  # fmt: skip
+    made = convert(
+        tmp_path,
+        raw_lines(output, kind="RAWIMUS", gyro=gyro, accel=accel),
+        {"imu_type": name},
+        GIVEN | {"gyro_technology": imu_type(name).technology},
+    )
     w, f = at_rest()
-    np.testing.assert_allclose(made.run.imu.dtheta_rad.sum(axis=0) / 40.0, w, atol=gyro / 40.0 + 1e-10)
+    np.testing.assert_allclose(
+        made.run.imu.dtheta_rad.sum(axis=0) / 40.0, w, atol=gyro / 40.0 + 1e-10
+    )
     np.testing.assert_allclose(made.run.imu.dv_m_s.sum(axis=0) / 40.0, f, atol=accel / 40.0 + 1e-6)
     assert not any("rows missing" in note for note in made.record["notes"])
 
@@ -189,25 +242,64 @@ def test_every_type_is_found_by_its_number_and_names():
 
 @pytest.mark.parametrize(
     ("lines", "options", "line_of_error"),
-    [(raw_lines(kind="RAWIMUS"), {}, r"span\.log: the log does not say its IMU's type: needed imu_type"),
-     (raw_lines(number=99), {}, r"span\.log: imu_type '99' has no documented scale: needed imu_scale in the map, or one of"),
-     (raw_lines(info="02"), {}, r"span\.log: RAWIMUSX: the IMU data are encrypted"),
-     (raw_lines(number=8), {}, r"span\.log: 10000 of 10000 rows are damaged"),
-     (raw_lines(number=31), {}, r"mean \|f\| at rest is 45\.\d+ m/s2, needed 9\.8"),
-     ([config("ISA100C", "180.0000,0.0000,90.0000"), *raw_lines()], {},
-      r"span\.log: INSCONFIG turns the IMU in the vehicle \(RBV 180 0 90 deg\): needed axes in the map"),
-     (raw_lines(), {"axes": {"x": "x", "y": "y", "z": "z"}}, r"mean f at rest is \+9\.\d+ m/s2 on z, .*z points up"),
-     ([position(SECONDS, 0)], {}, r"span\.log: no RAWIMU log, has BESTGNSSPOS"),
-     (raw_lines(), {"imu_types": "x"}, r"map: unknown key imu_types \(did you mean imu_type\?\)")],
-    ids=["no type", "unknown type", "encrypted", "wrong type, far off", "wrong type", "turned", "wrong axes", "no imu", "typo"],
-)  # fmt: skip
+    [
+        (
+            raw_lines(kind="RAWIMUS"),
+            {},
+            r"span\.log: the log does not say its IMU's type: needed imu_type",
+        ),
+        (
+            raw_lines(number=99),
+            {},
+            (
+                r"span\.log: imu_type '99' has no documented scale: needed imu_scale in the map, or"
+                r" one of"
+            ),
+        ),
+        (raw_lines(info="02"), {}, r"span\.log: RAWIMUSX: the IMU data are encrypted"),
+        (raw_lines(number=8), {}, r"span\.log: 10000 of 10000 rows are damaged"),
+        (raw_lines(number=31), {}, r"mean \|f\| at rest is 45\.\d+ m/s2, needed 9\.8"),
+        (
+            [config("ISA100C", "180.0000,0.0000,90.0000"), *raw_lines()],
+            {},
+            (
+                r"span\.log: INSCONFIG turns the IMU in the vehicle \(RBV 180 0 90 deg\): needed"
+                r" axes in the map"
+            ),
+        ),
+        (
+            raw_lines(),
+            {"axes": {"x": "x", "y": "y", "z": "z"}},
+            r"mean f at rest is \+9\.\d+ m/s2 on z, .*z points up",
+        ),
+        ([position(SECONDS, 0)], {}, r"span\.log: no RAWIMU log, has BESTGNSSPOS"),
+        (
+            raw_lines(),
+            {"imu_types": "x"},
+            r"map: unknown key imu_types \(did you mean imu_type\?\)",
+        ),
+    ],
+    ids=[
+        "no type",
+        "unknown type",
+        "encrypted",
+        "wrong type, far off",
+        "wrong type",
+        "turned",
+        "wrong axes",
+        "no imu",
+        "typo",
+    ],
+)
 def test_what_cannot_be_known_is_refused(tmp_path, lines, options, line_of_error):
     with pytest.raises(InputError, match=line_of_error):
         convert(tmp_path, lines, options)
 
 
 def test_a_scale_of_the_map_and_other_axes(tmp_path):
-    """An unknown type, mounted with x backward, y left, z down ... as forward, right, down by the map."""
+    """An unknown type, mounted with x backward, y left, z down ... as forward, right, down by the
+    map.
+    """
     options = {"imu_scale": {"gyro_rad": LITEF_RAD, "accel_m_s": LITEF_M_S}}
     check_parked_on_average(convert(tmp_path, raw_lines(number=99), options).run)
     turned = convert(tmp_path, raw_lines(), {"axes": {"x": "-y", "y": "-x", "z": "-z"}}).run
@@ -230,7 +322,10 @@ def test_bad_lines_are_dropped_and_listed(tmp_path):
     assert "span.log: line 201 dropped: cut off or garbled" in notes
     assert any("RAWIMUSX row 498 dropped: the IMU reports an error" in note for note in notes)
     assert made.run.imu.rows == OUT.rows - 4
-    assert sum("1 imu rows lost" in s.reason or "imu rows lost" in s.reason for s in made.run.faults) >= 1
+    assert (
+        sum("1 imu rows lost" in s.reason or "imu rows lost" in s.reason for s in made.run.faults)
+        >= 1
+    )
 
 
 def test_rows_before_the_receiver_knew_the_week(tmp_path):
@@ -243,11 +338,15 @@ def test_rows_before_the_receiver_knew_the_week(tmp_path):
 
 def test_missing_rows_are_noticed(tmp_path):
     made = convert(tmp_path, raw_lines(parked(dt=0.01, start_s=SECONDS)))
-    assert any("rows at 100 Hz, ISA100C makes 200: rows missing" in note for note in made.record["notes"])
+    assert any(
+        "rows at 100 Hz, ISA100C makes 200: rows missing" in note for note in made.record["notes"]
+    )
 
 
 def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
-    """Speed grows by 0.1 m/s each second and is a quarter of a second old: at a position's time it is 0.025 m/s more."""
+    """Speed grows by 0.1 m/s each second and is a quarter of a second old: at a position's time it
+    is 0.025 m/s more.
+    """
     t = SECONDS + np.arange(1, 50.0)
     pairs = [text for k, s in enumerate(t) for text in (position(s, k), velocity(s, 2.0 + 0.1 * k))]
     made = convert(tmp_path, [*raw_lines(), *pairs], given=PLACELESS)
@@ -266,31 +365,51 @@ def test_fixes_with_ellipsoid_heights_and_late_velocities(tmp_path):
 
 
 def test_fixes_of_a_log_of_their_own(tmp_path):
-    pairs = [text for k in range(1, 50) for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))]
+    pairs = [
+        text
+        for k in range(1, 50)
+        for text in (position(SECONDS + k, k), velocity(SECONDS + k, 2.0))
+    ]
     write(tmp_path / "gnss.log", pairs)
     made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
-    assert made.run.gnss.time_s.size == 49 and made.record["other_sources"][0]["source"] == "gnss.log"
+    assert (
+        made.run.gnss.time_s.size == 49 and made.record["other_sources"][0]["source"] == "gnss.log"
+    )
 
 
 def test_inertial_solutions_are_no_fixes(tmp_path):
     """BESTPOS of a SPAN receiver; a position that was not computed is left out too."""
-    lines = [position(SECONDS + k, k, name="BESTPOS", kind="INS_PSRSP" if k < 20 else "SINGLE") for k in range(1, 40)]
-    lines += [position(SECONDS + k, k, name="BESTPOS", status="INSUFFICIENT_OBS") for k in range(40, 45)]
+    lines = [
+        position(SECONDS + k, k, name="BESTPOS", kind="INS_PSRSP" if k < 20 else "SINGLE")
+        for k in range(1, 40)
+    ]
+    lines += [
+        position(SECONDS + k, k, name="BESTPOS", status="INSUFFICIENT_OBS") for k in range(40, 45)
+    ]
     lines += [velocity(SECONDS + k, 1.0, name="BESTVEL") for k in range(1, 50)]
     made = convert(tmp_path, [*raw_lines(), *lines], given=PLACELESS)
     assert made.run.gnss.time_s.size == 20
     notes = " ".join(made.record["notes"])
-    assert "BESTPOS: 19 inertial solutions are no fixes, left out" in notes and "left out: no 3D fix" in notes
+    assert (
+        "BESTPOS: 19 inertial solutions are no fixes, left out" in notes
+        and "left out: no 3D fix" in notes
+    )
 
 
 def test_positions_without_velocity(tmp_path):
-    made = convert(tmp_path, [*raw_lines(), *(position(SECONDS + k, k) for k in range(1, 50))], given=PLACELESS)
-    np.testing.assert_allclose(made.run.gnss.v_n_m_s[1:-1, 0], 1.109, atol=0.002)  # 1e-5 deg a second
+    made = convert(
+        tmp_path, [*raw_lines(), *(position(SECONDS + k, k) for k in range(1, 50))], given=PLACELESS
+    )
+    # 1e-5 deg a second
+    np.testing.assert_allclose(made.run.gnss.v_n_m_s[1:-1, 0], 1.109, atol=0.002)
     assert any("differences of their positions" in note for note in made.record["notes"])
 
 
 def test_the_filters_solution_is_reference_only(tmp_path):
-    lines = [solution(SECONDS + 0.5 * k, "INS_ALIGNING" if k < 10 else "INS_SOLUTION_GOOD") for k in range(1, 60)]
+    lines = [
+        solution(SECONDS + 0.5 * k, "INS_ALIGNING" if k < 10 else "INS_SOLUTION_GOOD")
+        for k in range(1, 60)
+    ]
     made = convert(tmp_path, [*raw_lines(), *lines])
     assert made.run.gnss is None
     reference = made.reference
@@ -298,13 +417,20 @@ def test_the_filters_solution_is_reference_only(tmp_path):
     angles = np.degrees([reference.roll_rad[3], reference.pitch_rad[3], reference.heading_rad[3]])
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
     np.testing.assert_allclose(reference.v_n_m_s[3], [1.0, 2.0, -0.5])
-    assert any("50 rows of the receiver's filter as reference, for scoring only" in note for note in made.record["notes"])
+    assert any(
+        "50 rows of the receiver's filter as reference, for scoring only" in note
+        for note in made.record["notes"]
+    )
 
 
 def test_binary_logs_are_named(tmp_path):
-    (tmp_path / "span.gps").write_bytes(b"\xaa\x44\x12\x1c" + bytes(200) + b"\n" + b"\xaa\x44\x13" + bytes(50))
+    (tmp_path / "span.gps").write_bytes(
+        b"\xaa\x44\x12\x1c" + bytes(200) + b"\n" + b"\xaa\x44\x13" + bytes(50)
+    )
     with pytest.raises(InputError, match=r"span\.gps: binary NovAtel logs, needed ASCII ones"):
         convert_log(tmp_path / "span.gps", {"format": "novatel"}, GIVEN)
     write(tmp_path / "other.txt", ["#RAWIMUA,but nothing;else*00000000"])
-    with pytest.raises(InputError, match=r"other\.txt: no RAWIMU log, has no line with a right CRC"):
+    with pytest.raises(
+        InputError, match=r"other\.txt: no RAWIMU log, has no line with a right CRC"
+    ):
         convert_log(tmp_path / "other.txt", {}, GIVEN)

@@ -1,4 +1,6 @@
-"""Files that are no log, and texts as spreadsheets of other countries and systems write them: read, or one line that helps."""
+"""Files that are no log, and texts as spreadsheets of other countries and systems write them: read,
+or one line that helps.
+"""
 
 import bz2
 import gzip
@@ -20,10 +22,14 @@ NAMES, ROWS = TEXT.split("\n", 1)
 FILES = {
     "log.zip": (b"PK\x03\x04 and more", "a zip file: unpack it first"),
     "log.csv.bz2": (bz2.compress(TEXT.encode()), "a bzip2 file"),
-    "log.csv.xz": (lzma.compress(TEXT.encode()), "a xz file"), "log.ulg.zst": (b"\x28\xb5\x2f\xfd....", "a zstd file"),
-    "log.bin": (gzip.compress(TEXT.encode()), r"a gzip file without \.gz in its name: unpack it first"),
+    "log.csv.xz": (lzma.compress(TEXT.encode()), "a xz file"),
+    "log.ulg.zst": (b"\x28\xb5\x2f\xfd....", "a zstd file"),
+    "log.bin": (
+        gzip.compress(TEXT.encode()),
+        r"a gzip file without \.gz in its name: unpack it first",
+    ),
     "log.mcap": (b"", r"the file is empty \(0 bytes\)"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -38,7 +44,9 @@ def test_no_log(tmp_path, name, options):
 def test_a_whole_zip(tmp_path):
     with zipfile.ZipFile(tmp_path / "logs.zip", "w") as archive:
         archive.writestr("log.csv", TEXT)
-    with pytest.raises(InputError, match=r"logs\.zip: a zip file: unpack it first and give the log in it"):
+    with pytest.raises(
+        InputError, match=r"logs\.zip: a zip file: unpack it first and give the log in it"
+    ):
         convert_log(tmp_path / "logs.zip", MAP, GIVEN)
 
 
@@ -54,7 +62,9 @@ def test_links_and_folders(tmp_path):
         convert_log(tmp_path, {}, GIVEN)
     for reader in readers():
         if not reader.folder:
-            with pytest.raises(InputError, match=rf"a folder, needed a file: a {reader.name} log is one"):
+            with pytest.raises(
+                InputError, match=rf"a folder, needed a file: a {reader.name} log is one"
+            ):
                 convert_log(tmp_path, {"format": reader.name}, GIVEN)
     (tmp_path / "bag").mkdir()
     (tmp_path / "bag" / "part_0.mcap").write_bytes(b"")
@@ -76,14 +86,22 @@ def test_a_file_that_may_not_be_read(tmp_path, monkeypatch):
 
 GERMAN = TEXT.replace(",", ";").replace(".", ",")
 LAYOUTS = {
-    "Windows line ends": (TEXT.replace("\n", "\r\n"), {}), "old Mac line ends": (TEXT.replace("\n", "\r"), {}),
-    "byte order mark": ("\ufeff" + TEXT, {}), "spaces": (TEXT.replace("t,wx", " t , wx ", 1).replace(",", ", "), {}),
-    "all quoted": ("\n".join(",".join(f'"{v}"' for v in row.split(",")) for row in TEXT.splitlines()) + "\n", {}),
+    "Windows line ends": (TEXT.replace("\n", "\r\n"), {}),
+    "old Mac line ends": (TEXT.replace("\n", "\r"), {}),
+    "byte order mark": ("\ufeff" + TEXT, {}),
+    "spaces": (TEXT.replace("t,wx", " t , wx ", 1).replace(",", ", "), {}),
+    "all quoted": (
+        "\n".join(",".join(f'"{v}"' for v in row.split(",")) for row in TEXT.splitlines()) + "\n",
+        {},
+    ),
     "comma at the end": (TEXT.replace("\n", ",\n"), {}),
     "decimal commas": (GERMAN, {"delimiter": ";", "decimal": ","}),
     "decimal commas and tabs": (GERMAN.replace(";", "\t"), {"delimiter": "\t", "decimal": ","}),
-    "decimal commas and spaces": (GERMAN.replace(";", "  "), {"format": "text", "decimal": ",", "header_lines": 1}),
-}  # fmt: skip
+    "decimal commas and spaces": (
+        GERMAN.replace(";", "  "),
+        {"format": "text", "decimal": ",", "header_lines": 1},
+    ),
+}
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
@@ -92,23 +110,43 @@ def test_texts_of_other_programs(tmp_path, name):
     (tmp_path / "log.csv").write_bytes(text.encode())
     run = convert_log(tmp_path / "log.csv", MAP | keys, GIVEN).run
     (tmp_path / "plain.csv").write_text(TEXT)
-    np.testing.assert_array_equal(run.imu.dtheta_rad, convert_log(tmp_path / "plain.csv", MAP, GIVEN).run.imu.dtheta_rad)
+    np.testing.assert_array_equal(
+        run.imu.dtheta_rad, convert_log(tmp_path / "plain.csv", MAP, GIVEN).run.imu.dtheta_rad
+    )
 
 
 REFUSED = {
     "UTF-16": (TEXT.encode("utf-16"), {}, "text in UTF-16, needed UTF-8"),
-    "decimal commas": (GERMAN.encode(), {"delimiter": ";"},
-                       r'column t: got \'5000,01\', needed a number: decimal = "," in the map'),
+    "decimal commas": (
+        GERMAN.encode(),
+        {"delimiter": ";"},
+        r'column t: got \'5000,01\', needed a number: decimal = "," in the map',
+    ),
     "semicolons": (GERMAN.encode(), {}, 'needed delimiter = ";" in the map'),
-    "decimal commas between commas": (TEXT.encode(), {"decimal": ","}, 'decimal = "," needs another delimiter'),
-    "thousands and semicolons": (TEXT.replace(",", ";").replace("\n5000.", "\n5,000.").encode(), {"delimiter": ";"},
-                                 r"got '5,000\.01', needed a number: thousands separators\? needed numbers without"),
-    "thousands of Switzerland": (TEXT.replace("\n5000.", "\n5'000.").encode(), {}, "thousands separators"),
+    "decimal commas between commas": (
+        TEXT.encode(),
+        {"decimal": ","},
+        'decimal = "," needs another delimiter',
+    ),
+    "thousands and semicolons": (
+        TEXT.replace(",", ";").replace("\n5000.", "\n5,000.").encode(),
+        {"delimiter": ";"},
+        r"got '5,000\.01', needed a number: thousands separators\? needed numbers without",
+    ),
+    "thousands of Switzerland": (
+        TEXT.replace("\n5000.", "\n5'000.").encode(),
+        {},
+        "thousands separators",
+    ),
     "other case": (TEXT.replace("wx", "Wx", 1).encode(), {}, "no column wx, has t Wx wy"),
-    "one value too many": ((NAMES + "\n" + ROWS.replace("\n", ",\n")).encode(), {}, r"\(line 2\): 8 values, needed 7"),
+    "one value too many": (
+        (NAMES + "\n" + ROWS.replace("\n", ",\n")).encode(),
+        {},
+        r"\(line 2\): 8 values, needed 7",
+    ),
     "no rows": (f"{NAMES}\n".encode(), {}, "no rows"),
     "one row": (TEXT[: TEXT.index("\n5000.02") + 1].encode(), {}, "1 usable rows"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("name", REFUSED)
@@ -121,21 +159,29 @@ def test_texts_that_are_refused(tmp_path, name):
 
 
 def test_rows_of_other_streams_between_those_of_the_imu(tmp_path):
-    """A log with a row for each message, empty where the other sensor speaks: nothing is missing, nothing counts as lost."""
+    """A log with a row for each message, empty where the other sensor speaks: nothing is missing,
+    nothing counts as lost.
+    """
     columns = {k: np.insert(v, np.arange(10, N, 10), np.nan) for k, v in noisy().items()}
     late = np.isnan(columns["t"])
     columns["t"][late] = noisy()["t"][10::10] - 0.004
     columns["T"] = np.where(late, 20.0 + np.arange(late.size) / 1000, np.nan)
     made = convert(tmp_path, columns, {"temperature": {"columns": ["T"]}})
-    assert made.run.imu.rows == N and made.run.faults == () and made.run.temperature.time_s.size == 60
-    assert made.record["notes"][0].endswith("more stretches dropped: no value of the imu (rows of other streams)")
+    assert (
+        made.run.imu.rows == N and made.run.faults == () and made.run.temperature.time_s.size == 60
+    )
+    assert made.record["notes"][0].endswith(
+        "more stretches dropped: no value of the imu (rows of other streams)"
+    )
 
 
 def test_gyros_and_accelerometers_of_two_rates_are_refused(tmp_path):
     columns = noisy()
     for name in ("fx", "fy", "fz"):
         columns[name][np.arange(N) % 4 > 0] = np.nan
-    with pytest.raises(InputError, match=r"6000 rows have all gyros, 1500 all accelerometers: of two rates\?"):
+    with pytest.raises(
+        InputError, match=r"6000 rows have all gyros, 1500 all accelerometers: of two rates\?"
+    ):
         convert(tmp_path, columns)
 
 
@@ -144,18 +190,26 @@ def degC(made) -> np.ndarray:
 
 
 WARM = 20.0 + np.arange(N) / 1e4
-WRONG = [(WARM + 273.15, {}, 'kelvin\\? unit = "K"'), (WARM * 100, {}, "hundredths\\? scale = 0.01"),
-         (WARM * 1000, {}, "thousandths\\? scale = 0.001"), (WARM, {"unit": "K"}, "degC taken for kelvin"),
-         (0 * WARM + 3e9, {}, "counts\\? unit and scale")]  # fmt: skip
+WRONG = [
+    (WARM + 273.15, {}, 'kelvin\\? unit = "K"'),
+    (WARM * 100, {}, "hundredths\\? scale = 0.01"),
+    (WARM * 1000, {}, "thousandths\\? scale = 0.001"),
+    (WARM, {"unit": "K"}, "degC taken for kelvin"),
+    (0 * WARM + 3e9, {}, "counts\\? unit and scale"),
+]
 
 
-@pytest.mark.parametrize(("values", "keys", "line"), WRONG, ids=["K", "centi", "milli", "not K", "counts"])
+@pytest.mark.parametrize(
+    ("values", "keys", "line"), WRONG, ids=["K", "centi", "milli", "not K", "counts"]
+)
 @pytest.mark.parametrize("apart", [False, True], ids=["rows", "file"])
 def test_temperatures_in_another_unit_are_refused(tmp_path, values, keys, line, apart):
     columns = noisy()
     part = {"columns": ["T"], **keys}
     if apart:
-        (tmp_path / "oven.csv").write_text(csv_text({"stamp": columns["t"][::100], "T": values[::100]}))
+        (tmp_path / "oven.csv").write_text(
+            csv_text({"stamp": columns["t"][::100], "T": values[::100]})
+        )
         part |= {"file": "oven.csv", "time": {"column": "stamp"}}
     with pytest.raises(InputError, match=rf"temperatures are .* degC, needed -60 to 125: {line}"):
         convert(tmp_path, columns if apart else columns | {"T": values}, {"temperature": part})
@@ -166,22 +220,34 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
     wild = np.where(np.isin(np.arange(N), [300, 301]), -273.15, WARM)
     made = convert(tmp_path, noisy() | {"T": wild}, keys)
     assert degC(made).min() >= 20.0
-    assert "log.csv: 2 of 6000 temperatures are -273.15 to -273.15 degC, needed -60 to 125: left out" in made.record["notes"]
+    assert (
+        "log.csv: 2 of 6000 temperatures are -273.15 to -273.15 degC, needed -60 to 125: left out"
+        in made.record["notes"]
+    )
     made = convert(tmp_path, noisy() | {"T": 0 * WARM}, keys)
-    assert "log.csv: all 6000 temperatures are 0 degC: a thermometer that is stuck, or missing?" in made.record["notes"]
+    assert (
+        "log.csv: all 6000 temperatures are 0 degC: a thermometer that is stuck, or missing?"
+        in made.record["notes"]
+    )
     with pytest.raises(InputError, match="temperature columns T hold no complete row"):
         convert(tmp_path, noisy() | {"T": WARM * np.nan}, keys)
 
 
 SENSOR = {"unit": "deg/h"}
 MAPS = [
-    ({"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}}, "gyro and accel: column wx is named twice"),
-    ({"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}}, "gyro and accel: column fx is named twice"),
+    (
+        {"gyro": {"columns": ["wx", "wx", "wz"], **SENSOR}},
+        "gyro and accel: column wx is named twice",
+    ),
+    (
+        {"gyro": {"columns": ["fx", "fy", "fz"], **SENSOR}},
+        "gyro and accel: column fx is named twice",
+    ),
     ({"gyro": {"columns": ["t", "wy", "wz"], **SENSOR}}, "column t is named twice"),
     ({"gnss": {"position": {"columns": ["fx", "fx", "fz"]}}}, "gnss: column fx is named twice"),
     ({"gyro": {"columns": ["wx", "wy", "wz"], "scale": 0.0, **SENSOR}}, r"gyro\.scale: got 0"),
     ({"temperature": {"columns": ["fx"], "scale": 0.0}}, r"temperature\.scale: got 0"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("keys", "line"), MAPS)

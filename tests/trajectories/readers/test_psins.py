@@ -1,4 +1,6 @@
-"""PSINS logs written by hand as the toolbox writes them (imufile.m, trjsimu.m): axes right, forward, up."""
+"""PSINS logs written by hand as the toolbox writes them (imufile.m, trjsimu.m): axes right,
+forward, up.
+"""
 
 import numpy as np
 import pytest
@@ -25,9 +27,13 @@ from trajectories.readers.conversion import convert_log
 
 OUT = parked()
 RFU_MAP = {  # what somebody would write who takes the columns for forward, right, down
-    "format": "text", "header_lines": 0, "columns": ["gx", "gy", "gz", "ax", "ay", "az", "t"], "time": {"column": "t"},
-    "gyro": {"columns": ["gx", "gy", "gz"], "unit": "rad"}, "accel": {"columns": ["ax", "ay", "az"], "unit": "m/s"},
-}  # fmt: skip
+    "format": "text",
+    "header_lines": 0,
+    "columns": ["gx", "gy", "gz", "ax", "ay", "az", "t"],
+    "time": {"column": "t"},
+    "gyro": {"columns": ["gx", "gy", "gz"], "unit": "rad"},
+    "accel": {"columns": ["ax", "ay", "az"], "unit": "m/s"},
+}
 
 
 def imu_rows(output: Output = OUT) -> np.ndarray:
@@ -36,8 +42,17 @@ def imu_rows(output: Output = OUT) -> np.ndarray:
 
 
 def avp_rows(output: Output = OUT) -> np.ndarray:
-    """[pitch roll yaw, vE vN vU, lat lon hgt, t] at rest; yaw turns anticlockwise: heading 40 deg is yaw -40."""
-    row = [*np.radians([PITCH_DEG, ROLL_DEG, -HEADING_DEG]), 0.0, 0.0, 0.0, *np.radians([LAT_DEG, LON_DEG]), HEIGHT_M]
+    """[pitch roll yaw, vE vN vU, lat lon hgt, t] at rest; yaw turns anticlockwise: heading 40 deg
+    is yaw -40.
+    """
+    row = [
+        *np.radians([PITCH_DEG, ROLL_DEG, -HEADING_DEG]),
+        0.0,
+        0.0,
+        0.0,
+        *np.radians([LAT_DEG, LON_DEG]),
+        HEIGHT_M,
+    ]
     return np.column_stack([np.tile(row, (output.rows, 1)), output.time_s])
 
 
@@ -47,17 +62,37 @@ def gps_rows(seconds=60) -> np.ndarray:
     return np.column_stack([np.tile(row, (seconds, 1)), np.arange(1.0, seconds + 1)])
 
 
-def simu_file(path, output: Output = OUT, *, late=False, ending="", remark="% 2014-03-21 17:31:51  by somebody\n"):
-    """Counts of 0.001 arcsec and 1 micro-g s with the remainder carried over, as imufile.m rounds."""
+def simu_file(
+    path,
+    output: Output = OUT,
+    *,
+    late=False,
+    ending="",
+    remark="% 2014-03-21 17:31:51  by somebody\n",
+):
+    """Counts of 0.001 arcsec and 1 micro-g s with the remainder carried over, as imufile.m
+    rounds.
+    """
     scales = np.array([0.001] * 3 + [1.0] * 3)
     units = np.r_[[np.pi / 180 / 3600] * 3, [1e-6 * 9.780327] * 3] * scales
-    counts = np.diff(np.trunc(np.cumsum(np.hstack(output.rfu()) / units, axis=0)), axis=0, prepend=0.0)
+    counts = np.diff(
+        np.trunc(np.cumsum(np.hstack(output.rfu()) / units, axis=0)), axis=0, prepend=0.0
+    )
     tail = " 0" if late else ""
-    head = [f"0.000000 0.000000 -90.600000 0.000000 0.000000 0.000000{ending}{tail}",
-            f"{LAT_DEG:.8f} {LON_DEG:.8f} {HEIGHT_M:.3f} 0.00000000 10.00000000 9.780327{ending}{tail}",
-            " ".join(f"{s:.6f}" for s in scales) + tail, ""]  # fmt: skip
+    head = [
+        f"0.000000 0.000000 -90.600000 0.000000 0.000000 0.000000{ending}{tail}",
+        f"{LAT_DEG:.8f} {LON_DEG:.8f} {HEIGHT_M:.3f} 0.00000000 10.00000000 9.780327{ending}{tail}",
+        " ".join(f"{s:.6f}" for s in scales) + tail,
+        "",
+    ]
     rows = [" ".join(f"{int(v)}" for v in row) + tail for row in counts]
-    path.write_text("% PSINS-format SIMU log file. (DO NOT EDIT!)\n" + remark + "\n" + "\n".join([*head, *rows]) + "\n")
+    path.write_text(
+        "% PSINS-format SIMU log file. (DO NOT EDIT!)\n"
+        + remark
+        + "\n"
+        + "\n".join([*head, *rows])
+        + "\n"
+    )
     return path
 
 
@@ -70,12 +105,16 @@ def text_file(path, output: Output = OUT):
 @pytest.mark.parametrize("ending", ["", "f"])
 def test_simu_file(tmp_path, late, ending):
     """The place is in its head; the attitude there is inaccurate by its own word."""
-    made = convert_log(simu_file(tmp_path / "lasergyro.imu", late=late, ending=ending), {}, PLACELESS)
+    made = convert_log(
+        simu_file(tmp_path / "lasergyro.imu", late=late, ending=ending), {}, PLACELESS
+    )
     check_parked_on_average(made.run)
     assert made.record["format"] == "psins"
     assert made.run.header.site.height_m == HEIGHT_M
     assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG)
-    assert any("pitch 0, roll 0, heading 90.6 deg (inaccurate" in note for note in made.record["notes"])
+    assert any(
+        "pitch 0, roll 0, heading 90.6 deg (inaccurate" in note for note in made.record["notes"]
+    )
     assert made.run.imu.rate_hz == pytest.approx(100.0)
 
 
@@ -91,7 +130,8 @@ def test_late_samples_of_a_simu_file(tmp_path):
     """A correction of the interval in microseconds, once and for all after it."""
     path = simu_file(tmp_path / "log.imu", late=True)
     lines = path.read_text().splitlines()
-    first = next(k for k, line in enumerate(lines) if line == "") + 5  # below the head and its empty line
+    # below the head and its empty line
+    first = next(k for k, line in enumerate(lines) if line == "") + 5
     lines[first + 100] = lines[first + 100][:-1] + "2000"
     path.write_text("\n".join(lines) + "\n")
     made = convert_log(path, {}, PLACELESS)
@@ -103,7 +143,9 @@ def test_seven_columns_of_text(tmp_path):
     made = convert_log(text_file(tmp_path / "imu.txt"), {}, GIVEN)
     check_parked(made.run, OUT)
     assert made.record["format"] == "psins"
-    check_right_turn(convert_log(text_file(tmp_path / "turn.txt", parked_and_turned()), {}, GIVEN).run)
+    check_right_turn(
+        convert_log(text_file(tmp_path / "turn.txt", parked_and_turned()), {}, GIVEN).run
+    )
 
 
 @pytest.mark.parametrize("in_trj", [False, True])
@@ -119,7 +161,9 @@ def test_mat(tmp_path, in_trj):
     reference = made.reference
     angles = np.degrees([reference.roll_rad[9], reference.pitch_rad[9], reference.heading_rad[9]])
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
-    assert any("avp: 6000 rows as reference, for scoring only" in note for note in made.record["notes"])
+    assert any(
+        "avp: 6000 rows as reference, for scoring only" in note for note in made.record["notes"]
+    )
 
 
 def test_the_place_is_that_of_the_reference_without_fixes(tmp_path):
@@ -134,7 +178,9 @@ def test_fixes_of_another_file(tmp_path, kind):
         np.savetxt(tmp_path / "gps.txt", gps_rows(), fmt="%.12e")
     else:
         savemat(tmp_path / "gps.mat", {"gps": gps_rows()})
-    made = convert_log(text_file(tmp_path / "imu.txt"), {"gnss": {"file": f"gps.{kind}"}}, PLACELESS)
+    made = convert_log(
+        text_file(tmp_path / "imu.txt"), {"gnss": {"file": f"gps.{kind}"}}, PLACELESS
+    )
     assert made.run.gnss.time_s.size == 60
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [2.0, 1.0, -0.5])
 
@@ -143,21 +189,32 @@ def test_positions_alone_have_no_sigma_and_give_no_stream(tmp_path):
     savemat(tmp_path / "trj.mat", {"imu": imu_rows(), "gps": gps_rows()[:, 3:]})
     made = convert_log(tmp_path / "trj.mat", {}, GIVEN)
     assert made.run.gnss is None
-    assert any("no sigma to give to differences of their positions" in note for note in made.record["notes"])
+    assert any(
+        "no sigma to give to differences of their positions" in note
+        for note in made.record["notes"]
+    )
 
 
 @pytest.mark.parametrize("technology", ["rlg", "fog", "mems"])
 def test_a_wrong_map_is_refused_with_the_right_one(tmp_path, technology):
-    """Right, forward, up taken for forward, right, down: gravity is upside down, and Earth rate confirms which way is up."""
+    """Right, forward, up taken for forward, right, down: gravity is upside down, and Earth rate
+    confirms which way is up.
+    """
     with pytest.raises(InputError) as caught:
-        convert_log(text_file(tmp_path / "imu.txt"), RFU_MAP, GIVEN | {"gyro_technology": technology})
+        convert_log(
+            text_file(tmp_path / "imu.txt"), RFU_MAP, GIVEN | {"gyro_technology": technology}
+        )
     told = str(caught.value)
-    assert 'axes x = "x", y = "-y", z = "-z" would put it there if x points forward and y left' in told
+    assert (
+        'axes x = "x", y = "-y", z = "-z" would put it there if x points forward and y left' in told
+    )
     assert 'x = "y", y = "x", z = "-z" if x points right and y forward' in told
 
 
 def test_of_the_maps_that_the_refusal_names_the_second_is_right(tmp_path):
-    """Gravity and the vertical Earth rate cannot tell which, so both convert; they differ by a quarter turn of heading."""
+    """Gravity and the vertical Earth rate cannot tell which, so both convert; they differ by a
+    quarter turn of heading.
+    """
     path = text_file(tmp_path / "imu.txt")
     named = convert_log(path, RFU_MAP | {"axes": {"x": "x", "y": "-y", "z": "-z"}}, GIVEN).run
     true = convert_log(path, RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}, GIVEN).run
@@ -168,8 +225,14 @@ def test_of_the_maps_that_the_refusal_names_the_second_is_right(tmp_path):
 
 def test_increments_taken_for_rates_are_refused(tmp_path):
     rates = RFU_MAP | {"axes": {"x": "y", "y": "x", "z": "-z"}}
-    rates |= {"gyro": {**RFU_MAP["gyro"], "unit": "rad/s"}, "accel": {**RFU_MAP["accel"], "unit": "m/s2"}}
-    with pytest.raises(InputError, match=r"at rest is 0\.09796 m/s2, needed 9\.8: velocity increments in columns of rates\?"):
+    rates |= {
+        "gyro": {**RFU_MAP["gyro"], "unit": "rad/s"},
+        "accel": {**RFU_MAP["accel"], "unit": "m/s2"},
+    }
+    with pytest.raises(
+        InputError,
+        match=r"at rest is 0\.09796 m/s2, needed 9\.8: velocity increments in columns of rates\?",
+    ):
         convert_log(text_file(tmp_path / "imu.txt"), rates, GIVEN)
 
 
@@ -183,11 +246,22 @@ def test_gyros_in_degrees_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("change", "line"),
-    [(lambda t: t.replace(" 9.780327", ""), r"log\.imu: line 5: got '34\.25000000 .*', needed six numbers of the head"),
-     (lambda t: t.replace(" 10.00000000 ", " 0.0 "), r"log\.imu: head: interval 0 ms, g 9\.78033, scales 0\.001 and more"),
-     (lambda t: t.split("34.25")[0], r"log\.imu: \d lines in the head, needed 3"),
-     (lambda t: t[:-9000] + "\n1 2 x 4 5 6\n" * 90 + t[-9000:].partition("\n")[2], r"column wm_z: got .x., needed a number")],
-)  # fmt: skip
+    [
+        (
+            lambda t: t.replace(" 9.780327", ""),
+            r"log\.imu: line 5: got '34\.25000000 .*', needed six numbers of the head",
+        ),
+        (
+            lambda t: t.replace(" 10.00000000 ", " 0.0 "),
+            r"log\.imu: head: interval 0 ms, g 9\.78033, scales 0\.001 and more",
+        ),
+        (lambda t: t.split("34.25")[0], r"log\.imu: \d lines in the head, needed 3"),
+        (
+            lambda t: t[:-9000] + "\n1 2 x 4 5 6\n" * 90 + t[-9000:].partition("\n")[2],
+            r"column wm_z: got .x., needed a number",
+        ),
+    ],
+)
 def test_damaged_simu_files_are_named(tmp_path, change, line):
     path = simu_file(tmp_path / "log.imu")
     path.write_text(change(path.read_text()))
@@ -197,12 +271,30 @@ def test_damaged_simu_files_are_named(tmp_path, change, line):
 
 @pytest.mark.parametrize(
     ("held", "options", "line"),
-    [({"data": imu_rows()}, {"format": "psins"}, r"log\.mat: no matrix imu or trj\.imu, has data 6000x7"),
-     ({"imu": imu_rows()[:, :6]}, {"format": "psins"}, r"log\.mat: 6 columns, needed 7 \(imu\)"),
-     ({"imu": imu_rows(), "gps": gps_rows()[:, 1:]}, {}, r"log\.mat: 6 columns, needed 4 or 7 \(gps\)"),
-     ({"imu": imu_rows(), "gps": gps_rows() * 57.3}, {}, r"log\.mat: latitude of a fix 34\.\d+ rad, needed radians"),
-     ({"imu": imu_rows()}, {}, r"log\.mat: needed from the options or \[run\] in the map: lat_deg \(--lat-deg\)")],
-)  # fmt: skip
+    [
+        (
+            {"data": imu_rows()},
+            {"format": "psins"},
+            r"log\.mat: no matrix imu or trj\.imu, has data 6000x7",
+        ),
+        ({"imu": imu_rows()[:, :6]}, {"format": "psins"}, r"log\.mat: 6 columns, needed 7 \(imu\)"),
+        (
+            {"imu": imu_rows(), "gps": gps_rows()[:, 1:]},
+            {},
+            r"log\.mat: 6 columns, needed 4 or 7 \(gps\)",
+        ),
+        (
+            {"imu": imu_rows(), "gps": gps_rows() * 57.3},
+            {},
+            r"log\.mat: latitude of a fix 34\.\d+ rad, needed radians",
+        ),
+        (
+            {"imu": imu_rows()},
+            {},
+            r"log\.mat: needed from the options or \[run\] in the map: lat_deg \(--lat-deg\)",
+        ),
+    ],
+)
 def test_matrices_that_do_not_fit_are_named(tmp_path, held, options, line):
     savemat(tmp_path / "log.mat", held)
     with pytest.raises(InputError, match=line):

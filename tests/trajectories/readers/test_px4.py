@@ -1,4 +1,6 @@
-"""PX4 logs written by hand: a parked unit with every topic that holds an IMU, whole, cut off and garbled."""
+"""PX4 logs written by hand: a parked unit with every topic that holds an IMU, whole, cut off and
+garbled.
+"""
 
 import struct
 from pathlib import Path
@@ -16,27 +18,59 @@ from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import read_log
 
 W, DT_S, ROWS = np.array([0.01, -0.02, 0.03]), 0.01, 1000
-OFFSET = np.array([0.001, 0.002, -0.003])  # [rad/s] that the autopilot takes off; in the raw topic still
+# [rad/s] that the autopilot takes off; in the raw topic still
+OFFSET = np.array([0.001, 0.002, -0.003])
 FIRST_US = 7_000_000
 UTC_US = 1_700_000_000_000_000  # 2023-11-14T22:13:20Z, at log time 0
 FORMATS = {
-    "sensor_gyro": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
-    "float temperature;uint32_t error_count;uint8_t[3] clip_counter;uint8_t samples;uint8_t[4] _padding0;",
-    "sensor_accel": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;",
-    "vehicle_imu": "uint64_t timestamp;uint64_t timestamp_sample;uint32_t accel_device_id;uint32_t gyro_device_id;"
-    "float[3] delta_angle;float[3] delta_velocity;uint32_t delta_angle_dt;uint32_t delta_velocity_dt;",
-    "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;"
-    "int32_t accelerometer_timestamp_relative;float[3] accelerometer_m_s2;uint32_t accelerometer_integral_dt;",
-    "vehicle_gps_position": "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;double longitude_deg;"
-    "double altitude_msl_m;double altitude_ellipsoid_m;float s_variance_m_s;float eph;float epv;float vel_n_m_s;"
-    "float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;",
-    "sensor_gps": "uint64_t timestamp;uint64_t time_utc_usec;int32_t lat;int32_t lon;int32_t alt;int32_t alt_ellipsoid;"
-    "float s_variance_m_s;float eph;float epv;float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;",
-}  # fmt: skip
-PACK = {"sensor_gyro": "<QQI4fI4B", "sensor_accel": "<QQI3f", "vehicle_imu": "<QQII6fII", "sensor_combined": "<Q3fIi3fI",
-        "vehicle_gps_position": "<QQ4d6fB", "sensor_gps": "<QQ4i6fB"}  # fmt: skip
-IDS = [("sensor_gyro", 0), ("sensor_gyro", 1), ("sensor_accel", 0), ("sensor_accel", 1), ("vehicle_imu", 0), ("vehicle_imu", 1),
-       ("sensor_combined", 0), ("vehicle_gps_position", 0), ("sensor_gps", 0)]  # fmt: skip
+    "sensor_gyro": (
+        "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float"
+        " z;float temperature;uint32_t error_count;uint8_t[3] clip_counter;uint8_t"
+        " samples;uint8_t[4] _padding0;"
+    ),
+    "sensor_accel": (
+        "uint64_t timestamp;uint64_t timestamp_sample;uint32_t device_id;float x;float y;float z;"
+    ),
+    "vehicle_imu": (
+        "uint64_t timestamp;uint64_t timestamp_sample;uint32_t accel_device_id;uint32_t"
+        " gyro_device_id;float[3] delta_angle;float[3] delta_velocity;uint32_t"
+        " delta_angle_dt;uint32_t delta_velocity_dt;"
+    ),
+    "sensor_combined": (
+        "uint64_t timestamp;float[3] gyro_rad;uint32_t gyro_integral_dt;int32_t"
+        " accelerometer_timestamp_relative;float[3] accelerometer_m_s2;uint32_t"
+        " accelerometer_integral_dt;"
+    ),
+    "vehicle_gps_position": (
+        "uint64_t timestamp;uint64_t time_utc_usec;double latitude_deg;double longitude_deg;double"
+        " altitude_msl_m;double altitude_ellipsoid_m;float s_variance_m_s;float eph;float epv;float"
+        " vel_n_m_s;float vel_e_m_s;float vel_d_m_s;uint8_t fix_type;"
+    ),
+    "sensor_gps": (
+        "uint64_t timestamp;uint64_t time_utc_usec;int32_t lat;int32_t lon;int32_t alt;int32_t"
+        " alt_ellipsoid;float s_variance_m_s;float eph;float epv;float vel_n_m_s;float"
+        " vel_e_m_s;float vel_d_m_s;uint8_t fix_type;"
+    ),
+}
+PACK = {
+    "sensor_gyro": "<QQI4fI4B",
+    "sensor_accel": "<QQI3f",
+    "vehicle_imu": "<QQII6fII",
+    "sensor_combined": "<Q3fIi3fI",
+    "vehicle_gps_position": "<QQ4d6fB",
+    "sensor_gps": "<QQ4i6fB",
+}
+IDS = [
+    ("sensor_gyro", 0),
+    ("sensor_gyro", 1),
+    ("sensor_accel", 0),
+    ("sensor_accel", 1),
+    ("vehicle_imu", 0),
+    ("vehicle_imu", 1),
+    ("sensor_combined", 0),
+    ("vehicle_gps_position", 0),
+    ("sensor_gps", 0),
+]
 
 
 def block(kind: str, body: bytes) -> bytes:
@@ -48,7 +82,9 @@ def info(kind: str, key: str, packed: bytes) -> bytes:
 
 
 def data(name: str, instance: int, *values) -> bytes:
-    return block("D", struct.pack("<H", IDS.index((name, instance))) + struct.pack(PACK[name], *values))
+    return block(
+        "D", struct.pack("<H", IDS.index((name, instance))) + struct.pack(PACK[name], *values)
+    )
 
 
 def head(parameters: dict[str, float | int]) -> bytes:
@@ -57,29 +93,111 @@ def head(parameters: dict[str, float | int]) -> bytes:
     out += info("I", "char[12] sys_uuid", b"0001DEADBEEF")
     for name, value in parameters.items():
         whole = isinstance(value, int)
-        out += info("P", f"{'int32_t' if whole else 'float'} {name}", struct.pack("<i" if whole else "<f", value))
+        out += info(
+            "P",
+            f"{'int32_t' if whole else 'float'} {name}",
+            struct.pack("<i" if whole else "<f", value),
+        )
     names = enumerate(IDS)
-    return out + b"".join(block("A", bytes([instance]) + struct.pack("<H", k) + name.encode()) for k, (name, instance) in names)
+    return out + b"".join(
+        block("A", bytes([instance]) + struct.pack("<H", k) + name.encode())
+        for k, (name, instance) in names
+    )
 
 
-def ulog(*, topics=("sensor_gyro", "sensor_accel", "vehicle_imu", "sensor_combined", "vehicle_gps_position"), rows=ROWS,
-         parameters=None, gyro_every=1) -> list[bytes]:  # fmt: skip
-    """Two IMUs at 100 Hz, the second one's accelerometer read 2 ms later; temperatures rise by 1 degC in 10 s."""
-    out = [head({"CAL_GYRO0_XOFF": 0.001, "SENS_BOARD_ROT": 0} if parameters is None else parameters)]
+def ulog(
+    *,
+    topics=(
+        "sensor_gyro",
+        "sensor_accel",
+        "vehicle_imu",
+        "sensor_combined",
+        "vehicle_gps_position",
+    ),
+    rows=ROWS,
+    parameters=None,
+    gyro_every=1,
+) -> list[bytes]:
+    """Two IMUs at 100 Hz, the second one's accelerometer read 2 ms later; temperatures rise by 1
+    degC in 10 s.
+    """
+    out = [
+        head({"CAL_GYRO0_XOFF": 0.001, "SENS_BOARD_ROT": 0} if parameters is None else parameters)
+    ]
     for k in range(rows):
         us = FIRST_US + 10_000 * k
         made = []
         for i in (0, 1):
             w = (i + 1) * W
             if k % gyro_every == 0:
-                made.append(("sensor_gyro", i, us + 300, us, 100 + i, *(w + OFFSET), 30 + 10 * i + k / 1000, 0, *bytes(4)))
+                made.append(
+                    (
+                        "sensor_gyro",
+                        i,
+                        us + 300,
+                        us,
+                        100 + i,
+                        *(w + OFFSET),
+                        30 + 10 * i + k / 1000,
+                        0,
+                        *bytes(4),
+                    )
+                )
             made.append(("sensor_accel", i, us + 300, us + 2000, 200 + i, *F_B))
-            made.append(("vehicle_imu", i, us + 300, us, 200 + i, 100 + i, *(w * 0.01), *(F_B * 0.0098), 10_000, 9800))
+            made.append(
+                (
+                    "vehicle_imu",
+                    i,
+                    us + 300,
+                    us,
+                    200 + i,
+                    100 + i,
+                    *(w * 0.01),
+                    *(F_B * 0.0098),
+                    10_000,
+                    9800,
+                )
+            )
         made.append(("sensor_combined", 0, us, *W, 10_000, 0, *F_B, 10_000))
         if k % 20 == 5:
-            made.append(("vehicle_gps_position", 0, us, UTC_US + us, 47.5, 8.5, 400.0, 447.5, 0.2, 0.8, 1.2, 1.0, 2.0, -0.5, 3))
-            made.append(("sensor_gps", 0, us, UTC_US + us, 475_000_000, 85_000_000, 400_000, 447_500, 0.2, 0.8, 1.2, 1.0, 2.0,
-                         -0.5, 3))  # fmt: skip
+            made.append(
+                (
+                    "vehicle_gps_position",
+                    0,
+                    us,
+                    UTC_US + us,
+                    47.5,
+                    8.5,
+                    400.0,
+                    447.5,
+                    0.2,
+                    0.8,
+                    1.2,
+                    1.0,
+                    2.0,
+                    -0.5,
+                    3,
+                )
+            )
+            made.append(
+                (
+                    "sensor_gps",
+                    0,
+                    us,
+                    UTC_US + us,
+                    475_000_000,
+                    85_000_000,
+                    400_000,
+                    447_500,
+                    0.2,
+                    0.8,
+                    1.2,
+                    1.0,
+                    2.0,
+                    -0.5,
+                    3,
+                )
+            )
         out += [data(*m) for m in made if m[0] in topics]
     return out
 
@@ -91,8 +209,12 @@ def write(path: Path, blocks: list[bytes]) -> Path:
 
 def check_parked(run, w, rows=ROWS):
     assert run.imu.rows == rows
-    np.testing.assert_allclose(run.imu.dtheta_rad / run.imu.dt_s[:, None], np.tile(w, (rows, 1)), rtol=1e-5)
-    np.testing.assert_allclose(run.imu.dv_m_s / run.imu.dt_s[:, None], np.tile(F_B, (rows, 1)), rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(
+        run.imu.dtheta_rad / run.imu.dt_s[:, None], np.tile(w, (rows, 1)), rtol=1e-5
+    )
+    np.testing.assert_allclose(
+        run.imu.dv_m_s / run.imu.dt_s[:, None], np.tile(F_B, (rows, 1)), rtol=1e-5, atol=1e-6
+    )
 
 
 def test_raw_topics_come_first(tmp_path):
@@ -100,7 +222,11 @@ def test_raw_topics_come_first(tmp_path):
     made = convert_log(write(tmp_path / "flight.ulg", ulog()), {}, {})
     check_parked(made.run, W + OFFSET)
     header = made.run.header
-    assert (made.record["format"], header.run_id, header.imu_serial) == ("ulog", "flight-imu1", "0001DEADBEEF-imu1")
+    assert (made.record["format"], header.run_id, header.imu_serial) == (
+        "ulog",
+        "flight-imu1",
+        "0001DEADBEEF-imu1",
+    )
     assert header.start_utc == "2023-11-14T22:13:26.990Z"
     assert header.site.lat_rad == pytest.approx(47.5 * DEG) and header.site.height_m == 447.5
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
@@ -120,28 +246,59 @@ def test_the_second_imu(tmp_path, topic, w):
 
 @pytest.mark.parametrize(
     ("topics", "named"),
-    [(("vehicle_imu", "sensor_combined"), "vehicle_imu"), (("sensor_combined",), "sensor_combined")],
+    [
+        (("vehicle_imu", "sensor_combined"), "vehicle_imu"),
+        (("sensor_combined",), "sensor_combined"),
+    ],
 )
 def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named):
-    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off are told."""
+    """sensor_gyro at 2 Hz still gives the temperature, and the calibration offsets taken off are
+    told.
+    """
     blocks = ulog(topics=(*topics, "sensor_gyro", "sensor_gps"), gyro_every=50)
     made = convert_log(write(tmp_path / "flight.ulg", blocks), {}, {})
     check_parked(made.run, W)
     notes = " ".join(made.record["notes"])
-    assert f"{named} 1: rates are less the autopilot's calibration offsets (CAL_GYRO0_XOFF +0.001000 rad/s)" in notes
+    assert (
+        f"{named} 1: rates are less the autopilot's calibration offsets (CAL_GYRO0_XOFF +0.001000"
+        " rad/s)" in notes
+    )
     assert made.run.temperature.gyro_degC[0, 0] == pytest.approx(30.025, abs=0.001)
-    assert made.run.header.site.lon_rad == pytest.approx(8.5 * DEG) and made.run.header.site.height_m == pytest.approx(447.5)
+    assert made.run.header.site.lon_rad == pytest.approx(
+        8.5 * DEG
+    ) and made.run.header.site.height_m == pytest.approx(447.5)
 
 
 @pytest.mark.parametrize(
     ("parameters", "options", "line"),
-    [({"SENS_BOARD_ROT": 4}, {}, r"sensor_gyro 1: the sensor is turned in the vehicle: SENS_BOARD_ROT is 4, needed 0"),
-     ({"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}, {"imu": 2}, r"CAL_GYRO1_ROT is 6"),
-     ({"TC_G_ENABLE": 1}, {"topic": "vehicle_imu"}, r"vehicle_imu 1: TC_G_ENABLE is on: gyros compensated for temperature"),
-     ({}, {"imu": 3}, r"flight\.ulg: no IMU 3 at 10 Hz or more, has sensor_combined 1, sensor_gyro 1, sensor_gyro 2"),
-     ({}, {"imu": 2, "topic": "sensor_combined"}, r"flight\.ulg: no sensor_combined of IMU 2, has 1 \(--imu\)"),
-     ({}, {"topic": "vehicle_attitude"}, r"map: topic: got \"vehicle_attitude\"")],
-)  # fmt: skip
+    [
+        (
+            {"SENS_BOARD_ROT": 4},
+            {},
+            r"sensor_gyro 1: the sensor is turned in the vehicle: SENS_BOARD_ROT is 4, needed 0",
+        ),
+        ({"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}, {"imu": 2}, r"CAL_GYRO1_ROT is 6"),
+        (
+            {"TC_G_ENABLE": 1},
+            {"topic": "vehicle_imu"},
+            r"vehicle_imu 1: TC_G_ENABLE is on: gyros compensated for temperature",
+        ),
+        (
+            {},
+            {"imu": 3},
+            (
+                r"flight\.ulg: no IMU 3 at 10 Hz or more, has sensor_combined 1, sensor_gyro 1,"
+                r" sensor_gyro 2"
+            ),
+        ),
+        (
+            {},
+            {"imu": 2, "topic": "sensor_combined"},
+            r"flight\.ulg: no sensor_combined of IMU 2, has 1 \(--imu\)",
+        ),
+        ({}, {"topic": "vehicle_attitude"}, r"map: topic: got \"vehicle_attitude\""),
+    ],
+)
 def test_what_cannot_be_used_is_refused(tmp_path, parameters, options, line):
     path = write(tmp_path / "flight.ulg", ulog(rows=100, parameters=parameters))
     with pytest.raises(InputError, match=line):
@@ -155,7 +312,9 @@ def test_compensation_in_flight_leaves_the_raw_topics_usable(tmp_path):
 
 def test_a_turned_external_sensor_is_that_of_its_own_number_only(tmp_path):
     parameters = {"CAL_GYRO1_ID": 101, "CAL_GYRO1_ROT": 6}
-    check_parked(convert_log(write(tmp_path / "f.ulg", ulog(parameters=parameters)), {}, {}).run, W + OFFSET)
+    check_parked(
+        convert_log(write(tmp_path / "f.ulg", ulog(parameters=parameters)), {}, {}).run, W + OFFSET
+    )
 
 
 def test_the_same_as_pyulog(tmp_path):
@@ -176,15 +335,25 @@ def test_the_same_as_pyulog(tmp_path):
 
 
 def test_nested_topics_and_unknown_flags(tmp_path):
-    """A topic with another one inside has the right length and keeps its own numbers; unknown flags are refused."""
+    """A topic with another one inside has the right length and keeps its own numbers; unknown flags
+    are refused.
+    """
     flags = b"ULog\x01\x12\x35\x01" + bytes(8)
     body = b"".join(
-        [block("F", b"inner:float a;uint8_t b;"), block("F", b"outer:uint64_t timestamp;inner[2] parts;float[2] c;"),
-         block("A", b"\0\7\0outer"), block("D", struct.pack("<HQfBfBff", 7, 5, 1, 2, 3, 4, 0.5, 0.25))]
-    )  # fmt: skip
+        [
+            block("F", b"inner:float a;uint8_t b;"),
+            block("F", b"outer:uint64_t timestamp;inner[2] parts;float[2] c;"),
+            block("A", b"\0\7\0outer"),
+            block("D", struct.pack("<HQfBfBff", 7, 5, 1, 2, 3, 4, 0.5, 0.25)),
+        ]
+    )
     (tmp_path / "a.ulg").write_bytes(flags + body)
     topic = read_ulog(tmp_path / "a.ulg", ["outer"]).topics["outer", 0]
-    assert {k: v.tolist() for k, v in topic.items()} == {"timestamp": [5.0], "c[0]": [0.5], "c[1]": [0.25]}
+    assert {k: v.tolist() for k, v in topic.items()} == {
+        "timestamp": [5.0],
+        "c[0]": [0.5],
+        "c[1]": [0.25],
+    }
     (tmp_path / "b.ulg").write_bytes(flags + block("B", bytes(8) + b"\3" + bytes(31)) + body)
     with pytest.raises(InputError, match=r"b\.ulg: incompatible flags 03 00"):
         read_ulog(tmp_path / "b.ulg", ["outer"])
@@ -198,7 +367,10 @@ def test_cut_off_and_damaged_logs_name_the_place(tmp_path):
     made = convert_log(path, {}, {})
     check_parked(made.run, W, ROWS - 1)
     start, left = len(whole) - len(blocks[-1]), len(blocks[-1]) - 7
-    assert f"cut.ulg: ends within a message, the last {left} bytes (from byte {start}) dropped" in made.record["notes"]
+    assert (
+        f"cut.ulg: ends within a message, the last {left} bytes (from byte {start}) dropped"
+        in made.record["notes"]
+    )
     at = sum(map(len, blocks[:400]))
     path.write_bytes(whole[:at] + b"\xff" * len(blocks[400]) + whole[at + len(blocks[400]) :])
     made = convert_log(path, {}, {})
@@ -219,7 +391,12 @@ SHORT = b"".join(ulog(rows=30))
 
 
 @settings(max_examples=100, deadline=None)
-@given(st.lists(st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=8), st.integers(0, 30)), max_size=5))
+@given(
+    st.lists(
+        st.tuples(st.integers(0, len(SHORT) - 1), st.binary(max_size=8), st.integers(0, 30)),
+        max_size=5,
+    )
+)
 def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
     content = SHORT
     for at, new, lost in cuts:

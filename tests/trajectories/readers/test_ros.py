@@ -1,4 +1,6 @@
-"""ROS bags of every form (ros_bags.py, by rosbags' writers): axes, units, time, topics, and bags that are damaged."""
+"""ROS bags of every form (ros_bags.py, by rosbags' writers): axes, units, time, topics, and bags
+that are damaged.
+"""
 
 import re
 import shutil
@@ -31,12 +33,17 @@ def convert(path: Path, options=None, given=GIVEN):
 def check_motion(run, *, rows=bags.ROWS, first=1):
     """Forward, right, down: what the levels of the messages mean, and the turn to the right."""
     assert run.imu.rows == rows
-    rates, forces = run.imu.dtheta_rad / run.imu.dt_s[:, None], run.imu.dv_m_s / run.imu.dt_s[:, None]
+    rates, forces = (
+        run.imu.dtheta_rad / run.imu.dt_s[:, None],
+        run.imu.dv_m_s / run.imu.dt_s[:, None],
+    )
     fx, fy, fz = forces[first]
     assert np.arcsin(fx / bags.G) == pytest.approx(bags.PITCH, abs=1e-9)
     assert np.arctan2(-fy, -fz) == pytest.approx(bags.ROLL, abs=1e-9)
     turning = run.imu.time_s - run.imu.time_s[0] >= bags.PARKED_S - DT_S / 2
-    np.testing.assert_allclose(rates[turning], np.tile([0, 0, bags.TURN], (turning.sum(), 1)), atol=1e-12)
+    np.testing.assert_allclose(
+        rates[turning], np.tile([0, 0, bags.TURN], (turning.sum(), 1)), atol=1e-12
+    )
     np.testing.assert_allclose(rates[~turning], 0.0, atol=1e-15)
 
 
@@ -49,14 +56,19 @@ def test_axes_units_and_time(tmp_path, form):
     assert made.record["format"] == "ros" and run.header.run_id == "walk"
     assert run.header.start_utc == "2023-11-14T22:13:19.990Z"
     assert made.record["time_shift_s"] == pytest.approx(1_700_000_000 - DT_S, abs=1e-6)
-    np.testing.assert_allclose(np.diff(run.imu.time_s), DT_S, atol=1e-8)  # of the stamps: receiving jitters by 0.6 ms
+    # of the stamps: receiving jitters by 0.6 ms
+    np.testing.assert_allclose(np.diff(run.imu.time_s), DT_S, atol=1e-8)
     assert run.header.site.lat_rad == pytest.approx(30 * DEG) and run.header.site.height_m == 250.0
-    np.testing.assert_allclose(run.gnss.v_n_m_s, np.tile([bags.NORTH, bags.EAST, -bags.UP], (40, 1)))
+    np.testing.assert_allclose(
+        run.gnss.v_n_m_s, np.tile([bags.NORTH, bags.EAST, -bags.UP], (40, 1))
+    )
     np.testing.assert_allclose(run.gnss.sigma_horizontal_m, np.sqrt(2.0))
     np.testing.assert_allclose(run.gnss.sigma_vertical_m, 3.0)
     np.testing.assert_allclose(run.gnss.sigma_velocity_m_s, np.sqrt(0.14 / 3))
     assert run.gnss.time_s[0] == pytest.approx(6 * DT_S, abs=1e-7)
-    np.testing.assert_allclose(run.temperature.gyro_degC[:, 2], 30 + (run.temperature.time_s - DT_S) / 10, atol=1e-6)
+    np.testing.assert_allclose(
+        run.temperature.gyro_degC[:, 2], 30 + (run.temperature.time_s - DT_S) / 10, atol=1e-6
+    )
     assert any("frame_id 'imu_link': axes taken as REP-103" in n for n in made.record["notes"])
 
 
@@ -64,24 +76,34 @@ def test_level_of_the_parked_vehicle(tmp_path):
     """The project's own attitude: roll right side down, pitch nose up, through a bag."""
     run = convert(bags.write(tmp_path / "b", "mcap")).run
     f_b = dcm_from_euler(bags.ROLL, bags.PITCH, 1.0).T @ [0.0, 0.0, -bags.G]
-    np.testing.assert_allclose(run.imu.dv_m_s[1:] / run.imu.dt_s[1:, None], np.tile(f_b, (bags.ROWS - 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(
+        run.imu.dv_m_s[1:] / run.imu.dt_s[1:, None], np.tile(f_b, (bags.ROWS - 1, 1)), atol=1e-9
+    )
 
 
 def test_the_same_messages_as_rosbags(tmp_path):
-    """Stamps and values of every message bit for bit as the library's own reader gives them, ROS 1 and ROS 2."""
+    """Stamps and values of every message bit for bit as the library's own reader gives them, ROS 1
+    and ROS 2.
+    """
     from rosbags.highlevel import AnyReader
 
     for form in ("ros1-lz4", "sqlite3", "mcap-storage"):
         path = bags.write(tmp_path / (f"{form}.bag" if form.startswith("ros1") else form), form)
         own = ros.read_bag(path)
         with AnyReader([path]) as reader:
-            theirs = [(c.topic, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()]
+            theirs = [
+                (c.topic, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()
+            ]
         for topic in own.topics.values():
             same = [(t, m) for name, t, m in theirs if name == topic.name]
             assert list(topic.receive_ns) == [t for t, _ in same]
-            assert list(topic.stamp_ns) == [m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in same]
+            assert list(topic.stamp_ns) == [
+                m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for _, m in same
+            ]
         w = [m.angular_velocity for name, _, m in theirs if name == "/imu/data"]
-        np.testing.assert_array_equal(own.topics["/imu/data"].values[:, :3], [(v.x, v.y, v.z) for v in w])
+        np.testing.assert_array_equal(
+            own.topics["/imu/data"].values[:, :3], [(v.x, v.y, v.z) for v in w]
+        )
 
 
 def test_files_by_themselves_and_in_parts(tmp_path):
@@ -98,13 +120,22 @@ def test_files_by_themselves_and_in_parts(tmp_path):
 
 
 def test_another_mounting(tmp_path):
-    """The same unit in axes forward, right, down already; REP-103 is then wrong, and the reader says what it sees."""
+    """The same unit in axes forward, right, down already; REP-103 is then wrong, and the reader
+    says what it sees.
+    """
     w, f = np.array([1.0, -1.0, -1.0]), bags.f_flu() * [1.0, -1.0, -1.0]
-    made = [m if "Imu" not in m[1] else (*m[:3], (m[3][0], "base_frd", w * m[3][2], f)) for m in bags.messages()]
+    made = [
+        m if "Imu" not in m[1] else (*m[:3], (m[3][0], "base_frd", w * m[3][2], f))
+        for m in bags.messages()
+    ]
     path = bags.write(tmp_path / "b", "mcap", made)
     check_motion(convert(path, {"axes": {"x": "x", "y": "y", "z": "z"}}).run)
     with pytest.raises(
-        InputError, match=r"\(frame_id 'base_frd'\) read -9\.75 m/s2 on z, REP-103 has \+9\.8 on z: needed \[axes\]"
+        InputError,
+        match=(
+            r"\(frame_id 'base_frd'\) read -9\.75 m/s2 on z, REP-103 has \+9\.8 on z: needed"
+            r" \[axes\]"
+        ),
     ):
         convert(path)
 
@@ -118,7 +149,10 @@ TWO = ("/imu/data", "/imu/data_raw")
 def test_several_imus(tmp_path):
     path = bags.write(tmp_path / "b", "mcap", bags.messages(imu_topics=TWO))
     with pytest.raises(
-        InputError, match=r"b: several topics of sensor_msgs/Imu: 1 /imu/data, 2 /imu/data_raw: needed --imu or"
+        InputError,
+        match=(
+            r"b: several topics of sensor_msgs/Imu: 1 /imu/data, 2 /imu/data_raw: needed --imu or"
+        ),
     ):
         convert(path)
     check_motion(convert(path, {"imu": 1}).run)
@@ -134,18 +168,29 @@ def test_three_thermometers(tmp_path):
     path = bags.write(tmp_path / "b", "sqlite3", bags.messages(temperature_topics=names))
     made = convert(path)
     assert made.run.temperature is None
-    assert any("several Temperature topics: /t/a, /t/b, /t/c: none taken" in n for n in made.record["notes"])
+    assert any(
+        "several Temperature topics: /t/a, /t/b, /t/c: none taken" in n
+        for n in made.record["notes"]
+    )
     T = convert(path, {"temperature_topics": names}).run.temperature
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 0], [0, 10, 20], atol=1e-9)
-    T = read_log(path, {"temperature_topics": names, "axes": {"x": "y", "y": "z", "z": "x"}})[1].temperature
-    np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 2], [10, 20, 0], atol=1e-9)  # a thermometer follows its gyro
-    with pytest.raises(InputError, match=r"temperature_topics: needed one or three of the topics of Temperature: /t/a"):
+    T = read_log(path, {"temperature_topics": names, "axes": {"x": "y", "y": "z", "z": "x"}})[
+        1
+    ].temperature
+    # a thermometer follows its gyro
+    np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 2], [10, 20, 0], atol=1e-9)
+    with pytest.raises(
+        InputError,
+        match=r"temperature_topics: needed one or three of the topics of Temperature: /t/a",
+    ):
         convert(path, {"temperature_topics": ["/t/a", "/x"]})
 
 
 def test_a_velocity_of_another_frame_is_not_taken(tmp_path):
     """A commanded velocity is a TwistStamped as well."""
-    path = bags.write(tmp_path / "b", "mcap", bags.messages(velocity_frame="base_link", twist="TwistStamped"))
+    path = bags.write(
+        tmp_path / "b", "mcap", bags.messages(velocity_frame="base_link", twist="TwistStamped")
+    )
     made = convert(path)
     notes = " ".join(made.record["notes"])
     assert "/vel has frame_id 'base_link', the fixes 'gps': not taken" in notes
@@ -167,7 +212,9 @@ def test_fixes_with_neither_velocity_nor_covariance_give_the_site(tmp_path):
 def test_a_bag_without_fixes_or_dates_needs_them(tmp_path):
     """A simulated clock from 0 is no UTC."""
     path = bags.write(tmp_path / "b", "mcap", bags.messages(with_fix=False, start_ns=10**9))
-    with pytest.raises(InputError, match=r"b: needed from the options or \[run\] in the map: start_utc .*lat_deg"):
+    with pytest.raises(
+        InputError, match=r"b: needed from the options or \[run\] in the map: start_utc .*lat_deg"
+    ):
         convert(path)
     site = {"lat_deg": 30.0, "lon_deg": 7.0, "height_m": 250.0, "start_utc": "2026-01-01T00:00:00Z"}
     check_motion(convert(path, given={**GIVEN, **site}).run)
@@ -178,7 +225,9 @@ def test_no_imu(tmp_path):
     with pytest.raises(InputError, match=r"b: no topic of sensor_msgs/Imu, has none"):
         convert(bags.write(tmp_path / "b", "mcap", made))
     without = [(*m[:3], (*m[3][:3], None)) if "Imu" in m[1] else m for m in bags.messages()]
-    with pytest.raises(InputError, match=r"has no linear acceleration \(its covariance begins with -1\)"):
+    with pytest.raises(
+        InputError, match=r"has no linear acceleration \(its covariance begins with -1\)"
+    ):
         convert(bags.write(tmp_path / "c", "mcap", without))
 
 
@@ -188,7 +237,9 @@ def test_no_imu(tmp_path):
 def test_headers_without_stamps(tmp_path):
     made = convert(bags.write(tmp_path / "b", "mcap", bags.messages(stamps=np.zeros(bags.ROWS))))
     assert made.run.imu.rows == bags.ROWS
-    assert any("headers without stamps: times are those of the receiver" in n for n in made.record["notes"])
+    assert any(
+        "headers without stamps: times are those of the receiver" in n for n in made.record["notes"]
+    )
     check_motion(convert(bags.write(tmp_path / "c", "mcap"), {"stamp": "receive"}).run)
 
 
@@ -209,10 +260,16 @@ def test_a_gap_names_the_stretch_by_the_clock_of_the_bag(tmp_path):
     stamps = bags.START_NS + np.arange(bags.ROWS) * 10**7
     stamps[200:] += 5 * 10**9
     path = bags.write(tmp_path / "b", "mcap", bags.messages(stamps=stamps))
-    line = r"gap of 5\.010 s after row 200 \(log time 1700000001\.990 s\).*--from-s 1700000007\.000 --to-s 1700000012\.990"
+    line = (
+        r"gap of 5\.010 s after row 200 \(log time 1700000001\.990 s\).*--from-s 1700000007\.000"
+        r" --to-s 1700000012\.990"
+    )
     with pytest.raises(InputError, match=line):
         convert(path)
-    assert convert(path, {"from_s": 1700000007.0, "to_s": 1700000012.99}).run.imu.rows == bags.ROWS - 200
+    assert (
+        convert(path, {"from_s": 1700000007.0, "to_s": 1700000012.99}).run.imu.rows
+        == bags.ROWS - 200
+    )
 
 
 # Damage
@@ -221,7 +278,9 @@ def test_a_gap_names_the_stretch_by_the_clock_of_the_bag(tmp_path):
 @pytest.mark.parametrize("form", ["ros1", "ros1-bz2", "mcap", "mcap-storage"])
 @pytest.mark.parametrize("share", [0.3, 0.6, 0.95])
 def test_cut_off(tmp_path, form, share):
-    """All messages of the whole chunks before the cut, and of the cut one if it is not packed, are read."""
+    """All messages of the whole chunks before the cut, and of the cut one if it is not packed, are
+    read.
+    """
     path = bags.write(tmp_path / "whole.bag", form)
     path = next(path.glob("*.mcap")) if path.is_dir() else path
     data = path.read_bytes()
@@ -229,12 +288,18 @@ def test_cut_off(tmp_path, form, share):
     try:
         made = convert(tmp_path / "cut")
     except InputError as error:
-        assert form == "mcap-storage" and "no topic of sensor_msgs/Imu, has none" in str(error)  # one packed chunk
+        # one packed chunk
+        assert form == "mcap-storage" and "no topic of sensor_msgs/Imu, has none" in str(error)
         assert re.search(r"chunk at byte \d+ damaged \(cut off\), it is dropped", str(error))
         return
     assert made.run.imu.rows > (0.9 * share - 0.15) * bags.ROWS
     notes = " ".join(made.record["notes"])
-    assert "read up to there" in notes or "recording not finished" in notes or made.run.imu.rows == bags.ROWS  # index lost
+    # index lost
+    assert (
+        "read up to there" in notes
+        or "recording not finished" in notes
+        or made.run.imu.rows == bags.ROWS
+    )
     np.testing.assert_allclose(made.run.imu.dv_m_s[:, 2] / DT_S, -bags.f_flu()[2], rtol=1e-5)
 
 
@@ -245,13 +310,17 @@ def test_cut_off_sqlite(tmp_path, share):
     try:
         made = convert(path)
     except InputError as error:
-        assert "b.db3: not a ROS 2 bag that can be read" in str(error) or "no topic of sensor_msgs/Imu" in str(error)
+        assert "b.db3: not a ROS 2 bag that can be read" in str(
+            error
+        ) or "no topic of sensor_msgs/Imu" in str(error)
         return
     assert any("damaged" in n and "read up to message" in n for n in made.record["notes"])
 
 
 def test_an_unfinished_bag(tmp_path):
-    """ROS 1: no index yet, the last chunk's length still 0 and its records open; MCAP: no footer. All is read."""
+    """ROS 1: no index yet, the last chunk's length still 0 and its records open; MCAP: no footer.
+    All is read.
+    """
     path = bags.write(tmp_path / "a.bag", "ros1")
     data = path.read_bytes()
     at = data.index(b"index_pos=") + 10
@@ -269,7 +338,9 @@ def test_an_unfinished_bag(tmp_path):
 
 
 def test_a_flipped_byte_in_a_chunk(tmp_path):
-    """ROS 1 has no checksum: a garbled value is dropped as such. A packed chunk that does not unpack is a gap, refused."""
+    """ROS 1 has no checksum: a garbled value is dropped as such. A packed chunk that does not
+    unpack is a gap, refused.
+    """
     path = bags.write(tmp_path / "a.bag", "ros1")
     data = bytearray(path.read_bytes())
     at = [m.start() for m in re.finditer(rb"imu_link", bytes(data))][100] + 8
@@ -284,12 +355,17 @@ def test_a_flipped_byte_in_a_chunk(tmp_path):
     path.write_bytes(data)
     made = convert(path)
     assert made.run.imu.rows < bags.ROWS - 20
-    assert any(re.search(r"chunk at byte \d+ damaged \(bz2: .*\), it is dropped", n) for n in made.record["notes"])
+    assert any(
+        re.search(r"chunk at byte \d+ damaged \(bz2: .*\), it is dropped", n)
+        for n in made.record["notes"]
+    )
     assert any("imu rows lost" in s.reason for s in made.run.faults)
 
 
 def test_the_checksum_of_a_chunk(tmp_path):
-    """The writer of the test leaves it 0 (none); set right, the chunk is read, and not with a byte changed."""
+    """The writer of the test leaves it 0 (none); set right, the chunk is read, and not with a byte
+    changed.
+    """
     path = next(bags.write(tmp_path / "b", "mcap").glob("*.mcap"))
     data = bytearray(path.read_bytes())
     at = 17 + int.from_bytes(data[9:17], "little")  # past the head
@@ -301,7 +377,10 @@ def test_the_checksum_of_a_chunk(tmp_path):
     check_motion(convert(path).run)
     data[start + 1000] ^= 1
     path.write_bytes(data)
-    with pytest.raises(InputError, match=r"has none \(b\.mcap: chunk at byte \d+ damaged \(wrong checksum\), it is dropped"):
+    with pytest.raises(
+        InputError,
+        match=r"has none \(b\.mcap: chunk at byte \d+ damaged \(wrong checksum\), it is dropped",
+    ):
         convert(path)
 
 
@@ -312,7 +391,10 @@ def test_a_bag_whose_libraries_are_missing_says_what_to_install(tmp_path, monkey
         raise ImportError("backports.zstd")
 
     monkeypatch.setitem(unpacking.UNPACK, "zstd", absent)
-    with pytest.raises(InputError, match=r"packed with zstd: needed the libraries of pip install strapdown-recal\[ros\]"):
+    with pytest.raises(
+        InputError,
+        match=r"packed with zstd: needed the libraries of pip install strapdown-recal\[ros\]",
+    ):
         convert(path)
 
 
@@ -330,8 +412,13 @@ def test_hostile_databases(tmp_path):
     with pytest.raises(InputError, match=r"a\.db3: not a ROS 2 bag: no tables topics and messages"):
         convert(path)
     base.execute("DROP VIEW messages")
-    base.execute("CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)")
-    base.executemany("INSERT INTO messages VALUES (?, 1, ?, ?)", [(k, k, "text" if k % 2 else bytes(400)) for k in range(50)])
+    base.execute(
+        "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB)"
+    )
+    base.executemany(
+        "INSERT INTO messages VALUES (?, 1, ?, ?)",
+        [(k, k, "text" if k % 2 else bytes(400)) for k in range(50)],
+    )
     base.commit()
     base.close()
     with pytest.raises(InputError, match="no topic of sensor_msgs/Imu"):

@@ -1,1 +1,3 @@
-"""Columns of foreign logs as the streams of a run: inertial rows, fixes, velocities, temperatures, wheels."""
+"""Columns of foreign logs as the streams of a run: inertial rows, fixes, velocities, temperatures,
+wheels.
+"""

@@ -11,8 +11,12 @@ from trajectories.readers.rows.column_map import LayoutKeys, binary_type
 from trajectories.runs.text_rows import MAX_ROWS
 
 
-def binary_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
-    """All columns by `columns`, `dtype` (one for all or one each) and `header_bytes`; a row cut off at the end is dropped."""
+def binary_columns(
+    path: Path, layout: LayoutKeys, used: Sequence[str]
+) -> tuple[dict[str, NDArray], list[str]]:
+    """All columns by `columns`, `dtype` (one for all or one each) and `header_bytes`; a row cut off
+    at the end is dropped.
+    """
     if layout.columns is None:
         raise InputError("map: key columns is missing: a binary log has no names of its own")
     if len(set(layout.columns)) != len(layout.columns):
@@ -24,7 +28,13 @@ def binary_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple
     size = path.stat().st_size - layout.header_bytes
     count, rest = divmod(max(size, 0), row.itemsize)
     if not 2 <= count <= MAX_ROWS:
-        raise InputError(f"{path.name}: {count} rows of {row.itemsize} bytes, needed 2 to {MAX_ROWS}")
+        raise InputError(
+            f"{path.name}: {count} rows of {row.itemsize} bytes, needed 2 to {MAX_ROWS}"
+        )
     data = np.fromfile(path, dtype=row, count=count, offset=layout.header_bytes)
     columns = {name: data[name].astype(np.float64) for name in layout.columns}
-    return columns, [f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"] if rest else []
+    return columns, (
+        [f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"]
+        if rest
+        else []
+    )

@@ -24,7 +24,8 @@ LOST = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
 class RawFixes:
     """What a log says of its fixes, shape (n,) each, on its own clock; v_n_m_s (n, 3).
 
-    is_3d: has a position; unix_s: UTC, NaN where unknown; sigmas (3, n): horizontal, vertical [m], velocity [m/s].
+    is_3d: has a position; unix_s: UTC, NaN where unknown; sigmas (3, n): horizontal, vertical [m],
+    velocity [m/s].
     """
 
     log_s: NDArray
@@ -39,16 +40,22 @@ class RawFixes:
 
 @dataclass(frozen=True, kw_only=True)
 class Fixes:
-    """The good fixes on the log's own clock [s], and UTC (since 1970) less log seconds (None where unknown)."""
+    """The good fixes on the log's own clock [s], and UTC (since 1970) less log seconds (None where
+    unknown).
+    """
 
     gnss: GnssLog
     unix_less_log_s: float | None
 
     def header(self, log: ConvertedLog) -> dict[str, Any]:
-        """run.json keys: the first fix from the log's start on (the last where all are earlier), and start_utc."""
+        """run.json keys: the first fix from the log's start on (the last where all are earlier),
+        and start_utc.
+        """
         k = min(int(np.searchsorted(self.gnss.time_s, log.time_shift_s)), self.gnss.time_s.size - 1)
         place = (self.gnss.lat_rad[k] / DEG, self.gnss.lon_rad[k] / DEG, self.gnss.height_m[k])
-        site = {name: round(float(v), 7) for name, v in zip(("lat_deg", "lon_deg", "height_m"), place)}
+        site = {
+            name: round(float(v), 7) for name, v in zip(("lat_deg", "lon_deg", "height_m"), place)
+        }
         if self.unix_less_log_s is None:
             return {"site": site}
         return {"site": site, "start_utc": utc_text(self.unix_less_log_s + log.time_shift_s)}
@@ -57,17 +64,24 @@ class Fixes:
         """The fixes beside the log's imu rows, on run time; None where there is none."""
         time_s = self.gnss.time_s - log.time_shift_s
         rows = (time_s >= 0) & (time_s <= log.imu.end_s)
-        columns: dict[str, Any] = {k: None if v is None else v[rows] for k, v in vars(self.gnss).items()}
+        columns: dict[str, Any] = {
+            k: None if v is None else v[rows] for k, v in vars(self.gnss).items()
+        }
         return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
 
 
 def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:
     """Some of the fixes, by index or by mask (n,)."""
     return RawFixes(
-        log_s=raw.log_s[rows], is_3d=raw.is_3d[rows], lat_deg=raw.lat_deg[rows], lon_deg=raw.lon_deg[rows],
-        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], unix_s=raw.unix_s[rows],
+        log_s=raw.log_s[rows],
+        is_3d=raw.is_3d[rows],
+        lat_deg=raw.lat_deg[rows],
+        lon_deg=raw.lon_deg[rows],
+        height_m=raw.height_m[rows],
+        v_n_m_s=raw.v_n_m_s[rows],
+        unix_s=raw.unix_s[rows],
         sigmas=None if raw.sigmas is None else raw.sigmas[:, rows],
-    )  # fmt: skip
+    )
 
 
 def largest(values: NDArray) -> float:
@@ -76,26 +90,37 @@ def largest(values: NDArray) -> float:
 
 
 def may_be_radians(lat: NDArray, lon: NDArray) -> bool:
-    """Whether all positions lie within a quarter and half turn of radians: as degrees, in the Gulf of Guinea, without land."""
+    """Whether all positions lie within a quarter and half turn of radians: as degrees, in the Gulf
+    of Guinea, without land.
+    """
     placed = np.isfinite(lat) & np.isfinite(lon) & ((lat != 0.0) | (lon != 0.0))
-    return bool(placed.any()) and largest(lat[placed]) <= np.pi / 2 and largest(lon[placed]) <= np.pi
+    return (
+        bool(placed.any()) and largest(lat[placed]) <= np.pi / 2 and largest(lon[placed]) <= np.pi
+    )
 
 
 def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
-    """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those left out.
+    """The 3D fixes that are finite, in order of time and where their neighbours are; notes on those
+    left out.
 
     A fix at 0 N 0 E exactly is none. Longitudes of 180 to 360 deg are west.
     """
     raw = replace(raw, lon_deg=np.where(raw.lon_deg > 180.0, raw.lon_deg - 360.0, raw.lon_deg))
     rows, left_out = _good_rows(raw)
     sigmas, told = _sigmas(raw.sigmas, rows, label)
-    notes = [f"{label}: GPS {row_ranges(r)} left out: {why}" for why, r in left_out.items() if r.size]
+    notes = [
+        f"{label}: GPS {row_ranges(r)} left out: {why}" for why, r in left_out.items() if r.size
+    ]
     if not rows.size:
         return None, [*notes, f"{label}: no 3D fix: no gnss stream"]
     gnss = GnssLog(
-        time_s=raw.log_s[rows], lat_rad=raw.lat_deg[rows] * DEG, lon_rad=raw.lon_deg[rows] * DEG,
-        height_m=raw.height_m[rows], v_n_m_s=raw.v_n_m_s[rows], **sigmas,
-    )  # fmt: skip
+        time_s=raw.log_s[rows],
+        lat_rad=raw.lat_deg[rows] * DEG,
+        lon_rad=raw.lon_deg[rows] * DEG,
+        height_m=raw.height_m[rows],
+        v_n_m_s=raw.v_n_m_s[rows],
+        **sigmas,
+    )
     with np.errstate(invalid="ignore"):
         dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
     offset = float(np.median(raw.unix_s[dated] - raw.log_s[dated])) if dated.size else None
@@ -108,20 +133,34 @@ def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
     columns = np.stack([raw.log_s, raw.lat_deg, raw.lon_deg, raw.height_m, *raw.v_n_m_s.T])
     finite = np.isfinite(columns).all(axis=0)
     with np.errstate(invalid="ignore"):
-        sane = (np.abs(raw.lat_deg) <= 90) & (np.abs(raw.lon_deg) <= 180) & (np.abs(raw.height_m) < MAX_HEIGHT_M)
+        sane = (
+            (np.abs(raw.lat_deg) <= 90)
+            & (np.abs(raw.lon_deg) <= 180)
+            & (np.abs(raw.height_m) < MAX_HEIGHT_M)
+        )
         sane &= (np.abs(raw.v_n_m_s) < MAX_SPEED_M_S).all(axis=1)
     nowhere = raw.is_3d & (raw.lat_deg == 0.0) & (raw.lon_deg == 0.0)
-    lost = np.zeros(nowhere.size, dtype=bool) if raw.sigmas is None else np.any(raw.sigmas >= LOST, axis=0)
+    lost = (
+        np.zeros(nowhere.size, dtype=bool)
+        if raw.sigmas is None
+        else np.any(raw.sigmas >= LOST, axis=0)
+    )
     rows = np.flatnonzero(raw.is_3d & finite & sane & ~nowhere & ~lost)
     near = (_jump(raw.lat_deg[rows]) <= MAX_JUMP_DEG) & (_jump(raw.lon_deg[rows]) <= MAX_JUMP_DEG)
     near &= _jump(raw.log_s[rows]) <= MAX_JUMP_S
     placed = rows[near]
-    later = raw.log_s[placed] > np.concatenate([[-np.inf], np.maximum.accumulate(raw.log_s[placed])[:-1]])
+    later = raw.log_s[placed] > np.concatenate(
+        [[-np.inf], np.maximum.accumulate(raw.log_s[placed])[:-1]]
+    )
     return placed[later], {
         "no 3D fix": np.flatnonzero(~raw.is_3d),
         "0 N 0 E: no fix": np.flatnonzero(nowhere),
-        "not finite or beyond any aircraft": np.flatnonzero(raw.is_3d & ~(finite & sane) & ~nowhere),
-        f"the receiver's own sigma is {LOST:g} or more": np.flatnonzero(raw.is_3d & finite & sane & lost & ~nowhere),
+        "not finite or beyond any aircraft": np.flatnonzero(
+            raw.is_3d & ~(finite & sane) & ~nowhere
+        ),
+        f"the receiver's own sigma is {LOST:g} or more": np.flatnonzero(
+            raw.is_3d & finite & sane & lost & ~nowhere
+        ),
         "time or position jumps and comes back": rows[~near],
         "time repeats or goes back": placed[~later],
     }
@@ -132,8 +171,11 @@ def _jump(values: NDArray) -> NDArray:
     return np.abs(values - median_filter(values, size=5, mode="mirror")) if values.size else values
 
 
-def _sigmas(sigmas: NDArray | None, rows: NDArray, label: str) -> tuple[dict[str, NDArray], list[str]]:
-    """The receiver's own accuracies under the names of `GnssLog`, NaN in a fix without, and notes on those.
+def _sigmas(
+    sigmas: NDArray | None, rows: NDArray, label: str
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The receiver's own accuracies under the names of `GnssLog`, NaN in a fix without, and notes
+    on those.
 
     One that no fix has is left out.
     """
@@ -145,5 +187,7 @@ def _sigmas(sigmas: NDArray | None, rows: NDArray, label: str) -> tuple[dict[str
             out[name] = np.where(given, values, np.nan)
         if given.any() and not given.all():
             which = row_ranges(rows[~given])
-            notes.append(f"{label}: GPS {which} without {name}: the declared one of the twin counts there")
+            notes.append(
+                f"{label}: GPS {which} without {name}: the declared one of the twin counts there"
+            )
     return out, notes

@@ -1,7 +1,7 @@
 """Raw columns of a log to body-axis increments on run time.
 
-Values are scaled to SI by their named unit, turned into body axes, cleaned of damaged rows (each listed), and shifted
-so that run time starts at 0: the first row then ends the first interval.
+Values are scaled to SI by their named unit, turned into body axes, cleaned of damaged rows (each
+listed), and shifted so that run time starts at 0: the first row then ends the first interval.
 """
 
 from collections.abc import Mapping
@@ -34,13 +34,20 @@ from trajectories.runs.imu_stream import imu_log
 
 PLAUSIBLE_DEGC = (-60.0, 125.0)
 USUAL_DEGC = (-40.0, 85.0)
-LEAST_STEP_S, MOST_STEP_S = 1e-5, MAX_GAP_S  # beyond these no message on rates or gaps says it better
+# beyond these no message on rates or gaps says it better
+LEAST_STEP_S, MOST_STEP_S = 1e-5, MAX_GAP_S
 
 
 def converted(
-    columns: Mapping[str, NDArray], keys: ColumnMap, *, label: str, notes: list[str], base_s: float = 0.0
+    columns: Mapping[str, NDArray],
+    keys: ColumnMap,
+    *,
+    label: str,
+    notes: list[str],
+    base_s: float = 0.0,
 ) -> ConvertedLog:
-    """The log of raw columns, each shape (n,). Everything dropped or repaired is in `faults` and `notes`.
+    """The log of raw columns, each shape (n,). Everything dropped or repaired is in `faults` and
+    `notes`.
 
     base_s: what the log's own clock shows at time 0 of the columns [s].
     """
@@ -53,7 +60,9 @@ def converted(
     nominal = _nominal(time_s[held], label)
     stretch = Stretch(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
-        clean = clean_rows(time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label)
+        clean = clean_rows(
+            time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label
+        )
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
     w, f = w[kept], f[kept]
     nominal = _nominal(time_s, label)
@@ -65,10 +74,18 @@ def converted(
     imu, dropouts = imu_log(time_s - shift, w, f, source=gyro_kind)
     start, told = _start(keys, shift, label)
     log = ConvertedLog(
-        imu=imu, time_shift_s=shift, wraps_s=clean.wraps_s, faults=tuple(dropouts), notes=(*notes, *told),
+        imu=imu,
+        time_shift_s=shift,
+        wraps_s=clean.wraps_s,
+        faults=tuple(dropouts),
+        notes=(*notes, *told),
         header={**start, **keys.run},
-    )  # fmt: skip
-    return log if keys.temperature is None or keys.temperature.file is not None else _with_own(log, columns, keys, clean, label)
+    )
+    return (
+        log
+        if keys.temperature is None or keys.temperature.file is not None
+        else _with_own(log, columns, keys, clean, label)
+    )
 
 
 def _start(keys: ColumnMap, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
@@ -109,7 +126,10 @@ def _nominal(time_s: NDArray, label: str) -> float:
     nominal_s = float(np.median(steps))
     if not LEAST_STEP_S <= nominal_s <= MOST_STEP_S:
         needed = f"{1 / MAX_RATE_HZ:g} to {1 / MIN_RATE_HZ:g}"
-        raise InputError(f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s: unit of the time stamps?")
+        raise InputError(
+            f"{label}: rows {nominal_s:.4g} s apart (median), needed {needed} s: unit of the time"
+            " stamps?"
+        )
     return nominal_s
 
 
@@ -117,7 +137,9 @@ def _span(kind: str, nominal_s: float) -> float:
     return 1.0 if kind == "rates" else nominal_s
 
 
-def _with_own(log: ConvertedLog, columns: Mapping[str, NDArray], keys: ColumnMap, clean: CleanRows, label: str) -> ConvertedLog:
+def _with_own(
+    log: ConvertedLog, columns: Mapping[str, NDArray], keys: ColumnMap, clean: CleanRows, label: str
+) -> ConvertedLog:
     """The log with the temperatures in its own rows."""
     part = keys.temperature
     assert part is not None
@@ -132,38 +154,58 @@ def _with_own(log: ConvertedLog, columns: Mapping[str, NDArray], keys: ColumnMap
     return replace(log, temperature=found, notes=(*log.notes, *notes))
 
 
-def plausible_degC(gyro_degC: NDArray, label: str, *, asked_for: bool = True) -> tuple[NDArray, list[str]]:
-    """Readings (n,) or (n, 3) with NaN where no sensor shows such a value, and notes on those, and on one that never changes.
+def plausible_degC(
+    gyro_degC: NDArray, label: str, *, asked_for: bool = True
+) -> tuple[NDArray, list[str]]:
+    """Readings (n,) or (n, 3) with NaN where no sensor shows such a value, and notes on those, and
+    on one that never changes.
 
-    InputError where half of them or more are such and a map asked for them: a wrong unit, which is named where one would fit.
+    InputError where half of them or more are such and a map asked for them: a wrong unit, which is
+    named where one would fit.
     """
     with np.errstate(invalid="ignore"):
         sane = (gyro_degC >= PLAUSIBLE_DEGC[0]) & (gyro_degC <= PLAUSIBLE_DEGC[1])
     read = np.isfinite(gyro_degC)
     wild, notes = gyro_degC[read & ~sane], []
-    all_rows, wild_rows = (int(np.count_nonzero(v if v.ndim == 1 else v.any(axis=1))) for v in (read, read & ~sane))
+    all_rows, wild_rows = (
+        int(np.count_nonzero(v if v.ndim == 1 else v.any(axis=1))) for v in (read, read & ~sane)
+    )
     if wild.size:
-        told = f"{label}: {wild_rows} of {all_rows} temperatures are {wild.min():g} to {wild.max():g} degC"
+        told = (
+            f"{label}: {wild_rows} of {all_rows} temperatures are {wild.min():g} to {wild.max():g}"
+            " degC"
+        )
         needed = f"needed {PLAUSIBLE_DEGC[0]:g} to {PLAUSIBLE_DEGC[1]:g}"
         if asked_for and 2 * wild_rows >= all_rows:
             raise InputError(f"{told}, {needed}: {_other_unit(float(np.median(wild)))}")
         notes.append(f"{told}, {needed}: left out")
     good = gyro_degC[sane]
     if good.size > 100 and np.ptp(good) == 0.0:
-        notes.append(f"{label}: all {all_rows} temperatures are {good[0]:g} degC: a thermometer that is stuck, or missing?")
+        notes.append(
+            f"{label}: all {all_rows} temperatures are {good[0]:g} degC: a thermometer that is"
+            " stuck, or missing?"
+        )
     return np.where(sane, gyro_degC, np.nan), notes
 
 
 def _other_unit(degC: float) -> str:
     """The unit in which a value that was taken for degC would be a usual temperature."""
     usual = (
-        (degC - 273.15, 'kelvin? unit = "K"'), (degC + 273.15, "degC taken for kelvin?"), (0.1 * degC, "tenths? scale = 0.1"),
-        (0.01 * degC, "hundredths? scale = 0.01"), (1e-3 * degC, "thousandths? scale = 0.001"),
-    )  # fmt: skip
-    return next((told for value, told in usual if USUAL_DEGC[0] <= value <= USUAL_DEGC[1]), "counts? unit and scale in the map")
+        (degC - 273.15, 'kelvin? unit = "K"'),
+        (degC + 273.15, "degC taken for kelvin?"),
+        (0.1 * degC, "tenths? scale = 0.1"),
+        (0.01 * degC, "hundredths? scale = 0.01"),
+        (1e-3 * degC, "thousandths? scale = 0.001"),
+    )
+    return next(
+        (told for value, told in usual if USUAL_DEGC[0] <= value <= USUAL_DEGC[1]),
+        "counts? unit and scale in the map",
+    )
 
 
-def body_temperatures(columns: Mapping[str, NDArray], part: TemperatureKeys, axes: AxesKeys) -> NDArray:
+def body_temperatures(
+    columns: Mapping[str, NDArray], part: TemperatureKeys, axes: AxesKeys
+) -> NDArray:
     """Gyro temperatures [degC], shape (n, 3); a thermometer follows its gyro and has no sign."""
     factor, offset = CELSIUS[part.unit]
     names = part.columns * (3 if len(part.columns) == 1 else 1)
@@ -172,7 +214,9 @@ def body_temperatures(columns: Mapping[str, NDArray], part: TemperatureKeys, axe
 
 
 def second_means(time_s: NDArray, gyro_degC: NDArray) -> TemperatureLog | None:
-    """Means over whole seconds of run time, gyro_degC (n, 3); rows with a NaN left out, None where no row is left."""
+    """Means over whole seconds of run time, gyro_degC (n, 3); rows with a NaN left out, None where
+    no row is left.
+    """
     rows = np.flatnonzero(np.isfinite(gyro_degC).all(axis=1))
     if not rows.size:
         return None

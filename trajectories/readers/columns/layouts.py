@@ -15,20 +15,30 @@ from trajectories.readers.rows.column_map import LayoutKeys
 
 ColumnsOf = Callable[[Path, LayoutKeys, Sequence[str]], tuple[dict[str, NDArray], list[str]]]
 READ: dict[str, ColumnsOf] = {
-    "csv": text_columns, "text": text_columns, "binary": binary_columns, "parquet": parquet_columns, "mat": mat_columns,
-}  # fmt: skip
+    "csv": text_columns,
+    "text": text_columns,
+    "binary": binary_columns,
+    "parquet": parquet_columns,
+    "mat": mat_columns,
+}
 
 
 def content_format(path: Path) -> str:
-    """Parquet and MATLAB by their first bytes, else "csv"; rows of raw numbers have no mark and need `format`."""
+    """Parquet and MATLAB by their first bytes, else "csv"; rows of raw numbers have no mark and
+    need `format`.
+    """
     with path.open("rb") as file:
         if file.read(4) == MAGIC:
             return "parquet"
     return "mat" if is_matlab(path) else "csv"
 
 
-def read_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
-    """The used columns of a file by name, shape (n,) each and of one length, and notes on what was dropped."""
+def read_columns(
+    path: Path, layout: LayoutKeys, used: Sequence[str]
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The used columns of a file by name, shape (n,) each and of one length, and notes on what was
+    dropped.
+    """
     name = layout.format or content_format(path)
     columns, notes = READ[name](path, layout, used)
     lengths = {len(values): key for key, values in columns.items()}

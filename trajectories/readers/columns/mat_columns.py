@@ -1,7 +1,7 @@
 """Columns of a MATLAB file by expressions: a vector, a column of a matrix, a field of a struct.
 
-`imu.wb[0]` counts columns from 0, `imu.wb(:,1)` from 1 as MATLAB does; a vector needs neither. An element of a struct
-array is `imu(2).wb`. Files of version 7.3 are HDF5 and refused.
+`imu.wb[0]` counts columns from 0, `imu.wb(:,1)` from 1 as MATLAB does; a vector needs neither. An
+element of a struct array is `imu(2).wb`. Files of version 7.3 are HDF5 and refused.
 """
 
 import re
@@ -17,7 +17,8 @@ from trajectories.readers.containers.mat_file import read_variables
 from trajectories.readers.rows.column_map import LayoutKeys
 
 EXPRESSION = re.compile(
-    r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:, ?(?P<from1>\d+)\))?$"
+    r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:,"
+    r" ?(?P<from1>\d+)\))?$"
 )
 MAX_DEPTH, MAX_ELEMENTS = 4, 100
 SHOWN = 12
@@ -25,8 +26,12 @@ SHOWN = 12
 Leaves = dict[str, NDArray]
 
 
-def mat_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
-    """The used columns by their expressions, shape (n,) each; InputError lists what the file holds."""
+def mat_columns(
+    path: Path, layout: LayoutKeys, used: Sequence[str]
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The used columns by their expressions, shape (n,) each; InputError lists what the file
+    holds.
+    """
     roots = {name.split(".")[0].split("(")[0].split("[")[0] for name in used}
     values, notes = leaves(path, lambda name: name in roots)
     try:
@@ -36,7 +41,9 @@ def mat_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[di
 
 
 def leaves(path: Path, wanted: Any = None) -> tuple[Leaves, list[str]]:
-    """All real matrices in a file by their full name (`imu.wb`), two-dimensional float64, and notes on damaged variables."""
+    """All real matrices in a file by their full name (`imu.wb`), two-dimensional float64, and notes
+    on damaged variables.
+    """
     found, notes = read_variables(path, wanted or (lambda name: True))
     out: Leaves = {}
     for name, value in found.items():
@@ -48,7 +55,8 @@ def shapes(values: Mapping[str, NDArray]) -> str:
     """What there is, for a message: "imu.wb 1000x3, imu.t 1000x1"."""
     shown = [f"{name} {v.shape[0]}x{v.shape[1]}" for name, v in values.items()]
     return (
-        ", ".join(shown[:SHOWN]) + (f" and {len(shown) - SHOWN} more" if len(shown) > SHOWN else "") or "no matrix of numbers"
+        ", ".join(shown[:SHOWN]) + (f" and {len(shown) - SHOWN} more" if len(shown) > SHOWN else "")
+        or "no matrix of numbers"
     )
 
 
@@ -74,16 +82,27 @@ def _collect(out: Leaves, name: str, value: Any, depth: int) -> None:
 def _column(values: Leaves, text: str, path: Path) -> NDArray:
     found = EXPRESSION.match(text)
     if found is None:
-        raise InputError(f"map: column {text!r}, needed a name such as time, imu.wb[0] or imu.wb(:,1)")
+        raise InputError(
+            f"map: column {text!r}, needed a name such as time, imu.wb[0] or imu.wb(:,1)"
+        )
     matrix = values.get(found["name"])
     if matrix is None:
         held = values or leaves(path)[0]
         raise InputError(f"{path.name}: no matrix {found['name']}, has {shapes(held)}")
-    k = int(found["from0"]) if found["from0"] else int(found["from1"]) - 1 if found["from1"] else None
+    k = (
+        int(found["from0"])
+        if found["from0"]
+        else int(found["from1"]) - 1
+        if found["from1"]
+        else None
+    )
     if k is None:
         alone = vector(matrix)
         if alone is None:
-            raise InputError(f"{path.name}: {text} is {shapes({text: matrix})}, needed which column: {text}[0] is the first")
+            raise InputError(
+                f"{path.name}: {text} is {shapes({text: matrix})}, needed which column: {text}[0]"
+                " is the first"
+            )
         return alone
     if not 0 <= k < matrix.shape[1]:
         raise InputError(f"{path.name}: {text}: {found['name']} has {matrix.shape[1]} columns")

@@ -1,4 +1,6 @@
-"""Columns of a Parquet file: numbers as float64, time stamps as seconds since 1970, parts of a record as `record.part`."""
+"""Columns of a Parquet file: numbers as float64, time stamps as seconds since 1970, parts of a
+record as `record.part`.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +17,12 @@ from trajectories.runs.text_rows import refuse_rows
 MAGIC = b"PAR1"
 
 
-def parquet_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
-    """The used columns by name, missing values NaN; InputError names a column that holds no numbers."""
+def parquet_columns(
+    path: Path, layout: LayoutKeys, used: Sequence[str]
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The used columns by name, missing values NaN; InputError names a column that holds no
+    numbers.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -27,10 +33,16 @@ def parquet_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tupl
         if rows < 2:
             raise InputError(f"{path.name}: {rows} rows, needed at least 2")
         refuse_missing(used, flat_names(path), path.name)
-        roots = list(dict.fromkeys(name if name in file.schema_arrow.names else name.split(".")[0] for name in used))
+        roots = list(
+            dict.fromkeys(
+                name if name in file.schema_arrow.names else name.split(".")[0] for name in used
+            )
+        )
         table = file.read(columns=roots)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path.name}: not a whole Parquet file ({' '.join(str(error).split())[:200]})") from None
+        raise InputError(
+            f"{path.name}: not a whole Parquet file ({' '.join(str(error).split())[:200]})"
+        ) from None
     while any(pa.types.is_struct(field.type) for field in table.schema):
         table = table.flatten()
     return {name: _numbers(table.column(name), name, path.name) for name in used}, []

@@ -1,4 +1,6 @@
-"""Columns of text: rows of numbers between commas (or another separator) or white space, plain or in gzip."""
+"""Columns of text: rows of numbers between commas (or another separator) or white space, plain or
+in gzip.
+"""
 
 import csv
 import re
@@ -13,29 +15,40 @@ from trajectories.runs.text_rows import parse_rows, read_text, text_parts
 
 HEAD_BYTES = 100_000
 NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
-MIN_TEXT = 0.8  # of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4
+# of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4
+MIN_TEXT = 0.8
 SEPARATORS = {",": '","', ";": '";"', "\t": '"\\t"', "|": '"|"'}  # as a map writes them
 
 
-def text_columns(path: Path, layout: LayoutKeys, used: Sequence[str]) -> tuple[dict[str, NDArray], list[str]]:
-    """The used columns by name, and what was dropped. Columns that are not used may hold anything."""
+def text_columns(
+    path: Path, layout: LayoutKeys, used: Sequence[str]
+) -> tuple[dict[str, NDArray], list[str]]:
+    """The used columns by name, and what was dropped. Columns that are not used may hold
+    anything.
+    """
     text, note = read_text(path)
     if b"\n" not in text:
         text = text.replace(b"\r", b"\n")
     if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):
-        raise InputError(f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)")
+        raise InputError(
+            f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)"
+        )
     if layout.comment is not None:
         text = re.sub(rb"(?m)^[ \t]*" + re.escape(layout.comment.encode()) + rb".*$", b"", text)
     delimiter = " " if layout.format == "text" else layout.delimiter
     names, rows, first_line = _split_header(text, layout, delimiter, path.name)
-    _refuse_one_column(rows if layout.columns else text[: len(text) - len(rows)], layout, delimiter, path.name)
+    _refuse_one_column(
+        rows if layout.columns else text[: len(text) - len(rows)], layout, delimiter, path.name
+    )
     refuse_missing(used, names, path.name)
     if layout.decimal == ",":
         if delimiter == ",":
             raise InputError('map: decimal = "," needs another delimiter')
         rows = rows.replace(b",", b".")
     try:
-        table, notes = parse_rows(rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used)
+        table, notes = parse_rows(
+            rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used
+        )
     except InputError as error:
         raise InputError(f"{error}{_number_hint(str(error))}") from None
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
@@ -51,7 +64,9 @@ def _number_hint(told: str) -> str:
 
 
 def header_names(path: Path) -> list[str]:
-    """The names in the first line of a CSV, plain or in gzip; empty where it is not a line of text."""
+    """The names in the first line of a CSV, plain or in gzip; empty where it is not a line of
+    text.
+    """
     return _names(_head(path).partition(b"\n")[0], ",")
 
 
@@ -75,15 +90,25 @@ def _head(path: Path) -> bytes:
     return head
 
 
-def _split_header(text: bytes, layout: LayoutKeys, delimiter: str, label: str) -> tuple[list[str], bytes, int]:
-    """Column names, the rows, and the number of the first line of rows; with a comment sign, empty lines do not count."""
-    count = layout.header_lines if layout.header_lines is not None else (layout.names_line or int(layout.columns is None))
+def _split_header(
+    text: bytes, layout: LayoutKeys, delimiter: str, label: str
+) -> tuple[list[str], bytes, int]:
+    """Column names, the rows, and the number of the first line of rows; with a comment sign, empty
+    lines do not count.
+    """
+    count = (
+        layout.header_lines
+        if layout.header_lines is not None
+        else (layout.names_line or int(layout.columns is None))
+    )
     lines: list[bytes] = []
     first_line = 1
     while len(lines) < count:
         line, end, text = text.partition(b"\n")
         if not end:
-            raise InputError(f"{label}: {len(lines) + 1} lines, needed {count} header lines and rows")
+            raise InputError(
+                f"{label}: {len(lines) + 1} lines, needed {count} header lines and rows"
+            )
         lines += [line] if line.strip() or layout.comment is None else []
         first_line += 1
     place = (layout.names_line or count) - 1
@@ -92,12 +117,16 @@ def _split_header(text: bytes, layout: LayoutKeys, delimiter: str, label: str) -
     names = layout.columns if layout.columns is not None else _names(lines[place], delimiter)
     twice = [name for name in names if names.count(name) > 1]
     if not names or twice:
-        raise InputError(f"{label}: column {twice[0]} appears twice" if twice else f"{label}: no column names")
+        raise InputError(
+            f"{label}: column {twice[0]} appears twice" if twice else f"{label}: no column names"
+        )
     return names, text, first_line
 
 
 def _refuse_one_column(lines: bytes, layout: LayoutKeys, delimiter: str, label: str) -> None:
-    """InputError where a line, the last before the rows or the first of them, has one field only, and what would part it."""
+    """InputError where a line, the last before the rows or the first of them, has one field only,
+    and what would part it.
+    """
     whole = [line for line in lines.split(b"\n", 50)[:50] if line.strip()]
     line = whole[0 if layout.columns else (layout.names_line or 0) - 1] if whole else b""
     if len(_names(line, delimiter)) != 1:
@@ -105,7 +134,10 @@ def _refuse_one_column(lines: bytes, layout: LayoutKeys, delimiter: str, label: 
     best = max([*SEPARATORS, " "], key=lambda sign: len(_names(line, sign)))
     if len(_names(line, best)) > 1:
         needed = 'format = "text"' if best == " " else f"delimiter = {SEPARATORS[best]}"
-        raise InputError(f"{label}: one column {line.decode(errors='replace').strip()[:40]!r}, needed {needed} in the map")
+        raise InputError(
+            f"{label}: one column {line.decode(errors='replace').strip()[:40]!r}, needed {needed}"
+            " in the map"
+        )
 
 
 def _names(line: bytes, delimiter: str) -> list[str]:

@@ -1,8 +1,9 @@
 """ArduPilot DataFlash logs (.bin): messages that describe themselves, cut into tables of columns.
 
-A message is A3 95, its type (one byte) and a body of fixed length; messages of type 128 (FMT) say what a type holds.
-There is no checksum: a message counts only where another one, or the end of the file, follows it at once, so that one
-with bytes lost or added never passes. Everything skipped is noted by its bytes.
+A message is A3 95, its type (one byte) and a body of fixed length; messages of type 128 (FMT) say
+what a type holds. There is no checksum: a message counts only where another one, or the end of the
+file, follows it at once, so that one with bytes lost or added never passes. Everything skipped is
+noted by its bytes.
 """
 
 import struct
@@ -17,16 +18,35 @@ from ins.records import InputError
 
 HEAD = b"\xa3\x95"
 FMT_TYPE, FMT_LENGTH = 128, 89
-FMT_BODY = struct.Struct("<BB4s16s64s")  # type, length with head, name, one letter a field, names of the fields
+# type, length with head, name, one letter a field, names of the fields
+FMT_BODY = struct.Struct("<BB4s16s64s")
 MAX_FILE_BYTES = 4_000_000_000
 LISTED = 10  # stretches of bytes named of one file
-# Letter of a field -> type in the file and factor to the plain unit (ArduPilot, AP_Logger/LogStructure.h).
+# Letter of a field -> type in the file and factor to the plain unit (ArduPilot,
+# AP_Logger/LogStructure.h).
 FIELDS: dict[str, tuple[str, float]] = {
-    "a": ("<32i2", 1.0), "b": ("<i1", 1.0), "B": ("<u1", 1.0), "h": ("<i2", 1.0), "H": ("<u2", 1.0),
-    "i": ("<i4", 1.0), "I": ("<u4", 1.0), "f": ("<f4", 1.0), "d": ("<f8", 1.0), "g": ("<f2", 1.0),
-    "n": ("S4", 1.0), "N": ("S16", 1.0), "Z": ("S64", 1.0), "M": ("<u1", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0),
-    "c": ("<i2", 1e-2), "C": ("<u2", 1e-2), "e": ("<i4", 1e-2), "E": ("<u4", 1e-2), "L": ("<i4", 1e-7),
-}  # fmt: skip
+    "a": ("<32i2", 1.0),
+    "b": ("<i1", 1.0),
+    "B": ("<u1", 1.0),
+    "h": ("<i2", 1.0),
+    "H": ("<u2", 1.0),
+    "i": ("<i4", 1.0),
+    "I": ("<u4", 1.0),
+    "f": ("<f4", 1.0),
+    "d": ("<f8", 1.0),
+    "g": ("<f2", 1.0),
+    "n": ("S4", 1.0),
+    "N": ("S16", 1.0),
+    "Z": ("S64", 1.0),
+    "M": ("<u1", 1.0),
+    "q": ("<i8", 1.0),
+    "Q": ("<u8", 1.0),
+    "c": ("<i2", 1e-2),
+    "C": ("<u2", 1e-2),
+    "e": ("<i4", 1e-2),
+    "E": ("<u4", 1e-2),
+    "L": ("<i4", 1e-7),
+}
 TEXT_FIELDS, ARRAY_FIELDS = "nNZ", "a"
 
 Tables = dict[str, dict[str, NDArray]]
@@ -49,10 +69,14 @@ class MessageFormat:
 
 @dataclass
 class _Walk:
-    """What going through the messages finds: offsets of the wanted ones by type, and the stretches skipped."""
+    """What going through the messages finds: offsets of the wanted ones by type, and the stretches
+    skipped.
+    """
 
     formats: dict[int, MessageFormat] = field(default_factory=dict)
-    lengths: list[int] = field(default_factory=lambda: [FMT_LENGTH if k == FMT_TYPE else 0 for k in range(256)])
+    lengths: list[int] = field(
+        default_factory=lambda: [FMT_LENGTH if k == FMT_TYPE else 0 for k in range(256)]
+    )
     offsets: dict[int, list[int]] = field(default_factory=dict)
     skipped: list[tuple[int, int]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
@@ -65,9 +89,13 @@ def is_dataflash(path: Path) -> bool:
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:
-    """The wanted messages of a log with FMT (Type, Name), and notes on what was skipped. InputError where none is read."""
+    """The wanted messages of a log with FMT (Type, Name), and notes on what was skipped. InputError
+    where none is read.
+    """
     if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}")
+        raise InputError(
+            f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}"
+        )
     data = path.read_bytes()
     walk = _walk(data, wanted)
     tables: Tables = {}
@@ -76,7 +104,10 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
     if not tables:
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
     names = {kind: form.name for kind, form in walk.formats.items()}
-    tables["FMT"] = {"Type": np.array(list(names), dtype=np.float64), "Name": np.array(list(names.values()))}
+    tables["FMT"] = {
+        "Type": np.array(list(names), dtype=np.float64),
+        "Name": np.array(list(names.values())),
+    }
     notes = [f"{path.name}: {line}" for line in walk.notes + skipped_lines(walk.skipped, len(data))]
     return tables, notes
 
@@ -101,7 +132,9 @@ def _walk(data: bytes, wanted: Collection[str]) -> _Walk:
 
 
 def _end_of_message(data: bytes, at: int, lengths: list[int]) -> int:
-    """Where the message at `at` ends; 0 where there is none, it is of unknown type, or no other follows it."""
+    """Where the message at `at` ends; 0 where there is none, it is of unknown type, or no other
+    follows it.
+    """
     if at + 3 > len(data) or data[at] != HEAD[0] or data[at + 1] != HEAD[1]:
         return 0
     after = at + lengths[data[at + 2]]
@@ -111,7 +144,9 @@ def _end_of_message(data: bytes, at: int, lengths: list[int]) -> int:
 
 
 def _next_message(data: bytes, start: int, lengths: list[int]) -> int:
-    """The next place from `start` on where a whole message begins; the end of the data where there is none."""
+    """The next place from `start` on where a whole message begins; the end of the data where there
+    is none.
+    """
     at = data.find(HEAD, start)
     while at >= 0:
         if _end_of_message(data, at, lengths):
@@ -123,16 +158,24 @@ def _next_message(data: bytes, start: int, lengths: list[int]) -> int:
 def _learn(walk: _Walk, data: bytes, at: int, wanted: Collection[str]) -> None:
     """Take up what an FMT message says; a garbled or contradicting one is noted and not used."""
     kind, length, *texts = FMT_BODY.unpack_from(data, at + 3)
-    name, letters, labels = (text.split(b"\0")[0].decode("ascii", errors="replace") for text in texts)
+    name, letters, labels = (
+        text.split(b"\0")[0].decode("ascii", errors="replace") for text in texts
+    )
     columns = tuple(labels.split(",")) if labels else ()  # STRT of old firmware has no field
     found = MessageFormat(name=name, length=length, letters=letters, columns=columns)
-    known = set(letters) <= set(FIELDS) and len(letters) == len(set(columns)) and name.isidentifier()
+    known = (
+        set(letters) <= set(FIELDS) and len(letters) == len(set(columns)) and name.isidentifier()
+    )
     if kind == FMT_TYPE:
         return
     if not known or length != 3 + found.dtype.itemsize or kind == 0:
-        walk.notes.append(f"byte {at}: format of message type {kind} garbled, its messages are not read")
+        walk.notes.append(
+            f"byte {at}: format of message type {kind} garbled, its messages are not read"
+        )
     elif walk.formats.setdefault(kind, found) != found:
-        walk.notes.append(f"byte {at}: another format for message type {kind} ({name}), the first one kept")
+        walk.notes.append(
+            f"byte {at}: another format for message type {kind} ({name}), the first one kept"
+        )
     else:
         walk.lengths[kind] = length
         if name in wanted:
@@ -140,12 +183,18 @@ def _learn(walk: _Walk, data: bytes, at: int, wanted: Collection[str]) -> None:
 
 
 def _columns(data: bytes, form: MessageFormat, offsets: list[int]) -> dict[str, NDArray]:
-    """The fields of messages at the given offsets, scaled to plain units; arrays within a message are left out."""
-    rows = np.frombuffer(b"".join(data[at + 3 : at + form.length] for at in offsets), dtype=form.dtype)
+    """The fields of messages at the given offsets, scaled to plain units; arrays within a message
+    are left out.
+    """
+    rows = np.frombuffer(
+        b"".join(data[at + 3 : at + form.length] for at in offsets), dtype=form.dtype
+    )
     columns: dict[str, NDArray] = {}
     for k, (name, letter) in enumerate(zip(form.columns, form.letters)):
         if letter in TEXT_FIELDS:
-            columns[name] = np.array([text.decode("ascii", errors="replace") for text in rows[str(k)].tolist()])
+            columns[name] = np.array(
+                [text.decode("ascii", errors="replace") for text in rows[str(k)].tolist()]
+            )
         elif letter not in ARRAY_FIELDS:
             with np.errstate(invalid="ignore"):  # damaged floats
                 columns[name] = rows[str(k)].astype(np.float64) * FIELDS[letter][1]
@@ -153,12 +202,16 @@ def _columns(data: bytes, form: MessageFormat, offsets: list[int]) -> dict[str, 
 
 
 def skipped_lines(skipped: Sequence[tuple[int, int]], size: int) -> list[str]:
-    """One line for all damaged stretches (first byte, byte after), one for a file that ends within a message."""
+    """One line for all damaged stretches (first byte, byte after), one for a file that ends within
+    a message.
+    """
     lines = []
     damaged = list(skipped)
     if damaged and damaged[-1][1] == size:
         start, _ = damaged.pop()
-        lines.append(f"ends within a message, the last {size - start} bytes (from byte {start}) dropped")
+        lines.append(
+            f"ends within a message, the last {size - start} bytes (from byte {start}) dropped"
+        )
     if damaged:
         total = sum(b - a for a, b in damaged)
         shown = ", ".join(f"{a}-{b - 1}" for a, b in damaged[:LISTED])

@@ -1,4 +1,5 @@
-"""ArduPilot logs as text (.log, as Mission Planner and dronekit print them): a message a line, `NAME, value, value ...`.
+"""ArduPilot logs as text (.log, as Mission Planner and dronekit print them): a message a line,
+`NAME, value, value ...`.
 
 FMT lines name the fields of a message. Values are in plain units already.
 """
@@ -22,7 +23,9 @@ def is_dataflash_text(path: Path) -> bool:
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:
-    """The wanted messages of a log, and notes on what was skipped. InputError where none of them can be read."""
+    """The wanted messages of a log, and notes on what was skipped. InputError where none of them
+    can be read.
+    """
     data, note = read_text(path)
     lines = data.decode("utf-8", errors="replace").splitlines()
     if lines and not data.endswith((b"\n", b"\r")):
@@ -45,24 +48,40 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
     if bad:
         more = f" and {len(bad) - LISTED} more" if len(bad) > LISTED else ""
-        note = "; ".join(filter(None, (note, f"damaged, skipped: lines {', '.join(map(str, bad[:LISTED]))}{more}")))
+        note = "; ".join(
+            filter(
+                None, (note, f"damaged, skipped: lines {', '.join(map(str, bad[:LISTED]))}{more}")
+            )
+        )
     return tables, [f"{path.name}: {note}"] if note else []
 
 
 def _learn(formats: Formats, values: list[str]) -> None:
-    """Type, length, name, letters, then the columns; the first format of a name is kept, a garbled one not taken."""
-    name, letters, columns = values[2] if len(values) > 2 else "", values[3] if len(values) > 3 else "", values[4:]
+    """Type, length, name, letters, then the columns; the first format of a name is kept, a garbled
+    one not taken.
+    """
+    name, letters, columns = (
+        values[2] if len(values) > 2 else "",
+        values[3] if len(values) > 3 else "",
+        values[4:],
+    )
     if name and len(letters) == len(columns) == len(set(columns)):
         formats.setdefault(name, (letters, columns))
 
 
 def _row(formats: Formats, name: str, values: list[str]) -> list[str]:
-    """The values of a message, one a column; empty where the line is damaged. The last text may hold commas."""
+    """The values of a message, one a column; empty where the line is damaged. The last text may
+    hold commas.
+    """
     letters, columns = formats.get(name, ("", []))
     if columns and letters[-1] in TEXT_FIELDS and len(values) > len(columns):
         values = [*values[: len(columns) - 1], ",".join(values[len(columns) - 1 :])]
     numbers = (v for v, letter in zip(values, letters) if letter not in TEXT_FIELDS)
-    return values if columns and len(values) == len(columns) and all(is_number(v) for v in numbers) else []
+    return (
+        values
+        if columns and len(values) == len(columns) and all(is_number(v) for v in numbers)
+        else []
+    )
 
 
 def _columns(form: tuple[str, list[str]], rows: list[list[str]]) -> dict[str, np.ndarray]:

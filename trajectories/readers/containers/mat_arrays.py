@@ -1,8 +1,8 @@
 """Arrays of MATLAB files (version 5 to 7.2) out of their bytes: numbers, texts, cells and structs.
 
-Every length is checked against the bytes that are there before anything is made of it (scipy's reader, the yardstick of the
-tests, crashes on some damaged files). Sparse arrays, objects and functions are passed over.
-Source: MathWorks, MAT-File Format (R2019b), chapter 1.
+Every length is checked against the bytes that are there before anything is made of it (scipy's
+reader, the yardstick of the tests, crashes on some damaged files). Sparse arrays, objects and
+functions are passed over. Source: MathWorks, MAT-File Format (R2019b), chapter 1.
 """
 
 import math
@@ -15,8 +15,30 @@ from numpy.typing import NDArray
 from trajectories.readers.containers.unpacking import Damaged
 
 MATRIX = 14
-STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-CLASSES = {6: "f8", 7: "f4", 8: "i1", 9: "u1", 10: "i2", 11: "u2", 12: "i4", 13: "u4", 14: "i8", 15: "u8"}
+STORED = {
+    1: "i1",
+    2: "u1",
+    3: "i2",
+    4: "u2",
+    5: "i4",
+    6: "u4",
+    7: "f4",
+    9: "f8",
+    12: "i8",
+    13: "u8",
+}
+CLASSES = {
+    6: "f8",
+    7: "f4",
+    8: "i1",
+    9: "u1",
+    10: "i2",
+    11: "u2",
+    12: "i4",
+    13: "u4",
+    14: "i8",
+    15: "u8",
+}
 CELL, STRUCT, CHAR = 1, 2, 4
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 COMPLEX = 0x0800
@@ -40,7 +62,8 @@ class MatArray:
         self.name = bytes(self._element()[1]).decode("latin-1").rstrip("\0")[:MAX_NAME]
 
     def value(self) -> NDArray | None:
-        """As `scipy.io.loadmat` gives it: a matrix of numbers, texts by row, object arrays of cells, records of structs.
+        """As `scipy.io.loadmat` gives it: a matrix of numbers, texts by row, object arrays of
+        cells, records of structs.
 
         None for a kind that is passed over.
         """
@@ -49,7 +72,9 @@ class MatArray:
         if self._class == CHAR:
             return self._texts()
         if self._class == CELL:
-            return self._filled(np.empty(self._count(), dtype=object)).reshape(self.shape, order="F")
+            return self._filled(np.empty(self._count(), dtype=object)).reshape(
+                self.shape, order="F"
+            )
         return self._struct() if self._class == STRUCT else None
 
     def _element(self) -> tuple[int, memoryview]:
@@ -91,7 +116,9 @@ class MatArray:
         return values
 
     def _part(self) -> NDArray:
-        """The real or imaginary part: stored in as small a type as will do, given back in that of its class."""
+        """The real or imaginary part: stored in as small a type as will do, given back in that of
+        its class.
+        """
         kind, data = self._element()
         dtype = np.dtype(self._order + STORED[kind]) if kind in STORED else None
         count = math.prod(self.shape)
@@ -110,26 +137,45 @@ class MatArray:
         rows = self.shape[0]
         if not name or math.prod(self.shape) != len(text) or len(self.shape) != 2:
             return np.array([text] if text else [])
-        return np.array(["".join(text[k::rows]).rstrip(" ") for k in range(rows)]) if text else np.array([], dtype="U1")
+        return (
+            np.array(["".join(text[k::rows]).rstrip(" ") for k in range(rows)])
+            if text
+            else np.array([], dtype="U1")
+        )
 
     def _struct(self) -> NDArray:
         length_kind, length = self._element()
         _, names = self._element()
-        size = struct.unpack(self._order + "i", length)[0] if STORED.get(length_kind) == "i4" and len(length) == 4 else 0
+        size = (
+            struct.unpack(self._order + "i", length)[0]
+            if STORED.get(length_kind) == "i4" and len(length) == 4
+            else 0
+        )
         if not 0 < size <= MAX_NAME or len(names) % size:
             raise Damaged("no field names")
-        fields = [bytes(names[k : k + size]).split(b"\0")[0].decode("latin-1") for k in range(0, len(names), size)]
+        fields = [
+            bytes(names[k : k + size]).split(b"\0")[0].decode("latin-1")
+            for k in range(0, len(names), size)
+        ]
         count = self._count()
-        if len(set(fields)) != len(fields) or not all(fields) or count * len(fields) > len(self._data) // 8:
+        if (
+            len(set(fields)) != len(fields)
+            or not all(fields)
+            or count * len(fields) > len(self._data) // 8
+        ):
             raise Damaged(f"{count} structs of {len(fields)} fields in {len(self._data)} bytes")
-        values = self._filled(np.empty(count * len(fields), dtype=object)).reshape(count, len(fields))
+        values = self._filled(np.empty(count * len(fields), dtype=object)).reshape(
+            count, len(fields)
+        )
         out = np.empty(count, dtype=[(name, object) for name in fields])
         for k, name in enumerate(fields):
             out[name] = values[:, k]
         return out.reshape(self.shape, order="F")
 
     def _filled(self, out: NDArray) -> NDArray:
-        """One array after the other; what is passed over, and an array of no bytes, is an empty matrix."""
+        """One array after the other; what is passed over, and an array of no bytes, is an empty
+        matrix.
+        """
         for k in range(out.size):
             kind, body = self._element()
             if kind != MATRIX:

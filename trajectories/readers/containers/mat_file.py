@@ -1,4 +1,5 @@
-"""MATLAB files (version 5 to 7.2), a variable at a time, so that a damaged or cut-off one costs no other.
+"""MATLAB files (version 5 to 7.2), a variable at a time, so that a damaged or cut-off one costs no
+other.
 
 A file is a head of 128 bytes and elements: type and length (4 bytes each), then that many bytes.
 """
@@ -25,7 +26,9 @@ def is_mat(path: Path) -> bool:
 
 
 def is_matlab(path: Path) -> bool:
-    """Whether a file is of version 5 or later; 7.3 is HDF5 behind a head of its own, and refused when read."""
+    """Whether a file is of version 5 or later; 7.3 is HDF5 behind a head of its own, and refused
+    when read.
+    """
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5))
@@ -37,7 +40,9 @@ def variable_names(path: Path) -> set[str]:
 
 
 def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Any], list[str]]:
-    """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for another format."""
+    """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for
+    another format.
+    """
     if not is_mat(path):
         what = "a MATLAB file of version 7.3 (HDF5)" if is_matlab(path) else "no MATLAB file"
         raise InputError(f"{path.name}: {what}, needed version 5 to 7.2: in MATLAB save with -v7")

@@ -1,7 +1,9 @@
-"""MCAP files with ROS messages, read from the front: no index or footer is needed, so that an unfinished file reads too.
+"""MCAP files with ROS messages, read from the front: no index or footer is needed, so that an
+unfinished file reads too.
 
-A record is its kind (1 byte), length (8 bytes) and body. Chunks hold further records, perhaps packed, with a checksum.
-A damaged chunk costs itself; a damaged record ends what can be read. Source: mcap.dev/spec.
+A record is its kind (1 byte), length (8 bytes) and body. Chunks hold further records, perhaps
+packed, with a checksum. A damaged chunk costs itself; a damaged record ends what can be read.
+Source: mcap.dev/spec.
 """
 
 import struct
@@ -29,7 +31,9 @@ class _Walk:
 
 
 def read_mcap(data: memoryview, bag: Bag, label: str) -> None:
-    """Take up the messages of a file in memory; what cannot be read goes to the bag's notes. InputError for another format."""
+    """Take up the messages of a file in memory; what cannot be read goes to the bag's notes.
+    InputError for another format.
+    """
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise InputError(f"{label}: not an MCAP file of version 0")
     walk = _Walk(bag, label)
@@ -40,14 +44,19 @@ def read_mcap(data: memoryview, bag: Bag, label: str) -> None:
             at = after
     except Damaged as error:
         left = len(data) - at
-        bag.note(f"{label}: {error} at byte {at}: read up to there, the last {left} of {len(data)} bytes dropped")
+        bag.note(
+            f"{label}: {error} at byte {at}: read up to there, the last {left} of {len(data)} bytes"
+            " dropped"
+        )
         return
     if kind not in (FOOTER, DATA_END):
         bag.note(f"{label}: recording not finished (no end of data)")
 
 
 def _record(walk: _Walk, data: memoryview, at: int, *, nested: bool) -> tuple[int, int]:
-    """Take up the record at `at`: its kind, and where the next one begins. Damaged where there is no whole one."""
+    """Take up the record at `at`: its kind, and where the next one begins. Damaged where there is
+    no whole one.
+    """
     if at + HEAD.size > len(data):
         raise Damaged("a record cut off")
     kind, length = HEAD.unpack_from(data, at)
@@ -82,7 +91,9 @@ def _channel(walk: _Walk, body: memoryview) -> None:
     name, at = _text(body, 4)
     encoding, _ = _text(body, at)
     if (number := _number(body, 0)) not in walk.channels:
-        walk.channels[number] = walk.bag.topic(name, walk.schemas.get(_number(body, 2), ""), encoding)
+        walk.channels[number] = walk.bag.topic(
+            name, walk.schemas.get(_number(body, 2), ""), encoding
+        )
 
 
 def _chunk(walk: _Walk, data: memoryview, start: int, length: int) -> int:
@@ -108,7 +119,9 @@ def _chunk(walk: _Walk, data: memoryview, start: int, length: int) -> int:
             _, place = _record(walk, records, place, nested=True)
     except Damaged as error:
         lost = f"{len(records) - place} of {len(records)} bytes" if place else "it is"
-        walk.bag.note(f"{walk.label}: chunk at byte {start - HEAD.size} damaged ({error}), {lost} dropped")
+        walk.bag.note(
+            f"{walk.label}: chunk at byte {start - HEAD.size} damaged ({error}), {lost} dropped"
+        )
     if len(body) < length:
         raise Damaged("a chunk cut off")
     return start + length

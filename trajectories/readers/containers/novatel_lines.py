@@ -1,8 +1,9 @@
-"""Lines of a NovAtel ASCII log: `#NAMEA,header;fields*crc` and, with a short header, `%NAMEA,week,seconds;fields*crc`.
+"""Lines of a NovAtel ASCII log: `#NAMEA,header;fields*crc` and, with a short header,
+`%NAMEA,week,seconds;fields*crc`.
 
-The check is a CRC32 over all between the first sign and the star, begun with 0 and not inverted (OEM7, "32-Bit CRC"). A log
-caught from a port may begin within a line, and hold other things between the lines: only what has the sign of a wanted log
-and fails is told.
+The check is a CRC32 over all between the first sign and the star, begun with 0 and not inverted
+(OEM7, "32-Bit CRC"). A log caught from a port may begin within a line, and hold other things
+between the lines: only what has the sign of a wanted log and fails is told.
 """
 
 import re
@@ -22,7 +23,8 @@ LINE = re.compile(rb"[#%]([A-Z0-9_]+)A,([^;*#%]*);([^*#%]*)\*([0-9a-fA-F]{8})")
 BINARY = (b"\xaa\x44\x12", b"\xaa\x44\x13")  # long and short header
 
 
-Logs = dict[str, list[tuple[bytes, bytes]]]  # by name: header and fields of each line, both between commas
+# by name: header and fields of each line, both between commas
+Logs = dict[str, list[tuple[bytes, bytes]]]
 
 
 @dataclass
@@ -57,14 +59,22 @@ def read_lines(path: Path, wanted: Collection[str]) -> Lines:
             out.logs.setdefault(found[1].decode(), []).append((found[2], found[3]))
     for rows, why in ((cut, "cut off or garbled"), (bad, "wrong CRC")):
         if rows:
-            out.notes.append(f"{path.name}: {row_ranges(np.array(rows)).replace('row', 'line')} dropped: {why}")
+            out.notes.append(
+                f"{path.name}: {row_ranges(np.array(rows)).replace('row', 'line')} dropped: {why}"
+            )
     if not out.logs and binary:
-        raise InputError(f"{path.name}: binary NovAtel logs, needed ASCII ones (NovAtel Convert, or log rawimusxa)")
+        raise InputError(
+            f"{path.name}: binary NovAtel logs, needed ASCII ones (NovAtel Convert, or log"
+            " rawimusxa)"
+        )
     return out
 
 
-def columns(rows: Sequence[bytes], names: Sequence[str], *, text: Collection[str] = (), label: str) -> dict[str, NDArray]:
-    """The fields of lines by name (an empty name: not wanted), numbers as float64, those of `text` as words.
+def columns(
+    rows: Sequence[bytes], names: Sequence[str], *, text: Collection[str] = (), label: str
+) -> dict[str, NDArray]:
+    """The fields of lines by name (an empty name: not wanted), numbers as float64, those of `text`
+    as words.
 
     Lines of another number of fields are left out by the caller (`of_width`).
     """
@@ -72,12 +82,16 @@ def columns(rows: Sequence[bytes], names: Sequence[str], *, text: Collection[str
     from pyarrow import csv as arrow_csv
 
     keys = [f"{k} {name}" for k, name in enumerate(names)]
-    wanted = {key: pa.string() if name in text else pa.float64() for key, name in zip(keys, names) if name}
+    wanted = {
+        key: pa.string() if name in text else pa.float64() for key, name in zip(keys, names) if name
+    }
     try:
         table = arrow_csv.read_csv(
             pa.BufferReader(b"\n".join(rows) + b"\n"),
             read_options=arrow_csv.ReadOptions(column_names=keys),
-            convert_options=arrow_csv.ConvertOptions(column_types=wanted, include_columns=list(wanted)),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=wanted, include_columns=list(wanted)
+            ),
         )
     except pa.ArrowException as error:
         raise InputError(f"{label}: {' '.join(str(error).split())[:200]}") from None

@@ -1,8 +1,9 @@
-"""ROS 1 bags (version 2.0), read from the front: no index is needed, so that an unfinished or cut-off bag reads as well.
+"""ROS 1 bags (version 2.0), read from the front: no index is needed, so that an unfinished or
+cut-off bag reads as well.
 
-A record is a header (length, then fields `name=value` each with its length) and data (length, bytes). Chunks hold further
-records, perhaps packed. A damaged chunk costs itself; a damaged record ends what can be read of its chunk, or of the file.
-Source: wiki.ros.org/Bags/Format/2.0.
+A record is a header (length, then fields `name=value` each with its length) and data (length,
+bytes). Chunks hold further records, perhaps packed. A damaged chunk costs itself; a damaged record
+ends what can be read of its chunk, or of the file. Source: wiki.ros.org/Bags/Format/2.0.
 """
 
 import struct
@@ -20,7 +21,9 @@ Fields = Mapping[bytes, bytes]
 
 
 def read_ros1(data: memoryview, bag: Bag, label: str) -> None:
-    """Take up the messages of a bag in memory; what cannot be read goes to the bag's notes. InputError for another format."""
+    """Take up the messages of a bag in memory; what cannot be read goes to the bag's notes.
+    InputError for another format.
+    """
     if bytes(data[: len(MAGIC)]) != MAGIC:
         raise InputError(f"{label}: not a ROS 1 bag of version 2.0")
     connections: dict[int, Topic | None] = {}
@@ -30,13 +33,24 @@ def read_ros1(data: memoryview, bag: Bag, label: str) -> None:
             at = _record(data, at, connections, bag, label, nested=False)
     except Damaged as error:
         left = len(data) - at
-        bag.note(f"{label}: {error} at byte {at}: read up to there, the last {left} of {len(data)} bytes dropped")
+        bag.note(
+            f"{label}: {error} at byte {at}: read up to there, the last {left} of {len(data)} bytes"
+            " dropped"
+        )
 
 
 def _record(
-    data: memoryview, at: int, connections: dict[int, Topic | None], bag: Bag, label: str, *, nested: bool
-) -> int:  # fmt: skip
-    """Take up the record at `at`; where the next one begins. Damaged where there is no whole one."""
+    data: memoryview,
+    at: int,
+    connections: dict[int, Topic | None],
+    bag: Bag,
+    label: str,
+    *,
+    nested: bool,
+) -> int:
+    """Take up the record at `at`; where the next one begins. Damaged where there is no whole
+    one.
+    """
     header, body = _part(data, at, MAX_HEADER_BYTES)
     content, after = _part(data, body, len(data))
     fields = _fields(header)
@@ -61,9 +75,16 @@ def _record(
 
 
 def _chunk(
-    fields: Fields, content: memoryview, connections: dict[int, Topic | None], bag: Bag, label: str, at: int
-) -> None:  # fmt: skip
-    """Take up the records of a chunk; a damaged one is noted, and what follows it in the chunk is lost."""
+    fields: Fields,
+    content: memoryview,
+    connections: dict[int, Topic | None],
+    bag: Bag,
+    label: str,
+    at: int,
+) -> None:
+    """Take up the records of a chunk; a damaged one is noted, and what follows it in the chunk is
+    lost.
+    """
     place, records = 0, content
     try:
         name = fields.get(b"compression", b"none").decode("ascii", errors="replace")
@@ -72,12 +93,21 @@ def _chunk(
         while place < len(records):
             place = _record(records, place, connections, bag, label, nested=True)
     except Damaged as error:
-        lost = f"{len(records) - place} of {len(records)} bytes" if records is not content or place else "it is"
+        lost = (
+            f"{len(records) - place} of {len(records)} bytes"
+            if records is not content or place
+            else "it is"
+        )
         bag.note(f"{label}: chunk at byte {at} damaged ({error}), {lost} dropped")
 
 
 def _connect(fields: Fields, said: Fields, connections: dict[int, Topic | None], bag: Bag) -> None:
-    number, name, kind, md5 = _number(fields, b"conn", 4), fields.get(b"topic"), said.get(b"type"), said.get(b"md5sum", b"*")
+    number, name, kind, md5 = (
+        _number(fields, b"conn", 4),
+        fields.get(b"topic"),
+        said.get(b"type"),
+        said.get(b"md5sum", b"*"),
+    )
     if name is None or kind is None:
         raise Damaged("a connection without topic or type")
     if number not in connections:

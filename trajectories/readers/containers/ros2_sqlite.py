@@ -1,6 +1,8 @@
-"""ROS 2 bags in SQLite (.db3): rows of the tables `topics` and `messages`, in the order they were written.
+"""ROS 2 bags in SQLite (.db3): rows of the tables `topics` and `messages`, in the order they were
+written.
 
-The file is opened read-only and never changed. SQLite itself stops where a file is damaged; the rows before stay.
+The file is opened read-only and never changed. SQLite itself stops where a file is damaged; the
+rows before stay.
 """
 
 import sqlite3
@@ -12,15 +14,21 @@ from trajectories.readers.containers.unpacking import Damaged, unpacked
 
 MAGIC = b"SQLite format 3\0"
 MAX_VALUE_BYTES = 1 << 28
-STEPS_PER_BYTE, LEAST_STEPS, STEPS = 200, 10**8, 10_000  # of SQLite's machine: a query over a file ends well before
+# of SQLite's machine: a query over a file ends well before
+STEPS_PER_BYTE, LEAST_STEPS, STEPS = 200, 10**8, 10_000
 ZSTD = b"\x28\xb5\x2f\xfd"
 
 
 def read_sqlite(path: Path, bag: Bag, label: str) -> None:
-    """Take up the messages of a file; what cannot be read goes to the bag's notes. InputError where it is no such bag."""
+    """Take up the messages of a file; what cannot be read goes to the bag's notes. InputError where
+    it is no such bag.
+    """
     wal = path.with_name(f"{path.name}-wal")
     if wal.exists() and wal.stat().st_size:
-        bag.note(f"{label}: recording not finished: what is in {wal.name} is not read (close it with sqlite3 first)")
+        bag.note(
+            f"{label}: recording not finished: what is in {wal.name} is not read (close it with"
+            " sqlite3 first)"
+        )
     connection = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
     try:
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
@@ -29,14 +37,19 @@ def read_sqlite(path: Path, bag: Bag, label: str) -> None:
         connection.text_factory = lambda data: data.decode("utf-8", errors="replace")
         topics = _topics(connection, bag, label)
         _messages(connection, topics, bag, label)
-    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the latter of a message about garbled names
-        raise InputError(f"{label}: not a ROS 2 bag that can be read ({' '.join(str(error).split())[:80]})") from None
+    except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
+        # the latter of a message about garbled names
+        raise InputError(
+            f"{label}: not a ROS 2 bag that can be read ({' '.join(str(error).split())[:80]})"
+        ) from None
     finally:
         connection.close()
 
 
 class _Budget:
-    """Ends a query that takes more steps than reading a file of this size may take (a hostile view never ends)."""
+    """Ends a query that takes more steps than reading a file of this size may take (a hostile view
+    never ends).
+    """
 
     def __init__(self, size: int) -> None:
         self._left = max(LEAST_STEPS, STEPS_PER_BYTE * size) // STEPS
@@ -47,7 +60,11 @@ class _Budget:
 
 
 def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict:
-    kinds = dict(connection.execute("SELECT name, type FROM sqlite_master WHERE name IN ('topics', 'messages')").fetchall())
+    kinds = dict(
+        connection.execute(
+            "SELECT name, type FROM sqlite_master WHERE name IN ('topics', 'messages')"
+        ).fetchall()
+    )
     if kinds != {"topics": "table", "messages": "table"}:
         raise InputError(f"{label}: not a ROS 2 bag: no tables topics and messages")
     rows = connection.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
@@ -58,7 +75,8 @@ def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict:
 def _messages(connection: sqlite3.Connection, topics: dict, bag: Bag, label: str) -> None:
     marks = ",".join("?" * len(topics))
     rows = connection.execute(
-        f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id", tuple(topics)
+        f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id",
+        tuple(topics),
     )
     count = 0
     try:

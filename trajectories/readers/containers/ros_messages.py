@@ -1,9 +1,10 @@
 """The ROS messages that make a run, out of their bytes, and the topics of a bag.
 
-The layouts are those of the standard definitions, the same in all distributions of ROS 1 and ROS 2: what a bag itself
-says of its types is not used (a library would make code of it). ROS 1 packs little-endian; ROS 2 has CDR (XCDR1), a head
-of four bytes and each number aligned to its size. Units of ROS: REP-103 (rad/s, m/s2, m, m/s), degC, degrees of latitude.
-Source: docs.ros.org, sensor_msgs and geometry_msgs; OMG CDR. (The tests take rosbags as their yardstick.)
+The layouts are those of the standard definitions, the same in all distributions of ROS 1 and ROS 2:
+what a bag itself says of its types is not used (a library would make code of it). ROS 1 packs
+little-endian; ROS 2 has CDR (XCDR1), a head of four bytes and each number aligned to its size.
+Units of ROS: REP-103 (rad/s, m/s2, m, m/s), degC, degrees of latitude. Source: docs.ros.org,
+sensor_msgs and geometry_msgs; OMG CDR. (The tests take rosbags as their yardstick.)
 """
 
 import struct
@@ -20,12 +21,14 @@ IMU, TEMPERATURE, FIX = "sensor_msgs/Imu", "sensor_msgs/Temperature", "sensor_ms
 TWIST, TWIST_COVARIANCE = "geometry_msgs/TwistStamped", "geometry_msgs/TwistWithCovarianceStamped"
 # Count and letter (struct) of each field after the header; "-": not kept. And the md5sum of ROS 1.
 LAYOUTS = {
-    IMU: ("-4d -9d 3d 1d -8d 3d 1d -8d", "6a62c6daae103f4ff57a132d6f95cec2"),  # w, its covariance[0], f, its covariance[0]
+    # w, its covariance[0], f, its covariance[0]
+    IMU: ("-4d -9d 3d 1d -8d 3d 1d -8d", "6a62c6daae103f4ff57a132d6f95cec2"),
     TEMPERATURE: ("1d -1d", "ff71b307acdbe7c871a5a6d7ed359100"),
-    FIX: ("1b -1H 3d 1d -3d 1d -3d 1d 1B", "2d3a8cd499b9b4a0249fb98fd05cfa48"),  # status, place, diagonal, its kind
+    # status, place, diagonal, its kind
+    FIX: ("1b -1H 3d 1d -3d 1d -3d 1d 1B", "2d3a8cd499b9b4a0249fb98fd05cfa48"),
     TWIST: ("3d -3d", "98d34b0043a2093cf9d9345ab6eef12e"),
     TWIST_COVARIANCE: ("3d -3d 1d -6d 1d -6d 1d -21d", "8927a1a12fb2607ceea095b2dc440a96"),
-}  # fmt: skip
+}
 CDR_HEAD_BYTES, MAX_PADDING = 4, 8
 MAX_FRAME_ID = 1024
 MAX_MESSAGES = 100_000_000
@@ -35,7 +38,9 @@ NS = 1e-9
 
 @dataclass
 class Topic:
-    """Messages of one topic in the order of the bag: stamps of header and receiver [ns], kept values one after another."""
+    """Messages of one topic in the order of the bag: stamps of header and receiver [ns], kept
+    values one after another.
+    """
 
     name: str
     kind: str
@@ -60,7 +65,9 @@ class Topic:
         self.receive_ns.append(receive_ns)
         self.kept.extend(values)
         if len(self.stamp_ns) > MAX_MESSAGES:
-            raise InputError(f"topic {self.name}: more than {MAX_MESSAGES} messages, needed at most that")
+            raise InputError(
+                f"topic {self.name}: more than {MAX_MESSAGES} messages, needed at most that"
+            )
 
     @property
     def values(self) -> NDArray:
@@ -82,7 +89,9 @@ class Bag:
             return None
         shown = name[:200] if name.isprintable() else repr(name[:50])
         if md5 not in (None, "*", LAYOUTS[kind][1]):
-            self.note(f"topic {shown}: another {kind} (md5sum {md5[:32]!r}), not read" if md5 else "")
+            self.note(
+                f"topic {shown}: another {kind} (md5sum {md5[:32]!r}), not read" if md5 else ""
+            )
             return None
         if len(self.topics) >= MAX_TOPICS:
             raise InputError(f"more than {MAX_TOPICS} topics")
@@ -99,7 +108,9 @@ class Bag:
 
 
 def decoded(kind: str, data: bytes, encoding: str) -> tuple[int, bytes, tuple[float, ...]] | None:
-    """Stamp [ns], frame_id and the kept values of a message; None where the bytes are no such message."""
+    """Stamp [ns], frame_id and the kept values of a message; None where the bytes are no such
+    message.
+    """
     aligned = encoding == "cdr"
     start = CDR_HEAD_BYTES if aligned else 4  # ROS 1: past the sequence number
     if len(data) < start + 12 or (aligned and (data[0] != 0 or data[1] > 1)):
@@ -113,7 +124,11 @@ def decoded(kind: str, data: bytes, encoding: str) -> tuple[int, bytes, tuple[fl
     beyond = len(data) - end - layout.size
     if beyond < 0 or beyond >= (MAX_PADDING if aligned else 1):
         return None
-    return seconds * 10**9 + nanoseconds, bytes(data[start + 12 : end]).rstrip(b"\0"), layout.unpack_from(data, end)
+    return (
+        seconds * 10**9 + nanoseconds,
+        bytes(data[start + 12 : end]).rstrip(b"\0"),
+        layout.unpack_from(data, end),
+    )
 
 
 @lru_cache

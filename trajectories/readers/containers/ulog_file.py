@@ -1,9 +1,10 @@
 """ULog files (PX4) as tables: messages whose formats the file itself declares.
 
-A message is its length (2 bytes), type (1 byte) and body. There is no checksum and no mark where one begins: a message
-counts only where another one, or the end of the file, follows it, and after damage three in a row must fit. Everything
-skipped is noted by its bytes. (pyulog is the yardstick of the tests: it does not come back from some damaged files.)
-Source: PX4 user guide, "ULog File Format".
+A message is its length (2 bytes), type (1 byte) and body. There is no checksum and no mark where
+one begins: a message counts only where another one, or the end of the file, follows it, and after
+damage three in a row must fit. Everything skipped is noted by its bytes. (pyulog is the yardstick
+of the tests: it does not come back from some damaged files.) Source: PX4 user guide, "ULog File
+Format".
 """
 
 import re
@@ -27,16 +28,27 @@ MAX_TOPIC_BYTES, MAX_NESTED = 65_535, 5
 CLOCK = "timestamp"  # a field of every topic
 CHAIN = 3  # messages in a row that must fit where reading goes on after damage
 TYPES = {
-    "int8_t": "<i1", "uint8_t": "<u1", "int16_t": "<i2", "uint16_t": "<u2", "int32_t": "<i4", "uint32_t": "<u4",
-    "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8", "bool": "<u1", "char": "S1",
-}  # fmt: skip
+    "int8_t": "<i1",
+    "uint8_t": "<u1",
+    "int16_t": "<i2",
+    "uint16_t": "<u2",
+    "int32_t": "<i4",
+    "uint32_t": "<u4",
+    "int64_t": "<i8",
+    "uint64_t": "<u8",
+    "float": "<f4",
+    "double": "<f8",
+    "bool": "<u1",
+    "char": "S1",
+}
 FIELD = re.compile(r"^(\w+)(?:\[(\d{1,5})\])? (\w+)$")
 Topic = Mapping[str, NDArray]
 
 
 @dataclass(frozen=True, kw_only=True)
 class UlogTables:
-    """Topics by name and instance from 0, then by field: float64 columns, shape (n,), `name[k]` of an array.
+    """Topics by name and instance from 0, then by field: float64 columns, shape (n,), `name[k]` of
+    an array.
 
     parameters: as the log began; information: texts by key.
     """
@@ -49,11 +61,14 @@ class UlogTables:
 
 @dataclass
 class _Walk:
-    """What going through the messages finds; of data the places by message id, for the wanted topics."""
+    """What going through the messages finds; of data the places by message id, for the wanted
+    topics.
+    """
 
     formats: dict[str, str] = field(default_factory=dict)
     topics: dict[int, tuple[str, int, np.dtype]] = field(default_factory=dict)
-    sizes: dict[int, int] = field(default_factory=dict)  # of data bodies by message id, trailing padding not logged
+    # of data bodies by message id, trailing padding not logged
+    sizes: dict[int, int] = field(default_factory=dict)
     places: dict[int, list[int]] = field(default_factory=dict)
     parameters: dict[str, float] = field(default_factory=dict)
     information: dict[str, str] = field(default_factory=dict)
@@ -68,22 +83,34 @@ def is_ulog(path: Path) -> bool:
 
 
 def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
-    """The wanted topics of a log. InputError where the file is no ULog, or of a kind that this cannot read."""
+    """The wanted topics of a log. InputError where the file is no ULog, or of a kind that this
+    cannot read.
+    """
     if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}")
+        raise InputError(
+            f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}"
+        )
     data = path.read_bytes()
     if not data.startswith(HEAD):
-        raise InputError(f"{path.name}: not a ULog: begins with {data[:7].hex(' ')}, needed {HEAD.hex(' ')}")
+        raise InputError(
+            f"{path.name}: not a ULog: begins with {data[:7].hex(' ')}, needed {HEAD.hex(' ')}"
+        )
     walk, at, end = _Walk(), HEAD_BYTES, len(data)
     while at < end:
         after = _end_of_message(walk, data, at)
-        if not after or not (after == end or _begins(walk, data, after) or _first_of_topic(data, at, after)):
+        if not after or not (
+            after == end or _begins(walk, data, after) or _first_of_topic(data, at, after)
+        ):
             start, at = at, _next_message(walk, data, at + 1)
             walk.skipped.append((start, at))
             continue
         _take(walk, data, at, after, wanted, path.name)
         at = after
-    topics = {walk.topics[k][:2]: _columns(data, walk.topics[k][2], found) for k, found in walk.places.items() if found}
+    topics = {
+        walk.topics[k][:2]: _columns(data, walk.topics[k][2], found)
+        for k, found in walk.places.items()
+        if found
+    }
     stray = sorted({name for (name, _), topic in topics.items() if CLOCK not in topic})
     lost = sum(walk.dropouts_ms)
     notes = skipped_lines(walk.skipped, end) + (
@@ -92,9 +119,10 @@ def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
     notes += [f"topic {name} without {CLOCK} (its format damaged?), not read" for name in stray]
     return UlogTables(
         topics={key: topic for key, topic in topics.items() if CLOCK in topic},
-        parameters=walk.parameters, information=walk.information,
+        parameters=walk.parameters,
+        information=walk.information,
         notes=tuple(f"{path.name}: {line}" for line in notes),
-    )  # fmt: skip
+    )
 
 
 def _begins(walk: _Walk, data: bytes, at: int) -> bool:
@@ -108,7 +136,9 @@ def _begins(walk: _Walk, data: bytes, at: int) -> bool:
 
 
 def _first_of_topic(data: bytes, at: int, after: int) -> bool:
-    """Whether the message at `at` declares the topic of the data that follow, whose length is not known before."""
+    """Whether the message at `at` declares the topic of the data that follow, whose length is not
+    known before.
+    """
     return (
         data[at + 2 : at + 3] == b"A"
         and data[after + 2 : after + 3] == b"D"
@@ -123,7 +153,9 @@ def _end_of_message(walk: _Walk, data: bytes, at: int) -> int:
 
 
 def _next_message(walk: _Walk, data: bytes, start: int) -> int:
-    """The next place from `start` on where messages follow each other; the end of the data where there is none."""
+    """The next place from `start` on where messages follow each other; the end of the data where
+    there is none.
+    """
     for at in range(start, len(data) - 3):
         place = at
         for _ in range(CHAIN):
@@ -135,7 +167,9 @@ def _next_message(walk: _Walk, data: bytes, start: int) -> int:
     return len(data)
 
 
-def _take(walk: _Walk, data: bytes, at: int, after: int, wanted: Collection[str], label: str) -> None:
+def _take(
+    walk: _Walk, data: bytes, at: int, after: int, wanted: Collection[str], label: str
+) -> None:
     """Take up one whole message."""
     kind, body = data[at + 2], data[at + 3 : min(after, at + 3 + MAX_BODY)]
     if kind == DATA:
@@ -144,7 +178,10 @@ def _take(walk: _Walk, data: bytes, at: int, after: int, wanted: Collection[str]
             walk.places[message].append(at + 5)
     elif kind == FLAGS:
         if any(body[9:16]) or body[8:9] > b"\x01":
-            raise InputError(f"{label}: incompatible flags {body[8:16].hex(' ')}, this reader knows appended data only")
+            raise InputError(
+                f"{label}: incompatible flags {body[8:16].hex(' ')}, this reader knows appended"
+                " data only"
+            )
     elif take := TAKE.get(chr(kind)):
         take(walk, body, wanted)
 
@@ -155,7 +192,9 @@ def _format(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
 
 
 def _subscribe(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
-    """Instance, message id, name of a topic; one without a usable format, or of a known id, is passed over."""
+    """Instance, message id, name of a topic; one without a usable format, or of a known id, is
+    passed over.
+    """
     if len(body) < 4:
         return
     instance, message = body[0], body[1] | body[2] << 8
@@ -172,7 +211,9 @@ def _subscribe(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
 def _parameter(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
     kind, name, value = _keyed(body)
     if kind in ("float", "int32_t") and len(value) == 4:
-        walk.parameters.setdefault(name, float(struct.unpack("<f" if kind == "float" else "<i", value)[0]))
+        walk.parameters.setdefault(
+            name, float(struct.unpack("<f" if kind == "float" else "<i", value)[0])
+        )
 
 
 def _information(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
@@ -187,8 +228,12 @@ def _dropout(walk: _Walk, body: bytes, wanted: Collection[str]) -> None:
 
 
 TAKE: dict[str, Callable[[_Walk, bytes, Collection[str]], None]] = {
-    "F": _format, "A": _subscribe, "P": _parameter, "I": _information, "O": _dropout,
-}  # fmt: skip
+    "F": _format,
+    "A": _subscribe,
+    "P": _parameter,
+    "I": _information,
+    "O": _dropout,
+}
 
 
 def _keyed(body: bytes) -> tuple[str, str, bytes]:
@@ -199,14 +244,20 @@ def _keyed(body: bytes) -> tuple[str, str, bytes]:
 
 
 def _dtype(formats: Mapping[str, str], name: str, depth: int) -> np.dtype | None:
-    """The numpy type of a topic without its trailing padding; None where its format is missing or garbled."""
+    """The numpy type of a topic without its trailing padding; None where its format is missing or
+    garbled.
+    """
     parts: list[tuple[str, object, tuple[int, ...]]] = []
     fields = [text for text in formats.get(name, "").split(";") if text]
     while fields and depth == MAX_NESTED and fields[-1].rpartition(" ")[2].startswith("_padding"):
         fields.pop()
     for text in fields:
         found = FIELD.match(text)
-        kind = None if found is None or not depth else TYPES.get(found[1]) or _dtype(formats, found[1], depth - 1)
+        kind = (
+            None
+            if found is None or not depth
+            else TYPES.get(found[1]) or _dtype(formats, found[1], depth - 1)
+        )
         if found is None or kind is None or found[3] in [p[0] for p in parts]:
             return None
         parts.append((found[3], kind, (int(found[2]),) if found[2] else ()))
@@ -217,7 +268,9 @@ def _dtype(formats: Mapping[str, str], name: str, depth: int) -> np.dtype | None
 
 
 def _columns(data: bytes, dtype: np.dtype, places: list[int]) -> dict[str, NDArray]:
-    """The numbers of messages whose values begin at the given places; texts and nested topics are left out."""
+    """The numbers of messages whose values begin at the given places; texts and nested topics are
+    left out.
+    """
     rows = np.frombuffer(b"".join(data[at : at + dtype.itemsize] for at in places), dtype=dtype)
     columns: dict[str, NDArray] = {}
     with np.errstate(invalid="ignore"):  # damaged floats
@@ -226,5 +279,7 @@ def _columns(data: bytes, dtype: np.dtype, places: list[int]) -> dict[str, NDArr
             if values.dtype.kind in "iuf" and values.ndim == 1:
                 columns[name] = values.astype(np.float64)
             elif values.dtype.kind in "iuf":
-                columns |= {f"{name}[{k}]": values[:, k].astype(np.float64) for k in range(values.shape[1])}
+                columns |= {
+                    f"{name}[{k}]": values[:, k].astype(np.float64) for k in range(values.shape[1])
+                }
     return columns

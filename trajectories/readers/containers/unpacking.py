@@ -1,4 +1,6 @@
-"""Packed blocks of a log (bz2, lz4, zstd): never more bytes than the block says and than a limit allows."""
+"""Packed blocks of a log (bz2, lz4, zstd): never more bytes than the block says and than a limit
+allows.
+"""
 
 import bz2
 import importlib
@@ -31,14 +33,18 @@ def unpacked(data: memoryview, name: str, size: int | None = None) -> bytes:
     except ImportError:
         raise InputError(f"packed with {name}: needed the libraries of {INSTALL}") from None
     except Exception as error:  # each library has its own errors for damaged bytes
-        raise Damaged(f"{name}: {' '.join(str(error).split())[:80] or type(error).__name__}") from None
+        raise Damaged(
+            f"{name}: {' '.join(str(error).split())[:80] or type(error).__name__}"
+        ) from None
     if size is not None and len(found) != size:
         raise Damaged(f"{len(found)} bytes unpacked, needed {size}")
     return found
 
 
 def inflated(data: memoryview) -> bytes:
-    """What zlib packed. Damaged where it is cut off or garbled, or grows beyond what numbers do when they are unpacked."""
+    """What zlib packed. Damaged where it is cut off or garbled, or grows beyond what numbers do
+    when they are unpacked.
+    """
     most = MAX_BLOCK_BYTES + MAX_GROWTH * len(data)
     unpack = zlib.decompressobj()
     try:
@@ -46,7 +52,11 @@ def inflated(data: memoryview) -> bytes:
     except zlib.error as error:
         raise Damaged(str(error)) from None
     if not unpack.eof:
-        raise Damaged(f"more than {MAX_GROWTH} times its size unpacked" if len(found) >= most else "packed data cut off")
+        raise Damaged(
+            f"more than {MAX_GROWTH} times its size unpacked"
+            if len(found) >= most
+            else "packed data cut off"
+        )
     return found
 
 

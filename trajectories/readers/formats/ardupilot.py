@@ -1,7 +1,9 @@
-"""ArduPilot logs as tables of messages to a log: one of the IMUs, its temperature, the GPS, and what run.json needs.
+"""ArduPilot logs as tables of messages to a log: one of the IMUs, its temperature, the GPS, and
+what run.json needs.
 
-Axes are forward, right, down already; rates in rad/s, specific force in m/s2, both filtered samples of an instant. The
-autopilot has subtracted its start-up gyro offsets (INS_GYROFFS...), a constant of the session, from the rates.
+Axes are forward, right, down already; rates in rad/s, specific force in m/s2, both filtered samples
+of an instant. The autopilot has subtracted its start-up gyro offsets (INS_GYROFFS...), a constant
+of the session, from the rates.
 """
 
 import re
@@ -30,9 +32,26 @@ GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" fo
 TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
 MAX_IMUS = 9
 TEXTS = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
-UNITS = {"GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"}, "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"}}  # as declared
-WANTED = frozenset(("FMTU", "UNIT", "GPS", "GPA", "UBX3", "PARM", "MSG", "IMU", *(f"IMU{k}" for k in range(2, MAX_IMUS + 1))))
-BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")  # in a MSG: board and serial of its processor
+# as declared
+UNITS = {
+    "GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"},
+    "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"},
+}
+WANTED = frozenset(
+    (
+        "FMTU",
+        "UNIT",
+        "GPS",
+        "GPA",
+        "UBX3",
+        "PARM",
+        "MSG",
+        "IMU",
+        *(f"IMU{k}" for k in range(2, MAX_IMUS + 1)),
+    )
+)
+# in a MSG: board and serial of its processor
+BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")
 
 
 class ArduPilotKeys(StretchKeys):
@@ -44,7 +63,9 @@ class ArduPilotKeys(StretchKeys):
     run: dict[str, Any] = Field(default_factory=dict)
 
 
-def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, notes: list[str]) -> ConvertedLog:
+def log_from_tables(
+    tables: Tables, options: Mapping[str, Any], path: Path, notes: list[str]
+) -> ConvertedLog:
     """The log of one IMU. InputError where the log has no such IMU or lacks its columns."""
     refuse_non_finite(dict(options), name="map")
     keys = parse(ArduPilotKeys, dict(options), name="map")
@@ -54,7 +75,8 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     clock = log_clock(table, ("TimeUS", "TimeMS"))
     missing = [k for k in (*GYRO, *ACCEL) if k not in table]
     if clock is None or missing:
-        raise InputError(f"{label}: no column {missing[0] if missing else 'TimeUS or TimeMS'}, has {' '.join(table)}"[:300])
+        column = missing[0] if missing else "TimeUS or TimeMS"
+        raise InputError(f"{label}: no column {column}, has {' '.join(table)}"[:300])
     columns = {"time": clock, **{k: table[k] for k in (*GYRO, *ACCEL)}}
     offsets, level_removed, offset_notes = _gyro_offsets(tables, keys, label)
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
@@ -64,12 +86,18 @@ def log_from_tables(tables: Tables, options: Mapping[str, Any], path: Path, note
     log = converted(columns, column_map(keys_of_columns | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
     removed: dict[str, Any] = {"gyro_level_removed": True} if level_removed else {}
-    header = {"run_id": f"{path.stem}-imu{keys.imu}", "gyro_technology": "mems", **_serial(tables, keys.imu, path)}
+    header = {
+        "run_id": f"{path.stem}-imu{keys.imu}",
+        "gyro_technology": "mems",
+        **_serial(tables, keys.imu, path),
+    }
     more = (*temperature_notes, *offset_notes, *gps_notes)
     return replace(
-        log, gnss=None if found is None else found.on_run_time(log), notes=(*notes, *log.notes, *more),
+        log,
+        gnss=None if found is None else found.on_run_time(log),
+        notes=(*notes, *log.notes, *more),
         header={**header, **removed, **({} if found is None else found.header(log)), **keys.run},
-    )  # fmt: skip
+    )
 
 
 def _numbers(table: dict[str, NDArray]) -> dict[str, NDArray]:
@@ -77,15 +105,23 @@ def _numbers(table: dict[str, NDArray]) -> dict[str, NDArray]:
     return {k: v for k, v in table.items() if v.dtype.kind == "f"}
 
 
-def _imu_table(tables: Tables, number: int, label: str, notes: list[str]) -> tuple[str, dict[str, NDArray]]:
-    """Messages of the IMU of a number from 1: IMU, IMU2, IMU3 of old firmware, else IMU with its instance in I."""
+def _imu_table(
+    tables: Tables, number: int, label: str, notes: list[str]
+) -> tuple[str, dict[str, NDArray]]:
+    """Messages of the IMU of a number from 1: IMU, IMU2, IMU3 of old firmware, else IMU with its
+    instance in I.
+    """
     held = [k for k in range(1, MAX_IMUS + 1) if f"IMU{k if k > 1 else ''}" in tables]
     table = tables.get("IMU", {})
     if "I" in table:
-        held = sorted({int(i) + 1 for i in table["I"][np.isfinite(table["I"])] if 0 <= i < MAX_IMUS})
+        held = sorted(
+            {int(i) + 1 for i in table["I"][np.isfinite(table["I"])] if 0 <= i < MAX_IMUS}
+        )
     if number not in held:
         why = f" ({notes[0]})" if notes else ""
-        raise InputError(f"{label}: no IMU {number}, has {', '.join(map(str, held)) or 'none'} (--imu){why}")
+        raise InputError(
+            f"{label}: no IMU {number}, has {', '.join(map(str, held)) or 'none'} (--imu){why}"
+        )
     if "I" in table:
         rows = table["I"] == number - 1
         return f"IMU {number}", {k: v[rows] for k, v in table.items()}
@@ -93,25 +129,51 @@ def _imu_table(tables: Tables, number: int, label: str, notes: list[str]) -> tup
     return name, tables[name]
 
 
-def _units(tables: Tables, message: str, table: Mapping[str, NDArray], label: str) -> dict[str, str]:
-    """Unit of GyrX and AccX as the log declares it (FMTU and UNIT, since 2018), else rad/s and m/s2 as ever."""
+def _units(
+    tables: Tables, message: str, table: Mapping[str, NDArray], label: str
+) -> dict[str, str]:
+    """Unit of GyrX and AccX as the log declares it (FMTU and UNIT, since 2018), else rad/s and m/s2
+    as ever.
+    """
     formats, declared = tables.get("FMT", {}), tables.get("FMTU", {})
-    kinds = [t for t, name in zip(formats.get("Type", ()), formats.get("Name", ())) if name == message]
-    letters = {t: str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ()))}
-    said = {str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ())) if t in kinds[:1]}
+    kinds = [
+        t for t, name in zip(formats.get("Type", ()), formats.get("Name", ())) if name == message
+    ]
+    letters = {
+        t: str(text) for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ()))
+    }
+    said = {
+        str(text)
+        for t, text in zip(declared.get("FmtType", ()), declared.get("UnitIds", ()))
+        if t in kinds[:1]
+    }
     units = tables.get("UNIT", {})
     ids = _numbers(units).get("Id", np.empty(0))
-    labels = {chr(int(k) % 256): str(v) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)}
-    used = {text[list(table).index(name)] for text in said for name in UNITS if list(table).index(name) < len(text)}
-    told = {(chr(int(k) % 256), str(v)) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)}
+    labels = {
+        chr(int(k) % 256): str(v) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)
+    }
+    used = {
+        text[list(table).index(name)]
+        for text in said
+        for name in UNITS
+        if list(table).index(name) < len(text)
+    }
+    told = {
+        (chr(int(k) % 256), str(v)) for k, v in zip(ids, units.get("Label", ())) if np.isfinite(k)
+    }
     if len(said) > 1 or any(sum(k == letter for k, _ in told) > 1 for letter in used):
-        raise InputError(f"{label}: its units are declared twice, differently (FMTU, UNIT): logs of two firmwares joined?")
+        raise InputError(
+            f"{label}: its units are declared twice, differently (FMTU, UNIT): logs of two"
+            " firmwares joined?"
+        )
     found = {"GyrX": "rad/s", "AccX": "m/s2"}
     for name, known in UNITS.items():
         text, place = letters.get(kinds[0], "") if kinds else "", list(table).index(name)
         declared_label = labels.get(text[place]) if place < len(text) else None
         if declared_label is not None and declared_label not in known:
-            raise InputError(f"{label}: {name} is in {declared_label!r:.40}, needed {' or '.join(known)}")
+            raise InputError(
+                f"{label}: {name} is in {declared_label!r:.40}, needed {' or '.join(known)}"
+            )
         found[name] = known.get(declared_label or "", found[name])
     return found
 
@@ -124,7 +186,9 @@ def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
 
 
 def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, NDArray], list[str]]:
-    """The IMU's temperature, NaN where no sensor shows such a value, and notes; empty where it is not logged (absent or 0)."""
+    """The IMU's temperature, NaN where no sensor shows such a value, and notes; empty where it is
+    not logged (absent or 0).
+    """
     name = next((k for k in TEMPERATURE if k in table), None)
     if name is None:
         return {}, [f"{label}: no temperature in its messages: none in the run"]
@@ -134,24 +198,33 @@ def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, ND
     return {"temperature": values}, [n for n in notes if "left out" in n]
 
 
-def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDArray, bool, list[str]]:
-    """What to add to the rates [rad/s], shape (3,), whether a level stays removed, a note on what was subtracted.
+def _gyro_offsets(
+    tables: Tables, keys: ArduPilotKeys, label: str
+) -> tuple[NDArray, bool, list[str]]:
+    """What to add to the rates [rad/s], shape (3,), whether a level stays removed, a note on what
+    was subtracted.
 
-    InputError where the autopilot compensated for temperature: what it took out would be learnt as if the unit had none.
+    InputError where the autopilot compensated for temperature: what it took out would be learnt as
+    if the unit had none.
     """
     parameters = tables.get("PARM", {})
     values = dict(zip(parameters.get("Name", ()), _numbers(parameters).get("Value", ())))
-    if values.get(switch := f"INS_TCAL{keys.imu}_ENABLE") == 1.0 and not keys.run.get("applied_table_sha256"):
+    if values.get(switch := f"INS_TCAL{keys.imu}_ENABLE") == 1.0 and not keys.run.get(
+        "applied_table_sha256"
+    ):
         raise InputError(
-            f"{label}: {switch} is 1: gyros compensated for temperature in flight, needed a log with it off (or "
-            "applied_table_sha256 in the map's [run], the table of those parameters)"
+            f"{label}: {switch} is 1: gyros compensated for temperature in flight, needed a log"
+            " with it off (or applied_table_sha256 in the map's [run], the table of those"
+            " parameters)"
         )
     stem = f"INS_GYR{keys.imu if keys.imu > 1 else ''}OFFS_"
     offsets = np.array([values.get(stem + axis.upper(), np.nan) for axis in AXES], dtype=float)
     shown = f"{stem}X Y Z = {' '.join(f'{v:+.6f}' for v in offsets)} rad/s"
     if keys.gyro_offsets == "add_back":
         if not np.isfinite(offsets).all():
-            raise InputError(f"{label}: gyro_offsets: the log has no parameters {stem}X Y Z to add back")
+            raise InputError(
+                f"{label}: gyro_offsets: the log has no parameters {stem}X Y Z to add back"
+            )
         return offsets, False, [f"{label}: added back the autopilot's gyro offsets {shown}"]
     known = bool(np.isfinite(offsets).all())
     note = f"{label}: rates are less the autopilot's gyro offsets {shown} (as logged)"
@@ -159,7 +232,9 @@ def _gyro_offsets(tables: Tables, keys: ArduPilotKeys, label: str) -> tuple[NDAr
 
 
 def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:
-    """imu_serial: board, its processor's serial, and the IMU's number; the file's name where the log has none."""
+    """imu_serial: board, its processor's serial, and the IMU's number; the file's name where the
+    log has none.
+    """
     for text in tables.get("MSG", {}).get("Message", ()):
         if found := BOARD.match(str(text)):
             return {"imu_serial": f"{found[1]}-{found[2].replace(' ', '')}-imu{number}"}
@@ -176,6 +251,16 @@ def _reader(name: str, about: str, detect: Callable[[Path], bool], tables: Table
 
 READERS = (
     _reader("dataflash", "ArduPilot .bin", dataflash.is_dataflash, dataflash.read_tables),
-    _reader("dataflash_text", "ArduPilot .log", dataflash_text.is_dataflash_text, dataflash_text.read_tables),
-    _reader("ardupilot_mat", "ArduPilot .mat of Mission Planner", ardupilot_mat.is_ardupilot_mat, ardupilot_mat.read_tables),
+    _reader(
+        "dataflash_text",
+        "ArduPilot .log",
+        dataflash_text.is_dataflash_text,
+        dataflash_text.read_tables,
+    ),
+    _reader(
+        "ardupilot_mat",
+        "ArduPilot .mat of Mission Planner",
+        ardupilot_mat.is_ardupilot_mat,
+        ardupilot_mat.read_tables,
+    ),
 )

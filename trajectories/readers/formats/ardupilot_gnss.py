@@ -15,7 +15,8 @@ NEEDED = ("Status", "Lat", "Lng", "Alt", "Spd", "GCrs", "VZ")
 FIX_3D = 3  # Status; 4 and more are differential and carrier-phase fixes
 MATCH_S = 0.15  # between a fix and the message of its accuracy, logged beside it
 GEOID_NOTE = "GPS heights are above mean sea level, as logged (the ellipsoid is up to 110 m off)"
-# Message with the receiver's own accuracy, and its horizontal [m], vertical [m] and speed [m/s] columns.
+# Message with the receiver's own accuracy, and its horizontal [m], vertical [m] and speed [m/s]
+# columns.
 ACCURACY = (("GPA", ("HAcc", "VAcc", "SAcc")), ("UBX3", ("hAcc", "vAcc", "sAcc")))
 
 
@@ -27,16 +28,27 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
     clock = log_clock(table, ("TimeUS", "T"))
     missing = [k for k in NEEDED if k not in table]
     if clock is None or missing:
-        return None, [f"{label}: GPS messages without {missing[0] if missing else 'time of the log'}: no gnss stream"]
+        return None, [
+            f"{label}: GPS messages without {missing[0] if missing else 'time of the log'}: no gnss"
+            " stream"
+        ]
     if "I" in table:
         table, clock = {k: v[table["I"] == 0] for k, v in table.items()}, clock[table["I"] == 0]
     clock, course = going_on(clock)[0], table["GCrs"] * DEG
     with np.errstate(invalid="ignore"):
-        v_n = np.stack([table["Spd"] * np.cos(course), table["Spd"] * np.sin(course), table["VZ"]], axis=1)
+        v_n = np.stack(
+            [table["Spd"] * np.cos(course), table["Spd"] * np.sin(course), table["VZ"]], axis=1
+        )
         raw = RawFixes(
-            log_s=clock, is_3d=table["Status"] >= FIX_3D, lat_deg=table["Lat"], lon_deg=table["Lng"],
-            height_m=table["Alt"], v_n_m_s=v_n, unix_s=_unix(table), sigmas=_sigmas(tables, clock),
-        )  # fmt: skip
+            log_s=clock,
+            is_3d=table["Status"] >= FIX_3D,
+            lat_deg=table["Lat"],
+            lon_deg=table["Lng"],
+            height_m=table["Alt"],
+            v_n_m_s=v_n,
+            unix_s=_unix(table),
+            sigmas=_sigmas(tables, clock),
+        )
     found, notes = good_fixes(raw, label=label)
     return found, notes if found is None else [*notes, f"{label}: {GEOID_NOTE}"]
 
@@ -71,6 +83,8 @@ def _sigmas(tables: Mapping[str, Table], time_s: NDArray) -> NDArray | None:
 
 
 def _nearest(clock: NDArray, time_s: NDArray) -> NDArray:
-    """Index of the value of an ascending clock (disorder costs a match, no more) nearest to each time."""
+    """Index of the value of an ascending clock (disorder costs a match, no more) nearest to each
+    time.
+    """
     after = np.clip(np.searchsorted(clock, time_s), 1, clock.size - 1)
     return after - (time_s - clock[after - 1] < clock[after] - time_s)

@@ -1,7 +1,8 @@
-"""ArduPilot logs as MATLAB files: for each message an array `IMU` (rows, columns) and its column names `IMU_label`.
+"""ArduPilot logs as MATLAB files: for each message an array `IMU` (rows, columns) and its column
+names `IMU_label`.
 
-Mission Planner writes the first column as the line in the log. Messages of several instances are `IMU_0`, `IMU_1`, ...;
-they are handed on as `IMU`, `IMU2`, ... as old firmware names them.
+Mission Planner writes the first column as the line in the log. Messages of several instances are
+`IMU_0`, `IMU_1`, ...; they are handed on as `IMU`, `IMU2`, ... as old firmware names them.
 """
 
 import re
@@ -24,19 +25,29 @@ def is_ardupilot_mat(path: Path) -> bool:
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:
-    """The wanted messages of a log, and notes on what was skipped. InputError where none of them can be read."""
-    variables, notes = read_variables(path, lambda name: _message(name.removesuffix("_label")) in wanted)
+    """The wanted messages of a log, and notes on what was skipped. InputError where none of them
+    can be read.
+    """
+    variables, notes = read_variables(
+        path, lambda name: _message(name.removesuffix("_label")) in wanted
+    )
     tables: Tables = {}
     for name, values in variables.items():
-        labels = _labels(variables.get(f"{name}_label", variables.get(f"{name.split('_')[0]}_label")))
+        labels = _labels(
+            variables.get(f"{name}_label", variables.get(f"{name.split('_')[0]}_label"))
+        )
         if name.endswith("_label"):
             continue
         if values.ndim != 2 or values.dtype.kind not in "fiu" or values.shape[1] != len(labels):
             notes += _not_read(path, name, values, labels)
             continue
-        tables[_message(name)] = {k: np.array(values[:, i], dtype=np.float64) for i, k in enumerate(labels)}
+        tables[_message(name)] = {
+            k: np.array(values[:, i], dtype=np.float64) for i, k in enumerate(labels)
+        }
     if not tables:
-        raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}{_told(notes)}")
+        raise InputError(
+            f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}{_told(notes)}"
+        )
     return tables, notes
 
 
@@ -54,7 +65,9 @@ def _labels(cells: Any) -> list[str]:
 
 
 def _not_read(path: Path, name: str, values: Any, labels: list[str]) -> list[str]:
-    """A note on a message that is no table of numbers; parameters and texts (cells) are passed over."""
+    """A note on a message that is no table of numbers; parameters and texts (cells) are passed
+    over.
+    """
     if values.dtype == object or not values.size:
         return []
     return [f"{path.name}: {name} has shape {values.shape} and {len(labels)} labels, not read"]

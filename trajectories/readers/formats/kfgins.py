@@ -1,10 +1,12 @@
 """KF-GINS logs: increments with seconds of the GPS week in front, axes forward, right, down.
 
-A row is time [s], dtheta x y z [rad], dvel x y z [m/s] over the interval that ends at its time, as text or as doubles. Fixes
-come in a file of their own (`--gnss`): time, latitude and longitude [deg], height above the ellipsoid [m], then sigmas north,
-east, down [m] (7 columns), or velocity north, east, down [m/s] and the sigmas (10), or these and sigmas of velocity (13). The
-truth (`truth` in the map): week, time, position as above, velocity north, east, down, roll, pitch, heading [deg].
-Source: i2Nav-WHU/KF-GINS, README section 2.2 and src/fileio/gnssfileloader.h; awesome-gins-datasets, README section 3.
+A row is time [s], dtheta x y z [rad], dvel x y z [m/s] over the interval that ends at its time, as
+text or as doubles. Fixes come in a file of their own (`--gnss`): time, latitude and longitude
+[deg], height above the ellipsoid [m], then sigmas north, east, down [m] (7 columns), or velocity
+north, east, down [m/s] and the sigmas (10), or these and sigmas of velocity (13). The truth
+(`truth` in the map): week, time, position as above, velocity north, east, down, roll, pitch,
+heading [deg]. Source: i2Nav-WHU/KF-GINS, README section 2.2 and src/fileio/gnssfileloader.h;
+awesome-gins-datasets, README section 3.
 """
 
 from collections.abc import Mapping
@@ -26,18 +28,35 @@ from trajectories.readers.columns.side_streams import GnssFile, reference_on_run
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LayoutKeys, StretchKeys, column_map, stretch_of
 from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds, unwrapped
-from trajectories.readers.rows.increment_rows import are_increments, head_doubles, head_rows, refuse_other_width
+from trajectories.readers.rows.increment_rows import (
+    are_increments,
+    head_doubles,
+    head_rows,
+    refuse_other_width,
+)
 
 W, F = [f"dtheta_{a}" for a in AXES], [f"dvel_{a}" for a in AXES]
 ROW = ["time", *W, *F]
-MAP = {"time": {"column": "time"}, "gyro": {"columns": W, "unit": "rad"}, "accel": {"columns": F, "unit": "m/s"}}
-PLACE, SPEED, SIGMA, SPEED_SIGMA = ([f"{stem}{k}" for k in range(3)] for stem in ("place", "speed", "sigma", "speed_sigma"))
-GNSS_ROWS = {7: [*PLACE, *SIGMA], 10: [*PLACE, *SPEED, *SIGMA], 13: [*PLACE, *SPEED, *SIGMA, *SPEED_SIGMA]}
+MAP = {
+    "time": {"column": "time"},
+    "gyro": {"columns": W, "unit": "rad"},
+    "accel": {"columns": F, "unit": "m/s"},
+}
+PLACE, SPEED, SIGMA, SPEED_SIGMA = (
+    [f"{stem}{k}" for k in range(3)] for stem in ("place", "speed", "sigma", "speed_sigma")
+)
+GNSS_ROWS = {
+    7: [*PLACE, *SIGMA],
+    10: [*PLACE, *SPEED, *SIGMA],
+    13: [*PLACE, *SPEED, *SIGMA, *SPEED_SIGMA],
+}
 TRUTH_ROW = ["week", "time", *PLACE, *SPEED, "roll", "pitch", "heading"]
 
 
 class KfginsKeys(StretchKeys):
-    """Map keys of a KF-GINS log. `gps_week`: of the first row, gives the date; `truth`: file of the ground truth."""
+    """Map keys of a KF-GINS log. `gps_week`: of the first row, gives the date; `truth`: file of the
+    ground truth.
+    """
 
     format: str | None = None
     gnss: GnssFile | None = None
@@ -57,11 +76,17 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
         raw, more = _fixes(other, keys.gps_week)
-        log = with_fixes(replace(log, other_files=(other,), notes=(*log.notes, *more)), raw, label=other.name)
-    return log if keys.truth is None else _with_truth(log, side_file(path, keys.truth, "map: truth"))
+        log = with_fixes(
+            replace(log, other_files=(other,), notes=(*log.notes, *more)), raw, label=other.name
+        )
+    return (
+        log if keys.truth is None else _with_truth(log, side_file(path, keys.truth, "map: truth"))
+    )
 
 
-def _table(path: Path, rows: dict[int, list[str]], what: str, first: str = "time") -> tuple[dict[str, NDArray], list[str]]:
+def _table(
+    path: Path, rows: dict[int, list[str]], what: str, first: str = "time"
+) -> tuple[dict[str, NDArray], list[str]]:
     """Columns by name of a table of numbers whose width says what they are."""
     text = head_rows(path)
     if text is None:
@@ -81,50 +106,101 @@ def _fixes(path: Path, gps_week: int | None) -> tuple[RawFixes, list[str]]:
     none = np.full(time_s.size, np.nan)
     v_n = np.column_stack([columns.get(name, none) for name in SPEED])
     if SPEED[0] in columns:
-        notes = [*notes, f"{path.name}: {len(columns)} columns: velocity north, east, down, then sigmas"]
+        notes = [
+            *notes,
+            f"{path.name}: {len(columns)} columns: velocity north, east, down, then sigmas",
+        ]
     north, east, down = (columns[name] for name in SIGMA)
     least = float(np.fmin.reduce([north, east, down], axis=None, initial=np.inf))
     if least < 0:
-        raise InputError(f"{path.name}: a sigma of {least:g} m, needed more than 0: a file of fixes?")
+        raise InputError(
+            f"{path.name}: a sigma of {least:g} m, needed more than 0: a file of fixes?"
+        )
     if may_be_radians(columns[PLACE[0]], columns[PLACE[1]]):
         told = f"{largest(columns[PLACE[0]]):g} and {largest(columns[PLACE[1]]):g}"
-        raise InputError(f"{path.name}: latitudes and longitudes up to {told}, needed degrees: radians?")
+        raise InputError(
+            f"{path.name}: latitudes and longitudes up to {told}, needed degrees: radians?"
+        )
     speed = np.sqrt(np.mean([columns.get(name, none) ** 2 for name in SPEED_SIGMA], axis=0))
     unix_s = none if gps_week is None else unix_seconds(gps_seconds(gps_week, time_s))
-    return RawFixes(
-        log_s=time_s, is_3d=np.ones(time_s.size, dtype=bool), lat_deg=columns[PLACE[0]], lon_deg=columns[PLACE[1]],
-        height_m=columns[PLACE[2]], v_n_m_s=v_n, unix_s=unix_s,
-        sigmas=np.stack([np.sqrt((north**2 + east**2) / 2), down, speed]),
-    ), notes  # fmt: skip
+    return (
+        RawFixes(
+            log_s=time_s,
+            is_3d=np.ones(time_s.size, dtype=bool),
+            lat_deg=columns[PLACE[0]],
+            lon_deg=columns[PLACE[1]],
+            height_m=columns[PLACE[2]],
+            v_n_m_s=v_n,
+            unix_s=unix_s,
+            sigmas=np.stack([np.sqrt((north**2 + east**2) / 2), down, speed]),
+        ),
+        notes,
+    )
 
 
 def _with_truth(log: ConvertedLog, path: Path) -> ConvertedLog:
-    """The log with the ground truth as reference; its week gives the date, its first row the place."""
-    columns, notes = _table(path, {11: TRUTH_ROW[1:]}, "week, time, position, velocity, attitude", first="week")
+    """The log with the ground truth as reference; its week gives the date, its first row the
+    place.
+    """
+    columns, notes = _table(
+        path, {11: TRUTH_ROW[1:]}, "week, time, position, velocity, attitude", first="week"
+    )
     time_s = unwrapped(columns["time"])
-    reference = reference_on_run_time(log, {
-        "time_s": time_s, "lat_rad": columns[PLACE[0]] * DEG, "lon_rad": columns[PLACE[1]] * DEG, "height_m": columns[PLACE[2]],
-        "v_n_m_s": np.column_stack([columns[name] for name in SPEED]),
-        **{f"{name}_rad": columns[name] * DEG for name in ("roll", "pitch", "heading")},
-    })  # fmt: skip
-    notes = [*notes, f"{path.name}: {0 if reference is None else reference.time_s.size} rows as reference, for scoring only"]
-    place = {name: float(columns[k][0]) for name, k in zip(("lat_deg", "lon_deg", "height_m"), PLACE)}
+    reference = reference_on_run_time(
+        log,
+        {
+            "time_s": time_s,
+            "lat_rad": columns[PLACE[0]] * DEG,
+            "lon_rad": columns[PLACE[1]] * DEG,
+            "height_m": columns[PLACE[2]],
+            "v_n_m_s": np.column_stack([columns[name] for name in SPEED]),
+            **{f"{name}_rad": columns[name] * DEG for name in ("roll", "pitch", "heading")},
+        },
+    )
+    notes = [
+        *notes,
+        (
+            f"{path.name}: {0 if reference is None else reference.time_s.size} rows as reference,"
+            " for scoring only"
+        ),
+    ]
+    place = {
+        name: float(columns[k][0]) for name, k in zip(("lat_deg", "lon_deg", "height_m"), PLACE)
+    }
     start, told = _date(int(columns["week"][0]), log.time_shift_s, path.name)
     header = {"site": place, **start, **log.header}
     notes += told if "start_utc" not in header else []
-    return replace(log, reference=reference, notes=(*log.notes, *notes), other_files=(*log.other_files, path), header=header)
+    return replace(
+        log,
+        reference=reference,
+        notes=(*log.notes, *notes),
+        other_files=(*log.other_files, path),
+        header=header,
+    )
 
 
 def _date(gps_week: int | None, shift_s: float, label: str) -> tuple[dict[str, str], list[str]]:
-    return ({}, []) if gps_week is None else dated(float(unix_seconds(gps_seconds(gps_week, shift_s))), label)
+    return (
+        ({}, [])
+        if gps_week is None
+        else dated(float(unix_seconds(gps_seconds(gps_week, shift_s))), label)
+    )
 
 
 def detect(path: Path) -> bool:
-    """Seven numbers a row, text or doubles, with the time in front and gravity in the velocity increments."""
+    """Seven numbers a row, text or doubles, with the time in front and gravity in the velocity
+    increments.
+    """
     text = head_rows(path)
     return are_increments(text[0] if text else head_doubles(path, 7), time=0, accel=4)
 
 
 READERS = (
-    Reader(name="kfgins", about="KF-GINS text or doubles: time, dtheta, dvel", detect=detect, read=read, gnss_file=True),
+    Reader(
+        name="kfgins",
+        about="KF-GINS text or doubles: time, dtheta, dvel",
+        detect=detect,
+        read=read,
+        gnss_file=True,
+    ),
 )

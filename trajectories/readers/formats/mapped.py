@@ -29,7 +29,9 @@ def read(path: Path, options: Mapping[str, Any], *, name: str) -> ConvertedLog:
         options = _own_map(path, options, name)
     keys = column_map({**options, "format": name})
     columns, notes = read_columns(path, keys, used_columns(keys))
-    return with_side_streams(converted(columns, keys, label=path.name, notes=notes), columns, keys, path)
+    return with_side_streams(
+        converted(columns, keys, label=path.name, notes=notes), columns, keys, path
+    )
 
 
 def _detect_own(path: Path, *, name: str) -> bool:
@@ -44,9 +46,16 @@ def _own(names: Sequence[str]) -> dict[str, Any] | None:
     """The map of a file that names the imu columns of formats.md; None where it does not."""
     for gyro, accel, columns in OWN_UNITS:
         if {*columns, "time_s"} <= set(names):
-            own: dict[str, Any] = {"gyro": {"columns": list(columns[:3]), "unit": gyro}, "time": {"column": "time_s"}}
+            own: dict[str, Any] = {
+                "gyro": {"columns": list(columns[:3]), "unit": gyro},
+                "time": {"column": "time_s"},
+            }
             own["accel"] = {"columns": list(columns[3:]), "unit": accel}
-            return {**own, "temperature": {"columns": list(GYRO_DEGC)}} if set(GYRO_DEGC) <= set(names) else own
+            return (
+                {**own, "temperature": {"columns": list(GYRO_DEGC)}}
+                if set(GYRO_DEGC) <= set(names)
+                else own
+            )
     return None
 
 
@@ -54,11 +63,15 @@ def _own_map(path: Path, options: Mapping[str, Any], name: str) -> dict[str, Any
     if name == "mat":
         values, notes = leaves(path)
         why = f" ({notes[0]})" if notes else ""
-        raise InputError(f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}")
+        raise InputError(
+            f"{path.name}: needed --map with [gyro] and [accel]; the file has {shapes(values)}{why}"
+        )
     own = _own(_names(path, name)) if name in ("csv", "parquet") else None
     if own is None:
         where = "line 1 does" if name in ("csv", "text") else "its columns do"
-        raise InputError(f"{path.name}: {where} not name the imu columns, needed [gyro] and [accel] in the map")
+        raise InputError(
+            f"{path.name}: {where} not name the imu columns, needed [gyro] and [accel] in the map"
+        )
     return {**own, **options}
 
 
@@ -69,7 +82,11 @@ def _never(path: Path) -> bool:
 READERS = tuple(
     Reader(name=name, about=about, detect=detect, read=partial(read, name=name), gnss_file=True)
     for name, about, detect in (
-        ("csv", "separated values; without a map only under the names of a run's imu stream", partial(_detect_own, name="csv")),
+        (
+            "csv",
+            "separated values; without a map only under the names of a run's imu stream",
+            partial(_detect_own, name="csv"),
+        ),
         ("text", "columns between white space, needs a map", _never),
         ("parquet", "Parquet; without a map as csv", partial(_detect_own, name="parquet")),
         ("binary", "rows of raw numbers, needs a map", _never),

@@ -1,9 +1,11 @@
-"""NaveGo logs: MATLAB structs of an IMU (t, fb, wb) and a GNSS receiver (t, lat, lon, h, vel), SI units and radians.
+"""NaveGo logs: MATLAB structs of an IMU (t, fb, wb) and a GNSS receiver (t, lat, lon, h, vel), SI
+units and radians.
 
-Axes are forward, right, down; velocity is north, east, down. fb [m/s2] and wb [rad/s] are samples of an instant, taken as
-means over the interval before. `stdm` and `stdv` are the receiver's sigmas, `larm` its lever arm. A struct `ref` (with roll,
-pitch, yaw) becomes the reference; a computed solution, which has attitude too, is not used.
-Source: rodralez/NaveGo, examples/synthetic-data/navego_example_synth.m (data structures), release 1.2.
+Axes are forward, right, down; velocity is north, east, down. fb [m/s2] and wb [rad/s] are samples
+of an instant, taken as means over the interval before. `stdm` and `stdv` are the receiver's sigmas,
+`larm` its lever arm. A struct `ref` (with roll, pitch, yaw) becomes the reference; a computed
+solution, which has attitude too, is not used. Source: rodralez/NaveGo,
+examples/synthetic-data/navego_example_synth.m (data structures), release 1.2.
 """
 
 from collections.abc import Mapping
@@ -28,13 +30,23 @@ from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
 
 W, F = [f"wb_{a}" for a in AXES], [f"fb_{a}" for a in AXES]
-MAP = {"time": {"column": "t"}, "gyro": {"columns": W, "unit": "rad/s"}, "accel": {"columns": F, "unit": "m/s2"}}
-IMU_FIELDS, GNSS_FIELDS, ATTITUDE = ("t", "fb", "wb"), ("t", "lat", "lon", "h"), ("roll", "pitch", "yaw")
+MAP = {
+    "time": {"column": "t"},
+    "gyro": {"columns": W, "unit": "rad/s"},
+    "accel": {"columns": F, "unit": "m/s2"},
+}
+IMU_FIELDS, GNSS_FIELDS, ATTITUDE = (
+    ("t", "fb", "wb"),
+    ("t", "lat", "lon", "h"),
+    ("roll", "pitch", "yaw"),
+)
 REFERENCE = "ref"
 
 
 class NavegoKeys(StretchKeys):
-    """Map keys of a NaveGo log. `imu`: which of several; `gnss.file`: NaveGo saves the receiver in a file of its own."""
+    """Map keys of a NaveGo log. `imu`: which of several; `gnss.file`: NaveGo saves the receiver in
+    a file of its own.
+    """
 
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=99)] = 1
@@ -49,13 +61,20 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     values, notes = leaves(path)
     imus = _structs(values, IMU_FIELDS)
     if len(imus) < keys.imu:
-        raise InputError(f"{path.name}: no IMU {keys.imu} (--imu), has {', '.join(imus) or shapes(values)}")
+        raise InputError(
+            f"{path.name}: no IMU {keys.imu} (--imu), has {', '.join(imus) or shapes(values)}"
+        )
     name = imus[keys.imu - 1]
     w, f = (_wide(values, f"{name}.{field}", path) for field in ("wb", "fb"))
     columns = {"t": values[f"{name}.t"].ravel(), **dict(zip(W, w.T)), **dict(zip(F, f.T))}
     if not len(w) == len(f) == columns["t"].size:
-        raise InputError(f"{path.name}: {name}: t has {columns['t'].size} rows, wb {len(w)}, fb {len(f)}, needed as many")
-    log = converted(columns, column_map(MAP | stretch_of(keys)), label=f"{path.name}: {name}", notes=notes)
+        raise InputError(
+            f"{path.name}: {name}: t has {columns['t'].size} rows, wb {len(w)}, fb {len(f)}, needed"
+            " as many"
+        )
+    log = converted(
+        columns, column_map(MAP | stretch_of(keys)), label=f"{path.name}: {name}", notes=notes
+    )
     several = {"run_id": f"{path.stem}-{name}"} if len(imus) > 1 else {}
     log = replace(log, header={**several, **keys.run})
     log = _with_reference(log, values)
@@ -69,7 +88,9 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
 def _structs(values: Leaves, fields: tuple[str, ...]) -> list[str]:
     """Names of the structs that have all of some fields."""
     owners = dict.fromkeys(name.rpartition(".")[0] for name in values)
-    return [name for name in owners if name and all(f"{name}.{field}" in values for field in fields)]
+    return [
+        name for name in owners if name and all(f"{name}.{field}" in values for field in fields)
+    ]
 
 
 def _wide(values: Leaves, name: str, path: Path) -> NDArray:
@@ -80,25 +101,43 @@ def _wide(values: Leaves, name: str, path: Path) -> NDArray:
 
 
 def _with_receiver(log: ConvertedLog, values: Leaves, path: Path, *, wanted: bool) -> ConvertedLog:
-    """The log with the fixes of the first receiver; what has an attitude is a computed solution and no receiver."""
+    """The log with the fixes of the first receiver; what has an attitude is a computed solution and
+    no receiver.
+    """
     found = _structs(values, GNSS_FIELDS)
     receivers = [name for name in found if name != REFERENCE and f"{name}.roll" not in values]
     if not receivers and wanted:
-        raise InputError(f"{path.name}: no struct with {', '.join(GNSS_FIELDS)}, has {shapes(values)}")
+        raise InputError(
+            f"{path.name}: no struct with {', '.join(GNSS_FIELDS)}, has {shapes(values)}"
+        )
     if not receivers:
-        return replace(log, notes=(*log.notes, f"{path.name}: no gnss struct: no gnss stream (--gnss for another file)"))
+        return replace(
+            log,
+            notes=(
+                *log.notes,
+                f"{path.name}: no gnss struct: no gnss stream (--gnss for another file)",
+            ),
+        )
     name = receivers[0]
     lat, lon, height, time_s = (values[f"{name}.{k}"].ravel() for k in ("lat", "lon", "h", "t"))
     if largest(lat) > np.pi / 2:
-        raise InputError(f"{path.name}: {name}.lat up to {largest(lat):g}, needed radians: degrees?")
+        raise InputError(
+            f"{path.name}: {name}.lat up to {largest(lat):g}, needed radians: degrees?"
+        )
     n = time_s.size
     v_n = _wide(values, f"{name}.vel", path) if f"{name}.vel" in values else np.full((n, 3), np.nan)
     if not lat.size == lon.size == height.size == len(v_n) == n:
         raise InputError(f"{path.name}: {name}: t, lat, lon, h and vel differ in length")
     raw = RawFixes(
-        log_s=time_s, is_3d=np.ones(n, dtype=bool), lat_deg=lat / DEG, lon_deg=lon / DEG, height_m=height, v_n_m_s=v_n,
-        unix_s=np.full(n, np.nan), sigmas=_sigmas(values, name, n),
-    )  # fmt: skip
+        log_s=time_s,
+        is_3d=np.ones(n, dtype=bool),
+        lat_deg=lat / DEG,
+        lon_deg=lon / DEG,
+        height_m=height,
+        v_n_m_s=v_n,
+        unix_s=np.full(n, np.nan),
+        sigmas=_sigmas(values, name, n),
+    )
     arm = values.get(f"{name}.larm", np.empty(0)).ravel()
     if arm.size == 3 and "lever_arms_m" not in log.header:
         log = replace(log, header={**log.header, "lever_arms_m": {"gnss": arm.tolist()}})
@@ -106,7 +145,9 @@ def _with_receiver(log: ConvertedLog, values: Leaves, path: Path, *, wanted: boo
 
 
 def _sigmas(values: Leaves, name: str, n: int) -> NDArray | None:
-    """Horizontal, vertical [m], velocity [m/s], shape (3, n), of sigmas [lat, lon, h] in metres and [N, E, D]: of all fixes."""
+    """Horizontal, vertical [m], velocity [m/s], shape (3, n), of sigmas [lat, lon, h] in metres and
+    [N, E, D]: of all fixes.
+    """
     place, speed = (values.get(f"{name}.{k}", np.empty(0)).ravel() for k in ("stdm", "stdv"))
     if place.size != 3:
         return None
@@ -121,14 +162,29 @@ def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
         return log
     lengths = {values[name].size for name in fields[:-1]} | {len(values[fields[-1]])}
     if len(lengths) > 1:
-        return replace(log, notes=(*log.notes, f"{REFERENCE}: fields differ in length: no reference stream"))
+        return replace(
+            log, notes=(*log.notes, f"{REFERENCE}: fields differ in length: no reference stream")
+        )
     time_s, lat, lon, height, roll, pitch, yaw = (values[name].ravel() for name in fields[:-1])
-    reference = reference_on_run_time(log, {
-        "time_s": time_s, "lat_rad": lat, "lon_rad": lon, "height_m": height, "v_n_m_s": values[fields[-1]],
-        "roll_rad": roll, "pitch_rad": pitch, "heading_rad": np.mod(yaw, 2 * np.pi),
-    })  # fmt: skip
+    reference = reference_on_run_time(
+        log,
+        {
+            "time_s": time_s,
+            "lat_rad": lat,
+            "lon_rad": lon,
+            "height_m": height,
+            "v_n_m_s": values[fields[-1]],
+            "roll_rad": roll,
+            "pitch_rad": pitch,
+            "heading_rad": np.mod(yaw, 2 * np.pi),
+        },
+    )
     count = 0 if reference is None else reference.time_s.size
-    return replace(log, reference=reference, notes=(*log.notes, f"{REFERENCE}: {count} rows as reference, for scoring only"))
+    return replace(
+        log,
+        reference=reference,
+        notes=(*log.notes, f"{REFERENCE}: {count} rows as reference, for scoring only"),
+    )
 
 
 def detect(path: Path) -> bool:
@@ -136,4 +192,12 @@ def detect(path: Path) -> bool:
     return is_mat(path) and bool(_structs(leaves(path)[0], IMU_FIELDS))
 
 
-READERS = (Reader(name="navego", about="NaveGo .mat with an imu struct", detect=detect, read=read, gnss_file=True),)
+READERS = (
+    Reader(
+        name="navego",
+        about="NaveGo .mat with an imu struct",
+        detect=detect,
+        read=read,
+        gnss_file=True,
+    ),
+)

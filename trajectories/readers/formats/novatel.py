@@ -1,10 +1,13 @@
-"""NovAtel SPAN logs in ASCII: RAWIMU counts as increments, GNSS solutions as fixes, INSPVA as reference.
+"""NovAtel SPAN logs in ASCII: RAWIMU counts as increments, GNSS solutions as fixes, INSPVA as
+reference.
 
-A RAWIMU row has the GPS week and seconds of its end, a status word, and counts along z, -y, x of accelerometers, then gyros,
-in the axes marked on the IMU. These are taken as y forward, x right, z up, SPAN's frame of a vehicle (APN-065), unless the map
-gives `axes`. The IMU's type comes from RAWIMUX, INSCONFIG, or `imu_type` in the map; the temperature that some types have in
-their status word is not read. BESTPOS of a SPAN receiver holds inertial solutions, which are no fixes and left out.
-Source: OEM7 documentation: RAWIMUS, RAWIMUSX, BESTGNSSPOS, BESTGNSSVEL, INSPVAS, INSCONFIG; Description of Short Headers.
+A RAWIMU row has the GPS week and seconds of its end, a status word, and counts along z, -y, x of
+accelerometers, then gyros, in the axes marked on the IMU. These are taken as y forward, x right, z
+up, SPAN's frame of a vehicle (APN-065), unless the map gives `axes`. The IMU's type comes from
+RAWIMUX, INSCONFIG, or `imu_type` in the map; the temperature that some types have in their status
+word is not read. BESTPOS of a SPAN receiver holds inertial solutions, which are no fixes and left
+out. Source: OEM7 documentation: RAWIMUS, RAWIMUSX, BESTGNSSPOS, BESTGNSSVEL, INSPVAS, INSCONFIG;
+Description of Short Headers.
 """
 
 import re
@@ -41,7 +44,20 @@ EXTENDED = ("info", "type")
 FIELDS = ("week", "seconds", "", "accel_z", "accel_-y", "accel_x", "gyro_z", "gyro_-y", "gyro_x")
 VEHICLE = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
 IMU_ERROR, ENCRYPTED = 1, 2  # bits of the first field of RAWIMUX
-SOLUTION = ("week", "seconds", "lat", "lon", "height", "north", "east", "up", "roll", "pitch", "heading", "")
+SOLUTION = (
+    "week",
+    "seconds",
+    "lat",
+    "lon",
+    "height",
+    "north",
+    "east",
+    "up",
+    "roll",
+    "pitch",
+    "heading",
+    "",
+)
 GOOD = b",INS_SOLUTION_GOOD"
 MAX_FAR_S = 3 * 86_400.0  # from the median time: stamps before the receiver knew the week
 RATE_OFF = 0.1
@@ -55,7 +71,9 @@ class ScaleKeys(StrictModel):
 
 
 class NovatelKeys(StretchKeys):
-    """Map keys of a NovAtel log. `imu_type`: name or number, where the log does not say; `axes` as in a column map."""
+    """Map keys of a NovAtel log. `imu_type`: name or number, where the log does not say; `axes` as
+    in a column map.
+    """
 
     format: str | None = None
     imu_type: str | int | None = None
@@ -66,24 +84,37 @@ class NovatelKeys(StretchKeys):
 
 
 def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
-    """The log of the raw IMU, with fixes and reference. InputError where the scale of its counts is not known."""
+    """The log of the raw IMU, with fixes and reference. InputError where the scale of its counts is
+    not known.
+    """
     refuse_non_finite(dict(options), name="map")
     keys = parse(NovatelKeys, dict(options), name="map")
     lines = read_lines(path, WANTED)
     name = max(RAW, key=lambda k: len(lines.logs.get(k, ())))
     if name not in lines.logs:
-        raise InputError(f"{path.name}: no RAWIMU log, has {', '.join(lines.logs) or 'no line with a right CRC'}")
+        raise InputError(
+            f"{path.name}: no RAWIMU log, has {', '.join(lines.logs) or 'no line with a right CRC'}"
+        )
     raw, notes = _counts(lines.logs, name, path.name)
     week = int(np.median(raw["week"]))
     raw["time"] = gps_seconds(raw["week"] - week, raw["seconds"])
     known = _type(lines.logs, keys, raw, path.name)
     counts, units, more = _columns(raw, known, keys)
     notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(lines.logs, keys, path.name))]
-    shape = {"time": {"column": "time"}, **units, "axes": (keys.axes or VEHICLE).model_dump(), **stretch_of(keys)}
+    shape = {
+        "time": {"column": "time"},
+        **units,
+        "axes": (keys.axes or VEHICLE).model_dump(),
+        **stretch_of(keys),
+    }
     log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *notes])
     start, told = dated(float(unix_seconds(gps_seconds(week, log.time_shift_s))), path.name)
     technology = {"gyro_technology": known.technology} if known else {}
-    log = replace(log, header={**start, **technology, **keys.run}, notes=(*log.notes, *told, *_rate(log, known, path.name)))
+    log = replace(
+        log,
+        header={**start, **technology, **keys.run},
+        notes=(*log.notes, *told, *_rate(log, known, path.name)),
+    )
     if keys.gnss is None:
         return _with_solutions(log, lines.logs, week, path.name)
     other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
@@ -96,44 +127,67 @@ def _with_solutions(log: ConvertedLog, logs: Logs, week: int, label: str) -> Con
     """The log with the fixes of the receiver alone, and what its filter says as reference."""
     raw, told = fixes(logs, week, label=label)
     log = replace(log, notes=(*log.notes, *told))
-    return _with_reference(log if raw is None else with_fixes(log, raw, label=label), logs, week, label)
+    return _with_reference(
+        log if raw is None else with_fixes(log, raw, label=label), logs, week, label
+    )
 
 
 def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list[str]]:
-    """The columns of the raw log, and notes on rows left out; RAWIMUX has two fields more in front."""
+    """The columns of the raw log, and notes on rows left out; RAWIMUX has two fields more in
+    front.
+    """
     names = [*(EXTENDED if name.endswith("X") else ()), *FIELDS]
     rows = [fields for _, fields in logs[name]]
     whole = of_width(rows, len(names))
     if not whole:
-        raise InputError(f"{label}: {name} has {rows[0].count(b',') + 1} fields, needed {len(names)}")
+        raise InputError(
+            f"{label}: {name} has {rows[0].count(b',') + 1} fields, needed {len(names)}"
+        )
     raw = columns([rows[k] for k in whole], names, text=("info",), label=f"{label}: {name}")
     seconds = gps_seconds(raw["week"], raw["seconds"])
     if not np.isfinite(seconds).any():
         raise InputError(f"{label}: {name} rows without GPS week and seconds")
     near = np.abs(seconds - np.nanmedian(seconds)) <= MAX_FAR_S
     failed = near & _failed(raw, f"{label}: {name}")
-    notes = [f"{name} {row_ranges(np.flatnonzero(out))} dropped: {why}" for out, why in
-             ((~near, "time far from all others"), (failed, "the IMU reports an error")) if out.any()]  # fmt: skip
+    notes = [
+        f"{name} {row_ranges(np.flatnonzero(out))} dropped: {why}"
+        for out, why in ((~near, "time far from all others"), (failed, "the IMU reports an error"))
+        if out.any()
+    ]
     others = [k for k in RAW if k in logs and k != name]
     notes += [f"{name} used, not {', '.join(others)} of the same IMU"] if others else []
     kept = near & ~failed
     if np.count_nonzero(kept) < 2:
-        raise InputError(f"{label}: {np.count_nonzero(kept)} usable rows of {name}, needed at least 2")
-    return {key: values[kept] for key, values in raw.items()}, [*notes, f"{name} has no temperature: none in the run"]
+        raise InputError(
+            f"{label}: {np.count_nonzero(kept)} usable rows of {name}, needed at least 2"
+        )
+    return {key: values[kept] for key, values in raw.items()}, [
+        *notes,
+        f"{name} has no temperature: none in the run",
+    ]
 
 
 def _failed(raw: Mapping[str, NDArray], label: str) -> NDArray:
-    """Which rows of RAWIMUX say that the IMU reported an error. InputError where they are encrypted."""
+    """Which rows of RAWIMUX say that the IMU reported an error. InputError where they are
+    encrypted.
+    """
     if "info" not in raw:
         return np.zeros(raw["week"].size, dtype=bool)
-    info = np.array([int(text, 16) if re.fullmatch("[0-9a-fA-F]{1,8}", text) else IMU_ERROR for text in raw["info"]])
+    info = np.array(
+        [
+            int(text, 16) if re.fullmatch("[0-9a-fA-F]{1,8}", text) else IMU_ERROR
+            for text in raw["info"]
+        ]
+    )
     if np.any(info & ENCRYPTED):
         raise InputError(f"{label}: the IMU data are encrypted, needed raw ones")
     return (info & IMU_ERROR) > 0
 
 
 def _type(logs: Logs, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str) -> ImuType | None:
-    """The type that the map, the rows or INSCONFIG name; None where the map gives the scale itself."""
+    """The type that the map, the rows or INSCONFIG name; None where the map gives the scale
+    itself.
+    """
     if keys.imu_scale is not None:
         return None
     named = keys.imu_type
@@ -142,8 +196,10 @@ def _type(logs: Logs, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str)
     if named is None and "INSCONFIG" in logs:
         named = logs["INSCONFIG"][-1][1].split(b",")[0].decode("ascii", errors="replace")
     if named is None:
-        raise InputError(f"{label}: the log does not say its IMU's type: needed imu_type (such as \"ISA100C\") in the map, "
-                         "or imu_scale; RAWIMUX and INSCONFIG have it")  # fmt: skip
+        raise InputError(
+            f'{label}: the log does not say its IMU\'s type: needed imu_type (such as "ISA100C") in'
+            " the map, or imu_scale; RAWIMUX and INSCONFIG have it"
+        )
     try:
         return imu_type(str(named))
     except InputError as error:
@@ -156,10 +212,18 @@ def _columns(
     """Counts by sensor and axis, the unit of each sensor as in a map, and a note on the scale."""
     out, units, told = {"time": raw["time"]}, {}, []
     for sensor in ("gyro", "accel"):
-        out |= {f"{sensor}_x": raw[f"{sensor}_x"], f"{sensor}_y": -raw[f"{sensor}_-y"], f"{sensor}_z": raw[f"{sensor}_z"]}
+        out |= {
+            f"{sensor}_x": raw[f"{sensor}_x"],
+            f"{sensor}_y": -raw[f"{sensor}_-y"],
+            f"{sensor}_z": raw[f"{sensor}_z"],
+        }
         if known is None:
             assert keys.imu_scale is not None  # _type has refused a log with neither
-            scale, unit = (keys.imu_scale.gyro_rad, "rad") if sensor == "gyro" else (keys.imu_scale.accel_m_s, "m/s")
+            scale, unit = (
+                (keys.imu_scale.gyro_rad, "rad")
+                if sensor == "gyro"
+                else (keys.imu_scale.accel_m_s, "m/s")
+            )
         else:
             scale, unit = known.gyro if sensor == "gyro" else known.accel
         units[sensor] = {"columns": [f"{sensor}_{a}" for a in AXES], "unit": unit, "scale": scale}
@@ -169,7 +233,9 @@ def _columns(
 
 
 def _turned(logs: Logs, keys: NovatelKeys, label: str) -> list[str]:
-    """A note on the axes; InputError where INSCONFIG turns the IMU in the vehicle and the map does not say how."""
+    """A note on the axes; InputError where INSCONFIG turns the IMU in the vehicle and the map does
+    not say how.
+    """
     if keys.axes is not None:
         return []
     fields = logs["INSCONFIG"][-1][1].split(b",") if "INSCONFIG" in logs else []
@@ -178,33 +244,49 @@ def _turned(logs: Logs, keys: NovatelKeys, label: str) -> list[str]:
         angles = [float(v) for v in fields[place + 2 : place + 5]]
         if any(abs(a) > 1.0 for a in angles):
             told = " ".join(f"{a:g}" for a in angles)
-            raise InputError(f"{label}: INSCONFIG turns the IMU in the vehicle (RBV {told} deg): needed axes in the map")
-    return ["IMU axes taken as y forward, x right, z up (SPAN's vehicle); where mounted otherwise: axes in the map"]
+            raise InputError(
+                f"{label}: INSCONFIG turns the IMU in the vehicle (RBV {told} deg): needed axes in"
+                " the map"
+            )
+    return [
+        "IMU axes taken as y forward, x right, z up (SPAN's vehicle); where mounted otherwise: axes"
+        " in the map"
+    ]
 
 
 def _rate(log: ConvertedLog, known: ImuType | None, label: str) -> list[str]:
-    """A note where rows come slower than the type makes them: increments in between are then missing."""
+    """A note where rows come slower than the type makes them: increments in between are then
+    missing.
+    """
     if known is None or abs(log.imu.rate_hz / known.rate_hz - 1) <= RATE_OFF:
         return []
     return [
-        f"{label}: rows at {log.imu.rate_hz:.4g} Hz, {known.names[0]} makes {known.rate_hz:g}: rows missing, or another type?"
+        f"{label}: rows at {log.imu.rate_hz:.4g} Hz, {known.names[0]} makes {known.rate_hz:g}: rows"
+        " missing, or another type?"
     ]
 
 
 def _with_reference(log: ConvertedLog, logs: Logs, week: int, label: str) -> ConvertedLog:
-    """The log with the receiver's own inertial solution as reference, for scoring only, where it calls it good."""
+    """The log with the receiver's own inertial solution as reference, for scoring only, where it
+    calls it good.
+    """
     name = next((k for k in INS if k in logs), "")
     rows = [body for _, body in logs.get(name, ()) if body.endswith(GOOD)]
     whole = of_width(rows, len(SOLUTION))
     if not whole:
         return log
     found = columns([rows[k] for k in whole], SOLUTION, label=f"{label}: {name}")
-    reference = reference_on_run_time(log, {
-        "time_s": gps_seconds(found["week"] - week, found["seconds"]), "lat_rad": found["lat"] * DEG,
-        "lon_rad": found["lon"] * DEG, "height_m": found["height"],
-        "v_n_m_s": np.column_stack([found["north"], found["east"], -found["up"]]),
-        **{f"{angle}_rad": found[angle] * DEG for angle in ("roll", "pitch", "heading")},
-    })  # fmt: skip
+    reference = reference_on_run_time(
+        log,
+        {
+            "time_s": gps_seconds(found["week"] - week, found["seconds"]),
+            "lat_rad": found["lat"] * DEG,
+            "lon_rad": found["lon"] * DEG,
+            "height_m": found["height"],
+            "v_n_m_s": np.column_stack([found["north"], found["east"], -found["up"]]),
+            **{f"{angle}_rad": found[angle] * DEG for angle in ("roll", "pitch", "heading")},
+        },
+    )
     count = 0 if reference is None else reference.time_s.size
     note = f"{label}: {name}: {count} rows of the receiver's filter as reference, for scoring only"
     return replace(log, reference=reference, notes=(*log.notes, note))
@@ -215,4 +297,8 @@ def detect(path: Path) -> bool:
     return is_file_of(path, DETECT)
 
 
-READERS = (Reader(name="novatel", about="NovAtel ASCII with RAWIMU", detect=detect, read=read, gnss_file=True),)
+READERS = (
+    Reader(
+        name="novatel", about="NovAtel ASCII with RAWIMU", detect=detect, read=read, gnss_file=True
+    ),
+)

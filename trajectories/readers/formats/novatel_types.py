@@ -1,8 +1,9 @@
 """What a count of a NovAtel RAWIMU log is worth, by the type of the IMU.
 
-Source: OEM7 documentation, table "Raw IMU Scale Factors" (RAWIMUS), as NovAtel's own driver has it (novatel_oem7_driver,
-oem7_imu.cpp and oem7_imu.hpp); FSAS, ADIS16488, STIM300, ISA-100C and G320 again in Apollo (drivers/gnss, GetImuParameter).
-Rates from RAWIMUS. ft is the international foot; the Epson types log rates, not increments.
+Source: OEM7 documentation, table "Raw IMU Scale Factors" (RAWIMUS), as NovAtel's own driver has it
+(novatel_oem7_driver, oem7_imu.cpp and oem7_imu.hpp); FSAS, ADIS16488, STIM300, ISA-100C and G320
+again in Apollo (drivers/gnss, GetImuParameter). Rates from RAWIMUS. ft is the international foot;
+the Epson types log rates, not increments.
 """
 
 import re
@@ -13,7 +14,9 @@ from ins.records import InputError
 
 @dataclass(frozen=True, kw_only=True)
 class ImuType:
-    """One type: its number in RAWIMUX, its names, what gyro and accelerometer are made of, counts to units, rate [Hz]."""
+    """One type: its number in RAWIMUX, its names, what gyro and accelerometer are made of, counts
+    to units, rate [Hz].
+    """
 
     number: int
     names: tuple[str, ...]
@@ -35,8 +38,13 @@ _G370 = ((0.0151515 / 65536, "deg/s"), (0.4 / 65536, "mg"))
 def _type(number: int, names: str, technology: str, scales: tuple, rate_hz: float) -> ImuType:
     gyro, accel = scales
     return ImuType(
-        number=number, names=tuple(names.split()), technology=technology, gyro=gyro, accel=accel, rate_hz=rate_hz
-    )  # fmt: skip
+        number=number,
+        names=tuple(names.split()),
+        technology=technology,
+        gyro=gyro,
+        accel=accel,
+        rate_hz=rate_hz,
+    )
 
 
 TYPES = (
@@ -67,15 +75,24 @@ TYPES = (
 
 
 def imu_type(text: str) -> ImuType:
-    """The type of a name ("ISA-100C", "OEM-IMU-STIM300") or a number. InputError lists the known ones."""
+    """The type of a name ("ISA-100C", "OEM-IMU-STIM300") or a number. InputError lists the known
+    ones.
+    """
     wanted = _plain(text)
     for known in TYPES:
         if wanted in (str(known.number), *map(_plain, known.names)):
             return known
     names = ", ".join(f"{known.names[0]} ({known.number})" for known in TYPES)
-    raise InputError(f"imu_type {text[:40]!r} has no documented scale: needed imu_scale in the map, or one of {names}")
+    raise InputError(
+        f"imu_type {text[:40]!r} has no documented scale: needed imu_scale in the map, or one of"
+        f" {names}"
+    )
 
 
 def _plain(text: str) -> str:
     """The name of a model without what is written before it: letters and digits."""
-    return re.sub(r"^(OEM)?(IMU)?(?=[A-Z])", "", re.sub(r"[^A-Z0-9]", "", text.upper().replace("µ", "U").replace("Μ", "U")))
+    return re.sub(
+        r"^(OEM)?(IMU)?(?=[A-Z])",
+        "",
+        re.sub(r"[^A-Z0-9]", "", text.upper().replace("µ", "U").replace("Μ", "U")),
+    )

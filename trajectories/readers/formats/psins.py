@@ -1,11 +1,13 @@
 """PSINS logs: increments with their time behind, axes right, forward, up.
 
-Three forms. A text file with the head "PSINS-format SIMU log file": three lines (attitude and velocity; latitude, longitude
-[deg], height [m], t0 [s], interval [ms], g [m/s2]; six scales [arcsec], [micro-g s]), then counts of increments and, as an
-option, a correction of the interval [us]. Seven columns of text: wm [rad], vm [m/s], t [s]. A MATLAB file with `imu` of such
-rows, or `trj.imu`; there `gps` (velocity east, north, up, latitude and longitude [rad], height, t; or without velocity) and
-`avp` (pitch, roll, yaw anticlockwise from north [rad], velocity east, north, up, position, t). An increment covers the interval
-that ends at its time. Source: PSINS toolbox, imufile.m, trjsimu.m, gpssimu.m, a2mat.m.
+Three forms. A text file with the head "PSINS-format SIMU log file": three lines (attitude and
+velocity; latitude, longitude [deg], height [m], t0 [s], interval [ms], g [m/s2]; six scales
+[arcsec], [micro-g s]), then counts of increments and, as an option, a correction of the interval
+[us]. Seven columns of text: wm [rad], vm [m/s], t [s]. A MATLAB file with `imu` of such rows, or
+`trj.imu`; there `gps` (velocity east, north, up, latitude and longitude [rad], height, t; or
+without velocity) and `avp` (pitch, roll, yaw anticlockwise from north [rad], velocity east, north,
+up, position, t). An increment covers the interval that ends at its time. Source: PSINS toolbox,
+imufile.m, trjsimu.m, gpssimu.m, a2mat.m.
 """
 
 from collections.abc import Mapping
@@ -28,15 +30,22 @@ from trajectories.readers.columns.side_streams import GnssFile, reference_on_run
 from trajectories.readers.containers.mat_file import is_mat, is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
-from trajectories.readers.rows.increment_rows import are_increments, head_rows, is_file_of, refuse_other_width
+from trajectories.readers.rows.increment_rows import (
+    are_increments,
+    head_rows,
+    is_file_of,
+    refuse_other_width,
+)
 from trajectories.runs.text_rows import is_number, parse_rows, read_text
 
 W, V = [f"wm_{a}" for a in AXES], [f"vm_{a}" for a in AXES]
 ROW = [*W, *V, "t"]
 MAP = {
-    "time": {"column": "t"}, "gyro": {"columns": W, "unit": "rad"}, "accel": {"columns": V, "unit": "m/s"},
+    "time": {"column": "t"},
+    "gyro": {"columns": W, "unit": "rad"},
+    "accel": {"columns": V, "unit": "m/s"},
     "axes": {"x": "y", "y": "x", "z": "-z"},
-}  # fmt: skip
+}
 SIMU_HEAD = rb"\A%.*PSINS.*SIMU"
 IMU_NAMES, GPS_NAMES, AVP_NAMES = ("imu", "trj.imu"), ("gps", "gnss", "trj.gps"), ("avp", "trj.avp")
 GPS_WIDTHS, AVP_WIDTHS = (4, 7), (10,)
@@ -71,12 +80,20 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
         log = replace(log, other_files=(other,), notes=(*log.notes, *notes))
         log = with_fixes(log, _fixes(gps, other.name), label=other.name)
     elif any(name in values for name in GPS_NAMES):
-        log = with_fixes(log, _fixes(_matrix(values, GPS_NAMES, GPS_WIDTHS, path), path.name), label=path.name)
-    return _with_avp(log, _matrix(values, AVP_NAMES, AVP_WIDTHS, path)) if any(k in values for k in AVP_NAMES) else log
+        log = with_fixes(
+            log, _fixes(_matrix(values, GPS_NAMES, GPS_WIDTHS, path), path.name), label=path.name
+        )
+    return (
+        _with_avp(log, _matrix(values, AVP_NAMES, AVP_WIDTHS, path))
+        if any(k in values for k in AVP_NAMES)
+        else log
+    )
 
 
 def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str]]:
-    """Increments of counts, the place in the head, and notes. InputError where the head is not as the format says."""
+    """Increments of counts, the place in the head, and notes. InputError where the head is not as
+    the format says.
+    """
     text, note = read_text(path)
     head: list[list[float]] = []
     line_number = 0
@@ -89,19 +106,26 @@ def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str
         raise InputError(f"{path.name}: {len(head)} lines in the head, needed 3")
     (lat_deg, lon_deg, height_m, t0_s, interval_ms, g), scales = head[1][:6], head[2][:6]
     if not (0 < interval_ms <= 110 and 9.7 < g < 9.9 and min(scales) > 0):
-        raise InputError(f"{path.name}: head: interval {interval_ms:g} ms, g {g:g}, scales {min(scales):g} and more: damaged?")
+        raise InputError(
+            f"{path.name}: head: interval {interval_ms:g} ms, g {g:g}, scales {min(scales):g} and"
+            " more: damaged?"
+        )
     blank = len(text) - len(text.lstrip())
     line_number, text = line_number + text[:blank].count(b"\n"), text[blank:]
     width = len(text.split(b"\n", 1)[0].split())
     names = [*ROW[:6], *(["late"] if width == 7 else [])]
-    table, notes = parse_rows(text, names, label=path.name, delimiter=" ", first_line=line_number + 1)
+    table, notes = parse_rows(
+        text, names, label=path.name, delimiter=" ", first_line=line_number + 1
+    )
     counts = {name: table.column(name).to_numpy() for name in names}
     factors = [*(s * ARCSEC for s in scales[:3]), *(s * 1e-6 * g for s in scales[3:])]
     columns = {name: counts[name] * factor for name, factor in zip(ROW, factors)}
     late_s = np.cumsum(counts["late"]) * 1e-6 if width == 7 else 0.0
     columns["t"] = t0_s + np.arange(1, table.num_rows + 1) * (interval_ms * 1e-3) + late_s
     attitude = f"pitch {head[0][0]:g}, roll {head[0][1]:g}, heading {-head[0][2] % 360:g} deg"
-    told = f"{path.name}: head gives the place, and {attitude} (inaccurate, says the format; not used)"
+    told = (
+        f"{path.name}: head gives the place, and {attitude} (inaccurate, says the format; not used)"
+    )
     return (
         columns,
         {"site": {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m}},
@@ -131,12 +155,16 @@ def _gps(path: Path) -> tuple[NDArray, list[str]]:
     if is_matlab(path):
         values, notes = leaves(path)
         return _matrix(values, GPS_NAMES, GPS_WIDTHS, path), notes
-    columns, notes = _rows(path, GPS_WIDTHS, "[velocity east, north, up,] latitude, longitude [rad], height, t")
+    columns, notes = _rows(
+        path, GPS_WIDTHS, "[velocity east, north, up,] latitude, longitude [rad], height, t"
+    )
     return np.column_stack(list(columns.values())), notes
 
 
 def _matrix(values: Leaves, names: tuple[str, ...], widths: tuple[int, ...], path: Path) -> NDArray:
-    """The first of some matrices that a MATLAB file has; InputError where it has none, or of another width."""
+    """The first of some matrices that a MATLAB file has; InputError where it has none, or of
+    another width.
+    """
     name = next((k for k in names if k in values), None)
     if name is None:
         raise InputError(f"{path.name}: no matrix {' or '.join(names)}, has {shapes(values)}")
@@ -147,30 +175,61 @@ def _matrix(values: Leaves, names: tuple[str, ...], widths: tuple[int, ...], pat
 def _fixes(gps: NDArray, label: str) -> RawFixes:
     lat, lon, height, time_s = gps[:, -4:].T
     if largest(lat) > np.pi / 2:
-        raise InputError(f"{label}: latitude of a fix {largest(lat):g} rad, needed radians within pi / 2: degrees?")
-    v_n = np.column_stack([gps[:, 1], gps[:, 0], -gps[:, 2]]) if gps.shape[1] == 7 else np.full((time_s.size, 3), np.nan)
+        raise InputError(
+            f"{label}: latitude of a fix {largest(lat):g} rad, needed radians within pi / 2:"
+            " degrees?"
+        )
+    v_n = (
+        np.column_stack([gps[:, 1], gps[:, 0], -gps[:, 2]])
+        if gps.shape[1] == 7
+        else np.full((time_s.size, 3), np.nan)
+    )
     return RawFixes(
-        log_s=time_s, is_3d=np.ones(time_s.size, dtype=bool), lat_deg=lat / DEG, lon_deg=lon / DEG, height_m=height,
-        v_n_m_s=v_n, unix_s=np.full(time_s.size, np.nan),
-    )  # fmt: skip
+        log_s=time_s,
+        is_3d=np.ones(time_s.size, dtype=bool),
+        lat_deg=lat / DEG,
+        lon_deg=lon / DEG,
+        height_m=height,
+        v_n_m_s=v_n,
+        unix_s=np.full(time_s.size, np.nan),
+    )
 
 
 def _with_avp(log: ConvertedLog, avp: NDArray) -> ConvertedLog:
-    """The log with `avp` as reference, for scoring only; its first row is the place where nothing else gives one."""
+    """The log with `avp` as reference, for scoring only; its first row is the place where nothing
+    else gives one.
+    """
     pitch, roll, yaw, v_e, v_n, v_u, lat, lon, height, time_s = avp.T
-    reference = reference_on_run_time(log, {
-        "time_s": time_s, "lat_rad": lat, "lon_rad": lon, "height_m": height, "v_n_m_s": np.column_stack([v_n, v_e, -v_u]),
-        "roll_rad": roll, "pitch_rad": pitch, "heading_rad": np.mod(-yaw, 2 * np.pi),
-    })  # fmt: skip
+    reference = reference_on_run_time(
+        log,
+        {
+            "time_s": time_s,
+            "lat_rad": lat,
+            "lon_rad": lon,
+            "height_m": height,
+            "v_n_m_s": np.column_stack([v_n, v_e, -v_u]),
+            "roll_rad": roll,
+            "pitch_rad": pitch,
+            "heading_rad": np.mod(-yaw, 2 * np.pi),
+        },
+    )
     if reference is None:
         return replace(log, notes=(*log.notes, "avp: no row beside the imu: no reference stream"))
-    place = {"lat_deg": float(lat[0] / DEG), "lon_deg": float(lon[0] / DEG), "height_m": float(height[0])}
+    place = {
+        "lat_deg": float(lat[0] / DEG),
+        "lon_deg": float(lon[0] / DEG),
+        "height_m": float(height[0]),
+    }
     note = f"avp: {reference.time_s.size} rows as reference, for scoring only"
-    return replace(log, reference=reference, notes=(*log.notes, note), header={"site": place, **log.header})
+    return replace(
+        log, reference=reference, notes=(*log.notes, note), header={"site": place, **log.header}
+    )
 
 
 def detect(path: Path) -> bool:
-    """The head of a SIMU file; else seven numbers a row with the time behind and gravity in the velocity increments."""
+    """The head of a SIMU file; else seven numbers a row with the time behind and gravity in the
+    velocity increments.
+    """
     if is_matlab(path):
         return is_mat(path) and any(
             are_increments(v, time=6, accel=3)
@@ -181,4 +240,12 @@ def detect(path: Path) -> bool:
     return is_file_of(path, SIMU_HEAD) or are_increments(text[0] if text else None, time=6, accel=3)
 
 
-READERS = (Reader(name="psins", about="PSINS .imu, text or .mat: wm, vm, t", detect=detect, read=read, gnss_file=True),)
+READERS = (
+    Reader(
+        name="psins",
+        about="PSINS .imu, text or .mat: wm, vm, t",
+        detect=detect,
+        read=read,
+        gnss_file=True,
+    ),
+)

@@ -1,7 +1,8 @@
 """ROS bags to a log: one IMU, its temperature, fixes with their velocity, and UTC from the stamps.
 
-ROS 1 (.bag), ROS 2 in SQLite or MCAP (a file, or the folder of a bag) and plain MCAP, known by content. Body axes are
-those of REP-103 (x forward, y left, z up) unless the map has [axes]; times are the stamps of the headers.
+ROS 1 (.bag), ROS 2 in SQLite or MCAP (a file, or the folder of a bag) and plain MCAP, known by
+content. Body axes are those of REP-103 (x forward, y left, z up) unless the map has [axes]; times
+are the stamps of the headers.
 """
 
 import mmap
@@ -23,20 +24,29 @@ from trajectories.readers.containers import mcap_file, ros1_bag, ros2_sqlite
 from trajectories.readers.containers.ros_messages import IMU, NS, Bag, Topic
 from trajectories.readers.formats.ros_streams import chosen, temperature, with_gnss
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import AxesKeys, StretchKeys, axis_matrix, column_map, stretch_of
+from trajectories.readers.rows.column_map import (
+    AxesKeys,
+    StretchKeys,
+    axis_matrix,
+    column_map,
+    stretch_of,
+)
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 
 FLU = AxesKeys(x="x", y="-y", z="-z")  # REP-103: x forward, y left, z up
 MAP = {
-    "time": {"column": "time"}, "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
+    "time": {"column": "time"},
+    "gyro": {"columns": [f"w{a}" for a in AXES], "unit": "rad/s"},
     "accel": {"columns": [f"f{a}" for a in AXES], "unit": "m/s2"},
-}  # fmt: skip
+}
 UNKNOWN = -1.0  # first element of a covariance: the message has no such value
 MAX_FILES = 10_000
 
 
 class RosKeys(StretchKeys):
-    """Map keys of a bag. `stamp`: whose time stamps; `temperature_topics`: one, or three in the order of the IMU's axes."""
+    """Map keys of a bag. `stamp`: whose time stamps; `temperature_topics`: one, or three in the
+    order of the IMU's axes.
+    """
 
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=99)] | None = None
@@ -50,7 +60,9 @@ class RosKeys(StretchKeys):
 
 
 def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
-    """The log of one Imu topic. InputError where there is none, several and none chosen, or its values are no rates."""
+    """The log of one Imu topic. InputError where there is none, several and none chosen, or its
+    values are no rates.
+    """
     refuse_non_finite(dict(options), name="map")
     keys = parse(RosKeys, dict(options), name="map")
     bag = read_bag(path)
@@ -59,10 +71,18 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     clock = _Clock(topic, keys.stamp, label, bag)
     columns = {"time": clock.seconds(topic)} | _columns(topic, label)
     keys_of_columns = {**MAP, "axes": vars(keys.axes), **stretch_of(keys)}
-    log = converted(columns, column_map(keys_of_columns), label=label, notes=[], base_s=clock.base_s)
-    gyro_degC = temperature(bag, keys.temperature_topics, topic, keys.axes, clock.seconds, log, path.name)
+    log = converted(
+        columns, column_map(keys_of_columns), label=label, notes=[], base_s=clock.base_s
+    )
+    gyro_degC = temperature(
+        bag, keys.temperature_topics, topic, keys.axes, clock.seconds, log, path.name
+    )
     topics = chosen(bag, keys.fix_topic, keys.velocity_topic, path.name)
-    log = replace(log, temperature=gyro_degC, notes=(*bag.notes, *log.notes, *_frame_notes(topic, keys, log, label)))
+    log = replace(
+        log,
+        temperature=gyro_degC,
+        notes=(*bag.notes, *log.notes, *_frame_notes(topic, keys, log, label)),
+    )
     log = with_gnss(log, bag, topics, clock.seconds, clock.base_s, path.name)
     shift_s = log.time_shift_s + clock.base_s
     header = {"run_id": path.name.split(".")[0], **log.header, **_start(shift_s), **keys.run}
@@ -70,7 +90,8 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
 
 
 class _Clock:
-    """Time stamps as seconds after `base_s`, a whole second [s since 1970, or of a simulated clock].
+    """Time stamps as seconds after `base_s`, a whole second [s since 1970, or of a simulated
+    clock].
 
     Seconds since 1970 have 0.2 microseconds as float64; what is left has a thousandth of that.
     """
@@ -80,7 +101,11 @@ class _Clock:
             bag.note(f"{label}: headers without stamps: times are those of the receiver")
             stamp = "receive"
         self._name = "stamp_ns" if stamp == "header" else "receive_ns"
-        self._base_ns = int(np.median(np.frombuffer(getattr(topic, self._name), dtype=np.int64))) // 10**9 * 10**9
+        self._base_ns = (
+            int(np.median(np.frombuffer(getattr(topic, self._name), dtype=np.int64)))
+            // 10**9
+            * 10**9
+        )
         self.base_s = self._base_ns / 10**9
 
     def seconds(self, topic: Topic) -> NDArray:
@@ -100,7 +125,10 @@ def _imu_topic(bag: Bag, keys: RosKeys, label: str) -> Topic:
         told = f" ({bag.notes[0]})" if bag.notes and not shown else ""
         raise InputError(f"{label}: no {asked}, has {shown or 'none'}{told}"[:400])
     if len(held) > 1:
-        raise InputError(f"{label}: several topics of sensor_msgs/Imu: {shown}: needed --imu or imu_topic in the map")
+        raise InputError(
+            f"{label}: several topics of sensor_msgs/Imu: {shown}: needed --imu or imu_topic in"
+            " the map"
+        )
     return held[0]
 
 
@@ -108,14 +136,21 @@ def _columns(topic: Topic, label: str) -> dict[str, NDArray]:
     values = topic.values
     for name, column in (("angular velocity", 3), ("linear acceleration", 7)):
         if np.all(values[:, column] == UNKNOWN):
-            raise InputError(f"{label}: has no {name} (its covariance begins with -1), needed both sensors in one topic")
+            raise InputError(
+                f"{label}: has no {name} (its covariance begins with -1), needed both sensors in"
+                " one topic"
+            )
     names = [f"{kind}{a}" for kind in "wf" for a in AXES]
     return dict(zip(names, values[:, [0, 1, 2, 4, 5, 6]].T))
 
 
 def _frame_notes(topic: Topic, keys: RosKeys, log: ConvertedLog, label: str) -> list[str]:
-    """What the axes were taken for. InputError where the unit would not stand upright in the axes of REP-103."""
-    told = "as REP-103 (x forward, y left, z up)" if keys.axes == FLU else "as [axes] of the map says"
+    """What the axes were taken for. InputError where the unit would not stand upright in the axes
+    of REP-103.
+    """
+    told = (
+        "as REP-103 (x forward, y left, z up)" if keys.axes == FLU else "as [axes] of the map says"
+    )
     lines = [f"{label}: frame_id {topic.frame_id!r:.80}: axes taken {told}"]
     f = np.median(log.imu.whole().dv_m_s / log.imu.whole().dt_s[:, None], axis=0)
     k = int(np.argmax(np.abs(f)))
@@ -123,8 +158,8 @@ def _frame_notes(topic: Topic, keys: RosKeys, log: ConvertedLog, label: str) -> 
         raw = f[k] * axis_matrix(FLU)[k, k]
         told = ' (forward, right, down is x = "x", y = "y", z = "z")' if k == 2 else ""
         raise InputError(
-            f"{label}: the messages (frame_id {topic.frame_id!r:.80}) read {raw:+.2f} m/s2 on {AXES[k]}, REP-103 has +9.8 on "
-            f"z: needed [axes] in the map{told}"
+            f"{label}: the messages (frame_id {topic.frame_id!r:.80}) read {raw:+.2f} m/s2 on"
+            f" {AXES[k]}, REP-103 has +9.8 on z: needed [axes] in the map{told}"
         )
     return lines
 
@@ -145,7 +180,11 @@ def read_bag(path: Path) -> Bag:
             continue
         read_file(file, bag, label)
     for topic in bag.topics.values():
-        bag.note(f"{path.name}: {topic.name}: {topic.damaged} messages damaged, dropped" if topic.damaged else "")
+        bag.note(
+            f"{path.name}: {topic.name}: {topic.damaged} messages damaged, dropped"
+            if topic.damaged
+            else ""
+        )
     return bag
 
 
@@ -153,7 +192,9 @@ def _files(path: Path) -> list[Path]:
     """The files of a bag in the order of their numbers; the file itself where it is one."""
     if not path.is_dir():
         return [path]
-    names = [p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".bag", ".zstd") and p.is_file()]
+    names = [
+        p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".bag", ".zstd") and p.is_file()
+    ]
     if packed := [p.name for p in names if p.suffix == ".zstd"]:
         raise InputError(f"{path}: {packed[0]} is packed as a whole: unpack it first (zstd -d)")
     if outside := [p.name for p in names if not p.resolve().is_relative_to(path.resolve())]:
@@ -173,7 +214,9 @@ def format_of(path: Path) -> Callable[[Path, Bag, str], None] | None:
 
 
 def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, str], None]) -> None:
-    """A file read through a map of memory: of a long bag, only what is looked at. The map ends with its last reader."""
+    """A file read through a map of memory: of a long bag, only what is looked at. The map ends with
+    its last reader.
+    """
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
     read(memoryview(data), bag, label)
@@ -181,10 +224,20 @@ def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, s
 
 def is_bag(path: Path) -> bool:
     """Whether a file, or the files of a folder, are bags."""
-    files: Sequence[Path] = [path] if path.is_file() else [p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".zstd")]
+    files: Sequence[Path] = (
+        [path]
+        if path.is_file()
+        else [p for p in path.iterdir() if p.suffix in (".db3", ".mcap", ".zstd")]
+    )
     return any(p.suffix == ".zstd" or format_of(p) is not None for p in files if p.is_file())
 
 
 READERS = (
-    Reader(name="ros", about="ROS 1 .bag, ROS 2 .db3 or .mcap, a file or a folder", detect=is_bag, read=read, folder=True),
+    Reader(
+        name="ros",
+        about="ROS 1 .bag, ROS 2 .db3 or .mcap, a file or a folder",
+        detect=is_bag,
+        read=read,
+        folder=True,
+    ),
 )

@@ -1,1 +1,3 @@
-"""Rows and clocks of foreign logs: column maps, increments, damaged rows, wrapped clocks, GPS time."""
+"""Rows and clocks of foreign logs: column maps, increments, damaged rows, wrapped clocks, GPS
+time.
+"""

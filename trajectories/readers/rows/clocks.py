@@ -1,4 +1,6 @@
-"""Clocks of a log that start again: counters of so many bits, the GPS week, the day, the hour, the minute."""
+"""Clocks of a log that start again: counters of so many bits, the GPS week, the day, the hour, the
+minute.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,19 +8,25 @@ from numpy.typing import NDArray
 from trajectories.runs.checks import MAX_GAP_S
 
 WRAPS = {  # [s] after which a clock starts again
-    2**32 * 1e-6: "32 bits of microseconds", 2**32 * 1e-3: "32 bits of milliseconds", 604_800.0: "GPS week", 86_400.0: "day",
-}  # fmt: skip
+    2**32 * 1e-6: "32 bits of microseconds",
+    2**32 * 1e-3: "32 bits of milliseconds",
+    604_800.0: "GPS week",
+    86_400.0: "day",
+}
 SHORT_WRAPS = {3600.0: "hour", 2**16 * 1e-3: "16 bits of milliseconds", 60.0: "minute"}
-MAX_WRAP_GAP_S = 60.0  # rows lost while a clock wraps; of a short one no more than a run's longest gap
+# rows lost while a clock wraps; of a short one no more than a run's longest gap
+MAX_WRAP_GAP_S = 60.0
 MAX_BEYOND = 0.01  # of the times of a short clock: garbled ones
 FALL_S = min(SHORT_WRAPS) - 2 * MAX_GAP_S
 
 
 def going_on(time_s: NDArray) -> tuple[NDArray, list[tuple[int, float, str]]]:
-    """Times (n,) that go on where the clock started again, and where: index of the row, period added from there, its name.
+    """Times (n,) that go on where the clock started again, and where: index of the row, period
+    added from there, its name.
 
-    It went back by a known period and stayed there. A clock that wraps after an hour or less never shows more than that:
-    else a clock set back by just as much, or a block of rows written twice, would be taken for one.
+    It went back by a known period and stayed there. A clock that wraps after an hour or less never
+    shows more than that: else a clock set back by just as much, or a block of rows written twice,
+    would be taken for one.
     """
     finite = np.flatnonzero(np.isfinite(time_s))
     t = time_s[finite]
@@ -41,7 +49,9 @@ def _within(t: NDArray, period_s: float) -> bool:
 
 
 def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:
-    """The period by which the clock fell after row k; 0 where it is none. Medians: a single time may be garbled."""
+    """The period by which the clock fell after row k; 0 where it is none. Medians: a single time
+    may be garbled.
+    """
     before, after = np.median(t[max(k - 2, 0) : k + 1]), np.median(t[k + 1 : k + 4])
     for period_s in periods:
         gap_s = MAX_GAP_S if period_s in SHORT_WRAPS else MAX_WRAP_GAP_S
@@ -51,7 +61,8 @@ def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:
 
 
 def beside(time_s: NDArray, start_s: float, end_s: float, periods_s: tuple[float, ...]) -> NDArray:
-    """Times of another stream on a clock that wrapped: as they are where any lies in start_s to end_s, else a period later.
+    """Times of another stream on a clock that wrapped: as they are where any lies in start_s to
+    end_s, else a period later.
 
     `periods_s`: what was added to the clock at each of its wraps.
     """

@@ -1,7 +1,8 @@
 """Column maps: a TOML file that says what the columns of a log mean (examples in examples/maps).
 
-Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments. A column is named as in the
-file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)` (trajectories.readers.columns.mat_columns).
+Unknown keys are refused. A sensor's unit decides whether its columns are rates or increments. A
+column is named as in the file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)`
+(trajectories.readers.columns.mat_columns).
 """
 
 import re
@@ -19,13 +20,17 @@ from trajectories.runs.checks import MAX_RATE_HZ, MIN_RATE_HZ
 
 FOOT = 0.3048  # international foot [m]
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-GYRO_RATES = {
-    "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "deg/h": DEG_PER_HOUR, "arcsec/s": ARCSEC,
-}  # fmt: skip
+GYRO_RATES = {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEG, "deg/h": DEG_PER_HOUR, "arcsec/s": ARCSEC}
 GYRO_INCREMENTS = {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": DEG, "arcsec": ARCSEC}
 ACCEL_RATES = {
-    "m/s2": 1.0, "cm/s2": 1e-2, "mm/s2": 1e-3, "ft/s2": FOOT, "g": STANDARD_GRAVITY, "mg": 1e3 * MICRO_G, "ug": MICRO_G,
-}  # fmt: skip
+    "m/s2": 1.0,
+    "cm/s2": 1e-2,
+    "mm/s2": 1e-3,
+    "ft/s2": FOOT,
+    "g": STANDARD_GRAVITY,
+    "mg": 1e3 * MICRO_G,
+    "ug": MICRO_G,
+}
 ACCEL_INCREMENTS = {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "ft/s": FOOT}
 SPEEDS = {"m/s": 1.0, "km/h": 1 / 3.6, "kn": 1852 / 3600}
 ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
@@ -39,8 +44,9 @@ _Three = Annotated[list[str], Field(min_length=3, max_length=3)]
 class LayoutKeys(StrictModel):
     """How rows and columns lie in a file; `format` by the file's content where not given.
 
-    Text: names are in line `names_line` of `header_lines`, the last of them by default, unless `columns` gives them; lines
-    that begin with `comment` count nowhere. Binary: `header_bytes`, then rows of `dtype`.
+    Text: names are in line `names_line` of `header_lines`, the last of them by default, unless
+    `columns` gives them; lines that begin with `comment` count nowhere. Binary: `header_bytes`,
+    then rows of `dtype`.
     """
 
     format: Literal["csv", "text", "binary", "parquet", "mat"] | None = None
@@ -55,7 +61,9 @@ class LayoutKeys(StrictModel):
 
 
 class TimeKeys(StrictModel):
-    """The column of time stamps; `epoch`: what they count from, where that gives the date (UTC or GPS time)."""
+    """The column of time stamps; `epoch`: what they count from, where that gives the date (UTC or
+    GPS time).
+    """
 
     column: str
     unit: Literal["s", "ms", "us", "ns"] = "s"
@@ -63,7 +71,9 @@ class TimeKeys(StrictModel):
 
 
 class FileKeys(StrictModel):
-    """Another file (relative to the log's folder) on the same clock, and how it is laid out; none: the log itself."""
+    """Another file (relative to the log's folder) on the same clock, and how it is laid out; none:
+    the log itself.
+    """
 
     file: str | None = None
     layout: LayoutKeys | None = None
@@ -71,7 +81,9 @@ class FileKeys(StrictModel):
 
 
 class SensorKeys(StrictModel):
-    """Three columns in the log's own axes x, y, z: value = raw * scale [unit]; the unit says increments or rates."""
+    """Three columns in the log's own axes x, y, z: value = raw * scale [unit]; the unit says
+    increments or rates.
+    """
 
     columns: _Three
     unit: str
@@ -103,8 +115,9 @@ class AxesKeys(StrictModel):
 
 
 class PositionKeys(StrictModel):
-    """Latitude, longitude [unit], height above the ellipsoid [height_unit]; sigma [m]: horizontal, vertical or north, east,
-    down."""
+    """Latitude, longitude [unit], height above the ellipsoid [height_unit]; sigma [m]: horizontal,
+    vertical or north, east, down.
+    """
 
     columns: _Three
     unit: Literal["deg", "rad", "1e-7 deg"] = "deg"
@@ -129,7 +142,9 @@ class FixKeys(StrictModel):
 
 
 class GnssKeys(FileKeys):
-    """Satellite fixes; without velocities these are differences of the positions (their sigma is then needed)."""
+    """Satellite fixes; without velocities these are differences of the positions (their sigma is
+    then needed).
+    """
 
     position: PositionKeys
     velocity: VelocityKeys | None = None
@@ -190,7 +205,10 @@ def _refuse_twice(keys: ColumnMap) -> None:
     time = [keys.time.column] if keys.time else []
     groups = {"gyro and accel": [*time, *keys.gyro.columns, *keys.accel.columns]}
     if keys.gnss is not None:
-        groups["gnss"] = [*keys.gnss.position.columns, *(keys.gnss.velocity.columns if keys.gnss.velocity else [])]
+        groups["gnss"] = [
+            *keys.gnss.position.columns,
+            *(keys.gnss.velocity.columns if keys.gnss.velocity else []),
+        ]
     for name, columns in groups.items():
         twice = [column for column in columns if columns.count(column) > 1]
         if twice:
@@ -229,21 +247,36 @@ def side_columns(part: TemperatureKeys | GnssKeys | OdometerKeys) -> list[str]:
     """The names of the columns of a stream beside the imu."""
     names = [part.time.column] if part.time else []
     if isinstance(part, GnssKeys):
-        names += part.position.columns + (part.position.sigma or []) + ([part.fix.column] if part.fix else [])
-        return names + (part.velocity.columns + (part.velocity.sigma or []) if part.velocity else [])
+        names += (
+            part.position.columns
+            + (part.position.sigma or [])
+            + ([part.fix.column] if part.fix else [])
+        )
+        return names + (
+            part.velocity.columns + (part.velocity.sigma or []) if part.velocity else []
+        )
     return names + (part.columns if isinstance(part, TemperatureKeys) else [part.column])
 
 
-def _unit(sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]) -> None:
+def _unit(
+    sensor: SensorKeys, name: str, rates: dict[str, float], increments: dict[str, float]
+) -> None:
     if sensor.unit not in rates | increments:
-        raise InputError(f"map: {name}.unit: got {sensor.unit[:40]!r}, needed one of {', '.join(rates | increments)}")
+        raise InputError(
+            f"map: {name}.unit: got {sensor.unit[:40]!r}, needed one of"
+            f" {', '.join(rates | increments)}"
+        )
     kind = "rates" if sensor.unit in rates else "increments"
     if sensor.kind not in (None, kind):
-        raise InputError(f"map: {name}.kind: got {sensor.kind!r}, but {sensor.unit} is a unit of {kind}")
+        raise InputError(
+            f"map: {name}.kind: got {sensor.kind!r}, but {sensor.unit} is a unit of {kind}"
+        )
 
 
 def binary_type(text: str) -> np.dtype:
     """A plain number type such as "<f8" or ">i2"; nothing that could hold Python objects."""
     if not re.fullmatch(r"[<>]?(f[48]|[iu][1248])", text):
-        raise InputError(f"map: dtype: got {text[:20]!r}, needed f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 after < or >")
+        raise InputError(
+            f"map: dtype: got {text[:20]!r}, needed f4 f8 i1 i2 i4 i8 u1 u2 u4 u8 after < or >"
+        )
     return np.dtype(text)

@@ -1,7 +1,8 @@
-"""Logs of seven numbers a row, increments and a time, without a word about it: known by gravity in the numbers.
+"""Logs of seven numbers a row, increments and a time, without a word about it: known by gravity in
+the numbers.
 
-An increment of velocity over its interval is gravity's size at rest and near it in any vehicle; a rate, a count or another
-order of columns is not.
+An increment of velocity over its interval is gravity's size at rest and near it in any vehicle; a
+rate, a count or another order of columns is not.
 """
 
 import re
@@ -26,7 +27,8 @@ COMMENTS = ("%", "#", "//")
 
 
 def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
-    """The first rows of a text of numbers, shape (n, columns), and how it lies; None where it is no such text.
+    """The first rows of a text of numbers, shape (n, columns), and how it lies; None where it is no
+    such text.
 
     A few lines may be damaged: they are left out here, and named where the log is read.
     """
@@ -54,7 +56,9 @@ def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
 
 
 def head_doubles(path: Path, columns: int) -> NDArray | None:
-    """The first rows of a file of little-endian doubles, whose last may be cut off; None where its numbers are others."""
+    """The first rows of a file of little-endian doubles, whose last may be cut off; None where its
+    numbers are others.
+    """
     numbers = np.fromfile(path, dtype="<f8", count=1000 * columns)
     if numbers.size < columns:
         return None
@@ -65,7 +69,9 @@ def head_doubles(path: Path, columns: int) -> NDArray | None:
 
 
 def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
-    """Whether rows (n, 7) hold rising times in a column and velocity increments in the three from another on."""
+    """Whether rows (n, 7) hold rising times in a column and velocity increments in the three from
+    another on.
+    """
     if rows is None or rows.shape[1] != 7 or len(rows) < MIN_ROWS:
         return False
     rows = rows[np.abs(rows).max(axis=1) < PLAUSIBLE]  # NaN falls out too
@@ -81,7 +87,9 @@ def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
 def refuse_other_width(rows: NDArray, widths: Sequence[int], label: str, what: str) -> None:
     """InputError where a table has another number of columns than its format."""
     if rows.shape[1] not in widths:
-        raise InputError(f"{label}: {rows.shape[1]} columns, needed {' or '.join(map(str, widths))} ({what})")
+        raise InputError(
+            f"{label}: {rows.shape[1]} columns, needed {' or '.join(map(str, widths))} ({what})"
+        )
 
 
 def is_file_of(path: Path, pattern: bytes) -> bool:

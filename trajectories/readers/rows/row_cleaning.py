@@ -1,7 +1,8 @@
-"""Which rows of a raw log are good: the clock set right where it wrapped, filler, damaged and late rows named.
+"""Which rows of a raw log are good: the clock set right where it wrapped, filler, damaged and late
+rows named.
 
-Nothing is made up for a row that is missing or dropped; a gap that a run may not hold ends in an InputError that says
-which stretch could be taken instead.
+Nothing is made up for a row that is missing or dropped; a gap that a run may not hold ends in an
+InputError that says which stretch could be taken instead.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from trajectories.runs.checks import MAX_GAP_S
 
 PLAUSIBLE_RAD_S, PLAUSIBLE_M_S2 = 100.0, 2000.0  # beyond any sensor: 5700 deg/s, 200 g
 MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
-MAX_LATE_S = 10.0  # behind the latest row before it: more is a clock set back, or the rows of another log
+# behind the latest row before it: more is a clock set back, or the rows of another log
+MAX_LATE_S = 10.0
 AHEAD_INTERVALS = 2.5  # before the five rows around it: garbled, or written early
 LISTED = 10  # stretches of rows named of one kind
 BACKWARD, MISSING = "time repeats or goes back", "missing or not finite"
@@ -27,10 +29,11 @@ NOT_COUNTED = ("filler", "repeat an earlier row", "time is zero", OTHERS)
 
 @dataclass(frozen=True, kw_only=True)
 class CleanRows:
-    """rows (n,): indices in the log, in the order of time; time_s (n,): their times; notes: what was dropped or changed.
+    """rows (n,): indices in the log, in the order of time; time_s (n,): their times; notes: what
+    was dropped or changed.
 
-    clock_s: the times of all rows of the log, going on where its clock started again, by the periods `wraps_s`; others:
-    rows that have a time and no value of the imu.
+    clock_s: the times of all rows of the log, going on where its clock started again, by the
+    periods `wraps_s`; others: rows that have a time and no value of the imu.
     """
 
     rows: NDArray
@@ -51,39 +54,64 @@ class Stretch:
 
 
 def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label: str) -> CleanRows:
-    """The good rows of a stretch, w [rad/s] and f [m/s2] (n, 3). InputError where too many are damaged, or a gap is left."""
+    """The good rows of a stretch, w [rad/s] and f [m/s2] (n, 3). InputError where too many are
+    damaged, or a gap is left.
+    """
     time_s, wraps = going_on(time_s)
     notes = [
         f"{label}: clock starts again at row {row + 1} ({name}): {period_s:.6f} s added from there"
         for row, period_s, name in wraps[:LISTED]
     ] + ([f"{label}: and at {len(wraps) - LISTED} more rows"] if len(wraps) > LISTED else [])
     with np.errstate(invalid="ignore"):
-        outside = (time_s < stretch.from_s - stretch.base_s) | (time_s > stretch.to_s - stretch.base_s)
+        outside = (time_s < stretch.from_s - stretch.base_s) | (
+            time_s > stretch.to_s - stretch.base_s
+        )
     inside = np.flatnonzero(~outside)
     if inside.size < 2 <= time_s.size and np.isfinite(time_s).any():
-        span = f"{np.nanmin(time_s) + stretch.base_s:.3f} to {np.nanmax(time_s) + stretch.base_s:.3f} s"
-        raise InputError(f"{label}: {inside.size} rows in the stretch that was asked for (from_s, to_s), the log has {span}")
+        span = (
+            f"{np.nanmin(time_s) + stretch.base_s:.3f} to"
+            f" {np.nanmax(time_s) + stretch.base_s:.3f} s"
+        )
+        raise InputError(
+            f"{label}: {inside.size} rows in the stretch that was asked for (from_s, to_s), the log"
+            f" has {span}"
+        )
     if inside.size < time_s.size:
-        notes.append(f"{label}: {time_s.size - inside.size} rows outside the stretch that was asked for (from_s, to_s)")
+        notes.append(
+            f"{label}: {time_s.size - inside.size} rows outside the stretch that was asked for"
+            " (from_s, to_s)"
+        )
     kept, faults, resorted = _judged(time_s[inside], w[inside], f[inside])
     dropped = sum(rows.size for why, rows in faults.items() if why not in NOT_COUNTED)
     if dropped > max(5, MAX_DAMAGED * inside.size):
         worst = max(faults, key=lambda why: 0 if why in NOT_COUNTED else faults[why].size)
         hint = _hint(worst, inside[faults[worst]], time_s, w, f)
         raise InputError(
-            f"{label}: {dropped} of {inside.size} rows are damaged (first row {inside[faults[worst][0]] + 1}: {worst}): {hint}"
+            f"{label}: {dropped} of {inside.size} rows are damaged (first row"
+            f" {inside[faults[worst][0]] + 1}: {worst}): {hint}"
         )
-    notes += [f"{label}: {row_ranges(inside[rows])} dropped: {why}" for why, rows in faults.items() if rows.size]
+    notes += [
+        f"{label}: {row_ranges(inside[rows])} dropped: {why}"
+        for why, rows in faults.items()
+        if rows.size
+    ]
     if resorted.size:
-        notes.append(f"{label}: {row_ranges(inside[resorted])} written late, put back in the order of time")
+        notes.append(
+            f"{label}: {row_ranges(inside[resorted])} written late, put back in the order of time"
+        )
     rows = inside[kept]
     if (steps := np.diff(time_s[rows])).size == 0:
         raise InputError(f"{label}: {rows.size} usable rows, needed at least 2 with rising times")
     _refuse_gaps(steps, time_s[rows] + stretch.base_s, rows, label)
     periods = tuple(period_s for _, period_s, _ in wraps)
     return CleanRows(
-        rows=rows, time_s=time_s[rows], notes=notes, clock_s=time_s, wraps_s=periods, others=inside[faults[OTHERS]]
-    )  # fmt: skip
+        rows=rows,
+        time_s=time_s[rows],
+        notes=notes,
+        clock_s=time_s,
+        wraps_s=periods,
+        others=inside[faults[OTHERS]],
+    )
 
 
 def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) -> str:
@@ -100,12 +128,17 @@ def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) ->
     if worst == MISSING:
         gyro, accel = (int(np.isfinite(v).all(axis=1).sum()) for v in (w, f))
         if max(gyro, accel) > 1.5 * min(gyro, accel):
-            return f"{gyro} rows have all gyros, {accel} all accelerometers: of two rates? needed rows that have both"
+            return (
+                f"{gyro} rows have all gyros, {accel} all accelerometers: of two rates? needed rows"
+                " that have both"
+            )
     return "wrong columns or units?"
 
 
 def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str, NDArray], NDArray]:
-    """Indices of the good rows in the order of time; the others by what is wrong with them; the good ones written late."""
+    """Indices of the good rows in the order of time; the others by what is wrong with them; the
+    good ones written late.
+    """
     stamped, seen = np.isfinite(time_s), np.isfinite(np.hstack([w, f]))
     finite, others = stamped & seen.all(axis=1), stamped & ~seen.any(axis=1)
     with np.errstate(invalid="ignore"):
@@ -126,7 +159,9 @@ def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str,
         "time is zero": np.flatnonzero(unstamped & ~filler),
         OTHERS: np.flatnonzero(others & ~filler & ~unstamped),
         MISSING: np.flatnonzero(~finite & ~dropped),
-        f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(finite & ~sane & ~dropped),
+        f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(
+            finite & ~sane & ~dropped
+        ),
         "all six values are zero": np.flatnonzero(empty & finite & ~dropped),
         "time jumps ahead and comes back": jumps,
         "repeat an earlier row": rest[same],
@@ -137,7 +172,9 @@ def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str,
 
 
 def _filler(time_s: NDArray, empty: NDArray) -> tuple[NDArray, NDArray, NDArray]:
-    """Rows of zeros before the first or after the last real one, all rows of zeros, leading rows whose time alone is zero."""
+    """Rows of zeros before the first or after the last real one, all rows of zeros, leading rows
+    whose time alone is zero.
+    """
     filler, unstamped = np.zeros(time_s.size, dtype=bool), np.zeros(time_s.size, dtype=bool)
     real = np.flatnonzero(~empty)
     if not real.size:
@@ -150,8 +187,8 @@ def _filler(time_s: NDArray, empty: NDArray) -> tuple[NDArray, NDArray, NDArray]
 
 
 def _ahead(time_s: NDArray) -> tuple[NDArray, NDArray]:
-    """Which times are later than the median of the five around them by more than a gap (garbled, one at a time), and which
-    by some intervals: garbled or written early.
+    """Which times are later than the median of the five around them by more than a gap (garbled,
+    one at a time), and which by some intervals: garbled or written early.
 
     Left in, such a time would make all that follow it go back.
     """
@@ -172,11 +209,17 @@ def _repeats(time_s: NDArray, w: NDArray, f: NDArray, kept: NDArray, late: NDArr
     if not late.size:
         return np.zeros(0, dtype=bool)
     twin = kept[np.clip(np.searchsorted(time_s[kept], time_s[late]), 0, kept.size - 1)]
-    return (time_s[twin] == time_s[late]) & (w[twin] == w[late]).all(axis=1) & (f[twin] == f[late]).all(axis=1)
+    return (
+        (time_s[twin] == time_s[late])
+        & (w[twin] == w[late]).all(axis=1)
+        & (f[twin] == f[late]).all(axis=1)
+    )
 
 
 def _fitting(time_s: NDArray, kept: NDArray, late: NDArray) -> NDArray:
-    """The late rows whose times fill a hole in those of the kept ones, each at least half an interval from its neighbours."""
+    """The late rows whose times fill a hole in those of the kept ones, each at least half an
+    interval from its neighbours.
+    """
     if not late.size or kept.size < 3:
         return late[:0]
     nominal_s = float(np.median(np.diff(time_s[kept])))
@@ -184,22 +227,30 @@ def _fitting(time_s: NDArray, kept: NDArray, late: NDArray) -> NDArray:
     both = np.sort(np.concatenate([time_s[kept], time_s[order]]))
     at = np.searchsorted(both, time_s[order])
     room = np.diff(np.concatenate([[-np.inf], both, [np.inf]]))
-    return order[(room[at] > 0.5 * nominal_s) & (room[at + 1] > 0.5 * nominal_s) & np.isfinite(room[at])]
+    return order[
+        (room[at] > 0.5 * nominal_s) & (room[at + 1] > 0.5 * nominal_s) & np.isfinite(room[at])
+    ]
 
 
 def _refuse_gaps(steps: NDArray, log_s: NDArray, rows: NDArray, label: str) -> None:
-    """InputError naming the first gap that a run may not hold, and the longest stretch without one."""
+    """InputError naming the first gap that a run may not hold, and the longest stretch without
+    one.
+    """
     gaps = np.flatnonzero(steps > MAX_GAP_S)
     if not gaps.size:
         return
     k = int(gaps[0])
     starts, ends = np.concatenate([[0], gaps + 1]), np.concatenate([gaps, [log_s.size - 1]])
     best = int(np.argmax(log_s[ends] - log_s[starts]))
-    start_s, end_s = np.floor(log_s[starts[best]] * 1e3) / 1e3, np.ceil(log_s[ends[best]] * 1e3) / 1e3
+    start_s, end_s = (
+        np.floor(log_s[starts[best]] * 1e3) / 1e3,
+        np.ceil(log_s[ends[best]] * 1e3) / 1e3,
+    )
     more = f" and {gaps.size - 1} more" if gaps.size > 1 else ""
     raise InputError(
-        f"{label}: gap of {steps[k]:.3f} s after row {rows[k] + 1} (log time {log_s[k]:.3f} s){more}, needed at most "
-        f"{MAX_GAP_S:g} s; the longest stretch without one: --from-s {start_s:.3f} --to-s {end_s:.3f} ({end_s - start_s:.1f} s)"
+        f"{label}: gap of {steps[k]:.3f} s after row {rows[k] + 1} (log time {log_s[k]:.3f}"
+        f" s){more}, needed at most {MAX_GAP_S:g} s; the longest stretch without one: --from-s"
+        f" {start_s:.3f} --to-s {end_s:.3f} ({end_s - start_s:.1f} s)"
     )
 
 
@@ -207,6 +258,10 @@ def row_ranges(rows: NDArray) -> str:
     """Rows by number, from 1: "row 7" or "rows 7, 9-12"; long lists are cut."""
     rows = np.sort(rows)
     breaks = np.flatnonzero(np.diff(rows) > 1) + 1
-    parts = [f"{p[0] + 1}" + (f"-{p[-1] + 1}" if len(p) > 1 else "") for p in np.split(rows, breaks)]
-    text = ", ".join(parts[:LISTED]) + (f" and {len(parts) - LISTED} more stretches" if len(parts) > LISTED else "")
+    parts = [
+        f"{p[0] + 1}" + (f"-{p[-1] + 1}" if len(p) > 1 else "") for p in np.split(rows, breaks)
+    ]
+    text = ", ".join(parts[:LISTED]) + (
+        f" and {len(parts) - LISTED} more stretches" if len(parts) > LISTED else ""
+    )
     return ("row " if rows.size == 1 else "rows ") + text

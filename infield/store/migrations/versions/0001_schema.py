@@ -39,7 +39,9 @@ def upgrade() -> None:
         sa.Column("report_json", sa.Text),
         sa.Column("note", sa.Text, nullable=False),
         sa.Column("record_sha256", sa.String(64), nullable=False),
-        sa.CheckConstraint("kind IN ('factory', 'import', 'update', 'rollback')", name="ck_recal_revision_kind"),
+        sa.CheckConstraint(
+            "kind IN ('factory', 'import', 'update', 'rollback')", name="ck_recal_revision_kind"
+        ),
     )
     op.create_index("ix_recal_revision_sha256", "recal_revision", ["sha256"])
     op.create_table(
@@ -48,7 +50,9 @@ def upgrade() -> None:
         sa.Column("name", sa.String(20), primary_key=True),
         sa.Column("number", sa.Integer, nullable=False),
         sa.ForeignKeyConstraint(
-            ["unit_id", "number"], ["recal_revision.unit_id", "recal_revision.number"], name="fk_recal_tag_revision"
+            ["unit_id", "number"],
+            ["recal_revision.unit_id", "recal_revision.number"],
+            name="fk_recal_tag_revision",
         ),
     )
     op.create_table(

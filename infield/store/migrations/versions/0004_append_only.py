@@ -1,6 +1,8 @@
-"""PostgreSQL refuses to change or delete rows of what is append-only, also for the owner of the tables.
+"""PostgreSQL refuses to change or delete rows of what is append-only, also for the owner of the
+tables.
 
-On SQLite there is nothing to do: whoever can open the file can write it, and `recal table verify` finds it.
+On SQLite there is nothing to do: whoever can open the file can write it, and `recal table verify`
+finds it.
 
 Revision ID: 0004
 Revises: 0003
@@ -16,19 +18,28 @@ depends_on = None
 FUNCTION = """
 CREATE FUNCTION recal_append_only() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
-    RAISE EXCEPTION '% is append-only: % refused', TG_TABLE_NAME, TG_OP USING ERRCODE = 'insufficient_privilege';
+    RAISE EXCEPTION '% is append-only: % refused', TG_TABLE_NAME, TG_OP
+        USING ERRCODE = 'insufficient_privilege';
 END $$
 """
 # One for each statement, so that an UPDATE that matches no row is refused too.
 GUARDS = (
-    "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_revision "
-    "EXECUTE FUNCTION recal_append_only()",
-    "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_contradiction "
-    "EXECUTE FUNCTION recal_append_only()",
-    "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_proposal "
-    "EXECUTE FUNCTION recal_append_only()",
-    "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_decision "
-    "EXECUTE FUNCTION recal_append_only()",
+    (
+        "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_revision "
+        "EXECUTE FUNCTION recal_append_only()"
+    ),
+    (
+        "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON"
+        " recal_contradiction EXECUTE FUNCTION recal_append_only()"
+    ),
+    (
+        "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_proposal "
+        "EXECUTE FUNCTION recal_append_only()"
+    ),
+    (
+        "CREATE TRIGGER recal_append_only BEFORE UPDATE OR DELETE OR TRUNCATE ON recal_decision "
+        "EXECUTE FUNCTION recal_append_only()"
+    ),
 )
 
 
