@@ -2,7 +2,7 @@
 the sensor's axis.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,9 +148,11 @@ def needs_cross_force(runs: Sequence[Telemetry], target: str) -> str:
     """A vertical accelerometer is seen while parked only, where cross forces are a constant."""
     if target == "accel_z":
         return lacking((flies(runs), "flight"))
-    changes = max(
-        span(over(runs, lambda run, j=axis: run.force_m_s2[:, j])) for axis in cross_axes(target)
-    )  # type: ignore[misc]
+
+    def force_along(axis: int) -> Callable[[Telemetry], NDArray]:
+        return lambda run: run.force_m_s2[:, axis]
+
+    changes = max(span(over(runs, force_along(axis))) for axis in cross_axes(target))
     return lacking(
         (
             changes > CHANGING_m_s2 and (brakes(runs) or flies(runs) or turns(runs)),

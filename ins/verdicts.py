@@ -1,0 +1,83 @@
+"""Outcomes, reasons and plain records: what every estimator's result is made of.
+
+An estimator says why in codes with values, never in words; the sentence of a reason is made where
+it is shown, from its code (`infield.reports.words.sentences`). A result is a frozen dataclass;
+`plain` turns it into what JSON holds.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass
+from enum import Enum, StrEnum
+from typing import Any
+
+import numpy as np
+
+OMIT_NONE = {"omit_none": True}  # metadata of a field that is left out of the JSON where it is None
+
+
+class Outcome(StrEnum):
+    """The verdict on an update, or on one session of it (formats.md, section 5)."""
+
+    ACCEPTED = "accepted"
+    COMMITTED = "committed"
+    PROPOSED = "proposed"
+    REFUSED = "refused"
+    INCONSISTENT = "inconsistent"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why a verdict is what it is: a code, and what was measured and needed.
+
+    Parameters
+    ----------
+    code : StrEnum
+        A member of an enum of reasons; its sentence stands in `infield.reports.words`.
+    values : Mapping[str, Any]
+        What the sentence names, units in the keys (`measured_s`, `needed_s`).
+    """
+
+    code: StrEnum
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+def because(code: StrEnum, **values: Any) -> Reason:
+    """The reason `code` with its values.
+
+    >>> class Why(StrEnum):
+    ...     TOO_SHORT = "too_short"
+    >>> because(Why.TOO_SHORT, measured_s=20.0).values["measured_s"]
+    20.0
+    """
+    return Reason(code, values)
+
+
+def plain(value: Any) -> Any:
+    """A record as JSON holds it: dataclasses as dicts in the order of their fields, enums as their
+    values, arrays and tuples as lists.
+
+    A field with metadata `OMIT_NONE` is left out where it is None.
+
+    >>> @dataclass(frozen=True)
+    ... class Point:
+    ...     axis: str
+    ...     time_s: float
+    ...     phase: str | None = field(default=None, metadata=OMIT_NONE)
+    >>> plain(Point("x", 900.0))
+    {'axis': 'x', 'time_s': 900.0}
+    """
+    if is_dataclass(value) and not isinstance(value, type):
+        return {
+            f.name: plain(item)
+            for f in fields(value)
+            if (item := getattr(value, f.name)) is not None or not f.metadata.get("omit_none")
+        }
+    if isinstance(value, Enum):
+        return value.value
+    if isinstance(value, Mapping):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
