@@ -1,0 +1,412 @@
+"""What every part of the product says of when a vehicle stands and moves, frozen on named runs.
+
+    python -m benchmarks.motion_answers --write | --compare [--only NAME ...] [--quick]
+
+`--write` asks every caller below of every run and writes tests/motion/answers.json; `--compare`
+asks again and prints what differs from it. Times are seconds of the run, rounded to 0.01. Numbers
+within words become "#". CALLERS is the one place to change where an entry point moves.
+"""
+
+import argparse
+import json
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from alignment import coarse, gyrocompass
+from alignment.motion import imu_faults, parked_seconds, stillness
+from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
+from infield.misalignment import azimuth_runs
+from infield.replay import free_inertial as replay
+from infield.session import navigated as session
+from infield.session import parked_stretches, pipeline
+from infield.thermal import ramp_runs
+from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from ins.records import ImuSource, InputError
+from ins.units import DEG
+from simreal.effects import telemetry
+from simreal.evidence import run_view
+from simreal.twin import run_motion
+from trajectories.runs import physics_gates
+
+ANSWERS = ROOT / "tests" / "motion" / "answers.json"
+TOLERANCE = 0.02  # s of a time, deg of a turn
+DECIMALS = 2
+KINDS = {
+    stillness.STILL: "still",
+    stillness.DISTURBED: "disturbed",
+    stillness.ROLLING: "rolling",
+    stillness.AIRBORNE: "airborne",
+}
+VIEW_KINDS = {
+    telemetry.PARKED: "parked",
+    telemetry.ROLLING: "rolling",
+    telemetry.AIRBORNE: "airborne",
+}
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+# The callers --------------------------------------------------------------------------------------
+
+
+def first_rest(case: Case) -> Any:
+    """The stretch that a gyrocompass starts on, from the whole log."""
+    return span_of(coarse.first_rest(case.run.imu))
+
+
+def quiet_start(case: Case) -> Any:
+    """The stretch that `recal check` and `convert` test units and axes on."""
+    found = physics_gates.quiet_means(case.run.imu)
+    return None if found is None else span_of((found.start_s, found.end_s))
+
+
+def repairs(case: Case) -> Any:
+    """Clipping, shocks and dropouts of the parked time, and shakes that were recorded rightly."""
+    rest = coarse.first_rest(case.run.imu)
+    if rest is None:
+        return None
+    faults = imu_faults.repair(compensated(case), rest[0], case.run.imu.end_s)[1]
+    return [[*times(f.start_s, f.end_s), f.reason] for f in faults]
+
+
+def alignment(case: Case) -> Any:
+    """`recal align`."""
+    found = gyrocompass.align(
+        compensated(case),
+        case.run.header.site,
+        case.twin,
+        bias_sigma_deg_h=first_sigma_deg_h(case),
+        phases=case.run.phases,
+    )
+    return {
+        "verdict": found.verdict,
+        "reasons": words(found.reasons),
+        "time_s": rounded(found.time_s),
+        "parked_s": rounded(found.duration_s),
+        "phases": [[*times(p.start_s, p.end_s), p.phase] for p in found.phases],
+        "excluded": spans(found.excluded),
+    }
+
+
+def session_rest(case: Case) -> Any:
+    """Where a session begins, where its alignment and its ground part end."""
+    rest = session.find_rest(case.run)
+    aligned_s = None if rest is None else rounded(session.alignment_end(case.run, rest[0]))
+    end_s = rounded(session.session_end(case.run))
+    return {"rest": span_of(rest), "alignment_end_s": aligned_s, "end_s": end_s}
+
+
+def update(case: Case) -> Any:
+    """`recal update` of this run alone: its motion, phases, stretches and the chain's windows."""
+    result = pipeline.update_calibration([case.run], case.table, case.twin, parent_sha256=None)
+    found = result.sessions[0]
+    answer = {"outcome": found.verdict.outcome, "reasons": words(found.verdict.reasons)}
+    estimate = found.estimate
+    if estimate is None:
+        return answer
+    answer["motion"] = motion_of(estimate.motion)
+    answer["phases"] = [
+        [*times(p.start_s, p.end_s), p.phase] for p in stillness.detect_phases(estimate.motion)
+    ]
+    if found.chain is not None:
+        answer["chain"] = [rounded(p.time_s) for p in found.chain.points]
+    if estimate.parked is not None:
+        answer["stretches"] = [
+            [*times(s.seconds.start_s[0], s.seconds.end_s[-1]), rounded(s.still_s)]
+            for s in estimate.parked.stretches
+        ]
+        answer["left_out"] = spans(estimate.parked.left_out)
+    return answer
+
+
+def free_replay(case: Case) -> Any:
+    """`recal replay --no-aided`: the parked span and the stops behind it."""
+    found = replay.replay(case.run, [choice(case)], case.twin, aided=False)
+    stops = found.tables[0].stops if found.tables else ()
+    return {
+        "verdict": found.verdict,
+        "alignment": span_of(found.alignment_span),
+        "parked_until_s": None if found.parked_until_s is None else rounded(found.parked_until_s),
+        "stops": [[*times(s.start_s, s.end_s), s.seen_by] for s in stops],
+    }
+
+
+def aided_replay(case: Case) -> Any:
+    """`recal replay` with GNSS: the stands and the start."""
+    if case.run.gnss is None:
+        return None
+    found = replay.replay(case.run, [choice(case)], case.twin).aided
+    if found is None:
+        return None
+    start = found.found
+    return {
+        "verdict": found.verdict,
+        "stands": [span_of(s) for s in found.stands],
+        "start": None if start is None else [*times(*start.span), start.method],
+    }
+
+
+def azimuth_stops(case: Case) -> Any:
+    """`recal misalignment`: stops between turns, how long each was used, how far it turned."""
+    stops, left_out = azimuth_runs.find_stops(case.run, case.twin)
+    name = case.run.header.run_id
+    found = [
+        [*times(s.start_s, s.end_s), rounded(s.used_s), rounded(s.turn_rad / DEG)] for s in stops
+    ]
+    return {"stops": found, "left_out": [told(r.replace(name, "run")) for r in left_out]}
+
+
+def chamber_ramps(case: Case) -> Any:
+    """`recal thermal fog` and `rlg`: minutes kept, ramps, what was moved or bumped."""
+    if case.run.header.gyro_technology == "mems":
+        return None
+    found = ramp_runs.ramp_run(case.run, case.twin)
+    return {
+        "minutes": found.time_s.size,
+        "legs": [
+            [*times(found.time_s[leg.start], found.time_s[leg.end - 1]), leg.direction]
+            for leg in found.legs
+        ],
+        "excluded": spans(found.excluded),
+        "turned_deg": rounded(found.turned_rad / DEG),
+    }
+
+
+def parked_rests(case: Case) -> Any:
+    """The rests of a unit that finds no north, and the places that each of them falls into."""
+    rests = parked_stretches.find_rests(case.run)
+    places = []
+    for stretch in rests.stretches:
+        for place in parked_seconds.parked_places(compensated(case), *stretch):
+            ends = times(place.start_s[0], place.end_s[-1])
+            places.append([*ends, told(place.moved), motion_of(place.motion)["spans"]])
+    return {
+        "stretches": [span_of(s) for s in rests.stretches],
+        "left_out": spans(rests.left_out),
+        "why": told(rests.why),
+        "places": places,
+    }
+
+
+def gap_view(case: Case) -> Any:
+    """`recal diagnose` and `plan`: the parked stretch and the kind of every second."""
+    found = run_view.view_run(case.run, 0, case.table, case.twin)
+    if isinstance(found, str):
+        return told(found)
+    kind = found.telemetry.kind
+    return {
+        "parked": span_of((found.start_s, found.end_s)),
+        "kinds": labelled(found.seconds.end_s, kind, [VIEW_KINDS[int(k)] for k in kind], 1.0),
+        "notes": words(found.notes),
+    }
+
+
+def twin_stands(case: Case) -> Any:
+    """The stands that a twin of the run is simulated along."""
+    found = run_motion.estimate_motion(case.run, case.table, case.twin)
+    return {"stands": [span_of(s) for s in found.stands], "heading": found.heading_source}
+
+
+CALLERS: dict[str, Callable[[Case], Any]] = {
+    "first_rest": first_rest,
+    "quiet_start": quiet_start,
+    "repairs": repairs,
+    "alignment": alignment,
+    "session_rest": session_rest,
+    "update": update,
+    "free_replay": free_replay,
+    "aided_replay": aided_replay,
+    "azimuth_stops": azimuth_stops,
+    "chamber_ramps": chamber_ramps,
+    "parked_rests": parked_rests,
+    "gap_view": gap_view,
+    "twin_stands": twin_stands,
+}
+
+# What they are given and how their answers are written --------------------------------------------
+
+
+def compensated(case: Case) -> ImuSource:
+    """The log less table and twin, as the commands hand it on."""
+    run = case.run
+    temperature = None
+    if run.temperature is not None and not too_short(run.temperature):
+        temperature = gyro_temperature(run.temperature)
+    return session.compensated_imu(run, case.table, temperature, case.twin)
+
+
+def first_sigma_deg_h(case: Case) -> np.ndarray | None:
+    """What `recal align` takes for the gyros' sigma: None of a unit that no store knows."""
+    if case.run.temperature is None or too_short(case.run.temperature):
+        return None
+    T = gyro_temperature(case.run.temperature).temperature_degC[0]
+    sigma = np.array([case.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
+    return np.hypot(sigma, case.twin.gyro.turn_on_deg_h)
+
+
+def choice(case: Case) -> replay.TableChoice:
+    return replay.TableChoice(role="active", table=case.table, origin="frozen answers")
+
+
+def rounded(value: float) -> float | None:
+    """To 0.01; None for what is not a number."""
+    return round(float(value), DECIMALS) + 0.0 if np.isfinite(value) else None
+
+
+def times(*seconds: float) -> list[float | None]:
+    return [rounded(s) for s in seconds]
+
+
+def span_of(span: tuple[float, float] | None) -> list[float | None] | None:
+    return None if span is None else times(*span)
+
+
+def spans(found: Any) -> list[list[Any]]:
+    """Spans with their reasons."""
+    return [[*times(s.start_s, s.end_s), *told(s.reason)] for s in found]
+
+
+def words(reasons: Any) -> list[str]:
+    """Reasons without their numbers."""
+    return [NUMBER.sub("#", reason) for reason in reasons]
+
+
+def told(reason: str) -> list[Any]:
+    """A reason that names times: its words, then its numbers."""
+    return [NUMBER.sub("#", reason), *(float(n) for n in NUMBER.findall(reason))]
+
+
+def motion_of(motion: stillness.Motion) -> dict[str, Any]:
+    """Spans of one kind and cause, and the epochs after which the parked heading is a new one."""
+    cause = motion.cause if len(motion.cause) else np.full(len(motion.kind), "", dtype=object)
+    names = [f"{KINDS[int(k)]} {c}".strip() for k, c in zip(motion.kind, cause)]
+    jolts = motion.time_s[motion.jolt_rad >= stillness.NEW_PLACE_RAD]
+    return {
+        "spans": labelled(motion.time_s, motion.kind, names, 0.0),
+        "new_heading_s": times(*jolts),
+    }
+
+
+def labelled(ends_s: np.ndarray, kind: np.ndarray, names: list[str], first_s: float) -> list[list]:
+    """Runs of one name as [start, end, name]; epochs end at their time, the first lasts first_s."""
+    edges = [0, *(k for k in range(1, len(names)) if names[k] != names[k - 1]), len(names)]
+    starts = np.append(ends_s[0] - first_s, ends_s[:-1])
+    return [[*times(starts[a], ends_s[b - 1]), names[a]] for a, b in pairwise(edges)]
+
+
+# Asking, writing, comparing -----------------------------------------------------------------------
+
+
+def answers_of(case: Case) -> dict[str, Any]:
+    """The answer of every caller; a log that one of them does not take is an answer too."""
+    found: dict[str, Any] = {}
+    for name, ask in CALLERS.items():
+        try:
+            found[name] = ask(case)
+        except InputError as error:
+            found[name] = {"error": NUMBER.sub("#", str(error))}
+    return found
+
+
+def missing(named: Named) -> str:
+    """Why a run cannot be made here; empty where it can."""
+    if named.needs and not (DATA / named.needs).exists():
+        return f"../shared/data/{named.needs} is not beside the project"
+    return ""
+
+
+def differences(frozen: Any, now: Any, where: str = "") -> Iterator[str]:
+    """A line for each place in which two answers differ by more than the tolerance."""
+    if isinstance(frozen, dict) and isinstance(now, dict):
+        for key in sorted(frozen.keys() | now.keys()):
+            yield from differences(frozen.get(key), now.get(key), f"{where}/{key}")
+    elif isinstance(frozen, list) and isinstance(now, list) and len(frozen) == len(now):
+        for k, (a, b) in enumerate(zip(frozen, now)):
+            yield from differences(a, b, f"{where}[{k}]")
+    elif _number(frozen) and _number(now):
+        if abs(frozen - now) > TOLERANCE + 1e-9:
+            yield f"{where}: {frozen} is now {now}"
+    elif frozen != now:
+        yield f"{where}: {json.dumps(frozen)} is now {json.dumps(now)}"
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def read_answers(path: Path = ANSWERS) -> dict[str, Any]:
+    """The frozen document: commit, runs by name, logs left out and why."""
+    return json.loads(path.read_text("utf-8"))
+
+
+def write_answers(runs: dict[str, dict[str, Any]], path: Path = ANSWERS) -> None:
+    """One line for each answer, so that a change of it is a line of a diff."""
+    lines = ["{", f'"schema": "recal.motion_answers/1", "commit": "{commit()}",']
+    lines += [f'"left_out": {json.dumps(LEFT_OUT)},', '"runs": {']
+    blocks = []
+    for name, answers in runs.items():
+        rows = [f" {json.dumps(key)}: {_compact(answer)}" for key, answer in answers.items()]
+        blocks.append(f"{json.dumps(name)}: {{\n" + ",\n".join(rows) + "\n}")
+    path.write_text("\n".join(lines) + "\n" + ",\n".join(blocks) + "\n}}\n", "utf-8")
+
+
+def _compact(answer: Any) -> str:
+    return json.dumps(answer, separators=(",", ":"))
+
+
+def commit() -> str:
+    """The commit whose product code answered."""
+    said = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    return said.stdout.strip()
+
+
+def chosen(only: list[str], quick: bool) -> list[Named]:
+    """The runs asked for."""
+    named = [*SIMULATED, *RECORDED]
+    if only:
+        named = [n for n in named if n.name in only]
+    return [n for n in named if n.quick or not quick]
+
+
+def main() -> int:
+    """0: written, or nothing differs; 1: the differences are printed."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    task = parser.add_mutually_exclusive_group(required=True)
+    task.add_argument("--write", action="store_true", help="freeze the answers of today")
+    task.add_argument("--compare", action="store_true", help="print what differs from them")
+    parser.add_argument("--only", nargs="*", default=[], help="names of runs")
+    parser.add_argument("--quick", action="store_true", help="the runs of the normal suite")
+    given = parser.parse_args()
+    frozen = read_answers()["runs"] if ANSWERS.exists() else {}
+    runs: dict[str, dict[str, Any]] = dict(frozen) if given.only else {}
+    differs = 0
+    for named in chosen(given.only, given.quick):
+        if why := missing(named):
+            print(f"{named.name}: skipped, {why}")
+            if named.name in frozen:
+                runs[named.name] = frozen[named.name]
+            continue
+        begun = time.process_time()
+        runs[named.name] = answers_of(named.make())
+        lines = list(differences(frozen.get(named.name), runs[named.name])) if given.compare else []
+        differs += len(lines)
+        print(f"{named.name}: {time.process_time() - begun:.1f} s CPU, {len(lines)} differences")
+        print(*(f"  {line}" for line in lines), sep="\n", end="\n" if lines else "", flush=True)
+    if given.write:
+        write_answers(runs)
+    print(f"{time.process_time():.0f} s CPU, {differs} differences")
+    return int(differs > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
