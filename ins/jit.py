@@ -3,11 +3,12 @@
 Without numba, or with NUMBA_DISABLE_JIT=1, a kernel runs as plain Python, slowly.
 
 Compiled code is kept in a folder named by a hash of all sources of `ins` and of the kernel's own
-package, because numba itself looks at one file only and would go on using a kernel whose constants
-or callees changed elsewhere. So a kernel may call others and take constants across the modules of
-these two, and of no third package. The folder lies in the first place that can be written:
-NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file, the user's own folder under
-the temporary one. With none of them a kernel is compiled anew in each process.
+top-level package, inner packages included, because numba itself looks at one file only and would go
+on using a kernel whose constants or callees changed elsewhere. So a kernel may call others and take
+constants across the modules of these two, and of no third package. The folder lies in the first
+place that can be written: NUMBA_CACHE_DIR, the user's cache folder, __pycache__ beside this file,
+the user's own folder under the temporary one. With none of them a kernel is compiled anew in each
+process.
 """
 
 import contextlib
@@ -61,11 +62,12 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
 
 @cache
-def cache_folder(package: Path) -> Path | None:
-    """Where compiled code of a package's very sources is kept, made if need be; None where nothing
-    can be written.
+def cache_folder(sources: Path) -> Path | None:
+    """Where compiled code of the kernels in the folder `sources` is kept, made if need be.
+
+    None where nothing can be written.
     """
-    name = f"kernels-{source_hash(Path(__file__).parent, package)}"
+    name = f"kernels-{source_hash(Path(__file__).parent, top_package(sources))}"
     for parent in _parents():
         folder = parent / name
         try:
@@ -83,12 +85,21 @@ def cache_folder(package: Path) -> Path | None:
     return None
 
 
+def top_package(folder: Path) -> Path:
+    """The folder of the top-level package that `folder` lies in; itself where it is no package."""
+    while (folder.parent / "__init__.py").is_file():
+        folder = folder.parent
+    return folder
+
+
 def source_hash(*folders: Path) -> str:
-    """16 hexadecimal digits over the names and bytes of the Python files in these folders."""
+    """16 hexadecimal digits over the Python files in and below these folders: paths and bytes."""
     digest = hashlib.sha256()
-    for path in sorted({path for folder in folders for path in folder.rglob("*.py")}):
-        source = path.read_bytes()
-        digest.update(f"{path.name} {len(source)}\n".encode() + source)
+    for folder in sorted(set(folders)):
+        for path in sorted(folder.rglob("*.py")):
+            source = path.read_bytes()
+            name = path.relative_to(folder.parent).as_posix()
+            digest.update(f"{name} {len(source)}\n".encode() + source)
     return digest.hexdigest()[:16]
 
 

@@ -17,7 +17,6 @@ from ins.records import GnssLog, ImuLog, InputError, NavState, frozen_array
 from ins.strapdown.start import check_initial, check_rows, earth_frame_state, interval_at
 
 STEP_S = 0.2
-POS, VEL, THETA, GYRO, ACCEL = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12), slice(12, 15)
 KINDS = ("position", "velocity")
 ROUNDING = 1e-9  # of the trace: how negative an eigenvalue of a covariance may be
 REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components

@@ -27,6 +27,7 @@ from math import cos, exp, isfinite, log, sin, sqrt, tan
 import numpy as np
 
 from ins.earth import EARTH_RATE_RAD_S, SEMI_MAJOR_AXIS_M
+from ins.filters import states
 from ins.jit import jit
 from ins.strapdown.kernel import (
     C_NB,
@@ -47,8 +48,12 @@ from ins.strapdown.kernel import (
 )
 from ins.strapdown.loop import integrate
 
-MOTION, N = 15, 26  # errors that move or drive what moves; all of them
-P_, V_, T_, G_, A_, B_, W_, L_, D_, E_ = 0, 3, 6, 9, 12, 15, 18, 21, 24, 25
+MOTION, N = states.AIDED_MOTION, states.AIDED_STATES
+# first index of each error
+P_, V_, T_ = states.AIDED_POS.start, states.AIDED_VEL.start, states.AIDED_THETA.start
+G_, A_ = states.AIDED_GYRO.start, states.AIDED_ACCEL.start
+B_, W_ = states.AIDED_SLOW_POS.start, states.AIDED_SLOW_VEL.start
+L_, D_, E_ = states.AIDED_LEVER.start, states.AIDED_DELAY, states.AIDED_VELOCITY_DELAY
 ARW, VRW, GYRO_WALK, ACCEL_WALK = 0, 1, 2, 3  # of the noise, per sqrt(s)
 # of the noise: sigmas and time constant of the slow error of positions
 SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6

@@ -1,8 +1,7 @@
 """The compiled loop of the error filter: propagation and scalar updates without Python in between.
 Import lazily.
 
-Every compiled function of the filter lives here (numba does not see a change in another file's
-callee). Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
+Arrays in, arrays changed in place; SI and radians, silent; nothing is checked:
 `ins.filters.error_filter` does that.
 
 Core order, sixteen states that move or drive: W 0-1, POS 2-3, THETA 4-6, S 7-8, LATERAL 9 (these
@@ -14,6 +13,7 @@ from math import sqrt
 
 import numpy as np
 
+from ins.filters import states
 from ins.filters.program import (
     ADD,
     ADVANCE,
@@ -33,13 +33,15 @@ from ins.jit import jit
 DT, C_NB, V_N, OMEGA_IE, TRANSPORT, GRAVITY, RADIUS, TURN = 0, 1, 10, 13, 16, 19, 20, 21
 JUMP_YAW, JUMP_W, JUMP_THETA, STEP_COLUMNS = 22, 23, 24, 25
 ARW, VRW, ACCEL_RRW, YAW_CREEP, LATERAL_RMS, LATERAL_TIME = 0, 1, 2, 3, 4, 5  # of the noise
-MOVE, CORE, NOISY = 10, 16, 12
-BASE = 24  # ins.filters.error_model.BASE, pinned by tests/ins/test_error_filter.py
-# first index of each, as in ins.filters.error_model
-W, POS, THETA, S, ACCEL, LATERAL, YAW, SCALE_Z = 0, 2, 4, 7, 9, 13, 14, 16
-CLONE_DOWN = 23
+# first index of each state in the full vector (ins.filters.states)
+W, CLONE_DOWN, YAW, BASE = states.W.start, states.THETA_CLONE.stop - 1, states.YAW, states.BASE
 # of the core states, but the bias, in the full state
-POSITIONS = (0, 1, 2, 3, 4, 5, 6, 7, 8, 13, 9, 10, 16)
+POSITIONS = states.MOVING_STATES + states.DRIVING_STATES
+MOVE = len(states.MOVING_STATES)  # core states that move
+BIAS = len(POSITIONS)  # first core state of the bias of the step's bin
+CORE = BIAS + 3
+# core states with process noise: those that move and the accelerometers' biases
+NOISY = MOVE + 2
 
 
 @jit
@@ -293,10 +295,10 @@ def run(
     """
     n = x.size
     core = np.empty(CORE, np.int64)
-    for k in range(13):
+    for k in range(BIAS):
         core[k] = POSITIONS[k]
     for k in range(3):
-        core[13 + k] = BASE + k
+        core[BIAS + k] = BASE + k
     A, A2, A3 = np.zeros((CORE, CORE)), np.zeros((CORE, CORE)), np.zeros((CORE, CORE))
     half, Phi = np.zeros((CORE, CORE)), np.zeros((CORE, CORE))
     q, Q = np.zeros((NOISY, NOISY)), np.zeros((NOISY, NOISY))
@@ -313,7 +315,7 @@ def run(
                 step[V_N] -= x[W]
                 step[V_N + 1] -= x[W + 1]
             for k in range(3):
-                core[13 + k] = BASE + 3 * flags[which, BIN] + k
+                core[BIAS + k] = BASE + 3 * flags[which, BIN] + k
             transition(step, flags[which], noise, A, A2, A3, half, Phi, q, Q)
             creep = noise[YAW_CREEP] ** 2 * step[DT]
             propagate(x, P, core, Phi, Q, creep + step[JUMP_YAW], T, block)
@@ -333,7 +335,7 @@ def run(
             assign(x, P, which, index[first], value[first], R[first], v)
         if kind == ADVANCE or kind == MEASURE:
             for k in range(3):
-                b = core[13 + k]
-                filtered[(core[13] - BASE) // 3, 0, k] = x[b]
-                filtered[(core[13] - BASE) // 3, 1, k] = P[b, b]
+                b = core[BIAS + k]
+                filtered[(core[BIAS] - BASE) // 3, 0, k] = x[b]
+                filtered[(core[BIAS] - BASE) // 3, 1, k] = P[b, b]
     return -1

@@ -28,21 +28,45 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-W = slice(0, 2)
-POS = slice(2, 4)
-THETA = slice(4, 7)
-S = slice(7, 9)
-ACCEL = slice(9, 11)
-KAPPA = 11  # lateral over forward velocity at the no-slip point (-crab) [rad]
-LEVER_X = 12  # error of the lever arm from the no-slip point to the IMU along body x [m]
-LATERAL = 13  # lateral velocity of the vehicle beyond crab and lever arm [m/s]
-YAW = 14  # parked heading less its nominal value [rad]
-ODOMETER = 15  # odometer scale error, reads high [-]
-SCALE_Z = 16  # vertical gyro scale factor error [-]
-CENTRE_LINE = 17  # error of the surveyed centre-line azimuth [rad]
-THETA_START = slice(18, 21)
-THETA_CLONE = slice(21, 24)
-BASE = 24  # gyro bias bins follow, three to a bin
+from ins.filters.states import (
+    ACCEL,
+    BASE,
+    CENTRE_LINE,
+    KAPPA,
+    LATERAL,
+    LEVER_X,
+    ODOMETER,
+    POS,
+    SCALE_Z,
+    THETA,
+    THETA_CLONE,
+    THETA_START,
+    YAW,
+    S,
+    W,
+)
+
+__all__ = [
+    "ACCEL",
+    "BASE",
+    "CENTRE_LINE",
+    "KAPPA",
+    "LATERAL",
+    "LEVER_X",
+    "ODOMETER",
+    "POS",
+    "SCALE_Z",
+    "THETA",
+    "THETA_CLONE",
+    "THETA_START",
+    "YAW",
+    "ProcessNoise",
+    "S",
+    "Step",
+    "W",
+    "discretize",
+    "system_matrix",
+]
 
 
 @dataclass(frozen=True)

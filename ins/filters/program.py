@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ins.filters import error_model as em
+from ins.filters.states import THETA
 
 ADVANCE, MEASURE, ADD, ASSIGN = 0, 1, 2, 3  # operations
 REFUSED, USED, LOST, NOT_FINITE = 0, 1, -1, -2  # what became of one
@@ -144,7 +144,7 @@ class FilterProgram:
     def clone(self, at: NDArray, target: slice) -> None:
         """Copy theta as it stands at the end of a step."""
         for k in range(3):
-            self.assign(at, target.start + k, {em.THETA.start + k: 1.0}, 0.0)
+            self.assign(at, target.start + k, {THETA.start + k: 1.0}, 0.0)
 
     def compiled(self) -> Compiled:
         """Operations in the order of steps, within a step in the order they were asked for."""

@@ -14,11 +14,6 @@ from ins import kalman
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
 from ins.filters.aided_filter import (
-    ACCEL,
-    GYRO,
-    POS,
-    THETA,
-    VEL,
     AidedNavigator,
     AidedNoise,
     AidedStart,
@@ -26,6 +21,11 @@ from ins.filters.aided_filter import (
     fixes_of,
     level_sigmas,
 )
+from ins.filters.states import AIDED_ACCEL as ACCEL
+from ins.filters.states import AIDED_GYRO as GYRO
+from ins.filters.states import AIDED_POS as POS
+from ins.filters.states import AIDED_THETA as THETA
+from ins.filters.states import AIDED_VEL as VEL
 from ins.records import InputError, NavState, Site
 from ins.units import DEG_PER_HOUR, MICRO_G
 from tests.infield.aided_cases import (

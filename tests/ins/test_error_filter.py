@@ -9,6 +9,7 @@ from ins import earth, kalman
 from ins.attitude import dcm_from_euler
 from ins.filters import error_kernel as fk
 from ins.filters import error_model as em
+from ins.filters import states
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
 from ins.filters.program import FilterProgram
 from ins.units import DEG
@@ -19,6 +20,10 @@ NOISE = em.ProcessNoise(
 )
 DOWN = em.THETA.stop - 1
 CLONE_DOWN = em.THETA_CLONE.stop - 1
+NOT_STATES = ("AIDED_MOTION", "AIDED_STATES", "BASE", "MOVING_STATES", "DRIVING_STATES")
+LAYOUTS = [name for name in vars(states) if name.isupper() and name not in NOT_STATES]
+AIDED_NAMES = [name for name in LAYOUTS if name.startswith("AIDED_")]
+STATE_NAMES = [name for name in LAYOUTS if not name.startswith("AIDED_")]
 
 
 def new_filter(bins=2, **sigma0):
@@ -246,19 +251,21 @@ def test_covariance_stays_symmetric_and_positive_over_an_hour_and_a_taxi():
     assert min(lowest) > -1e-9
 
 
-def test_the_layout_of_the_kernel_is_that_of_the_model():
-    starts = (
-        em.W.start,
-        em.POS.start,
-        em.THETA.start,
-        em.S.start,
-        em.ACCEL.start,
-        em.LATERAL,
-        em.YAW,
-        em.SCALE_Z,
-    )
-    assert (fk.W, fk.POS, fk.THETA, fk.S, fk.ACCEL, fk.LATERAL, fk.YAW, fk.SCALE_Z) == starts
-    assert (fk.BASE, fk.CLONE_DOWN) == (em.BASE, CLONE_DOWN)
+def test_layouts_leave_no_gap_and_share_no_state():
+    error = [value for name, value in vars(states).items() if name in STATE_NAMES]
+    aided = [value for name, value in vars(states).items() if name in AIDED_NAMES]
+    for parts, count in ((error, states.BASE), (aided, states.AIDED_STATES)):
+        taken = [np.atleast_1d(np.arange(count)[part]) for part in parts]
+        assert sorted(np.concatenate(taken)) == list(range(count))
+
+
+def test_the_core_order_of_the_kernel_is_that_of_the_layout():
+    moving = [em.W, em.POS, em.THETA, em.S]
+    moving_states = [k for part in moving for k in range(part.start, part.stop)] + [em.LATERAL]
+    driving_states = [em.ACCEL.start, em.ACCEL.start + 1, em.SCALE_Z]
+    assert fk.POSITIONS == (*moving_states, *driving_states)
+    assert (fk.MOVE, fk.BIAS, fk.CORE, fk.NOISY) == (10, 13, 16, 12)
+    assert (fk.BASE, fk.CLONE_DOWN, fk.YAW) == (em.BASE, CLONE_DOWN, em.YAW)
 
 
 def random_program(rng, count=40, bins=3):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,9 +12,11 @@ import numba
 import pytest
 
 import ins
+from alignment.motion import shake_kernel
 from ins import jit
 from ins.strapdown import kernel as strapdown_kernel
 
+PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
 PROBE = """
 import json
 from pathlib import Path
@@ -93,11 +96,60 @@ def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
     assert (nowhere["folder"], nowhere["hits"], nowhere["g"]) == ("None", 0, first["g"])
 
 
-def test_a_kernels_own_package_is_in_the_name_of_its_folder(tmp_path):
-    (tmp_path / "constants.py").write_text("G = 9.8")
-    before = jit.source_hash(Path(jit.__file__).parent, tmp_path)
-    (tmp_path / "constants.py").write_text("G = 9.9")
-    assert jit.source_hash(Path(jit.__file__).parent, tmp_path) != before
+@pytest.fixture
+def package(tmp_path):
+    """A top-level package with constants at its top and two inner packages, one with the kernel."""
+    for folder in ("own", "own/motion", "own/motion/deep", "own/other"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "__init__.py").write_text("")
+    (tmp_path / "own/constants.py").write_text("G = 9.8")
+    (tmp_path / "own/other/constants.py").write_text("G = 9.8")
+    return tmp_path / "own"
+
+
+@pytest.mark.parametrize(
+    "changed", ["constants.py", "other/constants.py", "motion/deep/__init__.py", "new.py"]
+)
+@pytest.mark.parametrize("kernel_folder", ["motion", "motion/deep", "."])
+def test_every_source_of_the_kernels_top_package_is_in_the_name(
+    package, kernel_folder, changed, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+
+    def name():
+        return jit.cache_folder.__wrapped__(package / kernel_folder).name
+
+    before = name()
+    assert jit.top_package(package / kernel_folder) == package
+    (package / changed).write_text("G = 9.9")
+    assert name() != before
+
+
+def test_a_file_that_changes_its_room_changes_the_name(package):
+    before = jit.source_hash(package)
+    (package / "other/constants.py").rename(package / "motion/constants.py")
+    assert jit.source_hash(package) != before
+
+
+def test_the_kernels_of_all_packages_are_named_by_ins_and_their_own_top_package():
+    top = Path(ins.__file__).parent
+    assert jit.top_package(top / "filters") == jit.top_package(top / "strapdown") == top
+    shake = Path(shake_kernel.__file__)
+    assert jit.top_package(shake.parent) == top.parent / "alignment"
+    name = f"kernels-{jit.source_hash(top, top.parent / 'alignment')}"
+    assert Path(shake_kernel.add_rows.stats.cache_path).parent.name == name
+
+
+def test_kernels_take_nothing_from_a_third_package():
+    """A constant of another package could change without a change of the hash."""
+    top = Path(ins.__file__).parent.parent
+    sources = [path for name in PACKAGES for path in (top / name).rglob("*.py")]
+    users = [path for path in sources if "from ins.jit import" in path.read_text("utf-8")]
+    assert len(users) >= 5
+    for path in users:
+        own = path.relative_to(top).parts[0]
+        for module in re.findall(r"^\s*from (\w+)", path.read_text("utf-8"), re.MULTILINE):
+            assert module in {"ins", own, "math", "numpy", "collections", "typing"}, path
 
 
 def test_options_reach_numba():

@@ -16,7 +16,12 @@ from alignment.motion.stands import Where
 from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
 from infield.replay.aided.velocity_match import Match, match_velocity
 from ins.earth import EARTH_RATE_RAD_S, geodetic_from_ecef, gravity_magnitude
-from ins.filters.aided_filter import ACCEL, GYRO, POS, THETA, VEL, AidedStart, Fixes
+from ins.filters.aided_filter import AidedStart, Fixes
+from ins.filters.states import AIDED_ACCEL as ACCEL
+from ins.filters.states import AIDED_GYRO as GYRO
+from ins.filters.states import AIDED_POS as POS
+from ins.filters.states import AIDED_THETA as THETA
+from ins.filters.states import AIDED_VEL as VEL
 from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
 

@@ -30,16 +30,11 @@ from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.replay.aided.flight import AidedResult, nis_of, rejected_rows, reset_times
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
-from ins.filters.aided_filter import (
-    ACCEL,
-    GYRO,
-    KINDS,
-    POS,
-    VEL,
-    AidedHistory,
-    Antenna,
-    level_sigmas,
-)
+from ins.filters.aided_filter import KINDS, AidedHistory, Antenna, level_sigmas
+from ins.filters.states import AIDED_ACCEL as ACCEL
+from ins.filters.states import AIDED_GYRO as GYRO
+from ins.filters.states import AIDED_POS as POS
+from ins.filters.states import AIDED_VEL as VEL
 from ins.kalman import nis_band
 from ins.records import ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G

@@ -1,0 +1,41 @@
+"""The layouts of the filters' state vectors, stated once for Python and for the compiled kernels.
+
+A slice is of three components (north, east, down or body x, y, z) or, where it has two, of the
+level pair. A number is one state. The meaning, unit and equation of each state stand in
+`ins.filters.error_model` (error filter) and in `ins.filters.aided_kernel` (aided filter).
+"""
+
+# Error filter: its base states. The gyro bias of each time bin follows them, three to a bin.
+W = slice(0, 2)  # velocity error against the true velocity in the computed frame [m/s]
+POS = slice(2, 4)  # position error [m]
+THETA = slice(4, 7)  # drift angle [rad]
+S = slice(7, 9)  # displacement error over the current step, body x and y [m]
+ACCEL = slice(9, 11)  # bias of the level accelerometers, body x and y [m/s^2]
+KAPPA = 11  # lateral over forward velocity at the no-slip point (-crab) [rad]
+LEVER_X = 12  # error of the lever arm from the no-slip point to the IMU along body x [m]
+LATERAL = 13  # lateral velocity of the vehicle beyond crab and lever arm [m/s]
+YAW = 14  # parked heading less its nominal value [rad]
+ODOMETER = 15  # odometer scale error, reads high [-]
+SCALE_Z = 16  # vertical gyro scale factor error [-]
+CENTRE_LINE = 17  # error of the surveyed centre-line azimuth [rad]
+THETA_START = slice(18, 21)  # clone of theta as it was at the start [rad]
+THETA_CLONE = slice(21, 24)  # clone of theta at a time that the caller chooses [rad]
+BASE = 24  # number of base states
+
+# Of these, the states that move, and those that only drive the moving ones, in the kernel's order.
+MOVING_STATES = (0, 1, 2, 3, 4, 5, 6, 7, 8, LATERAL)
+DRIVING_STATES = (9, 10, SCALE_Z)
+
+# Aided filter.
+AIDED_POS = slice(0, 3)  # position error, north, east, down [m]
+AIDED_VEL = slice(3, 6)  # velocity error, north, east, down [m/s]
+AIDED_THETA = slice(6, 9)  # attitude error of C_eb, north, east, down [rad]
+AIDED_GYRO = slice(9, 12)  # gyro bias beyond what is taken off, body axes [rad/s]
+AIDED_ACCEL = slice(12, 15)  # the same of the accelerometers, body axes [m/s^2]
+AIDED_MOTION = 15  # number of the states above, which move or drive what moves
+AIDED_SLOW_POS = slice(15, 18)  # slow error of the fixes' positions, north, east, down [m]
+AIDED_SLOW_VEL = slice(18, 21)  # slow error of the fixes' velocities, north, east, down [m/s]
+AIDED_LEVER = slice(21, 24)  # error of the lever arm from the IMU to the antenna, body axes [m]
+AIDED_DELAY = 24  # error of the delay of the positions [s]
+AIDED_VELOCITY_DELAY = 25  # error of the delay of the velocities [s]
+AIDED_STATES = 26
