@@ -7,17 +7,15 @@ gyros the turn of the local level, GNSS the way; sway is laid over alike. First 
 products of two effects, and a rotation's swing of the antenna (300 arcsec of roll at 5 m: 7 mm).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import omega_en_n, omega_ie_n, radii_of_curvature
-from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, TwinModel, VehicleNoise
-from simreal.declared.declared_noise import without_excess
-from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_traces
+from ins.records import GnssLog, ImuLog, OdometerLog, Run, TemperatureLog, VehicleNoise
+from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.telemetry import Telemetry, Trace
 from simreal.twin.added_noise import Draws, at, draw, swayed
 from trajectories.runs.directory import run_sha256
@@ -45,44 +43,6 @@ class Injected:
     side: SideMotion
 
 
-def inject(
-    run: Run,
-    telemetry: Telemetry,
-    effects: Sequence[TwinEffect],
-    rng: np.random.Generator,
-    *,
-    vehicle: VehicleNoise | None = None,
-) -> Run:
-    """A run with effects added; those of other runs are passed over.
-
-    telemetry: of this run. effects: none with a negative noise coefficient (see `without_excess`).
-    vehicle: the twin's, for the frequency of sway.
-    """
-    return injected(run, telemetry, effects, rng, vehicle=vehicle).run
-
-
-def injector(
-    telemetry: Telemetry, twin: TwinModel
-) -> Callable[[Run, tuple[dict[str, Any], ...], np.random.Generator], Run]:
-    """`inject` in the form that `simreal.twin.replicate.replicate` takes; effects that lower
-    declared noise are in the twin already
-
-    (simulate with `lowered(twin, run_id)`).
-    """
-
-    def add(run: Run, effects: tuple[dict[str, Any], ...], rng: np.random.Generator) -> Run:
-        listed = parse_effects(replace(twin, effects=effects))
-        added = without_excess(twin, listed, run.header.run_id)[1]
-        return inject(run, telemetry, added, rng, vehicle=twin.vehicle)
-
-    return add
-
-
-def lowered(twin: TwinModel, run_id: str) -> TwinModel:
-    """The twin without the noise that its effects take away, its effects still listed."""
-    return replace(without_excess(twin, parse_effects(twin), run_id)[0], effects=twin.effects)
-
-
 def injected(
     run: Run,
     telemetry: Telemetry,
@@ -91,7 +51,15 @@ def injected(
     *,
     vehicle: VehicleNoise | None = None,
 ) -> Injected:
-    """The run with its effects, and what was added."""
+    """The run with its effects, and what was added; effects of other runs are passed over.
+
+    Parameters
+    ----------
+    run, telemetry : the run, and its telemetry.
+    effects : to add, none with a negative noise coefficient (see `without_excess`).
+    rng : of the noise that effects add.
+    vehicle : the twin's, for the frequency of sway.
+    """
     own = [item for item in effects if item.in_run(run.header.run_id)]
     imu = run.imu.whole()
     trace = twin_traces(own, telemetry, run.header.run_id)

@@ -21,9 +21,8 @@ from simreal.evidence import run_view
 from simreal.evidence.whitened import Evidence
 from simreal.inference.bank import shapes_of
 from simreal.inference.noise_hypotheses import Squares, term_of
-from simreal.twin.inject import inject, injector, lowered
+from simreal.twin.inject import injected
 from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
-from simreal.twin.replicate import replicate, twin_basis
 from tests.simreal import runs
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.session import reference_of, simulate_run
@@ -40,7 +39,6 @@ DRIVE = (
     Straight(duration_s=40.0),
     Stop(duration_s=30.0),
 )
-PARKED = (Park(duration_s=300.0),)
 WARM_UP = thermal_history("ambient")
 BY_ID = {effect.id: effect for effect in catalogue()}
 
@@ -289,28 +287,6 @@ def test_events_of_other_runs_stay_out_and_the_draw_repeats():
     )
 
 
-def test_the_twin_of_a_run_takes_its_effects():
-    simulated = runs.simulated(seed=6, segments=PARKED)
-    telemetry = telemetry_of_simulated(simulated, WARM_UP, None)
-    listed = (
-        {
-            "effect": "gyro_warmup_transient",
-            "target": "gyro_x",
-            "parameters": {"coefficient": 0.5, "tau_s": 300.0},
-        },
-    )
-    twin = replace(TWIN, effects=listed)
-    basis = twin_basis(simulated.run, runs.table(), lowered(twin, simulated.run.header.run_id))
-    with_it = replicate(
-        basis, np.random.default_rng(3), inject=injector(telemetry, twin)
-    ).imu.whole()
-    bare = replicate(
-        replace(basis, twin=replace(twin, effects=())), np.random.default_rng(3)
-    ).imu.whole()
-    more = (with_it.dtheta_rad - bare.dtheta_rad)[:, 0] / 0.1 / DEG_PER_HOUR
-    np.testing.assert_allclose(more, 0.5 * np.exp(-(bare.time_s - 0.05) / 300.0), atol=1e-3)
-
-
 # What the diagnosis rests on: evidence of the injected less evidence of the clean run = signature
 # times coefficient.
 DELTA = 5.0  # norm of the whitened signature
@@ -382,7 +358,7 @@ def test_evidence_moves_by_the_signature(key, monkeypatch):
         item = TwinEffect(
             found, target, tuple(size if k == c else 0.0 for k in range(len(units))), shape
         )
-        run = inject(session()[0].run, view.telemetry, [item], np.random.default_rng(1))
+        run = injected(session()[0].run, view.telemetry, [item], np.random.default_rng(1)).run
         moved = Evidence([run_view.view_run(run, 0, runs.table(), TWIN)], TWIN)
         error = np.linalg.norm(moved.z - clean.z - size * signature)
         assert error < LEFT_OUT.get(key, FEW_PERCENT) * DELTA, (
@@ -407,9 +383,9 @@ def test_squares_grow_by_what_the_diagnosis_makes_of_a_noise(key, monkeypatch):
     kind = view.telemetry.kind.copy()
     monkeypatch.setattr(run_view, "_kinds", lambda *_, **__: kind)
     item = TwinEffect(found, found.targets[0], (float(np.sqrt(q)),), shape)
-    run = inject(
+    run = injected(
         session()[0].run, view.telemetry, [item], np.random.default_rng(1), vehicle=TWIN.vehicle
-    )
+    ).run
     moved = Evidence([run_view.view_run(run, 0, runs.table(), TWIN)], TWIN)
     grown = Squares(moved).ratio(moved.z[:, None])[:, 0] - squares.ratio(clean.z[:, None])[:, 0]
     weight = n * a / (1 + q * a) ** 2
