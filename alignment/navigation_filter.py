@@ -4,8 +4,8 @@ rolls.
 One sweep over a navigation solution: errors propagate by `ins.filters.error_model`; a standing
 vehicle has no velocity (its displacement since the stop) and keeps its heading up to a slow creep
 (parked-attitude constraint); what a rolling vehicle shows is added by aids (lateral motion,
-odometer, GNSS: `infield.session.taxi_heading`). All of it is laid down as a `FilterProgram` first,
-with numpy over the whole run, and worked through in one go.
+odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid down as a
+`FilterProgram` first, with numpy over the whole run, and worked through in one go.
 """
 
 from collections.abc import Sequence

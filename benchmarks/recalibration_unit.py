@@ -23,7 +23,7 @@ from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour
-from infield.session.navigated import BIN_FLOOR_DEG_H
+from infield.session.navigated.estimator import BIN_FLOOR_DEG_H
 from infield.session.pipeline import SessionResult, UpdateResult, update_calibration
 from infield.session.points import measurement_information
 from infield.table.file import table_from_dict, table_sha256, table_to_dict

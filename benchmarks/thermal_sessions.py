@@ -19,7 +19,7 @@ from infield.session.acceptance import judge_merge
 from infield.session.disagreement import SessionEvidence, session_evidence
 from infield.session.hysteresis import SessionLikelihood, posterior_with
 from infield.session.joint_update import likelihood_of
-from infield.session.navigated import SessionSettings
+from infield.session.navigated.estimator import SessionSettings
 from infield.session.pipeline import SessionResult, update_calibration
 from infield.session.points import session_points
 from infield.table.merge import merge_posterior

@@ -57,7 +57,7 @@ def predict_parked(
     ----------
     edges_s (N + 1,), covariance (3N, 3N) [(deg/h)^2] : bins and what the gyros' bias beyond the
     table may be in them
-        (`infield.session.navigated.SessionBins.prior`), order x, y, z of bin 0, then of bin 1 ...
+        (`infield.session.bins.SessionBins.prior`), order x, y, z of bin 0, then of bin 1 ...
     C_nb (3, 3) : the parked attitude.
     alignment : (start, end) [s]; navigation begins at its end.
 

@@ -23,7 +23,7 @@ from infield.replay.aided.flight import AidedResult, navigate_aided
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.replay.stops import Stop, StopSpeed, find_stops, first_roll, stop_speed
-from infield.session.navigated import (
+from infield.session.navigated.estimator import (
     SessionBins,
     SessionSettings,
     alignment_end,

@@ -20,7 +20,7 @@ from infield.session.hysteresis import (
     posterior_with,
     with_terms,
 )
-from infield.session.navigated import SessionSettings, rebinned
+from infield.session.navigated.estimator import SessionSettings, rebinned
 from infield.session.points import measurement_information
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable

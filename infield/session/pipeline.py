@@ -13,7 +13,6 @@ import numpy as np
 from alignment.motion.standstill import speed_disagreement
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
-from infield.session.claim_chain import ClaimChain, run_claim_chain
 from infield.session.disagreement import (
     SessionEvidence,
     Step,
@@ -24,7 +23,8 @@ from infield.session.disagreement import (
 )
 from infield.session.hysteresis import ThermalTerm
 from infield.session.joint_update import with_thermal_terms
-from infield.session.navigated import (
+from infield.session.navigated.claim_chain import ClaimChain, run_claim_chain
+from infield.session.navigated.estimator import (
     SessionEstimate,
     SessionSettings,
     compensated_imu,
@@ -34,8 +34,8 @@ from infield.session.navigated import (
     session_end,
     table_series,
 )
-from infield.session.parked_rates import estimate_parked, no_heading
-from infield.session.parked_stretches import find_rests
+from infield.session.parked.rates import estimate_parked, no_heading
+from infield.session.parked.stretches import find_rests
 from infield.session.points import AxisObservability, observability, session_points
 from infield.table.merge import MergeResult, SessionPoints, merge_posterior
 from infield.table.thermal_table import AgeingModel, ThermalTable

@@ -49,8 +49,8 @@ def align(
 
     from alignment.document import alignment_document
     from alignment.gyrocompass import align as align_log
-    from infield.session.navigated import SessionSettings, compensated_imu
-    from infield.session.parked_rates import mean_zero_rate
+    from infield.session.navigated.estimator import SessionSettings, compensated_imu
+    from infield.session.parked.rates import mean_zero_rate
     from infield.thermometer.gyro_temperature import gyro_temperature
     from recal.service.output import output_directory, write_text
     from recal.service.unit_inputs import open_store, unit_inputs

@@ -3,8 +3,8 @@ data and every signature.
 
 The nominal solution starts at the end of the parked stretch; its errors obey
 `ins.filters.error_model`, and the wheels (no side slip), odometer, GNSS and stops measure them as
-in `infield.session.taxi_heading`. The filter is linear, so its gains are worked out once and then
-replayed: a column is the data, or what an effect would add to them.
+in `infield.session.navigated.taxi_heading`. The filter is linear, so its gains are worked out once
+and then replayed: a column is the data, or what an effect would add to them.
 
     e- = Phi e + u,   nu = H e- + m,   e+ = e- - K nu
 
@@ -32,7 +32,7 @@ from alignment.navigation_filter import (
     process_noise,
     views_of,
 )
-from infield.session.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
+from infield.session.navigated.taxi_heading import LATERAL_FLOOR_M, GnssAid, LateralAid, OdometerAid
 from ins.filters import error_model as em
 from ins.filters.program import ADD, ADVANCE, MEASURE, FilterProgram, Steps
 from ins.records import TwinModel

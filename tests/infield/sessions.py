@@ -8,7 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.session.navigated.estimator import (
+    SessionSettings,
+    estimate_session,
+    find_rest,
+    session_end,
+)
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature

@@ -13,7 +13,7 @@ from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import misalignment_html
-from infield.session.navigated import (
+from infield.session.navigated.estimator import (
     SessionSettings,
     estimate_session,
     find_rest,

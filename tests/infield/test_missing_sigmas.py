@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from infield.replay.free_inertial import replay
-from infield.session.taxi_heading import GnssAid
+from infield.session.navigated.taxi_heading import GnssAid
 from ins.filters.aided_filter import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of

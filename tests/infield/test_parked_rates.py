@@ -12,8 +12,8 @@ from scipy.stats import chi2
 from alignment.motion.parked_seconds import ParkedSeconds
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
-from infield.session.navigated import SessionSettings
-from infield.session.parked_rates import find_parked, no_heading, unknown_sigma_deg_h
+from infield.session.navigated.estimator import SessionSettings
+from infield.session.parked.rates import find_parked, no_heading, unknown_sigma_deg_h
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from infield.thermometer.gyro_temperature import gyro_temperature

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session.navigated import (
+from infield.session.navigated.estimator import (
     SessionSettings,
     compensated_imu,
     find_rest,

@@ -10,7 +10,7 @@ import pytest
 
 from alignment.motion.stillness import ROLLING, STILL
 from alignment.navigation_filter import StepPlan, views_of
-from infield.session.taxi_heading import (
+from infield.session.navigated.taxi_heading import (
     CentreLineAid,
     GnssAid,
     LateralAid,

@@ -8,7 +8,12 @@ from functools import lru_cache
 import numpy as np
 
 from alignment import gyrocompass
-from infield.session.navigated import SessionSettings, estimate_session, find_rest, session_end
+from infield.session.navigated.estimator import (
+    SessionSettings,
+    estimate_session,
+    find_rest,
+    session_end,
+)
 from infield.session.points import mean_rows
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AXES, Run, TwinModel

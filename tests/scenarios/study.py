@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.session.navigated import (
+from infield.session.navigated.estimator import (
     SessionEstimate,
     SessionSettings,
     estimate_session,

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binom, chi2
 
 from infield.session.acceptance import judge_estimate
-from infield.session.navigated import SessionSettings, own_information_floor_deg_h
+from infield.session.navigated.estimator import SessionSettings, own_information_floor_deg_h
 from infield.session.points import observability
 from infield.table.merge import merge_posterior
 from ins.records import Survey

@@ -8,11 +8,11 @@ Levelled by gravity, the vertical part of e is known (-Omega sinL along down), t
 not: on an unknown heading it is uniform on a circle of Omega cosL, mean 0, variance (Omega cosL)^2
 / 2 on either level direction. It is one common error of all points of a stretch, not one of each
 point, and a surveyed heading takes it away; what stretches of one log have in common of it is for
-the turns between them to say (`infield.session.parked_earth`). b_k are the session's biases over
-bins, with the joint prior of table and twin that every session has (`infield.session.navigated`):
-one turn-on, while flicker and random walk go on between the stretches. Where it does not stand
-there is no bin. Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom
-(2001), eq. (1.4.14-1).
+the turns between them to say (`infield.session.parked.earth`). b_k are the session's biases over
+bins, with the joint prior of table and twin that every session has (`infield.session.bins`): one
+turn-on, while flicker and random walk go on between the stretches. Where it does not stand there is
+no bin. Units inside: deg/h. Source: [derived]; Bayesian update of a Gaussian, Bar-Shalom (2001),
+eq. (1.4.14-1).
 """
 
 from dataclasses import replace
@@ -26,7 +26,8 @@ from alignment import levelling
 from alignment.gyrocompass import LEVEL_SHARE
 from alignment.motion.parked_seconds import ParkedSeconds, parked_places, parked_seconds
 from alignment.motion.turn_between import turn_between
-from infield.session.navigated import (
+from infield.session.estimate import ParkedEvidence, ParkedStretch
+from infield.session.navigated.estimator import (
     SessionBins,
     SessionEstimate,
     SessionSettings,
@@ -34,9 +35,8 @@ from infield.session.navigated import (
     compensated_imu,
     equal_edges,
 )
-from infield.session.parked_earth import SessionEarth, session_earth
-from infield.session.parked_evidence import ParkedEvidence, ParkedStretch
-from infield.session.parked_stretches import MIN_PARKED_S, Rests, find_rests
+from infield.session.parked.earth import SessionEarth, session_earth
+from infield.session.parked.stretches import MIN_PARKED_S, Rests, find_rests
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from alignment.coarse import level_angles
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.turn_between import Turn, levelled
-from infield.session.navigated import SessionSettings
+from infield.session.navigated.estimator import SessionSettings
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import Run, Site, TwinModel

@@ -19,7 +19,7 @@ from alignment import coarse, gyrocompass
 from alignment.motion.stillness import ALIGNMENT_S, Motion
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
-from infield.session.taxi_heading import (
+from infield.session.navigated.taxi_heading import (
     CentreLineAid,
     GnssAid,
     LateralAid,
@@ -37,7 +37,7 @@ from ins.strapdown.mechanization import VerticalChannel
 from ins.units import DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN, PPM
 
 if TYPE_CHECKING:
-    from infield.session.parked_evidence import ParkedEvidence
+    from infield.session.estimate import ParkedEvidence
 
 BIN_S = 300.0
 # spread of a bin's mean about every model of it; keeps the joint covariance invertible
@@ -132,7 +132,7 @@ class SessionEstimate:
 
     heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment
     alone) and after. solution is None, and parked is not, for gyros that find no heading
-    (`infield.session.parked_rates`); the heading is NaN then.
+    (`infield.session.parked.rates`); the heading is NaN then.
     """
 
     bins: SessionBins

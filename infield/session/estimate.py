@@ -11,7 +11,7 @@ from alignment.motion.excursions import AIRBORNE
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
 from alignment.motion.turn_between import Turn
-from infield.session.parked_earth import SessionEarth
+from infield.session.parked.earth import SessionEarth
 from ins.records import Span
 
 
