@@ -15,8 +15,8 @@ import numpy as np
 from benchmarks.cramer_rao import Sights, Spread, bias_bound
 from benchmarks.navigation_response import navigation_response
 from infield.session.acceptance import judge_estimate
-from infield.session.navigated.estimator import SessionSettings
 from infield.session.points import observability
+from infield.session.settings import SessionSettings
 from ins.records import Site, Survey, TwinModel
 from ins.units import DEG, MILLIRADIAN
 from tests.scenarios.study import (

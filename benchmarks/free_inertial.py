@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from alignment import gyrocompass
 from infield.replay.drift import drift_against
-from infield.session.navigated.estimator import SessionSettings, compensated_imu, make_bins
+from infield.session.bins import make_bins
+from infield.session.log import compensated_imu
+from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import NavState, Site, TwinModel

@@ -23,9 +23,10 @@ from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour
-from infield.session.navigated.estimator import BIN_FLOOR_DEG_H
-from infield.session.pipeline import SessionResult, UpdateResult, update_calibration
+from infield.session.bins import BIN_FLOOR_DEG_H
+from infield.session.pipeline import update_calibration
 from infield.session.points import measurement_information
+from infield.session.results import SessionResult, UpdateResult
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
 from infield.table.merge import merge_posterior, session_covariance
 from infield.table.prior import smooth_kernel

@@ -23,7 +23,8 @@ from benchmarks.thermal_sessions import (
 from infield.session.disagreement import find_steps
 from infield.session.hysteresis import SessionLikelihood, joint_posterior
 from infield.session.joint_update import with_thermal_terms
-from infield.session.pipeline import SessionResult, update_calibration
+from infield.session.pipeline import update_calibration
+from infield.session.results import SessionResult
 from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
 from infield.table.file import table_to_dict
 from infield.table.merge import SessionPoints, merge_points, session_covariance

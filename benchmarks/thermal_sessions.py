@@ -19,9 +19,10 @@ from infield.session.acceptance import judge_merge
 from infield.session.disagreement import SessionEvidence, session_evidence
 from infield.session.hysteresis import SessionLikelihood, posterior_with
 from infield.session.joint_update import likelihood_of
-from infield.session.navigated.estimator import SessionSettings
-from infield.session.pipeline import SessionResult, update_calibration
+from infield.session.pipeline import update_calibration
 from infield.session.points import session_points
+from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
 from infield.table.prior import smooth_kernel
 from infield.table.thermal_table import ThermalTable, default_table

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from infield.misalignment.azimuth_runs import Stop, coarse_headings, excess_rad_s, level_columns
 from infield.misalignment.harmonic_fit import azimuth_columns, fit_azimuths, level_rate_deg_h
-from infield.session.navigated.estimator import SessionSettings
+from infield.session.settings import SessionSettings
 from infield.table.merge import session_covariance
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature, plausible_range, too_short

@@ -18,7 +18,7 @@ from alignment import coarse
 from alignment.motion.imu_faults import repair
 from alignment.motion.standstill import speed_disagreement
 from alignment.motion.stillness import DISTURBED, PIVOT_RAD_S, STILL, classify
-from infield.session.navigated.estimator import compensated_imu, session_end
+from infield.session.log import compensated_imu, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.compensation import compensate
 from ins.earth import gravity_magnitude, omega_ie_n

@@ -23,16 +23,15 @@ from infield.replay.aided.flight import AidedResult, navigate_aided
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.replay.stops import Stop, StopSpeed, find_stops, first_roll, stop_speed
-from infield.session.navigated.estimator import (
-    SessionBins,
-    SessionSettings,
+from infield.session.bins import SessionBins, make_bins
+from infield.session.log import (
     alignment_end,
     compensated_imu,
     find_rest,
-    make_bins,
     session_end,
+    with_applied_table_undone,
 )
-from infield.session.pipeline import with_applied_table_undone
+from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short, words
 from ins.earth import EARTH_RATE_RAD_S

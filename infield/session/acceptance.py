@@ -6,7 +6,7 @@ from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict, rejected_share
 from alignment.motion.stillness import DISTURBED, STILL
-from infield.session.navigated.estimator import SessionEstimate
+from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability
 from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.navigated.estimator import SessionEstimate
+from infield.session.estimate import SessionEstimate
 from infield.session.points import mean_rows
 from infield.table.merge import SessionPoints
 from infield.table.thermal_table import ThermalTable

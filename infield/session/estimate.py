@@ -1,6 +1,4 @@
-"""What the parked seconds of a session without a heading said: its stretches of rest, their rates,
-and what they share.
-"""
+"""What a session's estimate is: the posterior of its biases and the evidence behind it."""
 
 from dataclasses import dataclass
 
@@ -11,8 +9,22 @@ from alignment.motion.excursions import AIRBORNE
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
 from alignment.motion.turn_between import Turn
-from infield.session.parked.earth import SessionEarth
+from alignment.result import Alignment, Solution
+from infield.session.bins import SessionBins
 from ins.records import Span
+
+
+@dataclass(frozen=True)
+class SessionEarth:
+    """All S stretches: known (S, 3), covariance (3S, 3S) of the rest, of which unknown headings
+    make of_heading (3S, 3S); heading (S,), down (S, 3) as for one stretch.
+    """
+
+    known: NDArray
+    covariance: NDArray
+    of_heading: NDArray
+    heading_deg_h: NDArray
+    down_b: NDArray
 
 
 @dataclass(frozen=True)
@@ -87,3 +99,37 @@ class ParkedEvidence:
         share = np.bincount(self.stretch, self.used_s, len(self.stretches)) / self.used_s.sum()
         rows = np.kron(share, np.eye(3))
         return np.asarray(np.diag(rows @ covariance @ rows.T))
+
+
+@dataclass(frozen=True)
+class SessionEstimate:
+    """Posterior of the session's bias beyond the table (mean (3N,), covariance (3N, 3N), deg/h) and
+    its evidence.
+
+    heading_error_rad: computed minus true at the end of the alignment; sigma before (alignment
+    alone) and after. solution is None, and parked is not, for gyros that find no heading
+    (`infield.session.parked`); the heading is NaN then.
+    """
+
+    bins: SessionBins
+    mean_deg_h: NDArray
+    covariance: NDArray
+    alignment: Alignment
+    solution: Solution | None
+    heading_error_rad: float
+    sigma_heading_rad: float
+    sigma_heading_before_rad: float
+    nis_mean: float
+    dof: int
+    parked: ParkedEvidence | None = None
+
+    @property
+    def motion(self) -> Motion:
+        """When the vehicle stood, by the solution or by the parked seconds."""
+        return self.navigated.motion if self.parked is None else self.parked.motion
+
+    @property
+    def navigated(self) -> Solution:
+        """The navigation solution, where there is one."""
+        assert self.solution is not None
+        return self.solution

@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.navigated.estimator import SessionBins
+from infield.session.bins import SessionBins
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES
 

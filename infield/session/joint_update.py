@@ -4,11 +4,11 @@ when there is one?
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from infield.session.acceptance import judge_merge
+from infield.session.bins import rebinned
 from infield.session.hysteresis import (
     VAGUE,
     MOVED_degC_min,
@@ -20,18 +20,16 @@ from infield.session.hysteresis import (
     posterior_with,
     with_terms,
 )
-from infield.session.navigated.estimator import SessionSettings, rebinned
 from infield.session.points import measurement_information
+from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES, TwinModel
 
-if TYPE_CHECKING:
-    from infield.session.pipeline import SessionResult
-
 
 def likelihood_of(
-    session: "SessionResult", table: ThermalTable, twin: TwinModel, settings: SessionSettings
+    session: SessionResult, table: ThermalTable, twin: TwinModel, settings: SessionSettings
 ) -> SessionLikelihood:
     """What a session measured, its bins on the given table."""
     estimate, temperature = session.estimate, session.temperature
@@ -46,11 +44,11 @@ def likelihood_of(
 
 
 def with_thermal_terms(
-    sessions: Sequence["SessionResult"],
+    sessions: Sequence[SessionResult],
     table: ThermalTable,
     twin: TwinModel,
     settings: SessionSettings,
-) -> tuple[tuple[ThermalTerm, ...], list["SessionResult"], ThermalTable | None]:
+) -> tuple[tuple[ThermalTerm, ...], list[SessionResult], ThermalTable | None]:
     """Terms, the sessions judged again and the merged table; (terms, sessions as they were, None)
     where none is found.
 
@@ -123,19 +121,19 @@ def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionL
     return replace(session, bins=replace(session.bins, own=own))
 
 
-def _covering(table: ThermalTable, sessions: Sequence["SessionResult"]) -> ThermalTable:
+def _covering(table: ThermalTable, sessions: Sequence[SessionResult]) -> ThermalTable:
     """The table with nodes over all temperatures of the sessions."""
     seen = [s.temperature.temperature_degC for s in sessions if s.temperature is not None]
     return table.extended_to(float(min(T.min() for T in seen)), float(max(T.max() for T in seen)))
 
 
 def _merged_again(
-    sessions: Sequence["SessionResult"],
+    sessions: Sequence[SessionResult],
     table: ThermalTable,
     terms: Sequence[ThermalTerm],
     twin: TwinModel,
     settings: SessionSettings,
-) -> tuple[list["SessionResult"], ThermalTable]:
+) -> tuple[list[SessionResult], ThermalTable]:
     """Each session judged with the terms in its prior, one after the other; then the table from all
     of them at once.
     """

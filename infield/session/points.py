@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import eigh, solve_triangular
 
-from infield.session.navigated.estimator import SessionBins, SessionEstimate
+from infield.session.bins import SessionBins
+from infield.session.estimate import SessionEstimate
 from infield.table.merge import SessionPoints
 from ins.records import AXES, Run
 

@@ -49,8 +49,9 @@ def align(
 
     from alignment.document import alignment_document
     from alignment.gyrocompass import align as align_log
-    from infield.session.navigated.estimator import SessionSettings, compensated_imu
-    from infield.session.parked.rates import mean_zero_rate
+    from infield.session.log import compensated_imu
+    from infield.session.parked.zero_rate import mean_zero_rate
+    from infield.session.settings import SessionSettings
     from infield.thermometer.gyro_temperature import gyro_temperature
     from recal.service.output import output_directory, write_text
     from recal.service.unit_inputs import open_store, unit_inputs

@@ -186,7 +186,7 @@ def study_of_runs(
 ) -> "AzimuthStudy":
     """The study of runs, with the table and the noise model of their unit."""
     from infield.misalignment.study import study_runs
-    from infield.session.pipeline import with_applied_table_undone
+    from infield.session.log import with_applied_table_undone
     from recal.service.unit_inputs import open_store, unit_inputs
     from trajectories.runs.directory import read_run
 

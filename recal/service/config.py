@@ -6,7 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from infield.session.navigated.estimator import SessionSettings
+from infield.session.settings import SessionSettings
 from infield.table.thermal_table import AgeingModel
 from ins.json_file import read_toml
 from ins.records import InputError

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from alignment import coarse, gyrocompass
-from infield.session.navigated.estimator import find_rest
-from infield.session.parked.rates import unknown_sigma_deg_h
+from infield.session.log import find_rest
+from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import ThermalTable, default_table

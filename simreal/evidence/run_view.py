@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion import stillness
-from infield.session.navigated.estimator import compensated_imu, find_rest, table_series
-from infield.session.pipeline import with_applied_table_undone
+from infield.session.log import compensated_imu, find_rest, table_series, with_applied_table_undone
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from infield.replay.drift import Drift, parked_drift
-from infield.session.navigated.estimator import compensated_imu
+from infield.session.log import compensated_imu
 from infield.table.thermal_table import ThermalTable
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.records import ImuLog, ImuSource, NavState, TwinModel

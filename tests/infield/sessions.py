@@ -8,17 +8,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.session.navigated.estimator import (
-    SessionSettings,
-    estimate_session,
-    find_rest,
-    session_end,
-)
+from infield.session.log import find_rest, session_end
+from infield.session.navigated.estimator import estimate_session
+from infield.session.settings import SessionSettings
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Site
-from ins.units import DEG
+from ins.units import DEG, HOUR
 from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
@@ -112,3 +109,8 @@ def true_bias(run, edges_s):
 
 def with_header(run, **changes):
     return replace(run, header=replace(run.header, **changes))
+
+
+def own_information_floor_deg_h(twin, seconds):
+    """ARW / sqrt(t): no session knows a bias better than this from its own data."""
+    return float(twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR))

@@ -13,7 +13,7 @@ from infield.replay.aided.flight import aided_noise, flicker_walk, navigate_aide
 from infield.replay.aided.noise import capped_nis
 from infield.replay.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
-from infield.session.navigated.estimator import find_rest
+from infield.session.log import find_rest
 from ins.filters.aided_filter import fixes_of, level_sigmas
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR

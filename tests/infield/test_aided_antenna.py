@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from infield.replay.aided.antenna import antenna_sigmas
 from infield.replay.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
-from infield.session.navigated.estimator import find_rest
+from infield.session.log import find_rest
 from ins.records import Run
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
 from trajectories.simulator.segments import Straight

@@ -9,7 +9,7 @@ import pytest
 
 from infield.replay.aided.antenna import antenna_sigmas
 from infield.replay.aided.flight import navigate_aided
-from infield.session.navigated.estimator import find_rest
+from infield.session.log import find_rest
 from ins.records import Run, Site
 from tests.infield.aided_cases import (
     SITE,

@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from infield.session.log import compensated_imu, session_end
 from infield.session.navigated.claim_chain import run_claim_chain
-from infield.session.navigated.estimator import compensated_imu, session_end
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN

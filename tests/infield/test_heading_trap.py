@@ -11,12 +11,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session.navigated.estimator import (
-    SessionSettings,
-    estimate_session,
-    find_rest,
-    session_end,
-)
+from infield.session.log import find_rest, session_end
+from infield.session.navigated.estimator import estimate_session
+from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.filters import error_kernel as fk
 from ins.filters import error_model as em

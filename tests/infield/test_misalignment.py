@@ -13,14 +13,10 @@ from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import misalignment_html
-from infield.session.navigated.estimator import (
-    SessionSettings,
-    estimate_session,
-    find_rest,
-    misalignment_sigma_mrad,
-    session_end,
-)
+from infield.session.log import find_rest, session_end
+from infield.session.navigated.estimator import estimate_session
 from infield.session.pipeline import update_calibration
+from infield.session.settings import SessionSettings, misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import gravity_magnitude

@@ -12,8 +12,10 @@ from scipy.stats import chi2
 from alignment.motion.parked_seconds import ParkedSeconds
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
-from infield.session.navigated.estimator import SessionSettings
-from infield.session.parked.rates import find_parked, no_heading, unknown_sigma_deg_h
+from infield.session.parked.rates import no_heading
+from infield.session.parked.stretches import find_rests
+from infield.session.parked.zero_rate import unknown_sigma_deg_h
+from infield.session.settings import SessionSettings
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -214,8 +216,8 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
 
 def test_the_rest_is_looked_for_in_the_named_phases():
     run = first()[0].run
-    stretch, why = find_parked(run)
-    assert why == "" and stretch[0] < 5.0 and stretch[1] > 2390.0
+    rests = find_rests(run)
+    assert rests.why == "" and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
     assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
     # of navigated sessions; a parked one has bins of a minute
     assert SessionSettings().bin_s == 300.0

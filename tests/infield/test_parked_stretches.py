@@ -12,9 +12,10 @@ from scipy.stats import chi2
 from alignment.motion import turn_between
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
-from infield.session.navigated.estimator import SessionSettings, make_bins
-from infield.session.parked.rates import unknown_sigma_deg_h
+from infield.session.bins import make_bins
 from infield.session.parked.stretches import find_rests, parked_windows
+from infield.session.parked.zero_rate import unknown_sigma_deg_h
+from infield.session.settings import SessionSettings
 from infield.table.file import table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S

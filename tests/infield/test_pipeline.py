@@ -203,7 +203,7 @@ def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
 def applied_run(table):
     """The same flight with the gyro output already compensated by a table."""
     run = simulated(1).run
-    from infield.session.navigated.estimator import table_series
+    from infield.session.log import table_series
     from infield.thermometer.gyro_temperature import gyro_temperature
 
     bias = table_series(table, gyro_temperature(run.temperature))(run.imu.time_s)

@@ -5,14 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from infield.session.navigated.estimator import (
-    SessionSettings,
-    compensated_imu,
-    find_rest,
-    make_bins,
-    own_information_floor_deg_h,
-    session_end,
-)
+from infield.session.bins import make_bins
+from infield.session.log import compensated_imu, find_rest, session_end
+from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Phase, TemperatureLog
 from ins.units import DEG_PER_HOUR
@@ -23,6 +18,7 @@ from tests.infield.sessions import (
     estimate,
     estimate_of,
     factory,
+    own_information_floor_deg_h,
     shifted,
     simulated,
     true_bias,

@@ -8,13 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from alignment import gyrocompass
-from infield.session.navigated.estimator import (
-    SessionSettings,
-    estimate_session,
-    find_rest,
-    session_end,
-)
+from infield.session.log import find_rest, session_end
+from infield.session.navigated.estimator import estimate_session
 from infield.session.points import mean_rows
+from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import AXES, Run, TwinModel
 from ins.units import DEG

@@ -6,14 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from infield.session.navigated.estimator import (
-    SessionEstimate,
-    SessionSettings,
-    estimate_session,
-    find_rest,
-    session_end,
-)
+from infield.session.estimate import SessionEstimate
+from infield.session.log import find_rest, session_end
+from infield.session.navigated.estimator import estimate_session
 from infield.session.points import mean_rows, observability, session_points
+from infield.session.settings import SessionSettings
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature

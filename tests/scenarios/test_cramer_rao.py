@@ -13,7 +13,7 @@ from scipy.linalg import block_diag
 
 from benchmarks.cramer_rao import Epoch, Sights, Spread, bias_bound, posterior_covariance
 from benchmarks.navigation_response import NavigationResponse, navigation_response
-from infield.session.navigated.estimator import SessionSettings
+from infield.session.settings import SessionSettings
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G

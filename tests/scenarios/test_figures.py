@@ -12,10 +12,11 @@ import pytest
 from scipy.stats import binom, chi2
 
 from infield.session.acceptance import judge_estimate
-from infield.session.navigated.estimator import SessionSettings, own_information_floor_deg_h
 from infield.session.points import observability
+from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
 from ins.records import Survey
+from tests.infield.sessions import own_information_floor_deg_h
 from tests.scenarios.study import (
     DEFAULT_TWIN,
     REFERENCE_TWIN,

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.session.navigated.estimator import SessionEstimate
-from infield.session.pipeline import SessionResult, UpdateResult
+from infield.session.estimate import SessionEstimate
+from infield.session.results import SessionResult, UpdateResult
 from infield.table.merge import random_walk_covariance
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, Phase

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
+from infield.session.estimate import SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
-from infield.session.navigated.estimator import SessionEstimate
 from infield.session.navigated.taxi_heading import heading_source
-from infield.session.pipeline import SessionResult
 from infield.session.points import UNSEEN_SIGMA
+from infield.session.results import SessionResult
 from infield.thermometer.gyro_temperature import words
 from ins.attitude import euler_from_dcm
 from ins.records import AXES, Phase

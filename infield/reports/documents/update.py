@@ -16,9 +16,9 @@ from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.session import heading_error, session_document
 from infield.session.acceptance import DECISION_RULE, PARKED_RULE
-from infield.session.navigated.estimator import misalignment_sigma_mrad
-from infield.session.pipeline import SessionResult, UpdateResult
 from infield.session.points import AxisObservability
+from infield.session.results import SessionResult, UpdateResult
+from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.merge import AXIS_Z_LIMIT, random_walk_covariance
 from infield.table.thermal_table import ThermalTable

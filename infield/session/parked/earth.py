@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from alignment.coarse import level_angles
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.turn_between import Turn, levelled
-from infield.session.navigated.estimator import SessionSettings
+from infield.session.estimate import SessionEarth
+from infield.session.settings import SessionSettings
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import Run, Site, TwinModel
@@ -47,19 +48,6 @@ class StretchEarth:
     heading_deg_h: float
     down_b: NDArray
     tilt_rad: float
-
-
-@dataclass(frozen=True)
-class SessionEarth:
-    """All S stretches: known (S, 3), covariance (3S, 3S) of the rest, of which unknown headings
-    make of_heading (3S, 3S); heading (S,), down (S, 3) as for one stretch.
-    """
-
-    known: NDArray
-    covariance: NDArray
-    of_heading: NDArray
-    heading_deg_h: NDArray
-    down_b: NDArray
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from alignment.motion.parked_seconds import quiet_stretches
 from alignment.motion.stands import SLOW_M_S, Where, joined, mean_speed
 from alignment.motion.standstill import MIN_S
-from infield.session.navigated.estimator import session_end
+from infield.session.log import session_end
 from ins.records import PARKED_PHASES, Run, Span
 
 MIN_PARKED_S = 60.0

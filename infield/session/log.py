@@ -1,0 +1,116 @@
+"""The log of a session: which part of it counts, and what is taken out of it before."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import coarse
+from alignment.motion.stillness import ALIGNMENT_S
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
+from ins.compensation import compensate, corrected
+from ins.records import PARKED_PHASES, ImuLog, ImuSource, InputError, Run, TwinModel
+from ins.units import DEG_PER_HOUR, MICRO_G
+
+
+def compensated_imu(
+    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+) -> ImuSource:
+    """The log less the table at each row's temperature, less the twin's nominal scale, misalignment
+    and biases.
+
+    No table, or no temperature: only the twin's. A log that is in its file stays there.
+    """
+    bias_at = None
+    if table is not None and temperature is not None:
+        refuse_without_settled_part(run)
+        bias_at = table_series(table, temperature)
+
+    def correct(piece: ImuLog) -> ImuLog:
+        return compensate(
+            piece,
+            gyro_bias_rad_s=None if bias_at is None else bias_at(piece.time_s) * DEG_PER_HOUR,
+            accel_bias_m_s2=np.asarray(twin.accel.bias_ug) * MICRO_G,
+            gyro_scale_factor_ppm=twin.gyro.scale_factor_ppm,
+            gyro_misalignment_mrad=twin.gyro.misalignment_mrad,
+        )
+
+    return corrected(run.imu, correct)
+
+
+def refuse_without_settled_part(run: Run) -> None:
+    """InputError for a run that a whole thermal model was taken out of: a table would be subtracted
+    on top of it.
+    """
+    gone = run.header.removed_model
+    if gone is not None and gone.part == "all":
+        raise InputError(
+            f"run {run.header.run_id}: thermal model {gone.sha256[:12]} was taken out whole, needed"
+            " the raw run or --part rates"
+        )
+
+
+def table_series(table: ThermalTable, temperature: GyroTemperature) -> Callable[[NDArray], NDArray]:
+    """Table bias (k, 3) [deg/h] at any times: the table at the smoothed temperature's nodes,
+    straight lines in between.
+    """
+    nodes_s, T = temperature.time_s, temperature.temperature_degC
+    bias = [table.bias_deg_h(axis, T[:, axis]) for axis in range(3)]
+    return lambda time_s: np.stack([np.interp(time_s, nodes_s, b) for b in bias], axis=1)
+
+
+def alignment_end(run: Run, start_s: float) -> float:
+    """End of the logged alignment phase, else ten minutes after the rest began at `start_s`."""
+    logged = [p.end_s for p in run.phases if p.phase == "alignment" and p.end_s > start_s]
+    return logged[0] if logged else start_s + ALIGNMENT_S
+
+
+def find_rest(run: Run) -> tuple[float, float] | None:
+    """The first rest: within the logged alignment phase where there is one."""
+    logged = [p for p in run.phases if p.phase in PARKED_PHASES]
+    imu = run.imu
+    if logged:
+        start, end = max(logged[0].start_s, imu.start_s), min(logged[0].end_s, imu.end_s)
+        if end - start < 30.0:
+            return None
+        imu = imu.between(start, end)
+    return coarse.first_rest(imu)
+
+
+def session_end(run: Run) -> float:
+    """Where the ground session ends: the first take-off or flight phase, else the end of the
+    log.
+    """
+    airborne = [p.start_s for p in run.phases if p.phase in ("takeoff", "flight", "landing")]
+    return min([*airborne, run.imu.end_s])
+
+
+def with_applied_table_undone(run: Run, applied_table: Callable[[str], ThermalTable] | None) -> Run:
+    """The run with raw gyro output: a table that the unit had subtracted is added back; InputError
+    where it cannot be.
+    """
+    refuse_without_settled_part(run)
+    sha256 = run.header.applied_table_sha256
+    if sha256 is None:
+        return run
+    if applied_table is None:
+        raise InputError(
+            f"run {run.header.run_id}: applied_table_sha256 {sha256[:12]} is unknown: no store to"
+            " find it in"
+        )
+    table = applied_table(sha256)
+    if run.temperature is None:
+        raise InputError(
+            f"run {run.header.run_id}: a table was applied but no temperature is logged: cannot be"
+            " undone"
+        )
+    bias_at = table_series(
+        table, gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
+    )
+
+    def restored(piece: ImuLog) -> ImuLog:
+        return compensate(piece, gyro_bias_rad_s=-bias_at(piece.time_s) * DEG_PER_HOUR)
+
+    return replace(run, imu=corrected(run.imu, restored))

@@ -1,0 +1,152 @@
+"""One run against the table as it stands: estimated, judged and merged."""
+
+import numpy as np
+
+from alignment.motion.standstill import speed_disagreement
+from infield.session import acceptance
+from infield.session.acceptance import Verdict
+from infield.session.estimate import SessionEstimate
+from infield.session.log import compensated_imu, find_rest, session_end
+from infield.session.navigated.claim_chain import ClaimChain, run_claim_chain
+from infield.session.navigated.estimator import estimate_session
+from infield.session.parked.rates import estimate_parked, no_heading
+from infield.session.parked.stretches import find_rests
+from infield.session.points import observability, session_points
+from infield.session.results import SessionResult
+from infield.session.settings import SessionSettings
+from infield.table.merge import merge_posterior
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import (
+    GyroTemperature,
+    gyro_temperature,
+    no_thermometer,
+    plausible_range,
+    too_short,
+    words,
+)
+from ins.records import Run, TwinModel
+
+NEVER_RESTS = (
+    "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
+)
+LEVEL_REMOVED = (
+    "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro"
+    " offsets): their level is not the unit's; convert the log again with gyro_offsets ="
+    ' "add_back" in the map'
+)
+LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
+
+
+def take_run(
+    run: Run, table: ThermalTable, twin: TwinModel, settings: SessionSettings, repeated: bool
+) -> SessionResult:
+    """One run against the table as it stands."""
+    if repeated:
+        return SessionResult(
+            run, acceptance.refuse("the table already holds this run (same content hash)")
+        )
+    short = too_short(run.temperature)
+    if run.temperature is None or short:
+        return SessionResult(run, acceptance.refuse(short))
+    temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
+    if len(temperature.unusable) == 3:
+        return SessionResult(run, acceptance.refuse(*no_thermometer(temperature)), temperature)
+    low, high = (
+        temperature.temperature_degC.min(axis=0).min(),
+        temperature.temperature_degC.max(axis=0).max(),
+    )
+    table, end_s = table.extended_to(float(low), float(high)), session_end(run)
+    estimate = _estimated(run, table, temperature, twin, settings, end_s)
+    if isinstance(estimate, Verdict):
+        return SessionResult(run, estimate, temperature)
+    seen = observability(
+        estimate, hold_heading=settings.hold_heading, unusable=temperature.why_unusable()
+    )
+    points = session_points(run, estimate)
+    chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
+    against = speed_disagreement(run, estimate.motion)
+    verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
+    if not verdict.accepted:
+        return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
+    bins = estimate.bins
+    merged = merge_posterior(
+        table,
+        bins.H,
+        bins.table_deg_h,
+        bins.prior,
+        bins.table_deg_h + estimate.mean_deg_h,
+        estimate.covariance,
+        held_axes=[axis.axis for axis in seen if axis.verdict == "not_observable"],
+    )
+    return SessionResult(
+        run,
+        acceptance.judge_merge(merged, estimate),
+        temperature,
+        estimate,
+        seen,
+        points,
+        merged,
+        chain,
+    )
+
+
+def _estimated(
+    run: Run,
+    table: ThermalTable,
+    temperature: GyroTemperature,
+    twin: TwinModel,
+    settings: SessionSettings,
+    end_s: float,
+) -> SessionEstimate | Verdict:
+    """The session's biases: through navigation, or for gyros that find no heading from the parked
+    rates themselves.
+    """
+    rests = find_rests(run) if no_heading(run, table, temperature, twin) else None
+    rest, why = (
+        (find_rest(run), NEVER_RESTS)
+        if rests is None
+        else (next(iter(rests.stretches), None), rests.why)
+    )
+    level = (LEVEL_REMOVED,) if run.header.level_removed else ()
+    if rest is None or level:
+        return acceptance.refuse(*level, *((why,) if rest is None else ()))
+    spans = [(rest[0], end_s)] if rests is None else rests.stretches
+    known = max(temperature.covered(*span).max() for span in spans)
+    if known < LEAST_COVERED:
+        reason = (
+            f"gyro temperature is known for {100 * known:.0f} % of the session, needed"
+            f" {100 * LEAST_COVERED:.0f} %"
+        )
+        return acceptance.refuse(reason, *map(words, temperature.faults))
+    if rests is not None:
+        found = estimate_parked(run, table, temperature, twin, settings, rests=rests)
+        return acceptance.refuse(found) if isinstance(found, str) else found
+    try:
+        return estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
+    except ArithmeticError as lost:
+        return acceptance.refuse(f"the filter cannot follow this log: {lost}")
+
+
+def _claim_chain(
+    run: Run,
+    table: ThermalTable,
+    temperature: GyroTemperature,
+    twin: TwinModel,
+    estimate: SessionEstimate,
+    end_s: float,
+) -> ClaimChain | None:
+    """The patent's own path on the same data, for the report."""
+    aligned = estimate.alignment
+    if aligned.C_nb is None or end_s - aligned.time_s < 600.0:
+        return None
+    imu = compensated_imu(run, table, temperature, twin)
+    return run_claim_chain(
+        imu,
+        run.header.site,
+        twin,
+        aligned,
+        temperature,
+        phases=run.phases,
+        until_s=end_s,
+        prior_sigma_deg_h=float(np.sqrt(np.diag(estimate.bins.prior)[:2].max())),
+    )
