@@ -33,7 +33,6 @@ from ins.records import ImuSource, InputError
 from ins.units import DEG
 from simreal.effects import telemetry
 from simreal.evidence import run_view
-from simreal.twin import run_motion
 from trajectories.runs import physics_gates
 
 ANSWERS = ROOT / "tests" / "motion" / "answers.json"
@@ -207,12 +206,6 @@ def gap_view(case: Case) -> Any:
     }
 
 
-def twin_stands(case: Case) -> Any:
-    """The stands that a twin of the run is simulated along."""
-    found = run_motion.estimate_motion(case.run, case.table, case.twin)
-    return {"stands": [span_of(s) for s in found.stands], "heading": found.heading_source}
-
-
 CALLERS: dict[str, Callable[[Case], Any]] = {
     "first_rest": first_rest,
     "quiet_start": quiet_start,
@@ -226,7 +219,6 @@ CALLERS: dict[str, Callable[[Case], Any]] = {
     "chamber_ramps": chamber_ramps,
     "parked_rests": parked_rests,
     "gap_view": gap_view,
-    "twin_stands": twin_stands,
 }
 
 # What they are given and how their answers are written --------------------------------------------
