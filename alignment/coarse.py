@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import ImuLog, ImuSource
+from ins.robust import robust_scatter, robust_sigmas
 
 BLOCK_S = 10.0
 
@@ -37,20 +38,13 @@ def rest_means(imu: ImuLog) -> RestMeans:
     )
     f = np.add.reduceat(imu.dv_m_s, starts, axis=0)[keep] / seconds[keep, None]
     omega = np.add.reduceat(imu.dtheta_rad, starts, axis=0)[keep] / seconds[keep, None]
-    spread = 1.4826 * np.median(np.abs(omega - np.median(omega, axis=0)), axis=0)
+    spread = robust_scatter(omega)
     return RestMeans(
         f_ib_b=np.median(f, axis=0),
         omega_ib_b=np.median(omega, axis=0),
         sigma_omega_rad_s=1.25 * spread / np.sqrt(len(f)),
         seconds=float(seconds.sum()),
     )
-
-
-def level_angles(f_b: NDArray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a resting unit from its specific force (3,). Groves (2013), section
-    5.6.1.
-    """
-    return float(np.arctan2(-f_b[1], -f_b[2])), float(np.arctan2(f_b[0], np.hypot(f_b[1], f_b[2])))
 
 
 def gyrocompass_dcm(means: RestMeans) -> NDArray:
@@ -150,7 +144,7 @@ def _near(values: NDArray, reference: slice, limit: float) -> NDArray:
     reference rows.
     """
     centre = np.median(values[reference], axis=0)
-    noise = 1.4826 * np.median(np.abs(np.diff(values, axis=0)), axis=0) / np.sqrt(2.0)
+    noise = robust_sigmas(np.diff(values, axis=0)) / np.sqrt(2.0)
     return np.asarray(
         (np.abs(values - centre) <= np.clip(6.0 * noise, limit, NOISIEST * limit)).all(axis=1)
     )

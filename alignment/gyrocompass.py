@@ -27,9 +27,10 @@ from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
 from ins.filters import error_model as em
 from ins.kalman import nis_band
+from ins.noise import gyro_densities
 from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
@@ -176,7 +177,7 @@ def align(
             "the log never rests for a minute; a parked stretch of 5 to 15 min is needed"
         )
     means = coarse.rest_means(imu.between(*rest))
-    arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
+    arw = gyro_densities(twin.gyro).white
     sigma = (
         np.full(3, np.nan)
         if bias_sigma_deg_h is None

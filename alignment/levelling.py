@@ -10,10 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from alignment.coarse import RestMeans, level_angles
+from alignment.coarse import RestMeans
 from alignment.motion.stillness import PIVOT_RAD_S
 from alignment.result import Alignment
+from ins.attitude import level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.noise import accel_densities
 from ins.records import ImuSource, Phase, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
@@ -73,7 +75,7 @@ def level(
     f_b = part.dv_m_s.sum(axis=0) / part.dt_s.sum()
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     excess = abs(float(np.linalg.norm(f_b)) - gravity)
-    noise = twin.accel.vrw_ug_sqrt_hz * MICRO_G / np.sqrt(part.dt_s.sum())
+    noise = accel_densities(twin.accel).white / np.sqrt(part.dt_s.sum())
     sigma = float(np.linalg.norm([twin.accel.turn_on_ug * MICRO_G, excess, noise])) / gravity
     turn_deg = gyro_sigma_rad_s * (rest[1] - rest[0]) / DEG
     told = (

@@ -21,8 +21,9 @@ from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of
 from ins.filters import error_model as em
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
 from ins.filters.program import FilterProgram, Row, Steps
+from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
-from ins.units import ARCSEC, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
+from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 
 STILL_STEP_S = 10.0
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
@@ -207,10 +208,10 @@ def process_noise(twin: TwinModel) -> em.ProcessNoise:
     it in an hour.
     """
     accel = twin.accel
-    walk = np.hypot(accel.rate_random_walk_ug_sqrt_h, accel.bias_instability_ug)
+    walk = walk_with_flicker(accel.rate_random_walk_ug_sqrt_h, accel.bias_instability_ug)
     return em.ProcessNoise(
-        arw=twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR,
-        vrw=accel.vrw_ug_sqrt_hz * MICRO_G,
+        arw=gyro_densities(twin.gyro).white,
+        vrw=accel_densities(accel).white,
         accel_rrw=walk * MICRO_G_PER_SQRT_HOUR,
         yaw_creep=twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0,
         lateral_rms=max(twin.vehicle.lateral_noise_m_s, 1e-3),

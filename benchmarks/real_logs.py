@@ -16,6 +16,7 @@ import numpy as np
 
 from ins.json_file import read_toml
 from ins.records import Run
+from ins.robust import runs_of_true
 from ins.units import DEG_PER_HOUR
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.cut import cut_run
@@ -66,9 +67,8 @@ def at_rest(run: Run) -> list[tuple[float, float]]:
         quiet &= (variance < scatter**2).all(axis=1)
         if increments is imu.dtheta_rad:
             quiet &= (np.abs(mean) < STILL_RATE_RAD_S).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], quiet, [0]])))
     begins, ends = imu.time_s[starts], np.append(imu.time_s[starts[1:]], imu.time_s[-1])
-    spans = ((float(begins[a]), float(ends[b - 1])) for a, b in zip(edges[::2], edges[1::2]))
+    spans = ((float(begins[a]), float(ends[b - 1])) for a, b in runs_of_true(quiet))
     return [span for span in spans if span[1] - span[0] >= SHORTEST_REST_S]
 
 

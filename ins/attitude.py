@@ -85,6 +85,35 @@ def rotation_vector_from_dcm(C: ArrayLike) -> NDArray:
     return axial / np.sinc(angle / np.pi)[..., None]
 
 
+def level_angles(f_b: ArrayLike) -> tuple[float, float]:
+    """Roll and pitch of a unit at rest, from its specific force.
+
+    Parameters
+    ----------
+    f_b : array_like, shape (3,)
+        Mean specific force in body axes [m/s^2]; its length does not count.
+
+    Returns
+    -------
+    roll_rad, pitch_rad : float
+        Roll in [-pi, pi], pitch in [-pi/2, pi/2].
+
+    Notes
+    -----
+    Accelerometer biases are left in: 1 mg tilts the result by 1 mrad. Roll is undefined where the
+    x axis is vertical.
+
+    Source: Groves (2013), eq. (5.101).
+
+    Examples
+    --------
+    >>> level_angles([0.0, 0.0, -9.8])
+    (-0.0, 0.0)
+    """
+    x, y, z = np.asarray(f_b, dtype=float)
+    return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
+
+
 def wrap_pi(angle_rad: ArrayLike) -> NDArray:
     """Angle brought into [-pi, pi)."""
     return np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi

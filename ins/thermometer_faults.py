@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from ins.robust import runs_of_true, white_sigma
+
 PLAUSIBLE_degC = (-60.0, 70.0)  # of a run's median where no table says that the unit works beyond
 KELVIN_degC = 150.0  # a median above this is no Celsius
 COARSE_degC = 0.25  # steps at least so large are worth a remark
@@ -85,11 +87,7 @@ class _Judge:
 
     def limit(self, name: str, values: NDArray) -> float:
         """A change that noise and resolution do not explain."""
-        noise = (
-            1.4826 * np.median(np.abs(np.diff(values, 2))) / np.sqrt(6.0)
-            if values.size > 2
-            else 0.0
-        )
+        noise = white_sigma(values) if values.size > 2 else 0.0
         return float(max(JUMP_degC, JUMP_STEPS * self.step[name], JUMP_SIGMAS * noise))
 
 
@@ -165,7 +163,7 @@ def _zeros(judge: _Judge, name: str) -> None:
         judge.drop(name, "absent", rows, f"is exactly 0 in all {rows.size} rows: missing values?")
         return
     limit, missing = judge.limit(name, values[~zero]), np.zeros(rows.size, dtype=bool)
-    for a, b in _runs(zero):
+    for a, b in runs_of_true(zero):
         beside = values[[k for k in (a - 1, b) if 0 <= k < values.size]]
         missing[a:b] = np.max(np.abs(beside)) > limit
     if missing.any():
@@ -262,7 +260,7 @@ def _jumps(judge: _Judge, name: str) -> None:
         step = values[lag:] - values[:-lag]
         found[lag:] |= np.abs(step) > limit + FASTEST_degC_s * (t[lag:] - t[:-lag])
     jumps = []
-    for a, b in _runs(found):
+    for a, b in runs_of_true(found):
         after = float(
             np.median(values[b - 1 : b + 4]) - np.median(values[max(a - 6, 0) : max(a, 1)])
         )
@@ -379,9 +377,3 @@ def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDA
         for _, scale in SCALES
     )
     return other if explained else middle
-
-
-def _runs(flags: NDArray) -> list[tuple[int, int]]:
-    """Half-open index ranges where flags (n,) are true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int)))
-    return list(zip(edges[::2].tolist(), edges[1::2].tolist()))

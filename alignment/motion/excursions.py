@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
+from ins.robust import white_sigma
 
 STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
@@ -28,8 +29,7 @@ PUSHED = "tug push"
 
 
 def velocity_noise(v: NDArray) -> float:
-    second = np.diff(v, n=2, axis=0)
-    return float(1.4826 * np.median(np.abs(second)) / np.sqrt(6.0)) + 1e-6
+    return white_sigma(v) + 1e-6
 
 
 class _Baseline:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from alignment.motion.imu_seconds import Seconds, in_seconds
 from ins.compensation import corrected
 from ins.records import ImuLog, ImuSource
+from ins.robust import robust_sigma, robust_sigmas, runs_of_true
 from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
@@ -136,8 +137,7 @@ def _judge(
 def _groups(touched: NDArray) -> list[tuple[int, int]]:
     """[a, b) of touched seconds, those closer than 3 s together."""
     near = np.convolve(touched, np.ones(3), "same") > 0
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], near, [False])).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2])]
+    return runs_of_true(near)
 
 
 def _line(seconds: Seconds, rows: NDArray, at: float) -> tuple[NDArray, NDArray]:
@@ -186,8 +186,7 @@ def _quiet_jumps(seconds: Seconds) -> _Jump | None:
     if len(jumps) < 5:
         return None
     value, slope = (
-        1.4826 * np.median(np.abs([getattr(j, k) for j in jumps]), axis=0)
-        for k in ("value", "slope")
+        robust_sigmas(np.array([getattr(j, k) for j in jumps])) for k in ("value", "slope")
     )
     return _Jump(value, slope)
 
@@ -255,11 +254,8 @@ def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
     # body axes turn by +turn
     expected = np.array([c * before[0] + s * before[1], -s * before[0] + c * before[1]])
     steps = np.diff(seconds.integral[beside[0], 3:5], axis=0)
-    noise = (
-        1.4826
-        * np.median(np.abs(steps - np.median(steps, axis=0)))
-        * np.sqrt(sum(1.0 / len(r) for r in beside))
-    )
+    noise = robust_sigma(steps - np.median(steps, axis=0))
+    noise *= np.sqrt(sum(1.0 / len(rows) for rows in beside))
     if np.linalg.norm(expected - before) < 2.0 * JUMP_SIGMAS * noise:
         return None
     return bool(np.linalg.norm(after - expected) < np.linalg.norm(after - before))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import ImuLog, ImuSource
+from ins.robust import robust_sigmas
 
 # times the quiet second's largest deviation (1.5 to 3 sigmas of a row): about 10 sigmas
 PEAK_SPREADS = 4.0
@@ -57,7 +58,7 @@ def in_seconds(imu: ImuSource, start_s: float, end_s: float) -> Seconds | None:
     mean = sums / dt[:, None]
     level, local = np.median(mean, axis=0), _running_median(mean)
     peak = np.maximum(high - local, local - low)
-    sigma = 1.4826 * np.median(np.abs(mean - local), axis=0)
+    sigma = robust_sigmas(mean - local)
     channels = peak > PEAK_SPREADS * np.median(peak, axis=0) + 1e-9
     channels |= np.abs(mean - local) > SECOND_SIGMAS * sigma + 1e-9
     most, least = high.max(axis=0), low.min(axis=0)

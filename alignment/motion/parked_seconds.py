@@ -16,6 +16,7 @@ from alignment.motion.excursions import DISTURBED, STILL
 from alignment.motion.imu_seconds import Seconds, in_seconds
 from alignment.motion.stillness import Motion
 from ins.records import ImuSource
+from ins.robust import robust_scatter, runs_of_true
 
 WINDOW = 10  # seconds over which scatter is taken
 QUIET_S = 60.0  # the quietest minute of the log is where the quiet level is looked for
@@ -73,7 +74,7 @@ class ParkedSeconds:
         """
         rate = self.sums[:, 3:] / self.dt_s[:, None]
         pairs = np.diff(rate, axis=0)[self.still[1:] & self.still[:-1]]
-        spread = 1.4826 * np.median(np.abs(pairs - np.median(pairs, axis=0)), axis=0) / np.sqrt(2.0)
+        spread = robust_scatter(pairs) / np.sqrt(2.0)
         return np.asarray(spread * np.sqrt(float(np.median(self.dt_s))))
 
 
@@ -167,8 +168,7 @@ def _quiet(mean: NDArray) -> NDArray:
 def _stretches(seconds: Seconds, quiet: NDArray) -> list[tuple[float, float]]:
     """Start and end of the quiet stretches, short disturbances bridged."""
     found: list[tuple[float, float]] = []
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], quiet, [False])).astype(int)))
-    for a, b in zip(edges[::2], edges[1::2]):
+    for a, b in runs_of_true(quiet):
         start, end = float(seconds.start_s[a]), float(seconds.end_s[b - 1])
         if found and start - found[-1][1] <= BRIDGED_S:
             found[-1] = (found[-1][0], end)

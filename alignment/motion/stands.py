@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from alignment.motion.imu_seconds import whole_seconds
 from ins.filters.aided_filter import Fixes
 from ins.records import ImuSource
+from ins.robust import runs_of_true
 
 SHORTEST_S = 5.0
 EDGE_S = 4.0  # taken off either end: a receiver sees a slow start late
@@ -45,11 +46,8 @@ def find_stands(imu: ImuSource, fixes: Fixes) -> tuple[Where, ...]:
         & (ends <= time_s[-1] + gap_s)
         & (ends >= time_s[0])
     )
-    edges = np.flatnonzero(
-        np.diff(np.concatenate([[0], (quiet & watched & ~near).astype(int), [0]]))
-    )
     found = []
-    for a, b in zip(edges[::2], edges[1::2]):
+    for a, b in runs_of_true(quiet & watched & ~near):
         start, end = float(ends[a]) + EDGE_S, float(ends[b - 1]) - EDGE_S
         if end - start >= SHORTEST_S and goes_nowhere(fixes.time_s, fixes.v_n_m_s, start, end):
             found.append((start, end))

@@ -28,6 +28,7 @@ from alignment.motion.excursions import (
 from alignment.motion.imu_faults import ImuFault
 from alignment.motion.shake import JOLT_RAD, find_shaking
 from ins.records import ImuSource, NavHistory, Phase, Span
+from ins.robust import robust_sigma, runs_of_true
 
 ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
 PUSH_TURN_RAD = 0.05
@@ -65,7 +66,7 @@ class Motion:
                 end_s=span.end_s,
                 reason=", ".join(dict.fromkeys(self.cause[a:b])) or "motion",
             )
-            for span, (a, b) in zip(self.spans(DISTURBED, ""), _runs(self.kind == DISTURBED))
+            for span, (a, b) in zip(self.spans(DISTURBED, ""), runs_of_true(self.kind == DISTURBED))
         )
 
     def spans(self, kind: int, reason: str) -> tuple[Span, ...]:
@@ -76,7 +77,7 @@ class Motion:
                 end_s=float(self.time_s[b - 1]),
                 reason=reason,
             )
-            for a, b in _runs(self.kind == kind)
+            for a, b in runs_of_true(self.kind == kind)
         )
 
     def seconds(self, kind: int) -> float:
@@ -125,7 +126,7 @@ def classify(
             ("loading", shaking.loading),
             ("gust", shaking.gust & ~shaking.bump),
         ):
-            for a, b in _runs(seen):
+            for a, b in runs_of_true(seen):
                 seen[a:b] = apart[a:b].all()  # what runs into rolling is its slow start or end
             exclude(t, kind, cause, seen, name)
     cause[kind != DISTURBED] = ""
@@ -142,7 +143,7 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     """
     t, turn = history.time_s, _turn_about_down(history)
     ends = []
-    for a, b in _runs(
+    for a, b in runs_of_true(
         (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != PUSHED)
     ):
         beside = slice(*np.searchsorted(t, [t[a] - ROLL_EDGE_S, t[b - 1] + ROLL_EDGE_S]))
@@ -162,7 +163,7 @@ def _displaced(t: NDArray, v: NDArray, kind: NDArray) -> list[int]:
     the line between rests.
     """
     found = []
-    for a, b in _runs(kind == DISTURBED):
+    for a, b in runs_of_true(kind == DISTURBED):
         before, after = slice(max(a - BESIDE, 0), a), slice(b, b + BESIDE)
         if (
             min(len(kind[before]), len(kind[after])) < BESIDE
@@ -186,7 +187,7 @@ def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str)
     """Take the epochs `seen` (k,) with their guard out of the still ones, in place; what was left
     out keeps its cause.
     """
-    for a, b in _runs(seen):
+    for a, b in runs_of_true(seen):
         near = slice(*np.searchsorted(t, [t[a] - LEAD_S - 0.5, t[b - 1] + GUARD_S + TAIL_S + 0.5]))
         label = cause[a] if kind[a] == DISTURBED else name
         cause[near] = np.where(kind[near] == STILL, label, cause[near])
@@ -196,7 +197,7 @@ def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str)
 def _near(t: NDArray, seen: NDArray, before_s: float, after_s: float) -> NDArray:
     """Epochs from `before_s` before to `after_s` after an epoch that was seen."""
     near = np.zeros(len(t), bool)
-    for a, b in _runs(seen):
+    for a, b in runs_of_true(seen):
         near |= (t > t[a] - before_s - 0.5) & (t <= t[b - 1] + after_s + 0.5)
     return near
 
@@ -234,7 +235,7 @@ def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
     cubic = np.vander(np.linspace(-1, 1, length), order + 1)
     project = np.eye(length) - cubic @ np.linalg.pinv(cubic)
     variances = []
-    for a, b in _runs(motion.kind == STILL):
+    for a, b in runs_of_true(motion.kind == STILL):
         for i in range(max(a, 1), b - length + 1, length):
             way = np.cumsum(history.displacement_n_m[i : i + length, :2], axis=0)
             variances.append(np.sum((project @ way) ** 2, axis=0) / (length - order - 1))
@@ -251,7 +252,9 @@ def yaw_jitter_sigma(history: NavHistory, motion: Motion) -> float:
     does not, so V1 = w + 2 e^2 and V10 = 10 w + 2 e^2. Robust variances (median of squares).
     """
     turn, still = _turn_about_down(history), motion.kind == STILL
-    tens = [turn[k : k + 10].sum() for a, b in _runs(still) for k in range(max(a, 1), b - 9, 10)]
+    tens = [
+        turn[k : k + 10].sum() for a, b in runs_of_true(still) for k in range(max(a, 1), b - 9, 10)
+    ]
     if len(tens) < 20:
         return 0.0
     ones, rate = turn[still], float(np.median(tens)) / 10.0
@@ -282,15 +285,9 @@ def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
         return np.zeros(len(rate))
     centre = np.median(rate[1:][still[1:]])
     deviation = (rate - centre) * dt
-    noise = 1.4826 * np.median(np.abs(deviation[1:][still[1:]]))
+    noise = robust_sigma(deviation[1:][still[1:]])
     jolt = np.where(
         still & (np.abs(deviation) > max(6.0 * noise, JOLT_RAD)), np.abs(deviation), 0.0
     )
     jolt[0] = 0.0
     return jolt
-
-
-def _runs(mask: NDArray) -> list[tuple[int, int]]:
-    """[start, end) of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2])]

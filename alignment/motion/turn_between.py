@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.coarse import level_angles
 from alignment.motion.imu_seconds import in_seconds
 from alignment.motion.parked_seconds import ParkedSeconds
-from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, wrap_pi
+from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, level_angles, wrap_pi
+from ins.noise import gyro_densities
 from ins.records import GyroNoise, ImuSource
-from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR
 
 # a turn known to better is used, 20 deg; of a variance that both stands share 6 % is lost to it
 TOLD_RAD = 0.35
@@ -74,10 +73,8 @@ def turn_between(
     K = levelled(before) @ C @ levelled(after).T
     heading = np.arctan2(K[1, 0] - K[0, 1], K[0, 0] + K[1, 1])
     closure = float(np.arctan2(np.hypot(K[0, 2], K[1, 2]), K[2, 2]))
-    drift = np.hypot(
-        CURVED * np.linalg.norm(w1 - w0), gyro.bias_instability_deg_h * DEG_PER_HOUR
-    ) * (t1 - t0)
-    white = gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR * np.sqrt(t1 - t0)
+    drift = np.hypot(CURVED * np.linalg.norm(w1 - w0), gyro_densities(gyro).instability) * (t1 - t0)
+    white = gyro_densities(gyro).white * np.sqrt(t1 - t0)
     sigma = np.sqrt(
         drift**2
         + white**2

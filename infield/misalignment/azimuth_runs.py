@@ -19,12 +19,14 @@ from alignment.motion.imu_faults import repair
 from alignment.motion.standstill import speed_disagreement
 from alignment.motion.stillness import DISTURBED, PIVOT_RAD_S, STILL, classify
 from infield.session.log import compensated_imu, session_end
-from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
+from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.compensation import compensate
 from ins.earth import gravity_magnitude, omega_ie_n
+from ins.noise import gyro_densities
 from ins.records import ImuLog, NavHistory, NavState, Run, TwinModel
+from ins.robust import robust_sigmas, runs_of_true
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR
+from ins.units import DEG
 
 GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
 # a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
@@ -188,10 +190,8 @@ def _turned(
     history = navigate(log, start, epoch_s=None, vertical=VerticalChannel(mode="hold"))
     heading = np.unwrap(euler_from_dcm(history.C_nb)[2])
     seconds, gyro = after.start_s - before.end_s, twin.gyro
-    drift = seconds**2 * (apart**2 / 12.0 + (gyro.bias_instability_deg_h * DEG_PER_HOUR) ** 2)
-    return float(heading[-1] - heading[0]), float(
-        drift + (gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2 * seconds
-    )
+    drift = seconds**2 * (apart**2 / 12.0 + gyro_densities(gyro).instability ** 2)
+    return float(heading[-1] - heading[0]), float(drift + gyro_densities(gyro).white ** 2 * seconds)
 
 
 def _followed(imu: ImuLog, run: Run, rest: tuple[float, float]) -> NavHistory:
@@ -215,8 +215,7 @@ def _followed(imu: ImuLog, run: Run, rest: tuple[float, float]) -> NavHistory:
 
 def stretches(mask: NDArray) -> list[tuple[int, int]]:
     """First and last row of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask, [False])).astype(int)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2])]
+    return [(first, end - 1) for first, end in runs_of_true(mask)]
 
 
 def _without_edges(
@@ -231,7 +230,7 @@ def _without_edges(
         return a, a
     rate = history.dtheta_b_rad[a + 1 : a + 1 + count * block].reshape(count, block, 3).sum(axis=1)
     off = np.abs(rate - np.median(rate, axis=0))
-    good = np.flatnonzero((off <= EDGE_SIGMAS * 1.4826 * np.median(off, axis=0)).all(axis=1))
+    good = np.flatnonzero((off <= EDGE_SIGMAS * robust_sigmas(off)).all(axis=1))
     if not good.size:
         return a, a
     first, last = (
@@ -247,12 +246,6 @@ def earth_rate_b(f_m_s2: NDArray, heading_rad: float, lat_rad: float) -> NDArray
     """Earth rate [rad/s] in body axes of a unit levelled by its accelerometers, on a heading."""
     roll, pitch = level_angles(f_m_s2)
     return dcm_from_euler(roll, pitch, heading_rad).T @ omega_ie_n(lat_rad)
-
-
-def level_angles(f_m_s2: NDArray) -> tuple[float, float]:
-    """Roll and pitch [rad] of a resting unit. Source: Groves (2013), eq. (5.101)."""
-    x, y, z = f_m_s2
-    return float(np.arctan2(-y, -z)), float(np.arctan2(x, np.hypot(y, z)))
 
 
 def level_columns(stop: Stop, heading_rad: float, lat_rad: float, height_m: float) -> NDArray:

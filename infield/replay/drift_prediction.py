@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n, radii_of_curvature
 from ins.filters import error_model as em
+from ins.noise import accel_densities, gyro_densities
 from ins.records import Site, TwinModel
-from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, KNOT, MICRO_G, MICRO_G_PER_SQRT_HOUR
+from ins.units import DEG_PER_HOUR, KNOT, MICRO_G
 
 NM_H_PER_DEG_H = 60.0  # mean drift of one level gyro's bias: R u, physics.md 6.3
 STEP_S = 10.0
@@ -74,7 +75,7 @@ def predict_parked(
     response = _at_alignment(edges_s, site, C_nb, alignment)
     P = np.zeros((em.BASE, em.BASE))
     level_rate = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
-    arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
+    arw = gyro_densities(twin.gyro).white
     down = em.THETA.stop - 1
     P[down, down] = arw**2 / (alignment[1] - alignment[0]) / level_rate**2
     inputs = np.zeros((3 * count + 2, 3 * count + 2))
@@ -141,10 +142,11 @@ def _parked_step(
         radius_m=float(np.sqrt(np.prod(radii_of_curvature(site.lat_rad)))) + site.height_m,
         turn_rad=0.0,
     )
+    accel = accel_densities(twin.accel)
     noise = em.ProcessNoise(
-        arw=twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR,
-        vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
-        accel_rrw=twin.accel.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR,
+        arw=gyro_densities(twin.gyro).white,
+        vrw=accel.white,
+        accel_rrw=accel.walk,
         yaw_creep=0.0,
         lateral_rms=1.0,
         lateral_time_s=1.0,

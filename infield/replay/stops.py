@@ -14,6 +14,7 @@ from alignment.motion.stands import goes_nowhere
 from infield.replay.drift import REALIGN_M_S
 from ins.earth import displacement_ned
 from ins.records import GnssLog, NavHistory, Run
+from ins.robust import runs_of_true
 
 # spread of the velocity within a standing vehicle's eight seconds, above its own noise
 STOP_QUIET_M_S = 0.03
@@ -88,9 +89,8 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
             np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0))
             < 0.5
         )
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], stands.astype(int), [0]))))
     found = []
-    for a, b in zip(edges[::2], edges[1::2]):
+    for a, b in runs_of_true(stands):
         start_s, end_s = float(t[a]), float(t[b - 1])
         received = (
             None if run.gnss is None else _receiver_stands(run.gnss, start_s + BRAKING_S, end_s)

@@ -10,16 +10,16 @@ directions of b unobserved. Units: deg/h, (deg/h)^2.  Source: physics.md 6.8, cl
 Joseph form: Bar-Shalom (2001), eq. (5.2.3-18).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import sici
 from scipy.stats import chi2, norm
 
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S
+from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import AXES, GyroNoise, InputError, frozen_array
 from ins.units import DEG_PER_HOUR, HOUR, MILLIRADIAN
 
@@ -265,46 +265,6 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
         0.5 * np.maximum(np.asarray(duration_s, dtype=float), 1.0),
     )
     return centre - half, centre + half
-
-
-def random_walk_covariance(start_s: NDArray, end_s: NDArray) -> NDArray:
-    """Bin means of a unit random walk that starts at 0 (variance t [s]): mean of min(u, v) over
-    bins, shape (m, m).
-    """
-
-    def integral(x: NDArray, y: NDArray) -> NDArray:  # of min(u, v) over [0, x] x [0, y]
-        low, high = np.minimum(x, y), np.maximum(x, y)
-        return 0.5 * low**2 * high - low**3 / 6.0
-
-    return _bin_mean(integral, np.maximum(start_s, 0.0), end_s)
-
-
-def flicker_covariance(start_s: NDArray, end_s: NDArray, *, lowest_hz: float) -> NDArray:
-    """Bin means of flicker with two-sided PSD 1 / (2 pi f), |f| > lowest_hz, shape (m, m).
-
-    R(tau) = -Ci(x) / pi, x = w |u - v|, w = 2 pi lowest_hz; its integral over u and v is
-    (x^2 Ci(x) - x sin x + cos x) / (2 pi w^2), finite at x = 0.
-    """
-    w = 2.0 * np.pi * lowest_hz
-
-    def integral(u: NDArray, v: NDArray) -> NDArray:
-        x = w * np.abs(u - v)
-        x2_ci = np.where(x > 0.0, x**2 * sici(np.where(x > 0.0, x, 1.0))[1], 0.0)
-        return (x2_ci - x * np.sin(x) + np.cos(x)) / (2.0 * np.pi * w**2)
-
-    return _bin_mean(integral, start_s, end_s)
-
-
-def _bin_mean(
-    integral: Callable[[NDArray, NDArray], NDArray], start_s: NDArray, end_s: NDArray
-) -> NDArray:
-    """Mean of a kernel over each pair of bins, from its double integral I with d2I/(du dv) =
-    kernel.
-    """
-    a, b = start_s[:, None], end_s[:, None]
-    c, d = start_s[None, :], end_s[None, :]
-    total = integral(b, d) - integral(a, d) - integral(b, c) + integral(a, c)
-    return _symmetric(total / ((b - a) * (d - c)))
 
 
 def _judged(

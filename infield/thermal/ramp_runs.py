@@ -23,6 +23,7 @@ from infield.thermometer.gyro_temperature import (
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TwinModel
+from ins.robust import robust_scatter, runs_of_true
 from ins.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
 
 BLOCK_S = 60.0
@@ -160,11 +161,7 @@ class _Blocks:
         self.f_b = np.median(f, axis=0)
         moved = np.linalg.norm(f - self.f_b, axis=1) > REST_FORCE_M_S2
         step = np.diff(omega, axis=0)
-        noise = (
-            1.4826 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0)
-            if len(step)
-            else np.ones(3)
-        )
+        noise = robust_scatter(step) / np.sqrt(2.0) if len(step) else np.ones(3)
         calm = np.stack([_running_median(column, BUMP_ROWS) for column in omega.T], axis=1)
         bumped = (np.abs(omega - calm) > BUMP_SIGMAS * np.maximum(noise, 1e-12)).any(
             axis=1
@@ -200,10 +197,9 @@ def _running_median(values: NDArray, size: int) -> NDArray:
 
 
 def _spans(begins: NDArray, ends: NDArray, bad: NDArray, reason: str) -> list[Span]:
-    edges = np.flatnonzero(np.diff(np.r_[0, bad.astype(int), 0]))
     return [
         Span(start_s=float(begins[a]), end_s=float(ends[b - 1]), reason=reason)
-        for a, b in edges.reshape(-1, 2)
+        for a, b in runs_of_true(bad)
     ]
 
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.special import ndtr
 
+from ins.robust import white_sigma
+
 GRID_S = 5.0
 # q [(degC/s)^2 / s]: a settled unit to a heated chip
 DENSITIES = tuple(10.0**k for k in range(-11, -3))
@@ -84,9 +86,7 @@ def _noise_degC(reading: NDArray) -> float:
     """
     if reading.size < 4:
         return LEAST_NOISE_degC
-    return max(
-        float(1.4826 * np.median(np.abs(np.diff(reading, 2))) / np.sqrt(6.0)), LEAST_NOISE_degC
-    )
+    return max(white_sigma(reading), LEAST_NOISE_degC)
 
 
 def _climb(

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 from scipy.linalg import toeplitz
 
+from ins.noise import accel_densities, gyro_densities
 from ins.records import TwinModel
-from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G, MICRO_G_PER_SQRT_HOUR
+from ins.units import ARCSEC
 from simreal.effects.base import AddedNoise
 
 FLICKER_GRID_S = 1.0
@@ -147,21 +148,22 @@ def channel_noises(twin: TwinModel, run_s: float, C_nb: NDArray) -> tuple[Channe
     share of the level sway (a tilt of a degree gives the vertical one a sixtieth). Quantisation is
     that of the accumulated angle: uniform, q^2/12.
     """
-    g, a, v = twin.gyro, twin.accel, twin.vehicle
+    g, v = twin.gyro, twin.vehicle
+    rate, force = gyro_densities(g), accel_densities(twin.accel)
     gyro = ChannelNoise(
-        white=(g.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2,
-        flicker=(g.bias_instability_deg_h * DEG_PER_HOUR) ** 2,
-        walk=(g.rate_random_walk_deg_h_sqrt_h * DEG_PER_HOUR / 60.0) ** 2,
-        turn_on=(g.turn_on_deg_h * DEG_PER_HOUR) ** 2,
+        white=rate.white**2,
+        flicker=rate.instability**2,
+        walk=rate.walk**2,
+        turn_on=rate.turn_on**2,
         bounded=g.quantization_rad**2 / 12.0,
         run_s=run_s,
     )
     creep = (v.yaw_creep_arcsec_sqrt_h * ARCSEC / 60.0) ** 2
     accel = ChannelNoise(
-        white=(a.vrw_ug_sqrt_hz * MICRO_G) ** 2,
-        flicker=(a.bias_instability_ug * MICRO_G) ** 2,
-        walk=(a.rate_random_walk_ug_sqrt_h * MICRO_G_PER_SQRT_HOUR) ** 2,
-        turn_on=(a.turn_on_ug * MICRO_G) ** 2,
+        white=force.white**2,
+        flicker=force.instability**2,
+        walk=force.walk**2,
+        turn_on=force.turn_on**2,
         sway_w=2.0 * np.pi * v.sway_hz,
         sway_zeta=v.sway_damping,
         run_s=run_s,

@@ -24,6 +24,7 @@ from infield.thermometer.gyro_temperature import (
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
+from ins.robust import runs_of_true
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
@@ -278,10 +279,9 @@ def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
             still &= ~((seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s))
     bridged = np.convolve(still, np.ones(5), mode="same") >= 3.0
     best: tuple[int, int] = (0, 0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], bridged.astype(int), [0]])))
-    for a, b in zip(edges[::2], edges[1::2]):
+    for a, b in runs_of_true(bridged):
         if b - a > best[1] - best[0]:
-            best = (int(a), int(b))
+            best = (a, b)
     if best[1] - best[0] < SHORTEST_LEVEL_S:
         return None
     return float(seconds.end_s[best[0]] - 1.0), float(seconds.end_s[best[1] - 1])

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 from alignment.motion.stands import find_stands
-from infield.replay.aided.flight import aided_noise, flicker_walk, navigate_aided
+from infield.replay.aided.flight import aided_noise, navigate_aided
 from infield.replay.aided.noise import capped_nis
 from infield.replay.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
 from infield.session.log import find_rest
 from ins.filters.aided_filter import fixes_of, level_sigmas
+from ins.noise import flicker_walk
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR
 from tests.infield.aided_cases import LEVER_M, SITE, errors, flown, ideal, normalised, twin_of

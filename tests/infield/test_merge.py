@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from infield.table.merge import (
     AXIS_Z_LIMIT,
     SessionPoints,
-    flicker_covariance,
     merge_points,
     merge_posterior,
-    random_walk_covariance,
     session_covariance,
 )
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import default_table
+from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import GyroNoise, InputError
 
 UTC = "2026-03-01T05:00:00Z"

@@ -44,6 +44,15 @@ def test_rotation_vector_matches_scipy_and_returns(v):
         assert attitude.rotation_vector_from_dcm(C) == pytest.approx(v, abs=1e-12)
 
 
+@given(roll=angle, pitch=st.floats(-1.5, 1.5), heading=angle)
+def test_level_angles_of_a_unit_at_rest_are_those_of_its_attitude(roll, pitch, heading):
+    """At rest the accelerometers read -C_bn g, whatever the heading."""
+    f_b = attitude.dcm_from_euler(roll, pitch, heading).T @ np.array([0.0, 0.0, -9.8])
+    found_roll, found_pitch = attitude.level_angles(f_b)
+    assert np.sin(found_roll - roll) == pytest.approx(0.0, abs=1e-12)
+    assert found_pitch == pytest.approx(pitch, abs=1e-12)
+
+
 @pytest.mark.parametrize("size", [0.0, 1e-300, 1e-9, 1e-4, 1e-2, 1.0, 3.0])
 def test_small_rotations_keep_their_digits(size):
     v = size * np.array([0.6, -0.8, 0.0])

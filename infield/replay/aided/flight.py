@@ -30,15 +30,9 @@ from ins.filters.aided_filter import (
     Fixes,
     fixes_of,
 )
+from ins.noise import accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuLog, ImuSource, Run, TwinModel
-from ins.units import (
-    DEG_PER_HOUR,
-    DEG_PER_HOUR_SQRT_HOUR,
-    DEG_PER_SQRT_HOUR,
-    HOUR,
-    MICRO_G,
-    MICRO_G_PER_SQRT_HOUR,
-)
+from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
 
 FEWEST_FIXES = 10
 HELD_S = 7200.0  # of log that is kept in memory for it
@@ -47,9 +41,6 @@ FIT_S = 1800.0
 PLURAL = {"position": "positions", "velocity": "velocities"}
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
-# with 60 the squared attitude error of a MEMS unit is 1.5 times its variance, with 20 it is 1.0
-# times
-FLICKER_S = 20.0
 # a parked vehicle's own turning; 0: no measurement (a gyrocompass
 STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}
 # does better with what the gyros read)
@@ -102,28 +93,13 @@ def aided_noise(twin: TwinModel) -> AidedNoise:
     flicker = flicker_walk(gyro.bias_instability_deg_h, gyro.arw_deg_sqrt_h * 60.0)
     accel_flicker = flicker_walk(accel.bias_instability_ug, accel.vrw_ug_sqrt_hz)
     return AidedNoise(
-        arw=gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR,
-        vrw=accel.vrw_ug_sqrt_hz * MICRO_G,
+        arw=gyro_densities(gyro).white,
+        vrw=accel_densities(accel).white,
         gyro_walk=float(np.hypot(gyro.rate_random_walk_deg_h_sqrt_h, flicker))
         * DEG_PER_HOUR_SQRT_HOUR,
         accel_walk=float(np.hypot(accel.rate_random_walk_ug_sqrt_h, accel_flicker))
         * MICRO_G_PER_SQRT_HOUR,
     )
-
-
-def flicker_walk(instability: float, white: float) -> float:
-    """Random walk K [unit/sqrt(h)] whose Allan variance K^2 t/3 meets that of a flicker, (0.664
-    B)^2, where the flicker rises from white noise N^2/t, but not before FLICKER_S, and after an
-    hour at the latest.
-
-    instability B [unit]; white N [unit sqrt(s)]. Longer than that the walk says more than the
-    flicker does: safe.
-    """
-    floor = 0.664 * instability  # IEEE Std 952, annex C
-    if floor <= 0:
-        return 0.0
-    meets_s = float(np.clip((white / floor) ** 2, FLICKER_S, HOUR))
-    return float(np.sqrt(3.0 * HOUR / meets_s) * floor)
 
 
 def navigate_aided(
@@ -207,10 +183,7 @@ def navigate_aided(
         stands=stands,
         outages=find_outages(history),
         declared_nis=(capped_nis(fitted.declared, 0), capped_nis(fitted.declared, 1)),
-        flicker=(
-            twin.gyro.bias_instability_deg_h * DEG_PER_HOUR,
-            twin.accel.bias_instability_ug * MICRO_G,
-        ),
+        flicker=(gyro_densities(twin.gyro).instability, accel_densities(twin.accel).instability),
     )
 
 

@@ -22,8 +22,9 @@ from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
 from ins.filters.states import AIDED_THETA as THETA
 from ins.filters.states import AIDED_VEL as VEL
+from ins.noise import gyro_densities, walk_with_flicker
 from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
-from ins.units import DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 
 GYROCOMPASS, MATCHING = "gyrocompass", "velocity matching"
 # of log to match on, at first and at most; between two tries
@@ -183,11 +184,10 @@ def _bias_before(
     start, end = before[-1]
     log = imu.between(max(start, end - REST_S), end)
     seconds = float(log.dt_s.sum())
-    noise = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR / np.sqrt(seconds)
-    walk = (
-        np.hypot(twin.gyro.rate_random_walk_deg_h_sqrt_h, twin.gyro.bias_instability_deg_h)
-        * DEG_PER_HOUR
-    )
+    noise = gyro_densities(twin.gyro).white / np.sqrt(seconds)
+    gyro = twin.gyro
+    walk = walk_with_flicker(gyro.rate_random_walk_deg_h_sqrt_h, gyro.bias_instability_deg_h)
+    walk *= DEG_PER_HOUR
     late = np.sqrt(max(first_s - end, 0.0) / 3600.0)
     sigma = float(np.sqrt(EARTH_RATE_RAD_S**2 + noise**2 + (walk * late) ** 2))
     return log.dtheta_rad.sum(axis=0) / seconds, np.full(3, sigma), coarse.rest_means(log)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from infield.session.estimate import SessionEstimate
 from infield.session.results import SessionResult, UpdateResult
-from infield.table.merge import random_walk_covariance
 from ins.earth import EARTH_RATE_RAD_S
+from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, HOUR
 
@@ -137,7 +137,7 @@ def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]
             "Earth rate on an unknown heading": heading[k],
             "Earth rate: level, scale factor": rest[k],
             "turn-on, this session against the mean": gyro.turn_on_deg_h,
-            "bias instability": 0.664 * gyro.bias_instability_deg_h,
+            "bias instability": FLICKER_FLOOR * gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
         }
         rows += [

@@ -20,10 +20,11 @@ from infield.session.points import AxisObservability
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
-from infield.table.merge import AXIS_Z_LIMIT, random_walk_covariance
+from infield.table.merge import AXIS_Z_LIMIT
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
+from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
@@ -241,7 +242,7 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
             "yaw creep of the airframe": 0.0 if level else creep,
             "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
             "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
-            "bias instability": 0.664 * twin.gyro.bias_instability_deg_h,
+            "bias instability": FLICKER_FLOOR * twin.gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
         }
         rows += [

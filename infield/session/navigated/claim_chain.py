@@ -30,9 +30,10 @@ from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.noise import accel_densities, gyro_densities
 from ins.records import ImuSource, NavHistory, NavState, Phase, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.units import DEG_PER_HOUR, DEG_PER_SQRT_HOUR, MICRO_G
+from ins.units import DEG_PER_HOUR, MICRO_G
 
 UNSEEN = 0.9  # a heading sigma above this share of its prior means that the taxi did not show it
 
@@ -90,14 +91,14 @@ def run_claim_chain(
     motion = classify(history, phases, imu)
     first_roll = np.flatnonzero(motion.kind >= ROLLING)
     parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
-    arw = twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR
+    arw = gyro_densities(twin.gyro).white
     still = parked & (motion.kind == STILL)
     bracket = tilt_rates(history, still, arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
     set_1 = smoothed_tilt_rates(
         history,
         still,
         arw=arw,
-        vrw=twin.accel.vrw_ug_sqrt_hz * MICRO_G,
+        vrw=accel_densities(twin.accel).white,
         velocity_sigma_m_s=max(motion.sigma_v_m_s, twin.vehicle.sway_m_s),
         rate_sigma_rad_s=prior_sigma_deg_h * DEG_PER_HOUR,
     )
@@ -260,11 +261,6 @@ def _covariance(seen: _Observations, time_s: NDArray, gravity: float, twin: Twin
     """
     t = (time_s - time_s[0] + 1.0)[seen.epoch]
     early, late = np.minimum(t[:, None], t[None, :]), np.maximum(t[:, None], t[None, :])
-    angle = (
-        (gravity * twin.gyro.arw_deg_sqrt_h * DEG_PER_SQRT_HOUR) ** 2
-        * early**2
-        * (3.0 * late - early)
-        / 6.0
-    )
-    velocity = (twin.accel.vrw_ug_sqrt_hz * MICRO_G) ** 2 * early
+    angle = (gravity * gyro_densities(twin.gyro).white) ** 2 * early**2 * (3.0 * late - early) / 6.0
+    velocity = accel_densities(twin.accel).white ** 2 * early
     return (seen.direction @ seen.direction.T) * (angle + velocity) + np.diag(seen.sigma**2)

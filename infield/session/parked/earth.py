@@ -26,12 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.coarse import level_angles
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.turn_between import Turn, levelled
 from infield.session.estimate import SessionEarth
 from infield.session.settings import SessionSettings
-from ins.attitude import dcm_from_euler
+from ins.attitude import dcm_from_euler, level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.records import Run, Site, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G, PPM
