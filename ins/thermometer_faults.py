@@ -7,6 +7,7 @@ do; never against the true bias. Temperatures in degC, times in s throughout.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from itertools import pairwise
 
 import numpy as np
@@ -36,12 +37,36 @@ SCALES = (
 )
 
 
+class FaultKind(StrEnum):
+    """What can be wrong with a thermometer."""
+
+    ABSENT = "absent"
+    ZERO = "zero"
+    SPIKE = "spike"
+    STUCK = "stuck"
+    JUMP = "jump"
+    JUMP_OF_UNKNOWN_SIDE = "jump_of_unknown_side"
+    SCALE = "scale"
+    IMPLAUSIBLE = "implausible"
+    COARSE = "coarse"
+    HOLE = "hole"
+
+
+# faults after which no reading of the column is trusted
+OF_THE_COLUMN = (
+    FaultKind.ABSENT,
+    FaultKind.SCALE,
+    FaultKind.IMPLAUSIBLE,
+    FaultKind.JUMP_OF_UNKNOWN_SIDE,
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ThermometerFault:
     """The column ("temperature" for all), its kind, from when to when, and what is seen."""
 
     column: str
-    kind: str  # absent, zero, spike, stuck, jump, scale, implausible, coarse, hole
+    kind: FaultKind
     start_s: float
     end_s: float
     text: str
@@ -67,14 +92,14 @@ class _Judge:
         self.step = {name: reading_step_degC(v[self.valid[name]]) for name, v in columns.items()}
         self.faults: list[ThermometerFault] = []
 
-    def add(self, name: str, kind: str, rows: NDArray, text: str) -> None:
+    def add(self, name: str, kind: FaultKind, rows: NDArray, text: str) -> None:
         at = self.t[rows] if rows.size else self.t
         fault = ThermometerFault(
             column=name, kind=kind, start_s=float(at[0]), end_s=float(at[-1]), text=text
         )
         self.faults.append(fault)
 
-    def drop(self, name: str, kind: str, rows: NDArray, text: str) -> None:
+    def drop(self, name: str, kind: FaultKind, rows: NDArray, text: str) -> None:
         """Say it, and trust these rows no more."""
         self.add(name, kind, rows, text)
         self.valid[name][rows] = False
@@ -108,7 +133,7 @@ def check_thermometers(
     _holes(judge)
     for name in columns:
         if not judge.valid[name].any():
-            judge.add(name, "absent", judge.rows(name), "has no reading")
+            judge.add(name, FaultKind.ABSENT, judge.rows(name), "has no reading")
             continue
         _zeros(judge, name)
         _spikes(judge, name)
@@ -122,7 +147,7 @@ def check_thermometers(
         if step >= COARSE_degC:
             judge.add(
                 name,
-                "coarse",
+                FaultKind.COARSE,
                 judge.rows(name),
                 f"has steps of {step:g} degC: its rate of change is poorly known",
             )
@@ -150,7 +175,7 @@ def _holes(judge: _Judge) -> None:
         return
     for k in np.flatnonzero(gaps > max(HOLE_S, 5.0 * float(np.median(gaps)))):
         text = f"no reading from {judge.t[k]:.1f} to {judge.t[k + 1]:.1f} s ({gaps[k]:.0f} s)"
-        judge.add("temperature", "hole", np.array([k, k + 1]), text)
+        judge.add("temperature", FaultKind.HOLE, np.array([k, k + 1]), text)
 
 
 def _zeros(judge: _Judge, name: str) -> None:
@@ -160,7 +185,9 @@ def _zeros(judge: _Judge, name: str) -> None:
     if zero.all():
         if name.startswith("ambient"):  # a day at freezing point
             return
-        judge.drop(name, "absent", rows, f"is exactly 0 in all {rows.size} rows: missing values?")
+        judge.drop(
+            name, FaultKind.ABSENT, rows, f"is exactly 0 in all {rows.size} rows: missing values?"
+        )
         return
     limit, missing = judge.limit(name, values[~zero]), np.zeros(rows.size, dtype=bool)
     for a, b in runs_of_true(zero):
@@ -169,7 +196,7 @@ def _zeros(judge: _Judge, name: str) -> None:
     if missing.any():
         judge.drop(
             name,
-            "zero",
+            FaultKind.ZERO,
             rows[missing],
             f"is exactly 0 in {int(missing.sum())} rows: missing values?",
         )
@@ -191,7 +218,7 @@ def _spikes(judge: _Judge, name: str) -> None:
             f"has {int(far.sum())} readings far from their neighbours, {values[worst]:g} at"
             f" {judge.t[rows[worst]]:.1f} s"
         )
-        judge.drop(name, "spike", rows[far], text)
+        judge.drop(name, FaultKind.SPIKE, rows[far], text)
 
 
 def _stuck(judge: _Judge, name: str) -> None:
@@ -211,7 +238,7 @@ def _stuck(judge: _Judge, name: str) -> None:
         frozen = lasts > LONG_STUCK_S and not moved and (alive or changes.size == 2)
         if (moved and min(moved) > need) or frozen:
             text = f"is stuck at {values[a]:g} degC from {t[a]:.0f} s for {lasts:.0f} s"
-            judge.drop(name, "stuck", rows[a:b], text)
+            judge.drop(name, FaultKind.STUCK, rows[a:b], text)
 
 
 def _others_moved(judge: _Judge, name: str, span: NDArray) -> list[float]:
@@ -287,14 +314,19 @@ def _drop_jumps(
             and t[back[0]] - t[a] < TRANSIENT_S
             and abs(size + back[2]) < 0.35 * abs(size)
         ):
-            judge.drop(name, "jump", rows[a : back[1]], f"{text} and back at {t[back[0]]:.1f} s")
+            judge.drop(
+                name, FaultKind.JUMP, rows[a : back[1]], f"{text} and back at {t[back[0]]:.1f} s"
+            )
             k += 2
         elif a < SPIKE_ROWS or rows.size - b < SPIKE_ROWS:
-            judge.drop(name, "jump", rows[:a] if a < SPIKE_ROWS else rows[a:], text)
+            judge.drop(name, FaultKind.JUMP, rows[:a] if a < SPIKE_ROWS else rows[a:], text)
             k += 1
         else:
             judge.drop(
-                name, "jump", rows, f"{text}: which side is right is not known ({len(jumps)} jumps)"
+                name,
+                FaultKind.JUMP_OF_UNKNOWN_SIDE,
+                rows,
+                f"{text}: which side is right is not known ({len(jumps)} jumps)",
             )
             return
 
@@ -307,7 +339,7 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
             guess = "kelvin?" if middle < KELVIN_degC + 210.0 else "ten times too large?"
             judge.drop(
                 name,
-                "implausible",
+                FaultKind.IMPLAUSIBLE,
                 judge.rows(name),
                 f"is about {middle:.0f}, needed degC: {guess}",
             )
@@ -333,7 +365,7 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
             guess = "Fahrenheit?" if peak > high else "wrong scale?"
             judge.drop(
                 name,
-                "scale",
+                FaultKind.SCALE,
                 judge.rows(name),
                 f"is about {middle:.0f} degC, needed {low:g} to {high:g} degC: {guess}",
             )
@@ -360,7 +392,7 @@ def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray)
             f"is {np.nanmedian(v - middle):+.0f} degC off the other thermometers:"
             f" {near[0] if near else 'wrong scale?'}"
         )
-        judge.drop(name, "scale", judge.rows(name), text)
+        judge.drop(name, FaultKind.SCALE, judge.rows(name), text)
 
 
 def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDArray) -> NDArray:

@@ -5,11 +5,10 @@ from typing import Any
 
 from sqlalchemy import Connection
 
-from infield.store.database import StoreConflict
+from infield.store.errors import RunAlreadyMerged, TableMoved
 from infield.store.rows import (
     MergedRun,
     Revision,
-    RunAlreadyMerged,
     append_revision,
     key_of,
     last_number,
@@ -64,11 +63,11 @@ def commit_revision(
 def require_mergeable(
     c: Connection, row: Any, parent_sha256: str, runs: Sequence[MergedRun]
 ) -> None:
-    """StoreConflict if another table than the update's parent is active, RunAlreadyMerged if it
+    """TableMoved if another table than the update's parent is active, RunAlreadyMerged if it
     holds one of the runs.
     """
     if last_number(c, row) == 0 or tagged(c, row, "active").sha256 != parent_sha256:
-        raise StoreConflict(
+        raise TableMoved(
             f"{key_of(row)}: the active table is not {parent_sha256[:12]} now; update again"
         )
     held = runs_held(c, row)

@@ -12,9 +12,9 @@ from sqlalchemy import Connection, insert, inspect, select
 
 from infield.session.disagreement import SessionEvidence
 from infield.store.database import store_name
+from infield.store.errors import RowFault
 from infield.store.rows import key_of, row_sha256, runs_held, utc_now
 from infield.store.schema import contradiction
-from ins.records import InputError
 
 ARRAYS = ("temperature_degC", "bias_deg_h", "bend_deg_h", "covariance")
 TEXTS = ("run_id", "run_sha256", "start_utc")
@@ -57,7 +57,7 @@ def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
         record, _ = values.pop("record_sha256"), values.pop("unit_id")
         if record != contradiction_sha256(row, values):
             what = f"the row of contradicting run {values['run_sha256'][:12]} was changed"
-            raise InputError(f"store {store_name(c.engine.url)}: {key_of(row)}: {what}")
+            raise RowFault(f"store {store_name(c.engine.url)}: {key_of(row)}: {what}", what)
         if values["run_sha256"] not in held:
             found.append(SessionEvidence(**json.loads(values["evidence_json"])))
     return tuple(found)

@@ -21,8 +21,8 @@ from urllib.parse import quote
 from sqlalchemy import Connection, Engine, create_engine, event, exc, inspect, text
 from sqlalchemy.engine import URL, make_url
 
+from infield.store.errors import NoStore, StoreBusy, StoreError
 from infield.store.schema import READABLE, SCHEMA_REVISION
-from ins.records import InputError
 
 LOCK_WAIT_S = 5.0
 CONNECT_WAIT_S = 10  # for a server
@@ -37,10 +37,6 @@ RETRY_SQLSTATES = ("40001", "40P01", "55P03")  # serialization failure, deadlock
 QUERY_SECRET = re.compile(r"(?i)((?:ssl)?passw(?:or)?d=)[^&]*")
 _ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
 T = TypeVar("T")
-
-
-class StoreConflict(RuntimeError):
-    """Somebody else changed this unit meanwhile, or holds the store: read again and retry."""
 
 
 class Database:
@@ -61,17 +57,17 @@ class Database:
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
-        """A transaction that only reads; every fault of the database is an InputError of one
+        """A transaction that only reads; every fault of the database is a StoreError of one
         line.
         """
         try:
             with self._engine.begin() as connection:
                 yield connection
         except exc.DBAPIError as error:
-            raise InputError(f"store {self.name}: {self._line(error)}") from None
+            raise StoreError(f"store {self.name}: {self._line(error)}") from None
 
     def write(self, work: Callable[[Connection], T]) -> T:
-        """`work` in one transaction, repeated where another writer was faster; StoreConflict if it
+        """`work` in one transaction, repeated where another writer was faster; StoreBusy if it
         stays so.
         """
         until, broken = time.monotonic() + PATIENCE_S, ""
@@ -86,17 +82,15 @@ class Database:
                         if error.connection_invalidated
                         else "not written"
                     )
-                    raise InputError(f"store {self.name}: {told}: {self._line(error)}") from None
+                    raise StoreError(f"store {self.name}: {told}: {self._line(error)}") from None
                 broken = self._line(error) if isinstance(error, exc.IntegrityError) else ""
                 if time.monotonic() > until:
                     break
                 time.sleep(0.01 * 2**attempt)
         if broken:
             told = f"nothing written: {broken}: rows contradict each other; see recal table verify"
-            raise InputError(f"store {self.name}: {told}")
-        raise StoreConflict(
-            f"store {self.name}: busy with other writers, nothing written; try again"
-        )
+            raise StoreError(f"store {self.name}: {told}")
+        raise StoreBusy(f"store {self.name}: busy with other writers, nothing written; try again")
 
     def close(self) -> None:
         self._engine.dispose()
@@ -117,13 +111,13 @@ def store_exists(url: str) -> bool:
 
 
 def require_folder(url: str) -> None:
-    """InputError where an SQLite store's folder is missing: a mistyped store must not pass for a
+    """StoreError where an SQLite store's folder is missing: a mistyped store must not pass for a
     new one.
     """
     parsed = parsed_url(url)
     folder = Path(os.path.abspath(str(parsed.database))).parent
     if parsed.get_backend_name() == "sqlite" and not folder.is_dir():
-        raise InputError(f"store {store_name(parsed)}: no folder {folder}")
+        raise StoreError(f"store {store_name(parsed)}: no folder {folder}")
 
 
 def store_name(url: str | URL) -> str:
@@ -141,7 +135,7 @@ def _secrets(url: URL) -> list[str]:
 
 
 def parsed_url(url: str) -> URL:
-    """InputError where the URL cannot be read, or names a database that is gone with the
+    """StoreError where the URL cannot be read, or names a database that is gone with the
     process.
     """
     try:
@@ -152,19 +146,19 @@ def parsed_url(url: str) -> URL:
         shown = QUERY_SECRET.sub(
             r"\1***", f"{scheme if colon else ''}{colon}***@{after}" if at else url
         )
-        raise InputError(
+        raise StoreError(
             f"store {shown[:200]!r}: not an SQLAlchemy URL; needed one like sqlite:///recal.db"
         ) from None
     if "@" in (parsed.host or ""):
-        raise InputError(
+        raise StoreError(
             f"store {parsed.drivername}://***: an @ in user or password must be written %40"
         )
     if parsed.get_backend_name() == "sqlite" and (parsed.host or parsed.username):
-        raise InputError(
+        raise StoreError(
             "store sqlite://***: a file has no host and no user; needed one like sqlite:///recal.db"
         )
     if parsed.get_backend_name() == "sqlite" and parsed.database in (None, "", ":memory:"):
-        raise InputError(
+        raise StoreError(
             f"store {url}: a database in memory keeps nothing; needed a file, like"
             " sqlite:///recal.db"
         )
@@ -181,7 +175,7 @@ def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
     if sqlite:
         path = Path(os.path.abspath(str(parsed.database)))
         if not path.exists() and not create:
-            raise InputError(f"no store at {name}")
+            raise NoStore(f"no store at {name}")
         options["creator"] = lambda: sqlite3.connect(
             f"file:{quote(str(path))}?mode={'rwc' if create else 'rw'}",
             uri=True,
@@ -193,7 +187,7 @@ def _engine(url: str, *, create: bool) -> tuple[Engine, str]:
     try:
         engine = create_engine(parsed, **options)
     except (exc.NoSuchModuleError, ModuleNotFoundError) as error:
-        raise InputError(
+        raise StoreError(
             f"store {name}: {error}; for PostgreSQL install strapdown-recal[postgres]"
         ) from None
     if sqlite:
@@ -236,10 +230,10 @@ def schema_of(connection: Connection) -> str | None:
 def _require_schema(connection: Connection, name: str) -> None:
     found = schema_of(connection)
     if found is None:
-        raise InputError(f"no store at {name}: the database holds no recal tables")
+        raise NoStore(f"no store at {name}: the database holds no recal tables")
     if found not in READABLE:
         _refuse_newer(found, f"store {name}")
-        raise InputError(
+        raise StoreError(
             f"store {name}: schema {found}, needed {SCHEMA_REVISION} (importing a table"
             " upgrades it)"
         )
@@ -247,7 +241,7 @@ def _require_schema(connection: Connection, name: str) -> None:
 
 def _refuse_newer(found: str | None, name: str) -> None:
     if found is not None and found > SCHEMA_REVISION:
-        raise InputError(
+        raise StoreError(
             f"{name}: schema {found}, needed {SCHEMA_REVISION}: a newer recal made it, use that one"
         )
 
@@ -267,7 +261,7 @@ def _migrate(connection: Connection) -> None:
         with _ONE_MIGRATION:
             command.upgrade(alembic_config(connection), "head")
     except CommandError as error:
-        raise InputError(
+        raise StoreError(
             f"store: cannot be upgraded to schema {SCHEMA_REVISION}: {error}"
         ) from None
 

@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import Connection, and_, inspect, select
 
 from infield.store.database import store_name
+from infield.store.errors import RowFault
 from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha256
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
@@ -227,6 +228,6 @@ def _decisions(
     return found
 
 
-def _changed(c: Connection, key: UnitKey, what: str) -> InputError:
-    where = f"store {store_name(c.engine.url)}: {key} {what}"
-    return InputError(f"{where}: the row was changed or is missing, its hash does not match")
+def _changed(c: Connection, key: UnitKey, row: str) -> RowFault:
+    what = f"{row}: the row was changed or is missing, its hash does not match"
+    return RowFault(f"store {store_name(c.engine.url)}: {key} {what}", what)

@@ -14,6 +14,7 @@ from sqlalchemy import Connection, insert
 
 from infield.store.commit import commit_revision, require_mergeable
 from infield.store.database import Database
+from infield.store.errors import AlreadyRejected, UnknownUnit
 from infield.store.proposal_rows import (
     DECISIONS,
     Decision,
@@ -27,7 +28,6 @@ from infield.store.proposal_rows import (
 )
 from infield.store.rows import (
     MergedRun,
-    UnknownUnit,
     find_unit,
     key_of,
     last_number,
@@ -43,11 +43,7 @@ from ins.records import InputError
 
 LONGEST_NAME, LONGEST_REASON = 200, 4000  # characters
 
-__all__ = ["AlreadyRejected", "Decision", "FullProposal", "Proposal", "ProposalStore"]
-
-
-class AlreadyRejected(RuntimeError):
-    """The same update was put forward and rejected before, and nobody says why it comes again."""
+__all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
 
 
 class ProposalStore:

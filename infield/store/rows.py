@@ -14,20 +14,13 @@ from typing import Any
 from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, select, update
 
 from infield.store.database import store_name
+from infield.store.errors import RowFault, StoreError, UnknownUnit
 from infield.store.schema import merged_run, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError
 
 CLOCK_SLACK_S = 300.0
-
-
-class UnknownUnit(InputError):
-    """The store holds nothing under this serial (and mode)."""
-
-
-class RunAlreadyMerged(RuntimeError):
-    """The active table of this unit already holds this run."""
 
 
 @dataclass(frozen=True, kw_only=True, order=True)
@@ -165,7 +158,7 @@ def active_number_of(c: Connection, row: Any) -> int:
     if number != last:
         where = f"on revision {number}, not on the last ({last})" if number else "missing"
         said = f"store {store_name(c.engine.url)}: {key_of(row)}: tag active is {where}"
-        raise InputError(f"{said}: the store was changed by hand; recal table verify")
+        raise StoreError(f"{said}: the store was changed by hand; recal table verify")
     return number
 
 
@@ -183,8 +176,8 @@ def read_revision(c: Connection, row: Any, number: int) -> Revision:
     if not content_intact or record != record_sha256(
         key_of(row), values, _record_before(c, row, number)
     ):
-        where = f"store {store_name(c.engine.url)}: {key_of(row)} revision {number}"
-        raise InputError(f"{where}: the row was changed, its hash does not match")
+        what = f"revision {number}: the row was changed, its hash does not match"
+        raise RowFault(f"store {store_name(c.engine.url)}: {key_of(row)} {what}", what)
     runs = tuple(MergedRun(run_id=i, sha256=s) for i, s in json.loads(values.pop("runs_json")))
     del values["unit_id"]
     return Revision(unit=key_of(row), runs=runs, **values)

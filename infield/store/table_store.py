@@ -16,16 +16,22 @@ from sqlalchemy import Connection, select, update
 from infield.session.disagreement import SessionEvidence
 from infield.store.commit import commit_revision
 from infield.store.contradictions import append_contradictions, read_contradictions
-from infield.store.database import Database, StoreConflict, store_exists
+from infield.store.database import Database, store_exists
+from infield.store.errors import (
+    RevisionMoved,
+    RowFault,
+    RunAlreadyMerged,
+    StoreConflict,
+    UnknownTableHash,
+    UnknownUnit,
+)
 from infield.store.overview import UnitSummary, read_overview
 from infield.store.proposals import FullProposal, Proposal, ProposalStore
 from infield.store.rows import (
     MergedRun,
     Revision,
-    RunAlreadyMerged,
     UnitKey,
     UnitRecord,
-    UnknownUnit,
     active_number_of,
     append_revision,
     find_unit,
@@ -157,10 +163,8 @@ class TableStore(ProposalStore):
             revisions = [read_revision(c, row, k) for k in range(1, last_number(c, row) + 1)]
             for before, after in itertools.pairwise(revisions):
                 if after.parent_sha256 != before.sha256:
-                    raise InputError(
-                        f"store {self.name}: {after.unit} revision {after.number}: parent hash"
-                        " broken"
-                    )
+                    what = f"revision {after.number}: parent hash broken"
+                    raise RowFault(f"store {self.name}: {after.unit} {what}", what)
             active_number_of(c, row)
             return revisions
 
@@ -181,7 +185,7 @@ class TableStore(ProposalStore):
 
     def by_sha256(self, sha256: str) -> Revision:
         """The table with this content hash, of any unit (to undo what a unit had applied);
-        InputError if unknown.
+        UnknownTableHash if there is none.
         """
         with self._database.reading() as c:
             found = (
@@ -191,7 +195,7 @@ class TableStore(ProposalStore):
             )
             row = c.execute(found).one_or_none()
             if row is None:
-                raise InputError(f"store {self.name}: no table with sha256 {sha256}")
+                raise UnknownTableHash(f"store {self.name}: no table with sha256 {sha256}")
             owner = c.execute(select(unit).where(unit.c.id == row.unit_id)).one()
             return read_revision(c, owner, row.number)
 
@@ -219,7 +223,8 @@ class TableStore(ProposalStore):
             return None
         where = f"store {self.name}: twin of {key_of(row)}"
         if text_sha256(row.twin_json) != row.twin_sha256:
-            raise InputError(f"{where}: the row was changed, its hash does not match")
+            what = "the row was changed, its hash does not match"
+            raise RowFault(f"{where}: {what}", f"twin: {what}")
         return twin_from_dict(json.loads(row.twin_json), source=where, name=where)
 
     def import_table(
@@ -352,7 +357,7 @@ class TableStore(ProposalStore):
             row = lock_unit(c, key_of(find_unit(c, serial, technology, mode)))
             active = active_number_of(c, row)
             if active_number not in (None, active):
-                raise StoreConflict(
+                raise RevisionMoved(
                     f"{key_of(row)}: revision {active} is active now, not {active_number}; look"
                     " again"
                 )

@@ -16,6 +16,7 @@ from sqlalchemy import Connection, Table, exc, inspect, select, text
 
 from infield.store.contradictions import contradiction_sha256
 from infield.store.database import schema_of
+from infield.store.errors import RowFault
 from infield.store.proposal_rows import proposals_of, read_full
 from infield.store.rows import (
     UnitKey,
@@ -285,14 +286,14 @@ def _contradiction_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
 def _proposal_faults(c: Connection, row: Any, rows: Rows) -> Iterable[str]:
     try:
         found = proposals_of(c, row) if _has(c, proposal) else []
-    except InputError as error:
-        yield str(error).partition(f"{key_of(row)} ")[2]
+    except RowFault as fault:
+        yield fault.row
         return
     for light in found:
         try:
             read_full(c, row, light.number)
-        except InputError as error:
-            yield str(error).partition(f"{key_of(row)} ")[2]
+        except RowFault as fault:
+            yield fault.row
         became = light.decision.revision_number if light.decision else None
         if became is not None and rows.get(became, {}).get("sha256") != light.sha256:
             yield (

@@ -17,12 +17,20 @@ from numpy.typing import NDArray
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
 from ins.records import AXES, Span, TemperatureLog
-from ins.thermometer_faults import HOLE_S, PLAUSIBLE_degC, ThermometerFault, check_thermometers
+from ins.thermometer_faults import (
+    HOLE_S,
+    OF_THE_COLUMN,
+    FaultKind,
+    PLAUSIBLE_degC,
+    ThermometerFault,
+    check_thermometers,
+)
 
 FEWEST_ROWS, SHORTEST_S = 10, 60.0  # of a temperature log that a session can be told from
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
 # a hole up to this is bridged by the smoother, with the sigma that it has there
 BRIDGED_S = 2.0 * HOLE_S
+READINGS_LEFT_OUT = "these readings are left out"
 NONE_LOGGED = (
     "no gyro temperature in the run: a bias without its temperature has no place in the table"
 )
@@ -107,11 +115,14 @@ class GyroTemperature:
 
 def words(fault: ThermometerFault) -> str:
     """A fault with what follows from it."""
-    after = {"coarse": "its sigma is wider", "hole": "nothing is learnt there beyond two minutes"}
+    after = {
+        FaultKind.COARSE: "its sigma is wider",
+        FaultKind.HOLE: "nothing is learnt there beyond two minutes",
+    }
     if not fault.column.startswith("gyro_"):
         return f"{fault.column}: {fault.text}"
-    whole = fault.kind in ("absent", "scale", "implausible") or "not known" in fault.text
-    said = after.get(fault.kind, "the axis is left out" if whole else "these readings are left out")
+    left_out = "the axis is left out" if fault.kind in OF_THE_COLUMN else READINGS_LEFT_OUT
+    said = after.get(fault.kind, left_out)
     return f"thermometer {fault.column}: {fault.text}; {said}"
 
 
@@ -120,7 +131,7 @@ def no_thermometer(temperature: GyroTemperature) -> tuple[str, ...]:
     kinds = {f.kind for f in temperature.faults if f.column.startswith("gyro_")}
     said = (
         "all gyro thermometers are stuck"
-        if kinds == {"stuck"}
+        if kinds == {FaultKind.STUCK}
         else "no gyro thermometer can be used"
     )
     return (said, *(words(f) for f in temperature.faults))

@@ -287,7 +287,8 @@ def _commit(
     says so, and InputError is raised.
     """
     from infield.store.database import store_name
-    from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict
+    from infield.store.errors import StoreConflict, StoreRefused
+    from infield.store.table_store import MergedRun
     from ins.records import InputError
     from recal.service.output import write_files
     from recal.service.unit_inputs import open_store
@@ -318,13 +319,14 @@ def _commit(
             numbered = _numbered(document, unit, made[0].number)
             write_files(files(numbered))
         return numbered
-    except (StoreConflict, RunAlreadyMerged) as error:
+    except StoreRefused as error:
         if isinstance(error, StoreConflict) and not last:
             raise
         document = {
             **_document(result, committed=False, **facts),
             "verdict": "refused",
             "reasons": [str(error)],
+            "reason_codes": [str(error.code)],
         }
         write_files(files(document))
         return document
@@ -351,8 +353,8 @@ def _propose(
     """Keep the update in the store for review, then write the report with its number; refused where
     a commit would be.
     """
-    from infield.store.proposals import AlreadyRejected
-    from infield.store.table_store import MergedRun, RunAlreadyMerged, StoreConflict
+    from infield.store.errors import StoreRefused
+    from infield.store.table_store import MergedRun
     from recal.service.output import write_files
     from recal.service.unit_inputs import open_store
 
@@ -371,8 +373,12 @@ def _propose(
             note=signed[1],
         )
         document["proposal"] = kept.number
-    except (StoreConflict, RunAlreadyMerged, AlreadyRejected) as error:
-        document |= {"verdict": "refused", "reasons": [str(error)]}
+    except StoreRefused as error:
+        document |= {
+            "verdict": "refused",
+            "reasons": [str(error)],
+            "reason_codes": [str(error.code)],
+        }
     write_files(files(document))
     return document
 

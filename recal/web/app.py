@@ -18,7 +18,8 @@ from markupsafe import Markup
 from starlette.exceptions import HTTPException
 
 from infield.reports import page as report_page
-from infield.store.table_store import RunAlreadyMerged, StoreConflict, TableStore, UnknownUnit
+from infield.store.errors import StoreError, StoreRefused, UnknownUnit
+from infield.store.table_store import TableStore
 from ins.records import InputError
 from recal.web import views
 from recal.web.door import Door, Session, TooManyGuesses
@@ -178,7 +179,7 @@ def _register_faults(app: FastAPI, site: Site) -> None:
     def unknown(request: Request, error: Exception) -> Response:
         return site.fault(500, NO_FAULT, request)
 
-    for kind in (InputError, StoreConflict, RunAlreadyMerged, Refused):
+    for kind in (InputError, StoreRefused, Refused):
         app.add_exception_handler(kind, known)
     app.add_exception_handler(HTTPException, of_http)
     app.add_exception_handler(RequestValidationError, of_query)
@@ -192,8 +193,10 @@ def _status(error: Exception) -> int:
         return error.status
     if isinstance(error, UnknownUnit):
         return 404
+    if isinstance(error, StoreError):
+        return 503
     if isinstance(error, InputError):
-        return 503 if str(error).startswith(("store ", "no store ")) else 400
+        return 400
     return 409
 
 

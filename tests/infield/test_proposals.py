@@ -7,7 +7,8 @@ import threading
 
 import pytest
 
-from infield.store.proposals import AlreadyRejected, signed_note
+from infield.store.errors import AlreadyRejected
+from infield.store.proposals import signed_note
 from infield.store.table_store import (
     MergedRun,
     RunAlreadyMerged,

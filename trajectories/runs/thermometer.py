@@ -19,5 +19,5 @@ def check_thermometer(columns: dict[str, NDArray], label: str, findings: Finding
     }
     for fault in check_thermometers(time_s, thermometers).faults:
         name = "" if fault.column == "temperature" else f"{fault.column} "
-        say = findings.suspect if fault.kind == "implausible" else findings.warn
+        say = findings.suspect if fault.kind is FaultKind.IMPLAUSIBLE else findings.warn
         say(f"{label}: {name}{fault.text}")

@@ -163,7 +163,8 @@ def _decide(
     verbose: bool,
     quiet: bool,
 ) -> None:
-    from infield.store.table_store import RunAlreadyMerged, StoreConflict, TableStore
+    from infield.store.errors import StoreRefused
+    from infield.store.table_store import TableStore
 
     with TableStore.open(url) as opened:
         try:
@@ -176,8 +177,13 @@ def _decide(
                 "reasons": [],
                 **_about(decided),
             }
-        except (StoreConflict, RunAlreadyMerged) as error:
-            result = {"schema": "recal.decision/1", "verdict": "refused", "reasons": [str(error)]}
+        except StoreRefused as error:
+            result = {
+                "schema": "recal.decision/1",
+                "verdict": "refused",
+                "reasons": [str(error)],
+                "reason_codes": [str(error.code)],
+            }
     answer(result, as_json=as_json, verbose=verbose)
     if result["verdict"] == "refused":
         say(f"refused: {result['reasons'][0]}", quiet=quiet)

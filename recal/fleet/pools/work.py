@@ -16,17 +16,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from infield.store.table_store import StoreConflict, TableStore, store_exists
+from infield.store.errors import WORTH_ANOTHER_TRY, StoreConflict, StoreError, StoreRefused
+from infield.store.table_store import TableStore, store_exists
 from ins.records import InputError
 from recal.cli.update import update
 from recal.fleet.records import MERGED, PlannedRun, RunOutcome, RunTask, Task, outcome_of
 from recal.fleet.unit_summary import summarise_unit
 from recal.service.output import write_text
 
+WORTH_A_TRY = [[str(code)] for code in WORTH_ANOTHER_TRY]  # the only reason of a document
 CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
-CONFLICT_WORDS = ("update again", "try again")  # how infield.store.table_store ends a StoreConflict
-# how its InputErrors begin: not the run's fault, worth another call
-STORE_FAULT = ("store ", "no store")
 AGAIN = "again"  # not told yet: to be taken again without the runs that are
 Pair = tuple[PlannedRun, str]  # a run and the folder of its report
 # a Dask worker may have several threads; drawing and migrations are one per process
@@ -113,10 +112,10 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
         if isinstance(error, OSError)
         else str(error)
     )
-    if isinstance(error, InputError | OSError) and not text.startswith(STORE_FAULT):
-        return outcome_of(run, "bad_input", text)
-    if isinstance(error, InputError | StoreConflict):
+    if isinstance(error, StoreError | StoreRefused):  # not the run's fault, worth another call
         return outcome_of(run, "crashed", text)
+    if isinstance(error, InputError | OSError):
+        return outcome_of(run, "bad_input", text)
     return outcome_of(
         run, "crashed", _crash_words(error), folder=folder, notes=(*run.notes, *_keep_trace(folder))
     )
@@ -143,12 +142,7 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
 
 
 def _conflicted(document: dict[str, Any]) -> bool:
-    reasons = document["reasons"]
-    return (
-        document["verdict"] == "refused"
-        and len(reasons) == 1
-        and reasons[0].endswith(CONFLICT_WORDS)
-    )
+    return document["verdict"] == "refused" and document.get("reason_codes") in WORTH_A_TRY
 
 
 def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iterator[RunOutcome]:
