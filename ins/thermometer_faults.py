@@ -12,7 +12,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from ins.robust import runs_of_true, white_sigma
 
@@ -204,6 +203,8 @@ def _zeros(judge: _Judge, name: str) -> None:
 
 def _spikes(judge: _Judge, name: str) -> None:
     """Bursts of up to five rows far from their neighbours' median."""
+    from scipy.ndimage import median_filter  # half of the time that reading a broken run takes
+
     rows = judge.rows(name)
     if rows.size < SPIKE_ROWS:
         return

@@ -242,8 +242,17 @@ class StreamFile:
         """A Parquet column of words."""
         import pyarrow as pa
 
+        groups = list(range(self._file.metadata.num_row_groups))
         try:
-            values = self._file.read(columns=[name]).column(0)
+            # in this thread: a worker of Arrow that is alive at exit may abort the process
+            batches = list(
+                self._file.iter_batches(
+                    PIECE_ROWS, row_groups=groups, columns=[name], use_threads=False
+                )
+            )
+            values = pa.Table.from_batches(
+                batches, None if batches else pa.schema([self._file.schema_arrow.field(name)])
+            ).column(0)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise InputError(
                 f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})"
@@ -261,11 +270,15 @@ class StreamFile:
 
 
 def _values(table: Any, name: str) -> NDArray:
+    """A column as float64, missing values NaN; `to_numpy` of Arrow would load pandas for it."""
     import pyarrow as pa
+    import pyarrow.compute as pc
 
-    return np.asarray(
-        table.column(name).cast(pa.float64(), safe=False).to_numpy(), dtype=np.float64
-    )
+    column = table.column(name).cast(pa.float64(), safe=False)
+    if column.null_count:
+        column = pc.fill_null(column, pa.scalar(float("nan"), pa.float64()))
+    parts = [np.from_dlpack(chunk) for chunk in column.chunks if len(chunk)]
+    return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0), *parts])
 
 
 def _numbered(tables: Sequence[Any]) -> Iterator[tuple[int, Any]]:

@@ -27,7 +27,7 @@ def parquet_columns(
     import pyarrow.parquet as pq
 
     try:
-        file = pq.ParquetFile(path)
+        file = pq.ParquetFile(path, pre_buffer=False)
         rows = file.metadata.num_rows
         refuse_rows(rows, path)
         if rows < 2:
@@ -38,7 +38,7 @@ def parquet_columns(
                 name if name in file.schema_arrow.names else name.split(".")[0] for name in used
             )
         )
-        table = file.read(columns=roots)
+        table = file.read(columns=roots, use_threads=False)
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise InputError(
             f"{path.name}: not a whole Parquet file ({' '.join(str(error).split())[:200]})"

@@ -88,7 +88,7 @@ def columns(
     try:
         table = arrow_csv.read_csv(
             pa.BufferReader(b"\n".join(rows) + b"\n"),
-            read_options=arrow_csv.ReadOptions(column_names=keys),
+            read_options=arrow_csv.ReadOptions(column_names=keys, use_threads=False),
             convert_options=arrow_csv.ConvertOptions(
                 column_types=wanted, include_columns=list(wanted)
             ),
