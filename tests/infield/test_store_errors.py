@@ -1,4 +1,4 @@
-"""What stands in the way of the store is told by its type: by the fleet, by the page, in update.json."""
+"""What stands in the way of the store is told by its type: by fleet, page and update.json."""
 
 import pickle
 

@@ -5,7 +5,7 @@ it.
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.thermometer_faults import check_thermometers
+from ins.thermometer_faults import FaultKind, check_thermometers
 from trajectories.runs.checks import Findings
 
 
