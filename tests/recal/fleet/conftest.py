@@ -33,7 +33,7 @@ def inline(monkeypatch, known_sessions):
     """Tasks in this process; the pools that were made. The same run against the same table is
     estimated once a test session.
     """
-    pools, real = [], pipeline._one_session
+    pools, real = [], pipeline.take_run
 
     def remembered(run, table, twin, settings, repeated):
         text = (
@@ -45,7 +45,7 @@ def inline(monkeypatch, known_sessions):
             known_sessions[key] = real(run, table, twin, settings, repeated)
         return known_sessions[key]
 
-    monkeypatch.setattr(pipeline, "_one_session", remembered)
+    monkeypatch.setattr(pipeline, "take_run", remembered)
     monkeypatch.setattr(spine, "fleet_html", lambda document: "")  # test_report draws
 
     def pool(workers):
