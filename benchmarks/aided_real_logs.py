@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from infield.replay.aided.flight import AidedResult, nis_of, rejected_rows
 from infield.replay.free_inertial import TableChoice, replay
+from infield.reports.words.sentences import sentences
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.filters.aided_filter import level_sigmas
 from ins.twin_file import default_twin
@@ -78,11 +79,11 @@ def main(path: Path) -> None:
     """Prints verdict, noise, NIS, and the comparison."""
     result, shift_s = fly(path)
     if result is None or result.history is None:
-        print("no aided solution:", *(result.reasons if result else ("no GNSS",)))
+        print("no aided solution:", *(sentences(result.reasons) if result else ("no GNSS",)))
         return
     time_s, euler = logged_attitude(path)
     found = against_att(result, time_s - shift_s, euler)
-    print(result.verdict, *result.reasons, *result.notes, sep="\n  ")
+    print(result.verdict, *sentences((*result.reasons, *result.notes)), sep="\n  ")
     used = [round(nis_of(result.history, k)[0], 2) for k in (0, 1)]
     print("declared NIS", np.round(result.declared_nis, 2), "used NIS", used)
     print(

@@ -12,7 +12,15 @@ from typing import Any
 
 import numpy as np
 
-OMIT_NONE = {"omit_none": True}  # metadata of a field that is left out of the JSON where it is None
+# Metadata of a record's field: left out of the JSON where it is None; never in it (what a page is
+# drawn from); under another key, where the key is no name in Python.
+OMIT_NONE = {"omit_none": True}
+UNWRITTEN = {"unwritten": True}
+
+
+def written_as(key: str) -> dict[str, str]:
+    """Metadata of a field that stands under this key in the JSON."""
+    return {"key": key}
 
 
 class Outcome(StrEnum):
@@ -56,7 +64,8 @@ def plain(value: Any) -> Any:
     """A record as JSON holds it: dataclasses as dicts in the order of their fields, enums as their
     values, arrays and tuples as lists.
 
-    A field with metadata `OMIT_NONE` is left out where it is None.
+    A field with metadata `OMIT_NONE` is left out where it is None, one with `UNWRITTEN` always;
+    `written_as` gives it another key.
 
     >>> @dataclass(frozen=True)
     ... class Point:
@@ -67,11 +76,7 @@ def plain(value: Any) -> Any:
     {'axis': 'x', 'time_s': 900.0}
     """
     if is_dataclass(value) and not isinstance(value, type):
-        return {
-            f.name: plain(item)
-            for f in fields(value)
-            if (item := getattr(value, f.name)) is not None or not f.metadata.get("omit_none")
-        }
+        return _plain_record(value)
     if isinstance(value, Enum):
         return value.value
     if isinstance(value, Mapping):
@@ -81,3 +86,13 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     return value
+
+
+def _plain_record(record: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for f in fields(record):
+        item = getattr(record, f.name)
+        left_out = f.metadata.get("unwritten") or (item is None and f.metadata.get("omit_none"))
+        if not left_out:
+            found[f.metadata.get("key", f.name)] = plain(item)
+    return found

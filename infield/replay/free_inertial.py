@@ -20,8 +20,10 @@ from alignment import gyrocompass
 from alignment.motion import stillness
 from alignment.result import Alignment
 from infield.replay.aided.flight import AidedResult, navigate_aided
+from infield.replay.aided.reasons import AidedVerdict
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
+from infield.replay.reasons import Damping, ReplayNote, ReplayReason, ReplayVerdict
 from infield.replay.stops import Stop, StopSpeed, find_stops, first_roll, stop_speed
 from infield.session.bins import SessionBins, make_bins
 from infield.session.log import (
@@ -38,6 +40,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, ImuSource, NavHistory, NavState, ReferenceLog, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import Reason, because
 
 SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
 # before the start of navigation: holds the row before it (a run has no gap over 1 s)
@@ -64,8 +67,8 @@ class TableChoice:
 
 @dataclass(frozen=True, kw_only=True)
 class TableReplay:
-    """One table's flight. `history` is None where its alignment was refused; the rest is None where
-    there is nothing.
+    """One table's flight. `history` is None where its alignment was refused, or where the log ends
+    too soon after it (`unflown`); the rest is None where there is nothing.
 
     parked: against the parked position; gnss, reference: from the end of the parked span on
     (reference: scoring only); heading_error_rad: against the reference.
@@ -73,8 +76,9 @@ class TableReplay:
 
     choice: TableChoice
     alignment: Alignment
+    unflown: Reason | None = None
     history: NavHistory | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Reason, ...] = ()
     bins: SessionBins | None = None
     parked: Drift | None = None
     predicted: DriftPrediction | None = None
@@ -83,21 +87,26 @@ class TableReplay:
     reference: Drift | None = None
     heading_error_rad: float = float("nan")
 
+    @property
+    def reasons(self) -> tuple[Reason | str, ...]:
+        """Why it was not flown, and what its alignment says."""
+        own = () if self.unflown is None else (self.unflown,)
+        return (*own, *self.alignment.reasons)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayResult:
-    """verdict: "replayed", "refused" (nothing could be flown) or "inconsistent" (the active table's
-    alignment is, or the aided flight where that is all there is).
+    """The flights of a log and what is to be said of them.
 
     alignment_span: the stretch aligned on; parked_until_s: where the vehicle first rolls; aided:
     None without GNSS, or where it was not asked for.
     """
 
     run: Run
-    verdict: str
-    reasons: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    vertical: str = ""
+    verdict: ReplayVerdict
+    reasons: tuple[Reason | str, ...] = ()
+    notes: tuple[Reason, ...] = ()
+    vertical: Damping = Damping.SITE
     alignment_span: Where | None = None
     parked_until_s: float | None = None
     tables: tuple[TableReplay, ...] = ()
@@ -124,48 +133,59 @@ def replay(
     Refusals are verdicts.
     """
     raw = with_applied_table_undone(run, applied_table)
-    temperature, notes = None, [f"{f.start_s:g} to {f.end_s:g} s: {f.reason}" for f in run.faults]
-    short = too_short(raw.temperature)
-    if raw.temperature is None or short:
-        notes.append(
-            f"{short.split(': ')[0] if raw.temperature is None else short}: no table can be"
-            " applied, flown with the raw gyro output"
-        )
+    faults = tuple(
+        because(ReplayNote.LOG_FAULT, start_s=f.start_s, end_s=f.end_s, fault=f.reason)
+        for f in run.faults
+    )
+    temperature, said = _temperature_of(raw)
+    notes = faults + said
+    if temperature is None:
         tables = [TableChoice(role="active", table=None, origin="none: raw gyro output")]
-    else:
-        temperature = gyro_temperature(raw.temperature)
-        notes += [words(fault) for fault in temperature.faults]
-        notes += [
-            f"gyro {axis}: no thermometer of its own, the others' mean stands in"
-            for axis in temperature.unusable
-        ]
-    vertical, how = _vertical(raw)
+    vertical, damping = _vertical(raw)
     rest = find_rest(raw)
     if rest is None:
-        reason = "the log never rests for a minute; a parked alignment of 5 to 15 min is needed"
         result = ReplayResult(
-            run=run, verdict="refused", reasons=(reason,), notes=tuple(notes), vertical=how
+            run=run,
+            verdict=ReplayVerdict.REFUSED,
+            reasons=(because(ReplayReason.NEVER_RESTS),),
+            notes=notes,
+            vertical=damping,
         )
     else:
         span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
         flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
         result = ReplayResult(
             run=run,
-            verdict="refused",
-            reasons=flown[0].alignment.reasons,
-            notes=tuple(notes),
-            vertical=how,
+            verdict=ReplayVerdict.REFUSED,
+            reasons=flown[0].reasons,
+            notes=notes,
+            vertical=damping,
             alignment_span=span,
             tables=tuple(flown),
         )
         first = next((t.history for t in flown if t.history is not None), None)
         if first is not None:
             result = _with_scores(result, raw, first, twin, reference)
-    return (
-        _with_aided(result, raw, tables[0], temperature, twin, rest)
-        if aided and raw.gnss is not None
-        else result
-    )
+    if not aided or raw.gnss is None:
+        return result
+    return _with_aided(result, raw, tables[0], temperature, twin, rest)
+
+
+def _temperature_of(raw: Run) -> tuple[GyroTemperature | None, tuple[Reason, ...]]:
+    """Gyro temperatures of a run and what is wrong with them; None where no table can be
+    applied.
+    """
+    if raw.temperature is None:
+        return None, (because(ReplayNote.NO_TEMPERATURE),)
+    shortage = too_short(raw.temperature)
+    if shortage:
+        return None, (because(ReplayNote.TEMPERATURE_TOO_SHORT, shortage=shortage),)
+    temperature = gyro_temperature(raw.temperature)
+    faults = [
+        because(ReplayNote.THERMOMETER_FAULT, fault=words(fault)) for fault in temperature.faults
+    ]
+    stand_ins = [because(ReplayNote.MEAN_STANDS_IN, axis=axis) for axis in temperature.unusable]
+    return temperature, (*faults, *stand_ins)
 
 
 def _with_aided(
@@ -189,12 +209,17 @@ def _with_aided(
     aided = navigate_aided(
         raw, imu, twin, rest=rest if gyrocompassed else None, gyro_sigma_deg_h=sigma
     )
-    if result.verdict != "refused" or aided.history is None:
+    if result.verdict is not ReplayVerdict.REFUSED or aided.history is None:
         return replace(result, aided=aided)
-    kept = tuple(f"no free-inertial flight: {reason}" for reason in result.reasons)
-    verdict = "inconsistent" if aided.verdict == "inconsistent" else "replayed"
-    reasons = tuple(f"aided by GNSS: {reason}" for reason in aided.reasons)
-    return replace(result, aided=aided, verdict=verdict, reasons=reasons, notes=result.notes + kept)
+    contradicted = aided.verdict is AidedVerdict.INCONSISTENT
+    kept = tuple(because(ReplayNote.NO_FREE_INERTIAL, reason=reason) for reason in result.reasons)
+    return replace(
+        result,
+        aided=aided,
+        verdict=ReplayVerdict.INCONSISTENT if contradicted else ReplayVerdict.REPLAYED,
+        reasons=tuple(because(ReplayReason.BY_AIDED, reason=reason) for reason in aided.reasons),
+        notes=result.notes + kept,
+    )
 
 
 def _with_scores(
@@ -210,13 +235,14 @@ def _with_scores(
     motion = stillness.classify(first, raw.phases)
     parked_s, stops = first_roll(motion), find_stops(first, motion, raw)
     parked_for_s = parked_s - float(first.time_s[0])
-    short = (f"parked for {parked_for_s / 60:.0f} min of navigation: NM/h is extrapolated",)
+    short = SHORTEST_S <= parked_for_s < SHORT_S
+    extrapolated = because(ReplayNote.EXTRAPOLATED, parked_s=parked_for_s)
     inconsistent = active.alignment.verdict == "inconsistent"
     return replace(
         result,
-        verdict="inconsistent" if inconsistent else "replayed",
-        reasons=active.alignment.reasons if inconsistent or active.history is None else (),
-        notes=result.notes + (short if SHORTEST_S <= parked_for_s < SHORT_S else ()),
+        verdict=ReplayVerdict.INCONSISTENT if inconsistent else ReplayVerdict.REPLAYED,
+        reasons=active.reasons if inconsistent or active.history is None else (),
+        notes=result.notes + ((extrapolated,) if short else ()),
         parked_until_s=parked_s,
         tables=tuple(
             _scored(t, raw, twin, span, parked_s, stops, reference) for t in result.tables
@@ -237,14 +263,12 @@ def _fly(
     """
     imu, bins, sigma, notes = _prepared(run, choice, temperature, twin, span)
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
-    history, C_nb, left_s = None, aligned.C_nb, imu.end_s - aligned.time_s
+    history, unflown = None, None
+    C_nb, left_s = aligned.C_nb, imu.end_s - aligned.time_s
     if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
         if left_s < SHORTEST_S:
-            reason = (
-                f"the log ends {left_s:.0f} s after its alignment, {SHORTEST_S:.0f} s of navigation"
-                " are needed"
-            )
-            aligned = replace(aligned, verdict="refused", reasons=(reason, *aligned.reasons))
+            unflown = because(ReplayReason.LOG_ENDS, left_s=left_s, needed_s=SHORTEST_S)
+            aligned = replace(aligned, verdict="refused")
         else:
             start = NavState(
                 time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb
@@ -252,12 +276,14 @@ def _fly(
             history = navigate(
                 imu.pieces(aligned.time_s - ROW_BEFORE_S), start, epoch_s=1.0, vertical=vertical
             )
-    return TableReplay(choice=choice, alignment=aligned, history=history, notes=notes, bins=bins)
+    return TableReplay(
+        choice=choice, alignment=aligned, unflown=unflown, history=history, notes=notes, bins=bins
+    )
 
 
 def _prepared(
     run: Run, choice: TableChoice, temperature: GyroTemperature | None, twin: TwinModel, span: Where
-) -> tuple[ImuSource, SessionBins | None, NDArray | None, tuple[str, ...]]:
+) -> tuple[ImuSource, SessionBins | None, NDArray | None, tuple[Reason, ...]]:
     """The log less a table; bins from the span's start and their first sigmas (3,) [deg/h]; notes.
     None without a table.
     """
@@ -277,29 +303,25 @@ def _prepared(
 
 def _covering(
     table: ThermalTable, temperature: GyroTemperature
-) -> tuple[ThermalTable, tuple[str, ...]]:
+) -> tuple[ThermalTable, tuple[Reason, ...]]:
     """The table widened to the temperatures seen (the end values held), and a note for each axis
     beyond its nodes.
     """
     T = temperature.temperature_degC
     beyond = tuple(
-        f"gyro {axis}: {T[:, k].min():.1f} to {T[:, k].max():.1f} degC, beyond the table's nodes:"
-        " end value held"
+        because(ReplayNote.BEYOND_NODES, axis=axis, low_degC=T[:, k].min(), high_degC=T[:, k].max())
         for k, axis in enumerate(AXES)
         if not table.in_range(axis, T[:, k]).all()
     )
     return table.extended_to(float(T.min()), float(T.max())), beyond
 
 
-def _vertical(run: Run) -> tuple[VerticalChannel, str]:
-    """What damps the height, and how it is said."""
+def _vertical(run: Run) -> tuple[VerticalChannel, Damping]:
+    """What damps the height."""
     if run.gnss is None:
-        return (
-            VerticalChannel(mode="hold"),
-            "damped to the height of the site (no GNSS height in the run)",
-        )
+        return VerticalChannel(mode="hold"), Damping.SITE
     aided = VerticalChannel(mode="aided", time_s=run.gnss.time_s, height_m=run.gnss.height_m)
-    return aided, "damped to the GNSS height"
+    return aided, Damping.GNSS
 
 
 def _scored(

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from infield.replay.drift import Drift
+from infield.replay.reasons import SchulerReason
 from ins.earth import gravity_magnitude, radii_of_curvature
 from ins.records import Site
+from ins.verdicts import Reason, because
 
 LEAST_PERIODS = 0.75  # of record, or a trend cannot be told from a swing
 RANGE_S = (30.0 * 60.0, 240.0 * 60.0)  # periods that are looked for
@@ -32,7 +34,7 @@ class SchulerFit:
     """
 
     expected_s: float
-    reason: str = ""
+    reason: Reason | None = None
     period_s: float = float("nan")
     sigma_s: float = float("nan")
     amplitude_m_s: float = float("nan")
@@ -50,33 +52,27 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
     needed = LEAST_PERIODS * expected
     length = 0.0 if parked is None else float(parked.time_s[-1])
     if parked is None or length < needed:
-        told = (
-            f"parked for {length / 60:.0f} min of navigation, needed {needed / 60:.0f} min (three"
-            " quarters of a period)"
-        )
-        return SchulerFit(expected_s=expected, reason=told)
+        short = because(SchulerReason.PARKED_TOO_SHORT, parked_s=length, needed_s=needed)
+        return SchulerFit(expected_s=expected, reason=short)
     t, v = _minutes(parked)
     root = np.eye(len(t))
     for _ in range(3):  # ordinary least squares first, then weighted by what it left
         best = _frequency(t, v, root)
         if best is None:
-            return SchulerFit(
-                expected_s=expected, reason="no swing: the fit runs to the end of 30 to 240 min"
-            )
+            return SchulerFit(expected_s=expected, reason=because(SchulerReason.NO_SWING))
         w = best
         left = v - _columns(w, t) @ _solved(w, t, v, root)[0]
         root = _whitening(left)
     amplitude, sigma_w = _spread(w, t, v, root)
-    period, sigma, rms = 2 * np.pi / w, 2 * np.pi / w**2 * sigma_w, float(np.sqrt(np.mean(left**2)))
+    period = 2 * np.pi / w
+    sigma = 2 * np.pi / w**2 * sigma_w
+    rms = float(np.sqrt(np.mean(left**2)))
     if amplitude < LEAST_SIGMAS * rms:
-        told = f"swing of {amplitude:.2g} m/s, {rms:.2g} m/s are left of the fit: too small to time"
-        return SchulerFit(expected_s=expected, reason=told)
+        small = because(SchulerReason.SMALL_SWING, amplitude_m_s=amplitude, left_m_s=rms)
+        return SchulerFit(expected_s=expected, reason=small)
     if not sigma < LARGEST_SIGMA_S:
-        told = (
-            f"period good to {sigma / 60:.0f} min only, needed {LARGEST_SIGMA_S / 60:.0f} min: a"
-            " longer record is needed"
-        )
-        return SchulerFit(expected_s=expected, reason=told)
+        unsure = because(SchulerReason.UNSURE, sigma_s=sigma, needed_s=LARGEST_SIGMA_S)
+        return SchulerFit(expected_s=expected, reason=unsure)
     return SchulerFit(expected_s=expected, period_s=period, sigma_s=sigma, amplitude_m_s=amplitude)
 
 

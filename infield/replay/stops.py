@@ -6,6 +6,7 @@ covers needs their word, one that neither covers is named as found by the IMU al
 """
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -25,18 +26,23 @@ BRAKING_S = 2.0  # at the start of a stop: the last of the braking, and a receiv
 FEWEST_ROWS = 3  # of a receiver, for its word
 # slope of the positions of a receiver that gives no velocity; over eight seconds it is noisy
 CREEP_M_S = 1.0
-GNSS, ODOMETER, IMU = "gnss", "odometer", "imu"  # whose word there is for a stop
+
+
+class Witness(StrEnum):
+    """Whose word there is for a stop; IMU: no receiver and no odometer covers it."""
+
+    GNSS = "gnss"
+    ODOMETER = "odometer"
+    IMU = "imu"
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Start and end [s] of a stop, and by whose word: GNSS, ODOMETER or, where neither covers it,
-    IMU.
-    """
+    """Start and end [s] of a stop, and by whose word."""
 
     start_s: float
     end_s: float
-    seen_by: str
+    seen_by: Witness
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +55,7 @@ class StopSpeed:
     end_s: float
     median_m_s: float
     max_m_s: float
-    seen_by: str = IMU
+    seen_by: Witness = Witness.IMU
 
     @property
     def realign(self) -> bool:
@@ -100,7 +106,8 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
         rolled = run.odometer is not None and bool(
             ((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any()
         )
-        found.append(Stop(start_s, end_s, GNSS if received else ODOMETER if rolled else IMU))
+        witness = Witness.ODOMETER if rolled else Witness.IMU
+        found.append(Stop(start_s, end_s, Witness.GNSS if received else witness))
     return tuple(found)
 
 

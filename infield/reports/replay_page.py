@@ -9,7 +9,10 @@ from markupsafe import Markup
 
 from infield.replay.drift import CLASSES
 from infield.replay.free_inertial import ReplayResult, TableReplay
+from infield.replay.reasons import ReplayVerdict
 from infield.reports.aided_figures import aided_figures, map_figure
+from infield.reports.documents.aided import AidedFlightDocument
+from infield.reports.documents.replay import ReplayDocument
 from infield.reports.figures import (
     BLACK,
     GREY,
@@ -24,6 +27,7 @@ from infield.reports.figures import (
 from infield.reports.page import number, render_page
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.units import DEG, KNOT, NAUTICAL_MILE
+from ins.verdicts import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,40 +37,44 @@ LINES = {"previous": "--", "active": "-"}
 RAW = "raw gyro output"
 SHORT_NM = 0.1  # a drift of less is drawn in metres
 LEAST_M = 0.01  # half the width of a drawing of less: no axis in 1e-5 m
-BANNERS = {"replayed": "good", "refused": "none", "inconsistent": "bad"}
+BANNERS = {
+    ReplayVerdict.REPLAYED: "good",
+    ReplayVerdict.REFUSED: "none",
+    ReplayVerdict.INCONSISTENT: "bad",
+}
 FIGURES = ("radial", "velocity", "wander", "attitude", "gnss", "reference")
 
 
-def replay_html(document: dict[str, Any], result: ReplayResult) -> str:
-    """The page of a document made by `replay_document` from the same result."""
+def render(document: ReplayDocument) -> str:
+    """The page of replay.json, with the curves of the flights that it is of."""
+    result, data = document.result, plain(document)
     return render_page(
         "replay.html.j2",
-        d=document,
-        tables={t["role"]: t for t in document["tables"]},
-        banner=BANNERS[document["verdict"]],
+        d=data,
+        tables={t["role"]: t for t in data["tables"]},
+        banner=BANNERS[document.verdict],
         headline=_headline(document),
         figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
     )
 
 
-def _headline(document: dict[str, Any]) -> str:
+def _headline(document: ReplayDocument) -> str:
     """The result in one sentence."""
-    if document["verdict"] == "refused":
-        return "No table could be flown: " + "; ".join(document["reasons"])
-    tables = {t["role"]: t for t in document["tables"]}
+    if document.verdict is ReplayVerdict.REFUSED:
+        return "No table could be flown: " + "; ".join(document.reasons)
+    tables = {t.role: t for t in document.tables}
     active, previous = tables.get("active"), tables.get("previous")
-    if active is None or active["alignment"]["verdict"] not in ("aligned", "inconsistent"):
-        return (
-            "No free-inertial flight; navigated with GNSS from"
-            f" {number(document['aided']['start']['time_s'], 0)} s on."
-        )
-    if active["parked"] is None:
+    if active is None or active.alignment["verdict"] not in ("aligned", "inconsistent"):
+        assert isinstance(document.aided, AidedFlightDocument)
+        start_s = number(document.aided.start.time_s, 0)
+        return f"No free-inertial flight; navigated with GNSS from {start_s} s on."
+    if active.parked is None:
         return "The vehicle rolls within a minute of its alignment: no parked drift to measure."
-    after, hours = active["parked"]["rate_nm_h"], active["parked"]["hours"]
-    if previous is None or previous["parked"] is None:
+    after, hours = active.parked.rate_nm_h, active.parked.hours
+    if previous is None or previous.parked is None:
         return f"Parked drift {number(after)} NM/h over {hours * 60:.0f} min."
-    before = previous["parked"]["rate_nm_h"]
+    before = previous.parked.rate_nm_h
     return (
         f"Parked drift over {hours * 60:.0f} min: {number(before)} NM/h with the previous table,"
         f" {number(after)} NM/h with the active one ({number(after - before, sign=True)} NM/h)."

@@ -88,8 +88,9 @@ def replay(
     """
     from infield.replay.free_inertial import replay as replay_run
     from infield.reports.documents.replay import replay_document
-    from infield.reports.replay_page import replay_html
+    from infield.reports.replay_page import render
     from infield.reports.track_kml import track_kml
+    from ins.verdicts import plain
     from recal.service.output import output_directory, program_version, write_files
     from recal.service.unit_inputs import open_store, unit_inputs, with_thermal_model
     from trajectories.runs.directory import read_reference, read_run
@@ -108,7 +109,7 @@ def replay(
     )
     name = database.name if database else None
     said = use(tables[0].table) if tables[0].table is not None else None
-    document = replay_document(
+    found = replay_document(
         result,
         unit.twin,
         store=name,
@@ -117,10 +118,11 @@ def replay(
         thermal_model=said,
         reference=reference,
     )
+    document = plain(found)
     directory = output_directory(output, "replay")
     texts = {
         directory / "replay.json": result_text(document),
-        directory / "replay.html": replay_html(document, result),
+        directory / "replay.html": render(found),
     }
     write_files(texts | ({directory / "track.kml": track_kml(result)} if kml else {}))
     for ending in (".parquet", ".csv") if csv else (".parquet",):

@@ -13,6 +13,7 @@ from infield.replay.aided.flight import aided_noise, navigate_aided
 from infield.replay.aided.noise import capped_nis
 from infield.replay.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
+from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.filters.aided_filter import fixes_of, level_sigmas
 from ins.noise import flicker_walk
@@ -109,7 +110,9 @@ def test_constant_velocity_and_parked_logs_are_refused():
     for a, b in ((0.0, 170.0), (PARK_S + 380.0, PARK_S + 420.0)):
         found = aided(made, cut_run(made.run, a, b), twin, gyrocompass=False)
         assert (
-            found.verdict == "refused" and "heading" in found.reasons[0] and found.history is None
+            found.verdict == "refused"
+            and "heading" in sentences(found.reasons)[0]
+            and found.history is None
         )
     few = replace(
         made.run,
@@ -119,7 +122,7 @@ def test_constant_velocity_and_parked_logs_are_refused():
     )
     assert (
         "5 satellite fixes within the imu log, needed 10"
-        in aided(made, few, twin, gyrocompass=False).reasons[0]
+        in sentences(aided(made, few, twin, gyrocompass=False).reasons)[0]
     )
 
 
@@ -195,7 +198,7 @@ def test_latency_and_noise_of_the_receiver_are_found():
     assert found.antenna.freed == (False, True)
     assert antenna.delay_s == pytest.approx(0.25, abs=3 * np.sqrt(antenna.covariance[3, 3]))
     assert 3.0 < found.scales.position < 5.0 and 3.0 < found.scales.velocity < 5.5
-    assert found.declared_nis[0] > 5.0 and "ms older than their time" in found.notes[0]
+    assert found.declared_nis[0] > 5.0 and "ms older than their time" in sentences(found.notes)[0]
     assert np.abs(errors(made, found.history)[-1, :2]).max() < 3.0
 
 
@@ -222,13 +225,14 @@ def test_replay_of_a_unit_that_only_gnss_can_fly():
     table = [TableChoice(role="active", table=None, origin="none")]
     found = replay(run, table, twin)
     assert found.verdict == "replayed" and found.aided.verdict == "aided"
-    assert any("no free-inertial flight: " in note for note in found.notes)
+    assert any("no free-inertial flight: " in note for note in sentences(found.notes))
     assert replay(run, table, twin, aided=False).verdict == "refused"
     gnss = run.gnss
     leap = np.where(gnss.time_s > 400.0, 300.0 / 6.4e6, 0.0)
     leaps = replay(replace(run, gnss=replace(gnss, lat_rad=gnss.lat_rad + leap)), table, twin)
     assert (
-        leaps.verdict == leaps.aided.verdict == "inconsistent" and "begun anew" in leaps.reasons[-1]
+        leaps.verdict == leaps.aided.verdict == "inconsistent"
+        and "begun anew" in sentences(leaps.reasons)[-1]
     )
     moving = replay(never_rests(cut_run(run, 0.0, 160.0, site=SITE)), table, twin)
     assert moving.verdict == "refused" and moving.aided.verdict == "refused"

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 from infield.replay.aided.antenna import antenna_sigmas
 from infield.replay.aided.flight import navigate_aided
 from infield.reports.documents.aided import aided_document
+from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.records import Run
 from tests.infield.aided_cases import LEVER_M, SITE, flown, gauss_markov, ideal, normalised, twin_of
@@ -68,8 +69,8 @@ def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology):
         antenna = result.antenna.antenna
         errors_arm.append((antenna.lever_arm_m - LEVER_M) / antenna_sigmas(antenna)[:3])
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60))
-        assert "lever arm" in result.notes[0] and result.antenna.gain_nats > 50.0
-        assert not aided_document(result, None)["consistency"]["is_test"]
+        assert "lever arm" in sentences(result.notes)[0] and result.antenna.gain_nats > 50.0
+        assert not aided_document(result, None).consistency.is_test
     assert found == [("aided", True, False)] * 6
     assert np.sum(np.square(errors_arm)) < chi2.isf(5e-4, 18)
     mean = np.mean(ratios, axis=0)
@@ -102,7 +103,7 @@ def test_arm_and_delay_wrong_at_once_and_a_clock_that_is_early():
     assert result.antenna.freed == (True, True) and len(result.notes) == 2
     assert np.abs(off_of(antenna, 0.12)).max() < 3.0
     early = fly(made, "mems", late(made.run, -0.08))
-    assert early.antenna.freed == (False, True) and "younger" in early.notes[0]
+    assert early.antenna.freed == (False, True) and "younger" in sentences(early.notes)[0]
     assert early.antenna.antenna.delay_s == pytest.approx(-0.08, abs=0.03)
 
 
@@ -132,6 +133,6 @@ def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology,
             and scales.white <= 4.0
             and scales.walk == 1.0
         )
-        assert result.antenna.freed == (False, False) and "slow error" in result.notes[0]
+        assert result.antenna.freed == (False, False) and "slow error" in sentences(result.notes)[0]
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60)[0])
     assert 0.05 < np.mean(ratios) < 2.0

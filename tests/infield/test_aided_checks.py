@@ -9,6 +9,7 @@ import pytest
 
 from infield.replay.aided.antenna import antenna_sigmas
 from infield.replay.aided.flight import navigate_aided
+from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
 from ins.records import Run, Site
 from tests.infield.aided_cases import (
@@ -54,7 +55,7 @@ def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
         made = flown(ideal(PARK_S), twin_of(technology), 400 + seed)
         found = fly(correlated(made.run, seed, 0.1, 6.0), technology)
         assert found.verdict == "aided" and found.scales.slow_velocity > 1.0
-        assert "slow error of the velocities" in found.notes[-1]
+        assert "slow error of the velocities" in sentences(found.notes)[-1]
         ratios.append(normalised(made, found.history, 200))
     assert (np.mean(ratios, axis=0) < 1.8).all()
 
@@ -68,7 +69,7 @@ def test_velocities_older_than_positions_are_told_apart():
     late = replace(gnss, v_n_m_s=late_velocities(made, gnss.time_s, gnss.v_n_m_s, 0.4))
     found = fly(replace(made.run, gnss=late), "rlg")
     antenna = found.antenna.antenna
-    assert found.antenna.freed == (False, True) and "velocities are 40" in found.notes[0]
+    assert found.antenna.freed == (False, True) and "velocities are 40" in sentences(found.notes)[0]
     off = np.array([antenna.delay_s, antenna.velocity_delay_s - 0.4]) / antenna_sigmas(antenna)[3:]
     assert np.abs(off).max() < 3.0
     assert (
@@ -84,23 +85,25 @@ def test_left_handed_and_wrong_scale_units_are_inconsistent():
     scaled = replace(made.run, imu=replace(made.run.imu, dtheta_rad=1.01 * made.run.imu.dtheta_rad))
     found = fly(scaled, "rlg")
     assert found.verdict == "inconsistent" and any(
-        "scale factor" in reason for reason in found.reasons
+        "scale factor" in reason for reason in sentences(found.reasons)
     )
 
 
 def test_unit_turned_about_the_vertical_is_told():
     made = flown(ideal(PARK_S), twin_of("mems"), 2)
-    assert not any("off the track" in note for note in fly(made.run, "mems").notes)
+    assert not any("off the track" in note for note in sentences(fly(made.run, "mems").notes))
     # body x to the left: heading - track = -90
     quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    notes = fly(turned(made.run, quarter), "mems").notes
+    notes = sentences(fly(turned(made.run, quarter), "mems").notes)
     assert any("-90 deg off the track" in note for note in notes)
 
 
 def test_site_elsewhere_is_told():
     made = flown(ideal(PARK_S), twin_of("mems"), 2)
     away = Site(lat_rad=SITE.lat_rad + 500.0 / 6.37e6, lon_rad=SITE.lon_rad, height_m=SITE.height_m)
-    notes = fly(replace(made.run, header=replace(made.run.header, site=away)), "mems").notes
+    notes = sentences(
+        fly(replace(made.run, header=replace(made.run.header, site=away)), "mems").notes
+    )
     assert [note for note in notes if "from the site of run.json" in note and "50" in note]
 
 
@@ -124,7 +127,8 @@ def test_stuck_receiver_is_left_out():
     )
     found = fly(replace(made.run, gnss=stuck), "mems")
     assert (
-        found.verdict == "aided" and "30 fixes from 421.0 to 450.0 s are left out" in found.notes[0]
+        found.verdict == "aided"
+        and "30 fixes from 421.0 to 450.0 s are left out" in sentences(found.notes)[0]
     )
     assert (
         np.mean(errors(made, found.history)[60:, :3] ** 2 / found.history.variance[60:, :3]) < 2.0

@@ -13,7 +13,8 @@ from infield.replay.drift import REALIGN_M_S, Drift, drift_against
 from infield.replay.drift_prediction import predict_parked
 from infield.replay.free_inertial import StopSpeed, TableChoice, heading_change, replay
 from infield.reports.documents.replay import replay_document
-from infield.reports.replay_page import replay_html
+from infield.reports.replay_page import render
+from infield.reports.words.sentences import sentences
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable, default_table
@@ -21,6 +22,7 @@ from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, InputError, Run, Site, TwinModel, VehicleNoise
 from ins.units import DEG, DEG_PER_HOUR, HOUR, KNOT, MILLIRADIAN, NAUTICAL_MILE
+from ins.verdicts import plain
 from tests.scenarios.study import DEFAULT_TWIN, ideal, prior_table, table_to_zero
 from trajectories.simulator.motions import Park, Pivot, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import ideal_sensors
@@ -151,7 +153,7 @@ def test_tables_own_difference_predicts_heading_and_end_point(heading_deg):
     result = replay(run, choices(new, old), TwinModel())
     seen, expected = heading_change(result)
     assert seen == pytest.approx(expected, abs=0.02 * MILLIRADIAN)
-    moved = replay_document(result, TwinModel(), store=None, version="")["difference"][
+    moved = plain(replay_document(result, TwinModel(), store=None, version=""))["difference"][
         "parked_end_displacement_m"
     ]
     size = np.hypot(moved["north"]["expected"], moved["east"]["expected"])
@@ -323,8 +325,8 @@ def test_a_steady_roll_is_no_stop_where_anything_else_looks(outside):
     """
     flown = replay(steady_roll(outside), choices(flat()), QUIET, aided=False)
     active = flown.tables[0]
-    table = replay_document(flown, QUIET, store=None, version="1")["tables"][0]
-    page = replay_html(replay_document(flown, QUIET, store=None, version="1"), flown)
+    table = plain(replay_document(flown, QUIET, store=None, version="1"))["tables"][0]
+    page = render(replay_document(flown, QUIET, store=None, version="1"))
     assert {s.seen_by for s in active.stops} == {"gnss" if outside == "positions" else outside}
     if outside == "imu":  # nothing can tell the roll: said so
         assert active.stops[0].median_m_s == pytest.approx(5.0, abs=0.1) and table[
@@ -371,7 +373,7 @@ def test_level_gyros_too_coarse_are_refused():
         imu_serial="SN-0042", gyro_technology="mems", created_utc="2026-01-01T00:00:00Z"
     )
     result = replay(mems, choices(table), TwinModel(gyro_technology="mems"))
-    assert result.verdict == "refused" and "heading cannot be found" in result.reasons[0]
+    assert result.verdict == "refused" and "heading cannot be found" in sentences(result.reasons)[0]
     assert result.tables[0].history is None
 
 
@@ -379,16 +381,18 @@ def test_latitude_beyond_gyrocompassing_is_refused():
     run = parked(1200.0).run
     polar = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=79 * DEG)))
     result = replay(polar, choices(flat()), TwinModel())
-    assert result.verdict == "refused" and "78.25" in result.reasons[0]
+    assert result.verdict == "refused" and "78.25" in sentences(result.reasons)[0]
 
 
 def test_log_that_never_rests_is_refused_and_reported():
     result = replay(never_rests(parked(1200.0).run), choices(flat()), TwinModel())
     assert (
-        result.verdict == "refused" and "never rests" in result.reasons[0] and result.tables == ()
+        result.verdict == "refused"
+        and "never rests" in sentences(result.reasons)[0]
+        and result.tables == ()
     )
     document = replay_document(result, TwinModel(), store=None, version="0")
-    assert "never rests" in replay_html(document, result)
+    assert "never rests" in render(document)
 
 
 def never_rests(run: Run) -> Run:
@@ -400,21 +404,21 @@ def never_rests(run: Run) -> Run:
 
 def test_log_that_ends_with_its_alignment_is_refused():
     result = replay(parked(630.0).run, choices(flat()), TwinModel())
-    assert result.verdict == "refused" and "60 s of navigation" in result.reasons[0]
+    assert result.verdict == "refused" and "60 s of navigation" in sentences(result.reasons)[0]
 
 
 def test_wrong_latitude_is_inconsistent_but_flown():
     run = parked(1800.0).run
     wrong = replace(run, header=replace(run.header, site=replace(SITE, lat_rad=46 * DEG)))
     result = replay(wrong, choices(flat()), TwinModel())
-    assert result.verdict == "inconsistent" and "latitude entered" in result.reasons[-1]
+    assert result.verdict == "inconsistent" and "latitude entered" in sentences(result.reasons)[-1]
     assert result.tables[0].parked is not None
 
 
 def test_without_temperature_the_log_is_flown_raw():
     run = replace(parked(1800.0).run, temperature=None)
     result = replay(run, choices(flat(x=1.0), flat()), TwinModel())
-    assert result.verdict == "replayed" and "no gyro temperature" in result.notes[0]
+    assert result.verdict == "replayed" and "no gyro temperature" in sentences(result.notes)[0]
     assert [t.choice.table for t in result.tables] == [None] and result.tables[0].predicted is None
     # the perfect unit's raw output; 1 deg/h was not subtracted
     assert result.tables[0].parked.rate_nm_h < 0.01
@@ -457,7 +461,7 @@ def test_temperature_beyond_the_table_is_said():
     flown = replay(
         parked(1800.0).run, choices(table_from_dict(data, name="hot")), TwinModel()
     ).tables[0]
-    assert len(flown.notes) == 3 and "beyond the table's nodes" in flown.notes[0]
+    assert len(flown.notes) == 3 and "beyond the table's nodes" in sentences(flown.notes)[0]
 
 
 # ---- the page
@@ -471,7 +475,7 @@ def test_page_shows_both_tables_and_is_the_same_twice():
             truth.run, choices(flat(), flat(x=0.03)), TwinModel(), reference=truth.reference
         )
         document = replay_document(result, TwinModel(), store="sqlite:///x.db", version="1")
-        pages.append(replay_html(document, result))
+        pages.append(render(document))
     assert pages[0] == pages[1]
     page = pages[0]
     assert (
@@ -481,7 +485,7 @@ def test_page_shows_both_tables_and_is_the_same_twice():
     )
     assert page.count("<svg") == 4  # radial, velocity, wander, attitude; no track, no GNSS
     assert "http" not in page.replace("http://www.w3.org", "")
-    rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in document["tables"]]
+    rates = [f"{t['parked']['rate_nm_h']:.3f}" for t in plain(document)["tables"]]
     assert all(rate in page for rate in rates)
     assert "Aligned heading" in page and "error [NM]" in page
 
@@ -495,6 +499,6 @@ def test_a_small_drift_is_drawn_in_metres():
         run, imu=replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None])
     )
     result = replay(run, raw, TwinModel())
-    page = replay_html(replay_document(result, TwinModel(), store=None, version="1"), result)
+    page = render(replay_document(result, TwinModel(), store=None, version="1"))
     assert 0.1 < result.tables[0].parked.radial_m.max() < 50.0
     assert "error [m]" in page and "error [NM]" not in page

@@ -10,7 +10,8 @@ import pytest
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.documents.replay import replay_document
 from infield.reports.page import significant
-from infield.reports.replay_page import replay_html
+from infield.reports.replay_page import render
+from infield.reports.words.sentences import sentences
 from ins.units import DEG_PER_HOUR
 from tests.infield.aided_cases import flown, ideal, twin_of
 
@@ -25,13 +26,16 @@ def test_the_gyro_bias_of_a_mems_unit_does_not_end_a_replay(bias_deg_h):
     imu = replace(run.imu, dtheta_rad=run.imu.dtheta_rad + bias * run.imu.dt_s[:, None])
     found = replay(replace(run, imu=imu), RAW, twin)
     assert found.verdict == "replayed" and found.tables[0].alignment.verdict == "level_only"
-    assert any(note.startswith("no free-inertial flight: gyro uncertainty") for note in found.notes)
+    assert any(
+        note.startswith("no free-inertial flight: gyro uncertainty")
+        for note in sentences(found.notes)
+    )
     assert (
         found.aided is not None
         and found.aided.history is not None
         and found.aided.verdict == "aided"
     )
-    page = replay_html(replay_document(found, twin, store=None, version="1"), found)
+    page = render(replay_document(found, twin, store=None, version="1"))
     assert "No heading from rest (level only)" in page and "Aligned heading" not in page
 
 

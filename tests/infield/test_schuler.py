@@ -8,6 +8,7 @@ import pytest
 from infield.replay.drift import Drift
 from infield.replay.free_inertial import replay
 from infield.replay.schuler import expected_period_s, fit_schuler
+from infield.reports.words.sentences import sentence
 from ins.records import TwinModel
 from tests.infield.test_replay import SITE, choices, flat, parked
 
@@ -37,7 +38,9 @@ def test_expected_period_is_84_4_minutes():
 @pytest.mark.parametrize("minutes", [70, 90, 240])
 def test_closed_form_is_found(minutes):
     fit = fit_schuler(swing(60.0 * minutes, noise=1e-3), SITE)
-    assert fit.reason == "" and fit.period_s == pytest.approx(5064.0, abs=max(4 * fit.sigma_s, 1.0))
+    assert fit.reason is None and fit.period_s == pytest.approx(
+        5064.0, abs=max(4 * fit.sigma_s, 1.0)
+    )
     assert fit.amplitude_m_s == pytest.approx(np.hypot(0.3, 0.2), rel=0.02)
 
 
@@ -58,8 +61,8 @@ def test_simulated_unit_swings_at_the_schuler_period():
 
 
 def test_short_records_and_no_swing_are_refused():
-    assert "needed 63 min" in fit_schuler(swing(3000.0), SITE).reason
-    assert "needed 63 min" in fit_schuler(None, SITE).reason
+    assert "needed 63 min" in sentence(fit_schuler(swing(3000.0), SITE).reason)
+    assert "needed 63 min" in sentence(fit_schuler(None, SITE).reason)
     still = swing(7200.0, noise=0.05)
     rng = np.random.default_rng(1)
     quiet = Drift(
@@ -67,4 +70,6 @@ def test_short_records_and_no_swing_are_refused():
         position_m=still.position_m,
         velocity_m_s=0.05 * rng.standard_normal((7199, 2)),
     )
-    assert fit_schuler(quiet, SITE).reason != "" and np.isnan(fit_schuler(quiet, SITE).period_s)
+    assert fit_schuler(quiet, SITE).reason is not None and np.isnan(
+        fit_schuler(quiet, SITE).period_s
+    )

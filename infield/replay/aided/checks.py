@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.stands import Where
+from infield.replay.aided.reasons import AidedNote
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import ecef_from_geodetic
 from ins.filters.aided_filter import AidedHistory, Fixes
 from ins.records import Site
 from ins.units import DEG
+from ins.verdicts import Reason, because
 
 MOVING_M_S = 0.5  # faster than that no two good fixes are the same
 ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
@@ -21,7 +23,7 @@ SITE_M, SITE_SIGMAS = 30.0, 5.0
 SOON_S = 60.0
 
 
-def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[str, ...]]:
+def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:
     """The fixes less those whose position is, bit for bit, that of the one before while the
     receiver says that it moves.
     """
@@ -31,19 +33,20 @@ def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[str, ...]]:
     if not same.any():
         return fixes, ()
     rows = np.flatnonzero(same)
-    first, last = fixes.time_s[rows[0]], fixes.time_s[rows[-1]]
     hole = np.where(same[:, None], np.nan, 0.0)
-    note = (
-        f"{rows.size} fixes from {first:.1f} to {last:.1f} s are left out: their position is that"
-        f" of the fix before, to the last digit, at {float(np.median(speed[rows])):.1f} m/s (a"
-        " receiver that is stuck, or a log that repeats it)"
+    note = because(
+        AidedNote.REPEATED_FIXES,
+        count=rows.size,
+        first_s=fixes.time_s[rows[0]],
+        last_s=fixes.time_s[rows[-1]],
+        speed_m_s=float(np.median(speed[rows])),
     )
     return replace(fixes, r_e_m=r_e + hole, v_n_m_s=fixes.v_n_m_s + hole), (note,)
 
 
 def site_note(
     fixes: Fixes, stands: tuple[Where, ...], site: Site, start_s: float
-) -> tuple[str, ...]:
+) -> tuple[Reason, ...]:
     """Whether a log that begins parked has its first fixes where the header says that it stands."""
     parked = next((s for s in stands if s[0] < start_s + SOON_S), None)
     if parked is None:
@@ -56,21 +59,14 @@ def site_note(
     off = np.median(fixes.r_e_m[rows], axis=0) - ecef_from_geodetic(
         site.lat_rad, site.lon_rad, site.height_m
     )
-    off_m, sigma_m = (
-        float(np.linalg.norm(off)),
-        float(np.linalg.norm(fixes.sigma_position_m[rows[0]])),
-    )
+    off_m = float(np.linalg.norm(off))
+    sigma_m = float(np.linalg.norm(fixes.sigma_position_m[rows[0]]))
     if off_m < max(SITE_M, SITE_SIGMAS * sigma_m):
         return ()
-    return (
-        (
-            f"the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes"
-            " by the fixes"
-        ),
-    )
+    return (because(AidedNote.SITE_ELSEWHERE, off_m=off_m),)
 
 
-def mounting_note(history: AidedHistory) -> tuple[str, ...]:
+def mounting_note(history: AidedHistory) -> tuple[Reason, ...]:
     """Whether body x keeps off the track: a unit turned about the vertical is navigated right, and
     its heading is its own.
     """
@@ -83,13 +79,7 @@ def mounting_note(history: AidedHistory) -> tuple[str, ...]:
     spread = float(np.median(np.abs(wrap_pi(off - mean))))
     if abs(mean) < OFF_TRACK_RAD or spread > SPREAD_RAD:
         return ()
-    return (
-        (
-            f"body x points {mean / DEG:+.0f} deg off the track (median; half of the rows within"
-            f" {spread / DEG:.1f} deg): where that is no crab, the unit is mounted turned, and"
-            " roll, pitch and heading are its own"
-        ),
-    )
+    return (because(AidedNote.OFF_THE_TRACK, mean_rad=mean, spread_rad=spread),)
 
 
 def _middle(angles: NDArray) -> float:

@@ -19,8 +19,9 @@ from alignment.motion.stands import Where, find_stands, joined
 from infield.replay.aided.antenna import SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
+from infield.replay.aided.reasons import AidedReason, AidedVerdict
 from infield.replay.aided.start import FoundStart, moving_start, parked_start
-from infield.replay.aided.words import antenna_words, scaled_words, unbelieved
+from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
 from ins.filters.aided_filter import (
     KINDS,
     AidedHistory,
@@ -33,12 +34,13 @@ from ins.filters.aided_filter import (
 from ins.noise import accel_densities, flicker_walk, gyro_densities
 from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
+from ins.verdicts import Reason, because
 
 FEWEST_FIXES = 10
 HELD_S = 7200.0  # of log that is kept in memory for it
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
-PLURAL = {"position": "positions", "velocity": "velocities"}
+RESETS_TOLD = 5  # times of a new beginning that the reason names
 OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
 STAND_SIGMA_M_S = 0.01
 # a parked vehicle's own turning; 0: no measurement (a gyrocompass
@@ -62,17 +64,16 @@ class Outage:
 
 @dataclass(frozen=True, kw_only=True)
 class AidedResult:
-    """verdict: "aided", "inconsistent" or "refused"; what follows is None or empty where nothing
-    was flown.
+    """What follows verdict, reasons and notes is None or empty where nothing was flown.
 
     declared_nis: mean NIS of position and velocity with the noise as declared, before any scale
     (`capped_nis`); flicker: of gyros [rad/s] and accelerometers [m/s^2], as declared: no filter
     follows it.
     """
 
-    verdict: str
-    reasons: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    verdict: AidedVerdict
+    reasons: tuple[Reason, ...] = ()
+    notes: tuple[Reason, ...] = ()
     role: str = "active"
     found: FoundStart | None = None
     history: AidedHistory | None = None
@@ -118,7 +119,7 @@ def navigate_aided(
     """
     header = run.header
     if run.gnss is None:
-        return AidedResult(verdict="refused", reasons=("no satellite fixes in the run",), role=role)
+        return _refused(because(AidedReason.NO_FIXES), role)
     fixes = fixes_of(
         run.gnss,
         horizontal_m=twin.gnss.sigma_horizontal_m,
@@ -130,8 +131,8 @@ def navigate_aided(
         (fixes.time_s > imu.start_s) & (fixes.time_s <= imu.end_s) & np.isfinite(fixes.r_e_m[:, 0])
     )
     if inside.sum() < FEWEST_FIXES:
-        reason = f"{int(inside.sum())} satellite fixes within the imu log, needed {FEWEST_FIXES}"
-        return AidedResult(verdict="refused", reasons=(reason,), role=role)
+        few = because(AidedReason.FEW_FIXES, count=int(inside.sum()), needed=FEWEST_FIXES)
+        return _refused(few, role)
     antenna = Antenna(lever_arm_m=np.asarray(header.gnss_lever_arm_m, dtype=float))
     unknown = np.full(3, max(UNKNOWN_BIAS_DEG_H[header.gyro_technology], twin.gyro.turn_on_deg_h))
     sigma = unknown if gyro_sigma_deg_h is None else gyro_sigma_deg_h
@@ -139,7 +140,7 @@ def navigate_aided(
     if rest is not None:
         stands = joined(rest, *stands)
 
-    def begin(late: Fixes, lever: NDArray) -> FoundStart | str:
+    def begin(late: Fixes, lever: NDArray) -> FoundStart | Reason:
         if rest is None:
             return moving_start(imu, late, twin, stands, gyro_sigma_deg_h=sigma, lever_arm_m=lever)
         return parked_start(
@@ -156,22 +157,17 @@ def navigate_aided(
     )
     fitted = fit_model(flights, antenna, declared_m[0])
     if fitted is None:
-        reason = str(flights.start(antenna))
-        return AidedResult(
-            verdict="refused", reasons=(reason,), role=role, fixes=fixes, stands=stands
-        )
+        why = flights.start(antenna)
+        assert isinstance(why, Reason)
+        return replace(_refused(why, role), fixes=fixes, stands=stands)
     history, scales = fitted.history, fitted.model.scales
-    reasons, found = (
-        judged(history) + unbelieved(scales, header.gyro_technology),
-        flights.start(fitted.model.antenna),
-    )
+    reasons = judged(history) + unbelieved(scales, header.gyro_technology)
+    found = flights.start(fitted.model.antenna)
     assert isinstance(found, FoundStart)
     notes = repeats + site_note(fixes, stands, header.site, imu.start_s) + mounting_note(history)
-    notes += antenna_words(fitted.antenna, antenna) + (
-        (scaled_words(scales, twin),) if scales.fitted else ()
-    )
+    notes += antenna_notes(fitted.antenna, antenna) + noise_notes(scales, twin)
     return AidedResult(
-        verdict="inconsistent" if reasons else "aided",
+        verdict=AidedVerdict.INCONSISTENT if reasons else AidedVerdict.AIDED,
         reasons=reasons,
         role=role,
         found=found,
@@ -187,6 +183,11 @@ def navigate_aided(
     )
 
 
+def _refused(reason: Reason, role: str) -> AidedResult:
+    """The result where nothing can be flown."""
+    return AidedResult(verdict=AidedVerdict.REFUSED, reasons=(reason,), role=role)
+
+
 @dataclass(frozen=True)
 class _Flights:
     """Flies the log as often as it is asked to; a start is looked for once for each antenna."""
@@ -197,11 +198,11 @@ class _Flights:
     declared_m: tuple[float, float, float]
     stands: tuple[Where, ...]
     technology: str
-    begin: Callable[[Fixes, NDArray], FoundStart | str]
-    starts: dict[tuple[float, ...], FoundStart | str] = field(default_factory=dict)
+    begin: Callable[[Fixes, NDArray], FoundStart | Reason]
+    starts: dict[tuple[float, ...], FoundStart | Reason] = field(default_factory=dict)
     held: list[ImuLog] = field(default_factory=list)
 
-    def start(self, antenna: Antenna) -> FoundStart | str:
+    def start(self, antenna: Antenna) -> FoundStart | Reason:
         key = antenna.velocity_delay_s, *antenna.lever_arm_m
         if key not in self.starts:
             self.starts[key] = self.begin(
@@ -211,12 +212,10 @@ class _Flights:
 
     def __call__(self, model: Model, *, whole: bool = False) -> AidedHistory | None:
         found = self.start(model.antenna)
-        if isinstance(found, str):
+        if isinstance(found, Reason):
             return None
-        start_s, base_s = (
-            found.start.state.time_s,
-            min(model.antenna.delay_s, model.antenna.velocity_delay_s),
-        )
+        start_s = found.start.state.time_s
+        base_s = min(model.antenna.delay_s, model.antenna.velocity_delay_s)
         fixes = self.fixes.earlier(base_s).scaled(model.scales.position, model.scales.velocity)
         navigator = AidedNavigator(
             found.start,
@@ -273,26 +272,27 @@ def reset_times(history: AidedHistory) -> NDArray:
     return history.fix_time_s[history.used[:, 0] == RESET]
 
 
-def judged(history: AidedHistory) -> tuple[str, ...]:
+def judged(history: AidedHistory) -> tuple[Reason, ...]:
     """What speaks against a solution; empty where nothing does."""
     found = []
     for k, kind in enumerate(KINDS):
         mean, dof = nis_of(history, k)
         if dof and mean > MATERIAL and (reason := nis_verdict(mean, dof)):
-            found.append(f"satellite {kind}: {reason}")
+            found.append(because(AidedReason.NIS_HIGH, kind=kind, excess=reason))
         rejected = rejected_rows(history, k).size
         seen = rejected + dof // 3
         if rejected > MAX_REJECTED * seen:
             found.append(
-                f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most"
-                f" {MAX_REJECTED:.0%}"
+                because(
+                    AidedReason.MANY_REJECTED,
+                    kind=kind,
+                    rejected=rejected,
+                    seen=seen,
+                    most=MAX_REJECTED,
+                )
             )
     if (times := reset_times(history)).size:
-        told = ", ".join(f"{t:.1f}" for t in times[:5])
-        found.append(
-            f"the solution rejected all fixes for long and was begun anew {times.size} times (at"
-            f" {told} s)"
-        )
+        found.append(because(AidedReason.BEGUN_ANEW, times=times.size, first_s=times[:RESETS_TOLD]))
     return tuple(found)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from alignment import coarse
 from alignment.motion.stands import Where
 from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
+from infield.replay.aided.reasons import AidedReason, StartMethod
 from infield.replay.aided.velocity_match import Match, match_velocity
 from ins.earth import EARTH_RATE_RAD_S, geodetic_from_ecef, gravity_magnitude
 from ins.filters.aided_filter import AidedStart, Fixes
@@ -25,8 +26,8 @@ from ins.filters.states import AIDED_VEL as VEL
 from ins.noise import gyro_densities, walk_with_flicker
 from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.verdicts import Reason, because
 
-GYROCOMPASS, MATCHING = "gyrocompass", "velocity matching"
 # of log to match on, at first and at most; between two tries
 WINDOW_S, LONGEST_S, STRIDE_S = 15.0, 60.0, 20.0
 LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
@@ -40,12 +41,10 @@ SITE_M = 1000.0
 
 @dataclass(frozen=True, kw_only=True)
 class FoundStart:
-    """A start, how it was found ("gyrocompass" or "velocity matching") and the stretch of log it
-    was found on.
-    """
+    """A start, how it was found and the stretch of log it was found on."""
 
     start: AidedStart
-    method: str
+    method: StartMethod
     span: Where
     sigma_heading_rad: float
     gyro_sigma_rad_s: NDArray
@@ -90,7 +89,7 @@ def parked_start(
     )
     return FoundStart(
         start=start,
-        method=GYROCOMPASS,
+        method=StartMethod.GYROCOMPASS,
         span=rest,
         sigma_heading_rad=heading,
         gyro_sigma_rad_s=sigma,
@@ -105,9 +104,9 @@ def moving_start(
     *,
     gyro_sigma_deg_h: NDArray,
     lever_arm_m: NDArray,
-) -> FoundStart | str:
-    """At the end of the first window whose velocities show the heading; in words what is missing
-    where none does.
+) -> FoundStart | Reason:
+    """At the end of the first window whose velocities show the heading; what is missing where none
+    does.
     """
     best: float | None = None
     for first_s in _candidates(imu, fixes):
@@ -132,15 +131,12 @@ def moving_start(
             last = _last_fix(fixes, log)
             if found.sigma_heading_rad <= HEADING_LIMIT_RAD and last is not None:
                 return _started(found, log, fixes, last, lever_arm_m, bias, sigma, twin, means)
-    limit = f"needed {HEADING_LIMIT_RAD / DEG:g} deg within {LONGEST_S:g} s of log"
     if best is None:
-        return (
-            f"the satellite velocity never changes by {LEAST_CHANGE_M_S:g} m/s within {LONGEST_S:g}"
-            " s: heading cannot be found (a constant velocity does not show it)"
+        return because(
+            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_S
         )
-    return (
-        f"heading from the satellite velocities is at best good to {best / DEG:.2g} deg, {limit}:"
-        " too little manoeuvring"
+    return because(
+        AidedReason.HEADING_UNSURE, best_rad=best, limit_rad=HEADING_LIMIT_RAD, longest_s=LONGEST_S
     )
 
 
@@ -247,7 +243,7 @@ def _started(
     start = AidedStart(state=state, gyro_bias_rad_s=bias, accel_bias_m_s2=np.zeros(3), covariance=P)
     return FoundStart(
         start=start,
-        method=MATCHING,
+        method=StartMethod.MATCHING,
         span=(float(log.time_s[0]), float(log.time_s[-1])),
         sigma_heading_rad=float(np.sqrt(theta[2, 2])),
         gyro_sigma_rad_s=sigma,

@@ -21,13 +21,18 @@ sigma) and delay_s of the solution, what of them was taken from the fixes, and
 scoring_only              against the run's reference: RMS errors, and squared error over variance
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
-from infield.replay.aided.flight import AidedResult, nis_of, rejected_rows, reset_times
+from infield.replay.aided.flight import AidedResult, Outage, nis_of, rejected_rows, reset_times
+from infield.replay.aided.reasons import AidedVerdict, StartMethod
+from infield.replay.aided.start import FoundStart
+from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
 from ins.filters.aided_filter import KINDS, AidedHistory, Antenna, level_sigmas
@@ -38,131 +43,272 @@ from ins.filters.states import AIDED_VEL as VEL
 from ins.kalman import nis_band
 from ins.records import ReferenceLog
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.verdicts import OMIT_NONE
 
 MOST = 500  # rejects that are listed
 ANGLES = ("roll", "pitch", "heading")
 
 
+@dataclass(frozen=True, kw_only=True)
+class SpanDocument:
+    """A stretch of the log."""
+
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartDocument:
+    """Where and how the solution begins."""
+
+    time_s: float
+    method: StartMethod
+    span: SpanDocument
+    heading_deg: float
+    sigma_heading_deg: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixesDocument:
+    """How many fixes were seen, used and rejected."""
+
+    count: int
+    used_position: int
+    used_velocity: int
+    rejected_position: int
+    rejected_velocity: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class RejectedDocument:
+    """A fix that the gate left out, its residual over its sigma."""
+
+    time_s: float
+    kind: str
+    nis: float
+    north_sigmas: float
+    east_sigmas: float
+    down_sigmas: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NisDocument:
+    """Mean NIS per degree of freedom; the standing vehicle has no band."""
+
+    nis_mean: float
+    dof: int
+    band_95: Sequence[float] | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistencyDocument:
+    """NIS by kind; is_test: false where the model was fitted to this log."""
+
+    overall: NisDocument
+    position: NisDocument
+    velocity: NisDocument
+    standing: NisDocument
+    is_test: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseDocument:
+    """Factors on the declared sigmas; a time constant is None without its slow error."""
+
+    fitted: bool
+    white_factor: float
+    walk_factor: float
+    position_factor: float
+    velocity_factor: float
+    slow_factor: float
+    slow_s: float | None
+    slow_velocity_factor: float
+    slow_velocity_s: float | None
+    at_largest: Sequence[str]
+    declared_nis: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmDocument:
+    """Lever arm and delays with their sigmas."""
+
+    lever_arm_m: Sequence[float]
+    sigma_lever_arm_m: Sequence[float]
+    delay_s: float
+    sigma_delay_s: float
+    velocity_delay_s: float
+    sigma_velocity_delay_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntennaDocument(ArmDocument):
+    """The antenna that was flown, and what the fixes show by themselves."""
+
+    taken: Sequence[str]
+    gain_nats: float
+    seen: ArmDocument | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedDocument:
+    """The `aided` part of replay.json where nothing was flown."""
+
+    verdict: AidedVerdict
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    table: str
+    standing: Sequence[SpanDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedFlightDocument(AidedDocument):
+    """The same with a solution."""
+
+    start: StartDocument
+    end: Mapping[str, float]
+    fixes: FixesDocument
+    rejected: Sequence[RejectedDocument]
+    outages: Sequence[Outage]
+    resets_s: Sequence[float]
+    consistency: ConsistencyDocument
+    noise: NoiseDocument
+    antenna: AntennaDocument | None
+    scoring_only: Mapping[str, Any] | None
+
+
 def aided_document(
     result: AidedResult | None, reference: ReferenceLog | None
-) -> dict[str, Any] | None:
-    """The plain document; null without GNSS or where it was not asked for."""
+) -> AidedDocument | None:
+    """The document; None without GNSS or where it was not asked for."""
     if result is None:
         return None
-    head: dict[str, Any] = {
-        "verdict": result.verdict,
-        "reasons": list(result.reasons),
-        "notes": list(result.notes),
-        "table": result.role,
-        "standing": [{"start_s": a, "end_s": b} for a, b in result.stands],
-    }
+    head = AidedDocument(
+        verdict=result.verdict,
+        reasons=sentences(result.reasons),
+        reason_codes=codes(result.reasons),
+        notes=sentences(result.notes),
+        note_codes=codes(result.notes),
+        table=result.role,
+        standing=[SpanDocument(start_s=a, end_s=b) for a, b in result.stands],
+    )
     history, found = result.history, result.found
     if history is None or found is None:
         return head
-    rejected = _rejected(history)
-    return head | {
-        "start": {
-            "time_s": found.start.state.time_s,
-            "method": found.method,
-            "span": {"start_s": found.span[0], "end_s": found.span[1]},
-            "heading_deg": float(euler_from_dcm(found.start.state.C_nb)[2]) / DEG,
-            "sigma_heading_deg": found.sigma_heading_rad / DEG,
-        },
-        "end": _end(result),
-        "fixes": {
-            "count": int((history.used > 0).any(axis=1).sum()),
-            **{f"used_{kind}": nis_of(history, k)[1] // 3 for k, kind in enumerate(KINDS)},
-            **{
-                f"rejected_{kind}": int(rejected_rows(history, k).size)
-                for k, kind in enumerate(KINDS)
-            },
-        },
-        "rejected": rejected[:MOST],
-        "outages": [
-            {"start_s": o.start_s, "end_s": o.end_s, "sigma_m": o.sigma_m, "off_m": o.off_m}
-            for o in result.outages
-        ],
-        "resets_s": [float(t) for t in reset_times(history)],
-        "consistency": _consistency(result, history),
-        "noise": _noise(result),
-        "antenna": _antenna(result.antenna),
-        "scoring_only": None if reference is None else _scores(result, reference),
-    }
+    return AidedFlightDocument(
+        **vars(head),
+        start=_start(found),
+        end=_end(result),
+        fixes=_fixes(history),
+        rejected=_rejected(history)[:MOST],
+        outages=result.outages,
+        resets_s=[float(t) for t in reset_times(history)],
+        consistency=_consistency(result, history),
+        noise=_noise(result),
+        antenna=_antenna(result.antenna),
+        scoring_only=None if reference is None else _scores(result, reference),
+    )
 
 
-def _rejected(history: AidedHistory) -> list[dict[str, Any]]:
+def _start(found: FoundStart) -> StartDocument:
+    return StartDocument(
+        time_s=found.start.state.time_s,
+        method=found.method,
+        span=SpanDocument(start_s=found.span[0], end_s=found.span[1]),
+        heading_deg=float(euler_from_dcm(found.start.state.C_nb)[2]) / DEG,
+        sigma_heading_deg=found.sigma_heading_rad / DEG,
+    )
+
+
+def _fixes(history: AidedHistory) -> FixesDocument:
+    position, velocity = range(len(KINDS))
+    return FixesDocument(
+        count=int((history.used > 0).any(axis=1).sum()),
+        used_position=nis_of(history, position)[1] // 3,
+        used_velocity=nis_of(history, velocity)[1] // 3,
+        rejected_position=int(rejected_rows(history, position).size),
+        rejected_velocity=int(rejected_rows(history, velocity).size),
+    )
+
+
+def _rejected(history: AidedHistory) -> list[RejectedDocument]:
+    """All rejected fixes in order of time."""
     found = []
     for k, kind in enumerate(KINDS):
         part = slice(3 * k, 3 * k + 3)
         for row in rejected_rows(history, k):
             over = history.residual[row, part] / history.sigma[row, part]
             found.append(
-                {
-                    "time_s": float(history.fix_time_s[row]),
-                    "kind": kind,
-                    "nis": float(history.nis[row, k]),
-                    "north_sigmas": float(over[0]),
-                    "east_sigmas": float(over[1]),
-                    "down_sigmas": float(over[2]),
-                }
+                RejectedDocument(
+                    time_s=float(history.fix_time_s[row]),
+                    kind=kind,
+                    nis=float(history.nis[row, k]),
+                    north_sigmas=float(over[0]),
+                    east_sigmas=float(over[1]),
+                    down_sigmas=float(over[2]),
+                )
             )
-    return sorted(found, key=lambda r: r["time_s"])
+    return sorted(found, key=lambda r: r.time_s)
 
 
-def _consistency(result: AidedResult, history: AidedHistory) -> dict[str, Any]:
-    parts = {kind: nis_of(history, k) for k, kind in enumerate(KINDS)}
-    dof = sum(n for _, n in parts.values())
-    total = sum(mean * n for mean, n in parts.values() if n)
-    everything = {"overall": (total / dof if dof else float("nan"), dof), **parts}
-    out: dict[str, Any] = {
-        name: {"nis_mean": mean, "dof": n, "band_95": list(nis_band(n, 0.95))}
-        for name, (mean, n) in everything.items()
-    }
+def _consistency(result: AidedResult, history: AidedHistory) -> ConsistencyDocument:
+    position, velocity = (nis_of(history, k) for k in range(len(KINDS)))
+    dof = position[1] + velocity[1]
+    total = sum(mean * n for mean, n in (position, velocity) if n)
     taken = result.antenna is not None and any(result.antenna.freed)
     standing = history.stand_nis / history.stand_dof if history.stand_dof else float("nan")
-    return out | {
-        "standing": {"nis_mean": standing, "dof": history.stand_dof},
-        "is_test": not (result.scales.fitted or taken),
-    }
+    return ConsistencyDocument(
+        overall=_nis(total / dof if dof else float("nan"), dof),
+        position=_nis(*position),
+        velocity=_nis(*velocity),
+        standing=NisDocument(nis_mean=standing, dof=history.stand_dof),
+        is_test=not (result.scales.fitted or taken),
+    )
 
 
-def _noise(result: AidedResult) -> dict[str, Any]:
+def _nis(mean: float, dof: int) -> NisDocument:
+    return NisDocument(nis_mean=mean, dof=dof, band_95=list(nis_band(dof, 0.95)))
+
+
+def _noise(result: AidedResult) -> NoiseDocument:
     s = result.scales
-    return {
-        "fitted": s.fitted,
-        "white_factor": s.white,
-        "walk_factor": s.walk,
-        "position_factor": s.position,
-        "velocity_factor": s.velocity,
-        "slow_factor": s.slow,
-        "slow_s": s.slow_s if s.slow else None,
-        "slow_velocity_factor": s.slow_velocity,
-        "slow_velocity_s": s.slow_velocity_s if s.slow_velocity else None,
-        "at_largest": list(s.capped),
-        "declared_nis": {"position": result.declared_nis[0], "velocity": result.declared_nis[1]},
-    }
+    return NoiseDocument(
+        fitted=s.fitted,
+        white_factor=s.white,
+        walk_factor=s.walk,
+        position_factor=s.position,
+        velocity_factor=s.velocity,
+        slow_factor=s.slow,
+        slow_s=s.slow_s if s.slow else None,
+        slow_velocity_factor=s.slow_velocity,
+        slow_velocity_s=s.slow_velocity_s if s.slow_velocity else None,
+        at_largest=s.capped,
+        declared_nis=dict(zip(KINDS, result.declared_nis)),
+    )
 
 
-def _antenna(seen: SeenAntenna | None) -> dict[str, Any] | None:
+def _antenna(seen: SeenAntenna | None) -> AntennaDocument | None:
     if seen is None:
         return None
-    return _arm(seen.antenna) | {
-        "taken": [name for name, freed in zip(("lever_arm", "delay"), seen.freed) if freed],
-        "gain_nats": seen.gain_nats,
-        "seen": None if seen.seen is None else _arm(seen.seen),
-    }
+    return AntennaDocument(
+        **vars(_arm(seen.antenna)),
+        taken=[name for name, freed in zip(("lever_arm", "delay"), seen.freed) if freed],
+        gain_nats=seen.gain_nats,
+        seen=None if seen.seen is None else _arm(seen.seen),
+    )
 
 
-def _arm(antenna: Antenna) -> dict[str, Any]:
+def _arm(antenna: Antenna) -> ArmDocument:
     sigma = [float(v) for v in antenna_sigmas(antenna)]
-    return {
-        "lever_arm_m": [float(v) for v in antenna.lever_arm_m],
-        "sigma_lever_arm_m": sigma[:3],
-        "delay_s": antenna.delay_s,
-        "sigma_delay_s": sigma[3],
-        "velocity_delay_s": antenna.velocity_delay_s,
-        "sigma_velocity_delay_s": sigma[4],
-    }
+    return ArmDocument(
+        lever_arm_m=[float(v) for v in antenna.lever_arm_m],
+        sigma_lever_arm_m=sigma[:3],
+        delay_s=antenna.delay_s,
+        sigma_delay_s=sigma[3],
+        velocity_delay_s=antenna.velocity_delay_s,
+        sigma_velocity_delay_s=sigma[4],
+    )
 
 
 def _end(result: AidedResult) -> dict[str, float]:

@@ -37,6 +37,8 @@ end_speed_m_s, max_speed_m_s, end_speed_kt, drift_class, limit_2t_2_nm, limit_3t
 The same input gives the same bytes: there is no time of issue.
 """
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -44,13 +46,19 @@ import numpy as np
 from alignment.document import alignment_document
 from infield.replay.drift import CLASSES, REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
-from infield.replay.free_inertial import ReplayResult, StopSpeed, TableReplay, heading_change
+from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
+from infield.replay.reasons import ReplayVerdict
 from infield.replay.schuler import fit_schuler
-from infield.reports.documents.aided import aided_document
+from infield.replay.stops import StopSpeed, Witness
+from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
+from infield.reports.words.sentences import codes, sentence, sentences
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
+from ins.verdicts import OMIT_NONE, UNWRITTEN, Reason, because
 
+SCHEMA = "recal.replay/1"
+PARKED = "parked"  # beside the witnesses of stops, where the ground speed was above 5 kt
 DEFINITIONS = {
     "parked": (
         "free-inertial from the end of the alignment until the vehicle rolls, against the parked"
@@ -86,184 +94,342 @@ DEFINITIONS = {
 }
 
 
+@dataclass(frozen=True, kw_only=True)
+class DriftDocument:
+    """A drift, in nautical miles, knots and SI."""
+
+    hours: float
+    end_radial_error_m: float
+    end_radial_error_nm: float
+    max_radial_error_nm: float
+    rate_nm_h: float
+    rms_rate_nm_h: float
+    end_speed_m_s: float
+    max_speed_m_s: float
+    end_speed_kt: float
+    drift_class: str
+    limit_2t_2_nm: float
+    limit_3t_3_nm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedDocument:
+    """What table and noise model say of the parked drift."""
+
+    sigma_nm_h: float
+    sigma_end_speed_m_s: float
+    seen_over_sigma: float
+    level_gyro_sigma_deg_h: float
+    rule_of_thumb_nm_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SchulerDocument:
+    """The period of the parked swing; NaN (null in the file) with a reason where not fitted."""
+
+    period_min: float
+    sigma_period_min: float
+    amplitude_m_s: float
+    expected_period_min: float
+    reason: str
+    reason_code: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StopDocument:
+    """Computed ground speed while the vehicle stands."""
+
+    start_s: float
+    end_s: float
+    ground_speed_m_s: float
+    ground_speed_kt: float
+    max_m_s: float
+    realign: bool
+    seen_by: Witness
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoringDocument:
+    """Against the run's reference, which never navigates."""
+
+    source: str
+    reference: DriftDocument | None
+    heading_error_mrad: float
+    heading_error_sigmas: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableDocument:
+    """One table's flight."""
+
+    role: str
+    origin: str
+    revision: int | None
+    sha256: str | None
+    applied: bool
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    alignment: Mapping[str, Any]
+    parked: DriftDocument | None
+    predicted: PredictedDocument | None
+    schuler: SchulerDocument | None
+    stops: Sequence[StopDocument]
+    realign: bool
+    realign_at: Sequence[str]
+    gnss: DriftDocument | None
+    scoring_only: ScoringDocument | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeDocument:
+    """A measure with both tables."""
+
+    previous: float
+    active: float
+    change: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenDocument:
+    """A difference as flown, and as the tables' own difference says."""
+
+    seen: float
+    expected: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferenceDocument:
+    """Active less previous."""
+
+    heading_deg: float
+    heading_mrad: float
+    heading_expected_mrad: float
+    rate_nm_h: ChangeDocument | None = None
+    rms_rate_nm_h: ChangeDocument | None = None
+    parked_end_displacement_m: Mapping[str, SeenDocument] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayDocument:
+    """replay.json; `result`: what its page is drawn from."""
+
+    schema: str = SCHEMA
+    verdict: ReplayVerdict
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    run_id: str
+    run_sha256: str
+    imu_serial: str
+    gyro_technology: str
+    start_utc: str
+    store: str | None
+    version: str
+    noise_model: Mapping[str, Any]
+    vertical: str
+    alignment_span: SpanDocument | None
+    parked_span: SpanDocument | None
+    tables: Sequence[TableDocument]
+    difference: DifferenceDocument | None
+    aided: AidedDocument | None
+    definitions: Mapping[str, str]
+    thermal_model: Mapping[str, Any] | None = field(default=None, metadata=OMIT_NONE)
+    result: ReplayResult = field(repr=False, compare=False, metadata=UNWRITTEN)
+
+
 def replay_document(
     result: ReplayResult,
     twin: TwinModel,
     *,
     store: str | None,
     version: str,
-    notes: tuple[str, ...] = (),
-    thermal_model: dict[str, Any] | None = None,
+    notes: tuple[Reason | str, ...] = (),
+    thermal_model: Mapping[str, Any] | None = None,
     reference: ReferenceLog | None = None,
-) -> dict[str, Any]:
+) -> ReplayDocument:
     """The document; `notes` are what the caller knows of the tables, and come first; thermal_model:
     as in update.json; reference: scores the aided solution.
     """
-    header, tables = result.run.header, [_table(t, result) for t in result.tables]
-    return {
-        "schema": "recal.replay/1",
-        "verdict": result.verdict,
-        "reasons": list(result.reasons),
-        "notes": [*notes, *result.notes],
-        "run_id": header.run_id,
-        "run_sha256": result.run.sha256,
-        "imu_serial": header.imu_serial,
-        "gyro_technology": header.gyro_technology,
-        "start_utc": header.start_utc,
-        "store": store,
-        "version": version,
-        "noise_model": {"source": twin.source, **twin_to_dict(twin)},
-        "vertical": result.vertical,
-        "alignment_span": _span(result.alignment_span),
-        "parked_span": _parked_span(result),
-        "tables": tables,
-        "difference": _difference(result),
-        "aided": aided_document(result.aided, reference),
-        "definitions": dict(DEFINITIONS),
-        **({} if thermal_model is None else {"thermal_model": thermal_model}),
-    }
+    header = result.run.header
+    all_notes = [*notes, *result.notes]
+    return ReplayDocument(
+        verdict=result.verdict,
+        reasons=sentences(result.reasons),
+        reason_codes=codes(result.reasons),
+        notes=sentences(all_notes),
+        note_codes=codes(all_notes),
+        run_id=header.run_id,
+        run_sha256=result.run.sha256,
+        imu_serial=header.imu_serial,
+        gyro_technology=header.gyro_technology,
+        start_utc=header.start_utc,
+        store=store,
+        version=version,
+        noise_model={"source": twin.source, **twin_to_dict(twin)},
+        vertical=sentence(because(result.vertical)),
+        alignment_span=_span(result.alignment_span),
+        parked_span=_parked_span(result),
+        tables=[_table(t, result) for t in result.tables],
+        difference=_difference(result),
+        aided=aided_document(result.aided, reference),
+        definitions=DEFINITIONS,
+        thermal_model=thermal_model,
+        result=result,
+    )
 
 
-def _span(span: tuple[float, float] | None) -> dict[str, float] | None:
-    return None if span is None else {"start_s": span[0], "end_s": span[1]}
+def _span(span: tuple[float, float] | None) -> SpanDocument | None:
+    return None if span is None else SpanDocument(start_s=span[0], end_s=span[1])
 
 
-def _parked_span(result: ReplayResult) -> dict[str, float] | None:
+def _parked_span(result: ReplayResult) -> SpanDocument | None:
+    if result.parked_until_s is None:
+        return None
     starts = [t.alignment.time_s for t in result.tables if t.history is not None]
-    return None if result.parked_until_s is None else _span((min(starts), result.parked_until_s))
+    return _span((min(starts), result.parked_until_s))
 
 
-def _table(t: TableReplay, result: ReplayResult) -> dict[str, Any]:
-    fast = {s.seen_by for s in t.stops if s.realign}
+def _table(t: TableReplay, result: ReplayResult) -> TableDocument:
+    fast: set[str] = {s.seen_by.value for s in t.stops if s.realign}
     if t.parked is not None and t.parked.speed_m_s[-1] > REALIGN_M_S:
-        fast.add("parked")
-    return {
-        "role": t.choice.role,
-        "origin": t.choice.origin,
-        "revision": t.choice.revision,
-        "sha256": t.choice.sha256,
-        "applied": t.choice.table is not None,
-        "notes": list(t.notes),
-        "alignment": _alignment(t, result.run),
-        "parked": _drift(t.parked),
-        "predicted": _predicted(t),
-        "schuler": _schuler(t, result.run),
-        "stops": [_stop(s) for s in t.stops],
-        "realign": bool(fast),
-        "realign_at": sorted(fast),
-        "gnss": _drift(t.gnss),
-        "scoring_only": _scoring(t),
-    }
+        fast.add(PARKED)
+    return TableDocument(
+        role=t.choice.role,
+        origin=t.choice.origin,
+        revision=t.choice.revision,
+        sha256=t.choice.sha256,
+        applied=t.choice.table is not None,
+        notes=sentences(t.notes),
+        note_codes=codes(t.notes),
+        alignment=_alignment(t, result.run),
+        parked=_drift(t.parked),
+        predicted=_predicted(t),
+        schuler=_schuler(t, result.run),
+        stops=[_stop(s) for s in t.stops],
+        realign=bool(fast),
+        realign_at=sorted(fast),
+        gnss=_drift(t.gnss),
+        scoring_only=_scoring(t),
+    )
 
 
-def _alignment(t: TableReplay, run: Run) -> dict[str, Any]:
+def _alignment(t: TableReplay, run: Run) -> Mapping[str, Any]:
+    """alignment.json less what stands above it; why it was not flown comes first."""
     document = alignment_document(t.alignment, run)
-    return {
-        k: v for k, v in document.items() if k not in ("schema", "run_id", "imu_serial", "phases")
-    }
+    document["reasons"] = sentences(t.reasons)
+    above = ("schema", "run_id", "imu_serial", "phases")
+    return {key: value for key, value in document.items() if key not in above}
 
 
-def _drift(d: Drift | None) -> dict[str, Any] | None:
+def _drift(d: Drift | None) -> DriftDocument | None:
     if d is None:
         return None
     (_, slope2, offset2), (_, slope3, offset3) = CLASSES
-    return {
-        "hours": d.hours,
-        "end_radial_error_m": float(d.radial_m[-1]),
-        "end_radial_error_nm": float(d.radial_m[-1]) / NAUTICAL_MILE,
-        "max_radial_error_nm": float(d.radial_m.max()) / NAUTICAL_MILE,
-        "rate_nm_h": d.rate_nm_h,
-        "rms_rate_nm_h": d.rms_rate_nm_h,
-        "end_speed_m_s": float(d.speed_m_s[-1]),
-        "max_speed_m_s": float(d.speed_m_s.max()),
-        "end_speed_kt": float(d.speed_m_s[-1]) / KNOT,
-        "drift_class": d.drift_class,
-        "limit_2t_2_nm": slope2 * d.hours + offset2,
-        "limit_3t_3_nm": slope3 * d.hours + offset3,
-    }
+    return DriftDocument(
+        hours=d.hours,
+        end_radial_error_m=float(d.radial_m[-1]),
+        end_radial_error_nm=float(d.radial_m[-1]) / NAUTICAL_MILE,
+        max_radial_error_nm=float(d.radial_m.max()) / NAUTICAL_MILE,
+        rate_nm_h=d.rate_nm_h,
+        rms_rate_nm_h=d.rms_rate_nm_h,
+        end_speed_m_s=float(d.speed_m_s[-1]),
+        max_speed_m_s=float(d.speed_m_s.max()),
+        end_speed_kt=float(d.speed_m_s[-1]) / KNOT,
+        drift_class=d.drift_class,
+        limit_2t_2_nm=slope2 * d.hours + offset2,
+        limit_3t_3_nm=slope3 * d.hours + offset3,
+    )
 
 
-def _predicted(t: TableReplay) -> dict[str, Any] | None:
+def _predicted(t: TableReplay) -> PredictedDocument | None:
     if t.predicted is None or t.parked is None or t.bins is None or t.alignment.C_nb is None:
         return None
     start_s = t.alignment.time_s
-    north = level_shares(
-        t.bins.edges_s, t.alignment.C_nb, (start_s, start_s + t.parked.time_s[-1])
-    )[0]
+    span = (start_s, start_s + t.parked.time_s[-1])
+    north = level_shares(t.bins.edges_s, t.alignment.C_nb, span)[0]
     sigma = float(np.sqrt(north @ t.bins.prior @ north))
-    return {
-        "sigma_nm_h": t.predicted.sigma_nm_h,
-        "sigma_end_speed_m_s": float(t.predicted.sigma_speed_m_s[-1]),
-        "seen_over_sigma": t.parked.rate_nm_h / t.predicted.sigma_nm_h,
-        "level_gyro_sigma_deg_h": sigma,
-        "rule_of_thumb_nm_h": NM_H_PER_DEG_H * sigma,
-    }
+    return PredictedDocument(
+        sigma_nm_h=t.predicted.sigma_nm_h,
+        sigma_end_speed_m_s=float(t.predicted.sigma_speed_m_s[-1]),
+        seen_over_sigma=t.parked.rate_nm_h / t.predicted.sigma_nm_h,
+        level_gyro_sigma_deg_h=sigma,
+        rule_of_thumb_nm_h=NM_H_PER_DEG_H * sigma,
+    )
 
 
-def _schuler(t: TableReplay, run: Run) -> dict[str, Any] | None:
-    """Null without a flight; period null and the reason where it could not be fitted."""
+def _schuler(t: TableReplay, run: Run) -> SchulerDocument | None:
+    """None without a flight."""
     if t.history is None:
         return None
     fit = fit_schuler(t.parked, run.header.site)
-    return {
-        "period_min": fit.period_s / 60.0,
-        "sigma_period_min": fit.sigma_s / 60.0,
-        "amplitude_m_s": fit.amplitude_m_s,
-        "expected_period_min": fit.expected_s / 60.0,
-        "reason": fit.reason,
-    }
+    return SchulerDocument(
+        period_min=fit.period_s / 60.0,
+        sigma_period_min=fit.sigma_s / 60.0,
+        amplitude_m_s=fit.amplitude_m_s,
+        expected_period_min=fit.expected_s / 60.0,
+        reason="" if fit.reason is None else sentence(fit.reason),
+        reason_code=None if fit.reason is None else fit.reason.code.value,
+    )
 
 
-def _stop(s: StopSpeed) -> dict[str, Any]:
-    return {
-        "start_s": s.start_s,
-        "end_s": s.end_s,
-        "ground_speed_m_s": s.median_m_s,
-        "ground_speed_kt": s.median_m_s / KNOT,
-        "max_m_s": s.max_m_s,
-        "realign": s.realign,
-        "seen_by": s.seen_by,
-    }
+def _stop(s: StopSpeed) -> StopDocument:
+    return StopDocument(
+        start_s=s.start_s,
+        end_s=s.end_s,
+        ground_speed_m_s=s.median_m_s,
+        ground_speed_kt=s.median_m_s / KNOT,
+        max_m_s=s.max_m_s,
+        realign=s.realign,
+        seen_by=s.seen_by,
+    )
 
 
-def _scoring(t: TableReplay) -> dict[str, Any] | None:
+def _scoring(t: TableReplay) -> ScoringDocument | None:
     if np.isnan(t.heading_error_rad):
         return None
-    return {
-        "source": "reference",
-        "reference": _drift(t.reference),
-        "heading_error_mrad": t.heading_error_rad / MILLIRADIAN,
-        "heading_error_sigmas": t.heading_error_rad / t.alignment.sigma_heading_rad,
-    }
+    return ScoringDocument(
+        source="reference",
+        reference=_drift(t.reference),
+        heading_error_mrad=t.heading_error_rad / MILLIRADIAN,
+        heading_error_sigmas=t.heading_error_rad / t.alignment.sigma_heading_rad,
+    )
 
 
-def _difference(result: ReplayResult) -> dict[str, Any] | None:
+def _difference(result: ReplayResult) -> DifferenceDocument | None:
     """What changed from the previous to the active table, and what their difference says should
     have.
     """
     new, old, turned = result.of("active"), result.of("previous"), heading_change(result)
     if new is None or old is None or turned is None:
         return None
-    out: dict[str, Any] = {
-        "heading_deg": turned[0] / DEG,
-        "heading_mrad": turned[0] / MILLIRADIAN,
-        "heading_expected_mrad": turned[1] / MILLIRADIAN,
-        "rate_nm_h": None,
-        "rms_rate_nm_h": None,
-        "parked_end_displacement_m": None,
+    rates: dict[str, ChangeDocument | None] = {"rate_nm_h": None, "rms_rate_nm_h": None}
+    if new.parked is not None and old.parked is not None:
+        rates = {name: _change(old.parked, new.parked, name) for name in rates}
+    return DifferenceDocument(
+        heading_deg=turned[0] / DEG,
+        heading_mrad=turned[0] / MILLIRADIAN,
+        heading_expected_mrad=turned[1] / MILLIRADIAN,
+        parked_end_displacement_m=_displacement(old, new),
+        **rates,
+    )
+
+
+def _change(old: Drift, new: Drift, name: str) -> ChangeDocument:
+    before, after = getattr(old, name), getattr(new, name)
+    return ChangeDocument(previous=before, active=after, change=after - before)
+
+
+def _displacement(old: TableReplay, new: TableReplay) -> Mapping[str, SeenDocument] | None:
+    """How far apart the two parked spans end, north and east."""
+    if old.parked is None or new.parked is None:
+        return None
+    if new.predicted is None or new.bins is None or old.bins is None:
+        return None
+    changed_deg_h = new.bins.table_deg_h - old.bins.table_deg_h
+    expected = -new.predicted.response_m_per_deg_h @ changed_deg_h
+    seen = new.parked.position_m[-1] - old.parked.position_m[-1]
+    return {
+        axis: SeenDocument(seen=float(seen[k]), expected=float(expected[k]))
+        for k, axis in enumerate(("north", "east"))
     }
-    if new.parked is None or old.parked is None:
-        return out
-    for key in ("rate_nm_h", "rms_rate_nm_h"):
-        before, after = getattr(old.parked, key), getattr(new.parked, key)
-        out[key] = {"previous": before, "active": after, "change": after - before}
-    if new.predicted is not None and new.bins is not None and old.bins is not None:
-        expected = -new.predicted.response_m_per_deg_h @ (
-            new.bins.table_deg_h - old.bins.table_deg_h
-        )
-        seen = new.parked.position_m[-1] - old.parked.position_m[-1]
-        out["parked_end_displacement_m"] = {
-            axis: {"seen": float(seen[k]), "expected": float(expected[k])}
-            for k, axis in enumerate(("north", "east"))
-        }
-    return out

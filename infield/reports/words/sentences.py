@@ -1,30 +1,56 @@
 """The sentence of a reason: the only place where a code becomes words."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from enum import StrEnum
 from functools import cache
 from importlib import import_module
+from typing import Any
 
 from ins.verdicts import Reason
 
-# Each has SENTENCES: Mapping[StrEnum, str], templates of str.format over the reason's values.
-ROOMS: tuple[str, ...] = ()
+# Each has SENTENCES: Mapping[StrEnum, Template].
+ROOMS: tuple[str, ...] = ("aided", "replay")
+
+# What str.format takes, or a function of the reason's values where the wording depends on them.
+Template = str | Callable[..., str]
 
 
 def sentence(reason: Reason) -> str:
-    """The reason in words.
+    """The reason in words; a reason among its values stands there as its own sentence.
 
     Raises
     ------
-    KeyError
+    KeyError, TypeError
         A code without a sentence, or a value that the sentence names and the reason lacks; a test
         goes over all codes.
     """
-    return templates()[type(reason.code), reason.code.name].format(**reason.values)
+    template = templates()[type(reason.code), reason.code.name]
+    values = {name: _told(value) for name, value in reason.values.items()}
+    return template(**values) if callable(template) else template.format(**values)
+
+
+def _told(value: Any) -> Any:
+    return sentence(value) if isinstance(value, Reason) else value
+
+
+def sentences(reasons: Iterable[Reason | str]) -> list[str]:
+    """Reasons in words; a text (of an estimator that has no codes yet) stands as it is."""
+    return [reason if isinstance(reason, str) else sentence(reason) for reason in reasons]
+
+
+def codes(reasons: Iterable[Reason | str]) -> list[str | None]:
+    """The codes of reasons, None for a text without one: what programs compare instead of words."""
+    return [None if isinstance(reason, str) else _code(reason) for reason in reasons]
+
+
+def _code(reason: Reason) -> str:
+    """The reason's code, and after a dot that of the reason among its values."""
+    inner = [_code(value) for value in reason.values.values() if isinstance(value, Reason)]
+    return ".".join([reason.code.value, *inner])
 
 
 @cache
-def templates() -> Mapping[tuple[type[StrEnum], str], str]:
+def templates() -> Mapping[tuple[type[StrEnum], str], Template]:
     """The template of every code of every room, by enum and name of the member (members of two
     enums may be equal as texts).
     """

@@ -1,0 +1,45 @@
+"""Why an aided solution is what it is, and what it took from the log, as codes.
+
+Sentences: `infield.reports.words.aided`.
+"""
+
+from enum import StrEnum
+
+
+class AidedVerdict(StrEnum):
+    """REFUSED: nothing was flown. INCONSISTENT: flown, and not to be believed."""
+
+    AIDED = "aided"
+    INCONSISTENT = "inconsistent"
+    REFUSED = "refused"
+
+
+class StartMethod(StrEnum):
+    """How an aided solution was begun: parked, or in motion."""
+
+    GYROCOMPASS = "gyrocompass"
+    MATCHING = "velocity matching"
+
+
+class AidedReason(StrEnum):
+    """Why nothing was flown, or what speaks against the solution."""
+
+    NO_FIXES = "no_fixes"
+    FEW_FIXES = "few_fixes"
+    NO_VELOCITY_CHANGE = "no_velocity_change"
+    HEADING_UNSURE = "heading_unsure"
+    NIS_HIGH = "nis_high"
+    MANY_REJECTED = "many_rejected"
+    BEGUN_ANEW = "begun_anew"
+    NOISE_UNBELIEVED = "noise_unbelieved"
+
+
+class AidedNote(StrEnum):
+    """What was taken from the log beyond what was declared, and what it contradicts."""
+
+    REPEATED_FIXES = "repeated_fixes"
+    SITE_ELSEWHERE = "site_elsewhere"
+    OFF_THE_TRACK = "off_the_track"
+    LEVER_ARM_TAKEN = "lever_arm_taken"
+    DELAY_TAKEN = "delay_taken"
+    NOISE_TAKEN = "noise_taken"

@@ -1,0 +1,137 @@
+"""Sentences of `infield.replay.aided`: what an aided solution took from a log beyond what was
+declared, what of it is not to be believed, and why there is none.
+"""
+
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+
+from infield.replay.aided.reasons import AidedNote, AidedReason
+from infield.reports.words.sentences import Template
+from ins.units import DEG
+
+PLURAL = {"position": "positions", "velocity": "velocities"}
+FACTORS = {
+    "white": "white noise of the sensors",
+    "walk": "walks of their biases",
+    "position": "satellite position",
+    "velocity": "satellite velocity",
+}
+# milliseconds by which fixes are older than their time
+Late = Sequence[tuple[str, float, float]]
+
+
+def _factor(value: float) -> str:
+    return f"{value:.2g}" if value < 10.0 else f"{value:.0f}"
+
+
+def _heading_unsure(*, best_rad: float, limit_rad: float, longest_s: float) -> str:
+    return (
+        f"heading from the satellite velocities is at best good to {best_rad / DEG:.2g} deg, needed"
+        f" {limit_rad / DEG:g} deg within {longest_s:g} s of log: too little manoeuvring"
+    )
+
+
+def _many_rejected(*, kind: str, rejected: int, seen: int, most: float) -> str:
+    return f"{rejected} of {seen} satellite {PLURAL[kind]} rejected, needed at most {most:.0%}"
+
+
+def _begun_anew(*, times: int, first_s: Sequence[float]) -> str:
+    told = ", ".join(f"{t:.1f}" for t in first_s)
+    return (
+        f"the solution rejected all fixes for long and was begun anew {times} times (at {told} s)"
+    )
+
+
+def _unbelieved(*, factor: str, value: float, most: float, technology: str) -> str:
+    return (
+        f"{FACTORS[factor]} would have to be {_factor(value)} times as large, needed less than"
+        f" {most:g} ({technology}): axes, signs, scale factor or units of the sensors?"
+    )
+
+
+def _off_the_track(*, mean_rad: float, spread_rad: float) -> str:
+    return (
+        f"body x points {mean_rad / DEG:+.0f} deg off the track (median; half of the rows within"
+        f" {spread_rad / DEG:.1f} deg): where that is no crab, the unit is mounted turned, and"
+        " roll, pitch and heading are its own"
+    )
+
+
+def _lever_arm(
+    *,
+    lever_arm_m: Sequence[float],
+    sigma_m: Sequence[float],
+    declared_m: Sequence[float],
+    gain_nats: float,
+) -> str:
+    arm = ", ".join(f"{v:.2f} +- {s:.2f}" for v, s in zip(lever_arm_m, sigma_m))
+    given = ", ".join(f"{v:g}" for v in declared_m)
+    return (
+        f"the fixes are not of an antenna at the lever arm ({given}) m of run.json: taken"
+        f" ({arm}) m, which the fixes show ({gain_nats:.0f} nats); its sigma is in the"
+        " solution's"
+    )
+
+
+def _delay(*, late: Late, gain_nats: float) -> str:
+    told = ", ".join(
+        f"{what} are {1e3 * abs(t):.0f} +- {1e3 * s:.0f} ms {'older' if t > 0 else 'younger'}"
+        for what, t, s in late
+    )
+    return f"{told} than their time: taken so ({gain_nats:.0f} nats)"
+
+
+def _noise(
+    *,
+    factors: Mapping[str, float],
+    slow: Mapping[str, float] | None,
+    slow_velocity: Mapping[str, float] | None,
+    capped: bool,
+    source: str,
+) -> str:
+    parts = [
+        f"{FACTORS[name]} {_factor(value)} times"
+        for name, value in factors.items()
+        if _factor(value) != "1"
+    ]
+    told = "taken " + ", ".join(parts) + " as large" if parts else "noise as declared"
+    if slow:
+        told += (
+            f", a slow error of the positions of {slow['level_m']:.2g} m level,"
+            f" {slow['down_m']:.2g} m down over {slow['time_s']:.0f} s"
+        )
+    if slow_velocity:
+        told += (
+            f", a slow error of the velocities of {slow_velocity['sigma_m_s']:.2g} m/s over"
+            f" {slow_velocity['time_s']:.2g} s"
+        )
+    most = " (the largest that is tried)" if capped else ""
+    return f"the innovations exceed the noise model ({source}): {told}{most}; NIS is no test then"
+
+
+SENTENCES: Mapping[StrEnum, Template] = {
+    AidedReason.NO_FIXES: "no satellite fixes in the run",
+    AidedReason.FEW_FIXES: "{count} satellite fixes within the imu log, needed {needed}",
+    AidedReason.NO_VELOCITY_CHANGE: (
+        "the satellite velocity never changes by {needed_m_s:g} m/s within {longest_s:g} s: heading"
+        " cannot be found (a constant velocity does not show it)"
+    ),
+    AidedReason.HEADING_UNSURE: _heading_unsure,
+    AidedReason.NIS_HIGH: "satellite {kind}: {excess}",
+    AidedReason.MANY_REJECTED: _many_rejected,
+    AidedReason.BEGUN_ANEW: _begun_anew,
+    AidedReason.NOISE_UNBELIEVED: _unbelieved,
+    AidedNote.REPEATED_FIXES: (
+        "{count} fixes from {first_s:.1f} to {last_s:.1f} s are left out: their position is that of"
+        " the fix before, to the last digit, at {speed_m_s:.1f} m/s (a receiver that is stuck, or a"
+        " log that repeats it)"
+    ),
+    AidedNote.SITE_ELSEWHERE: (
+        "the parked fixes lie {off_m:.0f} m from the site of run.json: the aided solution goes by"
+        " the fixes"
+    ),
+    AidedNote.OFF_THE_TRACK: _off_the_track,
+    AidedNote.LEVER_ARM_TAKEN: _lever_arm,
+    AidedNote.DELAY_TAKEN: _delay,
+    AidedNote.NOISE_TAKEN: _noise,
+}
