@@ -17,14 +17,14 @@ Laying = Callable[[Streams, Seen, str, Parameters, float], Streams]
 
 @dataclass(frozen=True, kw_only=True)
 class Effect:
-    """One effect under its name in gap.md, section 2.
+    """One effect under its name in effects.md, section 2.
 
     draw: the parameters of a trial, coefficients at the middle of the usual range with a random
     sign, others (time constants, onsets, periods, widths) anywhere in it. lay: the streams of one
     run with `size` times the effect. needs: of "taxi", "gnss", "odometer", "runs" (several).
     answers: right names for it (the first is the plain one); accepted: right targets besides its
     own. linear: the change of the rows is proportional to the size. confounded: names that these
-    plans cannot, or hardly, tell from it (gap.md, section 2): a set that holds both is right.
+    plans cannot, or hardly, tell from it (effects.md, section 2): a set that holds both is right.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""All effects that a trial can plant, by their name in gap.md, section 2."""
+"""All effects that a trial can plant, by their name in effects.md, section 2."""
 
 from collections.abc import Sequence
 

@@ -1,3 +1,3 @@
-"""The catalogue of candidate effects (gap.md section 2), one class each; start with `base`, then
-`catalogue`.
+"""The catalogue of candidate effects (effects.md section 2), one class each; start with `base`,
+then `catalogue`.
 """

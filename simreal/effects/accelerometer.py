@@ -1,5 +1,5 @@
-"""Errors of single accelerometers (gap.md 2b, A01 to A09): measured less true specific force, along
-the sensor's axis.
+"""Errors of single accelerometers (effects.md 2b, A01 to A09): measured less true specific force,
+along the sensor's axis.
 """
 
 from collections.abc import Callable, Sequence
@@ -175,7 +175,7 @@ def _misalignment(axis: str) -> tuple[FormulaEffect, ...]:
             (f"accel_{axis}",),
             several(others, "mrad", 0.05, 0.25),
             rivals=("imu_size_effect", "accel_scale_factor", "axis_or_unit_error"),
-            source="gap.md A06",
+            source="effects.md A06",
             formula=misalignment,
             need=needs_cross_force,
         )
@@ -202,7 +202,7 @@ ACCELEROMETER = (
                 "vertical_deflection",
                 "schuler_start_error",
             ),
-            source="gap.md A01",
+            source="effects.md A01",
             formula=thermal,
             need=needs_warming,
         ),
@@ -215,7 +215,7 @@ ACCELEROMETER = (
         one("ug", 10.0, 100.0),
         shape=(ShapeParameter("tau_s", "s", 120.0, 3600.0, 8),),
         rivals=("accel_thermal", "platform_settling"),
-        source="gap.md A02",
+        source="effects.md A02",
         formula=warm_up,
     ),
     FormulaEffect(
@@ -225,7 +225,7 @@ ACCELEROMETER = (
         one("ug", 10.0, 30.0),
         shape=(ShapeParameter("width_degC", "degC", 0.5, 10.0, 6),),
         rivals=("accel_thermal",),
-        source="gap.md A03",
+        source="effects.md A03",
         formula=hysteresis,
         need=needs_turn_round,
     ),
@@ -242,7 +242,7 @@ ACCELEROMETER = (
             "axis_or_unit_error",
             "baro_lag",
         ),
-        source="gap.md A04",
+        source="effects.md A04",
         formula=scale_factor,
         need=needs_own_force,
     ),
@@ -252,7 +252,7 @@ ACCELEROMETER = (
         ACCELS,
         one("ug per g^2", 5.0, 20.0),
         rivals=("accel_scale_factor", "engine_start", "sculling_residual"),
-        source="gap.md A05",
+        source="effects.md A05",
         formula=second_order,
         need=needs_squares,
     ),
@@ -263,7 +263,7 @@ ACCELEROMETER = (
         ACCELS,
         several("xyz", "cm", 2.0, 6.0),
         rivals=("lever_arm", "gnss_lever_arm_or_latency", "gyro_accel_skew", "accel_misalignment"),
-        source="gap.md A07",
+        source="effects.md A07",
         formula=size_effect,
         need=needs_rotation,
     ),
@@ -274,7 +274,7 @@ ACCELEROMETER = (
         one("ug/sqrt(Hz)", 5.0, 30.0, signed=False),
         repeats="S",
         rivals=("platform_sway", "timestamp_jitter", "engine_start", "saturation_or_rounding"),
-        source="gap.md A08, white",
+        source="effects.md A08, white",
         noise_formula=white_noise,
     ),
     FormulaEffect(
@@ -284,7 +284,7 @@ ACCELEROMETER = (
         (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),),
         repeats="S",
         rivals=("accel_rate_random_walk", "accel_thermal"),
-        source="gap.md A08, flicker",
+        source="effects.md A08, flicker",
         noise_formula=flicker_noise,
     ),
     FormulaEffect(
@@ -294,7 +294,7 @@ ACCELEROMETER = (
         (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),),
         repeats="S",
         rivals=("accel_bias_instability", "accel_thermal"),
-        source="gap.md A08, random walk",
+        source="effects.md A08, random walk",
         noise_formula=random_walk,
     ),
     OutOfReach(
@@ -303,7 +303,7 @@ ACCELEROMETER = (
         ACCELS,
         one("ug", 1.0, 50.0),
         rivals=("accel_g2_sensitivity", "gyro_accel_skew"),
-        source="gap.md A09",
+        source="effects.md A09",
         need="raw data at 500 Hz under vibration",
     ),
 )

@@ -95,10 +95,9 @@ class AddedNoise:
 class Effect(Protocol):
     """The protocol that users' own effects follow as well.
 
-    id : short key, unique. name : as in reports (gap.md section 2). targets : channels it may sit
-    on. repeats : "R" repeats from run to run (one coefficient for all), "P" has one of its own in
-    each run, "E" is an event of
-        one run, "S" stochastic.
+    id : short key, unique. name : as in reports (effects.md section 2). targets : channels it may
+    sit on. repeats : "R" repeats from run to run (one coefficient for all), "P" has one of its own
+    in each run, "E" is an event of one run, "S" stochastic.
     coefficients, shape : its parameters. rivals : names it is easily confused with, and why it
     matters.
     """

@@ -1,5 +1,5 @@
-"""The thermal compensation itself at fault: the table misapplied (gap.md D05), or fed by a slow or
-offset thermometer (D04).
+"""The thermal compensation itself at fault: the table misapplied (effects.md D05), or fed by a slow
+or offset thermometer (D04).
 
 Temperatures are the readings, and what an effect adds is measured less what the twin's table
 predicts at them; so the same series serves as the signature and, the readings untouched, as the
@@ -109,7 +109,7 @@ COMPENSATION: tuple[Effect, ...] = (
             formula=sensor_error,
             need=lacks_moving_table,
             rivals=("gyro_thermal_rate", "gyro_thermal_lag", "gyro_thermal_quadratic"),
-            source="gap.md D04: k1 tau dT/dt; k1 offset",
+            source="effects.md D04: k1 tau dT/dt; k1 offset",
         ),
         lag="coefficient",
         offset="offset",
@@ -121,6 +121,6 @@ COMPENSATION: tuple[Effect, ...] = (
         need=lacks_table,
         log_prior=WHOLE_LOG_PRIOR,
         rivals=("gyro_thermal_linear", "gyro_thermal_quadratic"),
-        source="gap.md D05",
+        source="effects.md D05",
     ),
 )

@@ -1,5 +1,5 @@
-"""Errors of the recording itself: time stamps, clocks, axes and units, rounding (gap.md 2c, D01,
-D02, D03, D06, D07).
+"""Errors of the recording itself: time stamps, clocks, axes and units, rounding (effects.md 2c,
+D01, D02, D03, D06, D07).
 """
 
 from collections.abc import Sequence
@@ -71,7 +71,7 @@ DATA = (
         one("ms", 0.1, 10.0, signed=False),
         repeats="S",
         rivals=("accel_noise", "gyro_quantization", "gyro_angle_random_walk"),
-        source="gap.md D01",
+        source="effects.md D01",
         noise_formula=jitter,
     ),
     FormulaEffect(
@@ -80,7 +80,7 @@ DATA = (
         ("vehicle",),
         one("ppm", 1.0, 50.0),
         rivals=("gyro_scale_factor", "accel_scale_factor", "gyro_common_mode", "odometer_scale"),
-        source="gap.md D02",
+        source="effects.md D02",
         formula=clock_rate,
         need=needs_turns,
     ),
@@ -90,7 +90,7 @@ DATA = (
         ("vehicle",),
         one("ms", 1.0, 10.0),
         rivals=("imu_size_effect", "sculling_residual"),
-        source="gap.md D03; delay of the accelerometers",
+        source="effects.md D03; delay of the accelerometers",
         formula=skew_in_time,
         need=needs_manoeuvres,
     ),
@@ -105,7 +105,7 @@ DATA = (
             "accel_misalignment",
             "accel_scale_factor",
         ),
-        source="gap.md D06",
+        source="effects.md D06",
         formula=other_axes,
         log_prior=GROSS_LOG_PRIOR,
     ),
@@ -116,7 +116,7 @@ DATA = (
         one("LSB", 1.0, 10.0, signed=False),
         repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"),
-        source="gap.md D07",
+        source="effects.md D07",
         need="the raw rows: stairs and clipped values do not show in means over a second",
     ),
 )

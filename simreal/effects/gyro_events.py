@@ -1,5 +1,5 @@
-"""Gyro errors tied to a power-on, to the time or to nothing that is logged (gap.md G01, G09, G10,
-G27, G28).
+"""Gyro errors tied to a power-on, to the time or to nothing that is logged (effects.md G01, G09,
+G10, G27, G28).
 """
 
 from collections.abc import Sequence
@@ -65,7 +65,7 @@ GYRO_EVENTS: tuple[Effect, ...] = (
             "gyro_dither_coning",
             "platform_yaw_creep",
         ),
-        source="gap.md G01; repeats P: a coefficient of its own at each power-on",
+        source="effects.md G01; repeats P: a coefficient of its own at each power-on",
     ),
     gyro_effect(
         "gyro_rate_ramp",
@@ -81,7 +81,7 @@ GYRO_EVENTS: tuple[Effect, ...] = (
         shape=(ONSET,),
         formula=step,
         rivals=("platform_step", "engine_start", "gyro_common_mode", "gyro_g2_sensitivity"),
-        source="gap.md G10: mode reset",
+        source="effects.md G10: mode reset",
     ),
     OutOfReach(
         "gyro_supply_voltage",
@@ -90,7 +90,7 @@ GYRO_EVENTS: tuple[Effect, ...] = (
         one("deg/h per V", 1e-3, 0.01),
         need="housekeeping voltages",
         rivals=("gyro_common_mode",),
-        source="gap.md G27",
+        source="effects.md G27",
     ),
     # its target stands for the triad: three equal hypotheses would share one probability
     gyro_effect(
@@ -101,6 +101,6 @@ GYRO_EVENTS: tuple[Effect, ...] = (
         shape=(ONSET,),
         formula=common_step,
         rivals=("gyro_bias_step", "gyro_supply_voltage", "clock_rate"),
-        source="gap.md G28: one reference voltage or clock of three gyros",
+        source="effects.md G28: one reference voltage or clock of three gyros",
     ),
 )

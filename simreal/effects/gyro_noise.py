@@ -1,5 +1,5 @@
-"""Noise of gyros beyond what the twin declares (gap.md G21 to G26), in the twin's units; variances
-add.
+"""Noise of gyros beyond what the twin declares (effects.md G21 to G26), in the twin's units;
+variances add.
 
 Slow processes are `slow_variation` in reports (formats.md, section 5); their ids, and the rivals of
 others, say which.
@@ -145,6 +145,6 @@ GYRO_NOISE: tuple[Effect, ...] = (
         noise_formula=thermal_noise,
         need=lacks_temperature_rate,
         rivals=("gyro_angle_random_walk",),
-        source="gap.md G26",
+        source="effects.md G26",
     ),
 )

@@ -1,4 +1,4 @@
-"""Gyro errors of rotation, specific force and magnetic field (gap.md G12 to G20)."""
+"""Gyro errors of rotation, specific force and magnetic field (effects.md G12 to G20)."""
 
 from collections.abc import Sequence
 
@@ -175,7 +175,7 @@ GYRO_RATE: tuple[Effect, ...] = (
             "gyro_g_sensitivity",
             "coning_residual",
         ),
-        source="gap.md G17: vibration rectification, of the load factor only",
+        source="effects.md G17: vibration rectification, of the load factor only",
     ),
     gyro_effect(
         "gyro_magnetic_sensitivity",
@@ -201,6 +201,6 @@ GYRO_RATE: tuple[Effect, ...] = (
         formula=constant,
         need=lacks_high_rate_log,
         rivals=("gyro_turn_on_bias", "gyro_g2_sensitivity", "gyro_lock_in", "coning_residual"),
-        source="gap.md G20: the constant that dither coning leaves, th_x th_y w sin(phase) / 2",
+        source="effects.md G20: the constant that dither coning leaves, th_x th_y w sin(phase) / 2",
     ),
 )

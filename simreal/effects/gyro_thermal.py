@@ -1,4 +1,4 @@
-"""Gyro errors of temperature and of the time since power-on (gap.md, G02 to G08, G11).
+"""Gyro errors of temperature and of the time since power-on (effects.md, G02 to G08, G11).
 
 Temperatures count from T0 = 25 degC, so that a coefficient means the same in all runs; what a term
 adds at T0 belongs to the turn-on bias. Temperatures are those of the gyro concerned.
@@ -126,7 +126,7 @@ QUADRATIC = (
         formula=parabola,
         need=lacks_temperature,
         rivals=QUADRATIC_RIVALS,
-        source="IEEE Std 647-2006, drift rate terms of temperature; gap.md G03: k3 beside k2",
+        source="IEEE Std 647-2006, drift rate terms of temperature; effects.md G03: k3 beside k2",
     ),
 )
 GYRO_THERMAL: tuple[Effect, ...] = (
@@ -173,7 +173,7 @@ GYRO_THERMAL: tuple[Effect, ...] = (
         formula=lag,
         need=lacks_temperature_rate,
         rivals=("gyro_thermal_rate", "gyro_thermal_hysteresis", "temperature_sensor_error"),
-        source="gap.md G06: coil slower than its sensor",
+        source="effects.md G06: coil slower than its sensor",
     ),
     gyro_effect(
         "gyro_thermal_hysteresis",
@@ -205,6 +205,6 @@ GYRO_THERMAL: tuple[Effect, ...] = (
         formula=mode_hop,
         need=lacks_temperature,
         rivals=("gyro_rate_random_walk", "gyro_gauss_markov"),
-        source="gap.md G11: etalon of a path length that grows with temperature",
+        source="effects.md G11: etalon of a path length that grows with temperature",
     ),
 )

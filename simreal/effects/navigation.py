@@ -1,5 +1,5 @@
-"""Effects between IMU and position: GNSS antenna and delay, and what needs more than a log (gap.md
-2c, F01 to F05).
+"""Effects between IMU and position: GNSS antenna and delay, and what needs more than a log
+(effects.md 2c, F01 to F05).
 """
 
 from collections.abc import Sequence
@@ -51,7 +51,7 @@ NAVIGATION = (
             ("gnss",),
             (*several("xy", "m", 0.1, 3.0), Coefficient("latency", "ms", 10.0, 200.0)),
             rivals=("lever_arm", "airframe_flexure", "imu_size_effect", "false_standstill"),
-            source="gap.md F02; true less logged",
+            source="effects.md F02; true less logged",
             formula=gnss_antenna,
             need=needs_gnss_turns,
         )
@@ -62,7 +62,7 @@ NAVIGATION = (
         GYROS,
         one("deg/h", 0.0003, 0.003),
         rivals=("gyro_g2_sensitivity", "gyro_dither_coning"),
-        source="gap.md F01",
+        source="effects.md F01",
         need="raw data at 500 Hz under vibration",
     ),
     OutOfReach(
@@ -71,7 +71,7 @@ NAVIGATION = (
         ("vehicle",),
         one("mrad/g", 1.0, 5.0),
         rivals=("gnss_lever_arm_or_latency", "gyro_misalignment"),
-        source="gap.md F03",
+        source="effects.md F03",
         need="flight with an attitude reference at the antenna",
     ),
     OutOfReach(
@@ -80,7 +80,7 @@ NAVIGATION = (
         ("vehicle",),
         several(("tilt_north", "tilt_east"), "arcsec", 5.0, 50.0),
         rivals=("vertical_deflection", "accel_thermal"),
-        source="gap.md F04",
+        source="effects.md F04",
         need="the unit's own navigation output over 42 minutes or more",
     ),
     OutOfReach(
@@ -89,7 +89,7 @@ NAVIGATION = (
         ("vehicle",),
         one("% of climb", 1.0, 3.0),
         rivals=("accel_scale_factor",),
-        source="gap.md F05",
+        source="effects.md F05",
         need="a barometer in a climb",
     ),
 )

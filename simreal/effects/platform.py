@@ -1,4 +1,4 @@
-"""Motions of the vehicle that the twin does not make, and errors of its site (gap.md 2b, P01 to
+"""Motions of the vehicle that the twin does not make, and errors of its site (effects.md 2b, P01 to
 P08).
 
 A small rotation q(t) of the body (body axes) is real: the gyros feel q' - q x omega, the
@@ -241,7 +241,7 @@ YAW_CREEP = (
         shape=(ShapeParameter("tau_s", "s", 300.0, 7200.0, 5),),
         repeats="E",
         rivals=YAW_RIVALS,
-        source="gap.md P04, relaxing",
+        source="effects.md P04, relaxing",
         formula=yaw_creep,
         need=needs_standstill,
     ),
@@ -252,7 +252,7 @@ YAW_CREEP = (
         (Coefficient("drift", "arcsec/h", 5.0, 100.0),),
         repeats="E",
         rivals=YAW_RIVALS,
-        source="gap.md P04, steady",
+        source="effects.md P04, steady",
         formula=yaw_drift,
         need=needs_standstill,
     ),
@@ -265,7 +265,7 @@ PLATFORM = (
         one("m/s", 0.001, 0.02, signed=False),
         repeats="S",
         rivals=("accel_noise",),
-        source="gap.md P01 (a)",
+        source="effects.md P01 (a)",
         noise_formula=sway,
     ),
     FormulaEffect(
@@ -275,7 +275,7 @@ PLATFORM = (
         (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),),
         repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"),
-        source="gap.md P01 (b)",
+        source="effects.md P01 (b)",
         noise_formula=sway_rotation,
     ),
     *with_parts(
@@ -292,7 +292,7 @@ PLATFORM = (
                 "gyro_warmup_transient",
                 "accel_thermal",
             ),
-            source="gap.md P02",
+            source="effects.md P02",
             formula=EachAlone(settling, 2),
             need=needs_standstill,
         )
@@ -306,7 +306,7 @@ PLATFORM = (
             shape=(ONSET,),
             repeats="E",
             rivals=("gyro_bias_step", "engine_start"),
-            source="gap.md P03",
+            source="effects.md P03",
             formula=EachAlone(step, 3),
         )
     ),
@@ -317,7 +317,7 @@ PLATFORM = (
         VEHICLE,
         several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
         rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"),
-        source="gap.md P05",
+        source="effects.md P05",
         formula=mount_sag,
         need=needs_mount_temperature,
     ),
@@ -329,7 +329,7 @@ PLATFORM = (
         shape=(ONSET,),
         repeats="E",
         rivals=("platform_step", "accel_g2_sensitivity", "gyro_bias_step", "gyro_g2_sensitivity"),
-        source="gap.md P06, bias",
+        source="effects.md P06, bias",
         formula=engine_step,
     ),
     FormulaEffect(
@@ -340,7 +340,7 @@ PLATFORM = (
         shape=(ONSET,),
         repeats="E",
         rivals=("accel_noise",),
-        source="gap.md P06, noise",
+        source="effects.md P06, noise",
         noise_formula=engine_noise,
     ),
     FormulaEffect(
@@ -349,7 +349,7 @@ PLATFORM = (
         SITE,
         one("arcmin", 0.2, 5.0),
         rivals=("gyro_turn_on_bias", "gyro_misalignment", "gyro_magnetic_sensitivity"),
-        source="gap.md P07; entered less true",
+        source="effects.md P07; entered less true",
         formula=latitude_error,
     ),
     FormulaEffect(
@@ -361,7 +361,7 @@ PLATFORM = (
             Coefficient("anomaly", "mGal", 10.0, 50.0),
         ),
         rivals=("accel_scale_factor", "accel_thermal", "schuler_start_error"),
-        source="gap.md P08",
+        source="effects.md P08",
         formula=deflection,
     ),
 )

@@ -272,7 +272,7 @@ def _verdict(causes: Sequence[Cause], present: bool) -> str:
 def _sentence(
     verdict: str, causes: Sequence[Cause], where: Sequence[Place], looks_like: str
 ) -> str:
-    """The verdict in one sentence (words of gap.md section 3.6)."""
+    """The verdict in one sentence (words of effects.md section 3.6)."""
     if verdict == "no_gap":
         return "No gap beyond the noise floor."
     said = []

@@ -11,7 +11,7 @@ from ins.records import InputError
 from simreal.effects.catalogue import catalogue, effects_named
 from simreal.plan.gram import SAME_COS2, Contender, RunGrams, Told, told
 
-CLASSICAL = (  # gap.md, end of section 2: what is confused when the recordings are poor
+CLASSICAL = (  # effects.md, end of section 2: what is confused when the recordings are poor
     "gyro_thermal_linear,gyro_warmup_transient",
     "gyro_thermal_quadratic,gyro_warmup_transient",
     "gyro_thermal_linear,gyro_thermal_rate",
@@ -31,7 +31,7 @@ CLASSICAL = (  # gap.md, end of section 2: what is confused when the recordings 
 )
 TURNED = "gyro_z"  # the gyro that a taxi turns about
 TURNING = ("gyro_scale_factor", "gyro_scale_asymmetry", "gyro_scale_thermal", "gyro_lock_in")
-INSEPARABLE = (  # gap.md, end of section 2: no parked recording helps
+INSEPARABLE = (  # effects.md, end of section 2: no parked recording helps
     (
         "turn-on bias of the east gyro",
         "heading error",

@@ -11,7 +11,7 @@ from simreal.plan.recordings import Recording
 from simreal.plan.study import NULL_NATS, Plan, Study
 
 SCHEMA = "recal.plan/1"
-ALIKE_COS = 0.95  # members of a credible set above this cannot be told apart (gap.md, 3.4)
+ALIKE_COS = 0.95  # members of a credible set above this cannot be told apart (effects.md, 3.4)
 
 
 def plan_document(

@@ -1,5 +1,5 @@
-"""Effects against the plain formula of gap.md: what is richer in them stays within the tolerance
-written beside it.
+"""Effects against the plain formula of effects.md: what is richer in them stays within the
+tolerance written beside it.
 
 Each case: target, parameters, the plain formula over a `Seen` (gyro [deg/h] or accelerometer
 [micro-g] of the target's axis), and the part of the largest value by which the shape may depart

@@ -193,9 +193,7 @@ def test_nis_band_without_measurements_rejects_nothing():
 
 
 class TestFaultsOfFilterpy:
-    """Each fails once filterpy mends it: then the guard in ins.kalman may go, and dependencies.md
-    is out of date.
-    """
+    """Each fails once filterpy mends it: then the guard in ins.kalman may go."""
 
     def test_scalar_q_is_added_to_every_element(self):
         from filterpy.kalman import predict

@@ -1,4 +1,4 @@
-"""`simreal.plan.study`: sums of Gram matrices against whole banks, the table of gap.md, and the
+"""`simreal.plan.study`: sums of Gram matrices against whole banks, the table of effects.md, and the
 search for recordings.
 """
 
@@ -129,7 +129,7 @@ def test_needed_size_gives_odds_of_nineteen_to_one(maker):
 
 
 def table(maker, twin):
-    """gap.md's pairs in its plans, each true effect of one shape."""
+    """effects.md's pairs in its plans, each true effect of one shape."""
     exp1000, exp350 = (
         of("gyro_warmup_transient", tau_s=1000.0),
         of("gyro_warmup_transient", tau_s=350.0),

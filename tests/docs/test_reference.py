@@ -1,0 +1,122 @@
+"""The lists in docs/reference agree with the code: columns, keys, defaults, commands, exit codes,
+schemas, effects and requirements.
+"""
+
+import json
+import re
+import sys
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+import trajectories.runs.schema as run_schema
+from ins import twin_file
+from recal.cli import console
+from simreal.effects.catalogue import catalogue
+
+ROOT = Path(__file__).parents[2]
+REFERENCE = ROOT / "docs/reference"
+FORMATS = (REFERENCE / "formats.md").read_text("utf-8")
+EFFECTS = (REFERENCE / "effects.md").read_text("utf-8")
+REQUIREMENTS = (REFERENCE / "requirements.md").read_text("utf-8")
+PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
+SCHEMA = re.compile(r'"(recal\.[a-z_]+/\d)"')
+
+
+def row(text, name):
+    """The table row that begins with a name."""
+    return next(line for line in text.splitlines() if line.startswith(f"| {name} |"))
+
+
+def section(text, number):
+    return re.search(rf"^## {number}\. .*?(?=^## |\Z)", text, re.M | re.S)[0]
+
+
+def backquoted(text):
+    return set(re.findall(r"`([^`\n]+)`", re.sub(r"```.*?```", "", text, flags=re.S)))
+
+
+@pytest.mark.parametrize("stream", run_schema.STREAMS)
+def test_columns_of_a_stream(stream):
+    if stream == "imu":
+        needed = {"time_s", *run_schema.INCREMENTS, *run_schema.RATES}
+    else:
+        needed = {*run_schema.REQUIRED[stream], *run_schema.OPTIONAL.get(stream, ())}
+    named = backquoted(row(section(FORMATS, 1), stream))
+    assert needed <= named
+    if stream != "phases":  # whose row names the phases too
+        assert named == needed
+
+
+def test_keys_of_run_json():
+    known = set(run_schema._RunKeys.model_fields)
+    block = json.loads(re.search(r"```json\n(.*?)```", section(FORMATS, 1), re.S)[1])
+    assert set(block) - {"schema"} <= known
+    assert known <= set(block) | backquoted(section(FORMATS, 1))
+
+
+def test_twin_with_the_defaults_of_a_ring_laser():
+    block = json.loads(re.search(r"```json\n(.*?)```", section(FORMATS, 3), re.S)[1])
+    default = twin_file.default_twin("rlg")
+    for name in twin_file.SECTIONS:
+        record = getattr(default, name)
+        values = {f.name: getattr(record, f.name) for f in fields(record)}
+        stated = {k: tuple(v) if isinstance(v, list) else v for k, v in block[name].items()}
+        assert stated == values, name
+
+
+def test_commands():
+    sys.path.insert(0, str(ROOT / "docs/_ext"))
+    try:
+        from command_pages import command_tree
+    finally:
+        sys.path.remove(str(ROOT / "docs/_ext"))
+    rows = [line for line in section(FORMATS, 4).splitlines() if line.startswith("| `recal ")]
+    first = [line.split("|")[1] for line in rows]
+    groups = {"table": next(cell for cell in first if "table list" in cell)}
+    for name in command_tree():
+        word, _, verb = name.partition(" ")
+        if word in groups:
+            assert re.search(rf"`(?:recal table )?{verb}`", groups[word]), name
+        else:
+            assert any(re.search(rf"`recal {name}[` ]", cell) for cell in first), name
+
+
+def test_exit_codes():
+    stated = set(re.findall(r"^\| (\d) \|", section(FORMATS, 4), re.M))
+    assert stated == {str(code) for code in {*console.EXIT_CODES.values(), console.USAGE}}
+
+
+def test_schemas():
+    """Each schema that the code writes is named; what is named and not written is said not to be
+    there yet.
+    """
+    written = set()
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            written |= set(SCHEMA.findall(path.read_text("utf-8")))
+    named = set(re.findall(r"recal\.[a-z_]+/\d", FORMATS))
+    assert written - named == set()
+    later = set(re.findall(r"recal\.[a-z_]+/\d", section(FORMATS, 6)))
+    assert named - written <= later
+
+
+def test_catalogue():
+    """Every effect has a row, under its name or, of a slow variation, under its process."""
+    rows = re.findall(r"^\| ([GAPOFD]\d\d) \| `(\w+)` \|", EFFECTS, re.M)
+    assert len(rows) == len({number for number, _ in rows}) == 65
+    listed = {name for _, name in rows}
+    effects = catalogue()
+    named = {e.name for e in effects} - {"slow_variation"}
+    assert named <= listed
+    assert listed <= named | {e.id for e in effects}
+
+
+def test_requirements_have_a_place_where_they_are_measured():
+    rows = re.findall(r"^\| \*\*(R\d+)\*\* \| .+ \| (.+) \|$", REQUIREMENTS, re.M)
+    assert [name for name, _ in rows] == [f"R{k}" for k in range(1, 30)]
+    for name, where in rows:
+        files = re.findall(r"`(tests/[\w/]+\.py)`", where)
+        assert files, name
+        assert all((ROOT / file).exists() for file in files), name
