@@ -21,9 +21,9 @@ from typing import NamedTuple
 import numpy as np
 
 from infield.table.file import json_text
+from ins.columns import INCREMENTS
 from ins.records import ImuLog
 from trajectories.runs.directory import write_run
-from trajectories.runs.schema import INCREMENTS
 from trajectories.simulator import imperfections
 from trajectories.simulator.scenario import (
     Scenario,

@@ -6,15 +6,33 @@ Times are seconds from the run's start; SI units and radians unless the name say
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ins.columns import (
+    ACCEL_DEGC,
+    ATTITUDE,
+    GRADIENT_DEGC,
+    GYRO_DEGC,
+    INCREMENTS,
+    SIGMAS,
+    Stream,
+    degrees_exact,
+    given,
+    place,
+    spread,
+    stream_size,
+)
+from ins.columns import AXES as AXES
+
+if TYPE_CHECKING:
+    import pandas as pd
+
 GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
 PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
-AXES = ("x", "y", "z")
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
@@ -72,8 +90,8 @@ class Span:
     reason: str
 
 
-@dataclass(frozen=True, kw_only=True)
-class ImuLog:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ImuLog(Stream):
     """Inertial increments: row k is the angle and velocity change over the `dt_s[k]` that end at
     `time_s[k]`.
 
@@ -121,6 +139,11 @@ class ImuLog:
 
     def whole(self) -> "ImuLog":
         return self
+
+    def columns(self) -> dict[str, NDArray]:
+        """The increments as columns of an imu file."""
+        increments = np.hstack([self.dtheta_rad, self.dv_m_s])
+        return {"time_s": self.time_s, **spread(INCREMENTS, increments)}
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator["ImuLog"]:
         """The rows of `between` in logs of some ten thousand rows, each of two or more; none where
@@ -183,8 +206,8 @@ class ImuSource(Protocol):
         """All rows, in memory."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TemperatureLog:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class TemperatureLog(Stream):
     """Temperatures [degC]; gyro_degC (n, 3) required, the others None where not logged."""
 
     time_s: NDArray
@@ -208,9 +231,20 @@ class TemperatureLog:
             },
         )
 
+    def columns(self) -> dict[str, NDArray]:
+        """The temperatures that are there, as columns of a temperature file."""
+        return {
+            "time_s": self.time_s,
+            **spread(GYRO_DEGC, self.gyro_degC),
+            **spread(ACCEL_DEGC, self.accel_degC),
+            **given(block_degC=self.block_degC),
+            **spread(GRADIENT_DEGC, self.gradient_degC),
+            **given(ambient_degC=self.ambient_degC),
+        }
 
-@dataclass(frozen=True, kw_only=True)
-class GnssLog:
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class GnssLog(Stream):
     """Satellite fixes: position, velocity NED (n, 3), and sigmas (n,), None where the file has
     none.
     """
@@ -228,9 +262,17 @@ class GnssLog:
         one = dict.fromkeys((f.name for f in fields(self)), (None,))
         _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
+    def columns(self) -> dict[str, NDArray]:
+        """The fixes as columns of a gnss file; sigmas where the log has them."""
+        return {
+            "time_s": self.time_s,
+            **place(self.lat_rad, self.lon_rad, self.height_m, self.v_n_m_s),
+            **given(**{name: getattr(self, name) for name in SIGMAS}),
+        }
 
-@dataclass(frozen=True, kw_only=True)
-class OdometerLog:
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class OdometerLog(Stream):
     """Speed along body x at the wheel reference point."""
 
     time_s: NDArray
@@ -238,6 +280,10 @@ class OdometerLog:
 
     def __post_init__(self) -> None:
         _freeze(self, {"time_s": (None,), "speed_m_s": (None,)})
+
+    def columns(self) -> dict[str, NDArray]:
+        """The speeds as columns of an odometer file."""
+        return {"time_s": self.time_s, "speed_m_s": self.speed_m_s}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,8 +303,8 @@ class Phase:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReferenceLog:
+@dataclass(frozen=True, kw_only=True, repr=False)
+class ReferenceLog(Stream):
     """Truth, for scoring only: never handed to an estimator."""
 
     time_s: NDArray
@@ -273,6 +319,15 @@ class ReferenceLog:
     def __post_init__(self) -> None:
         one = dict.fromkeys((f.name for f in fields(self)), (None,))
         _freeze(self, {**one, "v_n_m_s": (None, 3)})
+
+    def columns(self) -> dict[str, NDArray]:
+        """The truth as columns of a reference file."""
+        angles = (self.roll_rad, self.pitch_rad, self.heading_rad)
+        return {
+            "time_s": self.time_s,
+            **place(self.lat_rad, self.lon_rad, self.height_m, self.v_n_m_s),
+            **dict(zip(ATTITUDE, map(degrees_exact, angles))),
+        }
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -327,7 +382,7 @@ class RunHeader:
             )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Run:
     """One power-on session, everything that an estimator may see.
 
@@ -343,6 +398,32 @@ class Run:
     phases: tuple[Phase, ...] = ()
     sha256: str = ""
     faults: tuple[Span, ...] = ()
+
+    def to_frame(self) -> "pd.DataFrame":
+        """The inertial increments as a table of pandas; the other streams have one of their own.
+
+        An imu stream that was left in its file is read whole. Index and columns as
+        `Stream.to_frame`.
+        """
+        return self.imu.whole().to_frame()
+
+    def __repr__(self) -> str:
+        header, imu = self.header, self.imu
+        lines = [
+            f"Run {header.run_id!r}: unit {header.imu_serial} ({header.gyro_technology}),"
+            f" started {header.start_utc}",
+            f"  imu: {imu.rows} rows, {imu.start_s:.6g} to {imu.end_s:.6g} s, {imu.rate_hz:.4g} Hz,"
+            f" {imu.source}",
+        ]
+        for name in ("temperature", "gnss", "odometer"):
+            log = getattr(self, name)
+            if log is not None:
+                lines.append(f"  {name}: {stream_size(log.time_s)}")
+        if self.phases:
+            lines.append(f"  phases: {', '.join(phase.phase for phase in self.phases)}")
+        if self.faults:
+            lines.append(f"  faults: {len(self.faults)} spans dropped or repaired")
+        return "\n".join(lines)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,12 +1,31 @@
 """Records: what they refuse, and that they cannot be changed afterwards."""
 
 import dataclasses
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from ins.records import ImuLog, InputError, NavState, Phase, RunHeader, Site
+import ins
+from ins.columns import ATTITUDE, GYRO_DEGC, INCREMENTS, POSITION, VELOCITY
+from ins.records import (
+    GnssLog,
+    ImuLog,
+    InputError,
+    NavState,
+    OdometerLog,
+    Phase,
+    ReferenceLog,
+    Run,
+    RunHeader,
+    Site,
+    Span,
+    TemperatureLog,
+)
 
+ROOT = Path(ins.__file__).parent.parent
 PLACE = dict(lat_rad=0.8, lon_rad=0.1, height_m=100.0)
 
 
@@ -93,3 +112,61 @@ def test_phase_and_technology_are_from_their_lists():
 def test_nav_state_checks_its_shapes():
     with pytest.raises(InputError, match="C_nb"):
         NavState(time_s=0.0, site=Site(**PLACE), v_n_m_s=np.zeros(3), C_nb=np.zeros(3))
+
+
+def made_run(**streams):
+    header = RunHeader(
+        run_id="R-1",
+        tail="",
+        imu_serial="SN-7",
+        gyro_technology="rlg",
+        start_utc="2026-03-01T05:00:00Z",
+        site=Site(**PLACE),
+    )
+    return Run(header=header, imu=log(), **streams)
+
+
+def test_a_run_is_shown_in_a_few_lines():
+    temperature = TemperatureLog(time_s=np.arange(11.0), gyro_degC=np.full((11, 3), 20.0))
+    phases = (Phase(phase="parked", start_s=0.0, end_s=9.0),)
+    faults = (Span(start_s=1.0, end_s=2.0, reason="dropout"),)
+    shown = repr(made_run(temperature=temperature, phases=phases, faults=faults)).splitlines()
+    assert shown == [
+        "Run 'R-1': unit SN-7 (rlg), started 2026-03-01T05:00:00Z",
+        "  imu: 5 rows, 0.1 to 0.5 s, 10 Hz, increments",
+        "  temperature: 11 rows, 0 to 10 s, 1 Hz",
+        "  phases: parked",
+        "  faults: 1 spans dropped or repaired",
+    ]
+
+
+def test_a_stream_is_shown_in_one_line():
+    assert repr(log()) == "ImuLog(5 rows, 0.1 to 0.5 s, 10 Hz)"
+    assert repr(OdometerLog(time_s=[1.0], speed_m_s=[0.0])) == "OdometerLog(1 rows)"
+
+
+def test_frames_have_the_columns_of_the_files_and_seconds_as_index():
+    run = made_run()
+    frame = run.to_frame()
+    assert frame.index.name == "time_s" and tuple(frame.columns) == INCREMENTS
+    np.testing.assert_array_equal(frame.index, run.imu.time_s)
+    np.testing.assert_array_equal(frame.to_numpy()[:, 3:], run.imu.dv_m_s)
+
+
+def test_frames_hold_degrees_and_leave_out_what_is_not_logged():
+    one = np.array([0.5])
+    place = dict(time_s=one, lat_rad=np.radians([45.0]), lon_rad=np.radians([7.0]), height_m=one)
+    fixes = GnssLog(**place, v_n_m_s=[[1.0, 2.0, 3.0]], sigma_vertical_m=one).to_frame()
+    assert list(fixes.columns) == [*POSITION, *VELOCITY, "sigma_vertical_m"]
+    assert fixes.loc[0.5, "lat_deg"] == 45.0 and fixes.loc[0.5, "vd_m_s"] == 3.0
+    turned = dict(roll_rad=[0.0], pitch_rad=[0.0], heading_rad=np.radians([90.0]))
+    truth = ReferenceLog(**place, v_n_m_s=[[0.0, 0.0, 0.0]], **turned).to_frame()
+    assert list(truth.columns) == [*POSITION, *VELOCITY, *ATTITUDE]
+    assert truth["heading_deg"].item() == 90.0
+    warm = TemperatureLog(time_s=one, gyro_degC=[[1.0, 2.0, 3.0]], block_degC=one).to_frame()
+    assert list(warm.columns) == [*GYRO_DEGC, "block_degC"]
+
+
+def test_records_load_no_pandas():
+    code = "import sys, ins.records; sys.exit('pandas' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from alignment.coarse import first_rest
+from ins.columns import INCREMENTS, RATES
 from ins.compensation import CorrectedImu, compensate, corrected
 from ins.records import ImuLog, InputError
 from tests.trajectories.run_cases import csv_run, full_run, imu_log
@@ -21,7 +22,6 @@ from trajectories.runs.checks import Findings
 from trajectories.runs.directory import FORMATS, read_run, run_sha256, write_run
 from trajectories.runs.imu_scan import Intervals
 from trajectories.runs.imu_stream import ImuFile, jitter, load_imu
-from trajectories.runs.schema import INCREMENTS, RATES
 from trajectories.runs.stream_files import StreamFile, write_columns
 
 ROWS = 1200

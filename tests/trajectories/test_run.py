@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ins.columns import INCREMENTS, RATES, degrees_exact
 from ins.records import InputError, Phase, Run
 from ins.units import DEG
 from tests.trajectories.run_cases import (
@@ -30,7 +31,6 @@ from tests.trajectories.run_cases import (
 )
 from trajectories.runs import directory as run_module
 from trajectories.runs.directory import FORMATS, read_reference, read_run, write_run
-from trajectories.runs.schema import INCREMENTS, RATES, degrees_exact
 from trajectories.runs.stream_files import StreamFile, write_columns
 
 

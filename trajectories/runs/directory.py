@@ -29,7 +29,7 @@ from trajectories.runs.stream_files import ENDINGS, HELD_ROWS, StreamFile, write
 FORMATS = ("parquet", "csv", "csv.gz")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Inspection:
     """What a run directory holds and what is wrong with it; `run` is None where an error makes it
     unusable.
@@ -49,6 +49,11 @@ class Inspection:
     @property
     def errors(self) -> list[str]:
         return [item.text for item in self.findings if item.level == "error"]
+
+    def __repr__(self) -> str:
+        others = len(self.findings) - len(self.errors)
+        said = f"{len(self.errors)} errors, {others} other findings"
+        return f"Inspection of {self.path}: {said}\n{self.run!r}"
 
 
 def read_run(path: Path, *, held_rows: int = HELD_ROWS, dead_columns: bool = False) -> Run:

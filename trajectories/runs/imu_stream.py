@@ -24,7 +24,7 @@ from trajectories.runs.schema import imu_columns
 from trajectories.runs.stream_files import HELD_ROWS, PIECE_ROWS, StreamFile
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ImuFile:
     """Increments that stay in their file (an `ins.records.ImuSource`); each use reads what it
     needs.
@@ -46,6 +46,10 @@ class ImuFile:
     index_time_s: NDArray
     index_before_s: NDArray
     piece_rows: int = PIECE_ROWS
+
+    def __repr__(self) -> str:
+        span = f"{self.start_s:.6g} to {self.end_s:.6g} s"
+        return f"ImuFile({self.stream.label}: {self.rows} rows, {span}, {self.rate_hz:.4g} Hz)"
 
     @property
     def rate_hz(self) -> float:

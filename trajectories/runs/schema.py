@@ -10,8 +10,6 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -22,26 +20,23 @@ from pydantic import (
     model_validator,
 )
 
+from ins.columns import (
+    ACCEL_DEGC,
+    ATTITUDE,
+    GRADIENT_DEGC,
+    GYRO_DEGC,
+    INCREMENTS,
+    POSITION,
+    RATES,
+    SIGMAS,
+    VELOCITY,
+    degrees_exact,
+)
 from ins.json_file import complaints, without_schema
-from ins.records import AXES, InputError, RemovedModel, RunHeader, Site, Survey
+from ins.records import InputError, RemovedModel, RunHeader, Site, Survey
 from ins.units import DEG
 
 SCHEMA = "recal.run/1"
-
-
-def _triple(pattern: str) -> tuple[str, ...]:
-    return tuple(pattern.format(axis) for axis in AXES)
-
-
-INCREMENTS = _triple("dtheta_{}_rad") + _triple("dv_{}_m_s")
-RATES = _triple("gyro_{}_rad_s") + _triple("accel_{}_m_s2")
-GYRO_DEGC, ACCEL_DEGC, GRADIENT_DEGC = (
-    _triple(p) for p in ("gyro_{}_degC", "accel_{}_degC", "gradient_{}_degC")
-)
-POSITION = ("lat_deg", "lon_deg", "height_m")
-VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
-SIGMAS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
-ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 
 REQUIRED: dict[str, tuple[str, ...]] = {
     "temperature": ("time_s", *GYRO_DEGC),
@@ -268,20 +263,6 @@ def header_to_json(
 
 def site_from_degrees(*, lat_deg: float, lon_deg: float, height_m: float) -> Site:
     return Site(lat_rad=lat_deg * DEG, lon_rad=lon_deg * DEG, height_m=height_m)
-
-
-def degrees_exact(angle_rad: ArrayLike) -> NDArray:
-    """Degrees for a file: the short decimal a person typed where it gives the same float in
-    radians, else the quotient.
-
-    What was read from a file comes back the same in degrees and in radians; other angles may lose
-    one unit in the last place of the radians the first time (1.4e-9 m on the ground), nothing
-    after.
-    """
-    rad = np.asarray(angle_rad, dtype=float)
-    quotient = rad / DEG
-    short = np.round(quotient, 10)
-    return np.where(short * DEG == rad, short, quotient)
 
 
 def _deg(angle_rad: float | None) -> float | None:

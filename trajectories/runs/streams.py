@@ -5,14 +5,15 @@ Each loader returns the record (None after an error) and the spans it dropped; l
 """
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from ins.columns import ACCEL_DEGC, ATTITUDE, GRADIENT_DEGC, GYRO_DEGC, SIGMAS, VELOCITY, Stream
 from ins.records import (
     GnssLog,
     ImuSource,
@@ -36,17 +37,6 @@ from trajectories.runs.checks import (
     first_beyond,
 )
 from trajectories.runs.imu_stream import jitter
-from trajectories.runs.schema import (
-    ACCEL_DEGC,
-    ATTITUDE,
-    GRADIENT_DEGC,
-    GYRO_DEGC,
-    INCREMENTS,
-    POSITION,
-    SIGMAS,
-    VELOCITY,
-    degrees_exact,
-)
 from trajectories.runs.stream_files import StreamFile
 from trajectories.runs.thermometer import check_thermometer
 
@@ -142,41 +132,23 @@ LOADERS: dict[str, Callable[[StreamFile, Findings], Loaded]] = {
 }
 
 
-def tables(run: Run, reference: ReferenceLog | None) -> dict[str, dict[str, Any]]:
+def tables(run: Run, reference: ReferenceLog | None) -> dict[str, Mapping[str, ArrayLike]]:
     """The streams of a run as columns of its files; reading them back gives the same records bit
     for bit.
     """
-    imu = run.imu.whole()
-    out: dict[str, dict[str, Any]] = {}
-    out["imu"] = {
-        "time_s": imu.time_s,
-        **_spread(INCREMENTS, np.hstack([imu.dtheta_rad, imu.dv_m_s])),
+    logs: dict[str, Stream | None] = {
+        "imu": run.imu.whole(),
+        "temperature": run.temperature,
+        "gnss": run.gnss,
+        "odometer": run.odometer,
+        "reference": reference,
     }
-    if (t := run.temperature) is not None:
-        out["temperature"] = {
-            "time_s": t.time_s,
-            **_spread(GYRO_DEGC, t.gyro_degC),
-            **_spread(ACCEL_DEGC, t.accel_degC),
-            **_given(block_degC=t.block_degC),
-            **_spread(GRADIENT_DEGC, t.gradient_degC),
-            **_given(ambient_degC=t.ambient_degC),
-        }
-    if run.gnss is not None:
-        out["gnss"] = {
-            **_place(run.gnss),
-            **_given(**{name: getattr(run.gnss, name) for name in SIGMAS}),
-        }
-    if run.odometer is not None:
-        out["odometer"] = {"time_s": run.odometer.time_s, "speed_m_s": run.odometer.speed_m_s}
+    out: dict[str, Mapping[str, ArrayLike]] = {
+        name: log.columns() for name, log in logs.items() if log is not None
+    }
     if run.phases:
         keys = ("phase", "start_s", "end_s")
         out["phases"] = {key: [getattr(p, key) for p in run.phases] for key in keys}
-    if reference is not None:
-        angles = {
-            name: degrees_exact(getattr(reference, name.replace("_deg", "_rad")))
-            for name in ATTITUDE
-        }
-        out["reference"] = {**_place(reference), **angles}
     return out
 
 
@@ -330,19 +302,6 @@ def _phase_rows(stream: StreamFile) -> list[tuple[str, float, float]]:
 
 def _stack(columns: dict[str, NDArray], names: Sequence[str]) -> NDArray:
     return np.stack([columns[n] for n in names], axis=1)
-
-
-def _spread(names: Sequence[str], values: NDArray | None) -> dict[str, NDArray]:
-    return {} if values is None else {name: values[:, k] for k, name in enumerate(names)}
-
-
-def _given(**columns: NDArray | None) -> dict[str, NDArray]:
-    return {name: values for name, values in columns.items() if values is not None}
-
-
-def _place(log: GnssLog | ReferenceLog) -> dict[str, NDArray]:
-    position = (degrees_exact(log.lat_rad), degrees_exact(log.lon_rad), log.height_m)
-    return {"time_s": log.time_s, **dict(zip(POSITION, position)), **_spread(VELOCITY, log.v_n_m_s)}
 
 
 def _place_records(columns: dict[str, NDArray]) -> dict[str, NDArray]:

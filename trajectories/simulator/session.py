@@ -37,7 +37,7 @@ from trajectories.simulator.vehicle import Disturbed, Event, disturb
 REFERENCE_HZ, TEMPERATURE_HZ, GNSS_HZ, ODOMETER_HZ = 10.0, 1.0, 1.0, 10.0
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class SimulatedRun:
     """A run, and what only the simulator knows.
 
@@ -52,6 +52,12 @@ class SimulatedRun:
     gyro_bias_true_deg_h: NDArray
     accel_bias_true_ug: NDArray
     temperature_true_degC: NDArray
+
+    def __repr__(self) -> str:
+        truth = (
+            f"  truth: {self.reference!r}; bias and temperature at {self.bias_time_s.size} times"
+        )
+        return f"Simulated {self.run!r}\n{truth}"
 
 
 def simulate_run(

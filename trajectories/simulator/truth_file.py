@@ -15,10 +15,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.columns import ATTITUDE, POSITION, VELOCITY
 from ins.earth import dcm_en, geodetic_from_ecef, radii_of_curvature
 from ins.records import InputError, Site
 from ins.units import DEG
-from trajectories.runs.schema import ATTITUDE, POSITION, REQUIRED, VELOCITY, check_columns
+from trajectories.runs.schema import REQUIRED, check_columns
 from trajectories.runs.stream_files import StreamFile
 from trajectories.simulator.sampled_truth import (
     Sampled,

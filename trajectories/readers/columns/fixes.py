@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from ins.columns import SIGMAS
 from ins.records import GnssLog
 from ins.units import DEG
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 from trajectories.readers.rows.row_cleaning import row_ranges
-from trajectories.runs.schema import SIGMAS
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
 MAX_JUMP_S = 10.0

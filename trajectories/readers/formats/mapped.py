@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ins.columns import GYRO_DEGC, INCREMENTS, RATES
 from ins.records import InputError
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import content_format, read_columns
@@ -18,7 +19,6 @@ from trajectories.readers.columns.text_columns import header_names
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import column_map, used_columns
-from trajectories.runs.schema import GYRO_DEGC, INCREMENTS, RATES
 
 OWN_UNITS = (("rad/s", "m/s2", RATES), ("rad", "m/s", INCREMENTS))
 
