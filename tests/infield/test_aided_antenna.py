@@ -54,13 +54,14 @@ def slow_error(run: Run, seed: int, sigma_m: float, time_s: float) -> Run:
     )
 
 
+@pytest.mark.parametrize("flights", [3, pytest.param(6, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
-def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology):
-    """Six flights, 4 m wrong in a random direction: taken, within its sigma, no factor on the
-    noise, errors within sigmas.
+def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology, flights):
+    """The arm is 4 m wrong in a random direction: taken, within its sigma, no factor on the noise,
+    errors within sigmas.
     """
     found, errors_arm, ratios = [], [], []
-    for seed in range(6):
+    for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         off = np.random.default_rng([seed, 77]).standard_normal(3)
         wrong = np.array(LEVER_M) + 4.0 * off / np.linalg.norm(off)
@@ -71,19 +72,20 @@ def test_wrong_lever_arm_is_found_and_its_sigma_is_the_solutions(technology):
         ratios.append(normalised(made, result.history, 200 if technology == "rlg" else 60))
         assert "lever arm" in sentences(result.notes)[0] and result.antenna.gain_nats > 50.0
         assert not aided_document(result, None).consistency.is_test
-    assert found == [("aided", True, False)] * 6
-    assert np.sum(np.square(errors_arm)) < chi2.isf(5e-4, 18)
+    assert found == [("aided", True, False)] * flights
+    assert np.sum(np.square(errors_arm)) < chi2.isf(5e-4, 3 * flights)
     mean = np.mean(ratios, axis=0)
     assert (mean > 0.2).all() and (mean < 2.0).all()
 
 
+@pytest.mark.parametrize("flights", [5, pytest.param(15, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
-def test_right_antenna_and_white_receiver_are_left_alone(technology):
-    """Fifteen flights with the default flicker: nothing taken, nothing fitted; what the fixes show
+def test_right_antenna_and_white_receiver_are_left_alone(technology, flights):
+    """Flights with the default flicker: nothing taken, nothing fitted; what the fixes show
     of the arm is the arm.
     """
     shown = []
-    for seed in range(15):
+    for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), 100 + seed)
         result = fly(made, technology)
         assert (
@@ -118,13 +120,14 @@ def test_straight_drive_does_not_show_the_arm_and_says_so():
     assert antenna_sigmas(result.antenna.seen)[:3].min() > 0.5
 
 
+@pytest.mark.parametrize("flights", [2, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("technology", "sigma_m"), [("mems", 0.5), ("rlg", 2.0)])
-def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology, sigma_m):
+def test_slow_error_of_the_receiver_is_found_and_widens_the_position(technology, sigma_m, flights):
     """As large as the fixes' sigma and four times: without it the squared position error was 10 and
     70 times its variance.
     """
     ratios = []
-    for seed in range(4):
+    for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), seed)
         result = fly(made, technology, slow_error(made.run, seed, sigma_m, 100.0))
         scales = result.scales

@@ -45,13 +45,14 @@ def correlated(run: Run, seed: int, sigma_m_s: float, time_s: float) -> Run:
     return replace(run, gnss=replace(gnss, v_n_m_s=gnss.v_n_m_s + e))
 
 
+@pytest.mark.parametrize("flights", [2, pytest.param(4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("technology", ["mems", "rlg"])
-def test_correlated_velocities_are_found_and_in_the_sigmas(technology):
+def test_correlated_velocities_are_found_and_in_the_sigmas(technology, flights):
     """0.1 m/s over 6 s on velocities of 0.03 m/s: white noise alone left velocity errors of three
     sigmas and more.
     """
     ratios = []
-    for seed in range(4):
+    for seed in range(flights):
         made = flown(ideal(PARK_S), twin_of(technology), 400 + seed)
         found = fly(correlated(made.run, seed, 0.1, 6.0), technology)
         assert found.verdict == "aided" and found.scales.slow_velocity > 1.0

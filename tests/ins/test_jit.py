@@ -17,6 +17,24 @@ from ins import jit
 from ins.strapdown import kernel as strapdown_kernel
 
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
+FORKS = """
+import json, os, sys, tempfile
+import numba, platformdirs  # what every probe needs and no cache depends on
+for line in sys.stdin:
+    request = json.loads(line)
+    sys.stdout.flush()
+    child = os.fork()
+    if child == 0:
+        os.environ.clear()
+        os.environ.update(request["environment"])
+        os.chdir(request["site"])
+        sys.path.insert(0, request["site"])
+        tempfile.tempdir = None
+        exec(request["code"])
+        sys.stdout.flush()
+        os._exit(0)
+    assert os.waitpid(child, 0)[1] == 0
+"""
 PROBE = """
 import json
 from pathlib import Path
@@ -40,37 +58,49 @@ def copy(tmp_path):
     return tmp_path / "site"
 
 
-def probe(site, **environment):
+@pytest.fixture(scope="module")
+def forks():
+    """A process that has loaded numba, and nothing of this package, and forks one for each probe:
+    to load numba takes longer than to compile the kernel.
+    """
     clean = {
         k: v
         for k, v in os.environ.items()
         if k not in ("NUMBA_CACHE_DIR", "NUMBA_DISABLE_JIT", "PYTHONPATH")
     }
-    done = subprocess.run(
-        [sys.executable, "-B", "-c", PROBE],
-        cwd=site,
-        capture_output=True,
+    with subprocess.Popen(
+        [sys.executable, "-B", "-c", FORKS],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
         text=True,
-        check=True,
-        env={**clean, **environment},
-    )
-    return json.loads(done.stdout)
+        env=clean,
+        cwd="/",
+    ) as process:
+
+        def ask(site, **environment):
+            """What the kernel says in a process of its own that imports the package from `site`."""
+            request = {"site": str(site), "environment": {**clean, **environment}, "code": PROBE}
+            process.stdin.write(json.dumps(request) + "\n")
+            process.stdin.flush()
+            return json.loads(process.stdout.readline())
+
+        yield ask
 
 
-def test_the_second_process_compiles_nothing_and_a_changed_constant_is_seen(copy, tmp_path):
-    first, second = (probe(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(2))
+def test_the_second_process_compiles_nothing_and_a_changed_constant_is_seen(forks, copy, tmp_path):
+    first, second = (forks(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache")) for _ in range(2))
     assert (first["hits"], second["hits"]) == (0, 1)
     assert Path(first["folder"]).is_relative_to(tmp_path / "cache")
     source = copy / "ins/earth.py"
     text = source.read_text()
     assert text.count("9.7803253359") == 1
     source.write_text(text.replace("9.7803253359", "9.7903253359"))
-    third = probe(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+    third = forks(copy, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
     assert third["hits"] == 0
     assert third["g"] - second["g"] == pytest.approx(0.01, abs=1e-9)
 
 
-def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
+def test_the_first_place_that_can_be_written_is_taken(forks, copy, tmp_path):
     """A file where a folder is wanted stops root too."""
     wall = tmp_path / "wall"
     wall.write_text("")
@@ -81,18 +111,18 @@ def test_the_first_place_that_can_be_written_is_taken(copy, tmp_path):
         "LOCALAPPDATA": f"{wall}/l",
         "TMPDIR": str(tmp_path / "tmp"),
     }
-    seen = probe(copy, **{**shut, "XDG_CACHE_HOME": str(tmp_path / "user")})
+    seen = forks(copy, **{**shut, "XDG_CACHE_HOME": str(tmp_path / "user")})
     if sys.platform == "linux":
         assert Path(seen["folder"]).parent == tmp_path / "user/recal"
-        beside = probe(copy, **shut)
+        beside = forks(copy, **shut)
         assert Path(beside["folder"]).parent == copy / "ins/__pycache__"
         shutil.rmtree(copy / "ins/__pycache__")
     (copy / "ins/__pycache__").write_text("")
-    first, second = (probe(copy, **shut) for _ in range(2))
+    first, second = (forks(copy, **shut) for _ in range(2))
     assert Path(first["folder"]).parent == tmp_path / "tmp" / f"recal-{os.getuid()}"
     assert (first["hits"], second["hits"]) == (0, 1)
     Path(first["folder"]).parent.chmod(0o777)  # others could have put code there
-    nowhere = probe(copy, **shut)
+    nowhere = forks(copy, **shut)
     assert (nowhere["folder"], nowhere["hits"], nowhere["g"]) == ("None", 0, first["g"])
 
 

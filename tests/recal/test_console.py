@@ -42,6 +42,7 @@ HEAVY = {
 HELPS = """
 import json, os, sys
 import recal.cli.app  # what all commands share, once
+import typer.rich_utils  # and what prints the help of each
 from recal.__main__ import main
 for words in json.loads(sys.argv[1]):
     sys.stdout.flush()

@@ -114,7 +114,7 @@ def test_two_revisions_are_flown_and_compared(folder):
 
 def test_navigation_file_holds_both_solutions_at_one_hertz(folder):
     stored(table(0.05), table(0.0))
-    document = result_of("run", "-o", "out")
+    document = result_of("run", "-o", "out", "--no-aided")
     data = pq.read_table("out/navigation.parquet").to_pandas()
     assert list(data.columns) == COLUMNS
     for role in ("active", "previous"):
@@ -177,13 +177,13 @@ def test_exports_and_the_aided_solution(folder):
 
 def test_one_revision_is_flown_alone_and_said(folder):
     stored(table(0.0))
-    document = result_of("run")
+    document = result_of("run", "--no-aided")
     assert len(document["tables"]) == 1 and document["difference"] is None
     assert "one revision" in document["notes"][0]
 
 
 def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
-    document = result_of("run")
+    document = result_of("run", "--no-aided")
     assert document["notes"][0].startswith("no store there") and document["store"] is None
     assert (
         document["tables"][0]["origin"].startswith("default") and document["tables"][0]["applied"]
@@ -193,12 +193,12 @@ def test_without_a_store_the_default_table_is_flown_and_none_made(folder):
 
 def test_unit_unknown_to_the_store_is_said(folder):
     stored(table(0.0, serial="SN-7"))
-    document = result_of("run")
+    document = result_of("run", "--no-aided")
     assert "does not know unit SN-0042" in document["notes"][0] and len(document["tables"]) == 1
 
 
 def test_refused_writes_its_reasons_and_no_old_navigation(folder):
-    result_of("run", "-o", "out")
+    result_of("run", "-o", "out", "--no-aided")
     assert (folder / "out/navigation.parquet").exists()
     write_run(folder / "moving", never_rests(session().run))
     document = result_of("moving", "-o", "out", exit_code=4)
