@@ -27,7 +27,7 @@ from trajectories.runs.directory import write_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import STARTS, thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import UnitTruth, aged_unit
@@ -108,8 +108,10 @@ def simulate(unit: UnitTruth, k: int, start: str, kind: str, rng: np.random.Gene
         unit,
         TwinModel(),
         rng=rng,
-        run_id=f"{unit.imu_serial}-{k:02d}",
-        start_utc=(FIRST_START + timedelta(weeks=4 * k)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        plan=SessionPlan(
+            run_id=f"{unit.imu_serial}-{k:02d}",
+            start_utc=(FIRST_START + timedelta(weeks=4 * k)).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        ),
     ).run
     if kind == "clock at 1970":
         run = replace(run, header=replace(run.header, start_utc="1970-01-01T00:00:12Z"))

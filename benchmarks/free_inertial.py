@@ -40,7 +40,7 @@ from trajectories.simulator.segments import (
     TurnFlight,
 )
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import UnitTruth
@@ -111,7 +111,7 @@ def fly(
         unit,
         twin,
         rng=rng,
-        run_id=f"hour-{profile}",
+        plan=SessionPlan(run_id=f"hour-{profile}"),
     )
     return {name: _fly_with(table, simulated, twin) for name, table in tables.items()}
 

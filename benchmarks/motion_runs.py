@@ -41,7 +41,7 @@ from trajectories.simulator.segments import (
     TurnFlight,
 )
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -104,9 +104,7 @@ def simulated(
         unit,
         twin,
         rng=rng,
-        with_phases=phases,
-        run_id=f"motion-{seed}",
-        **options,
+        plan=SessionPlan(with_phases=phases, run_id=f"motion-{seed}", **options),
     )
     return known(made.run, twin)
 
@@ -223,8 +221,7 @@ def warm_up(seed: int, duration_s: float, **options: Any) -> Case:
         mems_sessions.unit(seed),
         mems_sessions.TWIN,
         rng=rng,
-        run_id=f"warm-{seed}",
-        **options,
+        plan=SessionPlan(run_id=f"warm-{seed}", **options),
     )
     return mems(made.run)
 

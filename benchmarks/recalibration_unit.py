@@ -35,7 +35,7 @@ from ins.records import AXES, AccelNoise, GyroNoise, Site, TwinModel, VehicleNoi
 from ins.units import DEG
 from trajectories.simulator.motions import reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import UnitTruth, aged_unit
@@ -194,7 +194,12 @@ def _session(
     rng: np.random.Generator,
 ) -> UpdateResult:
     simulated = simulate_run(
-        taxi(visit.lat_deg, visit.heading_deg), thermal, unit, twin, rng=rng, run_id=run_id
+        taxi(visit.lat_deg, visit.heading_deg),
+        thermal,
+        unit,
+        twin,
+        rng=rng,
+        plan=SessionPlan(run_id=run_id),
     )
     parent = table_sha256(table_to_dict(table))
     return update_calibration([simulated.run], table, twin, parent_sha256=parent)

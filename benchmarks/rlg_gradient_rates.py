@@ -31,7 +31,7 @@ from infield.thermal.rlg_model import model_from_document
 from ins.records import AXES, TemperatureNoise
 from tests.infield.gradient_cases import TWIN, Unit, case
 from trajectories.simulator.scenario import Scenario, read_scenario, scenario_ideal, scenario_unit
-from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.unit_truth import RATE_CENTRE_DEGC, UnitTruth
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -95,7 +95,7 @@ def unit_cells(
             unit,
             twin,
             rng=np.random.default_rng([seed, k]),
-            run_id=name,
+            plan=SessionPlan(run_id=name),
         )
     study = fit_gradients([gradient_run(runs[name].run, twin) for name in FIT], twin)
     found = held_out_run(

@@ -17,7 +17,7 @@ from ins.units import DEG
 from trajectories.simulator.motions import Motion, lay
 from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import ThermalHistory, thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -204,11 +204,13 @@ def base_runs(
             unit,
             unit_twin or twin,
             rng=rng,
-            with_gnss=with_gnss,
-            with_odometer=with_odometer,
-            run_id=f"trial-{seed:05d}-{number + 1}",
-            tail="TRIAL",
-            start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
+            plan=SessionPlan(
+                with_gnss=with_gnss,
+                with_odometer=with_odometer,
+                run_id=f"trial-{seed:05d}-{number + 1}",
+                tail="TRIAL",
+                start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
+            ),
         )
         seen = seen_of(ideal, thermal, number=number, of=len(plan.starts), twin=twin, table=table)
         bases.append(Base(simulated.run, seen))

@@ -20,7 +20,7 @@ from simreal.evidence.run_view import RunView, view_run
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Segment, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -193,7 +193,7 @@ class RecordingMaker:
             unit,
             twin,
             rng=rng,
-            with_gnss=recording.taxi,
-            with_odometer=recording.taxi,
-            run_id=recording.name,
+            plan=SessionPlan(
+                with_gnss=recording.taxi, with_odometer=recording.taxi, run_id=recording.name
+            ),
         ).run

@@ -12,7 +12,7 @@ from tests.scenarios.study import DEFAULT_TWIN, table_to_zero
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -42,7 +42,9 @@ def simulate(ideal, seed, *, twin=DEFAULT_TWIN, size=1.0, **options):
         table=table_to_zero(),
         gyro_technology=twin.gyro_technology,
     )
-    return simulate_run(ideal, thermal_history("ambient"), unit, twin, rng=rng, **options)
+    return simulate_run(
+        ideal, thermal_history("ambient"), unit, twin, rng=rng, plan=SessionPlan(**options)
+    )
 
 
 def parked_history(run, rest_s=300.0):

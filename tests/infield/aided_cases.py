@@ -26,7 +26,7 @@ from trajectories.simulator.segments import (
     TurnFlight,
 )
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -83,9 +83,7 @@ def flown(base: IdealSensors, twin: TwinModel, seed: int) -> SimulatedRun:
         unit,
         twin,
         rng=np.random.default_rng([seed, 3]),
-        with_gnss=True,
-        gnss_lever_arm_m=LEVER_M,
-        with_phases=False,
+        plan=SessionPlan(with_gnss=True, gnss_lever_arm_m=LEVER_M, with_phases=False),
     )
 
 

@@ -14,7 +14,7 @@ from ins.units import DEG
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Pivot
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -75,9 +75,7 @@ def simulated(segments, heading_deg, seed=1, twin=TRUTH, **options):
         unit(),
         twin,
         rng=np.random.default_rng([seed, round(heading_deg)]),
-        run_id=f"run-{heading_deg:.0f}-{seed}",
-        with_phases=False,
-        **options,
+        plan=SessionPlan(run_id=f"run-{heading_deg:.0f}-{seed}", with_phases=False, **options),
     )
 
 

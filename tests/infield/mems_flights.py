@@ -13,7 +13,7 @@ from tests.infield.mems_sessions import LAT_RAD, TWIN, WARM_UP, unit
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.truth import build_truth
 
 COLD_S, WARM_S = 180.0, 120.0
@@ -65,9 +65,11 @@ def flight(
         unit(seed),
         twin,
         rng=rng,
-        run_id=f"flight-{seed}-{number}",
-        start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
-        **options,
+        plan=SessionPlan(
+            run_id=f"flight-{seed}-{number}",
+            start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
+            **options,
+        ),
     )
     run = replace(simulated.run, phases=())
     imu = run.imu

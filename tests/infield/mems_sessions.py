@@ -16,7 +16,7 @@ from ins.units import DEG
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -86,9 +86,11 @@ def session(seed, number=0, *, heading_deg=None, thermal=WARM_UP, twin=TWIN, **o
         unit(seed),
         twin,
         rng=rng,
-        run_id=f"run-{seed}-{number}",
-        start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
-        **options,
+        plan=SessionPlan(
+            run_id=f"run-{seed}-{number}",
+            start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",
+            **options,
+        ),
     )
 
 

@@ -20,7 +20,7 @@ from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -71,8 +71,7 @@ def simulated(
         unit(),
         TWIN,
         rng=rng,
-        run_id=f"run-{seed}",
-        start_utc=start_utc,
+        plan=SessionPlan(run_id=f"run-{seed}", start_utc=start_utc),
     )
 
 

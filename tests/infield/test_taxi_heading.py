@@ -30,7 +30,7 @@ from tests.scenarios.study import REFERENCE_TWIN, table_to_zero
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -94,9 +94,7 @@ def taxi(crab_mrad=0.0, odometer_ppm=0.0):
         unit,
         twin,
         rng=rng,
-        with_gnss=True,
-        with_odometer=True,
-        gnss_lever_arm_m=ANTENNA,
+        plan=SessionPlan(with_gnss=True, with_odometer=True, gnss_lever_arm_m=ANTENNA),
     )
 
 

@@ -26,10 +26,16 @@ TABLE = ("k.csv", "--lat-deg", "39.9", "--sigma-deg-h", "0.001")
 
 
 @pytest.fixture
-def folder(tmp_path, monkeypatch):
+def drawn_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     put()
     return tmp_path
+
+
+@pytest.fixture
+def folder(drawn_folder, undrawn):
+    """Where pages get no drawings."""
+    return drawn_folder
 
 
 def put(header=HEADER, rows=ROWS):
@@ -51,7 +57,7 @@ def by_entry(document):
     return {c["entry"]: c for c in document["couplings"]}
 
 
-def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folder):
+def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(drawn_folder):
     document = result_of(*TABLE)
     assert document["schema"] == "recal.misalignment/1" and document["verdict"] == "measured"
     found = by_entry(document)
@@ -66,8 +72,9 @@ def test_a_table_of_the_document_gives_both_couplings_and_its_closed_forms(folde
     assert forms["ezy"]["value_arcsec"] == pytest.approx(103.1, abs=0.2)
     assert forms["ezy_as_printed_arcsec"] == pytest.approx(66.6 * 206.265, rel=2e-3)
     assert {row["what"] for row in document["not_observable"]} >= {"xz", "yz", "z own axis"}
-    assert json.loads((folder / "recal-misalignment/misalignment.json").read_text()) == document
-    page = (folder / "recal-misalignment/misalignment.html").read_text()
+    out = drawn_folder / "recal-misalignment"
+    assert json.loads((out / "misalignment.json").read_text()) == document
+    page = (out / "misalignment.html").read_text()
     assert (
         "<svg" in page
         and "http" not in page.split("</style>")[1].split("<svg")[0]

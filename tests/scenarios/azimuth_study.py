@@ -16,7 +16,7 @@ from ins.units import ARCSEC, DEG
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Pivot
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -72,8 +72,7 @@ def study(seed: int, *, power_ons: int, given: bool) -> Found:
             unit,
             truth,
             rng=rng,
-            with_phases=False,
-            run_id=f"run-{k}",
+            plan=SessionPlan(with_phases=False, run_id=f"run-{k}"),
         ).run
         for k, plan in enumerate(plans)
     ]

@@ -18,7 +18,7 @@ from ins.records import AccelNoise, GyroNoise, Run, Site, TwinModel, VehicleNois
 from ins.units import DEG
 from trajectories.simulator.motions import reference_motion
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -138,7 +138,9 @@ def simulated_session(
         ageing_shape_deg_h=sigma_deg_h * np.sqrt(0.3),
         table=table_to_zero(),
     )
-    return simulate_run(base, thermal_history(start), unit, twin, rng=rng, **simulate)
+    return simulate_run(
+        base, thermal_history(start), unit, twin, rng=rng, plan=SessionPlan(**simulate)
+    )
 
 
 def estimated(

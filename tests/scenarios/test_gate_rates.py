@@ -10,7 +10,7 @@ from infield.table.file import table_sha256, table_to_dict
 from tests.infield.sessions import PARKED, ideal_of, unit
 from tests.scenarios.gate_study import KINDS, gate
 from tests.scenarios.study import DEFAULT_TWIN, prior_table
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.vehicle import Bump
 
@@ -64,7 +64,7 @@ def test_a_run_with_nothing_left_is_refused_with_the_seconds():
         unit(),
         DEFAULT_TWIN,
         rng=np.random.default_rng(3),
-        events=bumps,
+        plan=SessionPlan(events=bumps),
     ).run
     data = table_to_dict(prior_table())
     result = update_calibration(

@@ -23,7 +23,7 @@ from trajectories.simulator.segments import (
     TurnFlight,
 )
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -98,8 +98,7 @@ def simulated(seed=1, segments=TAXI, heading_deg=37.0, technology="rlg", aids=Fa
         unit(technology),
         twin_of(technology),
         rng=np.random.default_rng([seed, 31]),
-        with_gnss=aids,
-        with_odometer=aids,
-        events=events,
-        gnss_lever_arm_m=ANTENNA,
+        plan=SessionPlan(
+            with_gnss=aids, with_odometer=aids, events=events, gnss_lever_arm_m=ANTENNA
+        ),
     )

@@ -25,7 +25,7 @@ from simreal.twin.inject import injected
 from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
 from tests.simreal import runs
 from trajectories.simulator.segments import Park, Stop, Straight, Turn
-from trajectories.simulator.session import reference_of, simulate_run
+from trajectories.simulator.session import SessionPlan, reference_of, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.vehicle import Boarding, disturb
 
@@ -127,7 +127,12 @@ def test_a_step_leaves_the_reference_where_the_simulators_boarding_does():
     ideal = runs._ideal(DRIVE, 37.0)
     clean, boarded = (
         simulate_run(
-            ideal, WARM_UP, runs.unit(), quiet, rng=np.random.default_rng(2), events=events
+            ideal,
+            WARM_UP,
+            runs.unit(),
+            quiet,
+            rng=np.random.default_rng(2),
+            plan=SessionPlan(events=events),
         )
         for events in ((), (event,))
     )
@@ -154,7 +159,12 @@ def test_side_slip_moves_the_vehicle_and_the_sensors_feel_it():
     ideal = runs._ideal(DRIVE, 37.0)
     clean, crab = (
         simulate_run(
-            ideal, WARM_UP, runs.unit(), twin, rng=np.random.default_rng(2), with_gnss=True
+            ideal,
+            WARM_UP,
+            runs.unit(),
+            twin,
+            rng=np.random.default_rng(2),
+            plan=SessionPlan(with_gnss=True),
         )
         for twin in (quiet, crabbing)
     )

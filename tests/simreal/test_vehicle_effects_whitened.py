@@ -16,7 +16,7 @@ from simreal.effects.catalogue import catalogue
 from simreal.evidence.run_view import view_run
 from simreal.evidence.whitened import Evidence
 from tests.simreal import runs
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.vehicle import Boarding
 
@@ -102,7 +102,7 @@ def test_a_boarding_comes_back_as_a_platform_step():
         runs.unit(),
         TWIN,
         rng=np.random.default_rng(3),
-        events=(event,),
+        plan=SessionPlan(events=(event,)),
     ).run
     found, sigma = fitted(run, "platform_step", onset_s=704.5)
     np.testing.assert_array_less(np.abs(found - [40.0, -60.0, 80.0]), 4.0 * sigma + 1.0)
@@ -117,9 +117,7 @@ def test_the_twins_own_crab_comes_back_as_a_boresight(clean):
         runs.unit(),
         crabbing,
         rng=np.random.default_rng(4),
-        with_gnss=True,
-        with_odometer=True,
-        gnss_lever_arm_m=runs.ANTENNA,
+        plan=SessionPlan(with_gnss=True, with_odometer=True, gnss_lever_arm_m=runs.ANTENNA),
     ).run
     found, sigma = fitted(run, "odometer_boresight")
     assert abs(found[0] + 5.0) < 4.0 * sigma[0] and sigma[0] < 0.6

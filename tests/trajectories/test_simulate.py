@@ -22,7 +22,7 @@ from trajectories.simulator import faults
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import Park, Pivot, Stop, Straight, Turn
 from trajectories.simulator.sensors import ideal_sensors
-from trajectories.simulator.session import simulate_run
+from trajectories.simulator.session import SessionPlan, simulate_run
 from trajectories.simulator.thermal import thermal_history
 from trajectories.simulator.truth import build_truth
 from trajectories.simulator.unit_truth import aged_unit
@@ -58,7 +58,7 @@ def session(ideal, seed=1, twin=None, **options):
         unit,
         twin or TwinModel(),
         rng=np.random.default_rng(seed),
-        **options,
+        plan=SessionPlan(**options),
     )
 
 

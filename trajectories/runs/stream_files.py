@@ -22,6 +22,7 @@ from trajectories.runs.text_rows import (
     BLOCK_BYTES,
     MAX_LINE_BYTES,
     MAX_ROWS,
+    RowLayout,
     line_blocks,
     parse_block,
     read_text,
@@ -155,14 +156,13 @@ class StreamFile:
         notes: list[str] = []
         parts = _without_header(text_parts(self.path, notes, block_bytes=self._block_bytes))
         blocks = line_blocks(parts, label=self.label, block_bytes=self._block_bytes)
+        layout = RowLayout(names=self.names, label=self.label)
         known, counted, start, lines = self._rows_of, [], 0, 0
         for k, (text, last) in enumerate(blocks):
             if k < len(known) and start + known[k] <= from_row:
                 start, lines = start + known[k], lines + text.count(b"\n")
                 continue
-            table, more = parse_block(
-                text, self.names, label=self.label, lines_before=lines, last=last
-            )
+            table, more = parse_block(text, layout, lines_before=lines, last=last)
             self._note(*more)
             counted.append(table.num_rows if table is not None else 0)
             if table is not None:

@@ -8,8 +8,9 @@ import csv
 import re
 import zlib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ins.records import InputError
 
@@ -22,7 +23,9 @@ BLOCK_BYTES = 1 << 22
 MAX_GROWTH, SMALL_BYTES = 200, 1 << 28
 UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
 MAX_BAD = 0.01  # of the lines of a log; beyond it the map is wrong, not the lines
+MENDED_LINES = 5  # of a log so short that MAX_BAD of it is less
 LISTED = 10  # bad lines named
+SHOWN_CHARACTERS = 40  # of a field that is no number
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
 
 
@@ -121,40 +124,49 @@ def line_blocks(
     yield held, True
 
 
-def parse_rows(
-    text: bytes,
-    names: Sequence[str],
-    *,
-    label: str,
-    delimiter: str = ",",
-    first_line: int = 2,
-    used: Sequence[str] | None = None,
-) -> tuple[Any, list[str]]:
-    """A pyarrow table of float64 columns (those of `used`; None: all) from rows of text, and what
-    was dropped.
+@dataclass(frozen=True, kw_only=True)
+class RowLayout:
+    """How rows of numbers stand in a text.
+
+    names: of the columns; label: of the file, for messages; delimiter: " " means any white space;
+    first_line: of the file, the one that holds the first row; used: columns that are wanted (None:
+    all).
+    """
+
+    names: Sequence[str]
+    label: str
+    delimiter: str = ","
+    first_line: int = 2
+    used: Sequence[str] | None = None
+
+    @property
+    def wanted(self) -> Sequence[str]:
+        return self.names if self.used is None else self.used
+
+
+def parse_rows(text: bytes, layout: RowLayout) -> tuple[Any, list[str]]:
+    """A pyarrow table of float64 columns from rows of text, and what was dropped.
 
     A last row without a line end, or broken, is a cut-off file: dropped and noted. A few broken
     rows before it become rows of missing values, and are noted; with many, the first is an
-    InputError with line and column. `delimiter` " " means any white space.
+    InputError with line and column.
     """
+    label = layout.label
     try:
-        table, notes = parse_block(
-            text, names, label=label, delimiter=delimiter, first_line=first_line, used=used
-        )
+        table, notes = parse_block(text, layout)
     except InputError:
-        text, bad, why = _mended(text, names, delimiter, names if used is None else used)
+        text, bad, why = _mended(text, layout)
         if not bad:
             raise
-        table, notes = parse_block(
-            text, names, label=label, delimiter=delimiter, first_line=first_line, used=used
+        table, notes = parse_block(text, layout)
+        shown = ", ".join(str(layout.first_line + k) for k in bad[:LISTED])
+        if len(bad) > LISTED:
+            shown += f" and {len(bad) - LISTED} more"
+        mended = (
+            f"{label}: no row of {len(layout.names)} numbers in line {shown} ({why}): taken as"
+            " missing"
         )
-        shown = ", ".join(str(first_line + k) for k in bad[:LISTED]) + (
-            f" and {len(bad) - LISTED} more" * (len(bad) > LISTED)
-        )
-        notes = [
-            f"{label}: no row of {len(names)} numbers in line {shown} ({why}): taken as missing",
-            *notes,
-        ]
+        notes = [mended, *notes]
     if table is None:
         raise InputError(f"{label}: no rows")
     if table.num_rows > MAX_ROWS:
@@ -163,78 +175,89 @@ def parse_rows(
 
 
 def parse_block(
-    text: bytes,
-    names: Sequence[str],
-    *,
-    label: str,
-    delimiter: str = ",",
-    first_line: int = 2,
-    lines_before: int = 0,
-    last: bool = True,
-    used: Sequence[str] | None = None,
+    text: bytes, layout: RowLayout, *, lines_before: int = 0, last: bool = True
 ) -> tuple[Any, list[str]]:
     """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it
     holds no row.
     """
+    label = layout.label
     notes: list[str] = []
-    used = names if used is None else used
     if last and text and not text.endswith((b"\n", b"\r")):
         text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
         notes.append(f"{label}: last row has no line end (file cut off?), dropped")
-    table, problem = _arrow_table(text, names, delimiter, used)
-    if problem and (bad := _first_bad_line(text, names, delimiter, used)):
-        index, at_end, why = bad
-        where = (
-            f"{label}: row {lines_before + index + 1} (line {lines_before + index + first_line}):"
-            f" {why}"
-        )
-        if not (last and at_end):
-            raise InputError(where)
+    table, problem = _arrow_table(text, layout)
+    bad = _first_bad_line(text, layout) if problem else None
+    if bad is not None:
+        row = lines_before + bad.line
+        where = f"{label}: row {row + 1} (line {row + layout.first_line}): {bad.fault.why}"
+        if not (last and bad.at_end):
+            raise BadRowError(where, field=bad.fault.field)
         notes.append(f"{where}: last row dropped")
         text = text.rstrip(b"\r\n")
-        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], names, delimiter, used)
+        table, problem = _arrow_table(text[: text.rfind(b"\n") + 1], layout)
     if problem:
         raise InputError(f"{label}: {problem}")
     return table, notes
 
 
-def _mended(
-    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
-) -> tuple[bytes, list[int], str]:
+class BadRowError(InputError):
+    """A line that is no row of numbers; `field`: the text that was to be a number, where that is
+    the fault.
+    """
+
+    def __init__(self, text: str, *, field: str | None) -> None:
+        super().__init__(text)
+        self.field = field
+
+
+class _Fault(NamedTuple):
+    """What is wrong with a line, and the text that was to be a number, where that is the fault."""
+
+    why: str
+    field: str | None = None
+
+
+class _BadLine(NamedTuple):
+    """The first line that is no row: its number from 0, whether it is the last one, what is wrong."""
+
+    line: int
+    at_end: bool
+    fault: _Fault
+
+
+def _mended(text: bytes, layout: RowLayout) -> tuple[bytes, list[int], str]:
     """The text with missing values for lines that are no rows, the indices of those (none if many),
     the first's fault.
     """
     lines = text.split(b"\n")
     end = lines.pop()
-    bad = {
-        k: why
-        for k, line in enumerate(lines)
-        if line.strip() and (why := _wrong_line(line, names, delimiter, used))
-    }
-    if not bad or len(bad) > max(5, MAX_BAD * len(lines)):
+    bad: dict[int, str] = {}
+    for k, line in enumerate(lines):
+        fault = _wrong_line(line, layout) if line.strip() else None
+        if fault is not None:
+            bad[k] = fault.why
+    if not bad or len(bad) > max(MENDED_LINES, MAX_BAD * len(lines)):
         return text, [], ""
-    missing = delimiter.join(["nan"] * len(names)).encode()
+    missing = layout.delimiter.join(["nan"] * len(layout.names)).encode()
     for k in bad:
         lines[k] = missing
     return b"\n".join([*lines, end]), list(bad), next(iter(bad.values()))
 
 
-def _arrow_table(
-    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
-) -> tuple[Any, str]:
+def _arrow_table(text: bytes, layout: RowLayout) -> tuple[Any, str]:
     """The table, None where the text is blank, and what the parser complains of."""
     import pyarrow as pa
     from pyarrow import csv as arrow_csv
 
+    delimiter = layout.delimiter
     if delimiter == " ":
         text = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text)
-        text, delimiter = re.sub(rb"[ \t]+", b",", text), ","
+        text = re.sub(rb"[ \t]+", b",", text)
+        delimiter = ","
     if not text.strip():
         return None, ""
-    keys, wanted = (
-        [str(i) for i in range(len(names))],
-        [str(i) for i, name in enumerate(names) if name in used],
-    )
+    keys = [str(i) for i in range(len(layout.names))]
+    wanted = [key for key, name in zip(keys, layout.names) if name in layout.wanted]
     try:
         table = arrow_csv.read_csv(
             pa.BufferReader(text),
@@ -248,47 +271,48 @@ def _arrow_table(
         )
     except pa.ArrowException as error:
         return None, " ".join(str(error).split())[:200]
-    return table.rename_columns([names[int(k)] for k in wanted]), ""
+    return table.rename_columns([layout.names[int(k)] for k in wanted]), ""
 
 
-def _first_bad_line(
-    text: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]
-) -> tuple[int, bool, str] | None:
-    """Index of the first line that is not one number a used column, whether it is the last, and
-    what is wrong with it.
-    """
+def _first_bad_line(text: bytes, layout: RowLayout) -> _BadLine | None:
+    """The first line that is not one number a used column; None where there is none."""
     lines = text.decode("utf-8", errors="replace").splitlines()
     while lines and not lines[-1].strip():
         lines.pop()
     for i, line in enumerate(lines):
-        if line.strip() and (why := _wrong_line(line.encode(), names, delimiter, used)):
-            return i, i == len(lines) - 1, why
+        fault = _wrong_line(line.encode(), layout) if line.strip() else None
+        if fault is not None:
+            return _BadLine(i, i == len(lines) - 1, fault)
     return None
 
 
-def _wrong_line(line: bytes, names: Sequence[str], delimiter: str, used: Sequence[str]) -> str:
-    """What is wrong with a line of one number a used column; empty where nothing is."""
+def _wrong_line(line: bytes, layout: RowLayout) -> _Fault | None:
+    """What is wrong with a line of one number a used column; None where nothing is."""
     text = line.decode("utf-8", errors="replace").rstrip("\r")
     if "\r" in text or "\0" in text:
-        return "not a row of text"
+        return _Fault("not a row of text")
     try:
-        fields = (
-            text.split()
-            if delimiter == " "
-            else next(csv.reader([text], delimiter=delimiter, strict=True), [])
-        )
+        fields = _fields(text, layout.delimiter)
     except csv.Error:
-        return "not a row of separated values"
-    return _wrong_fields(fields, names, used) if fields else ""
+        return _Fault("not a row of separated values")
+    return _wrong_fields(fields, layout) if fields else None
 
 
-def _wrong_fields(fields: Sequence[str], names: Sequence[str], used: Sequence[str]) -> str:
-    if len(fields) != len(names):
-        return f"{len(fields)} values, needed {len(names)}"
-    for name, field in zip(names, fields):
-        if name in used and field.strip() not in MISSING and not is_number(field):
-            return f"column {name}: got {field[:40]!r}, needed a number"
-    return ""
+def _fields(text: str, delimiter: str) -> list[str]:
+    if delimiter == " ":
+        return text.split()
+    return next(csv.reader([text], delimiter=delimiter, strict=True), [])
+
+
+def _wrong_fields(fields: Sequence[str], layout: RowLayout) -> _Fault | None:
+    if len(fields) != len(layout.names):
+        return _Fault(f"{len(fields)} values, needed {len(layout.names)}")
+    for name, field in zip(layout.names, fields):
+        given = name in layout.wanted and field.strip() not in MISSING
+        if given and not is_number(field):
+            got = field[:SHOWN_CHARACTERS]
+            return _Fault(f"column {name}: got {got!r}, needed a number", got)
+    return None
 
 
 def is_number(text: str) -> bool:

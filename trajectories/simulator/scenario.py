@@ -22,7 +22,7 @@ from trajectories.simulator.chamber import ChamberProfile
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import SEGMENTS, Segment
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
-from trajectories.simulator.session import SimulatedRun, simulate_run
+from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
 from trajectories.simulator.thermal import STARTS, ThermalHistory, thermal_history
 from trajectories.simulator.truth import Truth, build_truth
 from trajectories.simulator.truth_file import TruthProfile, TruthSection, read_profile
@@ -252,19 +252,21 @@ def simulate_scenario(
         unit,
         scenario.twin,
         rng=np.random.default_rng(seed),
-        with_gnss=scenario.streams.gnss,
-        with_odometer=scenario.streams.odometer,
-        with_phases=scenario.streams.phases,
-        events=scenario.events,
-        gnss_lever_arm_m=scenario.lever_arms_m.gnss,
-        run_id=run.run_id or f"{scenario.name}-{seed}",
-        tail=run.tail,
-        start_utc=run.start_utc,
-        survey=Survey(
-            heading_rad=_radians(survey.heading_deg),
-            sigma_heading_rad=_radians(survey.sigma_heading_deg),
-            centre_line_rad=_radians(survey.centre_line_deg),
-            sigma_centre_line_rad=_radians(survey.sigma_centre_line_deg),
+        plan=SessionPlan(
+            with_gnss=scenario.streams.gnss,
+            with_odometer=scenario.streams.odometer,
+            with_phases=scenario.streams.phases,
+            events=scenario.events,
+            gnss_lever_arm_m=scenario.lever_arms_m.gnss,
+            run_id=run.run_id or f"{scenario.name}-{seed}",
+            tail=run.tail,
+            start_utc=run.start_utc,
+            survey=Survey(
+                heading_rad=_radians(survey.heading_deg),
+                sigma_heading_rad=_radians(survey.sigma_heading_deg),
+                centre_line_rad=_radians(survey.centre_line_deg),
+                sigma_centre_line_rad=_radians(survey.sigma_centre_line_deg),
+            ),
         ),
     )
     return simulated, unit

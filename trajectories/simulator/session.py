@@ -6,7 +6,7 @@ state gives the same run.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,11 @@ from trajectories.simulator.truth import rate_from_euler
 from trajectories.simulator.unit_truth import UnitTruth
 from trajectories.simulator.vehicle import Disturbed, Event, disturb
 
-REFERENCE_HZ, TEMPERATURE_HZ, GNSS_HZ, ODOMETER_HZ = 10.0, 1.0, 1.0, 10.0
+# Rates of the streams of a simulated run, those of ordinary loggers.
+REFERENCE_HZ = 10.0
+TEMPERATURE_HZ = 1.0
+GNSS_HZ = 1.0
+ODOMETER_HZ = 10.0
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -60,6 +64,24 @@ class SimulatedRun:
         return f"Simulated {self.run!r}\n{truth}"
 
 
+@dataclass(frozen=True, kw_only=True)
+class SessionPlan:
+    """What a session records beside the imu, what happens to the vehicle, and what run.json says.
+
+    events: what moves the parked vehicle; gnss_lever_arm_m: from the IMU to the antenna, body axes.
+    """
+
+    with_gnss: bool = False
+    with_odometer: bool = False
+    with_phases: bool = True
+    events: Sequence[Event] = ()
+    gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    run_id: str = "simulated"
+    tail: str = "SIM"
+    start_utc: str = "2026-03-01T05:00:00Z"
+    survey: Survey = field(default_factory=Survey)
+
+
 def simulate_run(
     ideal: IdealSensors,
     thermal: ThermalHistory | ChamberProfile,
@@ -67,15 +89,7 @@ def simulate_run(
     twin: TwinModel,
     *,
     rng: np.random.Generator,
-    with_gnss: bool = False,
-    with_odometer: bool = False,
-    with_phases: bool = True,
-    events: Sequence[Event] = (),
-    gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    run_id: str = "simulated",
-    tail: str = "SIM",
-    start_utc: str = "2026-03-01T05:00:00Z",
-    survey: Survey | None = None,
+    plan: SessionPlan | None = None,
 ) -> SimulatedRun:
     """One power-on session of a unit in a vehicle, over an ideal run made once for many seeds.
 
@@ -86,27 +100,28 @@ def simulate_run(
             f"twin: effect {twin.effects[0].get('effect')!r} is not among what simulate_run can"
             " make"
         )
-    moved = disturb(ideal, twin.vehicle, events, rng)
+    plan = plan or SessionPlan()
+    moved = disturb(ideal, twin.vehicle, plan.events, rng)
     slow_s, gyro_bias, accel_bias = _biases(ideal, thermal, unit, twin, rng)
     temperature, temperature_true = _temperatures(ideal, thermal, twin, rng)
     header = RunHeader(
-        run_id=run_id,
-        tail=tail,
+        run_id=plan.run_id,
+        tail=plan.tail,
         imu_serial=unit.imu_serial,
         gyro_technology=unit.gyro_technology,
-        start_utc=start_utc,
+        start_utc=plan.start_utc,
         site=ideal.truth.site,
         wheel_reference_m=ideal.truth.wheel_reference_m,
-        gnss_lever_arm_m=gnss_lever_arm_m,
-        survey=survey or Survey(),
+        gnss_lever_arm_m=plan.gnss_lever_arm_m,
+        survey=plan.survey,
     )
     run = Run(
         header=header,
         imu=_imu(ideal, moved, slow_s, gyro_bias, accel_bias, twin, rng),
         temperature=temperature,
-        gnss=_gnss(ideal, moved, gnss_lever_arm_m, twin, rng) if with_gnss else None,
-        odometer=_odometer(ideal, twin, rng) if with_odometer else None,
-        phases=ideal.truth.motion.phases if with_phases else (),
+        gnss=_gnss(ideal, moved, plan.gnss_lever_arm_m, twin, rng) if plan.with_gnss else None,
+        odometer=_odometer(ideal, twin, rng) if plan.with_odometer else None,
+        phases=ideal.truth.motion.phases if plan.with_phases else (),
     )
     second = slice(
         0, len(temperature_true) * int(imperfections.SLOW_RATE_HZ), int(imperfections.SLOW_RATE_HZ)

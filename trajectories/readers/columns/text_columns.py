@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
-from trajectories.runs.text_rows import parse_rows, read_text, text_parts
+from trajectories.runs.text_rows import BadRowError, RowLayout, parse_rows, read_text, text_parts
 
 HEAD_BYTES = 100_000
 NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
@@ -45,21 +45,22 @@ def text_columns(
         if delimiter == ",":
             raise InputError('map: decimal = "," needs another delimiter')
         rows = rows.replace(b",", b".")
+    standing = RowLayout(
+        names=names, label=path.name, delimiter=delimiter, first_line=first_line, used=used
+    )
     try:
-        table, notes = parse_rows(
-            rows, names, label=path.name, delimiter=delimiter, first_line=first_line, used=used
-        )
-    except InputError as error:
-        raise InputError(f"{error}{_number_hint(str(error))}") from None
+        table, notes = parse_rows(rows, standing)
+    except BadRowError as error:
+        raise InputError(f"{error}{_number_hint(error.field or '')}") from None
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
     return columns, ([f"{path.name}: {note}"] if note else []) + notes
 
 
-def _number_hint(told: str) -> str:
+def _number_hint(got: str) -> str:
     """What a number that is none may be: decimal commas, thousands separators."""
-    if re.search(r"got ['\"]-?\d+,\d+['\"]", told):
+    if re.fullmatch(r"-?\d+,\d+", got):
         return ': decimal = "," in the map?'
-    thousands = re.search(r"got ['\"]-?\d{1,3}([,' ]\d{3})+([.,]\d*)?['\"]", told)
+    thousands = re.fullmatch(r"-?\d{1,3}([,' ]\d{3})+([.,]\d*)?", got)
     return ": thousands separators? needed numbers without" if thousands else ""
 
 

@@ -36,7 +36,7 @@ from trajectories.readers.rows.increment_rows import (
     is_file_of,
     refuse_other_width,
 )
-from trajectories.runs.text_rows import is_number, parse_rows, read_text
+from trajectories.runs.text_rows import RowLayout, is_number, parse_rows, read_text
 
 W, V = [f"wm_{a}" for a in AXES], [f"vm_{a}" for a in AXES]
 ROW = [*W, *V, "t"]
@@ -114,9 +114,8 @@ def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str
     line_number, text = line_number + text[:blank].count(b"\n"), text[blank:]
     width = len(text.split(b"\n", 1)[0].split())
     names = [*ROW[:6], *(["late"] if width == 7 else [])]
-    table, notes = parse_rows(
-        text, names, label=path.name, delimiter=" ", first_line=line_number + 1
-    )
+    layout = RowLayout(names=names, label=path.name, delimiter=" ", first_line=line_number + 1)
+    table, notes = parse_rows(text, layout)
     counts = {name: table.column(name).to_numpy() for name in names}
     factors = [*(s * ARCSEC for s in scales[:3]), *(s * 1e-6 * g for s in scales[3:])]
     columns = {name: counts[name] * factor for name, factor in zip(ROW, factors)}
