@@ -218,7 +218,7 @@ class _Fault(NamedTuple):
 
 
 class _BadLine(NamedTuple):
-    """The first line that is no row: its number from 0, whether it is the last one, what is wrong."""
+    """The first line that is no row: its number from 0, whether it is the last, what is wrong."""
 
     line: int
     at_end: bool
