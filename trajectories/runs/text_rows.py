@@ -270,8 +270,13 @@ def _arrow_table(text: bytes, layout: RowLayout) -> tuple[Any, str]:
             ),
         )
     except pa.ArrowException as error:
-        return None, " ".join(str(error).split())[:200]
+        return None, arrow_words(error)
     return table.rename_columns([layout.names[int(k)] for k in wanted]), ""
+
+
+def arrow_words(error: Exception) -> str:
+    """What Arrow complains of, without its row, which counts from the block's first."""
+    return re.sub(r"Row #\d+: ", "", " ".join(str(error).split()))[:200]
 
 
 def _first_bad_line(text: bytes, layout: RowLayout) -> _BadLine | None:

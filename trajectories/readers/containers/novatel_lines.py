@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.row_cleaning import row_ranges
-from trajectories.runs.text_rows import line_blocks, text_parts
+from trajectories.runs.text_rows import arrow_words, line_blocks, text_parts
 
 LINE = re.compile(rb"[#%]([A-Z0-9_]+)A,([^;*#%]*);([^*#%]*)\*([0-9a-fA-F]{8})")
 BINARY = (b"\xaa\x44\x12", b"\xaa\x44\x13")  # long and short header
@@ -94,7 +94,7 @@ def columns(
             ),
         )
     except pa.ArrowException as error:
-        raise InputError(f"{label}: {' '.join(str(error).split())[:200]}") from None
+        raise InputError(f"{label}: {arrow_words(error)}") from None
     return {key.partition(" ")[2]: table.column(key).to_numpy() for key in wanted}
 
 
