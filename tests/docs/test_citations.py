@@ -168,3 +168,31 @@ def test_code_that_a_page_names_exists(page):
 def test_code_that_is_not_there_is_found():
     text = "`ins.earth.gravity_n` `ins.earth.gravity_m` `ins.nothing.here` `tests/none.py` `docs/`"
     assert missing_code(text) == ["ins.earth.gravity_m", "ins.nothing.here", "tests/none.py"]
+
+
+def room_rows():
+    """Rooms and what each holds, from the table of ARCHITECTURE.md."""
+    package = ""
+    text = (ROOT / "ARCHITECTURE.md").read_text("utf-8")
+    table = text[text.index("| package | room |") : text.index("A folder holds")]
+    for line in table.splitlines()[2:]:
+        if not line.startswith("|"):
+            continue
+        first, room, holds = (cell.strip() for cell in line.strip("|").split("|"))
+        package = first.strip("`") or package
+        rooms = re.findall(r"`([\w.]+)`", room) or [package]
+        yield package, rooms, re.findall(r"`(\w+)`", holds)
+
+
+def test_every_room_is_in_the_table_with_modules_that_it_has():
+    named = set()
+    for package, rooms, modules in room_rows():
+        folders = [ROOT.joinpath(*room.split(".")) for room in rooms]
+        assert all(
+            folder.is_dir() and room.startswith(package) for folder, room in zip(folders, rooms)
+        )
+        named |= set(rooms)
+        there = {p.stem for folder in folders for p in folder.rglob("*") if "__" not in p.name}
+        assert set(modules) - there - {"effects"} == set(), rooms
+    folders = {p.parent for p in ROOT.glob("*/*/__init__.py") if p.parts[-3] in PACKAGES}
+    assert {f"{p.parent.name}.{p.name}" for p in folders} <= named
