@@ -1,12 +1,18 @@
-"""The keys of every result document, read from the dict literals of the functions that make
-them.
+"""The keys of every result document: of a typed record its fields, of a plain dict the literals of
+the functions that make it.
 """
 
 import ast
-from dataclasses import dataclass
+import importlib
+import typing
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
+from typing import Any
 
 from api_pages import parsed
+
+from ins.verdicts import UNWRITTEN
 
 SCHEMA_KEY = "schema"
 DEEPEST = 4
@@ -14,12 +20,14 @@ DEEPEST = 4
 
 @dataclass(frozen=True)
 class Document:
-    """One result: its schema, the function that makes it, its keys as an indented tree."""
+    """One result: its schema, the function that makes it, its keys as an indented tree; `typed`:
+    read from a record, which holds all of them.
+    """
 
     schema: str
     function: str
-    doc: str
     tree: str
+    typed: bool = False
 
 
 def documents(sources: dict[str, Path]) -> list[Document]:
@@ -28,18 +36,69 @@ def documents(sources: dict[str, Path]) -> list[Document]:
     """
     found: dict[str, Document] = {}
     for module, path in sources.items():
+        found |= {made.schema: made for made in _typed(module, parsed(path))}
         reader = _Reader(parsed(path))
         for name, function in reader.functions.items():
             keys = reader.returned(function)
             schema = keys.get(SCHEMA_KEY)
             if isinstance(schema, str) and schema.startswith("recal."):
-                made = Document(
-                    schema, f"{module}.{name}", ast.get_docstring(function) or "", _text(keys)
-                )
+                made = Document(schema, f"{module}.{name}", _text(keys))
                 before = found.get(schema)
-                if before is None or len(before.tree) < len(made.tree):
+                if before is None or (not before.typed and len(before.tree) < len(made.tree)):
                     found[schema] = made
     return [found[key] for key in sorted(found)]
+
+
+def _typed(module: str, tree: ast.Module) -> Iterator[Document]:
+    """Documents that are frozen records with a schema of their own."""
+    for node in tree.body:
+        if not isinstance(node, ast.ClassDef) or SCHEMA_KEY not in _annotated(node):
+            continue
+        kind = getattr(importlib.import_module(module), node.name)
+        schema = getattr(kind, SCHEMA_KEY, None)
+        if is_dataclass(kind) and isinstance(schema, str) and schema.startswith("recal."):
+            keys = _fields(kind) | {SCHEMA_KEY: schema}
+            yield Document(schema, f"{module}.{_maker(tree, node.name)}", _text(keys), typed=True)
+
+
+def _annotated(node: ast.ClassDef) -> list[str]:
+    """Names of the fields of a class."""
+    found = [n.target for n in node.body if isinstance(n, ast.AnnAssign)]
+    return [target.id for target in found if isinstance(target, ast.Name)]
+
+
+def _maker(tree: ast.Module, record: str) -> str:
+    """The function that returns the record; the record itself where none here does."""
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef) and isinstance(node.returns, ast.Name):
+            if node.returns.id == record:
+                return node.name
+    return record
+
+
+def _fields(kind: type) -> "Keys":
+    """Fields of a record that are written, with those of the records in them."""
+    hints = typing.get_type_hints(kind)
+    keys: Keys = {}
+    for f in fields(kind):
+        if f.metadata.items() >= UNWRITTEN.items():
+            continue
+        inner, many = _record_in(hints[f.name])
+        keys[f.name + ("[]" if many else "")] = None if inner is None else _fields(inner)
+    return keys
+
+
+def _record_in(hint: Any) -> tuple[type | None, bool]:
+    """The record of an annotation, and whether it is a list of them."""
+    if isinstance(hint, type) and is_dataclass(hint):
+        return hint, False
+    origin = typing.get_origin(hint)
+    for inner in typing.get_args(hint):
+        found, many = _record_in(inner)
+        if found is not None:
+            listed = isinstance(origin, type) and not issubclass(origin, typing.Mapping)
+            return found, many or (listed and issubclass(origin, typing.Sequence))
+    return None, False
 
 
 Keys = dict[str, "Keys | str | None"]
