@@ -15,11 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.misalignment.closed_forms import document_angles
-from infield.misalignment.harmonic_fit import (
-    level_rate_deg_h,
-    measure_misalignment,
-    north_to_west_rad,
-)
+from infield.misalignment.couplings import measure_misalignment
+from infield.misalignment.harmonic_fit import level_rate_deg_h, north_to_west_rad
 from infield.reports.figures import (
     BLACK,
     BLUE,

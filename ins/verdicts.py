@@ -23,6 +23,9 @@ def written_as(key: str) -> dict[str, str]:
     return {"key": key}
 
 
+OBSERVED_BELOW, WEAK_BELOW = 0.5, 0.9  # sigma after over before; formats.md, section 5
+
+
 class Outcome(StrEnum):
     """The verdict on an update, or on one session of it (formats.md, section 5)."""
 
@@ -31,6 +34,27 @@ class Outcome(StrEnum):
     PROPOSED = "proposed"
     REFUSED = "refused"
     INCONSISTENT = "inconsistent"
+
+
+class Observability(StrEnum):
+    """What a measurement says of a quantity, by its sigma after over before (formats.md, section
+    5).
+    """
+
+    OBSERVED = "observed"
+    WEAK = "weak"
+    NOT_OBSERVABLE = "not_observable"
+
+    @classmethod
+    def of(cls, ratio: float) -> "Observability":
+        """The verdict on a ratio of sigmas.
+
+        >>> Observability.of(0.49).value, Observability.of(0.95).value
+        ('observed', 'not_observable')
+        """
+        if ratio < OBSERVED_BELOW:
+            return cls.OBSERVED
+        return cls.WEAK if ratio < WEAK_BELOW else cls.NOT_OBSERVABLE
 
 
 @dataclass(frozen=True)

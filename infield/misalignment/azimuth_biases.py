@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from infield.misalignment.azimuth_runs import Stop, coarse_headings, excess_rad_s, level_columns
 from infield.misalignment.harmonic_fit import azimuth_columns, fit_azimuths, level_rate_deg_h
+from infield.misalignment.reasons import MisalignmentNote
 from infield.session.settings import SessionSettings
 from infield.table.merge import session_covariance
 from infield.table.thermal_table import ThermalTable
@@ -21,6 +22,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature, plausible_ran
 from ins.attitude import wrap_pi
 from ins.records import AXES, Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, PPM
+from ins.verdicts import Reason, because
 
 MAX_PASSES = 30
 CONVERGED_RAD = 1e-7
@@ -54,7 +56,7 @@ class StopBiases:
     covariance: NDArray
     unknown: NDArray | None
     temperature_degC: NDArray
-    notes: tuple[str, ...] = ()
+    notes: tuple[Reason, ...] = ()
 
 
 def stop_biases(
@@ -106,17 +108,19 @@ def _azimuth_and_level(
 
 def _table_rows(
     runs: Sequence[Run], stops: Sequence[Stop], table: ThermalTable
-) -> tuple[NDArray, NDArray, NDArray, list[str]]:
+) -> tuple[NDArray, NDArray, NDArray, list[Reason]]:
     """Rows (3m, n) of the table at the stops, which of them (m, 3) have a temperature, the
     temperatures, and notes.
     """
     H = np.zeros((3 * len(stops), table.n_parameters))
-    tied, T, notes = np.zeros((len(stops), 3), dtype=bool), np.full((len(stops), 3), np.nan), []
+    tied = np.zeros((len(stops), 3), dtype=bool)
+    T = np.full((len(stops), 3), np.nan)
+    notes: list[Reason] = []
     for index, run in enumerate(runs):
         why = too_short(run.temperature)
         if why or run.temperature is None:
             notes.append(
-                f"{run.header.run_id}: {why}; its stops may be at any temperature of the table"
+                because(MisalignmentNote.NO_TEMPERATURE, run_id=run.header.run_id, shortage=why)
             )
             continue
         temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
@@ -129,16 +133,10 @@ def _table_rows(
                     H[3 * j + k] = rows[seen] @ table.basis(
                         k, temperature.temperature_degC[seen, k]
                     )
-    spread = (
-        np.ptp(T[np.isfinite(T).all(axis=1)], axis=0).max()
-        if np.isfinite(T).all(axis=1).any()
-        else 0.0
-    )
+    whole = T[np.isfinite(T).all(axis=1)]
+    spread = float(np.ptp(whole, axis=0).max()) if whole.size else 0.0
     if spread > NOTED_DEGC:
-        notes.append(
-            f"the gyros are up to {spread:.1f} degC apart between stops: compared through the"
-            " unit's table"
-        )
+        notes.append(because(MisalignmentNote.TEMPERATURES_APART, spread_degC=spread))
     return H, tied, T, notes
 
 

@@ -18,6 +18,8 @@ from alignment import coarse
 from alignment.motion.imu_faults import repair
 from alignment.motion.standstill import speed_disagreement
 from alignment.motion.stillness import DISTURBED, PIVOT_RAD_S, STILL, classify
+from infield.misalignment.reasons import StopReason
+from infield.misalignment.settings import SHORTEST_S
 from infield.session.log import compensated_imu, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.compensation import compensate
@@ -27,10 +29,9 @@ from ins.records import ImuLog, NavHistory, NavState, Run, TwinModel
 from ins.robust import robust_sigmas, runs_of_true
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
+from ins.verdicts import Reason, because
 
 GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
-# a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
-SHORTEST_S = 300.0
 EDGE_SIGMAS = 6.0  # a 10 s block this far from the others at the edge of a stop belongs to the turn
 BLOCK_S = 10.0
 TURN_RAD = 5.0 * DEG  # a turn beyond this ends a stop
@@ -60,24 +61,32 @@ class Stop:
 
 def find_stops(
     run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_S
-) -> tuple[list[Stop], list[str]]:
+) -> tuple[list[Stop], list[Reason]]:
     """Stops of at least `shortest_s` in a run, in order, and what was left out and why."""
     imu = compensated_imu(run, None, None, twin).between(-np.inf, session_end(run))
     rests: list[_Rest] = []
-    left_out = []
+    left_out: list[Reason] = []
     for start_s, end_s in between_turns(imu):
         found = _rest_of(imu.between(start_s, end_s), run)
         if isinstance(found, _Rest) and found.used_s >= shortest_s:
             rests.append(found)
         elif end_s - start_s >= 0.5 * shortest_s:
-            why = (
-                found
-                if isinstance(found, str)
-                else f"at rest for {found.used_s:.0f} s, needed {shortest_s:.0f} s"
+            why = found
+            if isinstance(found, _Rest):
+                why = because(StopReason.TOO_SHORT, used_s=found.used_s, needed_s=shortest_s)
+            left_out.append(
+                because(
+                    StopReason.LEFT_OUT,
+                    run_id=run.header.run_id,
+                    start_s=start_s,
+                    end_s=end_s,
+                    why=why,
+                )
             )
-            left_out.append(f"{run.header.run_id}, {start_s:.0f} to {end_s:.0f} s: {why}")
     if not rests and not left_out:
-        left_out.append(f"{run.header.run_id}: no stretch of {shortest_s:.0f} s between turns")
+        left_out.append(
+            because(StopReason.NO_STRETCH, run_id=run.header.run_id, needed_s=shortest_s)
+        )
     stops: list[Stop] = []
     for k, rest in enumerate(rests):
         turn, variance = (stops[-1].turn_rad, stops[-1].turn_variance_rad2) if k else (0.0, 0.0)
@@ -134,18 +143,18 @@ def between_turns(imu: ImuLog) -> list[tuple[float, float]]:
     return [(a, b) for a, b in zip(edges[::2], edges[1::2]) if b > a]
 
 
-def _rest_of(imu: ImuLog, run: Run) -> "_Rest | str":
+def _rest_of(imu: ImuLog, run: Run) -> _Rest | Reason:
     """The longest rest of a stretch between turns, or why there is none."""
     found = coarse.first_rest(imu)
     if found is None:
-        return "never rests for a minute (a moving base?)"
+        return because(StopReason.NEVER_RESTS)
     mended, faults = repair(imu, found[0], imu.end_s)
     imu = mended.whole()
     history = _followed(imu, run, found)
     motion = classify(history, run.phases, imu, faults)
     moving = speed_disagreement(run, motion)
     if moving:
-        return moving[0]
+        return because(StopReason.MOVES, witness=moving[0])
     longest = max(stretches(motion.kind <= DISTURBED), key=lambda ab: ab[1] - ab[0], default=(0, 0))
     a, b = _without_edges(history, *longest, (run.imu.start_s, run.imu.end_s))
     epoch = np.clip(
@@ -154,8 +163,9 @@ def _rest_of(imu: ImuLog, run: Run) -> "_Rest | str":
     rows = (epoch > a) & (epoch <= b) & (motion.kind[epoch] == STILL)
     used_s = float(imu.dt_s[rows].sum())
     heading = euler_from_dcm(history.C_nb[[a, b]])[2]
-    if abs(wrap_pi(heading[1] - heading[0])) > MAX_CREEP_RAD:
-        return f"turns by {abs(wrap_pi(heading[1] - heading[0])) / DEG:.2f} deg while it stands"
+    turned_rad = float(abs(wrap_pi(heading[1] - heading[0])))
+    if turned_rad > MAX_CREEP_RAD:
+        return because(StopReason.CREEPS, turned_rad=turned_rad)
     gyro, f = (
         column[rows].sum(axis=0) / max(used_s, 1.0) for column in (imu.dtheta_rad, imu.dv_m_s)
     )
@@ -179,10 +189,8 @@ def _turned(
     The excess is the mean of the two rests; that it may be anywhere between them, and its flicker,
     is the variance beside the random walk.
     """
-    bias, apart = (
-        0.5 * (before.excess_rad_s + after.excess_rad_s),
-        after.excess_rad_s[2] - before.excess_rad_s[2],
-    )
+    bias = 0.5 * (before.excess_rad_s + after.excess_rad_s)
+    apart = after.excess_rad_s[2] - before.excess_rad_s[2]
     log = compensate(imu.between(before.end_s, after.start_s), gyro_bias_rad_s=bias)
     start = NavState(
         time_s=float(before.end_s), site=run.header.site, v_n_m_s=np.zeros(3), C_nb=before.C_nb

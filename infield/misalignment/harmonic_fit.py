@@ -18,29 +18,20 @@ forms.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi_square
 
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import AXES, InputError, frozen_array
-from ins.units import DEG, DEG_PER_HOUR
+from ins.records import InputError, frozen_array
+from ins.units import DEG_PER_HOUR
 
-MAX_OFF_DEG = 2.0  # of an azimuth from its nominal place (requirements R21)
-# what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
-PRIOR_MRAD = 1.0
-OBSERVED, WEAK = 0.5, 0.9  # sigma after over before, formats.md section 5
 CONFIDENCE = 0.999  # of the redundancy check
 UNSEEN = 1e-6  # share of the null space in a combination that makes it unobservable
-# least over largest singular value of [1, cosH, sinH]: azimuths closer than 2 deg are one
-RANK_TOLERANCE = 0.02
 # gyro, column, sign
 COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}
 OWN_AXIS = {"x": (0, 1, 1.0), "y": (1, 2, -1.0)}
-NOT_AT_ONE_ATTITUDE = ("xz", "yz", "z own axis")
-Verdict = Literal["observed", "weak", "not_observable"]
 
 
 def level_rate_deg_h(lat_rad: float) -> float:
@@ -51,69 +42,6 @@ def level_rate_deg_h(lat_rad: float) -> float:
 def north_to_west_rad(heading_rad: ArrayLike) -> NDArray:
     """Azimuth counted from north to west, [0, 2 pi), of headings; its own inverse."""
     return np.mod(-np.asarray(heading_rad, dtype=float), 2 * np.pi)
-
-
-@dataclass(frozen=True)
-class Geometry:
-    """What the azimuths alone allow: rank and condition number of [1, cosH, sinH], and the four
-    places.
-
-    origin_deg: of the cross 0, 90, 180, 270 deg that they stand on; missing_deg: places where
-    nothing stood within 45 deg; off_deg: of the stop nearest to each place from it, the largest;
-    reasons: why four azimuths are not there.
-    """
-
-    rank: int
-    condition: float
-    origin_deg: float
-    missing_deg: tuple[float, ...]
-    off_deg: float
-    reasons: tuple[str, ...]
-
-
-def azimuth_geometry(heading_rad: ArrayLike, *, max_off_deg: float = MAX_OFF_DEG) -> Geometry:
-    """Rank report of headings (m,): four azimuths 90 deg apart, each within `max_off_deg`, or the
-    reasons why not.
-    """
-    heading = np.atleast_1d(np.asarray(heading_rad, dtype=float))
-    s = np.linalg.svd(
-        np.column_stack([np.ones_like(heading), np.cos(heading), np.sin(heading)]), compute_uv=False
-    )
-    rank = int(np.sum(s > RANK_TOLERANCE * s[0]))
-    condition = float(s[0] / s[2]) if s.size == 3 and rank == 3 else float("inf")
-    origins = [0.0, *heading]
-    origin, missing, off = min(
-        (_cross(heading, o) for o in origins), key=lambda c: (len(c[1]), c[2])
-    )
-    reasons = []
-    if missing:
-        at = ", ".join(f"{place:.0f}" for place in missing)
-        reasons.append(
-            f"{4 - len(missing)} azimuth(s) of the four, needed stops 90 deg apart: none near {at}"
-            f" deg; rank {rank} of 3"
-        )
-    elif off > max_off_deg + 1e-6:
-        reasons.append(
-            f"a stop is {off:.2f} deg off its place on 0, 90, 180, 270 deg, needed within"
-            f" {max_off_deg:g} deg; rank {rank} of 3"
-        )
-    return Geometry(rank, condition, origin, missing, off, tuple(reasons))
-
-
-def _cross(heading: NDArray, first_rad: float) -> tuple[float, tuple[float, ...], float]:
-    """Origin, missing places and largest offset [deg] of the cross near `first_rad` (0: the
-    cardinal one, kept).
-    """
-    turn = np.mod(heading - first_rad, 2 * np.pi) / (np.pi / 2)
-    place = np.round(turn).astype(int) % 4
-    offset = (turn - np.round(turn)) * 90.0
-    nearest = [float(o[np.argmin(np.abs(o))]) for q in range(4) if (o := offset[place == q]).size]
-    shift = float(np.median(nearest)) if first_rad else 0.0
-    origin = float(np.mod(first_rad / DEG + shift, 360.0))
-    missing = tuple(
-        float(np.mod(origin + 90.0 * q, 360.0)) for q in range(4) if not np.any(place == q)
-    )
-    return float(np.mod(origin, 90.0)), missing, float(np.max(np.abs(np.array(nearest) - shift)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +92,7 @@ class AzimuthFit:
         """
         return (
             self.bias_deg_h
-            - self.level_rate_deg_h * _harmonics(self.heading_rad)[:, 1:] @ self.parameters[:, 1:].T
+            - self.level_rate_deg_h * harmonics(self.heading_rad)[:, 1:] @ self.parameters[:, 1:].T
         )
 
 
@@ -213,7 +141,7 @@ def fit_azimuths(
     except np.linalg.LinAlgError:
         raise InputError("covariance of the biases: not positive definite") from None
     scale = np.array([1.0, level_rate_deg_h, level_rate_deg_h])
-    design = np.vstack([np.kron(np.eye(3), row * scale) for row in _harmonics(heading)])
+    design = np.vstack([np.kron(np.eye(3), row * scale) for row in harmonics(heading)])
     A = np.linalg.solve(root, np.hstack([design, extra]))
     y = np.linalg.solve(root, bias.ravel())
     if own_axis_sigma_rad is not None:
@@ -241,111 +169,8 @@ def fit_azimuths(
     )
 
 
-def _harmonics(heading: NDArray) -> NDArray:
+def harmonics(heading: NDArray) -> NDArray:
     return np.column_stack([np.ones_like(heading), np.cos(heading), np.sin(heading)])
-
-
-@dataclass(frozen=True, kw_only=True)
-class Coupling:
-    """One coefficient with its sigma [rad] and what that is worth beside the prior."""
-
-    name: str
-    value_rad: float
-    sigma_rad: float
-    verdict: Verdict
-
-
-@dataclass(frozen=True, kw_only=True)
-class Misalignment:
-    """The judged result. fit and couplings are None and empty where the azimuths do not carry an
-    answer.
-
-    couplings: xy, yx, zx, zy, and "xy+yx", the gyros' own non-orthogonality, which needs no north;
-    own_axis: x and y, the scale-like terms that belong to the same harmonics.
-    """
-
-    verdict: Literal["measured", "refused", "inconsistent"]
-    reasons: tuple[str, ...]
-    geometry: Geometry
-    fit: AzimuthFit | None = None
-    couplings: tuple[Coupling, ...] = ()
-    own_axis: tuple[Coupling, ...] = ()
-
-    def coupling(self, name: str) -> Coupling:
-        return next(c for c in self.couplings if c.name == name)
-
-
-def measure_misalignment(
-    heading_rad: ArrayLike,
-    bias_deg_h: ArrayLike,
-    covariance: ArrayLike,
-    *,
-    level_rate_deg_h: float,
-    unknown: ArrayLike | None = None,
-    own_axis_sigma_rad: float | None = None,
-    prior_mrad: float = PRIOR_MRAD,
-    max_off_deg: float = MAX_OFF_DEG,
-) -> Misalignment:
-    """Couplings with verdicts, or why there are none; arguments as `fit_azimuths` and
-    `azimuth_geometry`.
-    """
-    geometry = azimuth_geometry(heading_rad, max_off_deg=max_off_deg)
-    if geometry.reasons:
-        return Misalignment(verdict="refused", reasons=geometry.reasons, geometry=geometry)
-    fit = fit_azimuths(
-        heading_rad,
-        bias_deg_h,
-        covariance,
-        level_rate_deg_h=level_rate_deg_h,
-        unknown=unknown,
-        own_axis_sigma_rad=own_axis_sigma_rad,
-    )
-    prior = prior_mrad * 1e-3
-    found = [_judged(name, *fit.entry(*place), prior) for name, place in COUPLINGS.items()]
-    weights = np.zeros(9)
-    for name in ("xy", "yx"):
-        gyro, column, sign = COUPLINGS[name]
-        weights[3 * gyro + column] = sign
-    found.append(_judged("xy+yx", *fit.combination(weights), np.sqrt(2.0) * prior))
-    own = tuple(_judged(name, *fit.entry(*place), prior) for name, place in OWN_AXIS.items())
-    reasons: tuple[str, ...] = ()
-    verdict: Literal["measured", "refused", "inconsistent"] = "measured"
-    if all(c.verdict == "not_observable" for c in found):
-        verdict, best = "refused", min(c.sigma_rad for c in found) * 1e3
-        reasons = (
-            (
-                f"the best coupling has a sigma of {best:.3g} mrad, the prior is {prior_mrad:g}"
-                " mrad: nothing is gained"
-            ),
-        )
-    elif fit.chi2 > fit.band:
-        verdict, reasons = "inconsistent", (_disagreement(fit),)
-    return Misalignment(
-        verdict=verdict,
-        reasons=reasons,
-        geometry=geometry,
-        fit=fit,
-        couplings=tuple(found),
-        own_axis=own,
-    )
-
-
-def _judged(name: str, value: float, sigma: float, prior: float) -> Coupling:
-    """The verdict by what the sigma is after the measurement over what it was before."""
-    ratio = 1.0 / np.sqrt(1.0 + (prior / sigma) ** 2)
-    verdict: Verdict = (
-        "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
-    )
-    return Coupling(name=name, value_rad=value, sigma_rad=sigma, verdict=verdict)
-
-
-def _disagreement(fit: AzimuthFit) -> str:
-    j, i = np.unravel_index(np.argmax(np.abs(fit.residual_deg_h)), fit.residual_deg_h.shape)
-    return (
-        f"the azimuths contradict each other: chi-square {fit.chi2:.1f} of {fit.dof} degrees of"
-        f" freedom, at most {fit.band:.1f} at 99.9 %; largest residual"
-        f" {fit.residual_deg_h[j, i]:+.4f} deg/h of gyro {AXES[i]} at stop {j + 1}"
-    )
 
 
 def azimuth_columns(heading_rad: Sequence[float] | NDArray, level_rate_deg_h: float) -> NDArray:

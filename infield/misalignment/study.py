@@ -19,19 +19,17 @@ from infield.misalignment.azimuth_biases import (
     stop_biases,
 )
 from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
-from infield.misalignment.azimuth_runs import SHORTEST_S, Stop, find_stops, heading_disagreement
-from infield.misalignment.harmonic_fit import (
-    MAX_OFF_DEG,
-    PRIOR_MRAD,
-    Misalignment,
-    azimuth_geometry,
-    level_rate_deg_h,
-    measure_misalignment,
-)
+from infield.misalignment.azimuth_runs import Stop, find_stops, heading_disagreement
+from infield.misalignment.couplings import Misalignment, measure_misalignment
+from infield.misalignment.geometry import azimuth_geometry
+from infield.misalignment.harmonic_fit import level_rate_deg_h
+from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
+from infield.misalignment.settings import AzimuthSettings
 from infield.table.thermal_table import ThermalTable
 from ins.compensation import OFF_DIAGONAL
 from ins.records import AXES, InputError, Run, TwinModel
-from ins.units import ARCSEC, DEG, MILLIRADIAN
+from ins.units import DEG, MILLIRADIAN
+from ins.verdicts import Observability, Reason, because
 
 MAX_REACH = 0.3  # bias sigma over level Earth rate, beyond which no azimuth is found with the gyros
 SAME_PLACE_DEG = 0.1  # of latitude: 0.1 deg is 0.17 % of the level Earth rate at 45 deg
@@ -41,24 +39,11 @@ ENTRIES = tuple(AXES[i] + AXES[j] for i, j in zip(*OFF_DIAGONAL))
 
 
 @dataclass(frozen=True, kw_only=True)
-class AzimuthSettings:
-    """max_off_deg: how far an azimuth may be off its place; prior_mrad: what a coupling may be
-    before the measurement; sigma_mounting_arcsec: of the unit's base against the axis that it is
-    turned about, None: not known.
-    """
-
-    shortest_s: float = SHORTEST_S
-    max_off_deg: float = MAX_OFF_DEG
-    prior_mrad: float = PRIOR_MRAD
-    sigma_mounting_arcsec: float | None = None
-
-
-@dataclass(frozen=True, kw_only=True)
 class AzimuthStudy:
     """What one call of `recal misalignment` found; the document and the page are made of it.
 
     heading_rad (m,), bias_deg_h (m, 3), covariance (3m, 3m): what was fitted, empty where nothing
-    could be; stops: one a row, empty for a table; azimuths: where they come from, in words; levels
+    could be; stops: one a row, empty for a table; azimuths: where they come from; levels
     None: why_no_levels says why.
     """
 
@@ -67,7 +52,7 @@ class AzimuthStudy:
     lat_rad: float
     twin: TwinModel
     settings: AzimuthSettings
-    azimuths: str
+    azimuths: Reason
     result: Misalignment
     heading_rad: NDArray
     bias_deg_h: NDArray
@@ -75,9 +60,9 @@ class AzimuthStudy:
     temperature_degC: NDArray | None = None
     runs: tuple[Run, ...] = ()
     stops: tuple[Stop, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Reason, ...] = ()
     levels: LevelOffsets | None = None
-    why_no_levels: str = "a table of biases has no accelerometers"
+    why_no_levels: Reason | None = None
 
 
 def study_runs(
@@ -114,18 +99,14 @@ def study_runs(
         level_rate_deg_h=level_rate_deg_h(site.lat_rad),
         unknown=biases.unknown,
         own_axis_sigma_rad=scale_sigma(runs[0]),
-        prior_mrad=settings.prior_mrad,
-        max_off_deg=settings.max_off_deg,
+        settings=settings,
     )
     if result.fit is None and left_out:
         result = replace(result, reasons=(*result.reasons, *left_out))
     levels = level_offsets(stops, biases.heading_rad, twin.accel, site)
-    lost = "the headings do not tell offset from tilt" if levels is None else ""
+    lost = because(Unseen.OFFSET_OR_TILT) if levels is None else None
     if levels is not None and not levels.same_ground:
-        lost = (
-            f"the ground was not the same under all stops: chi-square {levels.chi2:.0f} of"
-            f" {levels.dof} degrees of freedom; turn the unit in one place"
-        )
+        lost = because(Unseen.GROUND_DIFFERS, chi2=levels.chi2, dof=levels.dof)
     return replace(
         made.study(result),
         heading_rad=biases.heading_rad,
@@ -148,26 +129,32 @@ class _Runs:
     twin: TwinModel
     known: KnownAzimuths | None
     settings: AzimuthSettings
-    left_out: list[str]
+    left_out: list[Reason]
 
-    def refusals(self) -> list[str]:
+    def refusals(self) -> list[Reason]:
         """Why nothing is fitted at all."""
         lat = self.runs[0].header.site.lat_rad
         if not self.stops:
-            return self.left_out or ["no stop in the runs"]
+            return self.left_out or [because(MisalignmentReason.NO_STOP)]
         if self.known is None:
             reach = azimuth_reach_deg_h(self.table, self.twin)
             if reach > MAX_REACH * level_rate_deg_h(lat):
-                return [
-                    f"gyro bias within {reach:.3g} deg/h against {level_rate_deg_h(lat):.3g} deg/h"
-                    " of level Earth rate: the azimuths cannot be found with these gyros; give the"
-                    " headings of the stops"
-                ]
+                poor = because(
+                    MisalignmentReason.AZIMUTHS_NOT_FOUND,
+                    reach_deg_h=reach,
+                    level_rate_deg_h=level_rate_deg_h(lat),
+                )
+                return [poor]
             return []
         given = self.known.heading_rad
         if given.size != len(self.stops):
             if self.left_out:
-                return [f"{given.size} headings for {len(self.stops)} stops", *self.left_out]
+                miscounted = because(
+                    MisalignmentReason.HEADINGS_MISCOUNTED,
+                    headings=given.size,
+                    stops=len(self.stops),
+                )
+                return [miscounted, *self.left_out]
             raise InputError(
                 f"{given.size} headings given, the runs have {len(self.stops)} stops: needed one"
                 " for each stop"
@@ -176,17 +163,19 @@ class _Runs:
             return self._contradicted(given, lat)
         return []
 
-    def _contradicted(self, given: NDArray, lat_rad: float) -> list[str]:
+    def _contradicted(self, given: NDArray, lat_rad: float) -> list[Reason]:
         j, off = heading_disagreement(self.stops, given, lat_rad)
         noise = azimuth_reach_deg_h(self.table, self.twin) / level_rate_deg_h(lat_rad) / DEG
         if abs(off) / DEG <= GYRO_CHECK_DEG + 3.0 * noise:
             return []
-        name = self.runs[self.stops[j].run].header.run_id
-        seen = (given[j] - off) / DEG % 360
-        return [
-            f"stop {j + 1} ({name}): heading given {given[j] / DEG:.2f} deg, the gyros say"
-            f" {seen:.2f} deg: order of the runs, or azimuths counted from north to west?"
-        ]
+        contradicted = because(
+            MisalignmentReason.HEADING_CONTRADICTED,
+            stop=j + 1,
+            run_id=self.runs[self.stops[j].run].header.run_id,
+            given_rad=given[j],
+            seen_rad=given[j] - off,
+        )
+        return [contradicted]
 
     def study(self, result: Misalignment) -> AzimuthStudy:
         header, m = self.runs[0].header, 0
@@ -204,28 +193,27 @@ class _Runs:
             runs=tuple(self.runs),
             stops=tuple(self.stops),
             notes=tuple(self.left_out),
-            why_no_levels="nothing was fitted",
+            why_no_levels=because(Unseen.NOT_FITTED),
         )
 
-    def _azimuths(self) -> str:
+    def _azimuths(self) -> Reason:
         if self.known is None:
-            return (
-                "found with the gyros: north unknown, one heading a run, turns within a run by the"
-                " vertical gyro"
-            )
-        stop, north = self.known.sigma_stop_rad / ARCSEC, self.known.sigma_north_rad / ARCSEC
-        return (
-            f"given: each stop within {stop:g} arcsec, their common north within {north:g} arcsec"
-            " (1 sigma)"
+            return because(Azimuths.FOUND)
+        return because(
+            Azimuths.GIVEN,
+            sigma_stop_rad=self.known.sigma_stop_rad,
+            sigma_north_rad=self.known.sigma_north_rad,
         )
 
-    def refused(self, reasons: list[str]) -> AzimuthStudy:
+    def refused(self, reasons: list[Reason]) -> AzimuthStudy:
         given = np.zeros(0) if self.known is None else self.known.heading_rad
         geometry = azimuth_geometry(
             given if given.size else np.zeros(1), max_off_deg=self.settings.max_off_deg
         )
         return self.study(
-            Misalignment(verdict="refused", reasons=tuple(reasons), geometry=geometry)
+            Misalignment(
+                verdict=MisalignmentVerdict.REFUSED, reasons=tuple(reasons), geometry=geometry
+            )
         )
 
 
@@ -272,8 +260,7 @@ def study_table(
         bias_deg_h,
         covariance,
         level_rate_deg_h=level_rate_deg_h(lat_rad),
-        prior_mrad=settings.prior_mrad,
-        max_off_deg=settings.max_off_deg,
+        settings=settings,
     )
     return AzimuthStudy(
         source=source,
@@ -281,7 +268,8 @@ def study_table(
         lat_rad=lat_rad,
         twin=twin,
         settings=settings,
-        azimuths="as in the table, without error",
+        azimuths=because(Azimuths.OF_TABLE),
+        why_no_levels=because(Unseen.NO_ACCELEROMETERS),
         result=result,
         heading_rad=heading_rad,
         bias_deg_h=bias_deg_h,
@@ -311,12 +299,12 @@ def corrected_twin(study: AzimuthStudy) -> TwinModel:
 
 def _usable(result: Misalignment) -> dict[str, tuple[float, float]]:
     """Entries to write down, value and sigma [rad]; none unless the result stands."""
-    if result.verdict != "measured":
+    if result.verdict is not MisalignmentVerdict.MEASURED:
         return {}
     seen = {
         c.name: (c.value_rad, c.sigma_rad)
         for c in result.couplings
-        if c.verdict != "not_observable"
+        if c.verdict is not Observability.NOT_OBSERVABLE
     }
     both = seen.pop("xy+yx", None)
     if both is not None and "xy" not in seen and "yx" not in seen:

@@ -235,15 +235,17 @@ def write_results(
     """
     from infield.misalignment.study import corrected_twin
     from infield.reports.documents.misalignment import misalignment_document
-    from infield.reports.misalignment_page import misalignment_html
+    from infield.reports.misalignment_page import render
     from ins.twin_file import twin_to_dict
+    from ins.verdicts import plain
     from recal.service.output import output_directory, program_version, write_files
 
-    document = misalignment_document(study, version=program_version())
+    found = misalignment_document(study, version=program_version())
+    document = plain(found)
     directory = output_directory(output, "misalignment")
     files = {
         directory / "misalignment.json": result_text(document),
-        directory / "misalignment.html": misalignment_html(document),
+        directory / "misalignment.html": render(found),
     }
     if twin_out is not None and document["verdict"] == "measured":
         files[twin_out] = result_text(twin_to_dict(corrected_twin(study)))

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from infield.misalignment.closed_forms import document_angles, document_compensation
+from infield.misalignment.couplings import measure_misalignment
+from infield.misalignment.geometry import azimuth_geometry
 from infield.misalignment.harmonic_fit import (
     azimuth_columns,
-    azimuth_geometry,
     fit_azimuths,
     level_rate_deg_h,
-    measure_misalignment,
     north_to_west_rad,
 )
+from infield.reports.words.sentences import sentences
 from ins.records import InputError
 from ins.units import ARCSEC, DEG, MILLIRADIAN
 
@@ -144,7 +145,7 @@ def test_too_few_or_too_far_gives_a_rank_report_and_no_number(heading_deg, told)
     heading = np.array(heading_deg) * DEG
     result = measured(heading)
     assert result.verdict == "refused" and result.fit is None and not result.couplings
-    assert told in result.reasons[0] and "rank" in result.reasons[0]
+    assert told in sentences(result.reasons)[0] and "rank" in sentences(result.reasons)[0]
 
 
 def test_limit_of_two_degrees_and_eight_azimuths():
@@ -193,7 +194,7 @@ def test_a_contradiction_between_the_azimuths_is_told():
     result = measured(FOUR, bias)
     assert (
         result.verdict == "inconsistent"
-        and "gyro y" in result.reasons[0]
+        and "gyro y" in sentences(result.reasons)[0]
         and result.fit.chi2 > result.fit.band
     )
 
@@ -201,7 +202,7 @@ def test_a_contradiction_between_the_azimuths_is_told():
 def test_noise_beyond_the_prior_is_refused():
     bias = biases(FOUR)
     result = measure_misalignment(FOUR, bias, 0.1**2 * np.eye(12), level_rate_deg_h=RATE)
-    assert result.verdict == "refused" and "nothing is gained" in result.reasons[0]
+    assert result.verdict == "refused" and "nothing is gained" in sentences(result.reasons)[0]
 
 
 def test_bad_arrays_are_input_errors():

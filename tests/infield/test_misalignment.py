@@ -12,7 +12,8 @@ from infield.misalignment.azimuth_levelling import level_offsets
 from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
 from infield.reports.documents.misalignment import misalignment_document
-from infield.reports.misalignment_page import misalignment_html
+from infield.reports.misalignment_page import render
+from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest, session_end
 from infield.session.navigated.estimator import estimate_session
 from infield.session.pipeline import update_calibration
@@ -213,14 +214,10 @@ def test_measuring_again_with_the_corrected_twin_finds_nothing_more():
 def test_refusals_say_why(runs, options, told):
     made = study(runs(), **options)
     assert made.result.verdict == "refused" and made.result.fit is None
-    assert told in "; ".join(made.result.reasons)
+    assert told in "; ".join(sentences(made.result.reasons))
     document = misalignment_document(made, version="test")
-    assert (
-        document["couplings"] == []
-        and document["rank"]["rank"] <= 3
-        and corrected_twin(made) == TWIN
-    )
-    assert "Refused" in misalignment_html(document)
+    assert document.couplings == [] and document.rank.rank <= 3 and corrected_twin(made) == TWIN
+    assert "Refused" in render(document)
 
 
 def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
@@ -234,7 +231,10 @@ def test_gyros_too_poor_to_find_an_azimuth_are_refused_until_it_is_given():
     )
     runs = [parked_run(h).run for h in FOUR_DEG]
     refused = study_runs(runs, wide, TWIN)
-    assert refused.result.verdict == "refused" and "cannot be found" in refused.result.reasons[0]
+    assert (
+        refused.result.verdict == "refused"
+        and "cannot be found" in sentences(refused.result.reasons)[0]
+    )
     assert study_runs(runs, wide, TWIN, known=known(*FOUR_DEG)).result.fit is not None
 
 
@@ -259,7 +259,7 @@ def test_a_run_without_temperature_is_worth_less():
     run = one_power_on(0.0).run
     bare = study([replace(run, temperature=None)], known=known(*FOUR_DEG))
     full = study([run], known=known(*FOUR_DEG))
-    assert "no gyro temperature" in bare.notes[0]
+    assert "no gyro temperature" in sentences(bare.notes)[0]
     assert bare.result.coupling("zx").sigma_rad > 2 * full.result.coupling("zx").sigma_rad
 
 
@@ -305,12 +305,10 @@ def test_offsets_of_a_run_are_bias_and_mounting_and_a_bias_needs_the_mounting():
     g_ug = float(gravity_magnitude(SITE.lat_rad, 250.0)) / MICRO_G
     of_attitude = g_ug * np.array([np.sin(-1e-3), -np.sin(2e-3) * np.cos(1e-3)])
     assert np.abs(made.levels.offset_ug - of_attitude - true_ug).max() < 5.0
-    document = misalignment_document(made, version="test")["accelerometers"]
+    document = misalignment_document(made, version="test").accelerometers
     # 10 arcsec are 48 ug
-    assert document["sigma_bias_ug"][0] > 48.0 > 15.0 > document["sigma_offset_ug"][0]
-    assert (
-        misalignment_document(study([run.run]), version="test")["accelerometers"]["bias_ug"] is None
-    )
+    assert document.sigma_bias_ug[0] > 48.0 > 15.0 > document.sigma_offset_ug[0]
+    assert misalignment_document(study([run.run]), version="test").accelerometers.bias_ug is None
 
 
 def test_ground_that_differs_from_stop_to_stop_is_told():

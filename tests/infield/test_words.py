@@ -9,6 +9,10 @@ from ins.verdicts import because
 
 REASONS = {
     "aided": ("infield.replay.aided.reasons", ("AidedReason", "AidedNote")),
+    "misalignment": (
+        "infield.misalignment.reasons",
+        ("MisalignmentReason", "StopReason", "MisalignmentNote", "Azimuths", "Unseen"),
+    ),
     "replay": (
         "infield.replay.reasons",
         ("ReplayReason", "ReplayNote", "SchulerReason", "Damping"),

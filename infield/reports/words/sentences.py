@@ -9,7 +9,7 @@ from typing import Any
 from ins.verdicts import Reason
 
 # Each has SENTENCES: Mapping[StrEnum, Template].
-ROOMS: tuple[str, ...] = ("aided", "replay")
+ROOMS: tuple[str, ...] = ("aided", "misalignment", "replay")
 
 # What str.format takes, or a function of the reason's values where the wording depends on them.
 Template = str | Callable[..., str]

@@ -1,0 +1,22 @@
+"""What a study of azimuths is done with."""
+
+from dataclasses import dataclass
+
+MAX_OFF_DEG = 2.0  # of an azimuth from its nominal place (requirements R21)
+# what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
+PRIOR_MRAD = 1.0
+# a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
+SHORTEST_S = 300.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AzimuthSettings:
+    """max_off_deg: how far an azimuth may be off its place; prior_mrad: what a coupling may be
+    before the measurement; sigma_mounting_arcsec: of the unit's base against the axis that it is
+    turned about, None: not known.
+    """
+
+    shortest_s: float = SHORTEST_S
+    max_off_deg: float = MAX_OFF_DEG
+    prior_mrad: float = PRIOR_MRAD
+    sigma_mounting_arcsec: float | None = None
