@@ -11,7 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 
 
 def skew(vector: ArrayLike) -> NDArray:
-    """Cross-product matrix: skew(a) @ b = a x b. Shape (..., 3) -> (..., 3, 3)."""
+    """Cross-product matrix of a vector: skew(a) @ b = a x b.
+
+    Parameters
+    ----------
+    vector : array_like, shape (..., 3)
+        In any unit.
+
+    Returns
+    -------
+    matrix : ndarray, shape (..., 3, 3)
+        Antisymmetric, in the unit of the vector.
+
+    Examples
+    --------
+    >>> skew([1.0, 0.0, 0.0]) @ [0.0, 1.0, 0.0]
+    array([0., 0., 1.])
+    """
     v = np.asarray(vector, dtype=float)
     S = np.zeros(v.shape[:-1] + (3, 3))
     S[..., 0, 1], S[..., 0, 2] = -v[..., 2], v[..., 1]
@@ -21,9 +37,26 @@ def skew(vector: ArrayLike) -> NDArray:
 
 
 def dcm_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, heading_rad: ArrayLike) -> NDArray:
-    """C_nb from roll, pitch, heading [rad]. Shapes (...) -> (..., 3, 3).
+    """Attitude matrix from roll, pitch and heading.
 
+    Parameters
+    ----------
+    roll_rad, pitch_rad, heading_rad : array_like, shape (...)
+        Turns about forward, right and down, made in the order heading, pitch, roll.
+
+    Returns
+    -------
+    C_nb : ndarray, shape (..., 3, 3)
+        Takes body components into navigation components.
+
+    Notes
+    -----
     Source: Groves (2013), eq. (2.24).
+
+    Examples
+    --------
+    >>> dcm_from_euler(0.0, 0.0, np.pi / 2).round(12) @ [1.0, 0.0, 0.0]  # forward is east
+    array([0., 1., 0.])
     """
     r, p, h = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (roll_rad, pitch_rad, heading_rad))
@@ -45,10 +78,24 @@ def dcm_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, heading_rad: Array
 
 
 def euler_from_dcm(C_nb: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
-    """Roll, pitch, heading [rad] from C_nb, shape (..., 3, 3); heading in [0, 2 pi).
+    """Roll, pitch and heading of an attitude matrix.
 
-    At pitch +-90 deg roll and heading are not separate; what comes back there still rebuilds C_nb
-    to the matrix's own rounding.  Source: Groves (2013), eq. (2.25).
+    Parameters
+    ----------
+    C_nb : array_like, shape (..., 3, 3)
+        Takes body components into navigation components.
+
+    Returns
+    -------
+    roll_rad, pitch_rad, heading_rad : ndarray, shape (...)
+        Roll in [-pi, pi], pitch in [-pi/2, pi/2], heading in [0, 2 pi].
+
+    Notes
+    -----
+    At a pitch of +-90 deg roll and heading are not separate. What comes back there still rebuilds
+    C_nb to the rounding of the matrix.
+
+    Source: Groves (2013), eq. (2.25).
     """
     C = np.asarray(C_nb, dtype=float)
     roll = np.arctan2(C[..., 2, 1], C[..., 2, 2])
@@ -58,10 +105,24 @@ def euler_from_dcm(C_nb: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
 
 
 def dcm_from_rotation_vector(rotation_rad: ArrayLike) -> NDArray:
-    """Rotation matrix exp(skew(rotation)), shape (..., 3) -> (..., 3, 3). Exact to rounding at any
-    size.
+    """Rotation matrix exp(skew(rotation)) of a rotation vector.
 
-    C = I + sin(a)/a S + (1 - cos a)/a^2 S^2, both factors as sinc.  Source: Rodrigues (1840).
+    Parameters
+    ----------
+    rotation_rad : array_like, shape (..., 3)
+        Axis times angle, of any size.
+
+    Returns
+    -------
+    C : ndarray, shape (..., 3, 3)
+        Exact to rounding at any angle.
+
+    Notes
+    -----
+    C = I + sin(a)/a S + (1 - cos a)/a^2 S^2. Both factors are written with sinc, so that neither
+    loses digits near a = 0.
+
+    Source: Rodrigues (1840).
     """
     v = np.asarray(rotation_rad, dtype=float)
     angle = np.linalg.norm(v, axis=-1)[..., None, None]
@@ -72,8 +133,22 @@ def dcm_from_rotation_vector(rotation_rad: ArrayLike) -> NDArray:
 
 
 def rotation_vector_from_dcm(C: ArrayLike) -> NDArray:
-    """Rotation vector [rad] of a rotation matrix, shape (..., 3, 3) -> (..., 3); angles below
-    pi.
+    """Rotation vector of a rotation matrix.
+
+    Parameters
+    ----------
+    C : array_like, shape (..., 3, 3)
+        A rotation by less than pi.
+
+    Returns
+    -------
+    rotation_rad : ndarray, shape (..., 3)
+        Axis times angle.
+
+    Notes
+    -----
+    At an angle of pi the axis is not determined by the part that is used; the vector then is lost.
+    Below 3.1 rad the way there and back is exact to 1e-12.
     """
     C = np.asarray(C, dtype=float)
     axial = 0.5 * np.stack(
@@ -115,16 +190,48 @@ def level_angles(f_b: ArrayLike) -> tuple[float, float]:
 
 
 def wrap_pi(angle_rad: ArrayLike) -> NDArray:
-    """Angle brought into [-pi, pi)."""
+    """The same angle, brought into [-pi, pi).
+
+    Parameters
+    ----------
+    angle_rad : array_like, shape (...)
+        Any angle.
+
+    Returns
+    -------
+    angle_rad : ndarray, shape (...)
+
+    Examples
+    --------
+    >>> float(wrap_pi(3 * np.pi))
+    -3.141592653589793
+    """
     return np.mod(np.asarray(angle_rad, dtype=float) + np.pi, 2 * np.pi) - np.pi
 
 
 def quaternion_from_dcm(C: ArrayLike) -> NDArray:
-    """Unit quaternion, scalar first and not negative, of one rotation matrix (3, 3) -> (4,); any
-    angle.
+    """Unit quaternion of one rotation matrix, for any angle.
 
-    The eigenvector of the largest eigenvalue, so a matrix that is slightly off gives the nearest
-    rotation. Source: Bar-Itzhack, J. Guidance 23(6), 2000, pp. 1085-1087.
+    Parameters
+    ----------
+    C : array_like, shape (3, 3)
+        A rotation. A matrix that is slightly off gives the quaternion of the nearest rotation.
+
+    Returns
+    -------
+    q : ndarray, shape (4,)
+        Scalar first and not negative.
+
+    Notes
+    -----
+    The eigenvector of the largest eigenvalue of a symmetric (4, 4) matrix.
+
+    Source: Bar-Itzhack, J. Guidance 23(6), 2000, pp. 1085-1087.
+
+    Examples
+    --------
+    >>> quaternion_from_dcm(np.eye(3))
+    array([1., 0., 0., 0.])
     """
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(C, dtype=float)
     K = np.array(

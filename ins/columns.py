@@ -34,24 +34,60 @@ ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 
 
 def spread(names: Sequence[str], values: NDArray | None) -> dict[str, NDArray]:
-    """The columns of an array (n, k) by name; none where there is no array."""
+    """The columns of an array by name.
+
+    Parameters
+    ----------
+    names : sequence of str, k of them
+    values : ndarray, shape (n, k), or None
+
+    Returns
+    -------
+    columns : dict of ndarray, shape (n,)
+        Empty where there is no array.
+    """
     if values is None:
         return {}
     return {name: values[:, k] for k, name in enumerate(names)}
 
 
 def given(**columns: NDArray | None) -> dict[str, NDArray]:
-    """The columns that are there."""
+    """The columns that are there.
+
+    Parameters
+    ----------
+    **columns : ndarray, shape (n,), or None
+
+    Returns
+    -------
+    columns : dict of ndarray, shape (n,)
+    """
     return {name: values for name, values in columns.items() if values is not None}
 
 
 def degrees_exact(angle_rad: ArrayLike) -> NDArray:
-    """Degrees for a file: the short decimal a person typed where it gives the same float in
-    radians, else the quotient.
+    """Degrees for a file, such that the same radians come back.
 
-    What was read from a file comes back the same in degrees and in radians; other angles may lose
+    Parameters
+    ----------
+    angle_rad : array_like, shape (...)
+
+    Returns
+    -------
+    angle_deg : ndarray, shape (...)
+        The short decimal a person typed where it gives the same float in radians, else the
+        quotient.
+
+    Notes
+    -----
+    What was read from a file comes back the same in degrees and in radians. Other angles may lose
     one unit in the last place of the radians the first time (1.4e-9 m on the ground), nothing
     after.
+
+    Examples
+    --------
+    >>> float(degrees_exact(48.1 * DEG))
+    48.1
     """
     rad = np.asarray(angle_rad, dtype=float)
     quotient = rad / DEG
@@ -62,13 +98,36 @@ def degrees_exact(angle_rad: ArrayLike) -> NDArray:
 def place(
     lat_rad: NDArray, lon_rad: NDArray, height_m: NDArray, v_n_m_s: NDArray
 ) -> dict[str, NDArray]:
-    """Positions and velocities as columns."""
+    """Positions and velocities as columns.
+
+    Parameters
+    ----------
+    lat_rad, lon_rad, height_m : ndarray, shape (n,)
+    v_n_m_s : ndarray, shape (n, 3)
+        NED.
+
+    Returns
+    -------
+    columns : dict of ndarray, shape (n,)
+        Named POSITION and VELOCITY.
+    """
     position = (degrees_exact(lat_rad), degrees_exact(lon_rad), height_m)
     return {**dict(zip(POSITION, position)), **spread(VELOCITY, v_n_m_s)}
 
 
 def frame(columns: Mapping[str, NDArray]) -> "pd.DataFrame":
-    """Columns as a table of pandas whose index is `time_s`, seconds from the run's start."""
+    """Columns as a table of pandas.
+
+    Parameters
+    ----------
+    columns : mapping of ndarray, shape (n,)
+        One of them `time_s`.
+
+    Returns
+    -------
+    table : pandas.DataFrame
+        Its index is `time_s`, seconds from the run's start.
+    """
     import pandas as pd
 
     return pd.DataFrame(dict(columns)).set_index("time_s")
@@ -80,7 +139,13 @@ class Stream:
     time_s: NDArray
 
     def columns(self) -> dict[str, NDArray]:
-        """The stream as columns of its file, `time_s` first."""
+        """The stream as columns of its file.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+            `time_s` first.
+        """
         raise NotImplementedError
 
     def to_frame(self) -> "pd.DataFrame":
@@ -99,7 +164,21 @@ class Stream:
 
 
 def stream_size(time_s: NDArray) -> str:
-    """Rows, span and rate of a stream in words."""
+    """Rows, span and rate of a stream in words.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+
+    Returns
+    -------
+    words : str
+
+    Examples
+    --------
+    >>> stream_size(np.arange(0.0, 10.5, 0.5))
+    '21 rows, 0 to 10 s, 2 Hz'
+    """
     if time_s.size < 2:
         return f"{time_s.size} rows"
     rate_hz = 1.0 / float(np.median(np.diff(time_s)))

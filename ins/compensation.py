@@ -19,9 +19,24 @@ OFF_DIAGONAL = ([0, 0, 1, 1, 2, 2], [1, 2, 0, 2, 0, 1])  # xy, xz, yx, yz, zx, z
 
 
 def gyro_matrix(*, scale_factor_ppm: ArrayLike, misalignment_mrad: ArrayLike) -> NDArray:
-    """I + S + M (3, 3) from three scale factors [ppm] and [xy, xz, yx, yz, zx, zy] [mrad].
+    """Sensitivity of a gyro triad: I + S + M.
 
-    Entry ij is the sensitivity of gyro i to rate about j.  Raises InputError on another length.
+    Parameters
+    ----------
+    scale_factor_ppm : array_like, shape (3,)
+        Scale factor errors, positive where a gyro reads high.
+    misalignment_mrad : array_like, shape (6,)
+        [xy, xz, yx, yz, zx, zy]; entry ij is the sensitivity of gyro i to rate about j.
+
+    Returns
+    -------
+    matrix : ndarray, shape (3, 3)
+        measured = matrix @ true.
+
+    Raises
+    ------
+    InputError
+        Where one of the two has another length.
     """
     scale, misalignment = (
         np.asarray(scale_factor_ppm, dtype=float),
@@ -44,8 +59,9 @@ def compensate(
     gyro_scale_factor_ppm: ArrayLike = NO_SCALE_FACTOR,
     gyro_misalignment_mrad: ArrayLike = NO_MISALIGNMENT,
 ) -> ImuLog:
-    """The log with its sensor errors removed: the exact inverse of measured = (I + S + M) true +
-    bias.
+    """The log with its sensor errors removed.
+
+    It is the exact inverse of measured = (I + S + M) true + bias.
 
     Parameters
     ----------
@@ -87,8 +103,16 @@ def compensate(
 
 @dataclass(frozen=True)
 class CorrectedImu:
-    """A log in its file seen through a correction of its rows, made anew for each piece (an
-    `ImuSource`).
+    """A log in its file, seen through a correction of its rows that is made anew for each piece.
+
+    It is an `ImuSource`; its properties and methods are those of the raw log.
+
+    Parameters
+    ----------
+    raw : ImuSource
+        The log as it was written.
+    correct : callable
+        Takes an `ImuLog` and returns it corrected, each row by itself.
     """
 
     raw: ImuSource
@@ -96,37 +120,84 @@ class CorrectedImu:
 
     @property
     def source(self) -> str:
+        """ "increments" or "rates": what the file held."""
         return self.raw.source
 
     @property
     def rows(self) -> int:
+        """Number of rows."""
         return self.raw.rows
 
     @property
     def start_s(self) -> float:
+        """Time of the first row."""
         return self.raw.start_s
 
     @property
     def end_s(self) -> float:
+        """Time of the last row."""
         return self.raw.end_s
 
     @property
     def rate_hz(self) -> float:
+        """Nominal sample rate: one over the median interval."""
         return self.raw.rate_hz
 
     def between(self, start_s: float, end_s: float) -> ImuLog:
+        """The corrected rows whose interval ends in a span.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        imu : ImuLog
+            In memory.
+        """
         return self.correct(self.raw.between(start_s, end_s))
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
+        """The corrected rows of a span, piece by piece.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        pieces : iterator of ImuLog
+            Each of two or more rows.
+        """
         return map(self.correct, self.raw.pieces(start_s, end_s))
 
     def whole(self) -> ImuLog:
+        """All rows, corrected.
+
+        Returns
+        -------
+        imu : ImuLog
+            In memory.
+        """
         return self.correct(self.raw.whole())
 
 
 def corrected(imu: ImuSource, correct: Callable[[ImuLog], ImuLog]) -> ImuSource:
-    """`imu` with each row corrected by itself (`compensate`): at once where it is in memory, else
-    as it is read.
+    """A log with each row corrected by itself.
+
+    Parameters
+    ----------
+    imu : ImuSource
+        In memory or in its file.
+    correct : callable
+        Takes an `ImuLog` and returns it corrected, each row by itself (for example `compensate`).
+
+    Returns
+    -------
+    imu : ImuSource
+        Corrected at once where the log is in memory, else as it is read.
     """
     return correct(imu) if isinstance(imu, ImuLog) else CorrectedImu(imu, correct)
 

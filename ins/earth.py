@@ -21,8 +21,7 @@ GRAVITY_RATIO_M = EARTH_RATE_RAD_S**2 * SEMI_MAJOR_AXIS_M**2 * SEMI_MINOR_AXIS_M
 
 
 def gravity_magnitude(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """Normal gravity [m/s^2], positive down: attraction plus centrifugal, Somigliana with
-    second-order height.
+    """Normal gravity, positive down: attraction plus centrifugal.
 
     Parameters
     ----------
@@ -32,13 +31,21 @@ def gravity_magnitude(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
     Returns
     -------
     gravity : ndarray, shape (...)
+        In m/s^2.
 
     Notes
     -----
+    Somigliana's formula on the ellipsoid, second order in height.
+
     Left out: deflection of the vertical and gravity anomalies (up to about 50 micro-g), the small
     northward component at height (0.8 micro-g per km at 45 deg).
 
     Source: NIMA TR8350.2 (2000), eqs. (4-1) and (4-3). Pinned by: boule in tests/ins/test_earth.py
+
+    Examples
+    --------
+    >>> round(float(gravity_magnitude(0.0, 0.0)), 6)
+    9.780325
     """
     sin2 = np.sin(np.asarray(lat_rad, dtype=float)) ** 2
     h = np.asarray(height_m, dtype=float)
@@ -52,22 +59,68 @@ def gravity_magnitude(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
 
 
 def gravity_n(lat_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """Plumb-line gravity resolved in NED [m/s^2], shape (..., 3); at rest and level an
-    accelerometer reads -g_n.
+    """Plumb-line gravity resolved in NED.
+
+    Parameters
+    ----------
+    lat_rad, height_m : array_like, shape (...)
+        Geodetic latitude; height above the ellipsoid, valid -500 to 20 000 m.
+
+    Returns
+    -------
+    g_n : ndarray, shape (..., 3)
+        In m/s^2, positive down; at rest and level an accelerometer reads -g_n.
+
+    Notes
+    -----
+    What is left out is that of `gravity_magnitude`.
     """
     g = gravity_magnitude(lat_rad, height_m)
     return np.stack([np.zeros_like(g), np.zeros_like(g), g], axis=-1)
 
 
 def omega_ie_n(lat_rad: ArrayLike) -> NDArray:
-    """Earth rate resolved in NED [rad/s]: (Omega cosL, 0, -Omega sinL), shape (..., 3)."""
+    """Earth rate resolved in NED.
+
+    Parameters
+    ----------
+    lat_rad : array_like, shape (...)
+        Geodetic latitude.
+
+    Returns
+    -------
+    omega_ie_n : ndarray, shape (..., 3)
+        (Omega cos L, 0, -Omega sin L) [rad/s].
+
+    Notes
+    -----
+    Left out: polar motion (below 3e-6 rad) and changes of the length of day (5e-8 of the rate).
+
+    Examples
+    --------
+    >>> omega_ie_n(0.0) / EARTH_RATE_RAD_S
+    array([ 1.,  0., -0.])
+    """
     L = np.asarray(lat_rad, dtype=float)
     return EARTH_RATE_RAD_S * np.stack([np.cos(L), np.zeros_like(L), -np.sin(L)], axis=-1)
 
 
 def radii_of_curvature(lat_rad: ArrayLike) -> tuple[NDArray, NDArray]:
-    """Meridian and transverse radius of curvature [m]. Source: Groves (2013), eqs. (2.105),
-    (2.106).
+    """Meridian and transverse radius of curvature of the ellipsoid.
+
+    Parameters
+    ----------
+    lat_rad : array_like, shape (...)
+        Geodetic latitude.
+
+    Returns
+    -------
+    meridian_m, transverse_m : ndarray, shape (...)
+        Of the surface, without the height.
+
+    Notes
+    -----
+    Source: Groves (2013), eqs. (2.105), (2.106).
     """
     w2 = 1 - ECCENTRICITY_SQUARED * np.sin(np.asarray(lat_rad, dtype=float)) ** 2
     transverse = SEMI_MAJOR_AXIS_M / np.sqrt(w2)
@@ -75,9 +128,22 @@ def radii_of_curvature(lat_rad: ArrayLike) -> tuple[NDArray, NDArray]:
 
 
 def omega_en_n(lat_rad: ArrayLike, height_m: ArrayLike, v_n: ArrayLike) -> NDArray:
-    """Transport rate of the north-pointing frame, NED [rad/s], shape (..., 3); singular at the
-    poles.
+    """Transport rate of the north-pointing frame resolved in NED.
 
+    Parameters
+    ----------
+    lat_rad, height_m : array_like, shape (...)
+        Geodetic latitude within +-90 deg, where the rate is singular; height above the ellipsoid.
+    v_n : array_like, shape (..., 3)
+        Velocity relative to Earth, NED [m/s].
+
+    Returns
+    -------
+    omega_en_n : ndarray, shape (..., 3)
+        In rad/s.
+
+    Notes
+    -----
     Source: Groves (2013), eq. (5.44).
     """
     v = np.asarray(v_n, dtype=float)
@@ -89,8 +155,20 @@ def omega_en_n(lat_rad: ArrayLike, height_m: ArrayLike, v_n: ArrayLike) -> NDArr
 
 
 def dcm_en(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray:
-    """C_en: NED components into ECEF components, shape (..., 3, 3). Source: Groves (2013), eq.
-    (2.150).
+    """Matrix that takes NED components into ECEF components.
+
+    Parameters
+    ----------
+    lat_rad, lon_rad : array_like, shape (...)
+        Geodetic position.
+
+    Returns
+    -------
+    C_en : ndarray, shape (..., 3, 3)
+
+    Notes
+    -----
+    Source: Groves (2013), eq. (2.150).
     """
     L, lon = np.broadcast_arrays(np.asarray(lat_rad, dtype=float), np.asarray(lon_rad, dtype=float))
     sL, cL, sl, cl = np.sin(L), np.cos(L), np.sin(lon), np.cos(lon)
@@ -102,8 +180,27 @@ def dcm_en(lat_rad: ArrayLike, lon_rad: ArrayLike) -> NDArray:
 
 
 def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLike) -> NDArray:
-    """ECEF position [m], shape (..., 3). Refuses latitudes beyond 90 deg (pymap3d would accept
-    them).
+    """ECEF position of a geodetic one.
+
+    Parameters
+    ----------
+    lat_rad, lon_rad, height_m : array_like, shape (...)
+        Geodetic position, height above the ellipsoid.
+
+    Returns
+    -------
+    r_e : ndarray, shape (..., 3)
+        In m.
+
+    Raises
+    ------
+    ValueError
+        For a latitude beyond 90 deg, which pymap3d would accept.
+
+    Examples
+    --------
+    >>> ecef_from_geodetic(0.0, 0.0, 0.0)
+    array([6378137.,       0.,       0.])
     """
     import pymap3d
 
@@ -118,8 +215,17 @@ def ecef_from_geodetic(lat_rad: ArrayLike, lon_rad: ArrayLike, height_m: ArrayLi
 
 
 def geodetic_from_ecef(r_e: ArrayLike) -> tuple[NDArray, NDArray, NDArray]:
-    """Latitude, longitude [rad] and height [m] of ECEF positions, shape (..., 3) -> three of shape
-    (...).
+    """Geodetic position of an ECEF one.
+
+    Parameters
+    ----------
+    r_e : array_like, shape (..., 3)
+        In m.
+
+    Returns
+    -------
+    lat_rad, lon_rad, height_m : ndarray, shape (...)
+        Geodetic position, height above the ellipsoid.
     """
     import pymap3d
 
@@ -137,8 +243,23 @@ def displacement_ned(
     lon0_rad: ArrayLike,
     height0_m: ArrayLike,
 ) -> NDArray:
-    """North and east distance [m] from (lat0, lon0) on the local ellipsoid, shape (..., 2); 1e-4
-    within 50 km.
+    """North and east distance of positions from a place, on its local ellipsoid.
+
+    Parameters
+    ----------
+    lat_rad, lon_rad : array_like, shape (...)
+        The positions.
+    lat0_rad, lon0_rad, height0_m : array_like, shape (...)
+        The place.
+
+    Returns
+    -------
+    way_m : ndarray, shape (..., 2)
+        North and east [m].
+
+    Notes
+    -----
+    Neglected: the curvature of meridian and parallel, 1e-4 of the distance within 50 km.
     """
     lat0_rad, height0_m = np.asarray(lat0_rad, dtype=float), np.asarray(height0_m, dtype=float)
     meridian, transverse = radii_of_curvature(lat0_rad)

@@ -27,10 +27,25 @@ SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
 def increments_from_rates(
     time_s: ArrayLike, gyro_rad_s: ArrayLike, accel_m_s2: ArrayLike
 ) -> ImuLog:
-    """A rate log as increments: row k times the interval since row k-1; the first interval is the
-    median one.
+    """A rate log as increments: each row times the interval since the row before.
 
-    Shapes (n,), (n, 3), (n, 3), n >= 2, times strictly increasing; InputError otherwise.
+    Parameters
+    ----------
+    time_s : array_like, shape (n,)
+        Two rows or more, strictly increasing. The first interval is taken as the median one.
+    gyro_rad_s, accel_m_s2 : array_like, shape (n, 3)
+        Angular rate and specific force in body axes, each the mean over the interval that ends at
+        its time.
+
+    Returns
+    -------
+    imu : ImuLog
+        With source "rates".
+
+    Raises
+    ------
+    InputError
+        Shapes that do not fit, fewer than two rows, times that do not increase.
     """
     t = frozen_array(time_s, (None,), "time_s")
     gyro = frozen_array(gyro_rad_s, (t.size, 3), "gyro_rad_s")
@@ -45,23 +60,58 @@ def increments_from_rates(
 
 
 def mean_rates(imu: ImuLog) -> tuple[NDArray, NDArray]:
-    """Mean angular rate [rad/s] and specific force [m/s^2] of each interval, both (n, 3)."""
+    """Mean angular rate and specific force of each interval.
+
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    omega_ib_b, f_ib_b : ndarray, shape (n, 3)
+        In rad/s and m/s^2, body axes.
+    """
     return imu.dtheta_rad / imu.dt_s[:, None], imu.dv_m_s / imu.dt_s[:, None]
 
 
 def coning(imu: ImuLog) -> NDArray:
-    """Rotation vector less the sum of angle increments [rad], (n, 3): (1/2) integral of alpha x
-    omega.
+    """Rotation vector of each interval less the sum of its angle increments.
 
-    T^2 / (6 Tp (T + Tp)) dtheta_p x dtheta; a twelfth of the cross product at equal intervals.
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    beta_rad : ndarray, shape (n, 3)
+        (1/2) integral of alpha x omega, body axes.
+
+    Notes
+    -----
+    T^2 / (6 Tp (T + Tp)) dtheta_p x dtheta: a twelfth of the cross product at equal intervals.
+    Neglected: what a rate that is not linear in time over two intervals adds.
     """
     return _slope_weight(imu.dt_s)[:, None] * np.cross(_before(imu.dtheta_rad), imu.dtheta_rad)
 
 
 def sculling(imu: ImuLog) -> NDArray:
-    """Velocity from alternating rotation and acceleration [m/s], (n, 3): (1/2) integral of alpha x
-    f + u x omega, without its rotation part (1/2) dtheta x dv.
+    """Velocity from alternating rotation and acceleration within each interval.
 
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    dv_m_s : ndarray, shape (n, 3)
+        (1/2) integral of alpha x f + u x omega, body axes, without its rotation part
+        (1/2) dtheta x dv.
+
+    Notes
+    -----
     T^2 / (6 Tp (T + Tp)) (dtheta_p x dv + dv_p x dtheta).
     """
     cross = np.cross(_before(imu.dtheta_rad), imu.dv_m_s) + np.cross(
@@ -71,15 +121,38 @@ def sculling(imu: ImuLog) -> NDArray:
 
 
 def rotation_vectors(imu: ImuLog) -> NDArray:
-    """Rotation of the body over each interval [rad], (n, 3): C_b(k-1)b(k) = exp(skew(row k))."""
+    """Rotation of the body over each interval.
+
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    rotation_rad : ndarray, shape (n, 3)
+        C_b(k-1)b(k) = exp(skew(row k)): increments with their coning.
+    """
     return imu.dtheta_rad + coning(imu)
 
 
 def velocity_increments(imu: ImuLog) -> NDArray:
-    """Integral of C f over each interval, in the body frame of its start [m/s], (n, 3).
+    """Integral of specific force over each interval, in the body frame of its start.
 
-    The rotation part is exact for constant rate and force: dv + (1 - cos a)/a^2 t x dv + (a - sin
-    a)/a^3 t x (t x dv).
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    dv_m_s : ndarray, shape (n, 3)
+        With rotation and sculling.
+
+    Notes
+    -----
+    The rotation part is exact for constant rate and force:
+    dv + (1 - cos a)/a^2 t x dv + (a - sin a)/a^3 t x (t x dv).
     """
     turn = np.cross(imu.dtheta_rad, imu.dv_m_s)
     angle = np.linalg.norm(imu.dtheta_rad, axis=1)[:, None]
@@ -90,11 +163,22 @@ def velocity_increments(imu: ImuLog) -> NDArray:
 
 
 def scrolling(imu: ImuLog) -> NDArray:
-    """Position less the trapezoid of velocity, over T [m/s], (n, 3), body frame of the interval's
-    start.
+    """Position that each interval gains beyond the trapezoid of velocity, over its length.
 
-    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, the slope of specific
-    force seen from inertial space.
+    Parameters
+    ----------
+    imu : ImuLog
+        n rows.
+
+    Returns
+    -------
+    scroll_m_s : ndarray, shape (n, 3)
+        Times the interval T: metres, in the body frame of the interval's start.
+
+    Notes
+    -----
+    -(slope T^2 + dtheta x dv) / 12: the end correction of the trapezoid, with the slope of specific
+    force as seen from inertial space.
     """
     ratio = _interval_ratio(imu.dt_s)
     weight = np.where(ratio <= MAX_INTERVAL_RATIO, 2 * ratio / (1 + ratio), 0.0)[:, None]

@@ -32,11 +32,22 @@ KEPT_FOLDERS = 20  # compiled code of older sources, about 1 MB each
 
 
 def jit(function: Callable | None = None, **options: Any) -> Any:
-    """Compile on first call, with `options` of numba.njit; keep the machine code on disk where a
-    folder can be written.
+    """Compile a kernel on its first call and keep the machine code on disk.
 
-    `@jit` or `@jit(error_model="numpy")`; nogil unless told otherwise. Without numba the function
-    itself.
+    `@jit` or `@jit(error_model="numpy")`. Kernels release the interpreter's lock unless told
+    otherwise.
+
+    Parameters
+    ----------
+    function : callable, optional
+        The kernel; None where options are given.
+    **options
+        Options of numba.njit.
+
+    Returns
+    -------
+    kernel : callable
+        Compiled. Without numba, or with NUMBA_DISABLE_JIT=1, the function itself.
     """
     if function is None:
         return lambda decorated: jit(decorated, **options)
@@ -63,9 +74,17 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
 
 @cache
 def cache_folder(sources: Path) -> Path | None:
-    """Where compiled code of the kernels in the folder `sources` is kept, made if need be.
+    """Where the compiled code of the kernels in a folder is kept; it is made if need be.
 
-    None where nothing can be written.
+    Parameters
+    ----------
+    sources : Path
+        The folder of the kernel's module.
+
+    Returns
+    -------
+    folder : Path or None
+        Named by `source_hash`; None where nothing can be written.
     """
     name = f"kernels-{source_hash(Path(__file__).parent, top_package(sources))}"
     for parent in _parents():
@@ -86,14 +105,36 @@ def cache_folder(sources: Path) -> Path | None:
 
 
 def top_package(folder: Path) -> Path:
-    """The folder of the top-level package that `folder` lies in; itself where it is no package."""
+    """The folder of the top-level package that a folder lies in.
+
+    Parameters
+    ----------
+    folder : Path
+        A package at any depth.
+
+    Returns
+    -------
+    package : Path
+        `folder` itself where it is not inside a package.
+    """
     while (folder.parent / "__init__.py").is_file():
         folder = folder.parent
     return folder
 
 
 def source_hash(*folders: Path) -> str:
-    """16 hexadecimal digits over the Python files in and below these folders: paths and bytes."""
+    """Hash over the Python files in and below some folders: their paths and bytes.
+
+    Parameters
+    ----------
+    *folders : Path
+        Given twice, a folder counts once.
+
+    Returns
+    -------
+    digits : str
+        16 hexadecimal digits.
+    """
     digest = hashlib.sha256()
     for folder in sorted(set(folders)):
         for path in sorted(folder.rglob("*.py")):

@@ -45,8 +45,9 @@ NEEDED = {
 
 
 class StrictModel(BaseModel):
-    """Base of all file models: no coercion from text, no NaN or inf, unknown keys refused unless a
-    subclass allows.
+    """Base of all file models: no coercion from text, no NaN or infinity, no unknown keys.
+
+    A subclass may allow unknown keys.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False, frozen=True)
@@ -56,7 +57,23 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def read_json_object(path: Path) -> dict[str, Any]:
-    """The object in a JSON file; InputError names the file and what is wrong with it."""
+    """The object in a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        A file of at most MAX_TEXT_BYTES.
+
+    Returns
+    -------
+    data : dict
+
+    Raises
+    ------
+    InputError
+        Names the file and what is wrong with it: unreadable, no JSON, no object, a key twice, NaN,
+        nested more deeply than MAX_DEPTH.
+    """
     text = read_small_text(path)
     if not text.strip():
         raise InputError(f"{path}: is empty, needed an object of JSON")
@@ -70,12 +87,49 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The keys of a TOML file; InputError names the file and what is wrong with it."""
+    """The keys of a TOML file.
+
+    Parameters
+    ----------
+    path : Path
+        A file of at most MAX_TEXT_BYTES.
+
+    Returns
+    -------
+    data : dict
+
+    Raises
+    ------
+    InputError
+        Names the file and what is wrong with it.
+    """
     return parse_toml(read_small_text(path), name=str(path))
 
 
 def parse_toml(text: str, *, name: str) -> dict[str, Any]:
-    """The keys of a text of TOML; InputError begins with `name`."""
+    """The keys of a text of TOML.
+
+    Parameters
+    ----------
+    text : str
+        The text.
+    name : str
+        Its file; each error line begins with it.
+
+    Returns
+    -------
+    data : dict
+
+    Raises
+    ------
+    InputError
+        Where the text is no TOML or nested more deeply than MAX_DEPTH.
+
+    Examples
+    --------
+    >>> parse_toml("lat_deg = 45.0", name="site.toml")
+    {'lat_deg': 45.0}
+    """
     try:
         return _bounded(tomllib.loads(text), f"{name}: not valid TOML")
     except (ValueError, RecursionError) as error:
@@ -85,8 +139,22 @@ def parse_toml(text: str, *, name: str) -> dict[str, Any]:
 
 
 def read_small_text(path: Path) -> str:
-    """The text of a file of at most MAX_TEXT_BYTES; InputError where it cannot be read or is no
-    UTF-8.
+    """The text of a file of at most MAX_TEXT_BYTES.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    text : str
+        Without a byte order mark.
+
+    Raises
+    ------
+    InputError
+        Where it cannot be read, is larger or is no UTF-8.
     """
     try:
         with open(path, "rb") as stream:
@@ -125,7 +193,26 @@ def _parts(value: Any, what: str) -> list[Any]:
 
 
 def parse(model: type[M], data: dict[str, Any], *, name: str) -> M:
-    """The model of a plain dict; InputError with the first complaint, `name` being the file."""
+    """The model of a plain dict.
+
+    Parameters
+    ----------
+    model : type of BaseModel
+        What the keys must be.
+    data : dict
+        As read.
+    name : str
+        The file; the error line begins with it.
+
+    Returns
+    -------
+    record : model
+
+    Raises
+    ------
+    InputError
+        With the first complaint.
+    """
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -133,12 +220,51 @@ def parse(model: type[M], data: dict[str, Any], *, name: str) -> M:
 
 
 def complaints(error: ValidationError, model: type[BaseModel], *, name: str) -> list[str]:
-    """One line for each wrong key: file, key, what was got, what was needed."""
+    """One line for each wrong key: file, key, what was got, what was needed.
+
+    Parameters
+    ----------
+    error : ValidationError
+        Of pydantic.
+    model : type of BaseModel
+        What the keys must be; misspelt keys are compared with it.
+    name : str
+        The file; each line begins with it.
+
+    Returns
+    -------
+    lines : list of str
+    """
     return [_complaint(item, model, name) for item in error.errors(include_url=False)]
 
 
 def without_schema(data: dict[str, Any], schema: str, *, name: str) -> dict[str, Any]:
-    """The other keys, once `schema` says what is expected."""
+    """The other keys of a file, once its key `schema` says what is expected.
+
+    Parameters
+    ----------
+    data : dict
+        As read.
+    schema : str
+        The schema that is needed.
+    name : str
+        The file; the error line begins with it.
+
+    Returns
+    -------
+    data : dict
+        Without the key `schema`.
+
+    Raises
+    ------
+    InputError
+        Where the schema is missing or another one.
+
+    Examples
+    --------
+    >>> without_schema({"schema": "recal.twin/1", "gyro": {}}, "recal.twin/1", name="twin.json")
+    {'gyro': {}}
+    """
     if data.get("schema") != schema:
         got = (
             f"schema: got {shown(data['schema'])}" if "schema" in data else "key schema is missing"
@@ -148,7 +274,22 @@ def without_schema(data: dict[str, Any], schema: str, *, name: str) -> dict[str,
 
 
 def refuse_non_finite(value: Any, *, name: str, key: str = "") -> None:
-    """InputError naming the key of any NaN or infinity, at any depth."""
+    """Refuse NaN and infinity, at any depth.
+
+    Parameters
+    ----------
+    value : object
+        Dicts, lists and numbers.
+    name : str
+        The file; the error line begins with it.
+    key : str
+        Where `value` stands in it.
+
+    Raises
+    ------
+    InputError
+        Names the key.
+    """
     if isinstance(value, dict):
         for k, v in value.items():
             refuse_non_finite(v, name=name, key=f"{key}.{k}" if key else str(k))
@@ -175,8 +316,23 @@ def _complaint(item: Any, model: type[BaseModel], name: str) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value as its file writes it, cut short: text in quotes, so that "45" is not taken for
-    45.
+    """A value as its file writes it, cut short.
+
+    Parameters
+    ----------
+    value : object
+        As read.
+
+    Returns
+    -------
+    text : str
+        Of at most MAX_SHOWN characters and an ellipsis; text in quotes, so that "45" is not taken
+        for 45.
+
+    Examples
+    --------
+    >>> shown("45")
+    '"45"'
     """
     text = json.dumps(value, default=str, ensure_ascii=False)
     return text if len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."

@@ -13,8 +13,16 @@ from scipy.stats import chi2
 
 
 class Innovation(NamedTuple):
-    """What a measurement said before it was used: residual (m,), its covariance S (m, m), and NIS =
-    y' S^-1 y.
+    """What a measurement said before it was used.
+
+    Parameters
+    ----------
+    residual : ndarray, shape (m,)
+        Measured less predicted.
+    S : ndarray, shape (m, m)
+        Covariance of the residual.
+    nis : float
+        y' S^-1 y: chi-square distributed with m degrees of freedom.
     """
 
     residual: NDArray
@@ -23,9 +31,30 @@ class Innovation(NamedTuple):
 
 
 def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, NDArray]:
-    """x = F x, P = F P F' + Q, P symmetrised. Shapes (n,), (n, n), (n, n), (n, n).
+    """Prediction over one step: x = F x, P = F P F' + Q, P symmetrised.
 
-    Raises ValueError where a shape is wrong or P, F or Q holds a NaN.
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        State.
+    P, F, Q : ndarray, shape (n, n)
+        Covariance, transition, process noise.
+
+    Returns
+    -------
+    x_minus : ndarray, shape (n,)
+    P_minus : ndarray, shape (n, n)
+
+    Raises
+    ------
+    ValueError
+        Where a shape is wrong or P, F or Q holds a NaN.
+
+    Examples
+    --------
+    >>> x, P = predict(np.ones(1), np.eye(1), 2 * np.eye(1), np.eye(1))
+    >>> float(x[0]), float(P[0, 0])
+    (2.0, 5.0)
     """
     from filterpy.kalman import predict as filterpy_predict
 
@@ -42,8 +71,18 @@ def predict(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, ND
 
 
 def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> Innovation:
-    """Residual, its covariance and NIS of a measurement z (m,) with row matrix H (m, n) and noise R
-    (m, m).
+    """Residual of a measurement, its covariance and its NIS.
+
+    Parameters
+    ----------
+    x, P : ndarray, shapes (n,), (n, n)
+        State and covariance before the measurement.
+    z, H, R : ndarray, shapes (m,), (m, n), (m, m)
+        Measurement, its rows and its noise.
+
+    Returns
+    -------
+    seen : Innovation
     """
     y = z - H @ x
     S = H @ P @ H.T + R
@@ -53,11 +92,26 @@ def innovation(x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray) -> In
 def update(
     x: NDArray, P: NDArray, z: NDArray, H: NDArray, R: NDArray, seen: Innovation | None = None
 ) -> tuple[NDArray, NDArray, Innovation]:
-    """Measurement update in Joseph form. z (m,), H (m, n), R (m, m); `seen`: its innovation where
-    already worked out.
+    """Measurement update in Joseph form.
 
-    Raises ValueError on a wrong shape or a NaN in any of the five (filterpy would turn the whole
-    state into NaN).
+    Parameters
+    ----------
+    x, P : ndarray, shapes (n,), (n, n)
+        State and covariance before the measurement.
+    z, H, R : ndarray, shapes (m,), (m, n), (m, m)
+        Measurement, its rows and its noise.
+    seen : Innovation, optional
+        Its innovation, where that is worked out already.
+
+    Returns
+    -------
+    x_plus, P_plus : ndarray, shapes (n,), (n, n)
+    seen : Innovation
+
+    Raises
+    ------
+    ValueError
+        On a wrong shape or a NaN in any of the five. filterpy would turn the whole state into NaN.
     """
     from filterpy.kalman import update as filterpy_update
 
@@ -77,16 +131,32 @@ def update(
 
 
 def rts_smooth(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray, NDArray]:
-    """Fixed-interval smoothing of a filter's estimates after their updates (Rauch, Tung and
-    Striebel).
+    """Fixed-interval smoothing of a filter's estimates (Rauch, Tung and Striebel).
 
-    x (k, n), P (k, n, n): after the update of each step; F, Q (k, n, n): F[j] took step j - 1 to
-    step j (F[0] is not used). Returns the same shapes, given all measurements. By filterpy's
-    KalmanFilter.rts_smoother; its module-level function takes F[j] where F[j + 1] is due.
+    Parameters
+    ----------
+    x, P : ndarray, shapes (k, n), (k, n, n)
+        After the update of each step.
+    F, Q : ndarray, shape (k, n, n)
+        F[j] took step j - 1 to step j; F[0] is not used.
 
-    Raises ValueError where shapes do not fit or the result is not finite.
-    Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by
-    tests/ins/test_kalman.py.
+    Returns
+    -------
+    x_s, P_s : ndarray, shapes (k, n), (k, n, n)
+        Given all measurements.
+
+    Raises
+    ------
+    ValueError
+        Where shapes do not fit or the result is not finite.
+
+    Notes
+    -----
+    It calls KalmanFilter.rts_smoother of filterpy; the function of that name in filterpy's module
+    takes F[j] where F[j + 1] is due.
+
+    Source: Rauch, Tung, Striebel, AIAA Journal 3(8), 1965, eqs. (3.30)-(3.31). Pinned by:
+    tests/ins/test_kalman.py
     """
     from filterpy.kalman import KalmanFilter
 
@@ -104,7 +174,26 @@ def rts_smooth(x: NDArray, P: NDArray, F: NDArray, Q: NDArray) -> tuple[NDArray,
 
 
 def nis_band(dof: int, probability: float) -> tuple[float, float]:
-    """Two-sided band of the mean NIS per degree of freedom: chi-square quantiles over dof."""
+    """Two-sided band of the mean NIS per degree of freedom.
+
+    Parameters
+    ----------
+    dof : int
+        Degrees of freedom over all measurements.
+    probability : float
+        That a consistent filter lies within the band.
+
+    Returns
+    -------
+    low, high : float
+        Chi-square quantiles over dof; 0 and infinity below one degree of freedom.
+
+    Examples
+    --------
+    >>> low, high = nis_band(100, 0.95)
+    >>> round(low, 3), round(high, 3)
+    (0.742, 1.296)
+    """
     if dof < 1:
         return 0.0, float("inf")
     tail = 0.5 * (1.0 - probability)

@@ -37,13 +37,38 @@ PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 
 class InputError(ValueError):
-    """Bad input: one line that names file, row or key, what was got and what was needed (exit code
-    3).
+    """Bad input, said in one line (exit code 3).
+
+    The line names file, row or key, what was got and what was needed.
     """
 
 
 def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) -> NDArray:
-    """A read-only, C-ordered float64 copy, its shape checked (None: any length)."""
+    """A read-only, C-ordered copy in float64, its shape checked.
+
+    Parameters
+    ----------
+    values : array_like
+        Any numbers.
+    shape : tuple of int or None
+        Lengths that are needed; None: any length.
+    name : str
+        What the error line calls it.
+
+    Returns
+    -------
+    array : ndarray of float64
+
+    Raises
+    ------
+    InputError
+        On another shape.
+
+    Examples
+    --------
+    >>> frozen_array([1, 2], (None,), "time_s")
+    array([1., 2.])
+    """
     a = np.array(values, dtype=np.float64, order="C")
     if a.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(a.shape, shape)
@@ -64,7 +89,22 @@ def _freeze(record: Any, shapes: dict[str, tuple[int | None, ...]]) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Site:
-    """A geodetic position, WGS-84; height above the ellipsoid."""
+    """A geodetic position, WGS-84.
+
+    Parameters
+    ----------
+    lat_rad : float
+        Within +-pi/2.
+    lon_rad : float
+        Within +-2 pi.
+    height_m : float
+        Above the ellipsoid, -1000 to 30000 m.
+
+    Raises
+    ------
+    InputError
+        Beyond these bounds.
+    """
 
     lat_rad: float
     lon_rad: float
@@ -83,7 +123,13 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True)
 class Span:
-    """A stretch of time and why it is named (excluded, repaired, a phase ...)."""
+    """A stretch of time and why it is named: excluded, repaired, a phase.
+
+    Parameters
+    ----------
+    start_s, end_s : float
+    reason : str
+    """
 
     start_s: float
     end_s: float
@@ -92,12 +138,23 @@ class Span:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ImuLog(Stream):
-    """Inertial increments: row k is the angle and velocity change over the `dt_s[k]` that end at
-    `time_s[k]`.
+    """Inertial increments: row k is the change over the `dt_s[k]` that end at `time_s[k]`.
 
-    dtheta_rad (n, 3), dv_m_s (n, 3) in body axes x forward, y right, z down. Times strictly
-    increase; `dt_s[0]` is the nominal interval. `source` tells whether the file held "increments"
-    or "rates".
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Two or more, strictly increasing.
+    dt_s : ndarray, shape (n,)
+        Intervals; `dt_s[0]` is the nominal one.
+    dtheta_rad, dv_m_s : ndarray, shape (n, 3)
+        Changes of angle and velocity in body axes: x forward, y right, z down.
+    source : str
+        "increments" or "rates": what the file held.
+
+    Raises
+    ------
+    InputError
+        Columns that differ in length, times that do not increase.
     """
 
     time_s: NDArray
@@ -125,6 +182,7 @@ class ImuLog(Stream):
 
     @property
     def rows(self) -> int:
+        """Number of rows."""
         return int(self.time_s.size)
 
     @property
@@ -138,16 +196,37 @@ class ImuLog(Stream):
         return float(self.time_s[-1])
 
     def whole(self) -> "ImuLog":
+        """All rows.
+
+        Returns
+        -------
+        imu : ImuLog
+            The log itself.
+        """
         return self
 
     def columns(self) -> dict[str, NDArray]:
-        """The increments as columns of an imu file."""
+        """The increments as columns of an imu file.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+        """
         increments = np.hstack([self.dtheta_rad, self.dv_m_s])
         return {"time_s": self.time_s, **spread(INCREMENTS, increments)}
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator["ImuLog"]:
-        """The rows of `between` in logs of some ten thousand rows, each of two or more; none where
-        there is no row.
+        """The rows of `between` in logs of some ten thousand rows.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        pieces : iterator of ImuLog
+            Each of two or more rows; none where there is no row.
         """
         a, b = (int(k) for k in np.searchsorted(self.time_s, [start_s, end_s], side="right"))
         edges = [*range(a, max(b - 1, a + 1), PIECE_ROWS), b]
@@ -155,7 +234,22 @@ class ImuLog(Stream):
             yield self._part(slice(first, last))
 
     def between(self, start_s: float, end_s: float) -> "ImuLog":
-        """The rows whose interval ends in (start_s, end_s]."""
+        """The rows whose interval ends in a span.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        imu : ImuLog
+
+        Raises
+        ------
+        InputError
+            Where the span holds fewer than two rows.
+        """
         return self._part(slice(*np.searchsorted(self.time_s, [start_s, end_s], side="right")))
 
     def _part(self, rows: slice) -> "ImuLog":
@@ -169,8 +263,7 @@ class ImuLog(Stream):
 
 
 class ImuSource(Protocol):
-    """The increments of a run, in memory (`ImuLog`) or left in their file and read a piece at a
-    time.
+    """The increments of a run, in memory (`ImuLog`) or left in their file and read piece by piece.
 
     Whatever is done piece after piece needs the memory of a piece, however long the run is.
     """
@@ -180,7 +273,8 @@ class ImuSource(Protocol):
         """ "increments" or "rates": what the file held."""
 
     @property
-    def rows(self) -> int: ...
+    def rows(self) -> int:
+        """Number of rows."""
 
     @property
     def start_s(self) -> float:
@@ -195,20 +289,55 @@ class ImuSource(Protocol):
         """Nominal sample rate: one over the median interval."""
 
     def between(self, start_s: float, end_s: float) -> ImuLog:
-        """The rows whose interval ends in (start_s, end_s], in memory."""
+        """The rows whose interval ends in a span, in memory.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        imu : ImuLog
+        """
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator[ImuLog]:
-        """The same rows in logs of some ten thousand rows, each of two or more; none where there is
-        no row.
+        """The same rows in logs of some ten thousand rows.
+
+        Parameters
+        ----------
+        start_s, end_s : float
+            The span (start_s, end_s].
+
+        Returns
+        -------
+        pieces : iterator of ImuLog
+            Each of two or more rows; none where there is no row.
         """
 
     def whole(self) -> ImuLog:
-        """All rows, in memory."""
+        """All rows, in memory.
+
+        Returns
+        -------
+        imu : ImuLog
+        """
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class TemperatureLog(Stream):
-    """Temperatures [degC]; gyro_degC (n, 3) required, the others None where not logged."""
+    """Temperatures of a run; those that are not logged are None.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+    gyro_degC, accel_degC : ndarray, shape (n, 3)
+        Of each sensor of the triad; those of the gyros are required.
+    block_degC, ambient_degC : ndarray, shape (n,)
+        Of the sensor block; of the air around the unit.
+    gradient_degC : ndarray, shape (n, 3)
+        Difference across each gyro.
+    """
 
     time_s: NDArray
     gyro_degC: NDArray
@@ -232,7 +361,12 @@ class TemperatureLog(Stream):
         )
 
     def columns(self) -> dict[str, NDArray]:
-        """The temperatures that are there, as columns of a temperature file."""
+        """The temperatures that are there, as columns of a temperature file.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+        """
         return {
             "time_s": self.time_s,
             **spread(GYRO_DEGC, self.gyro_degC),
@@ -245,8 +379,16 @@ class TemperatureLog(Stream):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class GnssLog(Stream):
-    """Satellite fixes: position, velocity NED (n, 3), and sigmas (n,), None where the file has
-    none.
+    """Satellite fixes; sigmas are None where the file has none.
+
+    Parameters
+    ----------
+    time_s, lat_rad, lon_rad, height_m : ndarray, shape (n,)
+        Position of the antenna, height above the ellipsoid.
+    v_n_m_s : ndarray, shape (n, 3)
+        Velocity, NED.
+    sigma_horizontal_m, sigma_vertical_m, sigma_velocity_m_s : ndarray, shape (n,), optional
+        As the receiver states them, one component each.
     """
 
     time_s: NDArray
@@ -263,7 +405,12 @@ class GnssLog(Stream):
         _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
     def columns(self) -> dict[str, NDArray]:
-        """The fixes as columns of a gnss file; sigmas where the log has them."""
+        """The fixes as columns of a gnss file; sigmas where the log has them.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+        """
         return {
             "time_s": self.time_s,
             **place(self.lat_rad, self.lon_rad, self.height_m, self.v_n_m_s),
@@ -273,7 +420,12 @@ class GnssLog(Stream):
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class OdometerLog(Stream):
-    """Speed along body x at the wheel reference point."""
+    """Speed along body x at the wheel reference point.
+
+    Parameters
+    ----------
+    time_s, speed_m_s : ndarray, shape (n,)
+    """
 
     time_s: NDArray
     speed_m_s: NDArray
@@ -282,13 +434,31 @@ class OdometerLog(Stream):
         _freeze(self, {"time_s": (None,), "speed_m_s": (None,)})
 
     def columns(self) -> dict[str, NDArray]:
-        """The speeds as columns of an odometer file."""
+        """The speeds as columns of an odometer file.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+        """
         return {"time_s": self.time_s, "speed_m_s": self.speed_m_s}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """A phase of the run as logged or detected; `phase` is one of PHASES."""
+    """A phase of the run, as logged or detected.
+
+    Parameters
+    ----------
+    phase : str
+        One of PHASES.
+    start_s, end_s : float
+        End after start.
+
+    Raises
+    ------
+    InputError
+        Another phase; an end before the start.
+    """
 
     phase: str
     start_s: float
@@ -305,7 +475,15 @@ class Phase:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class ReferenceLog(Stream):
-    """Truth, for scoring only: never handed to an estimator."""
+    """Truth, for scoring only: it is never handed to an estimator.
+
+    Parameters
+    ----------
+    time_s, lat_rad, lon_rad, height_m : ndarray, shape (n,)
+    v_n_m_s : ndarray, shape (n, 3)
+        Velocity, NED.
+    roll_rad, pitch_rad, heading_rad : ndarray, shape (n,)
+    """
 
     time_s: NDArray
     lat_rad: NDArray
@@ -321,7 +499,12 @@ class ReferenceLog(Stream):
         _freeze(self, {**one, "v_n_m_s": (None, 3)})
 
     def columns(self) -> dict[str, NDArray]:
-        """The truth as columns of a reference file."""
+        """The truth as columns of a reference file.
+
+        Returns
+        -------
+        columns : dict of ndarray, shape (n,)
+        """
         angles = (self.roll_rad, self.pitch_rad, self.heading_rad)
         return {
             "time_s": self.time_s,
@@ -332,7 +515,13 @@ class ReferenceLog(Stream):
 
 @dataclass(frozen=True, kw_only=True)
 class Survey:
-    """Surveyed parked heading and taxi centre line, each None or with its sigma [rad]."""
+    """Surveyed parked heading and taxi centre line, each None or with its sigma.
+
+    Parameters
+    ----------
+    heading_rad, sigma_heading_rad : float, optional
+    centre_line_rad, sigma_centre_line_rad : float, optional
+    """
 
     heading_rad: float | None = None
     sigma_heading_rad: float | None = None
@@ -342,8 +531,16 @@ class Survey:
 
 @dataclass(frozen=True, kw_only=True)
 class RemovedModel:
-    """A thermal model that was taken out of a run's gyro output: its hash, the part ("all",
-    "rates"), the raw run's hash.
+    """A thermal model that was taken out of a run's gyro output.
+
+    Parameters
+    ----------
+    sha256 : str
+        Hash of the model's file.
+    part : str
+        What was taken out: "all" or "rates".
+    run_sha256 : str
+        Hash of the raw run.
     """
 
     sha256: str
@@ -353,11 +550,33 @@ class RemovedModel:
 
 @dataclass(frozen=True, kw_only=True)
 class RunHeader:
-    """What run.json says (formats.md, section 1); removed_model: None where the gyro output holds
-    its thermal bias.
+    """What run.json says (formats.md, section 1).
 
-    level_removed: a constant of this session, such as an autopilot's start-up offsets, was
-    subtracted from the rates.
+    Parameters
+    ----------
+    run_id, tail, imu_serial : str
+    gyro_technology : str
+        One of GYRO_TECHNOLOGIES.
+    start_utc : str
+        ISO 8601.
+    site : Site
+        Where the run starts.
+    wheel_reference_m, gnss_lever_arm_m : (float, float, float)
+        From the IMU, body axes.
+    applied_table_sha256 : str, optional
+        The thermal table that the unit applied itself.
+    gyro_mode : str
+    survey : Survey
+    removed_model : RemovedModel, optional
+        None where the gyro output holds its thermal bias.
+    level_removed : bool
+        A constant of this session, such as an autopilot's start-up offsets, was subtracted from the
+        rates.
+
+    Raises
+    ------
+    InputError
+        On another technology.
     """
 
     run_id: str
@@ -384,10 +603,21 @@ class RunHeader:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Run:
-    """One power-on session, everything that an estimator may see.
+    """One power-on session: everything that an estimator may see.
 
-    `sha256` is over the content of run.json and all streams but `reference`; `faults` lists what
-    was dropped or repaired while reading. `phases` is empty where the run has no such stream.
+    Parameters
+    ----------
+    header : RunHeader
+    imu : ImuSource
+    temperature : TemperatureLog, optional
+    gnss : GnssLog, optional
+    odometer : OdometerLog, optional
+    phases : tuple of Phase
+        Empty where the run has no such stream.
+    sha256 : str
+        Over the content of run.json and all streams but `reference`.
+    faults : tuple of Span
+        What was dropped or repaired while reading.
     """
 
     header: RunHeader
@@ -428,7 +658,18 @@ class Run:
 
 @dataclass(frozen=True, kw_only=True)
 class NavState:
-    """Position, velocity relative to Earth in NED, attitude C_nb (3, 3), at `time_s`."""
+    """A navigation state.
+
+    Parameters
+    ----------
+    time_s : float
+    site : Site
+        Position.
+    v_n_m_s : ndarray, shape (3,)
+        Velocity relative to Earth, NED.
+    C_nb : ndarray, shape (3, 3)
+        Attitude: takes body components into NED.
+    """
 
     time_s: float
     site: Site
@@ -441,13 +682,24 @@ class NavState:
 
 @dataclass(frozen=True, kw_only=True)
 class NavHistory:
-    """A navigation solution at epoch ends, with what each epoch accumulated (row k: over the epoch
-    ending at time_s[k]).
+    """A navigation solution at epoch ends, with what each epoch accumulated.
 
-    Row 0 is the initial state, its accumulations zero.
-    C_nb_dt (k, 3, 3): integral of C_nb [s]; displacement_n (k, 3): integral of v_n [m];
-    displacement_b (k, 3): integral of C_bn v_n [m]; dv_f_n (k, 3): integral of C_nb f [m/s];
-    dtheta_b (k, 3): sum of the gyro increments used [rad].
+    Row k is over the epoch that ends at time_s[k]. Row 0 is the initial state, its accumulations
+    zero.
+
+    Parameters
+    ----------
+    time_s, lat_rad, lon_rad, height_m : ndarray, shape (k,)
+    v_n_m_s : ndarray, shape (k, 3)
+    C_nb : ndarray, shape (k, 3, 3)
+    C_nb_dt : ndarray, shape (k, 3, 3)
+        Integral of C_nb [s].
+    displacement_n_m, displacement_b_m : ndarray, shape (k, 3)
+        Integrals of v_n and of C_bn v_n.
+    dv_f_n_m_s : ndarray, shape (k, 3)
+        Integral of C_nb f.
+    dtheta_b_rad : ndarray, shape (k, 3)
+        Sum of the gyro increments used.
     """
 
     time_s: NDArray
@@ -473,7 +725,23 @@ class NavHistory:
 
 @dataclass(frozen=True, kw_only=True)
 class GyroNoise:
-    """A gyro triad as its twin declares it (formats.md, section 3); units in the names."""
+    """A gyro triad as its twin declares it (formats.md, section 3).
+
+    Parameters
+    ----------
+    arw_deg_sqrt_h : float
+        Angle random walk.
+    bias_instability_deg_h : float
+        Flicker B.
+    rate_random_walk_deg_h_sqrt_h : float
+    turn_on_deg_h : float
+        Spread of the bias from one power-on to the next.
+    scale_factor_ppm : (float, float, float)
+    misalignment_mrad, sigma_misalignment_mrad : tuple of 6 floats
+        [xy, xz, yx, yz, zx, zy], and their sigmas (0: not measured).
+    quantization_rad : float
+        Of the accumulated angle.
+    """
 
     arw_deg_sqrt_h: float = 0.002
     bias_instability_deg_h: float = 0.002
@@ -488,6 +756,20 @@ class GyroNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class AccelNoise:
+    """An accelerometer triad as its twin declares it (formats.md, section 3).
+
+    Parameters
+    ----------
+    vrw_ug_sqrt_hz : float
+        Velocity random walk.
+    bias_ug : (float, float, float)
+    bias_instability_ug : float
+        Flicker B.
+    rate_random_walk_ug_sqrt_h : float
+    turn_on_ug : float
+        Spread of the bias from one power-on to the next.
+    """
+
     vrw_ug_sqrt_hz: float = 10.0
     bias_ug: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bias_instability_ug: float = 1.0
@@ -497,12 +779,26 @@ class AccelNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class TemperatureNoise:
+    """Thermometers as the twin declares them (formats.md, section 3).
+
+    Parameters
+    ----------
+    noise_degC, resolution_degC : float
+    """
+
     noise_degC: float = 0.01
     resolution_degC: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class GnssNoise:
+    """A satellite receiver as the twin declares it (formats.md, section 3), one component.
+
+    Parameters
+    ----------
+    sigma_horizontal_m, sigma_vertical_m, sigma_velocity_m_s : float
+    """
+
     sigma_horizontal_m: float = 0.5
     sigma_vertical_m: float = 0.75
     sigma_velocity_m_s: float = 0.03
@@ -510,12 +806,35 @@ class GnssNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class OdometerNoise:
+    """An odometer as the twin declares it (formats.md, section 3).
+
+    Parameters
+    ----------
+    scale_ppm : float
+        Scale error, positive where it reads high.
+    noise_m_s : float
+    """
+
     scale_ppm: float = 0.0
     noise_m_s: float = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class VehicleNoise:
+    """How the vehicle moves that should stand or roll straight (formats.md, section 3).
+
+    Parameters
+    ----------
+    crab_mrad : float
+        Angle between the body's x axis and the way it rolls.
+    lateral_noise_m_s : float
+        RMS of side velocity while it rolls.
+    yaw_creep_arcsec_sqrt_h : float
+        Random walk of the parked heading.
+    sway_m_s, sway_hz, sway_damping : float
+        RMS velocity, frequency and damping ratio of the parked vehicle's sway.
+    """
+
     crab_mrad: float = 0.0
     lateral_noise_m_s: float = 0.02
     yaw_creep_arcsec_sqrt_h: float = 3.0
@@ -526,11 +845,23 @@ class VehicleNoise:
 
 @dataclass(frozen=True, kw_only=True)
 class TwinModel:
-    """What is believed about one installation: noise and nominal errors, from a twin file or a
-    technology's defaults.
+    """What is believed about one installation: noise and nominal errors.
 
-    `table` is the path as written in the file (None: no table); `source` says where the numbers
-    came from.
+    Parameters
+    ----------
+    imu_serial, gyro_technology : str
+    table : str, optional
+        Path as written in the file; None: no table.
+    gyro : GyroNoise
+    accel : AccelNoise
+    temperature : TemperatureNoise
+    gnss : GnssNoise
+    odometer : OdometerNoise
+    vehicle : VehicleNoise
+    effects : tuple of dict
+        Effects beyond these, by name, target and parameters.
+    source : str
+        Where the numbers come from: a file, or the defaults of a technology.
     """
 
     imu_serial: str = ""

@@ -62,7 +62,18 @@ OF_THE_COLUMN = (
 
 @dataclass(frozen=True, kw_only=True)
 class ThermometerFault:
-    """The column ("temperature" for all), its kind, from when to when, and what is seen."""
+    """A fault of a thermometer.
+
+    Parameters
+    ----------
+    column : str
+        Its name in the file; "temperature" for all.
+    kind : FaultKind
+    start_s, end_s : float
+        From when to when it is seen.
+    text : str
+        What is seen, for people.
+    """
 
     column: str
     kind: FaultKind
@@ -73,8 +84,16 @@ class ThermometerFault:
 
 @dataclass(frozen=True, kw_only=True)
 class ThermometerCheck:
-    """Faults in the order found; valid[column] (n,): rows to be trusted; resolution[column] [degC],
-    0 if none is seen.
+    """What the judge of thermometers found.
+
+    Parameters
+    ----------
+    faults : tuple of ThermometerFault
+        In the order found.
+    valid : dict of ndarray of bool, shape (n,)
+        By column: rows to be trusted.
+    resolution_degC : dict of float
+        By column: step of its readings, 0 where none is seen.
     """
 
     faults: tuple[ThermometerFault, ...]
@@ -121,12 +140,25 @@ def check_thermometers(
     *,
     plausible_degC: tuple[float, float] = PLAUSIBLE_degC,
 ) -> ThermometerCheck:
-    """Judge thermometers logged at times (n,); columns by their names in the file (gyro_x_degC ...
-    block_degC).
+    """Judge the thermometers of a run.
 
-    gyro_* columns are compared with each other and with accel_* and block; ambient_degC is not part
-    of the unit. Not to be found: a fault shared by every thermometer of the run that keeps them
-    plausible.
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+        Times of the rows.
+    columns : mapping of ndarray, shape (n,)
+        Readings [degC] by their names in the file (gyro_x_degC ... block_degC). Columns gyro_* are
+        compared with each other and with accel_* and block; ambient_degC is not part of the unit.
+    plausible_degC : (float, float)
+        Within what the median of a gyro's thermometer must lie.
+
+    Returns
+    -------
+    check : ThermometerCheck
+
+    Notes
+    -----
+    Not to be found: a fault that all thermometers of the run share and that keeps them plausible.
     """
     judge = _Judge(time_s, columns)
     _holes(judge)
@@ -156,8 +188,22 @@ def check_thermometers(
 
 
 def reading_step_degC(values: NDArray) -> float:
-    """The step of a rounded thermometer, 0 where the readings lie on no common grid or hardly ever
-    repeat.
+    """The step of a rounded thermometer.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Finite readings [degC].
+
+    Returns
+    -------
+    step_degC : float
+        0 where the readings lie on no common grid or hardly ever repeat.
+
+    Examples
+    --------
+    >>> reading_step_degC(np.array([20.0, 20.5, 20.5, 21.0, 21.0, 20.0, 20.0, 20.5]))
+    0.5
     """
     levels = np.unique(np.round(values, 9))
     if levels.size < 2 or levels.size > 0.5 * values.size:

@@ -51,8 +51,27 @@ class _Effect(StrictModel):
 
 
 def default_twin(technology: str) -> TwinModel:
-    """The defaults of a technology: the twin of formats.md for rlg and fog, an industrial unit for
-    mems.
+    """The defaults of a gyro technology.
+
+    Parameters
+    ----------
+    technology : str
+        One of GYRO_TECHNOLOGIES.
+
+    Returns
+    -------
+    twin : TwinModel
+        The twin of formats.md for rlg and fog, an industrial unit for mems.
+
+    Raises
+    ------
+    InputError
+        On another technology.
+
+    Examples
+    --------
+    >>> default_twin("mems").gyro.arw_deg_sqrt_h
+    0.3
     """
     if technology not in GYRO_TECHNOLOGIES:
         raise InputError(
@@ -65,18 +84,47 @@ def default_twin(technology: str) -> TwinModel:
 
 
 def read_twin(path: Path) -> TwinModel:
-    """The twin in a JSON file; missing keys take the default of its technology. InputError names
-    file and key.
+    """The twin in a JSON file.
+
+    Parameters
+    ----------
+    path : Path
+        A file of formats.md, section 3.
+
+    Returns
+    -------
+    twin : TwinModel
+        Missing keys take the default of its technology.
+
+    Raises
+    ------
+    InputError
+        Names file and key.
     """
     path = Path(path)
     return twin_from_dict(read_json_object(path), source=str(path), name=str(path))
 
 
 def table_path(twin: TwinModel, folder: Path) -> Path | None:
-    """Where the table of a twin is whose file lies in `folder`; None where it names none.
+    """Where the table of a twin lies.
 
-    InputError where that is outside the folder: a twin comes from somebody else, and shall open
-    nothing but its own table.
+    Parameters
+    ----------
+    twin : TwinModel
+        As read.
+    folder : Path
+        The folder of the twin's file.
+
+    Returns
+    -------
+    path : Path or None
+        None where the twin names no table.
+
+    Raises
+    ------
+    InputError
+        Where the table lies outside the folder: a twin comes from somebody else, and shall open
+        nothing but its own table.
     """
     if twin.table is None:
         return None
@@ -90,10 +138,26 @@ def table_path(twin: TwinModel, folder: Path) -> Path | None:
 
 
 def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel:
-    """The twin in a plain dict of formats.md section 3.
+    """The twin in a plain dict of formats.md, section 3.
 
-    `source` is kept in the record (reports say where the noise model came from); `name` begins each
-    error line. Unknown keys, wrong types, negative noise and NaN raise InputError naming the key.
+    Parameters
+    ----------
+    data : dict
+        As read.
+    source : str
+        Kept in the record; reports say with it where the noise model came from.
+    name : str
+        Each error line begins with it.
+
+    Returns
+    -------
+    twin : TwinModel
+        Missing keys take the default of its technology.
+
+    Raises
+    ------
+    InputError
+        Names the key: unknown, of a wrong type, negative noise, NaN.
     """
     refuse_non_finite(data, name=name)
     model = parse(_twin_model(), without_schema(data, SCHEMA, name=name), name=name)
@@ -113,7 +177,18 @@ def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel
 
 
 def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
-    """The plain dict of formats.md section 3; `twin_from_dict` returns the same twin."""
+    """The plain dict of a twin (formats.md, section 3).
+
+    Parameters
+    ----------
+    twin : TwinModel
+        Its `source` is left out.
+
+    Returns
+    -------
+    data : dict
+        `twin_from_dict` makes the same twin of it.
+    """
     body = _lists({k: v for k, v in asdict(twin).items() if k != "source"})
     return {"schema": SCHEMA, **body}
 

@@ -19,7 +19,18 @@ UNWRITTEN = {"unwritten": True}
 
 
 def written_as(key: str) -> dict[str, str]:
-    """Metadata of a field that stands under this key in the JSON."""
+    """Metadata of a field whose key in the JSON is not its name.
+
+    Parameters
+    ----------
+    key : str
+        Its key.
+
+    Returns
+    -------
+    metadata : dict of str
+        For `dataclasses.field(metadata=...)`.
+    """
     return {"key": key}
 
 
@@ -74,8 +85,21 @@ class Reason:
 
 
 def because(code: StrEnum, **values: Any) -> Reason:
-    """The reason `code` with its values.
+    """The reason of a code with its values.
 
+    Parameters
+    ----------
+    code : StrEnum
+        A member of an enum of reasons.
+    **values
+        What its sentence names, units in the keys.
+
+    Returns
+    -------
+    reason : Reason
+
+    Examples
+    --------
     >>> class Why(StrEnum):
     ...     TOO_SHORT = "too_short"
     >>> because(Why.TOO_SHORT, measured_s=20.0).values["measured_s"]
@@ -85,12 +109,22 @@ def because(code: StrEnum, **values: Any) -> Reason:
 
 
 def plain(value: Any) -> Any:
-    """A record as JSON holds it: dataclasses as dicts in the order of their fields, enums as their
-    values, arrays and tuples as lists.
+    """A record as JSON holds it.
 
-    A field with metadata `OMIT_NONE` is left out where it is None, one with `UNWRITTEN` always;
-    `written_as` gives it another key.
+    Parameters
+    ----------
+    value : object
+        Dataclasses, enums, arrays, tuples, dicts and what JSON knows itself.
 
+    Returns
+    -------
+    value : object
+        Dataclasses as dicts in the order of their fields, enums as their values, arrays and tuples
+        as lists. A field with metadata `OMIT_NONE` is left out where it is None, one with
+        `UNWRITTEN` always; `written_as` gives it another key.
+
+    Examples
+    --------
     >>> @dataclass(frozen=True)
     ... class Point:
     ...     axis: str

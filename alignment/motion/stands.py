@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.imu_seconds import whole_seconds
-from ins.filters.aided_filter import Fixes
+from ins.filters.aided_records import Fixes
 from ins.records import ImuSource
 from ins.robust import runs_of_true
 

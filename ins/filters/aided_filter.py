@@ -6,168 +6,55 @@ step's own. It is causal: a row holds what was known at its time, and what its s
 (a gyrocompass uses all of its rest). Fed in parts, it gives the same bits however the log is cut.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from ins.earth import ecef_from_geodetic
-from ins.records import GnssLog, ImuLog, InputError, NavState, frozen_array
+from ins.filters.aided_records import (
+    AidedHistory,
+    AidedNoise,
+    AidedOptions,
+    AidedStart,
+    Antenna,
+    Fixes,
+)
+from ins.filters.states import (
+    AIDED_LEVER,
+    AIDED_MOTION,
+    AIDED_SLOW_POS,
+    AIDED_SLOW_VEL,
+    AIDED_STATES,
+)
+from ins.records import ImuLog, InputError, frozen_array
 from ins.strapdown.start import check_initial, check_rows, earth_frame_state, interval_at
 
 STEP_S = 0.2
 KINDS = ("position", "velocity")
 ROUNDING = 1e-9  # of the trace: how negative an eigenvalue of a covariance may be
 REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components
-
-
-@dataclass(frozen=True, kw_only=True)
-class AidedNoise:
-    """Densities, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)], walks of the biases [rad/s/sqrt(s)],
-    [m/s^2/sqrt(s)].
-
-    slow_level_m, slow_down_m, slow_velocity_m_s: sigmas of the receiver's slow errors, beside the
-    fixes' own; slow_s, slow_velocity_s: their time constants.
-    """
-
-    arw: float
-    vrw: float
-    gyro_walk: float
-    accel_walk: float
-    slow_level_m: float = 0.0
-    slow_down_m: float = 0.0
-    slow_s: float = 200.0
-    slow_velocity_m_s: float = 0.0
-    slow_velocity_s: float = 3.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class AidedStart:
-    """Where the filter starts: state, biases still in the increments [rad/s], [m/s^2], covariance
-    of its errors (15, 15) (order and signs: `ins.filters.aided_kernel`).
-    """
-
-    state: NavState
-    gyro_bias_rad_s: NDArray
-    accel_bias_m_s2: NDArray
-    covariance: NDArray
-
-
-@dataclass(frozen=True, kw_only=True)
-class Antenna:
-    """What the fixes are of: lever arm (3,) from the IMU [m], delays [s] by which positions and
-    velocities are older than their time, and the covariance (5, 5) of these errors. estimated: by
-    the filter; else considered: as they are, with what that costs.
-    """
-
-    lever_arm_m: NDArray
-    delay_s: float = 0.0
-    velocity_delay_s: float = 0.0
-    covariance: NDArray = field(default_factory=lambda: np.zeros((5, 5)))
-    estimated: bool = False
-
-    def later(self, seconds: float) -> "Antenna":
-        """Both delays longer by so much."""
-        return replace(
-            self, delay_s=self.delay_s + seconds, velocity_delay_s=self.velocity_delay_s + seconds
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fixes:
-    """Satellite fixes as the filter takes them, ECEF position (n, 3) [m], v_n (n, 3) [m/s], sigmas
-    (n, 3) of the NED components; NaN: not measured.
-    """
-
-    time_s: NDArray
-    r_e_m: NDArray
-    v_n_m_s: NDArray
-    sigma_position_m: NDArray
-    sigma_velocity_m_s: NDArray
-
-    def earlier(self, latency_s: float) -> "Fixes":
-        """The same fixes, each `latency_s` before its time."""
-        return self if latency_s == 0.0 else replace(self, time_s=self.time_s - latency_s)
-
-    def scaled(self, position: float, velocity: float) -> "Fixes":
-        """The same fixes with sigmas this many times as large."""
-        return replace(
-            self,
-            sigma_position_m=position * self.sigma_position_m,
-            sigma_velocity_m_s=velocity * self.sigma_velocity_m_s,
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class AidedHistory:
-    """The solution at about 1 Hz, its sigmas, and what became of each fix.
-
-    gyro_bias_rad_s, accel_bias_m_s2 (k, 3): the biases taken off beyond what the log was
-    compensated with; variance (k, 15): of the errors; phi_covariance (k, 3, 3): of the NED attitude
-    error; covariance (k, 15, 15): where asked. residual, sigma (n, 6): of the fixes, position then
-    velocity, NED, NaN where unseen; nis, used, loglik (n, 2). antenna: as it is known at the end.
-    """
-
-    time_s: NDArray
-    lat_rad: NDArray
-    lon_rad: NDArray
-    height_m: NDArray
-    v_n_m_s: NDArray
-    C_nb: NDArray
-    gyro_bias_rad_s: NDArray
-    accel_bias_m_s2: NDArray
-    variance: NDArray
-    phi_covariance: NDArray
-    covariance: NDArray
-    fix_time_s: NDArray
-    residual: NDArray
-    sigma: NDArray
-    nis: NDArray
-    used: NDArray
-    loglik: NDArray
-    stand_nis: float
-    stand_dof: int
-    antenna: Antenna
-
-
-def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:
-    """A GNSS log with a sigma for each component: as logged, else as declared (these arguments)."""
-
-    def sigma(logged: NDArray | None, declared: float) -> NDArray:
-        if logged is None:
-            return np.full(log.time_s.size, declared)
-        return np.where(np.isfinite(logged) & (logged > 0), logged, declared)
-
-    level, down = (
-        sigma(log.sigma_horizontal_m, horizontal_m),
-        sigma(log.sigma_vertical_m, vertical_m),
-    )
-    speed = sigma(log.sigma_velocity_m_s, velocity_m_s)
-    seen = np.isfinite(log.lat_rad) & np.isfinite(log.lon_rad) & np.isfinite(log.height_m)
-    r_e = np.full((log.time_s.size, 3), np.nan)
-    r_e[seen] = ecef_from_geodetic(log.lat_rad[seen], log.lon_rad[seen], log.height_m[seen])
-    v_n = np.where(np.isfinite(log.v_n_m_s).all(axis=1)[:, None], log.v_n_m_s, np.nan)
-    return Fixes(
-        time_s=log.time_s,
-        r_e_m=r_e,
-        v_n_m_s=v_n,
-        sigma_position_m=np.column_stack([level, level, down]),
-        sigma_velocity_m_s=np.column_stack([speed, speed, speed]),
-    )
-
-
+ANTENNA = slice(AIDED_LEVER.start, AIDED_STATES)  # states of lever arm and delays
 ON_UNIT = Antenna(lever_arm_m=np.zeros(3))
+DEFAULTS = AidedOptions()
 
 
 class AidedNavigator:
     """Aided navigation of a log that comes in parts: `feed` each in turn, then `finish`.
 
-    stands (k, 2): spans in which the vehicle stands [s], each a measurement a second of no
-    velocity, sigma stand_sigma_m_s, and, where stand_rate_rad_s is above 0, of no turn but Earth's,
-    to that and the gyros' noise. reset_s: a solution whose fixes were all rejected for so long is
-    begun anew at the next. output_s: interval of the rows. keep_covariance: also all of P at each
-    row.
+    Parameters
+    ----------
+    start : AidedStart
+    noise : AidedNoise
+    fixes : Fixes
+    antenna : Antenna
+        Where and when the fixes are measured.
+    options : AidedOptions
+
+    Raises
+    ------
+    InputError
+        Where the start is no state, or a covariance not positive semidefinite.
     """
 
     def __init__(
@@ -177,64 +64,48 @@ class AidedNavigator:
         fixes: Fixes,
         *,
         antenna: Antenna = ON_UNIT,
-        stands: ArrayLike = (),
-        stand_sigma_m_s: float = 0.01,
-        stand_rate_rad_s: float = 0.0,
-        reset_s: float = 120.0,
-        output_s: float = 1.0,
-        keep_covariance: bool = False,
+        options: AidedOptions = DEFAULTS,
     ) -> None:
         from ins.filters import aided_kernel as kernel
         from ins.strapdown.kernel import BEFORE, COLUMNS, CORRECTION, STATE_SIZE, U
 
         check_initial(start.state)
-        P = np.zeros((kernel.N, kernel.N))
-        P[: kernel.MOTION, : kernel.MOTION] = _covariance(
-            start.covariance, kernel.MOTION, "AidedStart.covariance"
-        )
-        slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
-        P[kernel.B_ : kernel.W_, kernel.B_ : kernel.W_] = np.diag(slow_m**2)
-        P[kernel.W_ : kernel.L_, kernel.W_ : kernel.L_] = noise.slow_velocity_m_s**2 * np.eye(3)
-        P[kernel.L_ :, kernel.L_ :] = _covariance(antenna.covariance, 5, "Antenna.covariance")
         self._kernel, self._start, self._before = kernel, start.state, slice(BEFORE, U)
         self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(COLUMNS)
         self._state[:CORRECTION] = earth_frame_state(start.state)
-        biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
-        delays = antenna.delay_s, antenna.velocity_delay_s
-        self._bias = np.concatenate([*biases, np.zeros(6), antenna.lever_arm_m, delays]).astype(
-            float
-        )
+        self._bias = _taken_off(start, antenna)
         self._trail = np.zeros((kernel.TRAIL_ROWS, kernel.TRAIL))
-        self._x, self._P, self._carry = np.zeros(kernel.N), P, np.zeros(kernel.CARRY)
+        self._x, self._P = np.zeros(kernel.N), _prior(start, noise, antenna)
+        self._carry = np.zeros(kernel.CARRY)
         self._carry[kernel.V_BEFORE : kernel.V_BEFORE + 3] = start.state.v_n_m_s
         self._carry[kernel.STEPS] = 1.0  # the first row of the trail is the start
-        slow = *slow_m[1:], noise.slow_s, noise.slow_velocity_m_s, noise.slow_velocity_s
-        self._noise = np.array([noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk, *slow])
-        self._settings = np.array(
-            [
-                chi2.isf(REJECT_PROBABILITY, 3),
-                stand_sigma_m_s,
-                reset_s,
-                stand_rate_rad_s,
-                float(not antenna.estimated),
-            ]
-        )
+        self._noise = _noise_values(noise)
+        self._settings = _settings(options, antenna)
         self._antenna, self._fixes = antenna, fixes
         self._fix_rows = np.column_stack(
             [fixes.r_e_m, fixes.v_n_m_s, fixes.sigma_position_m**2, fixes.sigma_velocity_m_s**2]
         )
         self._fix_out = np.full((fixes.time_s.size, kernel.FIX), np.nan)
         self._fix_out[:, kernel.F_USED : kernel.F_LOGLIK] = kernel.UNSEEN
-        self._stands = np.asarray(stands, dtype=float).reshape(-1, 2)
-        self._output_s, self._keep = output_s, keep_covariance
+        self._stands = np.asarray(options.stands, dtype=float).reshape(-1, 2)
+        self._output_s, self._keep = options.output_s, options.keep_covariance
         self._last_s, self._started = start.state.time_s, False
         self._rows: list[NDArray] = []
         self._times_s: list[NDArray] = []
         self._P_rows: list[NDArray] = []
 
     def feed(self, imu: ImuLog) -> None:
-        """Use the rows of `imu` after those used before (at first: after the start); InputError
-        where one is not finite.
+        """Use the rows of a part of the log after those used before (at first: after the start).
+
+        Parameters
+        ----------
+        imu : ImuLog
+            The next part.
+
+        Raises
+        ------
+        InputError
+            Where a row is not finite.
         """
         first = int(np.searchsorted(imu.time_s, self._last_s, side="right"))
         if first == imu.time_s.size:
@@ -244,10 +115,8 @@ class AidedNavigator:
         dtheta, dv = imu.dtheta_rad[first:], imu.dv_m_s[first:]
         if not self._started:
             before = interval_at(imu, max(first - 1, 0))
-            self._state[self._before], self._started = (
-                interval_at(imu, first) if before is None else before,
-                True,
-            )
+            self._state[self._before] = interval_at(imu, first) if before is None else before
+            self._started = True
         ends, fix_of, late_s, stands, emits = self._steps(time_s)
         rows = np.zeros((int(emits.sum()), self._kernel.OUT))
         P_rows = np.zeros((len(rows) if self._keep else 0, 15, 15))
@@ -297,15 +166,23 @@ class AidedNavigator:
         rows = np.flatnonzero((tick > tick_before) | (fix_at >= 0) | put_out)
         late = np.where(fix_at >= 0, np.minimum(self._fixes.time_s[fix_at] - time_s, 0.0), 0.0)
         number = np.searchsorted(self._stands[:, 0], time_s, side="left") - 1
-        stood = (
-            (number >= 0) & (time_s <= self._stands[number, 1])
-            if self._stands.size
-            else np.zeros(time_s.size, bool)
-        )
+        stood = np.zeros(time_s.size, bool)
+        if self._stands.size:
+            stood = (number >= 0) & (time_s <= self._stands[number, 1])
         return rows + 1, fix_at[rows], late[rows], (stood & second)[rows], put_out[rows]
 
     def finish(self) -> AidedHistory:
-        """The solution up to here."""
+        """The solution up to here.
+
+        Returns
+        -------
+        history : AidedHistory
+
+        Raises
+        ------
+        InputError
+            Where the log ends within a second of the start.
+        """
         if not any(len(rows) for rows in self._rows):
             raise InputError(
                 f"imu: ends at {self._last_s:.6g} s, needed a second of rows after"
@@ -342,6 +219,40 @@ class AidedNavigator:
         )
 
 
+def _prior(start: AidedStart, noise: AidedNoise, antenna: Antenna) -> NDArray:
+    """Covariance (26, 26) of all errors at the start."""
+    P = np.zeros((AIDED_STATES, AIDED_STATES))
+    motion = slice(0, AIDED_MOTION)
+    P[motion, motion] = _covariance(start.covariance, AIDED_MOTION, "AidedStart.covariance")
+    slow_m = np.array([noise.slow_level_m, noise.slow_level_m, noise.slow_down_m])
+    P[AIDED_SLOW_POS, AIDED_SLOW_POS] = np.diag(slow_m**2)
+    P[AIDED_SLOW_VEL, AIDED_SLOW_VEL] = noise.slow_velocity_m_s**2 * np.eye(3)
+    P[ANTENNA, ANTENNA] = _covariance(antenna.covariance, 5, "Antenna.covariance")
+    return P
+
+
+def _taken_off(start: AidedStart, antenna: Antenna) -> NDArray:
+    """What the kernel takes off: biases, slow errors (none yet), lever arm, delays (17,)."""
+    biases = start.gyro_bias_rad_s, start.accel_bias_m_s2
+    delays = antenna.delay_s, antenna.velocity_delay_s
+    return np.concatenate([*biases, np.zeros(6), antenna.lever_arm_m, delays]).astype(float)
+
+
+def _noise_values(noise: AidedNoise) -> NDArray:
+    """The noise in the order of the kernel."""
+    densities = noise.arw, noise.vrw, noise.gyro_walk, noise.accel_walk
+    slow_positions = noise.slow_level_m, noise.slow_down_m, noise.slow_s
+    return np.array([*densities, *slow_positions, noise.slow_velocity_m_s, noise.slow_velocity_s])
+
+
+def _settings(options: AidedOptions, antenna: Antenna) -> NDArray:
+    """The settings in the order of the kernel."""
+    gate = chi2.isf(REJECT_PROBABILITY, 3)
+    consider = float(not antenna.estimated)
+    stand = options.stand_sigma_m_s
+    return np.array([gate, stand, options.reset_s, options.stand_rate_rad_s, consider])
+
+
 def _covariance(P: NDArray, size: int, name: str) -> NDArray:
     P = frozen_array(P, (size, size), name)
     if not (np.isfinite(P).all() and np.linalg.eigvalsh(P).min() >= -ROUNDING * np.trace(P)):
@@ -350,10 +261,21 @@ def _covariance(P: NDArray, size: int, name: str) -> NDArray:
 
 
 def level_sigmas(phi_covariance: NDArray, C_nb: NDArray) -> NDArray:
-    """Sigmas (k, 3) of roll, pitch, heading [rad] from the covariance of the NED attitude error (k,
-    3, 3).
+    """Sigmas of roll, pitch and heading from the covariance of the NED attitude error.
 
-    Roll and pitch errors are those about the level body axes; at a pitch near 90 deg roll and
+    Parameters
+    ----------
+    phi_covariance : ndarray, shape (k, 3, 3)
+        In rad^2.
+    C_nb : ndarray, shape (k, 3, 3)
+
+    Returns
+    -------
+    sigma_rad : ndarray, shape (k, 3)
+
+    Notes
+    -----
+    Roll and pitch errors are those about the level body axes. At a pitch near 90 deg roll and
     heading are not separate.
     """
     forward = C_nb[:, :2, 0] / np.maximum(np.linalg.norm(C_nb[:, :2, 0], axis=1), 1e-9)[:, None]

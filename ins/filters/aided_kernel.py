@@ -100,8 +100,9 @@ def put_skew(M, i, j, a, k):
 
 @jit
 def transition(row, dt, Phi):
-    """Phi (15, 15) of a step of dt; row (36,): the strapdown output at its end, with what the step
-    added up.
+    """Phi (15, 15) of a step of dt.
+
+    row (36,): the strapdown output at its end, with what the step added up.
     """
     lat, height, v = row[0], row[2], row[V_N : V_N + 3]
     radius = SEMI_MAJOR_AXIS_M + height
@@ -143,9 +144,10 @@ def transition(row, dt, Phi):
 
 @jit
 def predict(P, Phi, dt, noise, M):
-    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in. Phi is of the first fifteen;
-    biases stand still, so its rows 9-14 are unit, and so are those of the antenna; slow errors
-    fade.
+    """P to Phi P Phi' + Q in place; M (26, 26) is room to work in.
+
+    Phi is of the first fifteen. Biases stand still, so its rows 9-14 are unit, and so are those of
+    the antenna; slow errors fade.
     """
     for i in range(N):
         for j in range(N):
@@ -187,9 +189,11 @@ def predict(P, Phi, dt, noise, M):
 
 @jit
 def update(x, P, H, z, variance, K, first):
-    """One after the other, scalar measurements z (m,) with rows H (m, 26), in place: NIS of all of
-    them together, and the log likelihood. variance (m,): independent errors. K (26,): room to work
-    in. Errors from `first` on are considered and left as they are.
+    """Use scalar measurements z (m,) with rows H (m, 26), one after the other, in place.
+
+    variance (m,): independent errors. K (26,): room to work in. Errors from `first` on are
+    considered and left as they are. Returns the NIS of all of them together, and the log
+    likelihood.
     """
     nis, loglik = 0.0, 0.0
     for m in range(z.size):
@@ -215,8 +219,9 @@ def update(x, P, H, z, variance, K, first):
 
 @jit
 def correct(state, bias, x):
-    """Take the errors x (26,) off the solution and make them zero: Earth-frame position, velocity,
-    attitude, `bias` (17,).
+    """Take the errors x (26,) off the solution and make them zero.
+
+    The solution is Earth-frame position, velocity, attitude, and `bias` (17,).
     """
     frame = local_frame((state[R], state[R + 1], state[R + 2]))
     C = dcm_ne(frame)
@@ -241,8 +246,9 @@ def correct(state, bias, x):
 
 @jit
 def rows_of_fix(row, rate_b, lever_b, H):
-    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,). Delays and
-    what the lever arm does to the velocity are the caller's.
+    """Rows (6, 26) of antenna position and velocity, NED; the arm and its swing (6,).
+
+    Delays and what the lever arm does to the velocity are the caller's.
     """
     H[:, :] = 0.0
     arm, swing = np.zeros(3), np.zeros(3)
@@ -271,8 +277,9 @@ def rows_of_fix(row, rate_b, lever_b, H):
 
 @jit
 def restart(P, seen):
-    """Position and velocity known no better than they were seen to be off; the attitude within
-    RESET_TILT_RAD.
+    """Position and velocity known no better than they were seen to be off.
+
+    The attitude is known within RESET_TILT_RAD.
     """
     for i in range(6):
         P[i, :] = 0.0
@@ -302,9 +309,10 @@ def leave_trail(trail, carry, row):
 
 @jit
 def past(trail, carry, time_s, out):
-    """What the solution moved since a time: out (12,) = velocity and position gained since,
-    acceleration and angular rate there (NED). From the trail, linear in velocity within a step;
-    before the oldest row at that step's acceleration.
+    """What the solution moved since a time.
+
+    out (12,) = velocity and position gained since, acceleration and angular rate there (NED). From
+    the trail, linear in velocity within a step; before the oldest row at that step's acceleration.
     """
     now = int(carry[STEPS] - 1)
     k = now
@@ -324,10 +332,10 @@ def past(trail, carry, time_s, out):
 
 @jit
 def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, out):
-    """Use a fix (position ECEF 3, v_n 3, variances 6; NaN: not measured) `late_s` after the
-    solution's own time (< 0).
+    """Use a fix `late_s` after the solution's own time (< 0).
 
-    Compared with the solution where it was then, less the delay: the trail leads back there.
+    The fix: position ECEF 3, v_n 3, variances 6; NaN: not measured. It is compared with the
+    solution where it was then, less the delay: the trail leads back there.
     """
     arm, swing = rows_of_fix(row, carry[RATE : RATE + 3], bias[B_LEVER : B_LEVER + 3], H)
     at_position, at_velocity, swings, swung = np.zeros(12), np.zeros(12), np.zeros(3), np.zeros(3)
@@ -398,11 +406,10 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
 
 @jit
 def stand(state, row, dt, noise, settings, x, P, bias, H, K):
-    """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's; NIS
-    of the first.
+    """A standing vehicle has no velocity and, where STAND_RATE is given, no rate but Earth's.
 
     The rate: dtheta/dt - C_bn omega_ie = eps - C_bn (omega_ie x theta), noise ARW^2/dt +
-    STAND_RATE^2.
+    STAND_RATE^2. Returns the NIS of the velocity.
     """
     H[:, :] = 0.0
     for i in range(3):
@@ -505,12 +512,35 @@ def run(
     rows_out,
     P_out,
 ):
-    """Work through the rows of a piece of log; step k ends before row ends[k]. Rows after the last
-    end stay open.
+    """Work through the rows of a piece of log; step k ends before row ends[k].
 
-    fix_of (k,): the fix to use at a step's end, -1 for none; late_s (k,): by how much it is after
-    the step's end (<= 0); stands, emits (k,): whether the vehicle stands, whether a row is put out.
-    P_out: (0, 15, 15) where it is not asked for.
+    Parameters
+    ----------
+    dt : ndarray, shape (n,)
+        Intervals [s].
+    dtheta, dv : ndarray, shape (n, 3)
+        Increments [rad], [m/s].
+    ends : ndarray of int64, shape (k,)
+        Rows after the last end stay open.
+    fix_of : ndarray of int64, shape (k,)
+        The fix to use at a step's end, -1 for none.
+    late_s : ndarray, shape (k,)
+        By how much the fix is after the step's end (<= 0).
+    stands, emits : ndarray of bool, shape (k,)
+        Whether the vehicle stands, whether a row is put out.
+    state, opened, carry, bias, x, P : ndarray
+        What a step carries over the end of a piece; changed in place.
+    noise, settings : ndarray, shapes (9,), (5,)
+    trail : ndarray, shape (TRAIL_ROWS, TRAIL)
+        The latest steps; changed in place.
+    fixes : ndarray, shape (fixes, 12)
+        Position ECEF, v_n, variances of both.
+    fix_out : ndarray, shape (fixes, FIX)
+        What became of each fix; written.
+    rows_out : ndarray, shape (emitted, OUT)
+        Written.
+    P_out : ndarray, shape (emitted, 15, 15), or (0, 15, 15)
+        Written where it is asked for.
     """
     Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
     out, end, none = np.zeros((2, COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)

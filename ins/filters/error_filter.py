@@ -20,11 +20,20 @@ GATE_SIGMA = 6.0  # a residual beyond this many sigmas is left out and listed, n
 
 @dataclass
 class Tally:
-    """NIS kept by kind of measurement: sum, degrees of freedom, times and reasons of what the gate
-    left out.
+    """What a filter keeps of its measurements, by kind.
 
-    normalised: innovations over their sigmas, (k, r) by kind; heading_gain: log of the ratio in
-    variance of the cloned heading, by kind.
+    Parameters
+    ----------
+    nis : dict of float
+        Sum of the squared normalised innovations.
+    dof : dict of int
+        Degrees of freedom of that sum.
+    rejected : list of (float, str)
+        Time [s] and kind of what the gate left out.
+    normalised : dict of ndarray, shape (k, r)
+        Innovations over their sigmas.
+    heading_gain : dict of float
+        Log of the ratio in variance of the cloned heading.
     """
 
     nis: dict[str, float] = field(default_factory=dict)
@@ -35,12 +44,23 @@ class Tally:
 
 
 class ErrorFilter:
-    """x (n,), P (n, n), n = 24 + 3 bins. `sigma0` gives the base states' prior sigmas by name of
-    `error_model`.
+    """State x (n,) and covariance P (n, n) of the error filter, n = 24 + 3 bins.
 
-    bias_mean (3 bins,) and bias_covariance (3 bins, 3 bins) [rad/s, (rad/s)^2]: the prior of the
-    gyro bias. filtered (bins, 2, 3): bias and variance of each bin as they stood when its time was
-    over.
+    Parameters
+    ----------
+    sigma0 : mapping of float
+        Prior sigmas of base states by their names in `ins.filters.states`; the others start known.
+    noise : ProcessNoise
+    bias_mean : ndarray, shape (3 bins,)
+        Prior of the gyro bias [rad/s].
+    bias_covariance : ndarray, shape (3 bins, 3 bins)
+        In (rad/s)^2.
+
+    Attributes
+    ----------
+    filtered : ndarray, shape (bins, 2, 3)
+        Bias and variance of each bin as they stood when its time was over.
+    tally : Tally
     """
 
     def __init__(
@@ -72,14 +92,32 @@ class ErrorFilter:
         self.x, self.P = M @ self.x, M @ self.P @ M.T
 
     def widen_prior(self, index: int, sigma: float) -> None:
-        """Give one state a fresh, independent prior of mean zero."""
+        """Give one state a fresh, independent prior of mean zero.
+
+        Parameters
+        ----------
+        index : int
+            The state.
+        sigma : float
+            In its unit.
+        """
         self.x[index], self.P[index], self.P[:, index] = 0.0, 0.0, 0.0
         self.P[index, index] = sigma**2
 
     def withdraw_prior(self, index: int, sigma: float) -> None:
-        """Take back what the prior N(0, sigma^2) of a static state said: the update of that state
-        with variance -sigma^2. Exact; needs the posterior of the state to be well inside its prior,
-        else nothing is done.
+        """Take back what the prior N(0, sigma^2) of a static state said.
+
+        Parameters
+        ----------
+        index : int
+            The state.
+        sigma : float
+            Of the prior, in its unit.
+
+        Notes
+        -----
+        It is the update of that state with variance -sigma^2, which is exact. It needs the
+        posterior of the state to be well inside its prior; else nothing is done.
         """
         S = self.P[index, index] - sigma**2
         if S > -0.5 * sigma**2:
@@ -92,8 +130,16 @@ class ErrorFilter:
     def run(self, program: FilterProgram) -> None:
         """Work through a program, in place.
 
-        Raises ArithmeticError where the covariance loses its digits, ValueError where a value is
-        not finite, both with the kind of measurement and the time.
+        Parameters
+        ----------
+        program : FilterProgram
+
+        Raises
+        ------
+        ArithmeticError
+            Where the covariance loses its digits; names the kind of measurement and the time.
+        ValueError
+            Where a value is not finite, likewise, or a bin is beyond those of the filter.
         """
         from ins.filters import error_kernel as filter_kernel
 
@@ -154,5 +200,5 @@ class ErrorFilter:
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:
-        """Mean (3 bins,) and covariance of the gyro bias bins."""
+        """Mean (3 bins,) [rad/s] and covariance (3 bins, 3 bins) of the gyro bias bins."""
         return self.x[em.BASE :].copy(), self.P[em.BASE :, em.BASE :].copy()

@@ -46,7 +46,16 @@ NOISY = MOVE + 2
 
 @jit
 def system(step, lateral_time_s, A):
-    """Fill A (16, 16) with the rates of the core states (equations: ins.filters.error_model)."""
+    """Fill A with the rates of the core states (equations: ins.filters.error_model).
+
+    Parameters
+    ----------
+    step : ndarray, shape (STEP_COLUMNS,)
+    lateral_time_s : float
+        Correlation time of the lateral velocity.
+    A : ndarray, shape (16, 16)
+        Changed in place.
+    """
     A[:, :] = 0.0
     vx, vy, vz = step[V_N], step[V_N + 1], step[V_N + 2]
     ix, iy, iz = step[OMEGA_IE], step[OMEGA_IE + 1], step[OMEGA_IE + 2]
@@ -95,8 +104,24 @@ def product(A, B, out):
 
 @jit
 def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
-    """Phi (16, 16) and Q (12, 12) of a step: exponential to third order, Simpson's rule
-    (ins.filters.error_model.discretize).
+    """Transition and process noise of the core states over a step.
+
+    The exponential to third order, Simpson's rule (ins.filters.error_model.discretize).
+
+    Parameters
+    ----------
+    step : ndarray, shape (STEP_COLUMNS,)
+    flags : ndarray of int64, shape (4,)
+    noise : ndarray, shape (6,)
+        As of `ProcessNoise.values`.
+    A, A2, A3, half : ndarray, shape (16, 16)
+        Room to work in.
+    Phi : ndarray, shape (16, 16)
+        Changed in place.
+    q : ndarray, shape (12, 12)
+        Room to work in.
+    Q : ndarray, shape (12, 12)
+        Its lower triangle is changed in place.
     """
     system(step, noise[LATERAL_TIME], A)
     product(A, A, A2)
@@ -130,8 +155,9 @@ def transition(step, flags, noise, A, A2, A3, half, Phi, q, Q):
 
 @jit
 def density(A, rolling, noise, q):
-    """Spectral density q (12, 12): gyro noise enters theta and, through v x C_nb, w, just as the
-    bias does.
+    """Spectral density q (12, 12) of the core states.
+
+    Gyro noise enters theta and, through v x C_nb, w, just as the bias does.
     """
     q[:, :] = 0.0
     for i in range(7):
@@ -167,8 +193,9 @@ def spread(M, q, weight, Q):
 
 @jit
 def propagate(x, P, core, Phi, Q, jump_yaw, T, block):
-    """x = F x, P = F P F' + Q, touching only the ten rows and columns that move. T (10, n), block
-    (10, 10): scratch.
+    """x = F x, P = F P F' + Q, touching only the ten rows and columns that move.
+
+    T (10, n), block (10, 10): scratch.
     """
     n = x.size
     for i in range(MOVE):
@@ -230,8 +257,9 @@ def expected(x, P, index, value, R, v):
 
 @jit
 def correct(x, P, v, residual, variance):
-    """x += v residual / S, P -= v v' / S: the optimal update by one scalar, symmetric to the last
-    bit.
+    """The optimal update by one scalar: x += v residual / S, P -= v v' / S.
+
+    Symmetric to the last bit. Returns the innovation over its sigma.
     """
     n = x.size
     root = sqrt(variance)
@@ -249,8 +277,9 @@ def correct(x, P, v, residual, variance):
 
 @jit
 def measure(x, P, index, value, z, R, gate, v, normalised):
-    """Rows (m) with independent noise, one after another; all or none pass the gate. Returns what
-    became of them.
+    """Rows (m) with independent noise, one after another; all or none pass the gate.
+
+    Returns what became of them.
     """
     for r in range(z.size):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
@@ -286,12 +315,37 @@ def assign(x, P, target, index, value, variance, v):
 def run(
     x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, normalised, gain, filtered
 ):
-    """Work through a program. x (n,), P (n, n) change in place.
+    """Work through a program.
 
-    ops (m, 4): kind of operation, step or target, first row, rows. outcome (m,), gain (m,): what
-    became of each and the log of the ratio in variance of the cloned heading; normalised (rows,):
-    innovations over their sigma; filtered (bins, 2, 3): bias and variance of each bin when it
-    ended. Stops at the first LOST or NOT_FINITE.
+    Parameters
+    ----------
+    x, P : ndarray, shapes (n,), (n, n)
+        Changed in place.
+    steps, flags : ndarray, shapes (K, 25), (K, 4)
+        As of `ins.filters.program.Steps.table`.
+    noise : ndarray, shape (6,)
+        As of `ProcessNoise.values`.
+    ops : ndarray of int64, shape (m, 4)
+        Kind of operation, step or target, first row, rows.
+    index, value : ndarray, shape (rows, nz)
+        States and coefficients of each row.
+    z, R : ndarray, shape (rows,)
+        Measured values, variances.
+    gate : ndarray, shape (m,)
+        In sigmas.
+    outcome : ndarray of int64, shape (m,)
+        What became of each operation; written.
+    normalised : ndarray, shape (rows,)
+        Innovations over their sigma; written.
+    gain : ndarray, shape (m,)
+        Log of the ratio in variance of the cloned heading; written.
+    filtered : ndarray, shape (bins, 2, 3)
+        Bias and variance of each bin when it ended; written.
+
+    Returns
+    -------
+    stopped : int
+        The operation at which it stopped, being LOST or NOT_FINITE; -1: none.
     """
     n = x.size
     core = np.empty(CORE, np.int64)

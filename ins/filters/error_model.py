@@ -73,8 +73,18 @@ __all__ = [
 class Step:
     """One filter step along the navigation solution: means over dt_s, except where named otherwise.
 
-    C_nb (3, 3), v_n (3,), omega_ie_n (3,), omega_en_n (3,); gravity [m/s^2]; radius [m];
-    turn_rad: rotation seen by the vertical gyro over the step, Earth rate included.
+    Parameters
+    ----------
+    dt_s : float
+    C_nb : ndarray, shape (3, 3)
+    v_n, omega_ie_n, omega_en_n : ndarray, shape (3,)
+        In m/s and rad/s, NED.
+    gravity : float
+        In m/s^2, positive down.
+    radius_m : float
+        Of the Earth at the place.
+    turn_rad : float
+        Rotation seen by the vertical gyro over the step, Earth rate included.
     """
 
     dt_s: float
@@ -89,9 +99,20 @@ class Step:
 
 @dataclass(frozen=True)
 class ProcessNoise:
-    """White-noise densities driving the errors, SI: arw [rad/sqrt(s)], vrw [m/s/sqrt(s)],
-    accel_rrw [m/s^2/sqrt(s)], yaw_creep [rad/sqrt(s)], lateral RMS [m/s] with its correlation time
-    [s].
+    """White-noise densities that drive the errors, SI.
+
+    Parameters
+    ----------
+    arw : float
+        Angle random walk [rad/sqrt(s)].
+    vrw : float
+        Velocity random walk [m/s/sqrt(s)].
+    accel_rrw : float
+        Rate random walk of the accelerometers [m/s^2/sqrt(s)].
+    yaw_creep : float
+        Of the parked heading [rad/sqrt(s)].
+    lateral_rms, lateral_time_s : float
+        RMS [m/s] and correlation time of the lateral velocity while rolling.
     """
 
     arw: float
@@ -102,7 +123,12 @@ class ProcessNoise:
     lateral_time_s: float
 
     def values(self) -> NDArray:
-        """The six in the order above."""
+        """The six densities in the order above, as the kernel takes them.
+
+        Returns
+        -------
+        values : ndarray, shape (6,)
+        """
         return np.array(
             [
                 self.arw,
@@ -116,7 +142,20 @@ class ProcessNoise:
 
 
 def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
-    """Continuous F (24, 24) of the base states and B (24, 3) from gyro bias in body axes."""
+    """Continuous system of the base states: x' = F x + B (gyro bias).
+
+    Parameters
+    ----------
+    step : Step
+    lateral_time_s : float
+        Correlation time of the lateral velocity.
+
+    Returns
+    -------
+    F : ndarray, shape (24, 24)
+    B : ndarray, shape (24, 3)
+        From the gyro bias in body axes.
+    """
     from ins.filters import error_kernel as fk
 
     A = np.zeros((fk.CORE, fk.CORE))
@@ -127,12 +166,28 @@ def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
 def discretize(
     step: Step, noise: ProcessNoise, *, rolling: bool, keep_displacement: bool = False
 ) -> tuple[NDArray, NDArray, NDArray]:
-    """Transition Phi (24, 24), bias input Gamma (24, 3), process noise Q (24, 24) over the step.
+    """Transition, bias input and process noise of the base states over a step.
 
-    Phi and Gamma to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 =
-    1.3e-5 of it at 10 s), Q by Simpson's rule. keep_displacement: S goes on from the step before (a
-    standing vehicle) instead of starting at zero. While not rolling the lateral velocity takes no
-    part and is held at its stationary spread.
+    Parameters
+    ----------
+    step : Step
+    noise : ProcessNoise
+    rolling : bool
+        While not rolling the lateral velocity takes no part and is held at its stationary spread.
+    keep_displacement : bool
+        S goes on from the step before (a standing vehicle) instead of starting at zero.
+
+    Returns
+    -------
+    Phi : ndarray, shape (24, 24)
+    Gamma : ndarray, shape (24, 3)
+        From the gyro bias in body axes.
+    Q : ndarray, shape (24, 24)
+
+    Notes
+    -----
+    Phi and Gamma are to third order in dt (largest remainder: theta into p, (omega_s dt)^2 / 12 =
+    1.3e-5 of it at 10 s), Q is by Simpson's rule.
     """
     from ins.filters import error_kernel as fk
 

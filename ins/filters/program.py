@@ -6,7 +6,7 @@ in the loop.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,12 +24,23 @@ Row = Mapping[int, ArrayLike]  # state index: coefficient, one for all or (m,)
 class Steps:
     """K successive filter steps along a navigation solution: means over each, SI, navigation axes.
 
-    end_s, dt_s (K,); C_nb (K, 3, 3); v_n (K, 3); omega_ie_n (K, 3); transport (K, 3): 1/(R_E + h),
-    1/(R_N + h) and tanL/(R_E + h) [1/m], so that omega_en_n = (a v_E, -b v_N, -c v_E); gravity,
-    radius_m, turn_rad (K,) as in `error_model.Step`; bin_index (K,): whose gyro bias drives it;
-    rolling, keep (keep_displacement), moving (K,) bool: moving steps are linearised about v_n less
-    the filter's own velocity error. jump_yaw, jump_w, jump_theta (K,): variance of a sudden turn of
-    the vehicle, a velocity or an attitude jump.
+    Parameters
+    ----------
+    end_s, dt_s : ndarray, shape (K,)
+    C_nb : ndarray, shape (K, 3, 3)
+    v_n, omega_ie_n : ndarray, shape (K, 3)
+    transport : ndarray, shape (K, 3)
+        1/(R_E + h), 1/(R_N + h) and tanL/(R_E + h) [1/m], so that omega_en_n = (a v_E, -b v_N, -c
+        v_E).
+    gravity, radius_m, turn_rad : ndarray, shape (K,)
+        As in `error_model.Step`.
+    bin_index : ndarray of int, shape (K,)
+        Whose gyro bias drives the step.
+    rolling, keep, moving : ndarray of bool, shape (K,)
+        Rolling and keep_displacement as in `error_model.discretize`. Moving steps are linearised
+        about v_n less the filter's own velocity error.
+    jump_yaw, jump_w, jump_theta : ndarray, shape (K,)
+        Variances of a sudden turn of the vehicle, a velocity jump, an attitude jump.
     """
 
     end_s: NDArray
@@ -50,7 +61,13 @@ class Steps:
     jump_theta: NDArray
 
     def table(self) -> tuple[NDArray, NDArray]:
-        """The same as `filter_kernel` takes it: (K, 25) float64 and flags (K, 4) int64."""
+        """The steps as the kernel takes them.
+
+        Returns
+        -------
+        table : ndarray, shape (K, 25)
+        flags : ndarray of int64, shape (K, 4)
+        """
         count = len(self.end_s)
         table = np.column_stack(
             [
@@ -71,26 +88,44 @@ class Steps:
         return np.ascontiguousarray(table, dtype=float), np.ascontiguousarray(flags, dtype=np.int64)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Block:
-    """Operations of one call: kind of operation, name, steps (m,), rows (m, r, nz), z and variance
-    (m, r), gate.
+    """Operations of one call: kind of operation, steps (m,), rows (m, r, nz), z and variance (m,
+    r); target: the state that is changed.
     """
 
     operation: int
-    name: str
     at: NDArray
-    target: int
     index: NDArray
     value: NDArray
     z: NDArray
     variance: NDArray
-    gate: float
+    name: str = ""
+    target: int = 0
+    gate: float = 0.0
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """Arrays for `filter_kernel.run`, and the name and end time of each operation."""
+    """A program as arrays for `error_kernel.run`, and the name and end time of each operation.
+
+    Parameters
+    ----------
+    steps : ndarray, shape (K, 25)
+    flags : ndarray of int64, shape (K, 4)
+        Both as of `Steps.table`.
+    ops : ndarray of int64, shape (m, 4)
+        Kind of operation, step or target state, first row, number of rows.
+    index, value : ndarray, shape (rows, nz)
+        States and coefficients of each row.
+    z, variance : ndarray, shape (rows,)
+    gate : ndarray, shape (m,)
+        In sigmas.
+    name : ndarray of int, shape (m,)
+        Number of the operation's name in `names`.
+    names : tuple of str
+    time_s : ndarray, shape (m,)
+    """
 
     steps: NDArray
     flags: NDArray
@@ -106,12 +141,17 @@ class Compiled:
 
 
 class FilterProgram:
-    """Steps, and what is done at the end of each; within a step in the order of the calls below."""
+    """Steps, and what is done at the end of each; within a step in the order of the calls below.
+
+    Parameters
+    ----------
+    steps : Steps
+    """
 
     def __init__(self, steps: Steps) -> None:
         self.steps = steps
         every = np.arange(len(steps.end_s))
-        self._blocks = [_block(ADVANCE, "", every, 0, [{}], [0.0], [0.0], 0.0)]
+        self._blocks = [_block(ADVANCE, every, [{}], [0.0], [0.0])]
 
     def measure(
         self,
@@ -123,31 +163,81 @@ class FilterProgram:
         *,
         gate: float = np.inf,
     ) -> None:
-        """At steps `at` (m,): r rows with independent noise. z, rows, variance: one entry a row,
-        scalars or (m,).
+        """Measure linear combinations of states, at several steps.
 
-        gate: innovations beyond so many sigmas leave the whole measurement out.
+        Parameters
+        ----------
+        name : str
+            Kind of measurement, for the tally.
+        at : ndarray of int, shape (m,)
+            The steps.
+        z : sequence of array_like, () or (m,)
+            Measured values, one entry a row.
+        rows : sequence of mapping
+            State: coefficient, the latter () or (m,).
+        variance : sequence of array_like, () or (m,)
+            Of the rows' noise, which is independent.
+        gate : float
+            Innovations beyond so many sigmas leave the whole measurement out.
         """
         if len(at):
-            self._blocks.append(_block(MEASURE, name, at, 0, rows, z, variance, gate))
+            block = _block(MEASURE, at, rows, z, variance)
+            self._blocks.append(replace(block, name=name, gate=gate))
 
     def widen(self, at: NDArray, index: int, variance: ArrayLike) -> None:
-        """Add independent variance to a state."""
+        """Add independent variance to a state, at several steps.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps.
+        index : int
+            The state.
+        variance : array_like, () or (m,)
+            In its unit, squared.
+        """
         if len(at):
-            self._blocks.append(_block(ADD, "", at, index, [{}], [0.0], [variance], 0.0))
+            block = _block(ADD, at, [{}], [0.0], [variance])
+            self._blocks.append(replace(block, target=index))
 
     def assign(self, at: NDArray, index: int, row: Row, variance: ArrayLike) -> None:
-        """Replace a state by a combination of the others plus independent noise."""
+        """Replace a state by a combination of the others plus independent noise, at several steps.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps.
+        index : int
+            The state.
+        row : mapping
+            State: coefficient, the latter () or (m,).
+        variance : array_like, () or (m,)
+            Of the noise.
+        """
         if len(at):
-            self._blocks.append(_block(ASSIGN, "", at, index, [row], [0.0], [variance], 0.0))
+            block = _block(ASSIGN, at, [row], [0.0], [variance])
+            self._blocks.append(replace(block, target=index))
 
     def clone(self, at: NDArray, target: slice) -> None:
-        """Copy theta as it stands at the end of a step."""
+        """Copy theta as it stands at the end of steps.
+
+        Parameters
+        ----------
+        at : ndarray of int, shape (m,)
+            The steps.
+        target : slice
+            The three states that become the copy.
+        """
         for k in range(3):
             self.assign(at, target.start + k, {THETA.start + k: 1.0}, 0.0)
 
     def compiled(self) -> Compiled:
-        """Operations in the order of steps, within a step in the order they were asked for."""
+        """Operations in the order of steps, within a step in the order they were asked for.
+
+        Returns
+        -------
+        program : Compiled
+        """
         blocks, names = self._blocks, tuple(dict.fromkeys(b.name for b in self._blocks))
         width = max(b.index.shape[2] for b in blocks)
         count = np.concatenate([np.full(len(b.at), b.z.shape[1]) for b in blocks])
@@ -177,25 +267,34 @@ class FilterProgram:
 
 def _block(
     operation: int,
-    name: str,
     at: ArrayLike,
-    target: int,
     rows: Sequence[Row],
     z: Sequence[ArrayLike] | NDArray,
     variance: Sequence[ArrayLike],
-    gate: float,
 ) -> _Block:
-    at = np.atleast_1d(np.asarray(at, dtype=np.int64))
-    m, r, width = len(at), len(rows), max(max(len(row) for row in rows), 1)
-    index, value = np.zeros((m, r, width), dtype=np.int64), np.zeros((m, r, width))
+    """The operation at the steps `at`, without name and gate, on no state."""
+    steps = np.atleast_1d(np.asarray(at, dtype=np.int64))
+    width = max(max(len(row) for row in rows), 1)
+    index = np.zeros((len(steps), len(rows), width), dtype=np.int64)
+    value = np.zeros(index.shape)
     for i, row in enumerate(rows):
         for k, (state, coefficient) in enumerate(row.items()):
-            index[:, i, k], value[:, i, k] = state, coefficient
-    spread = [
-        np.stack([np.broadcast_to(np.asarray(e, dtype=float), (m,)) for e in part], axis=1)
-        for part in (z, variance)
-    ]
-    return _Block(operation, name, at, target, index, value, spread[0], spread[1], gate)
+            index[:, i, k] = state
+            value[:, i, k] = coefficient
+    return _Block(
+        operation=operation,
+        at=steps,
+        index=index,
+        value=value,
+        z=_of_each_step(z, len(steps)),
+        variance=_of_each_step(variance, len(steps)),
+    )
+
+
+def _of_each_step(entries: Sequence[ArrayLike] | NDArray, count: int) -> NDArray:
+    """One entry a row, scalar or one a step, as (count, rows)."""
+    columns = [np.broadcast_to(np.asarray(e, dtype=float), (count,)) for e in entries]
+    return np.stack(columns, axis=1)
 
 
 def _padded(rows: NDArray, width: int) -> NDArray:

@@ -43,8 +43,12 @@ STATES = 15  # columns of an epoch
 class BatchHistory:
     """Navigation solutions of all runs at the epoch ends; epoch 0 is the initial state.
 
-    time_s (epochs,); states (runs, epochs, 15), read-only: latitude, longitude [rad], height [m],
-    v_n [m/s], C_nb in row order. The properties are views of it.
+    Parameters
+    ----------
+    time_s : ndarray, shape (epochs,)
+    states : ndarray, shape (runs, epochs, 15)
+        Read-only: latitude, longitude [rad], height [m], v_n [m/s], C_nb in row order. The
+        properties are views of it.
     """
 
     time_s: NDArray
@@ -52,27 +56,27 @@ class BatchHistory:
 
     @property
     def lat_rad(self) -> NDArray:
-        """(runs, epochs)"""
+        """Latitude, shape (runs, epochs)."""
         return self.states[:, :, 0]
 
     @property
     def lon_rad(self) -> NDArray:
-        """(runs, epochs), in [-pi, pi]"""
+        """Longitude in [-pi, pi], shape (runs, epochs)."""
         return self.states[:, :, 1]
 
     @property
     def height_m(self) -> NDArray:
-        """(runs, epochs)"""
+        """Height above the ellipsoid, shape (runs, epochs)."""
         return self.states[:, :, 2]
 
     @property
     def v_n_m_s(self) -> NDArray:
-        """(runs, epochs, 3)"""
+        """Velocity, NED, shape (runs, epochs, 3)."""
         return self.states[:, :, 3:6]
 
     @property
     def C_nb(self) -> NDArray:
-        """(runs, epochs, 3, 3)"""
+        """Attitude, shape (runs, epochs, 3, 3)."""
         return self.states[:, :, 6:].reshape(*self.states.shape[:2], 3, 3)
 
 

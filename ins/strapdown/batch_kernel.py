@@ -70,26 +70,31 @@ def at(c, l):
 
 @part
 def lane_vector(F, c, l):
+    """Three elements from c on, of lane l."""
     return F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)]
 
 
 @part
 def lane_quaternion(F, l):
+    """The attitude of lane l."""
     return F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)]
 
 
 @part
 def lane_matrix(F, c, l):
+    """Nine elements from c on, of lane l."""
     return lane_vector(F, c, l) + lane_vector(F, c + 3, l) + lane_vector(F, c + 6, l)
 
 
 @part
 def set_lane_vector(F, c, l, a):
+    """Write three elements from c on, of lane l."""
     F[at(c, l)], F[at(c + 1, l)], F[at(c + 2, l)] = a
 
 
 @part
 def set_lane_quaternion(F, l, q):
+    """Write the attitude of lane l."""
     F[at(0, l)], F[at(1, l)], F[at(2, l)], F[at(3, l)] = q
 
 
@@ -143,8 +148,9 @@ def step_lane(F, l, T, weights, height_ref, gains, small):
 
 @part
 def form_increments(F, dtheta, dv, T, own, k):
-    """The increments of every lane: (I + M)(shared) + bias T + own; the largest squared angle, this
-    step and last.
+    """The increments of every lane: (I + M)(shared) + bias T + own.
+
+    Returns the largest squared angle, of this step and the last.
     """
     shared_theta, shared_dv, largest = row(dtheta, k), row(dv, k), 0.0
     for l in range(TILE):
@@ -175,12 +181,31 @@ def form_increments(F, dtheta, dv, T, own, k):
 def integrate_tile(
     dt, dtheta, dv, own, bin_of_row, bias, height_ref, gains, look_s, ends, F, out, run, runs, epoch
 ):
-    """All rows of TILE trajectories; the state after row ends[j] - 1 goes to out[run : run + runs,
-    epoch + j].
+    """All rows of TILE trajectories; the state after row ends[j] - 1 is put out.
 
-    dtheta, dv (n, 3): shared. own (n, 6, TILE), or of size 0: increments added to them. bias (bins,
-    6, TILE) [rad/s, m/s^2], bin_of_row (n,). F: the tile, TILE_SIZE elements a lane, carried from
-    part to part. out (all runs, epochs, C_NB_DT columns of ins.strapdown.kernel).
+    Parameters
+    ----------
+    dt : ndarray, shape (n,)
+        Intervals [s].
+    dtheta, dv : ndarray, shape (n, 3)
+        Shared increments [rad], [m/s].
+    own : ndarray, shape (n, 6, TILE), or of size 0
+        Increments that are added to them.
+    bin_of_row : ndarray of int, shape (n,)
+    bias : ndarray, shape (bins, 6, TILE)
+        In rad/s, then m/s^2.
+    height_ref : ndarray, shape (n,)
+    gains : (float, float, float)
+    look_s : float
+        All three as in `ins.strapdown.loop.integrate`.
+    ends : ndarray of int64
+        Rows used up at each epoch end.
+    F : ndarray, shape (TILE_SIZE * TILE,)
+        The tile, carried from part to part.
+    out : ndarray, shape (all runs, epochs, C_NB_DT)
+        Run `run + lane`, epoch `epoch + j` is written.
+    run, runs, epoch : int
+        First run of the tile, its number of runs, first epoch.
     """
     bin_now, first, T_before = -1, 0, F[at(DT_BEFORE, 0)]
     count, elapsed, limit = F[at(COUNT, 0)], F[at(ELAPSED, 0)], F[at(LIMIT, 0)]

@@ -10,11 +10,26 @@ from ins.strapdown.kernel import cross, dcm, rotate, rotation_quaternion
 
 @jit
 def turned_forces(dtheta, dv):
-    """Attitude C_b0b after each row (n + 1, 3, 3), and the sum of C_b0b f dt up to it (n + 1, 3);
-    row 0 is the start.
+    """Attitude from a log's start on, and specific force added up in its body frame of then.
 
-    dtheta, dv (n, 3). Inertial: the turn of Earth under it is left in (0.07 mrad/s). The force acts
-    in the mean attitude of its row, to first order in the rotation (Groves 2013, eq. 5.28).
+    Parameters
+    ----------
+    dtheta, dv : ndarray, shape (n, 3)
+        Increments [rad], [m/s].
+
+    Returns
+    -------
+    C_b0b : ndarray, shape (n + 1, 3, 3)
+        Attitude after each row; row 0 is the start.
+    force : ndarray, shape (n + 1, 3)
+        Sum of C_b0b f dt up to each row [m/s].
+
+    Notes
+    -----
+    Inertial: the turn of Earth under it is left in (0.07 mrad/s). The force acts in the mean
+    attitude of its row, to first order in the rotation.
+
+    Source: Groves (2013), eq. (5.28).
     """
     n = len(dtheta)
     C_b0b, force = np.zeros((n + 1, 3, 3)), np.zeros((n + 1, 3))

@@ -56,22 +56,25 @@ part = jit(error_model="numpy", forceinline=True)
 
 @part
 def cross(a, b):
+    """Cross product a x b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @part
 def add(a, b, k):
-    """a + k b"""
+    """The sum a + k b."""
     return a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2]
 
 
 @part
 def square(a):
+    """Squared length."""
     return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
 
 
 @part
 def rotate(C, a):
+    """The product C a."""
     return (
         C[0] * a[0] + C[1] * a[1] + C[2] * a[2],
         C[3] * a[0] + C[4] * a[1] + C[5] * a[2],
@@ -81,6 +84,7 @@ def rotate(C, a):
 
 @part
 def row(table, k):
+    """Row k of a table (n, 3)."""
     return table[k, 0], table[k, 1], table[k, 2]
 
 

@@ -102,35 +102,41 @@ def at(c, l):
 
 @part
 def vector(F, c, l):
+    """Three columns from c on, of row l."""
     i = at(c, l)
     return F[i], F[i + ONE], F[i + TWO]
 
 
 @part
 def quaternion(F, c, l):
+    """Four columns from c on, of row l."""
     i = at(c, l)
     return F[i], F[i + ONE], F[i + TWO], F[i + THREE]
 
 
 @part
 def put(F, c, l, a):
+    """Write three columns from c on, of row l."""
     i = at(c, l)
     F[i], F[i + ONE], F[i + TWO] = a
 
 
 @part
 def put_quaternion(F, c, l, q):
+    """Write four columns from c on, of row l."""
     i = at(c, l)
     F[i], F[i + ONE], F[i + TWO], F[i + THREE] = q
 
 
 @part
 def triple(state, c):
+    """Three elements of the state from c on."""
     return state[c], state[c + 1], state[c + 2]
 
 
 @part
 def put_triple(state, c, a):
+    """Write three elements of the state from c on."""
     state[c], state[c + 1], state[c + 2] = a
 
 
@@ -152,8 +158,9 @@ def body_frame(F, l, small):
 
 @kernel
 def load(F, dt, dtheta, dv, height_ref, first, count, before):
-    """Put rows first to first + count in the block; the interval before the next, and the largest
-    squared angle.
+    """Put rows first to first + count in the block.
+
+    Returns the interval before the next row, and the largest squared angle.
     """
     theta_before, dv_before, dt_before = before
     largest = square(theta_before)
@@ -185,9 +192,7 @@ def share_attitude(F, l):
 
 @part
 def share_motion(F, l):
-    """What a row adds to the displacement and the force increment in NED, and to the displacement
-    in body axes.
-    """
+    """What a row adds to displacement and force increment (NED) and displacement (body axes)."""
     half, v, w = 0.5 * F[at(T_ROW, l)], vector(F, V_OLD, l), vector(F, V_NEW, l)
     C, D = dcm(quaternion(F, Q, l)), dcm(quaternion(F, Q_NEW, l))
     C_ne = dcm_ne_at(vector(F, MIDDLE, l), vector(F, UP, l))
@@ -202,8 +207,9 @@ def share_motion(F, l):
 
 @kernel
 def close_rows(F, out, ends, j, k, count):
-    """Add the shares of rows k to k + count to their epochs and record the epochs that end; the
-    next epoch.
+    """Add the shares of rows k to k + count to their epochs and record the epochs that end.
+
+    Returns the next epoch.
     """
     a = 0
     while a < count:
@@ -300,14 +306,29 @@ def share(F, width):
 
 @kernel
 def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out):
-    """Use up all rows; output row j ends before row ends[j], and what follows the last end adds to
-    the row after it.
+    """Use up all rows; output row j ends before row ends[j].
 
-    state (STATE_SIZE,), see ins.strapdown.kernel: changed in place, so that a stream cut anywhere
-    gives the same bits. out (ends.size + 1, COLUMNS), its sums set by the caller: zero, or in row 0
-    those of the part before. gains: k1, k2, k3 of the vertical loop, all zero when free;
-    height_ref: the height it is damped to, one a row; look_s: the longest look-ahead, LOOK_S or
-    less where the vertical loop is fast.
+    Parameters
+    ----------
+    dt : ndarray, shape (n,)
+        Intervals [s].
+    dtheta, dv : ndarray, shape (n, 3)
+        Increments [rad], [m/s].
+    height_ref : ndarray, shape (n,)
+        The height that the vertical loop is damped to [m].
+    gains : (float, float, float)
+        k1, k2, k3 of the vertical loop; all zero when free.
+    look_s : float
+        The longest look-ahead: LOOK_S, or less where the vertical loop is fast.
+    width : int
+        Rows of a block that are worked out side by side: LOOK_ROWS.
+    ends : ndarray of int64
+        Rows used up at each epoch end. What follows the last one adds to the row after it.
+    state : ndarray, shape (STATE_SIZE,)
+        See ins.strapdown.kernel. Changed in place, so that a stream cut anywhere gives the same
+        bits.
+    out : ndarray, shape (ends.size + 1, COLUMNS)
+        Its sums are set by the caller: zero, or in row 0 those of the part before.
     """
     F = np.zeros((SHARE + SHARES) * S)
     q, v, r = (state[0], state[1], state[2], state[3]), triple(state, V), triple(state, R)

@@ -32,21 +32,36 @@ MIN_STEPS_PER_TIME_CONSTANT = 20
 
 @dataclass(frozen=True, kw_only=True)
 class VerticalChannel:
-    """What keeps the height from diverging: third-order baro-inertial loop, its three poles at
-    -1/time_constant_s.
+    """What keeps the height from diverging: a third-order baro-inertial loop.
 
-    mode "free": nothing; an error in height grows e-fold in sqrt(R/2g) = 570 s.
-    mode "hold": damped to the constant `height_m` (None: the initial height).
-    mode "aided": damped to the series (`time_s`, `height_m`), shape (n,), linear in between,
-    constant beyond its ends. Heights are above the ellipsoid. Only the down components of velocity
-    and position are corrected. The integral path removes a constant accelerometer error, so at rest
-    the height error goes to zero.
+    Parameters
+    ----------
+    mode : str
+        "free": nothing; an error in height grows e-fold in sqrt(R/2g) = 570 s.
+        "hold": damped to the constant `height_m` (None: the initial height).
+        "aided": damped to the series (`time_s`, `height_m`), linear in between, constant beyond its
+        ends.
+    time_s : ndarray, shape (n,), optional
+    height_m : ndarray, shape (n,), or float, optional
+        Above the ellipsoid.
+    time_constant_s : float
+        The loop's three poles lie at -1/time_constant_s.
 
-    A step B of vertical acceleration error gives B t^2/2 exp(-t/tau) of height error.
+    Raises
+    ------
+    InputError
+        Another mode; a time constant that is not above 0; a series that is missing, not finite or
+        in no order.
+
+    Notes
+    -----
+    Only the down components of velocity and position are corrected. The integral path removes a
+    constant accelerometer error, so at rest the height error goes to zero: a step B of vertical
+    acceleration error gives B t^2/2 exp(-t/tau) of height error.
 
     Source: the third-order loop of Widnall and Sinha, J. Guidance 3(2), 1980, pp. 172-178, with
-    s^3 + k1 s^2 + (k2 - 2g/R) s + k3 = (s + 1/tau)^3:  k1 = 3/tau, k2 = 3/tau^2 + 2g/R, k3 =
-    1/tau^3.
+    s^3 + k1 s^2 + (k2 - 2g/R) s + k3 = (s + 1/tau)^3:  k1 = 3/tau, k2 = 3/tau^2 + 2g/R,
+    k3 = 1/tau^3.
     """
 
     mode: str = "free"
@@ -86,7 +101,13 @@ class VerticalChannel:
         object.__setattr__(self, "height_m", height_m)
 
     def gains(self) -> tuple[float, float, float]:
-        """k1 [1/s], k2 [1/s^2], k3 [1/s^3]; all zero when free."""
+        """Gains of the loop.
+
+        Returns
+        -------
+        k1, k2, k3 : float
+            In 1/s, 1/s^2 and 1/s^3; all zero when free.
+        """
         if self.mode == "free":
             return 0.0, 0.0, 0.0
         rate = 1 / self.time_constant_s
@@ -94,15 +115,24 @@ class VerticalChannel:
 
     @property
     def look_s(self) -> float:
-        """The longest time over which the loop's action may be taken as constant in looking gravity
-        up.
-        """
+        """Longest time [s] over which the look-up of gravity takes the loop as constant."""
         from ins.strapdown.kernel import LOOK_S
 
         return LOOK_S if self.mode == "free" else min(LOOK_S, self.time_constant_s / 100.0)
 
     def check_interval(self, dt_s: NDArray) -> None:
-        """InputError unless the loop is slow enough for these intervals."""
+        """Refuse intervals that are too long for the loop.
+
+        Parameters
+        ----------
+        dt_s : ndarray, shape (n,)
+            Of the log.
+
+        Raises
+        ------
+        InputError
+            Where the time constant is below MIN_STEPS_PER_TIME_CONSTANT median intervals.
+        """
         if self.mode == "free" or self.time_constant_s >= MIN_STEPS_PER_TIME_CONSTANT * dt_s.max():
             return
         if self.time_constant_s < MIN_STEPS_PER_TIME_CONSTANT * np.median(dt_s):
@@ -112,7 +142,19 @@ class VerticalChannel:
             )
 
     def reference_height(self, time_s: NDArray, dt_s: NDArray, initial_height_m: float) -> NDArray:
-        """The height it is damped to in the middle of intervals that end at time_s [m]."""
+        """The height that the loop is damped to, in the middle of intervals.
+
+        Parameters
+        ----------
+        time_s, dt_s : ndarray, shape (n,)
+            Ends and lengths of the intervals.
+        initial_height_m : float
+            Held where the loop has no height of its own.
+
+        Returns
+        -------
+        height_m : ndarray, shape (n,)
+        """
         if self.mode == "aided":
             return np.interp(
                 time_s - 0.5 * dt_s, np.asarray(self.time_s), np.asarray(self.height_m)
@@ -176,9 +218,17 @@ def navigate(
 class Navigator:
     """Navigation of a log that comes in parts: `feed` each in turn, then `finish`.
 
-    The parameters are those of `navigate`, which is one `feed` and `finish`; the solution is the
-    same to the last bit however the log is cut. Of the log only the last row is kept, of the
-    solution one row (288 bytes) an epoch.
+    Parameters
+    ----------
+    initial : NavState
+    epoch_s : float or None
+    vertical : VerticalChannel or None
+        All three as in `navigate`, which is one `feed` and `finish`.
+
+    Notes
+    -----
+    The solution is the same to the last bit however the log is cut. Of the log only the last row is
+    kept, of the solution one row (288 bytes) an epoch.
 
     Each part must follow the one before it in time, and dt_s[0] of a part must be its true
     interval. Row numbers in error lines count from the first row fed. A vertical loop too fast for
@@ -209,8 +259,17 @@ class Navigator:
         self._fed_rows, self._fed_s = 0, -np.inf
 
     def feed(self, imu: ImuLog) -> None:
-        """Use the rows of `imu` after the initial state; InputError as `navigate`, or where it does
-        not follow on.
+        """Use the rows of a part of the log after the initial state.
+
+        Parameters
+        ----------
+        imu : ImuLog
+            The next part.
+
+        Raises
+        ------
+        InputError
+            As `navigate`, or where the part does not follow on.
         """
         if imu.time_s[0] <= self._fed_s:
             raise InputError(
@@ -231,8 +290,17 @@ class Navigator:
         self._fed_rows, self._fed_s = self._fed_rows + imu.time_s.size, float(imu.time_s[-1])
 
     def finish(self) -> NavHistory:
-        """The solution up to here, with the epoch that ends within half an interval after the last
-        row.
+        """The solution up to here.
+
+        Returns
+        -------
+        history : NavHistory
+            With the epoch that ends within half an interval after the last row.
+
+        Raises
+        ------
+        InputError
+            Where no row after the initial state was fed.
         """
         if not self._rows_used:
             start_s = self._initial.time_s

@@ -21,16 +21,24 @@ RUN_FIELDS = ("gyro_bias_rad_s", "accel_bias_m_s2", "gyro_matrix", "accel_matrix
 class SensorErrors:
     """What each run's sensors read beyond the shared log; None and zero: nothing.
 
-    gyro_bias_rad_s, accel_bias_m_s2 : (runs, 3), or (runs, bins, 3) with edges_s (bins + 1,),
-    strictly increasing; a row
-        belongs to the bin in which its interval's middle lies, the first and the last bin reach
-        beyond the edges.
-    gyro_matrix, accel_matrix : (runs, 3, 3), scale factor errors on the diagonal, misalignments
-    beside it. gyro_noise_rad_sqrt_s, accel_noise_m_s_sqrt_s : angle and velocity random walk, one
-    for all runs;
-        DEG_PER_SQRT_HOUR times deg/sqrt(h), MICRO_G times ug/sqrt(Hz) (ins.units).
-    seeds : (runs,) integers, needed for noise: a run's noise depends on its seed alone, drawn row
-    after row of the log.
+    Parameters
+    ----------
+    gyro_bias_rad_s, accel_bias_m_s2 : array_like, shape (runs, 3) or (runs, bins, 3)
+        With bins where there are edges.
+    edges_s : array_like, shape (bins + 1,)
+        Strictly increasing. A row belongs to the bin in which the middle of its interval lies; the
+        first and the last bin reach beyond the edges.
+    gyro_matrix, accel_matrix : array_like, shape (runs, 3, 3)
+        Scale factor errors on the diagonal, misalignments beside it.
+    gyro_noise_rad_sqrt_s, accel_noise_m_s_sqrt_s : float
+        Angle and velocity random walk, one for all runs (`ins.noise` has them in SI).
+    seeds : array_like of int, shape (runs,)
+        Needed for noise. A run's noise depends on its seed alone, drawn row after row of the log.
+
+    Raises
+    ------
+    InputError
+        Numbers of runs that differ, values that are not finite, noise without seeds.
     """
 
     gyro_bias_rad_s: ArrayLike | None = None
@@ -88,22 +96,43 @@ class SensorErrors:
 
     @property
     def runs(self) -> int | None:
-        """How many; None where nothing tells."""
+        """Number of runs; None where nothing tells."""
         return next(
             (len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None), None
         )
 
     @property
     def noisy(self) -> bool:
+        """Whether the sensors add noise."""
         return self.gyro_noise_rad_sqrt_s > 0 or self.accel_noise_m_s_sqrt_s > 0
 
     def bins(self, imu: ImuLog) -> NDArray:
-        """The bin of each row (n,)."""
+        """The bin of each row.
+
+        Parameters
+        ----------
+        imu : ImuLog
+            The shared log, n rows.
+
+        Returns
+        -------
+        bins : ndarray of int, shape (n,)
+        """
         inner = np.empty(0) if self.edges_s is None else np.asarray(self.edges_s)[1:-1]
         return np.searchsorted(inner, imu.time_s - 0.5 * imu.dt_s, side="right")
 
     def biases(self, run: int) -> NDArray:
-        """Gyro and accelerometer biases (bins, 6) [rad/s, m/s^2]."""
+        """Gyro and accelerometer biases of one run.
+
+        Parameters
+        ----------
+        run : int
+
+        Returns
+        -------
+        biases : ndarray, shape (bins, 6)
+            In rad/s, then m/s^2.
+        """
         bins = 1 if self.edges_s is None else len(np.asarray(self.edges_s)) - 1
         out = np.zeros((bins, 6))
         for columns, bias in (
@@ -115,7 +144,16 @@ class SensorErrors:
         return out
 
     def matrices(self, run: int) -> NDArray:
-        """M of gyros and of accelerometers (2, 3, 3)."""
+        """M of the gyros and of the accelerometers of one run.
+
+        Parameters
+        ----------
+        run : int
+
+        Returns
+        -------
+        matrices : ndarray, shape (2, 3, 3)
+        """
         return np.stack(
             [
                 np.zeros((3, 3)) if m is None else np.asarray(m)[run]
@@ -124,16 +162,52 @@ class SensorErrors:
         )
 
     def generator(self, run: int) -> np.random.Generator:
-        """The source of a run's noise, six normal numbers a row, from row 0 of the log on."""
+        """The source of a run's noise: six normal numbers a row, from row 0 of the log on.
+
+        Parameters
+        ----------
+        run : int
+
+        Returns
+        -------
+        generator : numpy.random.Generator
+        """
         return np.random.default_rng(int(np.asarray(self.seeds)[run]))
 
     def noise(self, generator: np.random.Generator, dt_s: NDArray) -> NDArray:
-        """Noise of the next rows (n, 6) [rad, m/s]."""
+        """Noise of the next rows.
+
+        Parameters
+        ----------
+        generator : numpy.random.Generator
+            Of the run, left after the rows before.
+        dt_s : ndarray, shape (n,)
+            Intervals of the rows.
+
+        Returns
+        -------
+        noise : ndarray, shape (n, 6)
+            In rad, then m/s.
+        """
         sigma = np.repeat([self.gyro_noise_rad_sqrt_s, self.accel_noise_m_s_sqrt_s], 3)
         return generator.standard_normal((dt_s.size, 6)) * (np.sqrt(dt_s)[:, None] * sigma)
 
     def increments(self, run: int, shared: NDArray, dt_s: NDArray, bins: NDArray) -> NDArray:
-        """Rows (n, 6) of dtheta and dv as the run's sensors give them, without noise."""
+        """Increments as one run's sensors give them, without noise.
+
+        Parameters
+        ----------
+        run : int
+        shared : ndarray, shape (n, 6)
+            dtheta and dv of the shared log [rad], [m/s].
+        dt_s : ndarray, shape (n,)
+        bins : ndarray of int, shape (n,)
+            The bin of each row.
+
+        Returns
+        -------
+        rows : ndarray, shape (n, 6)
+        """
         M, out = self.matrices(run), shared.copy()
         for k in range(2):
             d = shared[:, 3 * k : 3 * k + 3]
@@ -143,8 +217,17 @@ class SensorErrors:
         return out + dt_s[:, None] * self.biases(run)[bins]
 
     def applied(self, imu: ImuLog, run: int) -> ImuLog:
-        """The log that the run's sensors would have written, to the bit that the batch
-        navigates.
+        """The log that one run's sensors would have written, to the bit that the batch navigates.
+
+        Parameters
+        ----------
+        imu : ImuLog
+            The shared log, from its first row.
+        run : int
+
+        Returns
+        -------
+        imu : ImuLog
         """
         rows = self.increments(
             run, np.hstack([imu.dtheta_rad, imu.dv_m_s]), imu.dt_s, self.bins(imu)

@@ -13,8 +13,18 @@ ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude
 
 
 class EpochEnds:
-    """Which rows of a log, fed in parts, are nearest to start_s + k epoch_s (epoch_s None: every
-    row).
+    """Which rows of a log, fed in parts, are nearest to start_s + k epoch_s.
+
+    Parameters
+    ----------
+    start_s : float
+    epoch_s : float or None
+        None: every row.
+
+    Raises
+    ------
+    InputError
+        Where epoch_s is not above 0.
     """
 
     def __init__(self, start_s: float, epoch_s: float | None) -> None:
@@ -26,8 +36,17 @@ class EpochEnds:
         self._passed, self._ended = 0, True
 
     def settle(self, time_s: NDArray) -> NDArray:
-        """Rows of this part used up at each epoch end that it settles; 0: one that ended with the
-        last part.
+        """The epoch ends that a part settles.
+
+        Parameters
+        ----------
+        time_s : ndarray, shape (n,)
+            Times of the next part.
+
+        Returns
+        -------
+        ends : ndarray of int
+            Rows of this part used up at each epoch end; 0: one that ended with the last part.
         """
         ends = (
             np.arange(1, time_s.size + 1)
@@ -52,8 +71,13 @@ class EpochEnds:
         return ends[1:] if self._ended and ends.size and ends[0] == 0 else ends
 
     def last_row_ends_one(self) -> bool:
-        """Whether, if no part follows, one more epoch ends at the last row: half an interval of
-        grace.
+        """Whether, if no part follows, one more epoch ends at the last row.
+
+        It does within half an interval of grace.
+
+        Returns
+        -------
+        ends : bool
         """
         if self._ended or self._epoch_s is None:
             return False
@@ -62,7 +86,17 @@ class EpochEnds:
 
 
 def earth_frame_state(initial: NavState) -> NDArray:
-    """q, v, r of the kernel (10,)."""
+    """A navigation state as the kernel carries it.
+
+    Parameters
+    ----------
+    initial : NavState
+
+    Returns
+    -------
+    state : ndarray, shape (10,)
+        Quaternion from body to ECEF (scalar first), v_eb_e [m/s], r_eb_e [m].
+    """
     site = initial.site
     C_en = dcm_en(site.lat_rad, site.lon_rad)
     r_e = ecef_from_geodetic(site.lat_rad, site.lon_rad, site.height_m)
@@ -70,7 +104,16 @@ def earth_frame_state(initial: NavState) -> NDArray:
 
 
 def initial_row(initial: NavState) -> NDArray:
-    """Row 0 of the output (1, COLUMNS): the state as given, sums zero."""
+    """Row 0 of the kernel's output: the state as given, its sums zero.
+
+    Parameters
+    ----------
+    initial : NavState
+
+    Returns
+    -------
+    row : ndarray, shape (1, COLUMNS)
+    """
     from ins.strapdown import kernel
 
     row, site = np.zeros((1, kernel.COLUMNS)), initial.site
@@ -85,13 +128,38 @@ def initial_row(initial: NavState) -> NDArray:
 
 
 def interval_at(imu: ImuLog, row: int) -> NDArray | None:
-    """dtheta, dv, dt of a row (7,); None where it is not valid."""
+    """One row of a log as the interval before another.
+
+    Parameters
+    ----------
+    imu : ImuLog
+    row : int
+
+    Returns
+    -------
+    interval : ndarray, shape (7,), or None
+        dtheta, dv, dt; None where the row is not valid.
+    """
     interval = np.concatenate([imu.dtheta_rad[row], imu.dv_m_s[row], imu.dt_s[row : row + 1]])
     return interval if np.isfinite(interval).all() and interval[-1] > 0 else None
 
 
 def check_rows(imu: ImuLog, first: int, fed_rows: int) -> None:
-    """Raise InputError unless the rows from `first` on are finite, with intervals above zero."""
+    """Refuse rows that are not finite or whose interval is not above zero.
+
+    Parameters
+    ----------
+    imu : ImuLog
+    first : int
+        The first row that is looked at.
+    fed_rows : int
+        Rows of the parts before, for the row's number in the error line.
+
+    Raises
+    ------
+    InputError
+        Names the first such row.
+    """
     dtheta, dv, dt = imu.dtheta_rad[first:], imu.dv_m_s[first:], imu.dt_s[first:]
     if np.isfinite(dtheta).all() and np.isfinite(dv).all() and dt.min() > 0 and dt.max() < np.inf:
         return
@@ -106,7 +174,18 @@ def check_rows(imu: ImuLog, first: int, fed_rows: int) -> None:
 
 
 def check_start(imu: ImuLog, first: int, initial: NavState) -> None:
-    """Raise InputError unless row `first` starts at the initial state."""
+    """Refuse a log whose row `first` starts more than an interval after the initial state.
+
+    Parameters
+    ----------
+    imu : ImuLog
+    first : int
+    initial : NavState
+
+    Raises
+    ------
+    InputError
+    """
     dt = imu.dt_s[first:]
     late = imu.time_s[first] - dt[0] - initial.time_s
     if late > dt[0]:
@@ -117,7 +196,16 @@ def check_start(imu: ImuLog, first: int, initial: NavState) -> None:
 
 
 def check_initial(initial: NavState) -> None:
-    """Raise InputError unless the attitude is a rotation, and the velocity finite."""
+    """Refuse an initial attitude that is no rotation, or a velocity that is not finite.
+
+    Parameters
+    ----------
+    initial : NavState
+
+    Raises
+    ------
+    InputError
+    """
     C = initial.C_nb
     if not (np.abs(C.T @ C - np.eye(3)).max() < ORTHONORMAL_TOLERANCE and np.linalg.det(C) > 0):
         raise InputError("initial C_nb is not a rotation matrix")

@@ -9,7 +9,7 @@ import numpy as np
 
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic
-from ins.filters.aided_filter import AidedHistory
+from ins.filters.aided_records import AidedHistory
 from ins.records import ReferenceLog, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G

@@ -15,7 +15,8 @@ from infield.replay.aided.velocity_match import match_velocity
 from infield.replay.free_inertial import TableChoice, replay
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest
-from ins.filters.aided_filter import fixes_of, level_sigmas
+from ins.filters.aided_filter import level_sigmas
+from ins.filters.aided_records import fixes_of
 from ins.noise import flicker_walk
 from ins.records import TwinModel
 from ins.units import DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR

@@ -11,7 +11,7 @@ import pytest
 from infield.replay.free_inertial import replay
 from infield.session.navigated.taxi_heading import GnssAid
 from ins.columns import SIGMAS
-from ins.filters.aided_filter import fixes_of
+from ins.filters.aided_records import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
 from tests.infield.test_replay import choices, flat

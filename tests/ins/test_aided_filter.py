@@ -13,14 +13,8 @@ from infield.replay.aided.flight import aided_noise
 from ins import kalman
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, euler_from_dcm
 from ins.earth import dcm_en, ecef_from_geodetic, geodetic_from_ecef
-from ins.filters.aided_filter import (
-    AidedNavigator,
-    AidedNoise,
-    AidedStart,
-    Antenna,
-    fixes_of,
-    level_sigmas,
-)
+from ins.filters.aided_filter import AidedNavigator, level_sigmas
+from ins.filters.aided_records import AidedNoise, AidedOptions, AidedStart, Antenna, fixes_of
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS
@@ -76,7 +70,9 @@ def fixes_from(made, twin):
 
 
 def navigated(made, start, noise, fixes, **options):
-    navigator = AidedNavigator(start, noise, fixes, antenna=ANTENNA, **options)
+    navigator = AidedNavigator(
+        start, noise, fixes, antenna=ANTENNA, options=AidedOptions(**options)
+    )
     navigator.feed(made.run.imu)
     return navigator.finish()
 
@@ -227,7 +223,11 @@ def test_same_bits_however_the_log_is_cut():
     )
     whole = navigated(made, start, aided_noise(twin), fixes_from(made, twin), stands=[(0.0, 50.0)])
     navigator = AidedNavigator(
-        start, aided_noise(twin), fixes_from(made, twin), antenna=ANTENNA, stands=[(0.0, 50.0)]
+        start,
+        aided_noise(twin),
+        fixes_from(made, twin),
+        antenna=ANTENNA,
+        options=AidedOptions(stands=[(0.0, 50.0)]),
     )
     imu, edges = made.run.imu, [-1.0, 7.3, 7.55, 99.1, 100.0, 333.3, 1e9]
     for a, b in pairwise(edges):
@@ -360,7 +360,9 @@ def test_antenna_and_slow_error_are_in_the_covariance(estimated):
         antenna = Antenna(
             lever_arm_m=LEVER_M + off[:3], covariance=np.diag(sigma**2), estimated=estimated
         )
-        navigator = AidedNavigator(start, noise, fixes, antenna=antenna, keep_covariance=True)
+        navigator = AidedNavigator(
+            start, noise, fixes, antenna=antenna, options=AidedOptions(keep_covariance=True)
+        )
         navigator.feed(made.run.imu)
         history = navigator.finish()
         means.append(nees(made, history)[[180, 300, 480]])

@@ -30,7 +30,7 @@ from infield.replay.aided.noise import (
     raised_noise,
     with_gnss,
 )
-from ins.filters.aided_filter import AidedHistory, Antenna
+from ins.filters.aided_records import AidedHistory, Antenna
 
 PRIOR_ARM_M = 2.0
 PRIOR_DELAY_S = 0.3

@@ -11,7 +11,7 @@ from alignment.motion.stands import Where
 from infield.replay.aided.reasons import AidedNote
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import ecef_from_geodetic
-from ins.filters.aided_filter import AidedHistory, Fixes
+from ins.filters.aided_records import AidedHistory, Fixes
 from ins.records import Site
 from ins.units import DEG
 from ins.verdicts import Reason, because

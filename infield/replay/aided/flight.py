@@ -22,11 +22,11 @@ from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
 from infield.replay.aided.reasons import AidedReason, AidedVerdict
 from infield.replay.aided.start import FoundStart, moving_start, parked_start
 from infield.replay.aided.taken import antenna_notes, noise_notes, unbelieved
-from ins.filters.aided_filter import (
-    KINDS,
+from ins.filters.aided_filter import KINDS, AidedNavigator
+from ins.filters.aided_records import (
     AidedHistory,
-    AidedNavigator,
     AidedNoise,
+    AidedOptions,
     Antenna,
     Fixes,
     fixes_of,
@@ -221,11 +221,13 @@ class _Flights:
             found.start,
             model.scales.of(self.noise, *self.declared_m),
             fixes,
-            stands=self.stands,
             antenna=model.antenna.later(-base_s),
-            stand_sigma_m_s=STAND_SIGMA_M_S,
-            stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
-            reset_s=RESET_S[self.technology],
+            options=AidedOptions(
+                stands=self.stands,
+                stand_sigma_m_s=STAND_SIGMA_M_S,
+                stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
+                reset_s=RESET_S[self.technology],
+            ),
         )
         for piece in self._pieces(start_s, whole=whole):
             navigator.feed(piece)

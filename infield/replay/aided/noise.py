@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict
-from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY, AidedHistory, AidedNoise, Antenna
+from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY
+from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
 GAIN_NATS = 5.0  # of likelihood that a change must bring

@@ -17,7 +17,7 @@ from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
 from infield.replay.aided.reasons import AidedReason, StartMethod
 from infield.replay.aided.velocity_match import Match, match_velocity
 from ins.earth import EARTH_RATE_RAD_S, geodetic_from_ecef, gravity_magnitude
-from ins.filters.aided_filter import AidedStart, Fixes
+from ins.filters.aided_records import AidedStart, Fixes
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS

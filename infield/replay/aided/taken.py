@@ -7,7 +7,7 @@ import numpy as np
 from infield.replay.aided.antenna import SeenAntenna, antenna_sigmas
 from infield.replay.aided.noise import BELIEVED, NoiseScales
 from infield.replay.aided.reasons import AidedNote, AidedReason
-from ins.filters.aided_filter import Antenna
+from ins.filters.aided_records import Antenna
 from ins.records import TwinModel
 from ins.verdicts import Reason, because
 

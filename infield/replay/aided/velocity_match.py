@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ins.attitude import skew
 from ins.earth import geodetic_from_ecef, gravity_n, omega_en_n, omega_ie_n
-from ins.filters.aided_filter import Fixes
+from ins.filters.aided_records import Fixes
 from ins.records import ImuLog
 
 # between the fixes of a pair: short of it noise outweighs what gravity and turns show

@@ -35,7 +35,8 @@ from infield.replay.aided.start import FoundStart
 from infield.reports.words.sentences import codes, sentences
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import displacement_ned
-from ins.filters.aided_filter import KINDS, AidedHistory, Antenna, level_sigmas
+from ins.filters.aided_filter import KINDS, level_sigmas
+from ins.filters.aided_records import AidedHistory, Antenna
 from ins.filters.states import AIDED_ACCEL as ACCEL
 from ins.filters.states import AIDED_GYRO as GYRO
 from ins.filters.states import AIDED_POS as POS

@@ -1,0 +1,260 @@
+"""What goes into the aided filter and what comes out: noise, start, antenna, fixes, history."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ins.earth import ecef_from_geodetic
+from ins.records import GnssLog, NavState
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedNoise:
+    """Densities of the sensors' noise and size of the receiver's slow errors, SI.
+
+    Parameters
+    ----------
+    arw : float
+        Angle random walk [rad/sqrt(s)].
+    vrw : float
+        Velocity random walk [m/s/sqrt(s)].
+    gyro_walk, accel_walk : float
+        Random walks of the biases [rad/s/sqrt(s)], [m/s^2/sqrt(s)].
+    slow_level_m, slow_down_m, slow_velocity_m_s : float
+        Sigmas of the receiver's slow errors, beside the fixes' own.
+    slow_s, slow_velocity_s : float
+        Their time constants.
+    """
+
+    arw: float
+    vrw: float
+    gyro_walk: float
+    accel_walk: float
+    slow_level_m: float = 0.0
+    slow_down_m: float = 0.0
+    slow_s: float = 200.0
+    slow_velocity_m_s: float = 0.0
+    slow_velocity_s: float = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedStart:
+    """Where the filter starts.
+
+    Parameters
+    ----------
+    state : NavState
+    gyro_bias_rad_s, accel_bias_m_s2 : ndarray, shape (3,)
+        Biases that are still in the increments.
+    covariance : ndarray, shape (15, 15)
+        Of the errors; order and signs: `ins.filters.states`, `ins.filters.aided_kernel`.
+    """
+
+    state: NavState
+    gyro_bias_rad_s: NDArray
+    accel_bias_m_s2: NDArray
+    covariance: NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class Antenna:
+    """What the fixes are of: a place beside the IMU, and a time before their own.
+
+    Parameters
+    ----------
+    lever_arm_m : ndarray, shape (3,)
+        From the IMU to the antenna, body axes.
+    delay_s, velocity_delay_s : float
+        By which positions and velocities are older than their time.
+    covariance : ndarray, shape (5, 5)
+        Of the errors of lever arm and delays.
+    estimated : bool
+        By the filter; else they are considered: left as they are, with what that costs.
+    """
+
+    lever_arm_m: NDArray
+    delay_s: float = 0.0
+    velocity_delay_s: float = 0.0
+    covariance: NDArray = field(default_factory=lambda: np.zeros((5, 5)))
+    estimated: bool = False
+
+    def later(self, seconds: float) -> "Antenna":
+        """The same antenna, both delays longer.
+
+        Parameters
+        ----------
+        seconds : float
+            By so much.
+
+        Returns
+        -------
+        antenna : Antenna
+        """
+        return replace(
+            self, delay_s=self.delay_s + seconds, velocity_delay_s=self.velocity_delay_s + seconds
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fixes:
+    """Satellite fixes as the filter takes them; NaN: not measured.
+
+    Parameters
+    ----------
+    time_s : ndarray, shape (n,)
+    r_e_m, v_n_m_s : ndarray, shape (n, 3)
+        ECEF position; velocity, NED.
+    sigma_position_m, sigma_velocity_m_s : ndarray, shape (n, 3)
+        Of the NED components.
+    """
+
+    time_s: NDArray
+    r_e_m: NDArray
+    v_n_m_s: NDArray
+    sigma_position_m: NDArray
+    sigma_velocity_m_s: NDArray
+
+    def earlier(self, latency_s: float) -> "Fixes":
+        """The same fixes, each before its time.
+
+        Parameters
+        ----------
+        latency_s : float
+            By so much.
+
+        Returns
+        -------
+        fixes : Fixes
+        """
+        return self if latency_s == 0.0 else replace(self, time_s=self.time_s - latency_s)
+
+    def scaled(self, position: float, velocity: float) -> "Fixes":
+        """The same fixes with larger sigmas.
+
+        Parameters
+        ----------
+        position, velocity : float
+            Factors of the sigmas.
+
+        Returns
+        -------
+        fixes : Fixes
+        """
+        return replace(
+            self,
+            sigma_position_m=position * self.sigma_position_m,
+            sigma_velocity_m_s=velocity * self.sigma_velocity_m_s,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedOptions:
+    """What the filter is told of standstills, and how it is to go on and to report.
+
+    Parameters
+    ----------
+    stands : array_like, shape (k, 2)
+        Spans in which the vehicle stands [s]: each a measurement a second of no velocity and, where
+        stand_rate_rad_s is above 0, of no turn but Earth's.
+    stand_sigma_m_s, stand_rate_rad_s : float
+        Sigmas of these; the gyros' noise adds to the second.
+    reset_s : float
+        A solution whose fixes were all rejected for so long is begun anew at the next.
+    output_s : float
+        Interval of the rows.
+    keep_covariance : bool
+        Also all of P at each row.
+    """
+
+    stands: ArrayLike = ()
+    stand_sigma_m_s: float = 0.01
+    stand_rate_rad_s: float = 0.0
+    reset_s: float = 120.0
+    output_s: float = 1.0
+    keep_covariance: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class AidedHistory:
+    """The solution at about 1 Hz, its sigmas, and what became of each fix.
+
+    Parameters
+    ----------
+    time_s, lat_rad, lon_rad, height_m : ndarray, shape (k,)
+    v_n_m_s : ndarray, shape (k, 3)
+    C_nb : ndarray, shape (k, 3, 3)
+    gyro_bias_rad_s, accel_bias_m_s2 : ndarray, shape (k, 3)
+        Biases taken off beyond what the log was compensated with.
+    variance : ndarray, shape (k, 15)
+        Of the errors.
+    phi_covariance : ndarray, shape (k, 3, 3)
+        Of the NED attitude error.
+    covariance : ndarray, shape (k, 15, 15)
+        Of the errors, where asked; else k is 0.
+    fix_time_s : ndarray, shape (n,)
+    residual, sigma : ndarray, shape (n, 6)
+        Of the fixes, position then velocity, NED; NaN where unseen.
+    nis, used, loglik : ndarray, shape (n, 2)
+        Of position and velocity of each fix.
+    stand_nis, stand_dof : float, int
+        Sum over the standstills, and its degrees of freedom.
+    antenna : Antenna
+        As it is known at the end.
+    """
+
+    time_s: NDArray
+    lat_rad: NDArray
+    lon_rad: NDArray
+    height_m: NDArray
+    v_n_m_s: NDArray
+    C_nb: NDArray
+    gyro_bias_rad_s: NDArray
+    accel_bias_m_s2: NDArray
+    variance: NDArray
+    phi_covariance: NDArray
+    covariance: NDArray
+    fix_time_s: NDArray
+    residual: NDArray
+    sigma: NDArray
+    nis: NDArray
+    used: NDArray
+    loglik: NDArray
+    stand_nis: float
+    stand_dof: int
+    antenna: Antenna
+
+
+def fixes_of(log: GnssLog, *, horizontal_m: float, vertical_m: float, velocity_m_s: float) -> Fixes:
+    """A GNSS log with a sigma for each component: as logged, else as declared.
+
+    Parameters
+    ----------
+    log : GnssLog
+    horizontal_m, vertical_m, velocity_m_s : float
+        Declared sigmas of one component.
+
+    Returns
+    -------
+    fixes : Fixes
+    """
+
+    def sigma(logged: NDArray | None, declared: float) -> NDArray:
+        if logged is None:
+            return np.full(log.time_s.size, declared)
+        return np.where(np.isfinite(logged) & (logged > 0), logged, declared)
+
+    level = sigma(log.sigma_horizontal_m, horizontal_m)
+    down = sigma(log.sigma_vertical_m, vertical_m)
+    speed = sigma(log.sigma_velocity_m_s, velocity_m_s)
+    seen = np.isfinite(log.lat_rad) & np.isfinite(log.lon_rad) & np.isfinite(log.height_m)
+    r_e = np.full((log.time_s.size, 3), np.nan)
+    r_e[seen] = ecef_from_geodetic(log.lat_rad[seen], log.lon_rad[seen], log.height_m[seen])
+    v_n = np.where(np.isfinite(log.v_n_m_s).all(axis=1)[:, None], log.v_n_m_s, np.nan)
+    return Fixes(
+        time_s=log.time_s,
+        r_e_m=r_e,
+        v_n_m_s=v_n,
+        sigma_position_m=np.column_stack([level, level, down]),
+        sigma_velocity_m_s=np.column_stack([speed, speed, speed]),
+    )
