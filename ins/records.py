@@ -632,8 +632,11 @@ class Run:
     def to_frame(self) -> "pd.DataFrame":
         """The inertial increments as a table of pandas; the other streams have one of their own.
 
-        An imu stream that was left in its file is read whole. Index and columns as
-        `Stream.to_frame`.
+        Returns
+        -------
+        table : pandas.DataFrame
+            Index and columns as `Stream.to_frame`. A stream that was left in its file is read
+            whole.
         """
         return self.imu.whole().to_frame()
 
