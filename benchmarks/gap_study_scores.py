@@ -13,8 +13,13 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
+from simreal.declared.generic import FREE_FUNCTIONS
+from simreal.effects.base import SLOW
+from simreal.inference.verdict import GapVerdict
+
 Record = dict[str, Any]
 CONFIDENT = 0.9
+GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW}
 # of the planted energy: such a channel is a right place of an effect that sits on no channel
 WHERE_SHARE = 0.2
 BODIES = ("vehicle", "site")  # targets that are no channel of their own
@@ -31,7 +36,7 @@ SINGLE = ("20", "12", "8", "5", "cold", "pyins")
 
 
 def is_name(effect: str) -> bool:
-    return not effect.startswith("unknown") and effect != "slow_variation"
+    return effect not in GENERIC_ANSWERS
 
 
 def top(record: Record) -> Record | None:
@@ -89,7 +94,7 @@ def _each_has_its_own(record: Record, holds: Callable[[Record, Record], bool]) -
 
 def unresolved(record: Record) -> bool:
     """Honestly: a set without a member over 0.9, or a verdict that says so."""
-    if record["verdict"] in ("unexplained", "partly_explained"):
+    if record["verdict"] in (GapVerdict.UNEXPLAINED, GapVerdict.PARTLY_EXPLAINED):
         return True
     cause = top(record)
     listed = members(cause) if cause else []
@@ -142,7 +147,7 @@ def where_energy(record: Record) -> bool | None:
 
 
 def alarm(record: Record) -> bool:
-    return record["verdict"] != "no_gap"
+    return record["verdict"] != GapVerdict.NO_GAP
 
 
 def as_noise(record: Record) -> bool:

@@ -20,8 +20,9 @@ from simreal.inference.attribute import Attribution, Slot
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.scoring import fit
+from simreal.inference.verdict import Judging
 
-BY_RUN = "leave one run out"
+HELD_IN_TURNS = (Judging.BY_RUN, Judging.HALF_MINUTES)
 NOTHING = 1e-9
 
 
@@ -48,10 +49,10 @@ def _is_of(found: Diagnosis, slot: Slot, cause: Cause) -> bool:
 
 
 def _of_slot(attribution: Attribution, slot: Slot, cause: Cause, s: NDArray) -> float | None:
-    evidence, how = attribution.evidence, "" if cause.shrink is None else cause.shrink.how
-    if not how.startswith((BY_RUN, "alternate")):
+    evidence = attribution.evidence
+    if cause.shrink is None or cause.shrink.how not in HELD_IN_TURNS:
         return _in_sample(attribution, slot, s)
-    by_run = how == BY_RUN
+    by_run = cause.shrink.how is Judging.BY_RUN
     masks = (
         [addback._run_mask(evidence, k) for k in range(len(evidence.runs))]
         if by_run

@@ -6,9 +6,10 @@ it is shown, from its code (`infield.reports.words.sentences`). A result is a fr
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import Field, dataclass, field, fields, is_dataclass
 from enum import Enum, StrEnum
-from typing import Any
+from types import NoneType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -152,5 +153,50 @@ def _plain_record(record: Any) -> dict[str, Any]:
         item = getattr(record, f.name)
         left_out = f.metadata.get("unwritten") or (item is None and f.metadata.get("omit_none"))
         if not left_out:
-            found[f.metadata.get("key", f.name)] = plain(item)
+            found[_key(f)] = plain(item)
     return found
+
+
+def record_of(kind: Any, value: Any) -> Any:
+    """What `plain` made of a record of this kind, as that record again.
+
+    Parameters
+    ----------
+    kind : type
+        A dataclass whose fields are records, enums, plain values, tuples of one kind or mappings
+        from text, each of them or None.
+    value : Any
+        From JSON. A key that no field has is passed over.
+
+    Raises
+    ------
+    TypeError, ValueError, AttributeError
+        Where a key without default is missing, an enum has no such member, or a value is no object.
+
+    >>> @dataclass(frozen=True)
+    ... class Point:
+    ...     axis: str
+    ...     span_s: tuple[float, ...]
+    >>> record_of(Point, {"axis": "x", "span_s": [0.0, 900.0]})
+    Point(axis='x', span_s=(0.0, 900.0))
+    """
+    if value is None:
+        return None
+    arguments = [a for a in get_args(kind) if a is not NoneType]
+    if get_origin(kind) is tuple:
+        return tuple(record_of(arguments[0], item) for item in value)
+    if get_origin(kind) is Mapping:
+        return {key: record_of(arguments[1], item) for key, item in value.items()}
+    if arguments:  # one kind or None, or an enum or text
+        return record_of(arguments[0], value)
+    if is_dataclass(kind) and isinstance(kind, type):
+        kinds = get_type_hints(kind)
+        known = [f for f in fields(kind) if _key(f) in value]
+        return kind(**{f.name: record_of(kinds[f.name], value[_key(f)]) for f in known})
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return kind(value)
+    return value
+
+
+def _key(f: Field) -> str:
+    return str(f.metadata.get("key", f.name))

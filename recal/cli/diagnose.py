@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from infield.table.thermal_table import ThermalTable
     from ins.records import Run, TwinModel
     from simreal.inference.diagnosis import Diagnosis
+    from simreal.report.diagnosis_document import Asked
+    from simreal.report.diagnosis_records import DiagnosisRecord
 
 
 def command(
@@ -54,11 +56,12 @@ def command(
 
     Example: recal diagnose run-1 run-2 run-3 --twin twin.json -o diagnosis
     """
+    from ins.verdicts import plain
     from recal.cli.progress import Progress
     from simreal.report.diagnosis_document import summary
 
     with Progress("diagnosing", quiet=quiet) as told:
-        document = diagnose(
+        found = diagnose(
             runs,
             twin_path=twin,
             hold_out=hold_out or [],
@@ -67,8 +70,9 @@ def command(
             seed=seed or 0,
             told=told,
         )
+    document = plain(found)
     answer(document, as_json=as_json, verbose=verbose)
-    for line in summary(document):
+    for line in summary(found):
         say(line, quiet=quiet)
     finish(document)
 
@@ -82,16 +86,17 @@ def diagnose(
     output: Path | None = None,
     seed: int = 0,
     told: Callable[[str], None] = lambda _: None,
-) -> dict[str, Any]:
+) -> "DiagnosisRecord":
     """Writes diagnosis.json, diagnosis.html and twin.json (with its table); returns the
     document.
     """
     from ins.records import InputError
     from ins.twin_file import read_twin
+    from ins.verdicts import plain
     from recal.service.output import output_directory, program_version, write_files
     from simreal.evidence.overlap import overlapping
     from simreal.inference import diagnosis as core
-    from simreal.report.diagnosis_document import refused_document
+    from simreal.report.diagnosis_document import Asked, refused_document
     from simreal.report.diagnosis_page import diagnosis_html
     from trajectories.runs.directory import read_run
     from trajectories.runs.stream_files import HELD_ROWS
@@ -119,15 +124,20 @@ def diagnose(
         )
         write_files(
             {
-                directory / "diagnosis.json": result_text(document),
+                directory / "diagnosis.json": result_text(plain(document)),
                 directory / "diagnosis.html": diagnosis_html(document),
             }
         )
         return document
     told("writing the report")
-    document, texts = _results(
-        found, loaded, table, table_dict, sha256=sha256, seed=seed, hold_out=held, notes=left_out
+    asked = Asked(
+        version=program_version(),
+        seed=seed,
+        table_sha256=sha256,
+        hold_out=tuple(held),
+        notes=tuple(left_out),
     )
+    document, texts = _results(found, loaded, table, table_dict, asked)
     write_files({directory / name: text for name, text in texts.items()})
     return document
 
@@ -137,15 +147,11 @@ def _results(
     runs: list["Run"],
     table: "ThermalTable | None",
     table_dict: dict[str, Any] | None,
-    *,
-    sha256: str,
-    seed: int,
-    hold_out: Sequence[str],
-    notes: Sequence[str],
-) -> tuple[dict[str, Any], dict[str, str]]:
+    asked: "Asked",
+) -> tuple["DiagnosisRecord", dict[str, str]]:
     """The document, and all files by name."""
     from infield.table.file import json_text
-    from recal.service.output import program_version
+    from ins.verdicts import plain
     from simreal.inference.user_level import user_level
     from simreal.plan.record_next import record_next
     from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
@@ -160,19 +166,15 @@ def _results(
     document = diagnosis_document(
         found,
         runs,
-        version=program_version(),
-        seed=seed,
-        table_sha256=sha256,
-        hold_out=hold_out,
+        asked,
         users=[u for u in users if u is not None],
         record_next=record_next(found, table),
-        notes=notes,
     )
     twin = twin_with_causes(
         found.twin, found.causes, [v.name for v in found.views], with_table=table_dict is not None
     )
     texts = {
-        "diagnosis.json": result_text(document),
+        "diagnosis.json": result_text(plain(document)),
         "diagnosis.html": diagnosis_html(document, overlays(found)),
         "twin.json": result_text(twin),
     }

@@ -4,7 +4,7 @@ be seen.
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from infield.table.thermal_table import ThermalTable
     from ins.records import Run, TwinModel
     from simreal.evidence.run_view import RunView
+    from simreal.report.plan_records import PlanRecord
 
 DEFAULT_LAT_DEG = 45.0
 
@@ -66,7 +67,7 @@ def command(
 
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
     """
-    document = plan(
+    found = plan(
         runs or [],
         twin_path=twin,
         technology=technology,
@@ -78,10 +79,11 @@ def command(
         seed=seed or 0,
         quiet=quiet,
     )
+    from ins.verdicts import plain
     from simreal.report.plan_document import summary
 
-    answer(document, as_json=as_json, verbose=verbose)
-    for line in summary(document):
+    answer(plain(found), as_json=as_json, verbose=verbose)
+    for line in summary(found):
         say(line, quiet=quiet)
 
 
@@ -97,10 +99,11 @@ def plan(
     output: Path | None = None,
     seed: int = 0,
     quiet: bool = True,
-) -> dict[str, Any]:
+) -> "PlanRecord":
     """Writes plan.json and plan.html; returns the document."""
     from ins.records import Site
     from ins.units import DEG
+    from ins.verdicts import plain
     from recal.service.output import output_directory, program_version, write_files
     from simreal.plan.pairs import CLASSICAL, read_pair
     from simreal.plan.study import study
@@ -134,7 +137,7 @@ def plan(
     directory = output_directory(output, "plan")
     write_files(
         {
-            directory / "plan.json": result_text(document),
+            directory / "plan.json": result_text(plain(document)),
             directory / "plan.html": plan_html(document),
         }
     )

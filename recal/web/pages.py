@@ -279,10 +279,12 @@ def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
 
 
 def _summary(document: dict[str, Any]) -> list[str]:
+    from ins.verdicts import record_of
     from simreal.report.diagnosis_document import summary
+    from simreal.report.diagnosis_records import DiagnosisRecord
 
     try:
-        return summary(document) if document else []
+        return summary(record_of(DiagnosisRecord, document)) if document else []
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         return [f"This version cannot read the document ({type(error).__name__})."]
 

@@ -19,6 +19,7 @@ OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
 UNKNOWN = "unknown"  # of the motion, on a channel that only moving vehicles have
+FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN})
 # m/s, m/s, m at 10 m/s: what would matter there
 MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}
 Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run

@@ -17,13 +17,12 @@ from typing import Any, NoReturn, TypeGuard
 from ins.records import InputError, TwinModel
 from simreal.declared.generic import OF_RUN
 from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
-from simreal.effects.base import ACCELS, GYROS, Effect
+from simreal.effects.base import ACCELS, GYROS, SLOW, Effect
 from simreal.effects.catalogue import catalogue, effects_named
 from simreal.effects.parts.formula import FormulaEffect, OutOfReach, no_noise
 from simreal.effects.telemetry import Telemetry, Trace, total
 from simreal.evidence.whitened import ExtraNoise
 
-SLOW = "slow_variation"
 PROCESS, RUN_ID = "process", "run_id"
 # then a run id and "]": a coefficient of its own in each run (turn-on biases)
 EACH = "coefficient["

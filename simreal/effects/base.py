@@ -19,6 +19,8 @@ GYROS = ("gyro_x", "gyro_y", "gyro_z")
 ACCELS = ("accel_x", "accel_y", "accel_z")
 AXIS = {name: k for names in (GYROS, ACCELS) for k, name in enumerate(names)}
 Shape = Mapping[str, float]
+# the name that slow processes share (flicker, random walk, Gauss-Markov): tied to nothing logged
+SLOW = "slow_variation"
 
 
 @dataclass(frozen=True)

@@ -231,6 +231,10 @@ def needs_standstill(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((bool(np.any(over(runs, lambda run: run.parked))), "parked time"))
 
 
+# effects that turn the vehicle itself, by name
+ROTATIONS = frozenset(
+    {"platform_settling", "platform_step", "platform_yaw_creep", "platform_mount_sag"}
+)
 YAW_RIVALS = ("gyro_turn_on_bias", "gyro_rate_ramp", "gyro_warmup_transient")
 YAW_CREEP = (
     FormulaEffect(

@@ -27,6 +27,7 @@ from simreal.inference.attribute import Attribution, Slot
 from simreal.inference.bank import Bank, Hypothesis
 from simreal.inference.noise_hypotheses import NoiseHypothesis, term_of
 from simreal.inference.scoring import fit
+from simreal.inference.verdict import Judging
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
@@ -48,7 +49,7 @@ class Shrink:
     interval_95: tuple[float, float]
     held_out: bool
     size: float
-    how: str
+    how: Judging
 
     @property
     def too_small(self) -> bool:
@@ -74,7 +75,7 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
             _fold(attribution, slot, _run_mask(evidence, k), touched, by_run=True)
             for k in range(runs)
         ]
-        how = "leave one run out"
+        how = Judging.BY_RUN
     else:
         if slot.hypothesis.run is not None:
             touched = touched & (evidence.rows.run == slot.hypothesis.run)
@@ -82,10 +83,10 @@ def shrink_of(attribution: Attribution, number: int, held: "HeldOut | None" = No
             _fold(attribution, slot, _block_mask(evidence, odd), touched, by_run=False)
             for odd in (False, True)
         ]
-        how = "alternate half-minutes"
+        how = Judging.HALF_MINUTES
     N, D, dd, dz, m, loose = (float(sum(p[k] for p in parts)) for k in range(6))
     # half the data do not fix it: an event is short
-    if how != "leave one run out" and loose > LOOSE * max(D, dd):
+    if how is not Judging.BY_RUN and loose > LOOSE * max(D, dd):
         return _in_sample(attribution, slot, touched)
     return fieller(N, D, dd=dd, dz=dz, m=m, how=how)
 
@@ -110,7 +111,7 @@ def _in_sample(attribution: Attribution, slot: Slot, touched: NDArray) -> Shrink
             dd=dd,
             dz=dz,
             m=float(inside.sum()),
-            how="the same run, less the fit",
+            how=Judging.SAME_RUN_LESS_FIT,
         ),
         held_out=False,
     )
@@ -165,10 +166,12 @@ class HeldOut:
         N, D, dd, dz, m, _ = _fold(
             self._of_all, slot, held, _touched(self._of_all, slot), by_run=True
         )
-        return fieller(N, D, dd=dd, dz=dz, m=m, how="runs held out")
+        return fieller(N, D, dd=dd, dz=dz, m=m, how=Judging.APART)
 
 
-def fieller(N: float, D: float, *, dd: float, dz: float, m: float, how: str = "") -> Shrink:
+def fieller(
+    N: float, D: float, *, dd: float, dz: float, m: float, how: Judging = Judging.APART
+) -> Shrink:
     """S = N / D with its interval: all S in [-1, 1] that the data do not exclude at 95 %."""
     S = np.linspace(-1.0, 1.0, 2001)
     # the effect is at least what its projection on the fit shows
@@ -309,6 +312,6 @@ def _of_noise(attribution: Attribution, slot: Slot) -> Shrink:
     left = np.abs(truths[:, None] - without) @ unit / np.maximum(np.abs(truths) * total, 1e-300)
     fractions = np.clip(1.0 - left, -1.0, 1.0)
     low, high = np.quantile(fractions, [0.025, 0.975])
-    how = "leave one run out" if held else "the same run"
+    how = Judging.BY_RUN if held else Judging.SAME_RUN
     interval = float(min(low, fractions[0])), float(max(high, fractions[0]))
     return Shrink(float(fractions[0]), interval, held, abs(found) / max(sigma, 1e-300), how)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ins.records import TwinModel
-from simreal.effects.base import Effect
+from simreal.effects.base import SLOW, Effect
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence, ExtraNoise
@@ -200,7 +200,7 @@ class Attributor:
         A drifting path can be drawn by two smooth named effects; the noise found after them is then
         too small to tell.
         """
-        slow = [s for s in self.slots if s.hypothesis.name == "slow_variation"]
+        slow = [s for s in self.slots if s.hypothesis.name == SLOW]
         channels = {s.hypothesis.target for s in slow}
         if not any(s.extra is None and s.hypothesis.target in channels for s in self.slots):
             return
@@ -208,11 +208,7 @@ class Attributor:
         self.slots = []
         self._set(self._under(()))
         odds, _ = self._odds([])
-        noise = [
-            k
-            for k, h in enumerate(self.noises)
-            if h.name == "slow_variation" and h.target in channels
-        ]
+        noise = [k for k, h in enumerate(self.noises) if h.name == SLOW and h.target in channels]
         first = len(self.bank.hypotheses)
         best = max(noise, key=lambda k: odds[first + k])
         slot = self._noise_slot(self.noises[best], float(odds[first + best]))
@@ -274,7 +270,7 @@ class Attributor:
             best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
-        generic = not hypothesis.named or hypothesis.name == "slow_variation"
+        generic = not hypothesis.named or hypothesis.name == SLOW
         if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
             pair = self._pair(slot, others)
             if pair is not None:

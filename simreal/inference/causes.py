@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ins.units import DEG_PER_HOUR, MICRO_G
+from simreal.declared.generic import FREE_FUNCTIONS, UNKNOWN
 from simreal.effects.base import GYROS, Effect
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
@@ -17,7 +18,7 @@ from simreal.inference.scoring import Scorer, condition, fit
 
 CREDIBLE = 0.95
 SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
-UNLISTED = ("unknown", "")
+UNLISTED = (UNKNOWN, "")  # a cause outside the catalogue
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 # of free functions of motion
 UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
@@ -147,7 +148,7 @@ def _rivals(
         if total < CREDIBLE and p > LEAST:
             out.append(Rival(*key, p, cosine))
             total += p
-        elif cosine > SAME_COSINE and not key[0].startswith("unknown"):
+        elif cosine > SAME_COSINE and key[0] not in FREE_FUNCTIONS:
             out.append(Rival(*key, p, cosine))
     return tuple(out)
 

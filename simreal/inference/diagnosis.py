@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
-from simreal.effects.base import Effect
+from simreal.effects.base import SLOW, Effect
 from simreal.effects.catalogue import catalogue
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
 from simreal.evidence.run_view import RunView, view_run
@@ -26,6 +26,7 @@ from simreal.inference.causes import Cause, cause_of, posterior_bars
 from simreal.inference.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
 from simreal.inference.noise_hypotheses import NoiseHypothesis, Squares, term_of
 from simreal.inference.scoring import fit
+from simreal.inference.verdict import GapVerdict, Looks
 
 DEFAULT_ALPHA = 0.01
 MOST_PLACES = 8
@@ -57,7 +58,7 @@ class Diagnosis:
     unused: runs that could not be looked at.
     """
 
-    verdict: str
+    verdict: GapVerdict
     sentence: str
     score: float
     floor: float
@@ -69,7 +70,7 @@ class Diagnosis:
     bars: tuple[tuple[tuple[str, str, float], ...], ...]
     left_present: bool
     left_share: float
-    looks_like: str
+    looks_like: Looks
     not_testable: tuple[tuple[str, str, str], ...]
     cells: CellTable
     cells_after: CellTable
@@ -217,7 +218,7 @@ def _diagnosed(
     order = np.argsort([-c.probability for c in causes], kind="stable")
     return Diagnosis(
         verdict=verdict,
-        sentence=_sentence(verdict, causes, where, looks_like if present else ""),
+        sentence=_sentence(verdict, causes, where, looks_like if present else Looks.NOTHING),
         score=_score(before, inside),
         floor=_floor(cells, squares, attribution, inside),
         p_value=min(2.0 * min(p_max, p_before), 1.0),
@@ -228,7 +229,7 @@ def _diagnosed(
         bars=tuple(bars[k] for k in order),
         left_present=bool(present),
         left_share=_left_share(before, after),
-        looks_like=looks_like if present else "",
+        looks_like=looks_like if present else Looks.NOTHING,
         not_testable=_not_testable(attribution),
         cells=before,
         cells_after=after,
@@ -260,48 +261,57 @@ def _left_share(before: CellTable, after: CellTable) -> float:
     return float(np.clip(np.maximum(after.nats, 0.0).sum() / total, 0.0, 1.0)) if total > 0 else 0.0
 
 
-def _verdict(causes: Sequence[Cause], present: bool) -> str:
+def _verdict(causes: Sequence[Cause], present: bool) -> GapVerdict:
     named = [c for c in causes if c.named]
     if not causes:
-        return "unexplained" if present else "no_gap"
+        return GapVerdict.UNEXPLAINED if present else GapVerdict.NO_GAP
     if not named:
-        return "unexplained"
-    return "partly_explained" if present or len(named) < len(causes) else "explained"
+        return GapVerdict.UNEXPLAINED
+    if present or len(named) < len(causes):
+        return GapVerdict.PARTLY_EXPLAINED
+    return GapVerdict.EXPLAINED
+
+
+HEADS = {
+    GapVerdict.EXPLAINED: "Explained by",
+    GapVerdict.PARTLY_EXPLAINED: "Partly explained by",
+    GapVerdict.UNEXPLAINED: "Not explained by a named effect:",
+}
+MOST_RIVALS_SAID = 4  # in a sentence; the document lists all
 
 
 def _sentence(
-    verdict: str, causes: Sequence[Cause], where: Sequence[Place], looks_like: str
+    verdict: GapVerdict, causes: Sequence[Cause], where: Sequence[Place], looks_like: Looks
 ) -> str:
     """The verdict in one sentence (words of effects.md section 3.6)."""
-    if verdict == "no_gap":
+    if verdict is GapVerdict.NO_GAP:
         return "No gap beyond the noise floor."
-    said = []
-    for cause in causes:
-        others = sorted(
-            {
-                r.effect if r.target == cause.target else f"{r.effect} on {r.target}"
-                for r in cause.rivals
-            }
-        )
-        what = f"{cause.effect} on {cause.target}"
-        if cause.effect == "slow_variation":
-            what = f"a slow variation on {cause.target}, not tied to any logged quantity"
-        elif not cause.named:
-            what = f"an {cause.effect.replace('_', ' ')} on {cause.target}"
-        if others and not cause.resolved:
-            what += f" (not unique: or {', '.join(others[:4])})"
-        said.append(what)
-    place = where[0] if where else None
-    if verdict == "unexplained" and not causes:
-        at = f", mostly in {place.channel}" if place else ""
+    if not causes:
+        at = f", mostly in {where[0].channel}" if where else ""
         return f"A gap that no known effect explains{at}: it shows in {looks_like}."
-    head = {
-        "explained": "Explained by",
-        "partly_explained": "Partly explained by",
-        "unexplained": "Not explained by a named effect:",
+    said = " and ".join(_said(cause) for cause in causes)
+    something_left = verdict is GapVerdict.PARTLY_EXPLAINED and looks_like is not Looks.NOTHING
+    tail = "; something is left" if something_left else ""
+    return f"{HEADS[verdict]} {said}{tail}."
+
+
+def _said(cause: Cause) -> str:
+    """A cause, with what it cannot be told from."""
+    what = _called(cause)
+    if cause.resolved or not cause.rivals:
+        return what
+    others = {
+        r.effect if r.target == cause.target else f"{r.effect} on {r.target}" for r in cause.rivals
     }
-    tail = "; something is left" if verdict == "partly_explained" and looks_like else ""
-    return f"{head[verdict]} {' and '.join(said)}{tail}."
+    return f"{what} (not unique: or {', '.join(sorted(others)[:MOST_RIVALS_SAID])})"
+
+
+def _called(cause: Cause) -> str:
+    if cause.effect == SLOW:
+        return f"a slow variation on {cause.target}, not tied to any logged quantity"
+    if not cause.named:
+        return f"an {cause.effect.replace('_', ' ')} on {cause.target}"
+    return f"{cause.effect} on {cause.target}"
 
 
 def _places(

@@ -19,6 +19,7 @@ from simreal.effects.telemetry import PARKED
 from simreal.evidence.parked import BIN_S
 from simreal.evidence.whitened import BAND_HZ, BANDS, CHANNELS, SENSORS, Evidence
 from simreal.inference.noise_hypotheses import Squares
+from simreal.inference.verdict import Looks
 
 OCTAVES = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
 WINDOW_S = 600.0
@@ -112,14 +113,7 @@ class Leftover:
     channel, bursts, kurtosis, scatter against temperature rate, correlation between channels.
     """
 
-    names = (
-        "cells",
-        "temperature bands",
-        "time windows",
-        "burst",
-        "kurtosis",
-        "cross-channel correlation",
-    )
+    tests = tuple(look for look in Looks if look is not Looks.NOTHING)  # as in `statistics`
 
     def __init__(self, evidence: Evidence, cells: Sequence[Cell], squares: Squares) -> None:
         self.evidence, self.cells, self.squares = evidence, tuple(cells), squares
@@ -187,7 +181,7 @@ class Leftover:
             count += bins
         return np.maximum(best, np.abs(total).max(axis=0) / np.sqrt(max(count, 1)))
 
-    def judge(self, z: NDArray, ratio: NDArray, replicates: NDArray) -> tuple[float, str]:
+    def judge(self, z: NDArray, ratio: NDArray, replicates: NDArray) -> tuple[float, Looks]:
         """p-value that nothing is left (all tests together), and what the strongest test is about.
 
         replicates (6, reps): the statistics of the twin's own noise.
@@ -201,7 +195,7 @@ class Leftover:
         together = float((1 + np.sum(smallest <= p.min())) / (1 + smallest.size))
         if together <= 2.0 / (1 + smallest.size):  # beyond what the replicates resolve
             together = min(together, len(seen) * float(p.min()))
-        return together, self.names[int(np.argmin(p))]
+        return together, self.tests[int(np.argmin(p))]
 
 
 def _tail(values: NDArray, seen: float) -> float:

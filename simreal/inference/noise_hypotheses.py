@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from simreal.declared.declared_noise import declared_square
-from simreal.effects.base import AddedNoise, Effect
+from simreal.effects.base import SLOW, AddedNoise, Effect
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.evidence.parked import BIN_S, cholesky_of
 from simreal.evidence.whitened import (
@@ -223,7 +223,7 @@ def noise_hypotheses(
                 ** 2
             )
             event = effect.repeats == "E"
-            prior = (SLOW_LOG_PRIOR if effect.name == "slow_variation" else 0.0) - event * np.log(
+            prior = (SLOW_LOG_PRIOR if effect.name == SLOW else 0.0) - event * np.log(
                 len(telemetry)
             )
             for run in range(len(telemetry)) if event else (None,):

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from enum import StrEnum
 from functools import cached_property
 
 import numpy as np
@@ -56,6 +57,20 @@ INSEPARABLE = (  # effects.md, end of section 2: no parked recording helps
         "parked, both are one rate about z; a heading reference tells",
     ),
 )
+
+
+class PairVerdict(StrEnum):
+    """Whether a set of recordings tells two effects apart."""
+
+    SEPARATED = "separated"
+    SEPARATED_WHEN_LARGE = "separated_when_large"
+    NOT_SEPARATED = "not_separated"
+    NOT_TESTABLE = "not_testable"
+
+    @property
+    def separates(self) -> bool:
+        """The two are told apart, at least where the effect is large."""
+        return self in (PairVerdict.SEPARATED, PairVerdict.SEPARATED_WHEN_LARGE)
 
 
 @dataclass(frozen=True)
@@ -129,12 +144,14 @@ class Judged:
         return 0.5 * min(self.margin, 1.0) + 0.5 * min(self.margin_high, 1.0)
 
     @property
-    def verdict(self) -> str:
+    def verdict(self) -> PairVerdict:
         if self.lacks:
-            return "not_testable"
+            return PairVerdict.NOT_TESTABLE
         if self.margin >= 1.0:
-            return "separated"
-        return "separated_when_large" if self.margin_high >= 1.0 else "not_separated"
+            return PairVerdict.SEPARATED
+        if self.margin_high >= 1.0:
+            return PairVerdict.SEPARATED_WHEN_LARGE
+        return PairVerdict.NOT_SEPARATED
 
 
 def special_case(runs: Sequence[RunGrams], pair: Pair) -> str:

@@ -3,7 +3,7 @@ from its rivals.
 """
 
 from infield.table.thermal_table import ThermalTable
-from simreal.declared.twin_effects import SLOW
+from simreal.effects.base import SLOW
 from simreal.inference.causes import Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
 from simreal.plan.advice import advice

@@ -22,11 +22,11 @@ from simreal.inference.bank import Hypothesis
 from simreal.inference.causes import shares_of
 from simreal.inference.diagnosis import Diagnosis
 from simreal.inference.scoring import fit
+from simreal.inference.verdict import Judging
 
 MINUTE_BINS = 6
 # of its RMS: an effect whose scatter within a run is larger is no constant of that run
 VARIES = 0.2
-BY_RUN = "leave one run out"
 LEAST_ELSEWHERE = 1e-3  # share of an effect's information: below, it is not in those runs
 
 
@@ -70,8 +70,10 @@ def slot_order(diagnosis: Diagnosis) -> list[int]:
 
 def overlays(diagnosis: Diagnosis) -> tuple[Overlay | None, ...]:
     """One for each cause, None for noise."""
-    how = ["" if c.shrink is None else c.shrink.how for c in diagnosis.causes]
-    return tuple(_overlay(diagnosis, k, h) for k, h in zip(slot_order(diagnosis), how))
+    by_run = [c.shrink is not None and c.shrink.how is Judging.BY_RUN for c in diagnosis.causes]
+    return tuple(
+        _overlay(diagnosis, k, by_run=own) for k, own in zip(slot_order(diagnosis), by_run)
+    )
 
 
 def fitted_trace(diagnosis: Diagnosis, run: int) -> Trace:
@@ -160,7 +162,7 @@ def _fit(attribution: Attribution) -> NDArray:
     return np.asarray(fit(attribution.bank, columns)[0]) if columns.size else np.zeros(0)
 
 
-def _overlay(diagnosis: Diagnosis, number: int, how: str) -> Overlay | None:
+def _overlay(diagnosis: Diagnosis, number: int, *, by_run: bool) -> Overlay | None:
     attribution = diagnosis.attribution
     slot, evidence = attribution.slots[number], attribution.evidence
     if slot.group is None:
@@ -174,12 +176,8 @@ def _overlay(diagnosis: Diagnosis, number: int, how: str) -> Overlay | None:
         apart = r >= len(evidence.views)
         if not apart and float(u[evidence.rows_of(r)].sum()) < LEAST_ELSEWHERE * float(u.sum()):
             continue
-        beta = (
-            coefficients_without(attribution, r)
-            if how == BY_RUN and not apart
-            else _fit(attribution)
-        )
-        curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or how == BY_RUN))
+        beta = coefficients_without(attribution, r) if by_run and not apart else _fit(attribution)
+        curves.append(make(diagnosis, r, mine, beta, channel, held_out=apart or by_run))
     unit = ("deg/h" if channel < 3 else "ug") if on_sensors else ""
     return Overlay(CHANNELS[channel], unit, tuple(sorted(curves, key=lambda c: not c.held_out)))
 

@@ -2,7 +2,9 @@
 (`diagnosis_curves`).
 """
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -22,38 +24,57 @@ from infield.reports.figures import (
     thinned,
 )
 from simreal.report.diagnosis_curves import Overlay, RunCurve
+from simreal.report.diagnosis_records import CauseRecord, CellRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
 
 MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be
 SHOWN_NATS = 3.0  # a smaller excess has no number in its cell
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
+DARK = 0.55  # share of the colour scale from which a number is written in white
+LEAST_SHOWN = 0.001  # probability of an answer that is drawn
+Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
+
+
+@dataclass(frozen=True)
+class _Square:
+    """A cell of the map: where it is, and its numbers before or after."""
+
+    place: tuple[int, int]  # row of the channel, column of the band
+    nats: float
+    rho: float
+    located: bool
+
+    @property
+    def colour(self) -> float:
+        """Signed root of the nats: below 0 too quiet, above too loud."""
+        return float(np.sign(self.rho - 1.0) * np.sqrt(np.clip(self.nats, 0.0, MOST_NATS)))
 
 
 @in_style
-def gap_map(cells: list[dict[str, Any]]) -> Markup:
+def gap_map(cells: Sequence[CellRecord]) -> Markup:
     """Channel against band, before and after: colour is the signed root of the nats, numbers are
     rho where it stands out.
     """
-    channels = list(dict.fromkeys(c["channel"] for c in cells))
-    bands = sorted({_band(c) for c in cells}, key=lambda b: (b[2], b[0]))
+    channels = list(dict.fromkeys(c.channel for c in cells))
+    bands = _bands(cells)
+    places = [(channels.index(c.channel), bands.index(_band(c))) for c in cells]
+    before = [_Square(at, c.nats, c.rho, c.located) for at, c in zip(places, cells)]
+    after = [
+        _Square(at, c.nats_after, c.rho_after, c.located_after) for at, c in zip(places, cells)
+    ]
     figure, axes = new_figure(2, 1, height=1.7 + 0.5 * len(channels), sharex=True)
-    for ax, suffix, title in (
-        (axes[0, 0], "", "Before"),
-        (axes[1, 0], "_after", "With what was found"),
+    for ax, squares, title in (
+        (axes[0, 0], before, "Before"),
+        (axes[1, 0], after, "With what was found"),
     ):
-        mesh = _draw_map(ax, cells, channels, bands, suffix)
+        mesh = _draw_map(ax, squares, channels, len(bands))
         axis_text(ax, title=title)
-    axes[1, 0].set_xticks(
-        range(len(bands)),
-        [_band_name(b) for b in bands],
-        rotation=40,
-        ha="right",
-        rotation_mode="anchor",
-    )
+    _name_bands(axes[1, 0], bands)
     bar = figure.colorbar(mesh, ax=axes[:, 0], aspect=35, pad=0.01)
     ticks = np.array([-30.0, -10.0, -3.0, 0.0, 3.0, 10.0, 30.0])
     bar.set_ticks(np.sign(ticks) * np.sqrt(np.abs(ticks)), labels=[f"{abs(t):g}" for t in ticks])
@@ -61,35 +82,39 @@ def gap_map(cells: list[dict[str, Any]]) -> Markup:
     return svg_text(figure, "Heat map of the gap by channel and band, before and after")
 
 
-def _band(cell: dict[str, Any]) -> tuple[float, float, bool]:
-    low, high = cell["frequency_hz"]
-    return float(low), float("inf") if high is None else float(high), bool(cell["moving"])
+def _band(cell: CellRecord) -> Band:
+    low, high = cell.frequency_hz
+    assert low is not None
+    return float(low), float("inf") if high is None else float(high), bool(cell.moving)
+
+
+def _bands(cells: Sequence[CellRecord]) -> list[Band]:
+    """Slow ones first, then those of moving vehicles."""
+    return sorted({_band(c) for c in cells}, key=lambda band: (band[2], band[0]))
+
+
+def _name_bands(ax: "Axes", bands: Sequence[Band]) -> None:
+    ax.set_xticks(
+        range(len(bands)),
+        [_band_name(b) for b in bands],
+        rotation=40,
+        ha="right",
+        rotation_mode="anchor",
+    )
 
 
 def _draw_map(
-    ax: "Axes", cells: list[dict[str, Any]], channels: list[str], bands: list, suffix: str
-) -> Any:
+    ax: "Axes", squares: Sequence[_Square], channels: Sequence[str], bands: int
+) -> "QuadMesh":
     from matplotlib.colors import Normalize
 
-    values = np.full((len(channels), len(bands)), np.nan)
-    for cell in cells:
-        y, x = channels.index(cell["channel"]), bands.index(_band(cell))
-        nats, rho = max(cell["nats" + suffix], 0.0), cell["rho" + suffix]
-        values[y, x] = np.sign(rho - 1.0) * np.sqrt(min(nats, MOST_NATS))
-        if nats > SHOWN_NATS or cell["located" + suffix]:
-            dark = abs(values[y, x]) > 0.55 * np.sqrt(MOST_NATS)
-            ax.text(
-                x,
-                y,
-                _short(rho),
-                ha="center",
-                va="center",
-                fontsize=7.5,
-                color="white" if dark else BLACK,
-                fontweight="bold" if cell["located" + suffix] else "normal",
-            )
+    values = np.full((len(channels), bands), np.nan)
+    for square in squares:
+        values[square.place] = square.colour
+        if square.nats > SHOWN_NATS or square.located:
+            _write_rho(ax, square)
     top = np.sqrt(MOST_NATS)
-    edges_x, edges_y = np.arange(len(bands) + 1) - 0.5, np.arange(len(channels) + 1) - 0.5
+    edges_x, edges_y = np.arange(bands + 1) - 0.5, np.arange(len(channels) + 1) - 0.5
     masked = np.ma.masked_invalid(values)
     mesh = ax.pcolormesh(
         edges_x,
@@ -109,21 +134,32 @@ def _draw_map(
     return mesh
 
 
-def _short(rho: float) -> str:
-    return (
-        f"{rho:.2f}"
-        if rho < 2
-        else (
-            f"{rho:.1f}"
-            if rho < 10
-            else f"{rho:.0f}"
-            if rho < 1000
-            else f"{rho:.0e}".replace("e+0", "e")
-        )
+def _write_rho(ax: "Axes", square: _Square) -> None:
+    """The number of a square that stands out, bold where it is located."""
+    y, x = square.place
+    dark = abs(square.colour) > DARK * np.sqrt(MOST_NATS)
+    ax.text(
+        x,
+        y,
+        _short(square.rho),
+        ha="center",
+        va="center",
+        fontsize=7.5,
+        color="white" if dark else BLACK,
+        fontweight="bold" if square.located else "normal",
     )
 
 
-def _band_name(band: tuple[float, float, bool]) -> str:
+def _short(rho: float) -> str:
+    """A ratio in at most four characters."""
+    if rho < 2:
+        return f"{rho:.2f}"
+    if rho < 10:
+        return f"{rho:.1f}"
+    return f"{rho:.0f}" if rho < 1000 else f"{rho:.0e}".replace("e+0", "e")
+
+
+def _band_name(band: Band) -> str:
     """A band by its periods, slow ones first."""
     low, high, moving = band
     if moving:
@@ -136,49 +172,33 @@ def _band_name(band: tuple[float, float, bool]) -> str:
 
 
 def _period(frequency_hz: float) -> str:
+    """In seconds below 100 s, in minutes below 90."""
     seconds = 1.0 / frequency_hz
-    return (
-        f"{seconds:.0f} s"
-        if seconds < 100
-        else f"{seconds / 60:.0f} min"
-        if seconds < 5400
-        else f"{seconds / 3600:.1f} h"
-    )
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 @in_style
-def posterior_bars(cause: dict[str, Any]) -> Markup:
+def posterior_bars(cause: CauseRecord) -> Markup:
     """Probabilities of the answers of one cause; the confounded set in colour."""
-    held = {(cause["effect"], cause["target"])} | {
-        (r["effect"], r["target"]) for r in cause["rivals"]
+    own = cause.effect, cause.target
+    held = {own} | {(r.effect, r.target) for r in cause.rivals}
+    rows = {
+        (a.effect, a.target): a.probability
+        for a in cause.posterior
+        if a.probability >= LEAST_SHOWN or (a.effect, a.target) in held
     }
-    rows = [
-        r
-        for r in cause["posterior"]
-        if r["probability"] >= 0.001 or (r["effect"], r["target"]) in held
-    ]
-    rows += [
-        r
-        for r in cause["rivals"]
-        if (r["effect"], r["target"]) not in {(x["effect"], x["target"]) for x in rows}
-    ]
+    for rival in cause.rivals:
+        rows.setdefault((rival.effect, rival.target), rival.probability)
     figure, axes = new_figure(height=0.75 + 0.27 * len(rows))
     ax = axes[0, 0]
-    for y, row in enumerate(rows):
-        key = row["effect"], row["target"]
-        colour = (
-            VERMILLION
-            if key == (cause["effect"], cause["target"])
-            else BLUE
-            if key in held
-            else PALE
-        )
-        ax.barh(y, row["probability"], height=0.7, color=colour)
-        ax.text(
-            row["probability"] + 0.008, y, _percent(row["probability"]), va="center", fontsize=8.0
-        )
+    for y, (key, p) in enumerate(rows.items()):
+        other = BLUE if key in held else PALE
+        ax.barh(y, p, height=0.7, color=VERMILLION if key == own else other)
+        ax.text(p + 0.008, y, _percent(p), va="center", fontsize=8.0)
     labels = [
-        f"{r['effect']} on {r['target']}" if r["target"] else "outside the catalogue" for r in rows
+        f"{effect} on {target}" if target else "outside the catalogue" for effect, target in rows
     ]
     ax.set_yticks(range(len(rows)), labels)
     ax.set_ylim(len(rows) - 0.4, -0.6)
@@ -186,12 +206,14 @@ def posterior_bars(cause: dict[str, Any]) -> Markup:
     ax.grid(False, axis="y")
     axis_text(ax, x="probability")
     return svg_text(
-        figure, f"Posterior probabilities of the answers for {cause['effect']} on {cause['target']}"
+        figure, f"Posterior probabilities of the answers for {cause.effect} on {cause.target}"
     )
 
 
 def _percent(p: float) -> str:
-    return f"{100 * p:.0f} %" if p > 0.995 or 0.01 <= p else "under 1 %" if p < 0.005 else "1 %"
+    if p >= 0.01:
+        return f"{100 * p:.0f} %"
+    return "under 1 %" if p < 0.005 else "1 %"
 
 
 @in_style
@@ -248,41 +270,35 @@ def _draw_curve(ax: "Axes", curve: RunCurve, unit: str) -> None:
 
 
 @in_style
-def band_drawing(cells: list[dict[str, Any]], channels: list[str]) -> Markup | None:
+def band_drawing(cells: Sequence[CellRecord], channels: Sequence[str]) -> Markup | None:
     """Mean square over expectation per band of one or two channels, before and after: for a noise;
     None without cells.
     """
-    shown = [c for c in channels if any(cell["channel"] == c for cell in cells)][:MOST_BANDS]
+    known = {cell.channel for cell in cells}
+    shown = [c for c in channels if c in known][:MOST_BANDS]
     if not shown:
         return None
-    rows = [cell for cell in cells if cell["channel"] in shown]
-    bands = sorted({_band(c) for c in rows}, key=lambda b: (b[2], b[0]))
+    rows = [cell for cell in cells if cell.channel in shown]
+    bands = _bands(rows)
     figure, axes = new_figure(len(shown), 1, height=1.1 + 1.7 * len(shown), sharex=True)
     for ax, channel in zip(axes[:, 0], shown):
-        _draw_bands(ax, [c for c in rows if c["channel"] == channel], bands)
+        _draw_bands(ax, [c for c in rows if c.channel == channel], bands)
         axis_text(ax, y=f"{channel}, ratio")
-    axes[-1, 0].set_xticks(
-        range(len(bands)),
-        [_band_name(b) for b in bands],
-        rotation=40,
-        ha="right",
-        rotation_mode="anchor",
-    )
+    _name_bands(axes[-1, 0], bands)
     figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside upper right", ncols=3)
     return svg_text(figure, f"Mean square per band of {', '.join(shown)} before and after")
 
 
-def _draw_bands(
-    ax: "Axes", rows: list[dict[str, Any]], bands: list[tuple[float, float, bool]]
-) -> None:
+def _draw_bands(ax: "Axes", rows: Sequence[CellRecord], bands: Sequence[Band]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
     x = [bands.index(_band(c)) for c in rows]
-    spread = 2.0 * np.sqrt(2.0 / np.maximum([c["dof"] for c in rows], 1.0))
+    spread = 2.0 * np.sqrt(2.0 / np.maximum([c.dof for c in rows], 1.0))
     low = np.maximum(1.0 - spread, LEAST_RHO)
     ax.bar(x, 1.0 + spread - low, bottom=low, width=0.8, color=PALE, label="the twin's own 2 sigma")
     ax.axhline(1.0, color=GREY, linewidth=0.9)
-    before, after = (np.maximum([c[k] for c in rows], LEAST_RHO) for k in ("rho", "rho_after"))
+    before = np.maximum([c.rho for c in rows], LEAST_RHO)
+    after = np.maximum([c.rho_after for c in rows], LEAST_RHO)
     ax.plot(x, before, "o", color=VERMILLION, markersize=6, label="before")
     ax.plot(x, after, "D", color=BLUE, markersize=4.5, label="with what was found")
     ax.set_yscale("log")

@@ -1,7 +1,8 @@
 """plan.html: the document as one page that fetches nothing. Computes nothing."""
 
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -15,72 +16,73 @@ from infield.reports.figures import (
     new_figure,
     svg_text,
 )
+from simreal.plan.pairs import PairVerdict
 from simreal.report.page import render_page
+from simreal.report.plan_records import PlanOfRecordings, PlanRecord, SizesRecord
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 BADGES = {
-    "separated": "good",
-    "separated_when_large": "fair",
-    "not_separated": "bad",
-    "not_testable": "none",
+    PairVerdict.SEPARATED: "good",
+    PairVerdict.SEPARATED_WHEN_LARGE: "fair",
+    PairVerdict.NOT_SEPARATED: "bad",
+    PairVerdict.NOT_TESTABLE: "none",
 }
 WORDS = {
-    "separated": "separated",
-    "separated_when_large": "only when large",
-    "not_separated": "not separated",
-    "not_testable": "not testable",
+    PairVerdict.SEPARATED: "separated",
+    PairVerdict.SEPARATED_WHEN_LARGE: "only when large",
+    PairVerdict.NOT_SEPARATED: "not separated",
+    PairVerdict.NOT_TESTABLE: "not testable",
 }
 TICKS = (0.1, 1.0, 4.0, 10.0, 100.0)
 FLOOR_DELTA, ROOF_DELTA = 0.1, 200.0  # of the drawing
 
 
-def plan_html(document: dict[str, Any]) -> str:
+def plan_html(document: PlanRecord) -> str:
     """The page of a document made by `plan_document`."""
-    plans = [
-        p
-        for p in (document["given"], *document["compared"], document["recommended"])
-        if p is not None
-    ]
+    given = () if document.given is None else (document.given,)
     return render_page(
         "plan.html.j2",
         d=document,
         headline=headline(document),
-        banner=_banner(document["recommended"]),
+        banner=_banner(document.recommended),
         badges=BADGES,
         words=WORDS,
-        plans=plans,
-        sizes_text=sizes_text,
-        sizes=_sizes(document["recommended"]),
+        plans=[*given, *document.compared, document.recommended],
+        seen_text=lambda m: sizes_text([coefficient(c.seen_from, c.unit) for c in m.coefficients]),
+        told_text=lambda m: sizes_text([coefficient(c.told_from, c.unit) for c in m.coefficients]),
+        usual_text=usual_text,
+        sizes=_sizes(document.recommended),
     )
 
 
-def headline(document: dict[str, Any]) -> str:
+def headline(document: PlanRecord) -> str:
     """The plan in one sentence."""
-    best = document["recommended"]
-    done, large = (
-        sum(p["verdict"] == v for p in best["pairs"]) for v in ("separated", "separated_when_large")
-    )
-    n, pairs = len(best["recordings"]), len(best["pairs"])
-    beside = " beside the given runs" if document["given"] is not None else ""
+    best = document.recommended
+    large = sum(p.verdict is PairVerdict.SEPARATED_WHEN_LARGE for p in best.pairs)
+    n, pairs = len(best.recordings), len(best.pairs)
+    beside = " beside the given runs" if document.given is not None else ""
     if not n:
         return f"No recording of the list separates more{beside}."
     tail = f", {large} of them only when the effect is large" if large else ""
+    many, verb = ("", "separates") if n == 1 else ("s", "separate")
     return (
-        f"{n} recording{'s' if n > 1 else ''}{beside} ({best['hours']:g} h)"
-        f" separate{'s' if n == 1 else ''} {done + large} of {pairs}"
+        f"{n} recording{many}{beside} ({best.hours:g} h) {verb} {best.separated} of {pairs}"
         f" pair{'s' if pairs > 1 else ''}{tail}."
     )
 
 
-def sizes_text(coefficients: list[dict[str, Any]], key: str) -> str:
+def sizes_text(texts: Sequence[str]) -> str:
     """The sizes of an effect's coefficients; equal ones once."""
-    texts = [
-        span(c[key]) if key == "usual" else coefficient(c[key], c["unit"]) for c in coefficients
-    ]
-    each = " each" if len(texts) > 1 and key != "usual" else ""
+    each = " each" if len(texts) > 1 else ""
     return texts[0] + each if len(set(texts)) == 1 else ", ".join(texts)
+
+
+def usual_text(member: SizesRecord) -> str:
+    """The usual ranges of an effect's coefficients; equal ones once."""
+    texts = [span(c.usual) for c in member.coefficients]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
 
 
 def coefficient(value: float | None, unit: str) -> str:
@@ -96,37 +98,35 @@ def two_digits(value: float) -> str:
     return f"{round(value, 1 - digits):.{max(1 - digits, 0)}f}"
 
 
-def span(usual: list[float]) -> str:
+def span(usual: Sequence[float]) -> str:
     """A usual range."""
     return f"{two_digits(usual[0])} to {two_digits(usual[1])}"
 
 
-def _banner(best: dict[str, Any]) -> str:
-    verdicts = {p["verdict"] for p in best["pairs"]}
-    return (
-        "good"
-        if verdicts == {"separated"}
-        else "fair"
-        if verdicts & {"separated", "separated_when_large"}
-        else "none"
-    )
+def _banner(best: PlanOfRecordings) -> str:
+    verdicts = {p.verdict for p in best.pairs}
+    if verdicts == {PairVerdict.SEPARATED}:
+        return "good"
+    return "fair" if any(v.separates for v in verdicts) else "none"
 
 
 @in_style
-def _sizes(best: dict[str, Any]) -> Markup | None:
+def _sizes(best: PlanOfRecordings) -> Markup | None:
     """Usual size of each effect of each pair in the plan, and the size from which it is told from
     its rival.
     """
-    rows = [(p, m) for p in best["pairs"] if "a" in p for m in (p["a"], p["b"])]
+    rows: list[tuple[SizesRecord, SizesRecord]] = []  # an effect and its rival
+    for p in best.pairs:
+        if p.a is not None and p.b is not None:
+            rows += [(p.a, p.b), (p.b, p.a)]
     if not rows:
         return None
     figure, axes = new_figure(height=1.0 + 0.24 * len(rows))
     ax: Axes = axes[0, 0]
     labels = []
-    for y, (pair, m) in enumerate(rows):
-        other = pair["b"] if m is pair["a"] else pair["a"]
-        labels.append(f"{m['effect']}  (rival {other['effect']})")
-        low, high = np.clip(m["delta_usual"], FLOOR_DELTA, ROOF_DELTA)
+    for y, (m, other) in enumerate(rows):
+        labels.append(f"{m.effect}  (rival {other.effect})")
+        low, high = np.clip(m.delta_usual, FLOOR_DELTA, ROOF_DELTA)
         ax.plot(
             [low, high],
             [y, y],
@@ -136,7 +136,7 @@ def _sizes(best: dict[str, Any]) -> Markup | None:
             solid_capstyle="butt",
             label="usual size" if y == 0 else None,
         )
-        needed = max(m["delta_needed"], m["delta_seen"])
+        needed = max(m.delta_needed, m.delta_seen)
         ax.plot(
             min(needed, ROOF_DELTA),
             y,

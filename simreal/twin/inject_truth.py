@@ -22,6 +22,7 @@ from ins.records import Phase, ReferenceLog, VehicleNoise
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.base import ACCELS, GYROS
+from simreal.effects.platform import ROTATIONS
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from simreal.twin.added_noise import at, swayed
 from simreal.twin.inject import Injected, injected, moved_by
@@ -127,15 +128,15 @@ def inject_simulated(
 
 
 def rotation(telemetry: Telemetry, effects: Sequence[TwinEffect], C_nb: NDArray) -> NDArray:
-    """Small rotation (n, 3) of the body, body axes, by `platform_*` effects, at the intervals' ends
-    [rad].
+    """Small rotation (n, 3) of the body, body axes, by effects that turn it (ROTATIONS), at
+    the intervals' ends [rad].
 
     C_nb (n, 3, 3): attitude there, without the effects.
 
     A rotation about body z that takes the way along with it (it has a GNSS part) is the sum of its
     own gyro's trace; others are solved for together.
     """
-    moves = [e for e in effects if e.effect.name.startswith("platform_") and not e.is_noise]
+    moves = [e for e in effects if e.effect.name in ROTATIONS and not e.is_noise]
     units = [
         unit.scaled(c)
         for e in moves

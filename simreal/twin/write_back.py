@@ -15,7 +15,8 @@ from ins.records import TwinModel
 from ins.twin_file import twin_to_dict
 from simreal.declared.generic import OF_RUN, UNKNOWN
 from simreal.declared.node_function import unit_of
-from simreal.declared.twin_effects import PROCESS, RUN_ID, SLOW
+from simreal.declared.twin_effects import PROCESS, RUN_ID
+from simreal.effects.base import SLOW
 from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
 

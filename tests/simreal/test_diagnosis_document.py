@@ -11,6 +11,7 @@ import pytest
 
 from infield.table.file import table_from_dict
 from ins.twin_file import read_twin, twin_from_dict
+from ins.verdicts import plain, record_of
 from recal.cli.console import result_text
 from simreal.declared.generic import OF_RUN, OF_TEMPERATURE
 from simreal.declared.twin_effects import parse_effects, twin_traces
@@ -20,8 +21,9 @@ from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.user_level import user_level
 from simreal.plan.record_next import record_next
 from simreal.report.diagnosis_curves import fitted_trace, overlays
-from simreal.report.diagnosis_document import diagnosis_document, refused_document, summary
+from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
 from simreal.report.diagnosis_page import diagnosis_html, value_text
+from simreal.report.diagnosis_records import DiagnosisRecord
 from simreal.twin.write_back import effect_items, processes_of, twin_with_causes
 from tests.simreal.diagnosed import diagnosed, trial
 
@@ -35,9 +37,8 @@ def found():
 
 
 def document_of(found, **more):
-    return diagnosis_document(
-        found, trial().runs, version="1", seed=0, table_sha256="f" * 64, **more
-    )
+    asked = Asked(version="1", seed=0, table_sha256="f" * 64)
+    return diagnosis_document(found, trial().runs, asked, **more)
 
 
 def cause(**changes):
@@ -64,7 +65,7 @@ def finite(value):
 
 
 def test_the_document_has_every_field_of_the_contract(found):
-    d = json.loads(result_text(document_of(found)))
+    d = json.loads(result_text(plain(document_of(found))))
     assert d["schema"] == "recal.diagnosis/1" and d["verdict"] == "explained"
     assert set(d["gap"]) == {"score", "floor", "p_value"} and set(d["gap_after"]) == {
         "score",
@@ -89,20 +90,19 @@ def test_the_document_has_every_field_of_the_contract(found):
 
 def test_the_document_names_what_was_planted(found):
     planted = trial().truth[0]
-    c = document_of(found)["causes"][0]
-    assert (c["effect"], c["target"]) == (planted.effect, planted.target)
-    assert c["shrink"]["fraction"] > 0.8 and c["size"] > 12.0
-    assert document_of(found)["where"][0]["channel"] == planted.target
-    assert c["rms"][planted.target]["unit"] == "deg/h"
+    c = document_of(found).causes[0]
+    assert (c.effect, c.target) == (planted.effect, planted.target)
+    assert c.shrink.fraction > 0.8 and c.size > 12.0
+    assert document_of(found).where[0].channel == planted.target
+    assert c.rms[planted.target].unit == "deg/h"
 
 
 def test_cells_are_all_there_before_and_after(found):
-    cells = document_of(found)["cells"]
-    assert len(cells) == len(found.cells.cells) and {"gyro_x", "accel_z"} <= {
-        c["channel"] for c in cells
-    }
-    loud = max(cells, key=lambda c: c["nats"])
-    assert loud["channel"] == trial().truth[0].target and loud["rho_after"] < 0.2 * loud["rho"]
+    cells = document_of(found).cells
+    assert len(cells) == len(found.cells.cells)
+    assert {"gyro_x", "accel_z"} <= {c.channel for c in cells}
+    loud = max(cells, key=lambda c: c.nats)
+    assert loud.channel == trial().truth[0].target and loud.rho_after < 0.2 * loud.rho
 
 
 def test_the_twin_reads_back_and_makes_the_fitted_trace_again(found, tmp_path):
@@ -198,9 +198,9 @@ def test_rivals_of_one_name_are_no_confusion_of_names(found):
         Rival("gyro_bias_step", "gyro_y", 0.05, 0.1),
         Rival("platform_step", "vehicle", 0.05, float("nan")),
     )
-    shown = document_of(replace(found, causes=(cause(rivals=rivals),), bars=((),)))["causes"][0]
-    assert shown["confounded_with"] == ["platform_step"] and shown["rivals"][1]["cosine"] is None
-    assert not shown["resolved"]
+    shown = document_of(replace(found, causes=(cause(rivals=rivals),), bars=((),))).causes[0]
+    assert shown.confounded_with == ("platform_step",) and shown.rivals[1].cosine is None
+    assert not shown.resolved
 
 
 def test_a_shape_that_the_fit_leaves_open_has_the_sigma_of_its_bounds(found):
@@ -215,10 +215,9 @@ def test_a_shape_that_the_fit_leaves_open_has_the_sigma_of_its_bounds(found):
         class_="R",
         parameters=parameters,
     )
-    shown = document_of(replace(found, causes=(loose,), bars=((),)))["causes"][0]["parameters"][
-        "tau_s"
-    ]
-    assert shown["sigma_from"] == "bounds" and shown["sigma"] > 100.0
+    document = document_of(replace(found, causes=(loose,), bars=((),)))
+    shown = document.causes[0].parameters["tau_s"]
+    assert shown.sigma_from == "bounds" and shown.sigma > 100.0
 
 
 def test_the_overlay_of_a_run_follows_the_effect_fitted_on_the_others(found):
@@ -244,10 +243,10 @@ def test_a_run_held_out_is_drawn_first_and_fitted_without(found):
     before = next(c for c in overlays(found)[0].curves if c.run_id == name)
     # leave one out is the same fit
     assert np.allclose(overlay.curves[0].effect, before.effect, rtol=0.02)
-    d = diagnosis_document(apart, trial().runs, version="1", seed=0, hold_out=(name,))
-    assert [r["run_id"] for r in d["runs"] if r["held_out"]] == [name] and d["causes"][0]["shrink"][
-        "how"
-    ] == "runs held out"
+    asked = Asked(version="1", seed=0, hold_out=(name,))
+    d = diagnosis_document(apart, trial().runs, asked)
+    assert [r.run_id for r in d.runs if r.held_out] == [name]
+    assert d.causes[0].shrink.how == "runs held out"
     parked = [np.mean(v.telemetry.parked) > 0.9 for v in apart.views]
     assert all(parked) and fitted_trace(apart, 3).gyro_rad_s.shape == (
         apart.views[3].telemetry.n,
@@ -386,7 +385,17 @@ def test_a_refused_document_says_why_and_claims_nothing(found):
     d = refused_document(
         [("r1", "never rests")], trial().runs[:1], found.twin, version="1", alpha=0.01, seed=0
     )
-    assert (
-        d["verdict"] == "refused" and "never rests" in d["sentence"] and d["gap"]["score"] is None
-    )
-    assert d["causes"] == [] and summary(d) == [f"SN-0042: {d['sentence']}"]
+    assert d.verdict == "refused" and "never rests" in d.sentence and d.gap.score is None
+    assert d.causes == () and summary(d) == [f"SN-0042: {d.sentence}"]
+
+
+def test_a_document_reads_back_from_its_json(found):
+    """What `recal serve` does with a stored document: the same record, the same lines."""
+    document = document_of(found, record_next=["one more"])
+    stored = json.loads(json.dumps(plain(document)))
+    again = record_of(DiagnosisRecord, stored)
+    assert again == document and summary(again) == summary(document)
+    assert plain(again) == stored
+    del stored["gap"]
+    with pytest.raises(TypeError, match="gap"):
+        record_of(DiagnosisRecord, stored)

@@ -210,9 +210,7 @@ def test_the_search_asks_for_other_starts(maker):
     ranked = given.best_next(given.plan(()), among)
     assert ranked[0].recordings[0].start != "cold" and ranked[-1].recordings[0].start == "cold"
     steps, _ = planner.choose(among, 4)
-    assert steps[-1].judged[0].verdict.startswith("separated") and len(steps) < 4, (
-        "no more than it takes"
-    )
+    assert steps[-1].judged[0].verdict.separates and len(steps) < 4, "no more than it takes"
     assert steps[0].recordings[0].start != "cold", (
         "the start at which the two look alike comes last"
     )
@@ -229,7 +227,7 @@ def test_a_special_case_is_no_reason_to_record(maker):
     assert planner.plan(PLANS["diverse"]).judged[0].cos == pytest.approx(1.0, abs=1e-5)
     planner.learn_special_cases(PLANS["restart"])
     judged = planner.plan(PLANS["diverse"]).judged[0]
-    assert judged.special == "a" and judged.cos < 0.95 and judged.verdict.startswith("separated")
+    assert judged.special == "a" and judged.cos < 0.95 and judged.verdict.separates
     turn_on = read_pair("gyro_g_sensitivity,gyro_turn_on_bias")
     other = Planner([turn_on], maker)
     other.learn_special_cases(PLANS["restart"])

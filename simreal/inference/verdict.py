@@ -1,0 +1,37 @@
+"""What a diagnosis says, as members of enums: its verdict, how a shrink was judged, which test sees
+what is left. Their values are the words of diagnosis.json.
+"""
+
+from enum import StrEnum
+
+
+class GapVerdict(StrEnum):
+    """Whether simulator and logs agree, and whether effects of the catalogue explain where not."""
+
+    NO_GAP = "no_gap"
+    EXPLAINED = "explained"
+    PARTLY_EXPLAINED = "partly_explained"
+    UNEXPLAINED = "unexplained"
+    REFUSED = "refused"
+
+
+class Judging(StrEnum):
+    """The data that a shrink was measured on."""
+
+    BY_RUN = "leave one run out"
+    HALF_MINUTES = "alternate half-minutes"
+    APART = "runs held out"
+    SAME_RUN = "the same run"
+    SAME_RUN_LESS_FIT = "the same run, less the fit"
+
+
+class Looks(StrEnum):
+    """The tests of what is left, each by what it looks at; NOTHING where nothing is left."""
+
+    NOTHING = ""
+    CELLS = "cells"
+    TEMPERATURE_BANDS = "temperature bands"
+    TIME_WINDOWS = "time windows"
+    BURST = "burst"
+    KURTOSIS = "kurtosis"
+    CROSS_CHANNEL = "cross-channel correlation"
