@@ -16,8 +16,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ins.units import DEG_PER_HOUR
-from simreal.effects.base import GYROS, CatalogueEffect, Coefficient, Shape
-from simreal.effects.telemetry import Telemetry, Trace, on_axis
+from simreal.effects.own import (
+    GYROS,
+    CatalogueEffect,
+    Coefficient,
+    Shape,
+    Telemetry,
+    Trace,
+    on_axis,
+)
 
 
 @dataclass(frozen=True)

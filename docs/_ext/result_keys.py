@@ -84,7 +84,8 @@ def _fields(kind: type) -> "Keys":
         if f.metadata.items() >= UNWRITTEN.items():
             continue
         inner, many = _record_in(hints[f.name])
-        keys[f.name + ("[]" if many else "")] = None if inner is None else _fields(inner)
+        key = f.metadata.get("key", f.name)
+        keys[key + ("[]" if many else "")] = None if inner is None else _fields(inner)
     return keys
 
 

@@ -2,6 +2,7 @@
 takes it.
 """
 
+import ast
 import importlib.util
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from ins.records import InputError
 from simreal.effects import catalogue as module
+from simreal.effects import own
 from simreal.effects.base import Effect
 from simreal.inference.bank import Bank
 from tests.simreal.test_evidence import null_evidence
@@ -53,6 +55,15 @@ def test_what_is_no_effect_or_takes_an_id_in_use_is_refused(example, monkeypatch
         listed(monkeypatch, object())
     with pytest.raises(InputError, match="in use"):
         listed(monkeypatch, (example.FAN, example.FAN))
+
+
+def test_all_that_it_is_written_with_comes_from_one_place():
+    """The example takes nothing of `simreal` but names of `simreal.effects.own`."""
+    tree = ast.parse(EXAMPLE.read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    (of_effects,) = [node for node in imports if node.module.startswith("simreal")]
+    assert of_effects.module == own.__name__
+    assert {alias.name for alias in of_effects.names} <= set(own.__all__)
 
 
 def test_a_bank_takes_it_where_the_runs_taxi(example):
