@@ -17,6 +17,7 @@ from infield.table import file as table_file
 from ins import twin_file
 from recal.service import config
 from simreal.effects.catalogue import catalogue
+from simreal.effects.words import FREE_WORDS, WORDS, EffectWords
 from trajectories.readers.rows import column_map
 from trajectories.simulator import scenario
 from trajectories.simulator.segments import SEGMENTS
@@ -238,7 +239,31 @@ def _effects() -> str:
             f"| `{e.name}` | `{e.id}` | {_names(e.targets)} | {'; '.join(linear + shape)} |"
             f" {rivals} |"
         )
-    return "\n".join([*lines, ""])
+    lines += ["", "## What they are", ""]
+    for name in sorted(WORDS):
+        lines += _effect_words(name, WORDS[name])
+    lines += [
+        "## Answers without a name",
+        "",
+        "Free functions that compete with the named effects on every channel.",
+        "",
+    ]
+    for name in sorted(FREE_WORDS):
+        lines += _effect_words(name, FREE_WORDS[name])
+    return "\n".join(lines)
+
+
+def _effect_words(name: str, words: EffectWords) -> list[str]:
+    return [
+        f"### {name}",
+        "",
+        words.what,
+        "",
+        f"- Brought on by: {words.brought_on_by}",
+        f"- Size: {words.size}",
+        f"- What to do: {words.remedy}",
+        "",
+    ]
 
 
 def _results() -> str:
@@ -246,8 +271,8 @@ def _results() -> str:
         "# Results",
         "",
         (
-            "Keys of each result, as the function that makes it writes them (`--json` prints the"
-            " same)."
+            "Keys of each result, as its record or the function that makes it has them (`--json`"
+            " prints the same)."
         ),
         "",
     ]
