@@ -2,7 +2,7 @@
 requirement to the page of docs/reference that has it, a name in backquotes to code.
 """
 
-import importlib
+import ast
 import re
 from functools import cache
 from pathlib import Path
@@ -41,6 +41,7 @@ def citing_files():
     return [p for p in found if p != Path(__file__) and not MADE & set(p.relative_to(ROOT).parts)]
 
 
+@cache
 def flowing(text):
     """The text without its line breaks, comment marks and the seams of joined strings."""
     text = re.sub(r'"\s*\n\s*f?"', "", text)
@@ -73,9 +74,10 @@ def page_exists(name, folder):
     return any((base / name).exists() for base in (folder, ROOT, DOCS, REFERENCE))
 
 
-def unresolved(text, folder=ROOT):
+def unresolved(whole, folder=ROOT):
     """What the text cites and is not there."""
-    text, wrong = flowing(text), []
+    wrong = []
+    text = flowing(whole) if ".md" in whole else ""
     for page in PAGE.finditer(text):
         name = page[1]
         if name in INVENTED or MADE & set(Path(name).parts):
@@ -86,7 +88,7 @@ def unresolved(text, folder=ROOT):
             known = places(Path(name).name)
             wrong += [f"{name} {p}" for p in cited_places(text, page.end()) if p not in known]
     known = places("requirements.md")  # its numbers are cited without the page as well
-    return wrong + [r for r in REQUIREMENT.findall(text) if r not in known]
+    return wrong + [r for r in REQUIREMENT.findall(whole) if r not in known]
 
 
 def test_every_citation_resolves():
@@ -100,9 +102,9 @@ def test_every_citation_resolves():
 
 def test_the_citations_are_found_at_all():
     """The search has teeth: the code cites each page many times, with a place."""
-    text = [flowing(p.read_text("utf-8")) for p in citing_files() if p.suffix == ".py"]
+    texts = [p.read_text("utf-8") for p in citing_files() if p.suffix == ".py"]
     counts = dict.fromkeys(("physics.md", "formats.md", "effects.md"), 0)
-    for flat in text:
+    for flat in (flowing(text) for text in texts if ".md" in text):
         for page in PAGE.finditer(flat):
             if page[1] in counts:
                 counts[page[1]] += bool(list(cited_places(flat, page.end())))
@@ -132,17 +134,35 @@ def test_a_planted_citation(text, wrong):
     assert unresolved(text) == wrong
 
 
+@cache
+def names_of(path):
+    """What a module defines or imports at its top level, and the members of its classes."""
+    found = set()
+    for node in ast.parse(path.read_text("utf-8")).body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        if isinstance(node, ast.ClassDef):
+            members = [n.name for n in node.body if isinstance(n, ast.FunctionDef)]
+            found |= {f"{node.name}.{name}" for name in members}
+        if isinstance(node, ast.Assign):
+            found |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
+        if isinstance(node, ast.AnnAssign):
+            found.add(node.target.id)
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            found |= {alias.asname or alias.name for alias in node.names}
+    return found
+
+
 def code_exists(dotted):
     """A module of the project, or what a module has."""
     parts = dotted.split(".")
     for n in range(len(parts), 0, -1):
         path = ROOT.joinpath(*parts[:n])
-        if not (path.with_suffix(".py").exists() or (path / "__init__.py").exists()):
-            continue
-        found = importlib.import_module(".".join(parts[:n])) if n < len(parts) else None
-        for name in parts[n:]:
-            found = getattr(found, name, None)
-        return n == len(parts) or found is not None
+        module, package = path.with_suffix(".py"), path / "__init__.py"
+        if n == len(parts) and (module.exists() or package.exists()):
+            return True
+        if module.exists():
+            return ".".join(parts[n:]) in names_of(module)
     return False
 
 
