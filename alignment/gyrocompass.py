@@ -21,6 +21,7 @@ from alignment.navigation_filter import (
     sweep,
     views_of,
 )
+from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.compensation import compensate
@@ -31,6 +32,7 @@ from ins.noise import gyro_densities
 from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR
+from ins.verdicts import Reason, because
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
@@ -51,6 +53,15 @@ UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 
 class NothingStands(InputError):
     """No step of the rest stands still, so that there is nothing to estimate from."""
+
+    TEMPLATE = (
+        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
+        " moves, or the unit is much noisier than its noise model ({source})"
+    )
+
+    def __init__(self, rest_s: float, source: str) -> None:
+        super().__init__(self.TEMPLATE.format(rest_s=rest_s, source=source))
+        self.reason = because(AlignmentReason.NOTHING_STANDS, rest_s=rest_s, source=source)
 
 
 def solve(
@@ -102,14 +113,7 @@ def solve(
             motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s
         )
         if not plan.kind.size:
-            told = (
-                f"{rest[1] - rest[0]:.0f} s of rest: once navigated, nothing stands still for a"
-                " step of the filter"
-            )
-            raise NothingStands(
-                f"{told}: it moves, or the unit is much noisier than its noise model"
-                f" ({twin.source})"
-            )
+            raise NothingStands(rest[1] - rest[0], twin.source)
         flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
         flt.x[em.ACCEL] = -applied_accel[:2]
         parked = ParkedConstraint(
@@ -169,13 +173,15 @@ def align(
     """
     if abs(site.lat_rad) > MAX_LATITUDE_RAD:
         return _refused(
-            f"latitude {site.lat_rad / DEG:.2f} deg: no gyrocompass alignment above 78.25 deg"
+            because(
+                AlignmentReason.LATITUDE_TOO_HIGH,
+                latitude_deg=site.lat_rad / DEG,
+                limit_deg=MAX_LATITUDE_RAD / DEG,
+            )
         )
     rest = coarse.first_rest(imu)
     if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.BLOCK_S:
-        return _refused(
-            "the log never rests for a minute; a parked stretch of 5 to 15 min is needed"
-        )
+        return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.rest_means(imu.between(*rest))
     arw = gyro_densities(twin.gyro).white
     sigma = (
@@ -188,22 +194,22 @@ def align(
     prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
-    no_heading = (
-        f"gyro uncertainty {level_sigma / DEG_PER_HOUR:.3g} deg/h against"
-        f" {earth_level / DEG_PER_HOUR:.3g} deg/h of level Earth rate: heading cannot be found at"
-        " rest; give a heading or turn the unit"
-    )
     turns = levelling.turns(means)
     if turns and twin.gyro_technology != "mems":
         return _refused(turns)
     # the solution drifts too fast for rest to be seen in it
     if level_sigma > LEVEL_SHARE * earth_level:
-        reasons = [f"{turns}, or it is all bias"] if turns else []
+        reasons = [because(AlignmentReason.TURNS_OR_BIAS, turns=turns)] if turns else []
         if bias_sigma_deg_h is None and twin.gyro_technology != "mems":
             twin, like = levelling.like_mems(
                 twin, float(sigma[0]), UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
             )
             reasons.append(like)
+        no_heading = because(
+            AlignmentReason.NO_HEADING,
+            sigma_deg_h=level_sigma / DEG_PER_HOUR,
+            level_deg_h=earth_level / DEG_PER_HOUR,
+        )
         found = levelling.level(
             imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading
         )
@@ -221,7 +227,7 @@ def align(
                 hold_heading=hold_heading,
             )
         except NothingStands as error:
-            return _refused(str(error))
+            return _refused(error.reason)
         result = _attitude(solution, phases)
         if (
             nis_verdict(result.nis_mean, result.dof) is None
@@ -229,26 +235,11 @@ def align(
         ):
             break
     else:
-        return replace(
-            result,
-            verdict="refused",
-            reasons=(
-                (
-                    f"it moves: the rest does not fit even {scale:g} times the noise model"
-                    f" ({twin.source})"
-                ),
-            ),
-        )
+        moves = because(AlignmentReason.MOVES, scale=scale, source=twin.source)
+        return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(moves,))
     if scale > 1.0:
-        result = replace(
-            result,
-            reasons=(
-                (
-                    f"the unit is noisier than its noise model ({twin.source}): taken {scale:g}"
-                    " times as large"
-                ),
-            ),
-        )
+        noisier = because(AlignmentReason.NOISIER, scale=scale, source=twin.source)
+        result = replace(result, reasons=(noisier,))
     return _latitude_test(result, site, means, float(np.max(sigma)), arw)
 
 
@@ -291,7 +282,7 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
     tally = flt.tally
     dof = sum(tally.dof.values())
     return Alignment(
-        verdict="aligned",
+        verdict=AlignmentVerdict.ALIGNED,
         reasons=(),
         time_s=end_s,
         roll_rad=roll,
@@ -321,22 +312,21 @@ def _latitude_test(
     result = replace(result, latitude_rad=found, sigma_latitude_rad=sigma)
     if abs(off) <= LATITUDE_SIGMAS * sigma:
         return result
-    reason = (
-        f"latitude entered {site.lat_rad / DEG:.3f} deg, the gyros say {found / DEG:.3f} +-"
-        f" {sigma / DEG:.3f} deg: wrong position, or a gyro bias beyond its sigma"
+    reason = because(
+        AlignmentReason.WRONG_LATITUDE,
+        entered_deg=site.lat_rad / DEG,
+        found_deg=found / DEG,
+        sigma_deg=sigma / DEG,
     )
-    return replace(result, verdict="inconsistent", reasons=(*result.reasons, reason))
+    return replace(result, verdict=AlignmentVerdict.INCONSISTENT, reasons=(*result.reasons, reason))
 
 
-def nis_verdict(nis_mean: float, dof: int) -> str | None:
+def nis_verdict(nis_mean: float, dof: int) -> Reason | None:
     """A reason where the filter's NIS is above its 99.9 % band; None where it is not."""
     high = nis_band(dof, 0.999)[1]
     if nis_mean <= high:
         return None
-    return (
-        f"the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of"
-        f" freedom, band to {high:.2f}"
-    )
+    return because(AlignmentReason.EXCESS_RESIDUALS, nis_mean=nis_mean, limit=high)
 
 
 def rejected_share(solution: Solution) -> float:
@@ -361,8 +351,8 @@ def scaled_noise(twin: TwinModel, scale: float) -> TwinModel:
     )
 
 
-def _refused(reason: str) -> Alignment:
-    return Alignment(verdict="refused", reasons=(reason,))
+def _refused(reason: Reason) -> Alignment:
+    return Alignment(verdict=AlignmentVerdict.REFUSED, reasons=(reason,))
 
 
 def excluded_spans(solution: Solution) -> tuple[Span, ...]:

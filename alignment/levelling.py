@@ -12,6 +12,7 @@ import numpy as np
 
 from alignment.coarse import RestMeans
 from alignment.motion.stillness import PIVOT_RAD_S
+from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment
 from ins.attitude import level_angles
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -19,39 +20,33 @@ from ins.noise import accel_densities
 from ins.records import ImuSource, Phase, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
+from ins.verdicts import Reason, because
 
 LEVEL_S = 30.0  # the end of the rest, over which the specific force is averaged
 
 
-def turns(means: RestMeans) -> str:
-    """What gyros that read far beyond Earth rate at rest may mean, in words; empty where they do
-    not.
-    """
+def turns(means: RestMeans) -> Reason | None:
+    """What gyros that read far beyond Earth rate at rest may mean; None where they do not."""
     rate = float(np.linalg.norm(means.omega_ib_b))
     if rate <= PIVOT_RAD_S:
-        return ""
-    told = (
-        f"{rate / DEG_PER_HOUR:.4g} deg/h at rest, Earth rate is"
-        f" {EARTH_RATE_RAD_S / DEG_PER_HOUR:.4g}"
+        return None
+    return because(
+        AlignmentReason.TURNS,
+        rate_deg_h=rate / DEG_PER_HOUR,
+        earth_deg_h=EARTH_RATE_RAD_S / DEG_PER_HOUR,
+        as_degrees_deg_h=rate * DEG / DEG_PER_HOUR,
     )
-    unit = (
-        f"the unit of the gyros is wrong (deg/s read as rad/s: {rate * DEG / DEG_PER_HOUR:.3g}"
-        " deg/h in truth)"
-    )
-    return f"the gyros read {told}: the vehicle turns, or {unit}"
 
 
-def like_mems(twin: TwinModel, gyro_deg_h: float, usual_deg_h: float) -> tuple[TwinModel, str]:
+def like_mems(twin: TwinModel, gyro_deg_h: float, usual_deg_h: float) -> tuple[TwinModel, Reason]:
     """The twin with the accelerometers of a MEMS unit, where gyros that far off belie their
     technology, and why.
     """
-    told = (
-        f"the gyros are {gyro_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for"
-        f" {twin.gyro_technology}"
-    )
-    why = (
-        f"{told}: another technology or a fault; the level is taken to be as good as that of a mems"
-        " unit"
+    why = because(
+        AlignmentReason.LIKE_MEMS,
+        sigma_deg_h=gyro_deg_h,
+        usual_deg_h=usual_deg_h,
+        technology=twin.gyro_technology,
     )
     return replace(twin, accel=default_twin("mems").accel), why
 
@@ -63,7 +58,7 @@ def level(
     *,
     rest: tuple[float, float],
     gyro_sigma_rad_s: float,
-    reason: str,
+    reason: Reason,
 ) -> Alignment:
     """Roll and pitch at the end of the rest, verdict "level_only" for the `reason` that heading was
     not found.
@@ -78,14 +73,11 @@ def level(
     noise = accel_densities(twin.accel).white / np.sqrt(part.dt_s.sum())
     sigma = float(np.linalg.norm([twin.accel.turn_on_ug * MICRO_G, excess, noise])) / gravity
     turn_deg = gyro_sigma_rad_s * (rest[1] - rest[0]) / DEG
-    told = (
-        f"level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the"
-        f" {rest[1] - rest[0]:.0f} s"
-    )
+    alone = because(AlignmentReason.LEVEL_ALONE, turn_deg=turn_deg, rest_s=rest[1] - rest[0])
     roll, pitch = level_angles(f_b)
     return Alignment(
-        verdict="level_only",
-        reasons=(reason, told),
+        verdict=AlignmentVerdict.LEVEL_ONLY,
+        reasons=(reason, alone),
         time_s=rest[1],
         roll_rad=roll,
         pitch_rad=pitch,

@@ -6,8 +6,10 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import StepPlan
+from alignment.reasons import AlignmentVerdict
 from ins.filters.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
+from ins.verdicts import Reason
 
 
 @dataclass(frozen=True)
@@ -49,13 +51,10 @@ class Solution:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Attitude at `time_s`, the end of the parked time, with sigmas [rad]; NaN where refused.
+    """Attitude at `time_s`, the end of the parked time, with sigmas [rad]; NaN where refused."""
 
-    verdict: "aligned", "level_only", "refused" or "inconsistent"; reasons in words.
-    """
-
-    verdict: str
-    reasons: tuple[str, ...]
+    verdict: AlignmentVerdict
+    reasons: tuple[Reason, ...]
     time_s: float = float("nan")
     roll_rad: float = float("nan")
     pitch_rad: float = float("nan")

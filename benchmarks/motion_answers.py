@@ -25,12 +25,14 @@ from alignment.motion import imu_faults, parked_seconds, stillness
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
+from infield.reports.words.sentences import sentences
 from infield.session import navigated as session
 from infield.session import parked_stretches, pipeline
 from infield.thermal import ramp_runs
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import ImuSource, InputError
 from ins.units import DEG
+from ins.verdicts import Reason
 from simreal.effects import telemetry
 from simreal.evidence import run_view
 from trajectories.runs import physics_gates
@@ -266,11 +268,12 @@ def spans(found: Any) -> list[list[Any]]:
 
 def words(reasons: Any) -> list[str]:
     """Reasons without their numbers."""
-    return [NUMBER.sub("#", reason) for reason in reasons]
+    return [NUMBER.sub("#", reason) for reason in sentences(reasons)]
 
 
-def told(reason: str) -> list[Any]:
+def told(why: Reason | str | None) -> list[Any]:
     """A reason that names times: its words, then its numbers."""
+    (reason,) = sentences(["" if why is None else why])
     return [NUMBER.sub("#", reason), *(float(n) for n in NUMBER.findall(reason))]
 
 

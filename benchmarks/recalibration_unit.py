@@ -23,6 +23,7 @@ from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour
+from infield.reports.words.sentences import sentences
 from infield.session.bins import BIN_FLOOR_DEG_H
 from infield.session.pipeline import update_calibration
 from infield.session.points import measurement_information
@@ -137,7 +138,7 @@ def study_unit(
         result = _session(unit, twin, visit, thermal, table, f"{seed}-{k}", rng)
         table, (session,) = result.after, result.sessions
         outcomes.append(result.outcome)
-        reasons += result.reasons
+        reasons += sentences(result.reasons)
         if session.estimate is not None:
             evidence.append(evidence_of(session, factory, twin))
             hermite = merge_evidence(hermite, evidence[-1])

@@ -24,6 +24,7 @@ from infield.session.disagreement import find_steps
 from infield.session.hysteresis import SessionLikelihood, joint_posterior
 from infield.session.joint_update import with_thermal_terms
 from infield.session.pipeline import update_calibration
+from infield.session.reasons import SessionReason, ThermalAction
 from infield.session.results import SessionResult
 from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
 from infield.table.file import table_to_dict
@@ -31,6 +32,7 @@ from infield.table.merge import SessionPoints, merge_points, session_covariance
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import ThermalTable, default_table
 from ins.records import AXES
+from ins.verdicts import Outcome
 
 # ARW / sqrt(5 min), the floor of one five-minute point (requirements.md, head)
 POINT_DEG_H = 0.0069
@@ -236,7 +238,7 @@ def split(runs: int, *, kind: str, split_deg_h: float = 0.0, sigmas: float = 0.0
         sessions, _ = take(table, chosen, truths, rng)
         terms, _, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
         term = terms[axis]
-        named += term.found or term.action == "a split, or a wrong session"
+        named += term.found or term.action is ThermalAction.SPLIT_OR_WRONG_SESSION
         found, right = found + term.found, right + (term.found and term.kind == kind)
         if after is not None and term.found and term.kind == kind:
             seen = np.any(
@@ -292,8 +294,9 @@ def same_run_twice(runs: int) -> Count:
                 parent_sha256=revision.sha256,
                 already_merged=store.has_run,
             )
-            refused = result.outcome == "refused" and all(
-                "same content hash" in r for r in result.reasons
+            held = [r.values["reason"].code for r in result.reasons]
+            refused = result.outcome is Outcome.REFUSED and all(
+                code is SessionReason.ALREADY_MERGED for code in held
             )
             same = np.array_equal(result.after.parameters, revision.table.parameters)
             try:

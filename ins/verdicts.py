@@ -85,6 +85,15 @@ class Reason:
     values: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, kw_only=True)
+class LeftOut:
+    """A stretch of time that an estimator did not use, and why."""
+
+    start_s: float
+    end_s: float
+    reason: Reason
+
+
 def because(code: StrEnum, **values: Any) -> Reason:
     """The reason of a code with its values.
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from alignment import gyrocompass
 from alignment.motion import stillness
+from alignment.reasons import WITH_HEADING, AlignmentVerdict
 from alignment.result import Alignment
 from infield.replay.aided.flight import AidedResult, navigate_aided
 from infield.replay.aided.reasons import AidedVerdict
@@ -35,7 +36,12 @@ from infield.session.log import (
 )
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
-from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short, words
+from infield.thermometer.gyro_temperature import (
+    GyroTemperature,
+    fault_reason,
+    gyro_temperature,
+    too_short,
+)
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, ImuSource, NavHistory, NavState, ReferenceLog, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
@@ -88,7 +94,7 @@ class TableReplay:
     heading_error_rad: float = float("nan")
 
     @property
-    def reasons(self) -> tuple[Reason | str, ...]:
+    def reasons(self) -> tuple[Reason, ...]:
         """Why it was not flown, and what its alignment says."""
         own = () if self.unflown is None else (self.unflown,)
         return (*own, *self.alignment.reasons)
@@ -104,7 +110,7 @@ class ReplayResult:
 
     run: Run
     verdict: ReplayVerdict
-    reasons: tuple[Reason | str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     notes: tuple[Reason, ...] = ()
     vertical: Damping = Damping.SITE
     alignment_span: Where | None = None
@@ -182,7 +188,8 @@ def _temperature_of(raw: Run) -> tuple[GyroTemperature | None, tuple[Reason, ...
         return None, (because(ReplayNote.TEMPERATURE_TOO_SHORT, shortage=shortage),)
     temperature = gyro_temperature(raw.temperature)
     faults = [
-        because(ReplayNote.THERMOMETER_FAULT, fault=words(fault)) for fault in temperature.faults
+        because(ReplayNote.THERMOMETER_FAULT, fault=fault_reason(fault))
+        for fault in temperature.faults
     ]
     stand_ins = [because(ReplayNote.MEAN_STANDS_IN, axis=axis) for axis in temperature.unusable]
     return temperature, (*faults, *stand_ins)
@@ -199,10 +206,7 @@ def _with_aided(
     """The result with the aided flight; where that is all there is, it is a replay, and the notes
     keep the refusal.
     """
-    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in (
-        "aligned",
-        "inconsistent",
-    )
+    gyrocompassed = bool(result.tables) and result.tables[0].alignment.verdict in WITH_HEADING
     imu, _, sigma, _ = _prepared(
         raw, choice, temperature, twin, rest or (raw.imu.start_s, raw.imu.end_s)
     )
@@ -237,7 +241,7 @@ def _with_scores(
     parked_for_s = parked_s - float(first.time_s[0])
     short = SHORTEST_S <= parked_for_s < SHORT_S
     extrapolated = because(ReplayNote.EXTRAPOLATED, parked_s=parked_for_s)
-    inconsistent = active.alignment.verdict == "inconsistent"
+    inconsistent = active.alignment.verdict is AlignmentVerdict.INCONSISTENT
     return replace(
         result,
         verdict=ReplayVerdict.INCONSISTENT if inconsistent else ReplayVerdict.REPLAYED,
@@ -265,10 +269,10 @@ def _fly(
     aligned = gyrocompass.align(imu.between(*span), run.header.site, twin, bias_sigma_deg_h=sigma)
     history, unflown = None, None
     C_nb, left_s = aligned.C_nb, imu.end_s - aligned.time_s
-    if aligned.verdict in ("aligned", "inconsistent") and C_nb is not None:
+    if aligned.verdict in WITH_HEADING and C_nb is not None:
         if left_s < SHORTEST_S:
             unflown = because(ReplayReason.LOG_ENDS, left_s=left_s, needed_s=SHORTEST_S)
-            aligned = replace(aligned, verdict="refused")
+            aligned = replace(aligned, verdict=AlignmentVerdict.REFUSED)
         else:
             start = NavState(
                 time_s=aligned.time_s, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 
 from infield.session.estimate import SessionEstimate
 from infield.session.points import mean_rows
+from infield.session.reasons import SessionReason
 from infield.table.merge import SessionPoints
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Run, frozen_array
+from ins.verdicts import Reason, because
 
 OFF_SIGMAS = 3.0  # of a session's mean bias from the table, to count as off it
 SAME_SIGMAS = 3.29  # two sessions of one unit differ by more in 1 of 1000 cases
@@ -78,13 +80,9 @@ class Step:
     run_ids: tuple[str, ...]
     run_sha256: tuple[str, ...]
 
-    def words(self) -> str:
-        return (
-            f"table disagrees with unit since about {self.since_utc[:10]}: gyro {self.axis} by"
-            f" {self.shift_deg_h:+.4f} +- {self.sigma_deg_h:.4f} deg/h; {len(self.run_ids)}"
-            f" sessions agree ({', '.join(self.run_ids)}); if the site is entered right and the"
-            " unit is this one, recal update with these runs and --accept-step follows it"
-        )
+    @property
+    def reason(self) -> Reason:
+        return because(SessionReason.TABLE_DISAGREES, **vars(self))
 
 
 def session_evidence(

@@ -11,7 +11,7 @@ from alignment.motion.stillness import Motion
 from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
-from ins.records import Span
+from ins.verdicts import LeftOut
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class ParkedEvidence:
     used_s: NDArray
     earth: SessionEarth
     turns: tuple[Turn, ...]
-    left_out: tuple[Span, ...]
+    left_out: tuple[LeftOut, ...]
     shape_dof: int
     shape_nis: float
     shape_nis_compensated: float

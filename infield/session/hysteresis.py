@@ -26,13 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.session.bins import SessionBins
+from infield.session.reasons import ThermalAction, ThermalKind
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES
 
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
 # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
 FOUND_SIGMAS = 2.8
-KINDS = ("rate", "sense")
+KINDS = (ThermalKind.RATE, ThermalKind.SENSE)
 # prior sigma of a term in sigmas of the technology's default table: beyond any unit of the class
 VAGUE = 100.0
 MOVED_degC_min = 0.02  # mean rates all below this do not test anything
@@ -52,32 +53,31 @@ class SessionLikelihood:
     reference_deg_h: NDArray
     sense: NDArray
 
-    def regressor(self, kind: str) -> NDArray:
+    def regressor(self, kind: ThermalKind) -> NDArray:
         """Columns (3N, 3), one an axis, of the rate or the sense of each bin; zero where no
         temperature is known.
         """
         values = np.where(
-            self.bins.tied, self.bins.rate_degC_min if kind == "rate" else self.sense, 0.0
+            self.bins.tied, self.bins.rate_degC_min if kind is ThermalKind.RATE else self.sense, 0.0
         )
         return values.reshape(-1)[:, None] * np.tile(np.eye(3), (len(values), 1))
+
+
+# actions that change the table or its sigma
+ACTED_ON = (ThermalAction.RATE_TERM_FITTED, ThermalAction.SIGMA_WIDENED)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalTerm:
     """One axis: the better description, its coefficient and sigma (deg/h per degC/min, or deg/h
-    half of the split).
-
-    action: "rate term fitted", "sigma widened", "none found", "not tested", "does not explain the
-    data" (of sessions that contradict the table), "a split, or a wrong session" (which too few
-    sessions tell apart: nothing is done about it) or "seen in one session" (of an update that has
-    no other; nothing is done about it either).
+    half of the split), and what was done about it.
     """
 
     axis: str
-    kind: str
+    kind: ThermalKind
     value: float
     sigma: float
-    action: str
+    action: ThermalAction
 
     @property
     def z(self) -> float:
@@ -85,41 +85,7 @@ class ThermalTerm:
 
     @property
     def found(self) -> bool:
-        return self.action in ("rate term fitted", "sigma widened")
-
-    def words(self) -> str:
-        """One sentence for reports."""
-        if self.action == "not tested":
-            return f"gyro {self.axis}: not tested, its temperature hardly moved"
-        if self.kind == "rate":
-            size = f"{self.value:+.4f} +- {self.sigma:.4f} deg/h per degC/min"
-        else:
-            size = (
-                f"{2 * self.value:+.4f} +- {2 * self.sigma:.4f} deg/h between heating and cooling"
-            )
-        if self.action == "does not explain the data":
-            return (
-                f"gyro {self.axis}: {size} looks like it, but does not bring the sessions into"
-                " agreement: not used"
-            )
-        if self.action == "seen in one session":
-            return (
-                f"gyro {self.axis}: {size} ({abs(self.z):.1f} sigma) in one session: not used"
-                " unless another one shows it"
-            )
-        if self.action == "a split, or a wrong session":
-            return (
-                f"gyro {self.axis}: heating and cooling differ, {size}, or a session is wrong: more"
-                " sessions would tell"
-            )
-        if not self.found:
-            return f"gyro {self.axis}: no difference found, {size} ({abs(self.z):.1f} sigma)"
-        after = (
-            "the table holds the bias at a steady temperature"
-            if self.kind == "rate"
-            else "its points count less"
-        )
-        return f"gyro {self.axis}: {self.action}: {size} ({abs(self.z):.1f} sigma); {after}"
+        return self.action in ACTED_ON
 
 
 @dataclass(frozen=True)
@@ -150,7 +116,7 @@ def heating_sense(temperature_degC: NDArray) -> NDArray:
 def joint_posterior(
     table: ThermalTable,
     sessions: Sequence[SessionLikelihood],
-    kind: str,
+    kind: ThermalKind,
     axes: Sequence[bool] = (True, True, True),
 ) -> JointPosterior:
     """Table and terms of some axes from all sessions at once; the sessions' bins must stand on this
@@ -209,20 +175,37 @@ def find_terms(
         )
         if np.max(np.abs(rates)) < MOVED_degC_min:
             found.append(
-                ThermalTerm(axis=axis, kind="rate", value=0.0, sigma=0.0, action="not tested")
+                ThermalTerm(
+                    axis=axis,
+                    kind=ThermalKind.RATE,
+                    value=0.0,
+                    sigma=0.0,
+                    action=ThermalAction.NOT_TESTED,
+                )
             )
             continue
         sigma = {kind: float(np.sqrt(fit.terms_covariance[k, k])) for kind, fit in fits.items()}
         kind = max(fits, key=lambda kind: abs(fits[kind].terms[k]) / sigma[kind])
         value = float(fits[kind].terms[k])
         seen = abs(value) > FOUND_SIGMAS * sigma[kind]
-        action = (
-            ("rate term fitted" if kind == "rate" else "sigma widened") if seen else "none found"
-        )
+        action = _action(kind) if seen else ThermalAction.NONE_FOUND
         found.append(
             ThermalTerm(axis=axis, kind=kind, value=value, sigma=sigma[kind], action=action)
         )
     return tuple(found)
+
+
+def _not_tested(axis: str) -> ThermalTerm:
+    return ThermalTerm(
+        axis=axis, kind=ThermalKind.RATE, value=0.0, sigma=0.0, action=ThermalAction.NOT_TESTED
+    )
+
+
+def _action(kind: ThermalKind) -> ThermalAction:
+    """What is done about a term that is taken for real."""
+    if kind is ThermalKind.RATE:
+        return ThermalAction.RATE_TERM_FITTED
+    return ThermalAction.SIGMA_WIDENED
 
 
 def with_terms(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> tuple[NDArray, NDArray]:
@@ -237,8 +220,8 @@ def with_terms(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> tupl
         if not term.found:
             continue
         D = session.regressor(term.kind)[:, k]
-        variance = term.sigma**2 if term.kind == "rate" else term.value**2 + term.sigma**2
-        mean += D * (term.value if term.kind == "rate" else 0.0)
+        variance = term.sigma**2 if term.kind is ThermalKind.RATE else term.value**2 + term.sigma**2
+        mean += D * (term.value if term.kind is ThermalKind.RATE else 0.0)
         covariance += variance * np.outer(D, D)
     return mean, covariance
 

@@ -21,6 +21,7 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.points import measurement_information
+from infield.session.reasons import Observability, ThermalAction, ThermalKind
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import hold_common, merge_posterior
@@ -73,7 +74,7 @@ def with_thermal_terms(
         )
         if len(chosen) == 1:
             terms = tuple(
-                replace(term, action="seen in one session") if term.found else term
+                replace(term, action=ThermalAction.SEEN_IN_ONE_SESSION) if term.found else term
                 for term in terms
             )
         if not any(term.found for term in terms):
@@ -83,7 +84,7 @@ def with_thermal_terms(
             new = {id(old): s for old, s in zip(chosen, again)}
             return terms, [new.get(id(s), s) for s in sessions], after
         terms = tuple(
-            replace(term, action="does not explain the data") if term.found else term
+            replace(term, action=ThermalAction.DOES_NOT_EXPLAIN) if term.found else term
             for term in terms
         )
     if len(agreeing) < len(merged):
@@ -107,7 +108,7 @@ def _or_a_wrong_session(
         )
         both = rates.min() < -MOVED_degC_min and rates.max() > MOVED_degC_min
         if both and term.found and named:
-            named[k] = replace(term, action="a split, or a wrong session")
+            named[k] = replace(term, action=ThermalAction.SPLIT_OR_WRONG_SESSION)
     return tuple(named)
 
 
@@ -139,21 +140,21 @@ def _merged_again(
     """
     current, again, joint = table, [], []
     for session in sessions:
-        held = [a.axis for a in session.seen if a.verdict == "not_observable"]
+        held = [a.axis for a in session.seen if a.verdict is Observability.NOT_OBSERVABLE]
         data = likelihood_of(session, current, twin, settings)
         m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
         merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
         again.append(replace(session, merged=merged, verdict=judge_merge(merged, session.estimate)))
         current = merged.table
         joint.append(_with_widened(likelihood_of(session, table, twin, settings), terms))
-    fitted = [term.action == "rate term fitted" for term in terms]
+    fitted = [term.action is ThermalAction.RATE_TERM_FITTED for term in terms]
     if not any(fitted):
         return again, current
-    found = joint_posterior(table, joint, "rate", fitted)
+    found = joint_posterior(table, joint, ThermalKind.RATE, fitted)
     unseen = [
         a
         for k, a in enumerate(AXES)
-        if all(s.seen[k].verdict == "not_observable" for s in sessions)
+        if all(s.seen[k].verdict is Observability.NOT_OBSERVABLE for s in sessions)
     ]
     change, P = hold_common(table, unseen, found.change, found.covariance)
     return again, table.replaced(parameters=table.parameters + change, covariance=0.5 * (P + P.T))
@@ -161,7 +162,9 @@ def _merged_again(
 
 def _with_widened(session: SessionLikelihood, terms: Sequence[ThermalTerm]) -> SessionLikelihood:
     """The session with the terms that are not fitted in its own covariance."""
-    _, wider = with_terms(
-        session, [t if t.kind == "sense" else replace(t, action="none found") for t in terms]
-    )
+    unfitted = [
+        t if t.kind is ThermalKind.SENSE else replace(t, action=ThermalAction.NONE_FOUND)
+        for t in terms
+    ]
+    _, wider = with_terms(session, unfitted)
     return replace(session, bins=replace(session.bins, own=session.bins.own + wider))

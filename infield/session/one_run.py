@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from alignment.motion.stands import Where
 from alignment.motion.standstill import speed_disagreement
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
@@ -10,30 +11,24 @@ from infield.session.log import compensated_imu, find_rest, session_end
 from infield.session.navigated.claim_chain import ClaimChain, run_claim_chain
 from infield.session.navigated.estimator import estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
-from infield.session.parked.stretches import find_rests
+from infield.session.parked.stretches import Rests, find_rests
 from infield.session.points import observability, session_points
+from infield.session.reasons import Observability, SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
+    fault_reason,
     gyro_temperature,
     no_thermometer,
     plausible_range,
     too_short,
-    words,
 )
 from ins.records import Run, TwinModel
+from ins.verdicts import Reason, because
 
-NEVER_RESTS = (
-    "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
-)
-LEVEL_REMOVED = (
-    "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro"
-    " offsets): their level is not the unit's; convert the log again with gyro_offsets ="
-    ' "add_back" in the map'
-)
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
 
 
@@ -42,12 +37,11 @@ def take_run(
 ) -> SessionResult:
     """One run against the table as it stands."""
     if repeated:
-        return SessionResult(
-            run, acceptance.refuse("the table already holds this run (same content hash)")
-        )
+        return SessionResult(run, acceptance.refuse(because(SessionReason.ALREADY_MERGED)))
     short = too_short(run.temperature)
-    if run.temperature is None or short:
+    if short is not None:
         return SessionResult(run, acceptance.refuse(short))
+    assert run.temperature is not None
     temperature = gyro_temperature(run.temperature, plausible_degC=plausible_range(table))
     if len(temperature.unusable) == 3:
         return SessionResult(run, acceptance.refuse(*no_thermometer(temperature)), temperature)
@@ -64,7 +58,10 @@ def take_run(
     )
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
-    against = speed_disagreement(run, estimate.motion)
+    against = [
+        because(SessionReason.SPEED_CONTRADICTS, told=told)
+        for told in speed_disagreement(run, estimate.motion)
+    ]
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     if not verdict.accepted:
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
@@ -76,7 +73,7 @@ def take_run(
         bins.prior,
         bins.table_deg_h + estimate.mean_deg_h,
         estimate.covariance,
-        held_axes=[axis.axis for axis in seen if axis.verdict == "not_observable"],
+        held_axes=[axis.axis for axis in seen if axis.verdict is Observability.NOT_OBSERVABLE],
     )
     return SessionResult(
         run,
@@ -102,29 +99,35 @@ def _estimated(
     rates themselves.
     """
     rests = find_rests(run) if no_heading(run, table, temperature, twin) else None
-    rest, why = (
-        (find_rest(run), NEVER_RESTS)
-        if rests is None
-        else (next(iter(rests.stretches), None), rests.why)
-    )
-    level = (LEVEL_REMOVED,) if run.header.level_removed else ()
-    if rest is None or level:
-        return acceptance.refuse(*level, *((why,) if rest is None else ()))
+    rest, why = _first_rest(run, rests)
+    level_removed = because(SessionReason.LEVEL_REMOVED) if run.header.level_removed else None
+    against = [reason for reason in (level_removed, why) if reason is not None]
+    if rest is None or against:
+        return acceptance.refuse(*against)
     spans = [(rest[0], end_s)] if rests is None else rests.stretches
     known = max(temperature.covered(*span).max() for span in spans)
     if known < LEAST_COVERED:
-        reason = (
-            f"gyro temperature is known for {100 * known:.0f} % of the session, needed"
-            f" {100 * LEAST_COVERED:.0f} %"
+        uncovered = because(
+            SessionReason.TEMPERATURE_UNCOVERED,
+            known_percent=100 * known,
+            needed_percent=100 * LEAST_COVERED,
         )
-        return acceptance.refuse(reason, *map(words, temperature.faults))
+        return acceptance.refuse(uncovered, *map(fault_reason, temperature.faults))
     if rests is not None:
         found = estimate_parked(run, table, temperature, twin, settings, rests=rests)
-        return acceptance.refuse(found) if isinstance(found, str) else found
+        return acceptance.refuse(found) if isinstance(found, Reason) else found
     try:
         return estimate_session(run, table, temperature, twin, settings, rest=rest, end_s=end_s)
     except ArithmeticError as lost:
-        return acceptance.refuse(f"the filter cannot follow this log: {lost}")
+        return acceptance.refuse(because(SessionReason.FILTER_LOST, fault=str(lost)))
+
+
+def _first_rest(run: Run, rests: Rests | None) -> tuple[Where | None, Reason | None]:
+    """The first rest of the log, or why there is none; rests: of a unit without a heading."""
+    if rests is not None:
+        return (rests.stretches[0] if rests.stretches else None), rests.why
+    rest = find_rest(run)
+    return rest, because(SessionReason.NEVER_RESTS) if rest is None else None
 
 
 def _claim_chain(

@@ -8,6 +8,7 @@ against the table (disagreement)
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from alignment.reasons import AlignmentVerdict
 from infield.session.disagreement import (
     SessionEvidence,
     Step,
@@ -20,10 +21,12 @@ from infield.session.hysteresis import ThermalTerm
 from infield.session.joint_update import with_thermal_terms
 from infield.session.log import with_applied_table_undone
 from infield.session.one_run import take_run
+from infield.session.reasons import SessionReason, ThermalAction
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run, TwinModel
+from ins.verdicts import Outcome, Reason, because
 
 
 @dataclass(frozen=True)
@@ -71,15 +74,12 @@ def update_calibration(
         taken = take(steps)
     outcome, reasons = _overall(taken.sessions)
     after, merged_runs = table, []
-    if outcome == "accepted":
+    if outcome is Outcome.ACCEPTED:
         after, merged_runs = _with_provenance(taken, table, parent_sha256, steps), taken.merged_runs
     else:
-        reasons = (*reasons, *(step.words() for step in steps))
+        reasons = (*reasons, *(step.reason for step in steps))
     if accept_step and not steps:
-        reasons = (
-            *reasons,
-            "no step to accept: at least two sessions must agree with each other against the table",
-        )
+        reasons = (*reasons, because(SessionReason.NO_STEP))
     return UpdateResult(
         outcome,
         reasons,
@@ -92,7 +92,7 @@ def update_calibration(
         tuple(merged_runs),
         taken.terms,
         steps,
-        accepted and outcome == "accepted",
+        accepted and outcome is Outcome.ACCEPTED,
         evidence,
     )
 
@@ -150,10 +150,10 @@ def _evidence(taken: _Taken) -> tuple[SessionEvidence, ...]:
     return tuple(
         session_evidence(s.run, taken.table, s.estimate, s.points)
         for s in taken.sessions
-        if s.verdict.outcome == "inconsistent"
+        if s.verdict.outcome is Outcome.INCONSISTENT
         and s.estimate is not None
         and s.points is not None
-        and (s.merged is not None or s.estimate.alignment.verdict == "inconsistent")
+        and (s.merged is not None or s.estimate.alignment.verdict is AlignmentVerdict.INCONSISTENT)
     )
 
 
@@ -187,20 +187,21 @@ def _days_between(earlier_utc: str, later_utc: str) -> float:
     return max((utc(later_utc) - utc(earlier_utc)).total_seconds() / 86400.0, 0.0)
 
 
-def _overall(sessions: Sequence[SessionResult]) -> tuple[str, tuple[str, ...]]:
+def _overall(sessions: Sequence[SessionResult]) -> tuple[Outcome, tuple[Reason, ...]]:
     """One verdict for the update: inconsistent if any session is, accepted if any is, else
     refused.
     """
     outcomes = [s.verdict.outcome for s in sessions]
-    name = (
-        "inconsistent"
-        if "inconsistent" in outcomes
-        else "accepted"
-        if "accepted" in outcomes
-        else "refused"
-    )
-    reasons = [f"{s.run.header.run_id}: {r}" for s in sessions for r in s.verdict.reasons]
-    return name, tuple(reasons)
+    weighed = (Outcome.INCONSISTENT, Outcome.ACCEPTED, Outcome.REFUSED)
+    overall = next((outcome for outcome in weighed if outcome in outcomes), Outcome.REFUSED)
+    reasons: list[Reason] = []
+    for session in sessions:
+        run_id = session.run.header.run_id
+        reasons += [
+            because(SessionReason.OF_RUN, run_id=run_id, reason=reason)
+            for reason in session.verdict.reasons
+        ]
+    return overall, tuple(reasons)
 
 
 def _with_provenance(
@@ -226,7 +227,7 @@ def _with_provenance(
     fitted = {
         t.axis: {"value": t.value, "sigma": t.sigma}
         for t in taken.terms
-        if t.action == "rate term fitted"
+        if t.action is ThermalAction.RATE_TERM_FITTED
     }
     if fitted:
         said["rate_terms_deg_h_per_degC_min"] = fitted

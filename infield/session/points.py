@@ -10,8 +10,10 @@ from scipy.linalg import eigh, solve_triangular
 
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
+from infield.session.reasons import Advice, Observability
 from infield.table.merge import SessionPoints
 from ins.records import AXES, Run
+from ins.verdicts import Reason, because
 
 # prior of the points: this many times the table's sigma, so that they are the session's own
 VAGUE = 100.0
@@ -29,8 +31,8 @@ class AxisObservability:
     axis: str
     sigma_before_deg_h: float
     sigma_after_deg_h: float
-    verdict: str
-    advice: str
+    verdict: Observability
+    advice: Reason | None
 
 
 def measurement_information(
@@ -109,38 +111,25 @@ def observability(
     after = np.sqrt(np.einsum("ij,jk,ik->i", A, estimate.covariance, A))
     found = []
     for axis, b, a in zip(AXES, before, after):
-        ratio = a / b
-        verdict = "observed" if ratio < OBSERVED else "weak" if ratio < WEAK else "not_observable"
-        advice = (
-            _advice(axis, verdict, hold_heading)
-            if estimate.parked is None
-            else _parked_advice(verdict)
-        )
+        verdict = _verdict(a / b)
+        advice = None
         if axis in unusable:
-            verdict, advice = (
-                "not_observable",
-                f"the thermometer of gyro {axis} {unusable[axis]}: its bias has no temperature",
-            )
+            verdict = Observability.NOT_OBSERVABLE
+            advice = because(Advice.MEND_THERMOMETER, axis=axis, fault=unusable[axis])
+        elif verdict is not Observability.OBSERVED:
+            parked = estimate.parked is not None
+            advice = because(Advice.PARK_FROM_COLD if parked else _advice(axis, hold_heading))
         found.append(AxisObservability(axis, float(b), float(a), verdict, advice))
     return tuple(found)
 
 
-def _parked_advice(verdict: str) -> str:
-    return (
-        ""
-        if verdict == "observed"
-        else "park longer, from a cold start: noise still hides the bias, or the table knows it"
-    )
+def _verdict(ratio: float) -> Observability:
+    if ratio < OBSERVED:
+        return Observability.OBSERVED
+    return Observability.WEAK if ratio < WEAK else Observability.NOT_OBSERVABLE
 
 
-def _advice(axis: str, verdict: str, hold_heading: bool) -> str:
-    if verdict == "observed":
-        return ""
-    if axis == "z":
-        if not hold_heading:
-            return "allow the parked-attitude constraint, or park on a second heading for 20 min"
-        return "park longer: the vertical gyro shows only against an airframe that does not turn"
-    return (
-        "turn by 90 to 180 deg and stop for 60 s or more on the new heading before the run ends, "
-        "or log GNSS or an odometer in the taxi, or give a surveyed heading"
-    )
+def _advice(axis: str, hold_heading: bool) -> Advice:
+    if axis != "z":
+        return Advice.TURN_AND_STOP
+    return Advice.PARK_LONGER if hold_heading else Advice.HOLD_HEADING

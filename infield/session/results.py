@@ -13,6 +13,7 @@ from infield.table.merge import MergeResult, SessionPoints
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.records import Run, TwinModel
+from ins.verdicts import Outcome, Reason
 
 
 @dataclass(frozen=True)
@@ -33,16 +34,15 @@ class SessionResult:
 
 @dataclass(frozen=True)
 class UpdateResult:
-    """outcome: "accepted", "refused" or "inconsistent"; `after` is `before` where nothing was
-    merged.
+    """outcome: accepted, refused or inconsistent; `after` is `before` where nothing was merged.
 
     terms: heating against cooling, per axis; steps: where several sessions agree against the table;
     step_accepted: the table was widened for them; evidence: what is worth remembering of sessions
     that contradict the table.
     """
 
-    outcome: str
-    reasons: tuple[str, ...]
+    outcome: Outcome
+    reasons: tuple[Reason, ...]
     before: ThermalTable
     after: ThermalTable
     sessions: tuple[SessionResult, ...]

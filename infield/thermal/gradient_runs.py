@@ -18,8 +18,9 @@ from infield.thermometer.gyro_temperature import (
     gyro_temperature,
     too_short,
 )
+from infield.thermometer.reasons import NoTemperature
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
-from ins.records import AXES, InputError, Run, TemperatureLog, TwinModel
+from ins.records import AXES, Run, TemperatureLog, TwinModel
 from ins.thermometer_faults import check_thermometers
 
 FLAT_degC = 0.05  # a line that moves less says nothing
@@ -91,8 +92,9 @@ def gradient_lines(log: TemperatureLog) -> GradientLines:
 def gradient_run(run: Run, twin: TwinModel) -> GradientRun:
     """Minute means of a run. InputError where the log cannot be used as it is."""
     why = too_short(run.temperature)
-    if why or run.temperature is None:
-        raise InputError(f"{run.header.run_id}: {why}")
+    if why is not None:
+        raise NoTemperature(run.header.run_id, why)
+    assert run.temperature is not None
     temperature, lines = gyro_temperature(run.temperature), gradient_lines(run.temperature)
     blocks = ramp_run(run, twin, temperature=temperature, window_s=BLOCK_S)
     seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]

@@ -20,11 +20,13 @@ from infield.thermometer.gyro_temperature import (
     no_thermometer,
     too_short,
 )
+from infield.thermometer.reasons import NoTemperature
 from ins.attitude import dcm_from_euler
 from ins.earth import EARTH_RATE_RAD_S, omega_ie_n
 from ins.records import AXES, InputError, Run, Span, TwinModel
 from ins.robust import robust_scatter, runs_of_true
 from ins.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
+from ins.verdicts import LeftOut
 
 BLOCK_S = 60.0
 FEWEST_SHARE = 0.6  # of a block that must be left
@@ -77,7 +79,7 @@ class RampRun:
     rate_sigma_degC_min: NDArray
     level_sigma_deg_h: NDArray
     legs: tuple[Leg, ...]
-    excluded: tuple[Span, ...]
+    excluded: tuple[Span | LeftOut, ...]
     unusable: tuple[str, ...]
     roll_pitch_rad: tuple[float, float]
     heading_known: bool
@@ -117,11 +119,12 @@ def ramp_run(
             " output"
         )
     why = too_short(run.temperature)
-    if why or run.temperature is None:
-        raise InputError(f"{header.run_id}: {why}")
+    if why is not None:
+        raise NoTemperature(header.run_id, why)
+    assert run.temperature is not None
     temperature = temperature or gyro_temperature(run.temperature)
     if len(temperature.unusable) == 3:
-        raise InputError(f"{header.run_id}: {no_thermometer(temperature)[0]}")
+        raise NoTemperature(header.run_id, no_thermometer(temperature)[0])
     blocks = _Blocks(run)
     known, level_sigma, level = _earth_rate(run, blocks.f_b, twin)
     t, bias = blocks.time_s, blocks.omega / DEG_PER_HOUR - known
@@ -144,7 +147,7 @@ def ramp_run(
         rate_sigma_degC_min=_rate_sigma(temperature, t, window),
         level_sigma_deg_h=level_sigma,
         legs=legs,
-        excluded=(*blocks.excluded, *temperature.spans()),
+        excluded=(*blocks.excluded, *temperature.left_out()),
         unusable=temperature.unusable,
         roll_pitch_rad=level,
         heading_known=run.header.survey.heading_rad is not None,

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
+from infield.thermometer.reasons import ThermometerReason
 from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_readings
-from ins.records import AXES, Span, TemperatureLog
+from ins.records import AXES, TemperatureLog
 from ins.thermometer_faults import (
     HOLE_S,
     OF_THE_COLUMN,
@@ -25,15 +26,12 @@ from ins.thermometer_faults import (
     ThermometerFault,
     check_thermometers,
 )
+from ins.verdicts import LeftOut, Reason, because
 
 FEWEST_ROWS, SHORTEST_S = 10, 60.0  # of a temperature log that a session can be told from
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
 # a hole up to this is bridged by the smoother, with the sigma that it has there
 BRIDGED_S = 2.0 * HOLE_S
-READINGS_LEFT_OUT = "these readings are left out"
-NONE_LOGGED = (
-    "no gyro temperature in the run: a bias without its temperature has no place in the table"
-)
 
 
 @dataclass(frozen=True)
@@ -93,9 +91,11 @@ class GyroTemperature:
         rows = [np.sqrt(np.diag(self._of_bins(axis, edges_s, rates=True))) for axis in range(3)]
         return 60.0 * np.stack(rows, axis=1)
 
-    def spans(self) -> tuple[Span, ...]:
+    def left_out(self) -> tuple[LeftOut, ...]:
         """What is wrong, as spans of time for the list of what was left out."""
-        return tuple(Span(start_s=f.start_s, end_s=f.end_s, reason=words(f)) for f in self.faults)
+        return tuple(
+            LeftOut(start_s=f.start_s, end_s=f.end_s, reason=fault_reason(f)) for f in self.faults
+        )
 
     def why_unusable(self) -> dict[str, str]:
         """For each axis without a thermometer, what is wrong with it."""
@@ -113,28 +113,26 @@ class GyroTemperature:
         return smooth.covariance(np.diff(ends, axis=0) / np.diff(edges_s)[:, None])
 
 
-def words(fault: ThermometerFault) -> str:
+def fault_reason(fault: ThermometerFault) -> Reason:
     """A fault with what follows from it."""
-    after = {
-        FaultKind.COARSE: "its sigma is wider",
-        FaultKind.HOLE: "nothing is learnt there beyond two minutes",
-    }
+    return because(_follows(fault), column=fault.column, fault=fault.text)
+
+
+def _follows(fault: ThermometerFault) -> ThermometerReason:
     if not fault.column.startswith("gyro_"):
-        return f"{fault.column}: {fault.text}"
-    left_out = "the axis is left out" if fault.kind in OF_THE_COLUMN else READINGS_LEFT_OUT
-    said = after.get(fault.kind, left_out)
-    return f"thermometer {fault.column}: {fault.text}; {said}"
+        return ThermometerReason.OF_ANOTHER
+    if fault.kind in OF_THE_COLUMN:
+        return ThermometerReason.AXIS_LEFT_OUT
+    of_kind = {FaultKind.COARSE: ThermometerReason.COARSE, FaultKind.HOLE: ThermometerReason.HOLE}
+    return of_kind.get(fault.kind, ThermometerReason.READINGS_LEFT_OUT)
 
 
-def no_thermometer(temperature: GyroTemperature) -> tuple[str, ...]:
+def no_thermometer(temperature: GyroTemperature) -> tuple[Reason, ...]:
     """Reasons of a run whose gyro thermometers are all out."""
     kinds = {f.kind for f in temperature.faults if f.column.startswith("gyro_")}
-    said = (
-        "all gyro thermometers are stuck"
-        if kinds == {FaultKind.STUCK}
-        else "no gyro thermometer can be used"
-    )
-    return (said, *(words(f) for f in temperature.faults))
+    stuck = kinds == {FaultKind.STUCK}
+    code = ThermometerReason.ALL_STUCK if stuck else ThermometerReason.NONE_USABLE
+    return (because(code), *(fault_reason(f) for f in temperature.faults))
 
 
 def plausible_range(table: ThermalTable) -> tuple[float, float]:
@@ -143,17 +141,19 @@ def plausible_range(table: ThermalTable) -> tuple[float, float]:
     return min(PLAUSIBLE_degC[0], float(nodes.min())), max(PLAUSIBLE_degC[1], float(nodes.max()))
 
 
-def too_short(log: TemperatureLog | None) -> str:
-    """Why a temperature log cannot serve a session, empty where it can."""
+def too_short(log: TemperatureLog | None) -> Reason | None:
+    """Why a temperature log cannot serve a session, None where it can."""
     if log is None:
-        return NONE_LOGGED
-    rows, span = log.time_s.size, float(log.time_s[-1] - log.time_s[0])
-    if rows >= FEWEST_ROWS and span >= SHORTEST_S:
-        return ""
-    seen = math.floor(10.0 * span) / 10.0  # 59.97 is not 60
-    return (
-        f"gyro temperature: {rows} row{'s' if rows > 1 else ''} over {seen:g} s, needed at least"
-        f" {FEWEST_ROWS} rows over {SHORTEST_S:.0f} s"
+        return because(ThermometerReason.NONE_LOGGED)
+    rows, span_s = log.time_s.size, float(log.time_s[-1] - log.time_s[0])
+    if rows >= FEWEST_ROWS and span_s >= SHORTEST_S:
+        return None
+    return because(
+        ThermometerReason.TOO_FEW_ROWS,
+        rows=rows,
+        span_s=math.floor(10.0 * span_s) / 10.0,  # 59.97 is not 60
+        needed_rows=FEWEST_ROWS,
+        needed_s=SHORTEST_S,
     )
 
 

@@ -45,14 +45,18 @@ def align(
     run_path: Path, *, store_url: str, twin: Path | None = None, output: Path | None = None
 ) -> dict[str, Any]:
     """Align one run and write alignment.json; returns its document."""
+    from dataclasses import replace
+
     import numpy as np
 
-    from alignment.document import alignment_document
     from alignment.gyrocompass import align as align_log
+    from alignment.reasons import AlignmentReason, AlignmentVerdict
+    from infield.reports.documents.alignment import alignment_document
     from infield.session.log import compensated_imu
     from infield.session.parked.zero_rate import mean_zero_rate
     from infield.session.settings import SessionSettings
     from infield.thermometer.gyro_temperature import gyro_temperature
+    from ins.verdicts import because
     from recal.service.output import output_directory, write_text
     from recal.service.unit_inputs import open_store, unit_inputs
     from trajectories.runs.directory import read_run
@@ -67,14 +71,15 @@ def align(
         sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
     imu = compensated_imu(run, unit.table, temperature, unit.twin)
     result = align_log(imu, run.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=run.phases)
-    document = alignment_document(result, run)
     if not unit.known:
-        sigma_deg_h = float(np.max(unit.table.sigma_deg_h(0, np.zeros(1))))
-        document["reasons"].append(
-            f"no table of {run.header.imu_serial} in the store: gyro bias taken as 0 +-"
-            f" {sigma_deg_h:.3g} deg/h, what it is beyond that goes into the heading"
+        no_table = because(
+            AlignmentReason.NO_TABLE,
+            imu_serial=run.header.imu_serial,
+            sigma_deg_h=float(np.max(unit.table.sigma_deg_h(0, np.zeros(1)))),
         )
-    if result.verdict == "level_only" and run.header.gyro_technology == "mems":
+        result = replace(result, reasons=(*result.reasons, no_table))
+    document = alignment_document(result, run)
+    if result.verdict is AlignmentVerdict.LEVEL_ONLY and run.header.gyro_technology == "mems":
         document["zero_rate"] = mean_zero_rate(run, unit.twin, SessionSettings())
     write_text(output_directory(output, "align") / "alignment.json", result_text(document))
     return document

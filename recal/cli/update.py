@@ -27,8 +27,6 @@ from recal.cli.console import (
 
 # a document's files: update.json, and update.html where wanted
 Files = Callable[[dict[str, Any]], dict[Path, str]]
-# what is said of heating and cooling without -v
-ACTED = ("rate term fitted", "sigma widened", "a split, or a wrong session")
 
 
 def command(
@@ -192,6 +190,7 @@ def _update_once(
     """
     from infield.session.pipeline import update_calibration
     from infield.table.file import table_sha256
+    from ins.verdicts import Outcome
     from recal.service.output import program_version, write_files
     from recal.service.unit_inputs import open_store, unit_inputs, with_thermal_model
 
@@ -220,16 +219,16 @@ def _update_once(
         "thermal_model": use(result.after),
         "lost": lost,
     }
-    if commit and result.outcome == "accepted":
+    if commit and result.outcome is Outcome.ACCEPTED:
         return _commit(result, unit, store_url, files, facts, last=last, any_clock=any_clock)
-    if propose and result.outcome == "accepted":
+    if propose and result.outcome is Outcome.ACCEPTED:
         return _propose(result, unit, store_url, files, facts, propose)
     document = _document(
         result, committed=False, store=database.name if database else None, **facts
     )
     if (
         (commit or propose)
-        and result.outcome == "inconsistent"
+        and result.outcome is Outcome.INCONSISTENT
         and unit.revision
         and result.evidence
     ):
@@ -286,10 +285,13 @@ def _commit(
     refused, with the reason. Where the store cannot be written the report stays, as a proposal that
     says so, and InputError is raised.
     """
+    from infield.reports.words.sentences import sentence
+    from infield.session.reasons import SessionReason
     from infield.store.database import store_name
     from infield.store.errors import StoreConflict, StoreRefused
     from infield.store.table_store import MergedRun
     from ins.records import InputError
+    from ins.verdicts import because
     from recal.service.output import write_files
     from recal.service.unit_inputs import open_store
 
@@ -334,9 +336,11 @@ def _commit(
         if made:
             say(f"committed as revision {made[0].number}, but {error}")
             return _numbered(document, unit, made[0].number)
+        not_committed = because(SessionReason.NOT_COMMITTED, fault=str(error))
         document = {
             **_document(result, committed=False, **facts),
-            "reasons": [f"not committed: {error}"],
+            "reasons": [sentence(not_committed)],
+            "reason_codes": [str(not_committed.code)],
         }
         write_files(files(document))
         raise
@@ -405,6 +409,9 @@ def _files(directory: Path, document: dict[str, Any], *, html: bool) -> dict[Pat
 
 def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
+    from infield.session.hysteresis import ACTED_ON
+    from infield.session.reasons import ThermalAction
+
     kept = (
         f", kept for review as proposal {document['proposal']}" if document.get("proposal") else ""
     )
@@ -413,8 +420,9 @@ def summary(document: dict[str, Any], *, verbose: bool = False) -> list[str]:
     if conflicts := len(document.get("conflicts", ())):
         lines.append(f"  estimated {conflicts + 1} times, as other writers were faster")
     lines += [f"  {document['remembered']}"] if document.get("remembered") else []
+    shown = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
     lines += [
-        f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in ACTED
+        f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in shown
     ]
     lines += [f"  {line}" for line in document.get("thermal_model", {}).get("text", [])]
     for axis, seen in document["observability"].items():

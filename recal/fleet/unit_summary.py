@@ -15,10 +15,13 @@ from numpy.typing import NDArray
 
 from infield.reports.documents.update import level_change
 from infield.reports.update_page import update_html
+from infield.reports.words.sentences import sentence
+from infield.session.reasons import SessionReason
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.json_file import read_json_object
 from ins.records import InputError
+from ins.verdicts import Outcome, because
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
 from recal.service.output import write_text
 
@@ -33,19 +36,16 @@ def summarise_unit(task: UnitTask) -> dict[str, Any]:
     """
     seen = [(o, document) for o in task.outcomes if (document := _document(o)) is not None]
     merged = [document for o, document in _one_a_folder(seen) if o.outcome in MERGED]
-    contrary = [document for o, document in seen if o.outcome == "inconsistent"]
+    contrary = [document for o, document in seen if o.outcome == Outcome.INCONSISTENT]
+    steps = contrary[-1]["disagreement"]["steps"] if contrary else []
     return {
         "of": task.identity,
         "drift": _drift(merged),
         "coverage": _coverage(
             [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
         ),
-        "steps": contrary[-1]["disagreement"]["steps"] if contrary else [],
-        "step_words": [
-            reason
-            for reason in (contrary[-1]["reasons"] if contrary else [])
-            if "table disagrees" in reason
-        ],
+        "steps": steps,
+        "step_words": [sentence(because(SessionReason.TABLE_DISAGREES, **s)) for s in steps],
         "pages": _draw(task, seen),
     }
 

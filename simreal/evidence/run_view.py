@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion import stillness
+from infield.reports.words.sentences import sentence
 from infield.session.log import compensated_imu, find_rest, table_series, with_applied_table_undone
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
@@ -152,7 +153,7 @@ def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
 def _temperature(run: Run, table: ThermalTable | None, notes: list[str]) -> GyroTemperature | None:
     if why := too_short(run.temperature):
         notes.append(
-            why
+            sentence(why)
             if run.temperature is not None
             else "no gyro temperature logged: the twin's table is not applied"
         )

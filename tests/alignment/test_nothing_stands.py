@@ -8,6 +8,7 @@ import pytest
 from alignment.coarse import first_rest
 from alignment.gyrocompass import NothingStands, align, solve
 from alignment.result import BiasPrior
+from infield.reports.words.sentences import sentence
 from ins.units import DEG_PER_HOUR
 from tests.infield.aided_cases import SITE, flown, ideal, twin_of
 
@@ -21,7 +22,7 @@ def test_the_level_of_a_mems_unit_under_the_name_of_a_ring_laser(park_s, seed):
     made = flown(ideal(park_s), twin_of("mems"), seed)
     found = align(made.run.imu, SITE, twin_of("rlg"))
     assert found.verdict == "level_only" and np.isnan(found.heading_rad)
-    assert "0.01 is usual for rlg: another technology or a fault" in found.reasons[-1]
+    assert "0.01 is usual for rlg: another technology or a fault" in sentence(found.reasons[-1])
     row = np.searchsorted(made.reference.time_s, found.time_s)
     error = [
         found.roll_rad - made.reference.roll_rad[row],

@@ -7,6 +7,7 @@ import pytest
 
 from infield.session.log import compensated_imu, session_end
 from infield.session.navigated.claim_chain import run_claim_chain
+from infield.session.reasons import ChainNote
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
@@ -104,7 +105,7 @@ def test_heading_error_of_the_taxi_agrees_with_truth_and_filter(seed):
 def test_without_a_taxi_the_east_axis_stays_relative():
     chain = chain_of(1, PARKED)
     assert np.isnan(chain.psi_rad)
-    assert "no taxi" in chain.note
+    assert chain.note is ChainNote.NO_TAXI
     assert all(np.isnan(p.east_deg_h) and np.isfinite(p.east_relative_deg_h) for p in chain.points)
 
 
@@ -114,7 +115,7 @@ def test_a_straight_taxi_is_blind():
 
     chain = chain_of(1, (Park(duration_s=1800.0), Straight(duration_s=200.0)))
     assert np.isnan(chain.psi_rad)
-    assert "blind" in chain.note
+    assert chain.note is ChainNote.BLIND
 
 
 def test_temperatures_are_those_of_the_windows():

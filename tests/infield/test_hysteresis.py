@@ -13,6 +13,7 @@ from benchmarks.thermal_sessions import (
     take,
     templates,
 )
+from infield.reports.words.session import thermal_term
 from infield.session.hysteresis import (
     ThermalTerm,
     heating_sense,
@@ -21,6 +22,7 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.joint_update import with_thermal_terms
+from infield.session.reasons import ThermalAction, ThermalKind
 from infield.table.merge import merge_posterior
 
 WARM, COOL = 0, 9  # templates: a cold start and a cooling one
@@ -36,7 +38,7 @@ def pair(rate=0.0, *, seed=1, wrong=0.0):
     truths = []
     for template in chosen:
         data = bins_of(template, table)
-        truths.append(data.bins.H @ nodes + rate * data.regressor("rate")[:, 0])
+        truths.append(data.bins.H @ nodes + rate * data.regressor(ThermalKind.RATE)[:, 0])
     truths[1][0::3] += wrong
     sessions, _ = take(table, chosen, truths, rng)
     return table, nodes, sessions
@@ -54,7 +56,7 @@ def test_sense_follows_the_change_over_three_degrees():
 def test_joint_posterior_without_a_term_is_the_merge_one_after_the_other():
     table, _, sessions = pair()
     data = [bins_of(s, table) for s in sessions]
-    joint = joint_posterior(table, data, "rate", (False, False, False))
+    joint = joint_posterior(table, data, ThermalKind.RATE, (False, False, False))
     current = table
     for session in sessions:
         d = bins_of(session, current)
@@ -73,7 +75,8 @@ def test_a_rate_term_is_fitted_and_the_table_stays_free_of_it():
     x = table.values_of("x")
     z = (after.parameters - nodes)[x] / np.sqrt(np.diag(after.covariance)[x])
     assert np.max(np.abs(z)) < 3.5
-    assert "rate term fitted: +0.0" in terms[0].words() and "steady temperature" in terms[0].words()
+    told = thermal_term(**vars(terms[0]))
+    assert "rate term fitted: +0.0" in told and "steady temperature" in told
 
 
 def test_without_a_term_the_sessions_stay_as_they_are():
@@ -91,17 +94,29 @@ def test_a_wrong_session_is_not_explained_away():
     terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
     assert [s.verdict.outcome for s in judged] == ["accepted", "inconsistent"]
     assert after is None
-    assert (
-        terms[0].action == "a split, or a wrong session"
-        and "more sessions would tell" in terms[0].words()
-    )
+    assert terms[0].action is ThermalAction.SPLIT_OR_WRONG_SESSION
+    assert "more sessions would tell" in thermal_term(**vars(terms[0]))
 
 
 def test_a_sense_widens_and_a_rate_shifts():
     data = bins_of(templates()[WARM], aged_table())
-    rate = ThermalTerm(axis="x", kind="rate", value=0.02, sigma=0.004, action="rate term fitted")
-    sense = ThermalTerm(axis="y", kind="sense", value=0.01, sigma=0.003, action="sigma widened")
-    none = ThermalTerm(axis="z", kind="rate", value=0.5, sigma=0.3, action="none found")
+    rate = ThermalTerm(
+        axis="x",
+        kind=ThermalKind.RATE,
+        value=0.02,
+        sigma=0.004,
+        action=ThermalAction.RATE_TERM_FITTED,
+    )
+    sense = ThermalTerm(
+        axis="y",
+        kind=ThermalKind.SENSE,
+        value=0.01,
+        sigma=0.003,
+        action=ThermalAction.SIGMA_WIDENED,
+    )
+    none = ThermalTerm(
+        axis="z", kind=ThermalKind.RATE, value=0.5, sigma=0.3, action=ThermalAction.NONE_FOUND
+    )
     mean, covariance = with_terms(data, (rate, sense, none))
     assert mean[0::3] == pytest.approx(0.02 * data.bins.rate_degC_min[:, 0])
     assert not mean[1::3].any() and not mean[2::3].any() and not covariance[2::3].any()
@@ -145,9 +160,9 @@ def test_one_session_names_a_term_and_does_nothing_about_it():
     rng, table = np.random.default_rng([5, 172]), aged_table()
     chosen = templates()[WARM]
     data = bins_of(chosen, table)
-    truth = data.bins.table_deg_h + 0.3 * data.regressor("rate")[:, 0]
+    truth = data.bins.table_deg_h + 0.3 * data.regressor(ThermalKind.RATE)[:, 0]
     sessions, _ = take(table, [chosen], [truth], rng)
     terms, judged, after = with_thermal_terms(sessions, table, TWIN, SETTINGS)
     assert terms[0].action == "seen in one session" and not terms[0].found
-    assert "not used unless another one shows it" in terms[0].words()
+    assert "not used unless another one shows it" in thermal_term(**vars(terms[0]))
     assert after is None and judged[0] is sessions[0]

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from alignment.motion.parked_seconds import ParkedSeconds
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
+from infield.reports.words.sentences import sentence, sentences
 from infield.session.parked.rates import no_heading
 from infield.session.parked.stretches import find_rests
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -145,7 +146,7 @@ def test_a_log_that_was_compensated_already_is_named():
     held = before.replaced(parameters=beta)
     result = updated([run], held)
     assert result.outcome == "inconsistent"
-    assert any("applied_table_sha256" in reason for reason in result.reasons)
+    assert any("applied_table_sha256" in reason for reason in sentences(result.reasons))
     sha256 = table_sha256(table_to_dict(held))
     again = updated(
         [with_header(run, applied_table_sha256=sha256)], held, applied_table=lambda s: held
@@ -158,7 +159,9 @@ def test_a_level_beyond_the_turn_on_is_named():
     first = updated([session(7, twin=quiet).run], twin=quiet)
     loud = replace(TWIN, gyro=replace(TWIN.gyro, turn_on_deg_h=300.0))
     second = updated([session(7, 1, twin=loud).run], first.after, twin=quiet)
-    assert second.outcome == "inconsistent" and "its level does not" in " ".join(second.reasons)
+    assert second.outcome == "inconsistent" and "its level does not" in " ".join(
+        sentences(second.reasons)
+    )
 
 
 @pytest.mark.parametrize(
@@ -171,7 +174,7 @@ def test_a_level_beyond_the_turn_on_is_named():
 )
 def test_refusals(change, reason):
     result = updated([change(first()[0].run)])
-    assert result.outcome == "refused" and reason in result.reasons[0]
+    assert result.outcome == "refused" and reason in sentences(result.reasons)[0]
     assert document_of(result)["decision_rule"].startswith(
         "A session of gyros that find no heading"
     )
@@ -184,7 +187,7 @@ def test_a_noisy_unit_is_taken_as_it_is_and_a_shaking_one_refused():
     assert found.parked.noise_scale == pytest.approx(5.0, rel=0.15)
     assert found.parked.walk_deg_sqrt_h == pytest.approx([1.0] * 3, rel=0.15)
     tiny = replace(TWIN, gyro=replace(TWIN.gyro, arw_deg_sqrt_h=0.02))
-    assert "times as much as their noise model" in updated([run], twin=tiny).reasons[0]
+    assert "times as much as their noise model" in sentence(updated([run], twin=tiny).reasons[0])
 
 
 def test_an_unknown_unit_gets_the_sigma_that_it_shows():
@@ -217,7 +220,7 @@ def test_an_unknown_unit_gets_the_sigma_that_it_shows():
 def test_the_rest_is_looked_for_in_the_named_phases():
     run = first()[0].run
     rests = find_rests(run)
-    assert rests.why == "" and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
+    assert rests.why is None and rests.stretches[0][0] < 5.0 and rests.stretches[0][1] > 2390.0
     assert isinstance(first()[1].sessions[0].estimate.parked.stretches[0].seconds, ParkedSeconds)
     # of navigated sessions; a parked one has bins of a minute
     assert SessionSettings().bin_s == 300.0

@@ -12,9 +12,11 @@ from scipy.stats import chi2
 from alignment.motion import turn_between
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
+from infield.reports.words.sentences import sentence
 from infield.session.bins import make_bins
 from infield.session.parked.stretches import find_rests, parked_windows
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
+from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
 from infield.table.file import table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -220,7 +222,7 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     moving = with_gnss(run, lambda t: late(t) * ((t > COLD_S) & (t < run.imu.end_s))[:, None])
     rests = find_rests(moving)
     assert len(rests.stretches) == 1 and rests.stretches[0][1] < COLD_S + 1.0
-    assert said in rests.left_out[0].reason
+    assert said in sentence(rests.left_out[0].reason)
     result = updated([moving])
     assert result.outcome == "accepted" and any(
         said in span["reason"] for span in document_of(result)["excluded"]
@@ -228,7 +230,11 @@ def test_a_rest_that_satellites_see_moving_is_left_out(late, said):
     standing = with_gnss(run, lambda t: np.zeros((t.size, 2)))
     assert len(find_rests(standing).stretches) == 2
     whole = find_rests(with_gnss(run, lambda t: np.column_stack([np.full(t.size, 3.0), 0 * t])))
-    assert whole.stretches == () and "no rest" in whole.why and "GNSS" in whole.why
+    assert (
+        whole.stretches == ()
+        and whole.why.code is ParkedReason.NO_REST
+        and "GNSS" in sentence(whole.why)
+    )
 
 
 def test_all_phases_named_as_parked_count():
@@ -254,14 +260,14 @@ def test_all_phases_named_as_parked_count():
 def test_a_short_rest_is_named():
     run = landed(first()[0].run, 50.0)
     rests = find_rests(run)
-    assert len(rests.stretches) == 1 and "needed 60 s" in rests.left_out[0].reason
+    assert len(rests.stretches) == 1 and "needed 60 s" in sentence(rests.left_out[0].reason)
     page = document_of(updated([run]))
     assert page["sessions"][0]["zero_rate"]["left_out"][0]["end_s"] == pytest.approx(
         run.imu.end_s, abs=3.0
     )
     early = run.imu.between(0.0, run.imu.end_s - WARM_S + 50.0)
     bare = find_rests(replace(run, imu=early, phases=()))
-    assert len(bare.stretches) == 1 and "a rest of 4" in bare.left_out[0].reason
+    assert len(bare.stretches) == 1 and "a rest of 4" in sentence(bare.left_out[0].reason)
 
 
 def test_a_shaken_rest_is_left_out_and_the_other_used():
@@ -276,7 +282,9 @@ def test_a_shaken_rest_is_left_out_and_the_other_used():
         ),
     )
     p = estimate_of(shaken).parked
-    assert len(p.stretches) == 1 and "times as much as their noise model" in p.left_out[0].reason
+    assert len(p.stretches) == 1 and "times as much as their noise model" in sentence(
+        p.left_out[0].reason
+    )
 
 
 def test_what_follows_a_turn_on_the_spot_is_a_stretch_of_its_own():

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from infield.reports.words.sentences import sentence, sentences
 from infield.session.acceptance import judge_estimate
 from infield.session.pipeline import update_calibration
 from infield.session.points import observability
@@ -88,7 +89,7 @@ def test_the_same_run_twice_is_refused_and_moves_nothing():
     run = simulated(1).run
     result = update([run], already_merged=lambda sha256: sha256 == run.sha256)
     assert result.outcome == "refused"
-    assert "already holds this run" in result.reasons[0]
+    assert "already holds this run" in sentence(result.reasons[0])
     assert result.after is result.before
     twice = update([run, run])
     assert [s.verdict.outcome for s in twice.sessions] == ["accepted", "refused"]
@@ -127,7 +128,7 @@ def refused(run, **options):
     assert result.outcome == "refused"
     assert result.after is result.before
     assert not result.merged_runs
-    return result.reasons[0]
+    return sentence(result.reasons[0])
 
 
 def test_no_temperature_is_refused():
@@ -182,7 +183,7 @@ def test_a_wrong_latitude_is_inconsistent():
     )
     result = update([run])
     assert result.outcome == "inconsistent"
-    assert any("latitude entered 46.000 deg" in reason for reason in result.reasons)
+    assert any("latitude entered 46.000 deg" in reason for reason in sentences(result.reasons))
 
 
 def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
@@ -195,7 +196,7 @@ def test_a_session_against_the_table_is_inconsistent_and_stops_everything():
     result = update([simulated(1).run, wrong])
     assert [s.verdict.outcome for s in result.sessions] == ["accepted", "inconsistent"]
     assert result.outcome == "inconsistent"
-    assert any("contradicts the stored table" in reason for reason in result.reasons)
+    assert any("contradicts the stored table" in reason for reason in sentences(result.reasons))
     assert result.after is result.before
     assert not result.merged_runs
 
@@ -240,7 +241,7 @@ def test_a_session_that_shows_nothing_is_refused():
     blind = replace(e, covariance=e.bins.prior)
     verdict = judge_estimate(blind, observability(blind, hold_heading=True))
     assert verdict.outcome == "refused"
-    assert "no gyro gains: the best keeps 100 %" in verdict.reasons[0]
+    assert "no gyro gains: the best keeps 100 %" in sentence(verdict.reasons[0])
 
 
 def test_residuals_beyond_the_noise_model_are_inconsistent():
@@ -248,7 +249,7 @@ def test_residuals_beyond_the_noise_model_are_inconsistent():
     loud = replace(e, nis_mean=3.0)
     verdict = judge_estimate(loud, observability(loud, hold_heading=True))
     assert verdict.outcome == "inconsistent"
-    assert "NIS 3.00" in verdict.reasons[0]
+    assert "NIS 3.00" in sentence(verdict.reasons[0])
     assert not verdict.accepted
     # too good is sound
     assert judge_estimate(replace(e, nis_mean=0.5), observability(e, hold_heading=True)).accepted
@@ -262,7 +263,7 @@ def test_a_gate_that_leaves_out_a_quarter_is_inconsistent():
     solution = replace(e.solution, filter=_with_tally(e.solution.filter, filled))
     verdict = judge_estimate(replace(e, solution=solution), observability(e, hold_heading=True))
     assert verdict.outcome == "inconsistent"
-    assert "50 % of the measurements" in verdict.reasons[0]
+    assert "50 % of the measurements" in sentence(verdict.reasons[0])
 
 
 def _with_tally(flt, tally):

@@ -7,6 +7,7 @@ import numpy as np
 from alignment.motion.standstill import speed_disagreement
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
+from infield.reports.words.sentences import sentence
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
@@ -43,7 +44,7 @@ def test_a_dead_encoder_refuses_the_update_with_a_full_report():
     )
     table, data = prior_table(), table_to_dict(prior_table())
     result = update_calibration([dead], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
-    assert result.outcome == "refused" and "dead encoder" in result.reasons[0]
+    assert result.outcome == "refused" and "dead encoder" in sentence(result.reasons[0])
     document = update_document(
         result, committed=False, store=None, version="test", table_before=data
     )

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from infield.reports.words.sentences import sentence, sentences
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import TemperatureLog
 from trajectories.simulator.thermal import thermal_history
@@ -106,16 +107,19 @@ def test_a_wrong_scale_leaves_the_axis_out(scale, word):
     T[:, 2] = scale(T[:, 2])
     found = gyro_temperature(log_of(T))
     assert found.unusable == ("z",)
-    assert any(word in s.reason and "the axis is left out" in s.reason for s in found.spans())
+    assert any(
+        word in said and "the axis is left out" in said
+        for said in sentences(s.reason for s in found.left_out())
+    )
     assert np.abs(found.at(HOUR) - warm_up())[:, 2].max() < 4.0  # the others' mean stands in
 
 
 def test_one_row_is_held():
     found = gyro_temperature(log_of(np.array([[20.0, 21.0, 22.0]]), np.array([5.0])))
     assert found.at(np.array([0.0, 100.0])) == pytest.approx(np.tile([20.0, 21.0, 22.0], (2, 1)))
-    assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in too_short(
-        log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12))
+    assert "12 rows over 59.9 s, needed at least 10 rows over 60 s" in sentence(
+        too_short(log_of(np.ones((12, 3)), np.linspace(0.0, 59.97, 12)))
     )
-    assert "1 row over 0 s, needed at least 10 rows over 60 s" in too_short(
-        log_of(np.ones((1, 3)), np.array([5.0]))
+    assert "1 row over 0 s, needed at least 10 rows over 60 s" in sentence(
+        too_short(log_of(np.ones((1, 3)), np.array([5.0])))
     )

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.reports.documents.spans import span_document
 from infield.thermal.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog_model import SCHEMA, FogModel, HeldOut, shifted
 from infield.thermal.fog_ramps import AxisFit, Curves, RampStudy
 from infield.thermal.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.ramp_runs import RampRun
 from ins.records import AXES
+from ins.verdicts import plain
 
 DAY_S = 86400.0
 
@@ -131,7 +133,7 @@ def _run(role: str, run: RampRun) -> dict[str, Any]:
             }
             for leg in run.legs
         ],
-        "excluded": [vars(span) for span in run.excluded],
+        "excluded": [plain(span_document(span)) for span in run.excluded],
     }
 
 

@@ -7,12 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.reports.documents.spans import span_document
 from infield.session.estimate import SessionEstimate
 from infield.session.results import SessionResult, UpdateResult
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, HOUR
+from ins.verdicts import plain
 
 METHOD = (
     "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate"
@@ -49,7 +51,11 @@ def of_session(e: SessionEstimate) -> dict[str, Any]:
             "bin_s": float(e.bins.duration_s.mean()),
             "bins": len(e.bins.duration_s),
             **({"stretches": _stretches(e)} if len(p.stretches) > 1 else {}),
-            **({"left_out": [vars(span) for span in p.left_out]} if p.left_out else {}),
+            **(
+                {"left_out": [plain(span_document(span)) for span in p.left_out]}
+                if p.left_out
+                else {}
+            ),
         },
     }
 

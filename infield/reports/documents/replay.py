@@ -43,7 +43,6 @@ from typing import Any
 
 import numpy as np
 
-from alignment.document import alignment_document
 from infield.replay.drift import CLASSES, REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
@@ -51,6 +50,7 @@ from infield.replay.reasons import ReplayVerdict
 from infield.replay.schuler import fit_schuler
 from infield.replay.stops import StopSpeed, Witness
 from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
+from infield.reports.documents.alignment import alignment_document
 from infield.reports.words.sentences import codes, sentence, sentences
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import twin_to_dict

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from infield.reports.documents.spans import span_document
 from infield.thermal.gradient_fit import RESIDUAL_S, AxisModel, Choice, Residual
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.gradient_terms import COLLINEAR, TERMS, UNITS
 from infield.thermal.held_out import RlgHeldOut
 from infield.thermal.rlg_gradient import GradientStudy
 from infield.thermal.rlg_model import SCHEMA
+from ins.verdicts import plain
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing
 
@@ -82,7 +84,7 @@ def _run(run: GradientRun) -> dict[str, Any]:
         "sigma_block_deg_h": b.sigma_deg_h.tolist(),
         "sigma_rate_degC_min": run.sigma_rate_degC_min.tolist(),
         "sigma_gradient_degC": run.sigma_gradient_degC.tolist(),
-        "excluded": [vars(span) for span in b.excluded],
+        "excluded": [plain(span_document(span)) for span in b.excluded],
     }
 
 
@@ -178,16 +180,16 @@ def _residual(r: Residual) -> dict[str, Any]:
 
 def _check(found: RlgHeldOut) -> dict[str, Any]:
     rows = {}
-    for axis, (before, plain, after, causal) in (
+    for axis, (before, table_alone, after, causal) in (
         (a, v.tolist()) for a, v in found.rms_deg_h.items()
     ):
         rows[axis] = {
             "before_deg_h": before,
-            "temperature_only_deg_h": plain,
+            "temperature_only_deg_h": table_alone,
             "after_deg_h": after,
             "causal_after_deg_h": causal,
             "noise_deg_h": found.noise_deg_h[axis],
-            "over_temperature_only": after / plain,
+            "over_temperature_only": after / table_alone,
             "over_noise": after / found.noise_deg_h[axis],
             "means": int(found.means[axis][0].size),
         }

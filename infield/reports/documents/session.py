@@ -9,15 +9,17 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
+from infield.reports.words.sentences import codes, sentence, sentences
 from infield.session.estimate import SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.taxi_heading import heading_source
-from infield.session.points import UNSEEN_SIGMA
+from infield.session.points import UNSEEN_SIGMA, AxisObservability
 from infield.session.results import SessionResult
-from infield.thermometer.gyro_temperature import words
+from infield.thermometer.gyro_temperature import fault_reason
 from ins.attitude import euler_from_dcm
 from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
+from ins.verdicts import because
 
 HEATING_DEG_C_MIN = 0.05
 
@@ -36,7 +38,8 @@ def session_document(session: SessionResult) -> dict[str, Any]:
             "height_m": header.site.height_m,
         },
         "outcome": session.verdict.outcome,
-        "reasons": list(session.verdict.reasons),
+        "reasons": sentences(session.verdict.reasons),
+        "reason_codes": codes(session.verdict.reasons),
         "duration_s": session.run.imu.end_s - session.run.imu.start_s,
         "streams": [
             n for n in ("temperature", "gnss", "odometer") if getattr(session.run, n) is not None
@@ -49,7 +52,7 @@ def session_document(session: SessionResult) -> dict[str, Any]:
             "min_degC": T.temperature_degC.min(axis=0).tolist(),
             "max_degC": T.temperature_degC.max(axis=0).tolist(),
             "unusable": list(T.unusable),
-            "faults": [words(fault) for fault in T.faults],
+            "faults": [sentence(fault_reason(fault)) for fault in T.faults],
             "time_s": T.time_s[::every].tolist(),
             "gyro_degC": T.temperature_degC[::every].tolist(),
         }
@@ -64,7 +67,7 @@ def _estimate(session: SessionResult) -> dict[str, Any]:
     return {
         "alignment": _alignment(e),
         "heading_error": heading_error(session),
-        "observability": {a.axis: vars(a) for a in session.seen},
+        "observability": {a.axis: _seen(a) for a in session.seen},
         "phases": [vars(p) for p in session.run.phases or _detected(e)],
         "points_covariance_deg_h2": session.points.covariance.tolist() if session.points else None,
         "coverage": _coverage(session),
@@ -86,8 +89,18 @@ def _alignment(e: SessionEstimate) -> dict[str, Any]:
         "sigma_heading_deg": aligned.sigma_heading_rad / DEG,
         "latitude_found_deg": aligned.latitude_rad / DEG,
         "sigma_latitude_deg": aligned.sigma_latitude_rad / DEG,
-        "reasons": list(aligned.reasons),
+        "reasons": sentences(aligned.reasons),
+        "reason_codes": codes(aligned.reasons),
     }
+
+
+def _seen(axis: AxisObservability) -> dict[str, Any]:
+    return {**vars(axis), "advice": advice_words(axis)}
+
+
+def advice_words(axis: AxisObservability) -> str:
+    """What would make the gyro better known; empty where nothing more is needed."""
+    return "" if axis.advice is None else sentence(axis.advice)
 
 
 def _detected(e: SessionEstimate) -> tuple[Phase, ...]:
@@ -254,7 +267,7 @@ def _chain(chain: ClaimChain | None, session: SessionResult) -> dict[str, Any] |
         "points": rows,
         "heading_error_mrad": None if nan else chain.psi_rad / MILLIRADIAN,
         "sigma_heading_error_mrad": None if nan else chain.sigma_psi_rad / MILLIRADIAN,
-        "note": chain.note,
+        "note": sentence(because(chain.note)),
         "sigma_deg_h": _mean(rows, "sigma_deg_h"),
         "sigma_filtered_deg_h": _mean(rows, "sigma_filtered_deg_h"),
         "bracket_sigma_deg_h": _mean(rows, "bracket_sigma_deg_h"),

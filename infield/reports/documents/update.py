@@ -14,9 +14,12 @@ from numpy.typing import NDArray
 from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.session import heading_error, session_document
-from infield.session.acceptance import DECISION_RULE, PARKED_RULE
+from infield.reports.documents.session import advice_words, heading_error, session_document
+from infield.reports.documents.spans import span_document
+from infield.reports.words.sentences import codes, sentences
+from infield.reports.words.session import DECISION_RULE, PARKED_RULE, thermal_term
 from infield.session.points import AxisObservability
+from infield.session.reasons import Observability, ThermalKind
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
@@ -25,9 +28,10 @@ from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
-from ins.records import AXES
+from ins.records import AXES, Span
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
+from ins.verdicts import LeftOut, Outcome, plain
 
 # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
 NM_H_PER_DEG_H = 60.0
@@ -53,9 +57,9 @@ def update_document(
     thermal_model: what `thermal_use.use_document` says of the model that left the log before the
     table.
     """
-    verdict = {"accepted": "committed" if committed else "proposed"}.get(
-        result.outcome, result.outcome
-    )
+    verdict = result.outcome
+    if verdict is Outcome.ACCEPTED:
+        verdict = Outcome.COMMITTED if committed else Outcome.PROPOSED
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
     without_heading = parked_document.parked_sessions(result)
@@ -64,7 +68,8 @@ def update_document(
     return {
         "schema": "recal.update/1",
         "verdict": verdict,
-        "reasons": list(result.reasons),
+        "reasons": sentences(result.reasons),
+        "reason_codes": codes(result.reasons),
         "imu_serial": result.before.imu_serial,
         "gyro_technology": result.before.gyro_technology,
         "runs": [{"run_id": s.run.header.run_id, "sha256": s.run.sha256} for s in result.sessions],
@@ -101,8 +106,10 @@ def update_document(
                 "sigma": t.sigma,
                 "z": t.z,
                 "action": t.action,
-                "unit": "deg/h per degC/min" if t.kind == "rate" else "deg/h",
-                "text": t.words(),
+                "unit": "deg/h per degC/min" if t.kind is ThermalKind.RATE else "deg/h",
+                "text": thermal_term(
+                    axis=t.axis, kind=t.kind, value=t.value, sigma=t.sigma, action=t.action
+                ),
             }
             for t in result.terms
         ],
@@ -125,12 +132,12 @@ def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
         best: AxisObservability = min(
             seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h
         )
-        refused = all(s.verdict.outcome == "refused" for s in sessions)
+        refused = all(s.verdict.outcome is Outcome.REFUSED for s in sessions)
         found[axis] = {
             "sigma_before_deg_h": best.sigma_before_deg_h,
             "sigma_after_deg_h": best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
-            "verdict": "not_observable" if refused else best.verdict,
-            "advice": "the session was refused, see the reasons" if refused else best.advice,
+            "verdict": Observability.NOT_OBSERVABLE if refused else best.verdict,
+            "advice": "the session was refused, see the reasons" if refused else advice_words(best),
         }
     return found
 
@@ -156,7 +163,7 @@ def _points(session: SessionResult) -> list[dict[str, Any]]:
             "run_id": p.run_id,
             "run_sha256": p.run_sha256,
             "applied_table_sha256": p.applied_table_sha256,
-            "observability": verdicts.get(AXES[axis], "not_observable"),
+            "observability": verdicts.get(AXES[axis], Observability.NOT_OBSERVABLE),
         }
         for k, axis in enumerate(p.axis_index)
     ]
@@ -167,9 +174,9 @@ def _number(values: NDArray | None, k: int) -> float | None:
 
 
 def _excluded(session: SessionResult) -> list[dict[str, Any]]:
-    spans = list(session.run.faults)
+    spans: list[Span | LeftOut] = list(session.run.faults)
     if session.temperature is not None:
-        spans += list(session.temperature.spans())
+        spans += session.temperature.left_out()
     if session.estimate is not None:
         parked = session.estimate.parked
         spans += list(
@@ -179,10 +186,7 @@ def _excluded(session: SessionResult) -> list[dict[str, Any]]:
         )
         spans += list(parked.left_out) if parked else []
     run_id = session.run.header.run_id
-    return [
-        {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason, "run_id": run_id}
-        for s in spans
-    ]
+    return [plain(span_document(span, run_id)) for span in spans]
 
 
 def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:

@@ -9,14 +9,21 @@ from typing import Any
 from ins.verdicts import Reason
 
 # Each has SENTENCES: Mapping[StrEnum, Template].
-ROOMS: tuple[str, ...] = ("aided", "misalignment", "replay")
+ROOMS: tuple[str, ...] = (
+    "aided",
+    "alignment",
+    "misalignment",
+    "replay",
+    "session",
+    "thermometer",
+)
 
 # What str.format takes, or a function of the reason's values where the wording depends on them.
 Template = str | Callable[..., str]
 
 
 def sentence(reason: Reason) -> str:
-    """The reason in words; a reason among its values stands there as its own sentence.
+    """The reason in words; reasons among its values stand there as their own sentences.
 
     Raises
     ------
@@ -30,7 +37,11 @@ def sentence(reason: Reason) -> str:
 
 
 def _told(value: Any) -> Any:
-    return sentence(value) if isinstance(value, Reason) else value
+    if isinstance(value, Reason):
+        return sentence(value)
+    if isinstance(value, tuple) and value and all(isinstance(item, Reason) for item in value):
+        return "; ".join(sentence(item) for item in value)
+    return value
 
 
 def sentences(reasons: Iterable[Reason | str]) -> list[str]:
@@ -44,7 +55,7 @@ def codes(reasons: Iterable[Reason | str]) -> list[str | None]:
 
 
 def _code(reason: Reason) -> str:
-    """The reason's code, and after a dot that of the reason among its values."""
+    """The reason's code, and after a dot that of the reason among its values (not of several)."""
     inner = [_code(value) for value in reason.values.values() if isinstance(value, Reason)]
     return ".".join([reason.code.value, *inner])
 

@@ -27,6 +27,7 @@ from alignment.motion.stillness import ROLLING, STILL, classify
 from alignment.result import Alignment
 from alignment.tilt_rate import TiltRate, tilt_rates
 from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
+from infield.session.reasons import ChainNote
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
@@ -67,7 +68,7 @@ class ClaimChain:
     heading_rad: float
     psi_rad: float
     sigma_psi_rad: float
-    note: str
+    note: ChainNote
 
 
 def run_claim_chain(
@@ -144,7 +145,7 @@ def _set_3(
 
 def _heading_from_taxi(
     history: NavHistory, kind: NDArray, twin: TwinModel, aligned: Alignment, prior_rad_s: float
-) -> tuple[float, float, str]:
+) -> tuple[float, float, ChainNote]:
     """(l): least squares of cross-track velocity while rolling and of both velocities at stops.
 
     Unknowns: bias error eps along the parked east axis (psi = -eps / Omega cosL), level
@@ -155,7 +156,7 @@ def _heading_from_taxi(
     lat = float(history.lat_rad[0])
     coupling = EARTH_RATE_RAD_S * np.cos(lat)
     if not rolling.size:
-        return float("nan"), float("nan"), "no taxi: the east axis stays relative"
+        return float("nan"), float("nan"), ChainNote.NO_TAXI
     rows = slice(max(int(rolling[0]) - 60, 1), int(np.flatnonzero(kind <= ROLLING)[-1]) + 1)
     gravity = float(gravity_magnitude(lat, history.height_m[0]))
     response, v = _responses(history, rows, gravity, aligned.heading_rad)
@@ -169,16 +170,8 @@ def _heading_from_taxi(
     x = P @ (scaled.T @ solve_triangular(whitener, seen.z, lower=True))
     eps, sigma = float(x[0]) * prior_rad_s, float(np.sqrt(P[0, 0])) * prior_rad_s
     if sigma > UNSEEN * prior_rad_s:
-        return (
-            float("nan"),
-            float("nan"),
-            "the taxi never left the alignment heading: its cross-track motion is blind",
-        )
-    return (
-        -eps / coupling,
-        sigma / coupling,
-        "cross-track velocity after a turn, both velocities at stops",
-    )
+        return float("nan"), float("nan"), ChainNote.BLIND
+    return -eps / coupling, sigma / coupling, ChainNote.FOUND
 
 
 def _responses(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
+from infield.session.reasons import HeadingSource
 from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
 from ins.filters import error_model as em
@@ -221,23 +222,25 @@ def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[Row]:
     ]
 
 
-def heading_source(gains: dict[str, float]) -> str | None:
-    """Which evidence found the heading error: formats.md words, `combined` where no one kind gave
-    80 %.
-    """
-    words = {
-        "lateral": "turns",
-        "stop": "stops",
-        "odometer": "odometer",
-        "gnss": "gnss",
-        "survey": "survey",
-        "centre line": "survey",
-    }
-    total: dict[str, float] = {}
+# the evidence behind each kind of measurement
+EVIDENCE = {
+    "lateral": HeadingSource.TURNS,
+    "stop": HeadingSource.STOPS,
+    "odometer": HeadingSource.ODOMETER,
+    "gnss": HeadingSource.GNSS,
+    "survey": HeadingSource.SURVEY,
+    "centre line": HeadingSource.SURVEY,
+}
+MOST_OF_IT = 0.8  # of the gain in heading: below it no one kind of evidence is named
+
+
+def heading_source(gains: dict[str, float]) -> HeadingSource | None:
+    """Which evidence found the heading error, `combined` where no one kind gave most of it."""
+    total: dict[HeadingSource, float] = {}
     for kind, gain in gains.items():
-        if kind in words and gain > 0:
-            total[words[kind]] = total.get(words[kind], 0.0) + gain
+        if kind in EVIDENCE and gain > 0:
+            total[EVIDENCE[kind]] = total.get(EVIDENCE[kind], 0.0) + gain
     if not total:
         return None
-    best = max(total, key=lambda k: total[k])
-    return best if total[best] >= 0.8 * sum(total.values()) else "combined"
+    best = max(total, key=lambda source: total[source])
+    return best if total[best] >= MOST_OF_IT * sum(total.values()) else HeadingSource.COMBINED

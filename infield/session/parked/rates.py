@@ -30,12 +30,14 @@ from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstim
 from infield.session.log import compensated_imu
 from infield.session.parked.earth import session_earth
 from infield.session.parked.stretches import MIN_PARKED_S, Rests
+from infield.session.reasons import ParkedReason
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import ImuSource, Run, Site, Span, TwinModel
+from ins.records import ImuSource, Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
+from ins.verdicts import LeftOut, Reason, because
 
 SHORTEST_BIN_S, MOST_BINS = 60.0, 60
 USED_SHARE = 0.5  # of a bin that must be still
@@ -72,8 +74,8 @@ def estimate_parked(
     settings: SessionSettings,
     *,
     rests: Rests,
-) -> SessionEstimate | str:
-    """The session's biases from its parked seconds, or in words why there is nothing to take."""
+) -> SessionEstimate | Reason:
+    """The session's biases from its parked seconds, or why there is nothing to take."""
     imu = compensated_imu(run, table, temperature, twin)
     stretches, left_out = _settled(imu, rests.stretches, twin)
     if not stretches:
@@ -127,10 +129,10 @@ def estimate_parked(
 
 def _settled(
     imu: ImuSource, found: tuple[tuple[float, float], ...], twin: TwinModel
-) -> tuple[tuple[ParkedStretch, ...], tuple[Span, ...]]:
+) -> tuple[tuple[ParkedStretch, ...], tuple[LeftOut, ...]]:
     """The stretches that stand up to their own seconds, and the others with why not."""
     kept: list[ParkedStretch] = []
-    left_out: list[Span] = []
+    left_out: list[LeftOut] = []
     for start, end in found:
         places = parked_places(imu, start, end)
         before = len(kept)
@@ -140,26 +142,21 @@ def _settled(
             if stretch.still_s < MIN_PARKED_S:
                 continue
             if stretch.noise_scale > TOO_NOISY:
-                left_out.append(
-                    Span(start_s=a, end_s=b, reason=_too_noisy(stretch.noise_scale, twin))
+                noisy = because(
+                    ParkedReason.TOO_NOISY,
+                    scale=stretch.noise_scale,
+                    source=twin.source,
+                    limit=TOO_NOISY,
                 )
+                left_out.append(LeftOut(start_s=a, end_s=b, reason=noisy))
                 continue
             kept.append(stretch)
         if len(kept) == before and not (left_out and left_out[-1].start_s >= start):
-            reason = (
-                f"less than {MIN_PARKED_S:.0f} s still between {start:.0f} and {end:.0f} s, the"
-                " rest is motion"
+            not_still = because(
+                ParkedReason.NOT_STILL, needed_s=MIN_PARKED_S, start_s=start, end_s=end
             )
-            left_out.append(Span(start_s=start, end_s=end, reason=reason))
+            left_out.append(LeftOut(start_s=start, end_s=end, reason=not_still))
     return tuple(kept), tuple(left_out)
-
-
-def _too_noisy(scale: float, twin: TwinModel) -> str:
-    return (
-        f"the gyros scatter {scale:.0f} times as much as their noise model ({twin.source}) from"
-        f" second to second, needed {TOO_NOISY:.0f} at most: it shakes, or the model is of another"
-        " unit"
-    )
 
 
 def _edges(places: list[ParkedSeconds]) -> tuple[NDArray, NDArray]:
@@ -241,10 +238,6 @@ def _shape_nis(
     return y.size - 3, float(y @ np.linalg.solve(S, y)), float(again @ np.linalg.solve(S, again))
 
 
-def _reason(sigma_deg_h: float, site: Site) -> str:
+def _reason(sigma_deg_h: float, site: Site) -> Reason:
     level = EARTH_RATE_RAD_S * np.cos(site.lat_rad) / DEG_PER_HOUR
-    return (
-        f"gyro uncertainty {sigma_deg_h:.3g} deg/h against {level:.3g} deg/h of level Earth rate:"
-        " no heading at rest, and no gyro bias by gyrocompass; zero-rate biases against"
-        " temperature are taken instead"
-    )
+    return because(ParkedReason.NO_HEADING, sigma_deg_h=sigma_deg_h, level_deg_h=level)

@@ -14,7 +14,9 @@ from alignment.motion.parked_seconds import quiet_stretches
 from alignment.motion.stands import SLOW_M_S, Where, joined, mean_speed
 from alignment.motion.standstill import MIN_S
 from infield.session.log import session_end
-from ins.records import PARKED_PHASES, Run, Span
+from infield.session.reasons import ParkedReason
+from ins.records import PARKED_PHASES, Run
+from ins.verdicts import LeftOut, Reason, because
 
 MIN_PARKED_S = 60.0
 SHORT_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
@@ -24,7 +26,7 @@ AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 
 @dataclass(frozen=True)
 class Rests:
-    """stretches: start and end [s] in order; left_out: other rests and why; why: empty, or why
+    """stretches: start and end [s] in order; left_out: other rests and why; why: None, or why
     there is none.
 
     from_first: the first stretch is the first rest of a minute in the log, which a surveyed heading
@@ -32,8 +34,8 @@ class Rests:
     """
 
     stretches: tuple[Where, ...]
-    left_out: tuple[Span, ...]
-    why: str
+    left_out: tuple[LeftOut, ...]
+    why: Reason | None
     from_first: bool
 
 
@@ -43,20 +45,19 @@ def find_rests(run: Run) -> Rests:
     found = [stretch for _, stretches in quiet for stretch in stretches]
     long = [s for s in found if s[1] - s[0] >= MIN_PARKED_S]
     said = {s: _moves(run, *s) for s in long}
-    kept = tuple(s for s in long if not said[s])
-    short = [
-        Span(start_s=a, end_s=b, reason=f"a rest of {b - a:.0f} s, needed {MIN_PARKED_S:.0f} s")
-        for a, b in found
-        if SHORT_S <= b - a < MIN_PARKED_S
-    ]
-    moving = [Span(start_s=s[0], end_s=s[1], reason=reason) for s, reason in said.items() if reason]
+    kept = tuple(s for s in long if said[s] is None)
+    short = [_short(a, b) for a, b in found if SHORT_S <= b - a < MIN_PARKED_S]
+    moving = [LeftOut(start_s=a, end_s=b, reason=why) for (a, b), why in said.items() if why]
     named = any(p.phase in PARKED_PHASES for p in run.phases)
     lost = [
         _never_quiet(*window) for window, stretches in quiet if named and not stretches and found
     ]
     left_out = tuple(sorted([*short, *moving, *lost], key=lambda span: span.start_s))
     return Rests(
-        kept, left_out, "" if kept else _why_none(found, moving), bool(kept) and kept[0] == long[0]
+        kept,
+        left_out,
+        None if kept else _why_none(found, moving),
+        bool(kept) and kept[0] == long[0],
     )
 
 
@@ -77,12 +78,17 @@ def parked_windows(run: Run) -> tuple[Where, ...]:
     )
 
 
-def _moves(run: Run, start_s: float, end_s: float) -> str:
-    """Why satellite velocity says that this is no rest; empty where it stands, or where none is
+def _short(start_s: float, end_s: float) -> LeftOut:
+    why = because(ParkedReason.REST_TOO_SHORT, rest_s=end_s - start_s, needed_s=MIN_PARKED_S)
+    return LeftOut(start_s=start_s, end_s=end_s, reason=why)
+
+
+def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
+    """Why satellite velocity says that this is no rest; None where it stands, or where none is
     logged.
     """
     if run.gnss is None:
-        return ""
+        return None
     inside = (
         (run.gnss.time_s >= start_s)
         & (run.gnss.time_s <= end_s)
@@ -90,41 +96,33 @@ def _moves(run: Run, start_s: float, end_s: float) -> str:
     )
     v, declared = run.gnss.v_n_m_s[inside], run.gnss.sigma_velocity_m_s
     if len(v) < 2:
-        return ""
+        return None
     sigma = 0.0 if declared is None else float(np.nanmedian(declared[inside]))
     limit = max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
     speed = np.linalg.norm(v[:, :2], axis=1)
     moving_s = float(np.count_nonzero(speed > limit) * np.median(np.diff(run.gnss.time_s[inside])))
     if moving_s >= MIN_S:
-        said = f"GNSS says up to {speed.max():.1f} m/s for {moving_s:.0f} s while the sensors rest"
-        return f"{said}: a steady roll, a circle or a hover taken for rest"
+        return because(ParkedReason.GNSS_MOVES, fastest_m_s=speed.max(), moving_s=moving_s)
     mean, allowed = mean_speed(v, end_s - start_s)
     if mean <= allowed:
-        return ""
-    return (
-        f"GNSS says {mean:.2f} m/s on the mean while the sensors rest, needed {allowed:.2f} at most"
-    )
+        return None
+    return because(ParkedReason.GNSS_DRIFTS, mean_m_s=mean, allowed_m_s=allowed)
 
 
-def _never_quiet(start_s: float, end_s: float) -> Span:
+def _never_quiet(start_s: float, end_s: float) -> LeftOut:
     """A phase named as parked of which nothing can be used."""
-    said = "too short" if end_s - start_s < MIN_PARKED_S else "but the sensors do not rest"
-    reason = (
-        f"named as parked, {said}: {end_s - start_s:.0f} s, needed {MIN_PARKED_S:.0f} s of rest"
-    )
-    return Span(start_s=start_s, end_s=end_s, reason=reason)
+    named_s = end_s - start_s
+    short = named_s < MIN_PARKED_S
+    code = ParkedReason.NAMED_TOO_SHORT if short else ParkedReason.NAMED_NOT_AT_REST
+    why = because(code, named_s=named_s, needed_s=MIN_PARKED_S)
+    return LeftOut(start_s=start_s, end_s=end_s, reason=why)
 
 
-def _why_none(found: list[Where], moving: list[Span]) -> str:
+def _why_none(found: list[Where], moving: list[LeftOut]) -> Reason:
     if moving:
-        return f"no rest: {moving[0].start_s:.0f} to {moving[0].end_s:.0f} s: {moving[0].reason}"
+        first = moving[0]
+        return because(
+            ParkedReason.NO_REST, start_s=first.start_s, end_s=first.end_s, why=first.reason
+        )
     longest = max(found, key=lambda s: s[1] - s[0], default=None)
-    told = (
-        "none"
-        if longest is None
-        else f"{longest[1] - longest[0]:.0f} s, from {longest[0]:.0f} to {longest[1]:.0f} s"
-    )
-    return (
-        f"longest rest found: {told}; needed {MIN_PARKED_S:.0f} s, and 10 min or more of warm-up to"
-        " show a slope"
-    )
+    return because(ParkedReason.LONGEST_REST, found=longest, needed_s=MIN_PARKED_S)

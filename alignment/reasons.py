@@ -1,0 +1,34 @@
+"""Why an alignment is what it is, as codes. Sentences: `infield.reports.words.alignment`."""
+
+from enum import StrEnum
+
+
+class AlignmentVerdict(StrEnum):
+    """What came of an alignment (formats.md, section 5)."""
+
+    ALIGNED = "aligned"
+    LEVEL_ONLY = "level_only"
+    REFUSED = "refused"
+    INCONSISTENT = "inconsistent"
+
+
+# verdicts with a heading
+WITH_HEADING = (AlignmentVerdict.ALIGNED, AlignmentVerdict.INCONSISTENT)
+
+
+class AlignmentReason(StrEnum):
+    """What was measured and what was needed."""
+
+    LATITUDE_TOO_HIGH = "latitude_too_high"
+    NEVER_RESTS = "never_rests"
+    NO_HEADING = "no_heading"
+    TURNS = "turns"
+    TURNS_OR_BIAS = "turns_or_bias"
+    LIKE_MEMS = "like_mems"
+    LEVEL_ALONE = "level_alone"
+    NOTHING_STANDS = "nothing_stands"
+    MOVES = "moves"
+    NOISIER = "noisier_than_model"
+    WRONG_LATITUDE = "wrong_latitude"
+    EXCESS_RESIDUALS = "excess_residuals"
+    NO_TABLE = "no_table"

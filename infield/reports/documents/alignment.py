@@ -1,0 +1,74 @@
+"""`alignment.json` of formats.md, section 5."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from alignment.result import Alignment
+from infield.reports.documents.spans import SpanDocument, span_document
+from infield.reports.words.sentences import codes, sentences
+from ins.records import Phase, Run
+from ins.units import DEG
+from ins.verdicts import plain
+
+SCHEMA = "recal.alignment/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterDocument:
+    """How well the residuals fit the noise model."""
+
+    nis_mean: float
+    dof: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class AlignmentDocument:
+    """The alignment as the file holds it; angles not found are NaN (null in the file)."""
+
+    schema: str
+    verdict: str
+    reasons: Sequence[str]
+    run_id: str
+    imu_serial: str
+    time_s: float
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
+    sigma_roll_deg: float
+    sigma_pitch_deg: float
+    sigma_heading_deg: float
+    latitude_found_deg: float
+    sigma_latitude_deg: float
+    phases: Sequence[Phase]
+    duration_s: float
+    excluded: Sequence[SpanDocument]
+    consistency: FilterDocument
+    reason_codes: Sequence[str | None]
+
+
+def alignment_document(result: Alignment, run: Run) -> dict[str, Any]:
+    """The alignment as a plain document."""
+    return plain(
+        AlignmentDocument(
+            schema=SCHEMA,
+            verdict=result.verdict,
+            reasons=sentences(result.reasons),
+            run_id=run.header.run_id,
+            imu_serial=run.header.imu_serial,
+            time_s=result.time_s,
+            roll_deg=result.roll_rad / DEG,
+            pitch_deg=result.pitch_rad / DEG,
+            heading_deg=result.heading_rad / DEG % 360.0,
+            sigma_roll_deg=result.sigma_roll_rad / DEG,
+            sigma_pitch_deg=result.sigma_pitch_rad / DEG,
+            sigma_heading_deg=result.sigma_heading_rad / DEG,
+            latitude_found_deg=result.latitude_rad / DEG,
+            sigma_latitude_deg=result.sigma_latitude_rad / DEG,
+            phases=result.phases or run.phases,
+            duration_s=result.duration_s,
+            excluded=[span_document(span) for span in result.excluded],
+            consistency=FilterDocument(nis_mean=result.nis_mean, dof=result.dof),
+            reason_codes=codes(result.reasons),
+        )
+    )

@@ -1,0 +1,54 @@
+"""Sentences of `alignment`: why an alignment is what it is."""
+
+from collections.abc import Mapping
+from enum import StrEnum
+
+from alignment.gyrocompass import NothingStands
+from alignment.reasons import AlignmentReason
+from infield.reports.words.sentences import Template
+
+SENTENCES: Mapping[StrEnum, Template] = {
+    AlignmentReason.LATITUDE_TOO_HIGH: (
+        "latitude {latitude_deg:.2f} deg: no gyrocompass alignment above {limit_deg:g} deg"
+    ),
+    AlignmentReason.NEVER_RESTS: (
+        "the log never rests for a minute; a parked stretch of 5 to 15 min is needed"
+    ),
+    AlignmentReason.NO_HEADING: (
+        "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"
+        " rate: heading cannot be found at rest; give a heading or turn the unit"
+    ),
+    AlignmentReason.TURNS: (
+        "the gyros read {rate_deg_h:.4g} deg/h at rest, Earth rate is {earth_deg_h:.4g}: the"
+        " vehicle turns, or the unit of the gyros is wrong (deg/s read as rad/s:"
+        " {as_degrees_deg_h:.3g} deg/h in truth)"
+    ),
+    AlignmentReason.TURNS_OR_BIAS: "{turns}, or it is all bias",
+    AlignmentReason.LIKE_MEMS: (
+        "the gyros are {sigma_deg_h:.3g} deg/h off, {usual_deg_h:g} is usual for {technology}:"
+        " another technology or a fault; the level is taken to be as good as that of a mems unit"
+    ),
+    AlignmentReason.LEVEL_ALONE: (
+        "level from the accelerometers alone: the gyros may be off by {turn_deg:.2g} deg over the"
+        " {rest_s:.0f} s"
+    ),
+    AlignmentReason.NOTHING_STANDS: NothingStands.TEMPLATE,
+    AlignmentReason.MOVES: (
+        "it moves: the rest does not fit even {scale:g} times the noise model ({source})"
+    ),
+    AlignmentReason.NOISIER: (
+        "the unit is noisier than its noise model ({source}): taken {scale:g} times as large"
+    ),
+    AlignmentReason.WRONG_LATITUDE: (
+        "latitude entered {entered_deg:.3f} deg, the gyros say {found_deg:.3f} +-"
+        " {sigma_deg:.3f} deg: wrong position, or a gyro bias beyond its sigma"
+    ),
+    AlignmentReason.EXCESS_RESIDUALS: (
+        "the residuals are larger than the noise model allows: NIS {nis_mean:.2f} per degree of"
+        " freedom, band to {limit:.2f}"
+    ),
+    AlignmentReason.NO_TABLE: (
+        "no table of {imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h,"
+        " what it is beyond that goes into the heading"
+    ),
+}

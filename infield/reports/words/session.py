@@ -1,0 +1,228 @@
+"""Sentences of `infield.session`: why sessions are judged so, and what is to be done."""
+
+from collections.abc import Callable, Mapping, Sequence
+from enum import StrEnum
+
+from infield.reports.words.sentences import Template
+from infield.session.reasons import (
+    Advice,
+    ChainNote,
+    ParkedReason,
+    SessionReason,
+    ThermalAction,
+    ThermalKind,
+)
+
+DECISION_RULE = (
+    "A session is merged when the unit was at rest for at least 5 min, gyro temperatures were"
+    " logged and moved or were live, the filter's NIS is not above its 99.9 % band, the session"
+    " agrees with the stored table within 99.9 %, the run was not merged before, and at least one"
+    " gyro's mean bias became better known by 10 % or more."
+)
+PARKED_RULE = (
+    "A session of gyros that find no heading (MEMS) is merged when it holds a parked stretch of at"
+    " least 60 s, judged by the raw seconds in sigmas of this unit, gyro temperatures were logged"
+    " and moved or were live, the rates change along it as table and noise model allow (NIS not"
+    " above its 99.9 % band), the session agrees with the stored table within 99.9 %, the run was"
+    " not merged before, and at least one gyro's mean bias became better known by 10 % or more."
+)
+
+
+def _table_disagrees(
+    *,
+    axis: str,
+    shift_deg_h: float,
+    sigma_deg_h: float,
+    since_utc: str,
+    run_ids: Sequence[str],
+    **of_step: object,
+) -> str:
+    return (
+        f"table disagrees with unit since about {since_utc[:10]}: gyro {axis} by"
+        f" {shift_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h; {len(run_ids)} sessions agree"
+        f" ({', '.join(run_ids)}); if the site is entered right and the unit is this one, recal"
+        " update with these runs and --accept-step follows it"
+    )
+
+
+def _longest_rest(*, found: tuple[float, float] | None, needed_s: float) -> str:
+    told = "none" if found is None else f"{found[1] - found[0]:.0f} s, from {_span(*found)}"
+    return (
+        f"longest rest found: {told}; needed {needed_s:.0f} s, and 10 min or more of warm-up to"
+        " show a slope"
+    )
+
+
+def _span(start_s: float, end_s: float) -> str:
+    return f"{start_s:.0f} to {end_s:.0f} s"
+
+
+def thermal_term(*, axis: str, kind: str, value: float, sigma: float, action: str) -> str:
+    """What was found of heating against cooling on one axis, and what was done about it."""
+    return _THERMAL[ThermalAction(action)](axis, _size(kind, value, sigma), kind)
+
+
+def _size(kind: str, value: float, sigma: float) -> tuple[str, str]:
+    """The size of a term, and how sure it is."""
+    sure = f"({abs(value / sigma) if sigma > 0 else 0.0:.1f} sigma)"
+    if kind == ThermalKind.RATE:
+        return f"{value:+.4f} +- {sigma:.4f} deg/h per degC/min", sure
+    return f"{2 * value:+.4f} +- {2 * sigma:.4f} deg/h between heating and cooling", sure
+
+
+def _not_tested(axis: str, size: tuple[str, str], kind: str) -> str:
+    return f"gyro {axis}: not tested, its temperature hardly moved"
+
+
+def _does_not_explain(axis: str, size: tuple[str, str], kind: str) -> str:
+    return (
+        f"gyro {axis}: {size[0]} looks like it, but does not bring the sessions into agreement:"
+        " not used"
+    )
+
+
+def _seen_in_one(axis: str, size: tuple[str, str], kind: str) -> str:
+    return f"gyro {axis}: {' '.join(size)} in one session: not used unless another one shows it"
+
+
+def _split(axis: str, size: tuple[str, str], kind: str) -> str:
+    return (
+        f"gyro {axis}: heating and cooling differ, {size[0]}, or a session is wrong: more sessions"
+        " would tell"
+    )
+
+
+def _none_found(axis: str, size: tuple[str, str], kind: str) -> str:
+    return f"gyro {axis}: no difference found, {' '.join(size)}"
+
+
+def _acted(action: ThermalAction) -> Callable[[str, tuple[str, str], str], str]:
+    def told(axis: str, size: tuple[str, str], kind: str) -> str:
+        after = (
+            "the table holds the bias at a steady temperature"
+            if kind == ThermalKind.RATE
+            else "its points count less"
+        )
+        return f"gyro {axis}: {action}: {' '.join(size)}; {after}"
+
+    return told
+
+
+_THERMAL: Mapping[ThermalAction, Callable[[str, tuple[str, str], str], str]] = {
+    ThermalAction.NOT_TESTED: _not_tested,
+    ThermalAction.DOES_NOT_EXPLAIN: _does_not_explain,
+    ThermalAction.SEEN_IN_ONE_SESSION: _seen_in_one,
+    ThermalAction.SPLIT_OR_WRONG_SESSION: _split,
+    ThermalAction.NONE_FOUND: _none_found,
+    ThermalAction.RATE_TERM_FITTED: _acted(ThermalAction.RATE_TERM_FITTED),
+    ThermalAction.SIGMA_WIDENED: _acted(ThermalAction.SIGMA_WIDENED),
+}
+
+SENTENCES: Mapping[StrEnum, Template] = {
+    SessionReason.OF_RUN: "{run_id}: {reason}",
+    SessionReason.ALREADY_MERGED: "the table already holds this run (same content hash)",
+    SessionReason.NEVER_RESTS: (
+        "the run never rests for a minute; a parked alignment and 30 min in navigation are needed"
+    ),
+    SessionReason.LEVEL_REMOVED: (
+        "a constant of the session had been subtracted from the rates (an autopilot's start-up gyro"
+        " offsets): their level is not the unit's; convert the log again with gyro_offsets ="
+        ' "add_back" in the map'
+    ),
+    SessionReason.TEMPERATURE_UNCOVERED: (
+        "gyro temperature is known for {known_percent:.0f} % of the session, needed"
+        " {needed_percent:.0f} %"
+    ),
+    SessionReason.FILTER_LOST: "the filter cannot follow this log: {fault}",
+    SessionReason.SPEED_CONTRADICTS: "{told}",
+    SessionReason.SHORT_REST: (
+        "{rest_s:.0f} s at rest, needed {needed_s:.0f} s; {dropped_s:.0f} s were dropped for motion"
+        " (listed as excluded)"
+    ),
+    SessionReason.EXCESS_RESIDUALS: (
+        "{excess}; the twin's noise is too small or an effect is not modelled"
+    ),
+    SessionReason.RATES_CHANGE: (
+        "{excess}; the rates change along the session by more than table and twin allow: a table"
+        " that does not fit, a wrong thermometer, or a noise model that is too small"
+    ),
+    SessionReason.COMPENSATED_BEFORE: (
+        "the rates would agree with the table had it been subtracted already (NIS"
+        " {nis_compensated:.0f} instead of {nis:.0f}): was this log compensated? Then run.json"
+        " needs applied_table_sha256"
+    ),
+    SessionReason.BEYOND_GATE: (
+        "{share_percent:.0f} % of the measurements lie beyond the gate, needed below"
+        " {needed_percent:.0f} %"
+    ),
+    SessionReason.NO_GAIN: (
+        "no gyro gains: the best keeps {kept_percent:.0f} % of its prior sigma, needed below 90 %"
+    ),
+    SessionReason.AGAINST_TABLE: "the session contradicts the stored table: {found}",
+    SessionReason.MERGE_RESIDUALS: (
+        "NIS {nis:.1f} for {dof} degrees of freedom, 99.9 % lie below {limit:.1f}"
+    ),
+    SessionReason.AXIS_SHIFTED: (
+        "gyro {axis} shifted by {shift_sigmas:+.1f} sigma, 99.9 % of sessions lie within"
+        " {limit_sigmas:.1f}"
+    ),
+    SessionReason.LEVEL_OFF: (
+        "its shape over temperature agrees, its level does not: power-ons of this unit may differ"
+        " by more than the turn-on of its noise model says (--twin)"
+    ),
+    SessionReason.TABLE_DISAGREES: _table_disagrees,
+    SessionReason.NO_STEP: (
+        "no step to accept: at least two sessions must agree with each other against the table"
+    ),
+    SessionReason.NOT_COMMITTED: "not committed: {fault}",
+    ParkedReason.NO_HEADING: (
+        "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"
+        " rate: no heading at rest, and no gyro bias by gyrocompass; zero-rate biases against"
+        " temperature are taken instead"
+    ),
+    ParkedReason.NO_REST: "no rest: {start_s:.0f} to {end_s:.0f} s: {why}",
+    ParkedReason.REST_TOO_SHORT: "a rest of {rest_s:.0f} s, needed {needed_s:.0f} s",
+    ParkedReason.LONGEST_REST: _longest_rest,
+    ParkedReason.NAMED_TOO_SHORT: (
+        "named as parked, too short: {named_s:.0f} s, needed {needed_s:.0f} s of rest"
+    ),
+    ParkedReason.NAMED_NOT_AT_REST: (
+        "named as parked, but the sensors do not rest: {named_s:.0f} s, needed {needed_s:.0f} s of"
+        " rest"
+    ),
+    ParkedReason.GNSS_MOVES: (
+        "GNSS says up to {fastest_m_s:.1f} m/s for {moving_s:.0f} s while the sensors rest: a"
+        " steady roll, a circle or a hover taken for rest"
+    ),
+    ParkedReason.GNSS_DRIFTS: (
+        "GNSS says {mean_m_s:.2f} m/s on the mean while the sensors rest, needed"
+        " {allowed_m_s:.2f} at most"
+    ),
+    ParkedReason.NOT_STILL: (
+        "less than {needed_s:.0f} s still between {start_s:.0f} and {end_s:.0f} s, the rest is"
+        " motion"
+    ),
+    ParkedReason.TOO_NOISY: (
+        "the gyros scatter {scale:.0f} times as much as their noise model ({source}) from second"
+        " to second, needed {limit:.0f} at most: it shakes, or the model is of another unit"
+    ),
+    Advice.TURN_AND_STOP: (
+        "turn by 90 to 180 deg and stop for 60 s or more on the new heading before the run ends,"
+        " or log GNSS or an odometer in the taxi, or give a surveyed heading"
+    ),
+    Advice.PARK_LONGER: (
+        "park longer: the vertical gyro shows only against an airframe that does not turn"
+    ),
+    Advice.HOLD_HEADING: (
+        "allow the parked-attitude constraint, or park on a second heading for 20 min"
+    ),
+    Advice.PARK_FROM_COLD: (
+        "park longer, from a cold start: noise still hides the bias, or the table knows it"
+    ),
+    Advice.MEND_THERMOMETER: (
+        "the thermometer of gyro {axis} {fault}: its bias has no temperature"
+    ),
+    ChainNote.FOUND: "cross-track velocity after a turn, both velocities at stops",
+    ChainNote.NO_TAXI: "no taxi: the east axis stays relative",
+    ChainNote.BLIND: "the taxi never left the alignment heading: its cross-track motion is blind",
+}

@@ -1,0 +1,102 @@
+"""Why a session or an update is judged so, as codes; sentences: `infield.reports.words.session`."""
+
+from enum import StrEnum
+
+
+class Observability(StrEnum):
+    """How well a session saw the mean bias of a gyro (formats.md, section 5)."""
+
+    OBSERVED = "observed"
+    WEAK = "weak"
+    NOT_OBSERVABLE = "not_observable"
+
+
+class ThermalKind(StrEnum):
+    """How heating may differ from cooling."""
+
+    RATE = "rate"
+    SENSE = "sense"
+
+
+class ThermalAction(StrEnum):
+    """What was done about a difference between heating and cooling."""
+
+    RATE_TERM_FITTED = "rate term fitted"
+    SIGMA_WIDENED = "sigma widened"
+    NONE_FOUND = "none found"
+    NOT_TESTED = "not tested"
+    # of sessions that contradict the table: the term does not bring them into agreement
+    DOES_NOT_EXPLAIN = "does not explain the data"
+    # too few sessions tell the two apart: nothing is done about it
+    SPLIT_OR_WRONG_SESSION = "a split, or a wrong session"
+    # of an update that has no other session: nothing is done about it either
+    SEEN_IN_ONE_SESSION = "seen in one session"
+
+
+class HeadingSource(StrEnum):
+    """What found the heading error (formats.md, section 5)."""
+
+    TURNS = "turns"
+    STOPS = "stops"
+    GNSS = "gnss"
+    ODOMETER = "odometer"
+    SURVEY = "survey"
+    COMBINED = "combined"
+
+
+class SessionReason(StrEnum):
+    """What was measured and what was needed."""
+
+    OF_RUN = "of_run"
+    ALREADY_MERGED = "already_merged"
+    NEVER_RESTS = "never_rests"
+    LEVEL_REMOVED = "level_removed"
+    TEMPERATURE_UNCOVERED = "temperature_uncovered"
+    FILTER_LOST = "filter_lost"
+    SPEED_CONTRADICTS = "speed_contradicts"
+    SHORT_REST = "short_rest"
+    EXCESS_RESIDUALS = "excess_residuals"
+    RATES_CHANGE = "rates_change"
+    COMPENSATED_BEFORE = "compensated_before"
+    BEYOND_GATE = "beyond_gate"
+    NO_GAIN = "no_gain"
+    AGAINST_TABLE = "against_table"
+    MERGE_RESIDUALS = "merge_residuals"
+    AXIS_SHIFTED = "axis_shifted"
+    LEVEL_OFF = "level_off"
+    TABLE_DISAGREES = "table_disagrees"
+    NO_STEP = "no_step"
+    NOT_COMMITTED = "not_committed"
+
+
+class ParkedReason(StrEnum):
+    """Why a parked unit is not navigated, or a rest is left out."""
+
+    NO_HEADING = "no_heading"
+    NO_REST = "no_rest"
+    REST_TOO_SHORT = "rest_too_short"
+    LONGEST_REST = "longest_rest"
+    NAMED_TOO_SHORT = "named_too_short"
+    NAMED_NOT_AT_REST = "named_not_at_rest"
+    GNSS_MOVES = "gnss_moves"
+    GNSS_DRIFTS = "gnss_drifts"
+    NOT_STILL = "not_still"
+    TOO_NOISY = "too_noisy"
+
+
+class Advice(StrEnum):
+    """What would make a gyro better known."""
+
+    TURN_AND_STOP = "turn_and_stop"
+    PARK_LONGER = "park_longer"
+    HOLD_HEADING = "hold_heading"
+    PARK_FROM_COLD = "park_from_cold"
+    MEND_THERMOMETER = "mend_thermometer"
+
+
+class ChainNote(StrEnum):
+    """Where the claim chain's heading error comes from, or why there is none."""
+
+    FOUND = "found"
+    NO_TAXI = "no_taxi"
+    BLIND = "blind"
