@@ -46,6 +46,7 @@ MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
 MAX_PASSES = 4
 BIAS_BIN_S = 300.0
+GATE_GAP_S = 15.0  # measurements beyond the gate and no further apart are one stretch
 WARM_UP_S = 1800.0
 # formats.md, section 2: no table for a unit
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
@@ -359,10 +360,12 @@ def excluded_spans(solution: Solution) -> tuple[Span, ...]:
     """What the filter did not use and why: disturbed stretches and single measurements beyond the
     gate.
     """
-    spans = list(solution.motion.excluded())
+    gated: list[Span] = []
+    last_kind = None
     for time_s, kind in solution.filter.tally.rejected:
-        if spans and spans[-1].reason == f"gate: {kind}" and time_s - spans[-1].end_s < 15.0:
-            spans[-1] = replace(spans[-1], end_s=time_s)
+        if gated and kind == last_kind and time_s - gated[-1].end_s < GATE_GAP_S:
+            gated[-1] = replace(gated[-1], end_s=time_s)
         else:
-            spans.append(Span(start_s=max(time_s - 1.0, 0.0), end_s=time_s, reason=f"gate: {kind}"))
-    return tuple(sorted(spans, key=lambda s: s.start_s))
+            gated.append(Span(start_s=max(time_s - 1.0, 0.0), end_s=time_s, reason=f"gate: {kind}"))
+        last_kind = kind
+    return tuple(sorted([*solution.motion.excluded(), *gated], key=lambda s: s.start_s))

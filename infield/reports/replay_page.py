@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from markupsafe import Markup
 
+from alignment.reasons import WITH_HEADING
 from infield.replay.drift import CLASSES
 from infield.replay.free_inertial import ReplayResult, TableReplay
 from infield.replay.reasons import ReplayVerdict
@@ -65,7 +66,7 @@ def _headline(document: ReplayDocument) -> str:
         return "No table could be flown: " + "; ".join(document.reasons)
     tables = {t.role: t for t in document.tables}
     active, previous = tables.get("active"), tables.get("previous")
-    if active is None or active.alignment["verdict"] not in ("aligned", "inconsistent"):
+    if active is None or active.alignment["verdict"] not in WITH_HEADING:
         assert isinstance(document.aided, AidedFlightDocument)
         start_s = number(document.aided.start.time_s, 0)
         return f"No free-inertial flight; navigated with GNSS from {start_s} s on."

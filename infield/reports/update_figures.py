@@ -29,6 +29,7 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
+from infield.session.reasons import Observability
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
@@ -57,7 +58,7 @@ def seen_points(document: dict[str, Any], axis: str) -> list[dict[str, Any]]:
     return [
         p
         for p in document["points"]
-        if p["axis"] == axis and p.get("observability") != "not_observable"
+        if p["axis"] == axis and p.get("observability") != Observability.NOT_OBSERVABLE
     ]
 
 
@@ -327,7 +328,8 @@ def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
     rows = [r for r in session.get("residuals", []) if r["axis"] == axis]
     if (
         not rows
-        or session.get("observability", {}).get(axis, {}).get("verdict") == "not_observable"
+        or session.get("observability", {}).get(axis, {}).get("verdict")
+        == Observability.NOT_OBSERVABLE
     ):
         return None
     t, old, new, sigma = thinned(

@@ -16,9 +16,11 @@ from markupsafe import Markup
 from infield.reports import update_figures as figures
 from infield.reports import zero_rate_figures
 from infield.reports.page import decimals_for, number, render_page
+from infield.session.reasons import Observability
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
+from ins.verdicts import Outcome
 
 VERDICTS = {  # verdict: word, look, symbol
     "committed": ("Committed", "good", "\u2714"),
@@ -107,7 +109,7 @@ def _decimals(document: dict[str, Any]) -> int:
 def _statement(document: dict[str, Any]) -> dict[str, str]:
     """One sentence of why and one of what to do with it."""
     sessions = document.get("sessions", [])
-    merged = sum(s["outcome"] == "accepted" for s in sessions)
+    merged = sum(s["outcome"] == Outcome.ACCEPTED for s in sessions)
     runs = "The run" if len(sessions) == 1 else f"{merged} of {len(sessions)} runs"
     reasons = document["reasons"] or ["no reason is on record"]
     refused = reasons[0] if len(reasons) == 1 else "Nothing can be merged, for these reasons:"
@@ -117,7 +119,7 @@ def _statement(document: dict[str, Any]) -> dict[str, str]:
     partly = ", ".join(
         axis
         for axis, seen in document["observability"].items()
-        if seen["verdict"] == "not_observable"
+        if seen["verdict"] == Observability.NOT_OBSERVABLE
     )
     limits = f" Gyro {partly}: not observable, it rests on its prior." if partly else ""
     revision = (
@@ -183,7 +185,7 @@ def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:
 
 def _help(document: dict[str, Any], seen: dict[str, Any] | None) -> str:
     """What would make this gyro better known."""
-    if document["verdict"] == "inconsistent":
+    if document["verdict"] == Outcome.INCONSISTENT:
         return "explain the contradiction first"
     if seen is None:
         return "see the reason above"
@@ -290,7 +292,7 @@ def _commands(document: dict[str, Any]) -> dict[str, str]:
     """Commands that a reader may copy; texts from files are quoted for the shell."""
     store = f" --store {shlex.quote(document['store'])}" if document.get("store") else ""
     serial = f" --serial {shlex.quote(document['imu_serial'])}"
-    commit = " --commit" if document["verdict"] == "committed" else ""
+    commit = " --commit" if document["verdict"] == Outcome.COMMITTED else ""
     used = document.get("thermal_model")
     model = f" --thermal-model {shlex.quote(used['file'])}" if used else ""
     return {

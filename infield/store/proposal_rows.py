@@ -5,6 +5,7 @@ caller's transaction.
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from sqlalchemy import Connection, and_, inspect, select
@@ -17,7 +18,14 @@ from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError
 
-DECISIONS = ("approved", "rejected")
+
+class Decided(StrEnum):
+    """What became of a proposal."""
+
+    APPROVED = "approved"
+    REJECTED = "rejected"
+
+
 TEXTS = ("table_json", "report_json", "first_table_json")
 LIGHT = [column for column in proposal.c if column.name not in TEXTS]
 

@@ -16,7 +16,7 @@ from infield.store.commit import commit_revision, require_mergeable
 from infield.store.database import Database
 from infield.store.errors import AlreadyRejected, UnknownUnit
 from infield.store.proposal_rows import (
-    DECISIONS,
+    Decided,
     Decision,
     FullProposal,
     Proposal,
@@ -40,6 +40,7 @@ from infield.store.schema import decision, proposal
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError
+from ins.verdicts import Outcome
 
 LONGEST_NAME, LONGEST_REASON = 200, 4000  # characters
 
@@ -164,7 +165,7 @@ class ProposalStore:
         that holds one of its runs, InputError if it was decided before, or `by` or `reason` are
         missing.
         """
-        if verdict not in DECISIONS:
+        if verdict not in tuple(Decided):
             raise InputError(f"verdict {verdict[:40]!r}, needed approved or rejected")
         by, reason = _one_line(by, "by"), _text(reason, "reason")
 
@@ -184,7 +185,9 @@ class ProposalStore:
                 "decided_by": by,
                 "reason": reason,
                 "revision_number": (
-                    _commit(c, row, full, by, reason, now_utc) if verdict == "approved" else None
+                    _commit(c, row, full, by, reason, now_utc)
+                    if verdict == Decided.APPROVED
+                    else None
                 ),
             }
             record = record_of_decision(
@@ -216,7 +219,7 @@ def _commit(
         table_json=full.table_json,
         runs=full.runs,
         report_json=json.dumps(
-            {**report, "verdict": "committed", **signed}, indent=1, allow_nan=False
+            {**report, "verdict": Outcome.COMMITTED.value, **signed}, indent=1, allow_nan=False
         )
         + "\n",
         first_table_json=full.first_table_json,
@@ -241,7 +244,7 @@ def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | 
     last = same[-1]
     if last.decision is None:
         return last
-    if last.decision.verdict == "rejected" and not values["note"]:
+    if last.decision.verdict == Decided.REJECTED and not values["note"]:
         raise AlreadyRejected(
             f"{last.unit}: the same update was {last.decision.words()} as proposal {last.number}; a"
             " note must say why it comes again"

@@ -41,6 +41,7 @@ from infield.store.schema import (
 from infield.table.file import table_from_dict
 from ins.records import InputError
 from ins.twin_file import twin_from_dict
+from ins.verdicts import Outcome
 
 Rows = dict[int, dict[str, Any]]  # revisions by their number
 LEAST_HEAD = 12  # digits of a head that a person types
@@ -323,7 +324,7 @@ def report_faults(c: Connection, name: str, document: dict[str, Any]) -> list[st
     """What of a committed update's report, as written beside the store, is not what the store
     holds.
     """
-    if document.get("verdict") != "committed":
+    if document.get("verdict") != Outcome.COMMITTED:
         raise InputError(
             f"{name}: verdict {document.get('verdict')!r}, needed a report of a committed update"
         )

@@ -86,8 +86,10 @@ def align(
 
 
 def _summary(document: dict[str, Any]) -> list[str]:
+    from alignment.reasons import AlignmentVerdict
+
     lines = [f"{document['run_id']}: {document['verdict']}"]
-    word = "note:" if document["verdict"] == "aligned" else "because"
+    word = "note:" if document["verdict"] == AlignmentVerdict.ALIGNED else "because"
     lines += [f"  {word} {reason}" for reason in document["reasons"]]
     for name in ("roll", "pitch", "heading"):
         value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]

@@ -16,7 +16,7 @@ from infield.reports.documents.update import NM_H_PER_DEG_H
 from infield.store.database import store_name
 from infield.store.rows import UnitKey
 from infield.store.table_store import TableStore, store_exists
-from recal.fleet.records import MERGED, OUTCOMES, RunOutcome
+from recal.fleet.records import MERGED, OUTCOMES, FleetOutcome, RunOutcome
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.output import program_version
@@ -214,7 +214,7 @@ def _groups(outcomes: Sequence[RunOutcome]) -> list[dict[str, Any]]:
     """Runs left out, by outcome and reason; a reason with its numbers and names taken out."""
     groups: dict[tuple[str, str], list[RunOutcome]] = defaultdict(list)
     for o in outcomes:
-        if o.outcome not in MERGED and o.outcome != "already":
+        if o.outcome not in MERGED and o.outcome != FleetOutcome.ALREADY:
             groups[o.outcome, plain_reason(o)].append(o)
     rows = [
         {

@@ -3,20 +3,36 @@
 import hashlib
 import json
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from infield.store.rows import UnitKey
 
-MERGED = ("committed", "proposed")
-OUTCOMES = {  # outcome of a run: what it means, in the order of the report
-    "committed": "merged into the stored table",
-    "proposed": "would be merged; nothing was stored in the table",
-    "already": "the table held this run before",
-    "inconsistent": "contradicts the model or the stored table; left out",
-    "refused": "nothing to gain from it, or not usable; left out",
-    "bad_input": "cannot be read as a run; left out",
-    "taken_out": "merged by an earlier call, but the store does not hold it now",
-    "crashed": (
+
+class FleetOutcome(StrEnum):
+    """What became of a run of a fleet."""
+
+    COMMITTED = "committed"
+    PROPOSED = "proposed"
+    ALREADY = "already"
+    INCONSISTENT = "inconsistent"
+    REFUSED = "refused"
+    BAD_INPUT = "bad_input"
+    TAKEN_OUT = "taken_out"
+    CRASHED = "crashed"
+    AGAIN = "again"  # not told yet: to be taken again without the runs that are
+
+
+MERGED = (FleetOutcome.COMMITTED, FleetOutcome.PROPOSED)
+OUTCOMES: dict[str, str] = {  # outcome of a run: what it means, in the order of the report
+    FleetOutcome.COMMITTED: "merged into the stored table",
+    FleetOutcome.PROPOSED: "would be merged; nothing was stored in the table",
+    FleetOutcome.ALREADY: "the table held this run before",
+    FleetOutcome.INCONSISTENT: "contradicts the model or the stored table; left out",
+    FleetOutcome.REFUSED: "nothing to gain from it, or not usable; left out",
+    FleetOutcome.BAD_INPUT: "cannot be read as a run; left out",
+    FleetOutcome.TAKEN_OUT: "merged by an earlier call, but the store does not hold it now",
+    FleetOutcome.CRASHED: (
         "the program, its worker or the store broke down on it; the same command tries again"
     ),
 }

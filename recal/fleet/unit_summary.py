@@ -107,7 +107,7 @@ def _visited(documents: Sequence[dict[str, Any]]) -> tuple[NDArray, NDArray]:
     """Temperatures of the points of gyros x and y (n,), those of merged runs."""
     T: dict[str, list[float]] = {axis: [] for axis in LEVEL}
     for document in documents:
-        accepted = {s["sha256"] for s in document["sessions"] if s["outcome"] == "accepted"}
+        accepted = {s["sha256"] for s in document["sessions"] if s["outcome"] == Outcome.ACCEPTED}
         for point in document["points"]:
             if point["axis"] in LEVEL and point["run_sha256"] in accepted:
                 T[point["axis"]].append(point["temperature_degC"])

@@ -26,11 +26,12 @@ from recal.fleet.plan import plan_fleet
 from recal.fleet.pools.dispatch import UnitQueue, run_all
 from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import LocalPool, Pool
-from recal.fleet.records import PlannedRun, RunOutcome, RunTask, outcome_of
+from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome, RunTask, outcome_of
 from recal.fleet.report import fleet_html
 from recal.fleet.store_url import absolute_store
 from recal.service.output import output_directory, program_version, write_files
 
+HELD = (FleetOutcome.COMMITTED, FleetOutcome.TAKEN_OUT)  # that the store held once
 MODES = ("commit", "propose", "dry")  # into the table; kept in the store for review; nothing stored
 
 
@@ -193,14 +194,14 @@ def _look_again(journal: Journal, store_url: str) -> None:
     """Runs that an earlier call committed and the store does not hold any more: a rollback is
     somebody's decision.
     """
-    committed = [o for o in journal.runs.values() if o.outcome in ("committed", "taken_out")]
+    committed = [o for o in journal.runs.values() if o.outcome in HELD]
     if not committed or not store_exists(store_url):
         return
     words = "rolled back since, or the store was replaced; with another -o the run is taken anew"
     with TableStore.open(store_url) as store:
         for o in committed:
             held = store.has_run(o.sha256, o.imu_serial)
-            if held != (o.outcome == "committed"):
+            if held != (o.outcome == FleetOutcome.COMMITTED):
                 journal.add_run(
                     replace(
                         o,
@@ -243,7 +244,7 @@ def _queue(
 def _still_holds(outcome: RunOutcome, run: PlannedRun) -> bool:
     return (
         outcome.signature == run.signature
-        and outcome.outcome != "crashed"
+        and outcome.outcome != FleetOutcome.CRASHED
         and outcome.unit == run.unit
     )
 

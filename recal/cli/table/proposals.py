@@ -164,7 +164,9 @@ def _decide(
     quiet: bool,
 ) -> None:
     from infield.store.errors import StoreRefused
+    from infield.store.proposal_rows import Decided
     from infield.store.table_store import TableStore
+    from ins.verdicts import Outcome
 
     with TableStore.open(url) as opened:
         try:
@@ -185,12 +187,12 @@ def _decide(
                 "reason_codes": [str(error.code)],
             }
     answer(result, as_json=as_json, verbose=verbose)
-    if result["verdict"] == "refused":
+    if result["verdict"] == Outcome.REFUSED:
         say(f"refused: {result['reasons'][0]}", quiet=quiet)
     else:
         became = (
             f", revision {decided.decision.revision_number}"
-            if decided.decision and verdict == "approved"
+            if decided.decision and verdict == Decided.APPROVED
             else ""
         )
         say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)

@@ -9,7 +9,15 @@ from typing import Any
 
 from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import Done, Lost, Pool
-from recal.fleet.records import MERGED, RunOutcome, RunTask, Task, UnitTask, outcome_of
+from recal.fleet.records import (
+    MERGED,
+    FleetOutcome,
+    RunOutcome,
+    RunTask,
+    Task,
+    UnitTask,
+    outcome_of,
+)
 
 MOST_ATTEMPTS = 3  # of a task whose worker died
 WARM = 3  # tasks after which more than one goes out, whatever they gave
@@ -108,5 +116,6 @@ def _settle(
         journal.add_run(outcome)
         told(outcome)
     return any(
-        outcome.outcome in MERGED or outcome.outcome == "inconsistent" for outcome in outcomes
+        outcome.outcome in MERGED or outcome.outcome == FleetOutcome.INCONSISTENT
+        for outcome in outcomes
     )

@@ -19,14 +19,28 @@ from typing import Any
 from infield.store.errors import WORTH_ANOTHER_TRY, StoreConflict, StoreError, StoreRefused
 from infield.store.table_store import TableStore, store_exists
 from ins.records import InputError
+from ins.verdicts import Outcome
 from recal.cli.update import update
-from recal.fleet.records import MERGED, PlannedRun, RunOutcome, RunTask, Task, outcome_of
+from recal.fleet.records import (
+    MERGED,
+    FleetOutcome,
+    PlannedRun,
+    RunOutcome,
+    RunTask,
+    Task,
+    outcome_of,
+)
 from recal.fleet.unit_summary import summarise_unit
 from recal.service.output import write_text
 
 WORTH_A_TRY = [[str(code)] for code in WORTH_ANOTHER_TRY]  # the only reason of a document
+# what becomes of the runs of an update that are merged, by its verdict
+REST = {
+    Outcome.COMMITTED: FleetOutcome.COMMITTED,
+    Outcome.PROPOSED: FleetOutcome.PROPOSED,
+    Outcome.INCONSISTENT: FleetOutcome.AGAIN,
+}
 CONFLICT_TRIES = 6  # another writer changed this very unit in between, or kept the store busy
-AGAIN = "again"  # not told yet: to be taken again without the runs that are
 Pair = tuple[PlannedRun, str]  # a run and the folder of its report
 # a Dask worker may have several threads; drawing and migrations are one per process
 _ONE_AT_A_TIME = threading.Lock()
@@ -63,7 +77,7 @@ def _outcomes(task: RunTask, runs: list[Pair]) -> Iterator[tuple[str, RunOutcome
     without it.
     """
     while runs:
-        told = [o for o in _one_update(task, runs) if o.outcome != AGAIN]
+        told = [o for o in _one_update(task, runs) if o.outcome != FleetOutcome.AGAIN]
         yield from ((outcome.path, outcome) for outcome in told)
         gone = {outcome.path for outcome in told}
         runs = [pair for pair in runs if pair[0].path not in gone]
@@ -82,9 +96,13 @@ def _one_update(task: RunTask, runs: Sequence[Pair]) -> list[RunOutcome]:
     failures = [failure for pair in runs if (failure := _failure_alone(task, pair))]
     if failures:
         bad = {failure.path for failure in failures}
-        return failures + [outcome_of(run, AGAIN) for run, _ in runs if run.path not in bad]
+        return failures + [
+            outcome_of(run, FleetOutcome.AGAIN) for run, _ in runs if run.path not in bad
+        ]
     return [
-        outcome_of(run, "crashed", "breaks down together with the other runs of this unit")
+        outcome_of(
+            run, FleetOutcome.CRASHED, "breaks down together with the other runs of this unit"
+        )
         for run, _ in runs
     ]
 
@@ -104,7 +122,7 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
     if not Path(run.path).is_dir():
         return outcome_of(
             run,
-            "bad_input",
+            FleetOutcome.BAD_INPUT,
             f"{run.path}: no such run directory on {socket.gethostname()}, where the worker is",
         )
     text = (
@@ -113,11 +131,15 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
         else str(error)
     )
     if isinstance(error, StoreError | StoreRefused):  # not the run's fault, worth another call
-        return outcome_of(run, "crashed", text)
+        return outcome_of(run, FleetOutcome.CRASHED, text)
     if isinstance(error, InputError | OSError):
-        return outcome_of(run, "bad_input", text)
+        return outcome_of(run, FleetOutcome.BAD_INPUT, text)
     return outcome_of(
-        run, "crashed", _crash_words(error), folder=folder, notes=(*run.notes, *_keep_trace(folder))
+        run,
+        FleetOutcome.CRASHED,
+        _crash_words(error),
+        folder=folder,
+        notes=(*run.notes, *_keep_trace(folder)),
     )
 
 
@@ -142,7 +164,7 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
 
 
 def _conflicted(document: dict[str, Any]) -> bool:
-    return document["verdict"] == "refused" and document.get("reason_codes") in WORTH_A_TRY
+    return document["verdict"] == Outcome.REFUSED and document.get("reason_codes") in WORTH_A_TRY
 
 
 def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iterator[RunOutcome]:
@@ -150,34 +172,36 @@ def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iter
     that contradicts.
     """
     verdict, merged = document["verdict"], dict(task.merged)
-    rest = {"committed": "committed", "proposed": "proposed", "inconsistent": AGAIN}.get(
-        verdict, "refused"
-    )
+    rest = REST.get(verdict, FleetOutcome.REFUSED)
     remembered = document.get("remembered", "")
     for (run, _), session in zip(runs, document["sessions"], strict=True):
-        outcome = (
-            rest
-            if session["outcome"] == "accepted"
-            else AGAIN
-            if rest == AGAIN
-            else session["outcome"]
-        )
-        outcome = "inconsistent" if session["outcome"] == "inconsistent" else outcome
-        notes = (*run.notes, remembered) if outcome == "inconsistent" and remembered else run.notes
+        outcome = _outcome(session["outcome"], rest)
+        contradicts = outcome is FleetOutcome.INCONSISTENT
+        notes = (*run.notes, remembered) if contradicts and remembered else run.notes
+        refused = outcome is FleetOutcome.REFUSED
         told = outcome_of(
             run,
             outcome,
-            *(session["reasons"] or (document["reasons"] if outcome == "refused" else ())),
+            *(session["reasons"] or (document["reasons"] if refused else ())),
             notes=notes,
             sha256=session["sha256"],
             folder=runs[0][1],
-            revision=document["revision"] if outcome == "committed" else None,
-            proposal=document.get("proposal") if outcome == "proposed" else None,
+            revision=document["revision"] if outcome is FleetOutcome.COMMITTED else None,
+            proposal=document.get("proposal") if outcome is FleetOutcome.PROPOSED else None,
         )
-        told = _if_held(task, told, merged.get(told.sha256)) if outcome == "refused" else told
+        told = _if_held(task, told, merged.get(told.sha256)) if refused else told
         if told.outcome in MERGED:
             merged[told.sha256] = told.path
         yield told
+
+
+def _outcome(of_session: str, rest: FleetOutcome) -> FleetOutcome:
+    """The outcome of one run, where those that are merged come to `rest`."""
+    if of_session == Outcome.INCONSISTENT:
+        return FleetOutcome.INCONSISTENT
+    if of_session == Outcome.ACCEPTED or rest is FleetOutcome.AGAIN:
+        return rest
+    return FleetOutcome(of_session)
 
 
 def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOutcome:
@@ -185,7 +209,9 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
     worker that was killed.
     """
     if original is not None:
-        return replace(outcome, outcome="already", reasons=(f"the same recording as {original}",))
+        return replace(
+            outcome, outcome=FleetOutcome.ALREADY, reasons=(f"the same recording as {original}",)
+        )
     key = task.unit
     if not store_exists(task.store_url):
         return outcome
@@ -197,14 +223,18 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
         (r for r in reversed(history) if any(run.sha256 == outcome.sha256 for run in r.runs)), None
     )
     if by is None:
-        return replace(outcome, outcome="already", reasons=("came with the table",))
+        return replace(outcome, outcome=FleetOutcome.ALREADY, reasons=("came with the table",))
     if by.number <= task.head or not by.report_json:
         words = f"merged as revision {by.number} on {by.created_utc[:10]}"
-        return replace(outcome, outcome="already", reasons=(words,), revision=by.number)
+        return replace(outcome, outcome=FleetOutcome.ALREADY, reasons=(words,), revision=by.number)
     write_text(Path(outcome.folder) / "update.json", by.report_json)
     note = "committed before its worker or the call was stopped; found in the store"
     return replace(
-        outcome, outcome="committed", reasons=(), revision=by.number, notes=(*outcome.notes, note)
+        outcome,
+        outcome=FleetOutcome.COMMITTED,
+        reasons=(),
+        revision=by.number,
+        notes=(*outcome.notes, note),
     )
 
 
