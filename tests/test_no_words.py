@@ -30,11 +30,7 @@ EQUAL = (ast.Eq, ast.NotEq, ast.In, ast.NotIn)
 # module: why it may
 WORK = "its verdicts are still texts; each entry goes with its conversion to an enum"
 ALLOWED = {
-    "infield/misalignment/harmonic_fit.py": WORK,
-    "infield/misalignment/study.py": WORK,
-    "infield/reports/documents/misalignment.py": WORK,
     "infield/reports/fog_page.py": WORK,
-    "infield/reports/misalignment_page.py": WORK,
     "infield/reports/rlg_page.py": WORK,
     "infield/thermal/fog_model.py": WORK,
     "infield/thermal/rlg_model.py": WORK,
