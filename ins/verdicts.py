@@ -49,9 +49,7 @@ class Outcome(StrEnum):
 
 
 class Observability(StrEnum):
-    """What a measurement says of a quantity, by its sigma after over before (formats.md, section
-    5).
-    """
+    """What a measurement says of a quantity: sigma after over before (formats.md, section 5)."""
 
     OBSERVED = "observed"
     WEAK = "weak"
@@ -61,6 +59,17 @@ class Observability(StrEnum):
     def of(cls, ratio: float) -> "Observability":
         """The verdict on a ratio of sigmas.
 
+        Parameters
+        ----------
+        ratio : float
+            Sigma after the measurement over sigma before.
+
+        Returns
+        -------
+        verdict : Observability
+
+        Examples
+        --------
         >>> Observability.of(0.49).value, Observability.of(0.95).value
         ('observed', 'not_observable')
         """

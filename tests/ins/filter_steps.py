@@ -8,22 +8,14 @@ from ins.filters.program import FilterProgram, Steps
 from ins.units import DEG
 
 LAT = 45 * DEG
+STANDING = {"rolling": False, "keep": False, "moving": False, "jump_w": 0.0, "jump_theta": 0.0}
 
 
 def steps_of(
-    step: em.Step,
-    count=1,
-    *,
-    bin_index=0,
-    rolling=False,
-    keep=False,
-    moving=False,
-    extra_yaw_rad=0.0,
-    jump_w=0.0,
-    jump_theta=0.0,
-    end_s=0.0,
+    step: em.Step, count=1, *, bin_index=0, extra_yaw_rad=0.0, end_s=0.0, **flags
 ) -> Steps:
-    """The same step `count` times, at latitude 45 deg and height 0."""
+    """The same step `count` times, at latitude 45 deg and height 0; flags and jumps as of Steps."""
+    flags = {**STANDING, **flags}
     meridian, transverse = (float(r) for r in earth.radii_of_curvature(LAT))
 
     def all_of(value):
@@ -40,12 +32,8 @@ def steps_of(
         radius_m=all_of(step.radius_m),
         turn_rad=all_of(step.turn_rad),
         bin_index=all_of(bin_index),
-        rolling=all_of(rolling),
-        keep=all_of(keep),
-        moving=all_of(moving),
         jump_yaw=all_of(extra_yaw_rad**2),
-        jump_w=all_of(jump_w),
-        jump_theta=all_of(jump_theta),
+        **{name: all_of(value) for name, value in flags.items()},
     )
 
 

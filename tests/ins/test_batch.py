@@ -64,33 +64,35 @@ def assert_is_navigate(flown, run, alone):
 @given(
     seed=st.integers(0, 2**31),
     runs=st.sampled_from([1, 3, 16, 17]),
-    bins=st.sampled_from([None, 1, 5]),
-    noisy=st.booleans(),
+    error_options=st.fixed_dictionaries(
+        {"bins": st.sampled_from([None, 1, 5]), "noisy": st.booleans()}
+    ),
     start_row=st.integers(-1, ROWS - 5),
     chunk=st.sampled_from([2, 7, 64, 4096]),
     own_starts=st.booleans(),
-    epoch_s=st.sampled_from([None, 0.05, 0.3, 1.0]),
-    vertical=st.sampled_from([None, HOLD, SERIES]),
+    options=st.fixed_dictionaries(
+        {
+            "epoch_s": st.sampled_from([None, 0.05, 0.3, 1.0]),
+            "vertical": st.sampled_from([None, HOLD, SERIES]),
+        }
+    ),
 )
 def test_each_run_has_the_bits_of_navigate(
-    seed, runs, bins, noisy, start_row, chunk, own_starts, epoch_s, vertical
+    seed, runs, error_options, start_row, chunk, own_starts, options
 ):
     rng = np.random.default_rng(seed)
     imu, _ = random_walk(n=ROWS, seed=seed)
     time_s = 0.0 if start_row < 0 else float(imu.time_s[start_row])
     starts = starts_of(runs, rng, time_s=time_s)
     starts = starts if own_starts else [starts[0]]
-    errors = errors_of(runs, rng, bins=bins, noisy=noisy)
+    errors = errors_of(runs, rng, **error_options)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(batch, "CHUNK_ROWS", chunk)
-        flown = navigate_batch(imu, starts, errors=errors, epoch_s=epoch_s, vertical=vertical)
+        flown = navigate_batch(imu, starts, errors=errors, **options)
     for run in range(runs):
         start = starts[run % len(starts)]
-        assert_is_navigate(
-            flown,
-            run,
-            navigate(errors.applied(imu, run), start, epoch_s=epoch_s, vertical=vertical),
-        )
+        alone = navigate(errors.applied(imu, run), start, **options)
+        assert_is_navigate(flown, run, alone)
 
 
 @pytest.mark.parametrize("chunk", [2, 50, 4096])

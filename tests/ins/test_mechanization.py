@@ -23,28 +23,22 @@ TILTED = dcm_from_euler(0.1, -0.2, 1.0)
 ZERO = (0.0, 0.0, 0.0)
 
 
-def at_rest(
-    lat_deg,
-    *,
-    duration_s,
-    dt=0.05,
-    C_nb=None,
-    height_m=100.0,
-    lon_rad=0.3,
-    gyro_bias=ZERO,
-    accel_bias=ZERO,
-):
+PLACE = {"lon_rad": 0.3, "height_m": 100.0}
+
+
+def at_rest(lat_deg, *, duration_s, dt=0.05, C_nb=None, gyro_bias=ZERO, accel_bias=ZERO, **place):
     """Increments of a body fixed to the Earth, biases added, and its state."""
-    lat, n, C_nb = lat_deg * DEG, round(duration_s / dt), np.eye(3) if C_nb is None else C_nb
+    lat, n = lat_deg * DEG, round(duration_s / dt)
+    C_nb = np.eye(3) if C_nb is None else C_nb
+    site = Site(lat_rad=lat, **{**PLACE, **place})
     omega = C_nb.T @ earth.omega_ie_n(lat) + gyro_bias
-    force = -C_nb.T @ earth.gravity_n(lat, height_m) + accel_bias
+    force = -C_nb.T @ earth.gravity_n(lat, site.height_m) + accel_bias
     imu = ImuLog(
         time_s=dt * np.arange(1, n + 1),
         dt_s=np.full(n, dt),
         dtheta_rad=np.tile(omega * dt, (n, 1)),
         dv_m_s=np.tile(force * dt, (n, 1)),
     )
-    site = Site(lat_rad=lat, lon_rad=lon_rad, height_m=height_m)
     return imu, NavState(time_s=0.0, site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
 
 
