@@ -96,7 +96,14 @@ class Reason:
 
 @dataclass(frozen=True, kw_only=True)
 class LeftOut:
-    """A stretch of time that an estimator did not use, and why."""
+    """A stretch of time that an estimator did not use, and why.
+
+    Parameters
+    ----------
+    start_s, end_s : float
+        Seconds from the run's start.
+    reason : Reason
+    """
 
     start_s: float
     end_s: float
@@ -186,11 +193,17 @@ def record_of(kind: Any, value: Any) -> Any:
     value : Any
         From JSON. A key that no field has is passed over.
 
+    Returns
+    -------
+    record : kind
+
     Raises
     ------
     TypeError, ValueError, AttributeError
         Where a key without default is missing, an enum has no such member, or a value is no object.
 
+    Examples
+    --------
     >>> @dataclass(frozen=True)
     ... class Point:
     ...     axis: str
