@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import ImuLog, ImuSource
-from ins.robust import robust_scatter, robust_sigmas
+from ins.records import ImuLog
+from ins.robust import robust_scatter
 
-BLOCK_S = 10.0
+BLOCK_S = 10.0  # a person who steps in spoils a block, not the mean
 
 
 @dataclass(frozen=True)
@@ -73,78 +73,4 @@ def latitude_from_rates(means: RestMeans) -> tuple[float, float]:
     level = float(np.linalg.norm(means.omega_ib_b - vertical * down))
     return float(np.arctan2(-vertical, level)), float(
         np.linalg.norm(means.omega_ib_b) - EARTH_RATE_RAD_S
-    )
-
-
-REST_BLOCKS = 6
-REST_FORCE_M_S2 = 0.03
-REST_RATE_RAD_S = 3e-4
-# block means that scatter by more (0.17 deg/s, 0.3 m/s^2) are a vehicle that moves, not a noisy
-# unit
-NOISIEST = 10.0
-LONGEST_COARSE_S = 600.0
-
-
-def first_rest(imu: ImuSource) -> tuple[float, float] | None:
-    """Start and end [s] of the first stretch of at least a minute that looks at rest, at most 10
-    min of it.
-
-    Judged on 10 s block means against their median over the stretch; three bad blocks in a row end
-    it, single ones (somebody boards) do not. None: the log never rests.
-    """
-    begins, ends, seconds, dv, dtheta = block_sums(imu)
-    f, omega = dv / seconds[:, None], dtheta / seconds[:, None]
-    for i in range(len(begins) - REST_BLOCKS + 1):
-        reference = slice(i, i + REST_BLOCKS)
-        good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
-        if not good[reference].all():
-            continue
-        last = i + REST_BLOCKS - 1
-        while good[last + 1 : last + 4].any() and ends[last + 1] - ends[i] < LONGEST_COARSE_S:
-            last += 1
-        while not good[last]:
-            last -= 1
-        return float(begins[i]), float(ends[last])
-    return None
-
-
-def block_sums(imu: ImuSource) -> list[NDArray]:
-    """Of each 10 s block since the first row: times of its first and last row, sums of dt, dv and
-    dtheta.
-
-    A block that a piece of the log ends in waits for the next piece, so that each is one sum,
-    however the log is cut.
-    """
-    found: list[tuple[NDArray, ...]] = []
-    rows: list[NDArray] = []
-    for piece in imu.pieces():
-        columns = (piece.time_s, piece.dt_s, piece.dv_m_s, piece.dtheta_rad)
-        rows = [np.concatenate(pair) for pair in zip(rows, columns)] if rows else list(columns)
-        block = np.floor((rows[0] - imu.start_s) / BLOCK_S)
-        whole = int(np.searchsorted(block, block[-1]))
-        if whole:
-            found.append(_sums(block[:whole], [column[:whole] for column in rows]))
-            rows = [column[whole:] for column in rows]
-    found.append(_sums(np.floor((rows[0] - imu.start_s) / BLOCK_S), rows))
-    return [np.concatenate(column) for column in zip(*found)]
-
-
-def _sums(block: NDArray, rows: list[NDArray]) -> tuple[NDArray, ...]:
-    starts = np.flatnonzero(np.diff(block, prepend=-1.0))
-    ends = np.append(starts[1:], block.size) - 1
-    return (
-        rows[0][starts],
-        rows[0][ends],
-        *(np.add.reduceat(column, starts, axis=0) for column in rows[1:]),
-    )
-
-
-def _near(values: NDArray, reference: slice, limit: float) -> NDArray:
-    """Rows within `limit`, or within 6 robust sigmas (up to NOISIEST limits), of the median of the
-    reference rows.
-    """
-    centre = np.median(values[reference], axis=0)
-    noise = robust_sigmas(np.diff(values, axis=0)) / np.sqrt(2.0)
-    return np.asarray(
-        (np.abs(values - centre) <= np.clip(6.0 * noise, limit, NOISIEST * limit)).all(axis=1)
     )

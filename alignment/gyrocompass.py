@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from alignment import coarse, levelling
 from alignment.motion import imu_faults, stillness
+from alignment.motion.inertial import first_rest
+from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
@@ -80,15 +82,15 @@ def solve(
     until_s: float = np.inf,
     parked_only: bool = False,
     hold_heading: bool = True,
+    faults: Sequence[imu_faults.ImuFault] = (),
 ) -> Solution:
     """Navigate from the rest, estimate the errors, correct the start and the biases, and again
     until it stands.
 
-    imu: compensated with everything known (table, scale factors); rest: (start, end) of the first
-    rest [s]; parked_only stops the filter where the vehicle first rolls. Two or three passes as a
-    rule.
+    imu: compensated with everything known (table, scale factors), its `faults` repaired; rest:
+    (start, end) of the first rest [s]; parked_only stops the filter where the vehicle first rolls.
+    Two or three passes as a rule.
     """
-    imu, faults = imu_faults.repair(imu, rest[0], min(until_s, imu.end_s))
     first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
     C_nb = coarse.gyrocompass_dcm(
         replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b)
@@ -165,10 +167,13 @@ def align(
     bias_sigma_deg_h: NDArray | None = None,
     phases: tuple[Phase, ...] = (),
     hold_heading: bool = True,
+    log: LogSeconds | None = None,
+    faults: Sequence[imu_faults.ImuFault] | None = None,
 ) -> Alignment:
     """Attitude with sigma at the end of the parked time of a log.
 
-    imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left
+    imu: compensated with the table where there is one; log: its seconds, None: read here; faults:
+    what was repaired in it, None: looked for here. bias_sigma_deg_h (3,): sigma of what is left
     of the gyro biases; None: the unit is unknown, the technology's sigma widened by what the parked
     rates show. Refusals come back as a verdict with reasons, not as exceptions.
     """
@@ -180,7 +185,8 @@ def align(
                 limit_deg=MAX_LATITUDE_RAD / DEG,
             )
         )
-    rest = coarse.first_rest(imu)
+    log = log or seconds_of(imu)
+    rest = first_rest(log)
     if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.BLOCK_S:
         return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.rest_means(imu.between(*rest))
@@ -215,6 +221,8 @@ def align(
             imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading
         )
         return replace(found, reasons=(*found.reasons, *reasons))
+    if faults is None:
+        imu, faults = imu_faults.repair(imu, log, rest[0], imu.end_s)
     for scale in NOISE_SCALES:
         try:
             solution = solve(
@@ -226,6 +234,7 @@ def align(
                 phases=phases,
                 parked_only=True,
                 hold_heading=hold_heading,
+                faults=faults,
             )
         except NothingStands as error:
             return _refused(error.reason)

@@ -20,16 +20,17 @@ from typing import Any
 
 import numpy as np
 
-from alignment import coarse, gyrocompass
-from alignment.motion import imu_faults, parked_seconds, stillness
+from alignment import gyrocompass
+from alignment.motion import imu_faults, inertial, parked_seconds, stillness
+from alignment.motion.seconds import LogSeconds, seconds_of
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
 from infield.reports.words.sentences import sentences
-from infield.session import navigated as session
-from infield.session import parked_stretches, pipeline
+from infield.session import log, pipeline
+from infield.session.parked import stretches
 from infield.thermal import ramp_runs
-from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
 from ins.records import ImuSource, InputError
 from ins.units import DEG
 from ins.verdicts import Reason
@@ -58,7 +59,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 def first_rest(case: Case) -> Any:
     """The stretch that a gyrocompass starts on, from the whole log."""
-    return span_of(coarse.first_rest(case.run.imu))
+    return span_of(inertial.first_rest(seconds_of(case.run.imu)))
 
 
 def quiet_start(case: Case) -> Any:
@@ -69,10 +70,11 @@ def quiet_start(case: Case) -> Any:
 
 def repairs(case: Case) -> Any:
     """Clipping, shocks and dropouts of the parked time, and shakes that were recorded rightly."""
-    rest = coarse.first_rest(case.run.imu)
+    seconds = seconds_of(case.run.imu)
+    rest = inertial.first_rest(seconds)
     if rest is None:
         return None
-    faults = imu_faults.repair(compensated(case), rest[0], case.run.imu.end_s)[1]
+    faults = imu_faults.repair(case.run.imu, seconds, rest[0], case.run.imu.end_s)[1]
     return [[*times(f.start_s, f.end_s), f.reason] for f in faults]
 
 
@@ -97,9 +99,9 @@ def alignment(case: Case) -> Any:
 
 def session_rest(case: Case) -> Any:
     """Where a session begins, where its alignment and its ground part end."""
-    rest = session.find_rest(case.run)
-    aligned_s = None if rest is None else rounded(session.alignment_end(case.run, rest[0]))
-    end_s = rounded(session.session_end(case.run))
+    rest = log.find_rest(case.run)
+    aligned_s = None if rest is None else rounded(log.alignment_end(case.run, rest[0]))
+    end_s = rounded(log.session_end(case.run))
     return {"rest": span_of(rest), "alignment_end_s": aligned_s, "end_s": end_s}
 
 
@@ -181,10 +183,10 @@ def chamber_ramps(case: Case) -> Any:
 
 def parked_rests(case: Case) -> Any:
     """The rests of a unit that finds no north, and the places that each of them falls into."""
-    rests = parked_stretches.find_rests(case.run)
+    rests = stretches.find_rests(case.run)
     places = []
     for stretch in rests.stretches:
-        for place in parked_seconds.parked_places(compensated(case), *stretch):
+        for place in parked_seconds.parked_places(compensated_seconds(case), *stretch):
             ends = times(place.start_s[0], place.end_s[-1])
             places.append([*ends, told(place.moved), motion_of(place.motion)["spans"]])
     return {
@@ -228,11 +230,18 @@ CALLERS: dict[str, Callable[[Case], Any]] = {
 
 def compensated(case: Case) -> ImuSource:
     """The log less table and twin, as the commands hand it on."""
-    run = case.run
-    temperature = None
-    if run.temperature is not None and not too_short(run.temperature):
-        temperature = gyro_temperature(run.temperature)
-    return session.compensated_imu(run, case.table, temperature, case.twin)
+    return log.compensated_imu(case.run, case.table, _temperature(case), case.twin)
+
+
+def compensated_seconds(case: Case) -> LogSeconds:
+    """The seconds of that log."""
+    return log.compensated_seconds(case.run, case.table, _temperature(case), case.twin)
+
+
+def _temperature(case: Case) -> GyroTemperature | None:
+    if case.run.temperature is None or too_short(case.run.temperature):
+        return None
+    return gyro_temperature(case.run.temperature)
 
 
 def first_sigma_deg_h(case: Case) -> np.ndarray | None:

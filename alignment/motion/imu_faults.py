@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.imu_seconds import Seconds, in_seconds
+from alignment.motion.seconds import LogSeconds, Seconds, judged
 from ins.compensation import corrected
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigma, robust_sigmas, runs_of_true
@@ -69,14 +69,16 @@ class _Edit:
     rate: NDArray
 
 
-def repair(imu: ImuSource, start_s: float, end_s: float) -> tuple[ImuSource, tuple[ImuFault, ...]]:
+def repair(
+    imu: ImuSource, log: LogSeconds, start_s: float, end_s: float
+) -> tuple[ImuSource, tuple[ImuFault, ...]]:
     """The log without what clipping and shocks left behind while the vehicle was parked, and the
     list of them.
 
-    Looked at from start_s, where the vehicle rests, to end_s. The log itself where nothing is
-    found.
+    log: its seconds, looked at from start_s, where the vehicle rests, to end_s. The log itself
+    where nothing is found.
     """
-    seconds = in_seconds(imu, start_s, end_s)
+    seconds = judged(log.between(start_s, end_s))
     quiet = _quiet_jumps(seconds) if seconds is not None else None
     if seconds is None or quiet is None:
         return imu, ()

@@ -13,20 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.excursions import DISTURBED, STILL
-from alignment.motion.imu_seconds import Seconds, in_seconds
+from alignment.motion.inertial import QUIET_S
+from alignment.motion.seconds import LogSeconds, Seconds, judged
 from alignment.motion.stillness import Motion
-from ins.records import ImuSource
-from ins.robust import robust_scatter, runs_of_true
+from ins.robust import robust_scatter
 
-WINDOW = 10  # seconds over which scatter is taken
-QUIET_S = 60.0  # the quietest minute of the log is where the quiet level is looked for
-QUIETEST = 0.6  # of a sigma: RMS of the quietest of many windows
-LOUD = 3.0  # times the quiet scatter is motion
-# m/s^2 and rad/s of scatter: beyond, a vehicle that moves, not a noisy unit
-CAPS = np.array([0.3] * 3 + [3e-3] * 3)
-GRAVITY_M_S2, GRAVITY_LIMIT_M_S2 = 9.81, 1.0
-SPIN_RAD_S = 0.35  # 20 deg/s: the zero-rate output of a consumer gyro may be that large
-BRIDGED_S = 15.0  # of disturbance inside a stretch
 GUARD_S = 2.0
 BESIDE_S = 20  # seconds on either side of a disturbance, for level and rate before and after it
 NEW_PLACE_RAD = 0.02  # turned or tilted by more: what follows stands on another heading
@@ -78,48 +69,37 @@ class ParkedSeconds:
         return np.asarray(spread * np.sqrt(float(np.median(self.dt_s))))
 
 
-def quiet_stretches(
-    imu: ImuSource, start_s: float, end_s: float
-) -> tuple[tuple[float, float], ...]:
-    """Start and end [s] of every quiet stretch of a span, however short."""
-    seconds = in_seconds(imu, start_s, end_s)
-    if seconds is None:
-        return ()
-    return tuple(
-        _stretches(seconds, _quiet(_sums(seconds) / (seconds.end_s - seconds.start_s)[:, None]))
-    )
-
-
-def parked_seconds(imu: ImuSource, start_s: float, end_s: float) -> ParkedSeconds | None:
+def parked_seconds(log: LogSeconds, start_s: float, end_s: float) -> ParkedSeconds | None:
     """The seconds of a quiet stretch, judged once more on their own; it ends where the unit is
     turned or tilted.
 
     None where less than a minute is left.
     """
-    return _first_place(imu, start_s, end_s)[0]
+    return _first_place(log, start_s, end_s)[0]
 
 
-def parked_places(imu: ImuSource, start_s: float, end_s: float) -> tuple[ParkedSeconds, ...]:
+def parked_places(log: LogSeconds, start_s: float, end_s: float) -> tuple[ParkedSeconds, ...]:
     """The same, and what follows each turn or tilt as a place of its own, where that is a minute or
     more.
     """
     found = []
     while np.isfinite(start_s) and start_s < end_s:
-        place, start_s = _first_place(imu, start_s, end_s)
+        place, start_s = _first_place(log, start_s, end_s)
         found += [] if place is None else [place]
     return tuple(found)
 
 
 def _first_place(
-    imu: ImuSource, start_s: float, end_s: float
+    log: LogSeconds, start_s: float, end_s: float
 ) -> tuple[ParkedSeconds | None, float]:
     """Seconds up to the first turn or tilt, None below a minute, and from when on the unit stands
     again (NaN: never).
     """
-    seconds = in_seconds(imu, start_s, end_s)
+    part = log.between(start_s, end_s)
+    seconds = judged(part)
     if seconds is None:
         return None, float("nan")
-    sums, still = _sums(seconds), ~seconds.touched
+    sums, still = part.sums, ~seconds.touched
     moved, last, again_s = "", still.size, float("nan")
     for a, b in _runs(~still, seconds):
         turn, tilt = _change(sums, seconds, a, b)
@@ -139,42 +119,6 @@ def _first_place(
         ParkedSeconds(seconds.start_s[rows], seconds.end_s[rows], sums[rows], ~near[rows], moved),
         again_s,
     )
-
-
-def _sums(seconds: Seconds) -> NDArray:
-    dt = (seconds.end_s - seconds.start_s)[:, None]
-    return np.asarray(
-        np.diff(seconds.integral, axis=0, prepend=np.zeros((1, 6))) + seconds.level * dt
-    )
-
-
-def _quiet(mean: NDArray) -> NDArray:
-    """Seconds (m,) whose surroundings scatter like the quietest ones of the log, with one gravity
-    and no spin.
-    """
-    step = np.diff(mean, axis=0, prepend=mean[:1]) / np.sqrt(2.0)
-    kernel = np.ones(WINDOW) / WINDOW
-    rms = np.sqrt(np.stack([np.convolve(s, kernel, "same") for s in (step**2).T], axis=1))
-    share = min(max(QUIET_S / len(mean), 0.02), 1.0)
-    level = np.quantile(rms, share, axis=0) / QUIETEST
-    for _ in range(3):
-        quiet = (rms <= LOUD * level + 1e-12).all(axis=1)
-        level = np.median(rms[quiet], axis=0) if quiet.any() else level
-    calm = np.all(rms <= np.minimum(LOUD * level + 1e-12, CAPS), axis=1)
-    gravity = np.abs(np.linalg.norm(mean[:, :3], axis=1) - GRAVITY_M_S2) < GRAVITY_LIMIT_M_S2
-    return np.asarray(calm & gravity & (np.linalg.norm(mean[:, 3:], axis=1) < SPIN_RAD_S))
-
-
-def _stretches(seconds: Seconds, quiet: NDArray) -> list[tuple[float, float]]:
-    """Start and end of the quiet stretches, short disturbances bridged."""
-    found: list[tuple[float, float]] = []
-    for a, b in runs_of_true(quiet):
-        start, end = float(seconds.start_s[a]), float(seconds.end_s[b - 1])
-        if found and start - found[-1][1] <= BRIDGED_S:
-            found[-1] = (found[-1][0], end)
-        else:
-            found.append((start, end))
-    return found
 
 
 def _runs(touched: NDArray, seconds: Seconds) -> list[tuple[int, int]]:

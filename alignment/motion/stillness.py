@@ -80,6 +80,13 @@ class Motion:
             for a, b in runs_of_true(self.kind == kind)
         )
 
+    def at(self, time_s: NDArray) -> "Motion":
+        """The same motion on other epochs (n,) [s], each with the kind of the epoch it ends in."""
+        index = np.searchsorted(self.time_s, time_s - 1e-6)
+        index = np.minimum(index, self.time_s.size - 1)
+        cause = self.cause[index] if self.cause.size else self.cause
+        return Motion(time_s, self.kind[index], self.jolt_rad[index], self.sigma_v_m_s, cause)
+
     def seconds(self, kind: int) -> float:
         return float(np.sum(np.diff(self.time_s)[self.kind[1:] == kind]))
 

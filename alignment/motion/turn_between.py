@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.imu_seconds import in_seconds
 from alignment.motion.parked_seconds import ParkedSeconds
+from alignment.motion.seconds import LogSeconds, judged
 from ins.attitude import dcm_from_euler, dcm_from_rotation_vector, level_angles, wrap_pi
 from ins.noise import gyro_densities
 from ins.records import GyroNoise, ImuSource
@@ -57,9 +57,10 @@ def turn_between(
     after: ParkedSeconds,
     gyro: GyroNoise,
     *,
+    log: LogSeconds,
     sigma_scale: float,
 ) -> Turn:
-    """The turn from one stand to the next one of the log."""
+    """The turn from one stand to the next one of the log; `log`: its seconds."""
     t0, t1 = float(before.end_s[-1]), float(after.start_s[0])
     w0, w1 = before.means(t0 - BESIDE_S, t0)[0][3:], after.means(t1, t1 + BESIDE_S)[0][3:]
     w0 = before.means(-np.inf, np.inf)[0][3:] if np.isnan(w0).any() else w0
@@ -80,16 +81,16 @@ def turn_between(
         + white**2
         + (sigma_scale * np.linalg.norm(turned)) ** 2
         + closure**2
-        + _lost(imu, t0, t1) ** 2
+        + _lost(log, t0, t1) ** 2
     )
     return Turn(float(wrap_pi(heading)), float(min(sigma, np.pi)), closure)
 
 
-def _lost(imu: ImuSource, start_s: float, end_s: float) -> float:
+def _lost(log: LogSeconds, start_s: float, end_s: float) -> float:
     """What dropouts of the log and a sensor at the end of its range may have lost of a turn, 1
     sigma [rad].
     """
-    seconds = in_seconds(imu, start_s, end_s)
+    seconds = judged(log.between(start_s, end_s))
     if seconds is None:
         return 0.0
     return float(

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion.imu_faults import repair
-from alignment.motion.standstill import speed_disagreement
+from alignment.motion.inertial import first_rest
+from alignment.motion.seconds import seconds_of
+from alignment.motion.speeds import speed_disagreement
 from alignment.motion.stillness import DISTURBED, PIVOT_RAD_S, STILL, classify
 from infield.misalignment.reasons import StopReason
 from infield.misalignment.settings import SHORTEST_S
@@ -145,10 +147,11 @@ def between_turns(imu: ImuLog) -> list[tuple[float, float]]:
 
 def _rest_of(imu: ImuLog, run: Run) -> _Rest | Reason:
     """The longest rest of a stretch between turns, or why there is none."""
-    found = coarse.first_rest(imu)
+    log = seconds_of(imu)
+    found = first_rest(log)
     if found is None:
         return because(StopReason.NEVER_RESTS)
-    mended, faults = repair(imu, found[0], imu.end_s)
+    mended, faults = repair(imu, log, found[0], imu.end_s)
     imu = mended.whole()
     history = _followed(imu, run, found)
     motion = classify(history, run.phases, imu, faults)

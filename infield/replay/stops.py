@@ -11,10 +11,9 @@ from enum import StrEnum
 import numpy as np
 
 from alignment.motion import excursions, stillness
-from alignment.motion.stands import goes_nowhere
+from alignment.motion.speeds import WHEELS_STAND_M_S, Said, receiver_says
 from infield.replay.drift import REALIGN_M_S
-from ins.earth import displacement_ned
-from ins.records import GnssLog, NavHistory, Run
+from ins.records import NavHistory, Run
 from ins.robust import runs_of_true
 
 # spread of the velocity within a standing vehicle's eight seconds, above its own noise
@@ -23,9 +22,6 @@ STOP_QUIET_M_S = 0.03
 STOP_BELOW_M_S = 2.0 * REALIGN_M_S
 
 BRAKING_S = 2.0  # at the start of a stop: the last of the braking, and a receiver that is late
-FEWEST_ROWS = 3  # of a receiver, for its word
-# slope of the positions of a receiver that gives no velocity; over eight seconds it is noisy
-CREEP_M_S = 1.0
 
 
 class Witness(StrEnum):
@@ -93,40 +89,21 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
     if run.odometer is not None:
         stands &= (
             np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0))
-            < 0.5
+            < WHEELS_STAND_M_S
         )
     found = []
     for a, b in runs_of_true(stands):
         start_s, end_s = float(t[a]), float(t[b - 1])
-        received = (
-            None if run.gnss is None else _receiver_stands(run.gnss, start_s + BRAKING_S, end_s)
-        )
-        if b - a < width or received is False:
+        received = receiver_says(run.gnss, start_s + BRAKING_S, end_s).said
+        if b - a < width or received is Said.MOVES:
             continue
         rolled = run.odometer is not None and bool(
             ((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any()
         )
-        witness = Witness.ODOMETER if rolled else Witness.IMU
-        found.append(Stop(start_s, end_s, Witness.GNSS if received else witness))
+        without_receiver = Witness.ODOMETER if rolled else Witness.IMU
+        seen_by = Witness.GNSS if received is Said.STANDS else without_receiver
+        found.append(Stop(start_s, end_s, seen_by))
     return tuple(found)
-
-
-def _receiver_stands(gnss: GnssLog, start_s: float, end_s: float) -> bool | None:
-    """Whether a receiver's velocities, else its positions, say that it stands; None where it says
-    nothing.
-    """
-    inside = (gnss.time_s >= start_s) & (gnss.time_s <= end_s)
-    if np.count_nonzero(inside & np.isfinite(gnss.v_n_m_s[:, 0])) >= FEWEST_ROWS:
-        return goes_nowhere(gnss.time_s, gnss.v_n_m_s, start_s, end_s)
-    rows = np.flatnonzero(inside & np.isfinite(gnss.lat_rad) & np.isfinite(gnss.lon_rad))
-    if rows.size < FEWEST_ROWS:
-        return None
-    lat, lon, height_m = gnss.lat_rad[rows], gnss.lon_rad[rows], float(gnss.height_m[rows[0]])
-    way = displacement_ned(
-        lat, lon, lat0_rad=float(lat[0]), lon0_rad=float(lon[0]), height0_m=height_m
-    )
-    slope = np.polynomial.polynomial.polyfit(gnss.time_s[rows] - gnss.time_s[rows[0]], way, 1)[1]
-    return bool(np.linalg.norm(slope) <= CREEP_M_S)
 
 
 def stop_speed(history: NavHistory, stop: Stop) -> StopSpeed:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse
+from alignment.motion.inertial import first_rest
+from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.motion.stillness import ALIGNMENT_S
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
@@ -23,6 +24,19 @@ def compensated_imu(
 
     No table, or no temperature: only the twin's. A log that is in its file stays there.
     """
+    return corrected(run.imu, _correction(run, table, temperature, twin))
+
+
+def compensated_seconds(
+    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+) -> LogSeconds:
+    """The seconds of `compensated_imu`, from the log's own: no row is read again."""
+    return seconds_of(run.imu).corrected(_correction(run, table, temperature, twin))
+
+
+def _correction(
+    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+) -> Callable[[ImuLog], ImuLog]:
     bias_at = None
     if table is not None and temperature is not None:
         refuse_without_settled_part(run)
@@ -37,7 +51,7 @@ def compensated_imu(
             gyro_misalignment_mrad=twin.gyro.misalignment_mrad,
         )
 
-    return corrected(run.imu, correct)
+    return correct
 
 
 def refuse_without_settled_part(run: Run) -> None:
@@ -69,14 +83,9 @@ def alignment_end(run: Run, start_s: float) -> float:
 
 def find_rest(run: Run) -> tuple[float, float] | None:
     """The first rest: within the logged alignment phase where there is one."""
+    log = seconds_of(run.imu)
     logged = [p for p in run.phases if p.phase in PARKED_PHASES]
-    imu = run.imu
-    if logged:
-        start, end = max(logged[0].start_s, imu.start_s), min(logged[0].end_s, imu.end_s)
-        if end - start < 30.0:
-            return None
-        imu = imu.between(start, end)
-    return coarse.first_rest(imu)
+    return first_rest(log.between(logged[0].start_s, logged[0].end_s) if logged else log)
 
 
 def session_end(run: Run) -> float:

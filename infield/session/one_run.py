@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from alignment.motion.stands import Where
-from alignment.motion.standstill import speed_disagreement
+from alignment.motion.inertial import Where
+from alignment.motion.speeds import speed_disagreement
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
@@ -140,7 +140,7 @@ def _claim_chain(
 ) -> ClaimChain | None:
     """The patent's own path on the same data, for the report."""
     aligned = estimate.alignment
-    if aligned.C_nb is None or end_s - aligned.time_s < 600.0:
+    if estimate.solution is None or aligned.C_nb is None or end_s - aligned.time_s < 600.0:
         return None
     imu = compensated_imu(run, table, temperature, twin)
     return run_claim_chain(
@@ -149,7 +149,7 @@ def _claim_chain(
         twin,
         aligned,
         temperature,
-        phases=run.phases,
+        motion=estimate.solution.motion,
         until_s=end_s,
         prior_sigma_deg_h=float(np.sqrt(np.diag(estimate.bins.prior)[:2].max())),
     )

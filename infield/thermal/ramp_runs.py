@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.coarse import REST_FORCE_M_S2, block_sums
+from alignment.motion.inertial import REST_FORCE_M_S2
+from alignment.motion.seconds import seconds_of
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
     gyro_temperature,
@@ -159,8 +160,14 @@ class _Blocks:
     """Minute means of rate and specific force, and what was left out."""
 
     def __init__(self, run: Run) -> None:
-        begins, ends, seconds, dv, dtheta = block_sums(run.imu)
-        f, omega = dv / seconds[:, None], dtheta / seconds[:, None]
+        blocks = seconds_of(run.imu).blocks()
+        begins, ends, seconds, dtheta = (
+            blocks.begin_s,
+            blocks.end_s,
+            blocks.seconds,
+            blocks.dtheta_rad,
+        )
+        f, omega = blocks.dv_m_s / seconds[:, None], dtheta / seconds[:, None]
         self.f_b = np.median(f, axis=0)
         moved = np.linalg.norm(f - self.f_b, axis=1) > REST_FORCE_M_S2
         step = np.diff(omega, axis=0)

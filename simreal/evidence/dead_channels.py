@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.seconds import seconds_of
 from ins.attitude import dcm_from_euler
 from ins.compensation import corrected
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
@@ -24,10 +25,9 @@ def dead_columns(imu: ImuSource) -> NDArray:
     """Sensors (6,), gyros then accelerometers, without a value or without any change over the
     log.
     """
-    low, high = np.full(6, np.inf), np.full(6, -np.inf)
-    for piece in imu.pieces():
-        rate = np.hstack([piece.dtheta_rad, piece.dv_m_s]) / piece.dt_s[:, None]
-        low, high = np.fmin(low, np.fmin.reduce(rate)), np.fmax(high, np.fmax.reduce(rate))
+    log = seconds_of(imu)
+    low = np.roll(np.fmin.reduce(log.low), 3)
+    high = np.roll(np.fmax.reduce(log.high), 3)
     with np.errstate(invalid="ignore"):
         return np.asarray(
             ~np.isfinite(low) | (high - low <= SAME * np.maximum(np.abs(low), np.abs(high)))

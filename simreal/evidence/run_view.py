@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 from alignment import coarse
 from alignment.motion import stillness
 from infield.reports.words.sentences import sentence
-from infield.session.log import compensated_imu, find_rest, table_series, with_applied_table_undone
+from infield.session.log import (
+    compensated_imu,
+    compensated_seconds,
+    find_rest,
+    table_series,
+    with_applied_table_undone,
+)
+from infield.session.parked.stretches import find_rests
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
     GyroTemperature,
@@ -25,7 +32,6 @@ from infield.thermometer.gyro_temperature import (
 from ins.attitude import dcm_from_euler, euler_from_dcm, wrap_pi
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import PARKED_PHASES, ImuSource, NavHistory, NavState, Run, TwinModel
-from ins.robust import runs_of_true
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
@@ -37,7 +43,6 @@ BLIND_EDGE_S = 60.0  # the same, where a sensor is dead and a slow start may go 
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
 MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
-QUIET_TIMES, LEANING_M_S2, SENSORS = 12.0, 0.3, 6
 # turn-on bias over the level Earth rate beyond this: no heading, no navigation
 UNKNOWN_HEADING_RAD = 0.1
 
@@ -100,8 +105,9 @@ def view_run(
     knows_north = bool(
         twin.gyro.turn_on_deg_h * DEG_PER_HOUR < UNKNOWN_HEADING_RAD * level_earth_rate
     )
-    seconds = _without(seconds_of(imu), dead, fill)
-    rest = find_rest(run) if knows_north else _quiet_stretch(run, seconds)
+    log = compensated_seconds(run, table, temperature, twin)
+    seconds = _without(seconds_of(log), dead, fill)
+    rest = find_rest(run) if knows_north else _longest_rest(run)
     shortest = SHORTEST_PARK_S if knows_north else SHORTEST_LEVEL_S
     if rest is None:
         return (
@@ -258,34 +264,10 @@ def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
             kind[own] = PARKED
 
 
-def _quiet_stretch(run: Run, seconds: Seconds) -> tuple[float, float] | None:
-    """The longest stretch whose seconds scatter and lean as little as the log's quiet ones do,
-    bumps of two seconds apart.
-
-    For units that drift too fast for a rest to be told from their rates. Logged phases that move
-    are left out.
-    """
-    rows = np.maximum(seconds.rows, 1)[:, None]
-    scatter = np.sqrt(seconds.scatter / rows)
-    quiet = (
-        np.quantile(scatter[seconds.rows > 1], 0.2, axis=0)
-        if np.any(seconds.rows > 1)
-        else np.zeros(SENSORS)
-    )
-    still = (scatter <= QUIET_TIMES * quiet + 1e-9).all(axis=1)
-    force = seconds.mean[:, 3:]
-    still &= np.linalg.norm(np.gradient(force, axis=0), axis=1) < LEANING_M_S2
-    for phase in run.phases:
-        if phase.phase in ("taxi", "takeoff", "flight", "landing"):
-            still &= ~((seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s))
-    bridged = np.convolve(still, np.ones(5), mode="same") >= 3.0
-    best: tuple[int, int] = (0, 0)
-    for a, b in runs_of_true(bridged):
-        if b - a > best[1] - best[0]:
-            best = (a, b)
-    if best[1] - best[0] < SHORTEST_LEVEL_S:
-        return None
-    return float(seconds.end_s[best[0]] - 1.0), float(seconds.end_s[best[1] - 1])
+def _longest_rest(run: Run) -> tuple[float, float] | None:
+    """The longest rest of a unit that drifts too fast for a rest to be told from its rates."""
+    found = find_rests(run).stretches
+    return max(found, key=lambda rest: rest[1] - rest[0], default=None)
 
 
 def _navigation(imu: ImuSource, run: Run, start_s: float, C_nb: NDArray) -> NavHistory:

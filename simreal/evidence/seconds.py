@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.imu_seconds import whole_seconds
-from ins.records import ImuSource, InputError
+from alignment.motion.seconds import LogSeconds
+from ins.records import InputError
 
 SHORTEST_S = 60.0
 
@@ -35,47 +35,30 @@ class Seconds:
         return self.end_s - 0.5
 
 
-def seconds_of(imu: ImuSource) -> Seconds:
-    """Read the log once, piece by piece. InputError where it is shorter than a minute."""
-    start_s = float(np.floor(imu.start_s - 0.5 / imu.rate_hz))
-    count = int(np.floor(imu.end_s - start_s + 1e-6))
+def seconds_of(log: LogSeconds) -> Seconds:
+    """The seconds of a log on an even grid. InputError where it is shorter than a minute."""
+    start_s = float(np.floor(log.first_s[0] - 0.5 / log.rate_hz))
+    count = int(np.floor(log.end_s[-1] - start_s + 1e-6))
     if count < SHORTEST_S:
         raise InputError(
-            f"imu: {imu.end_s - imu.start_s:.0f} s, needed at least {SHORTEST_S:.0f} s"
+            f"imu: {log.end_s[-1] - log.first_s[0]:.0f} s, needed at least {SHORTEST_S:.0f} s"
         )
-    sums, squares, length, rows = (
-        np.zeros((count, 6)),
-        np.zeros((count, 6)),
-        np.zeros(count),
-        np.zeros(count, int),
-    )
-    for time_s, dt_s, increments in whole_seconds(imu, start_s - 1.0, start_s + count):
-        at = np.ceil(time_s - start_s - 1e-6).astype(int) - 1
-        keep = (at >= 0) & (at < count)
-        at, dt, values = at[keep], dt_s[keep], np.roll(increments[keep], 3, axis=1)
-        if not at.size:
-            continue
-        first = np.flatnonzero(np.diff(at, prepend=-1))
-        second = at[first]
-        step = np.add.reduceat(dt, first)
-        total = np.add.reduceat(values, first, axis=0)
-        mean = total / step[:, None]
-        group = np.repeat(np.arange(first.size), np.diff(np.append(first, at.size)))
-        off = values / dt[:, None] - mean[group]
-        sums[second] += total
-        length[second] += step
-        rows[second] += np.bincount(group)
-        squares[second] += np.add.reduceat(off**2, first, axis=0)
-    empty = length <= 0
-    mean = sums / np.where(empty, 1.0, length)[:, None]
-    last = np.maximum.accumulate(np.where(empty, -1, np.arange(count)))
+    at = np.ceil(log.end_s - start_s - 1e-6).astype(int) - 1
+    known = log.where(at < count)
+    at = at[at < count]
+    rows = np.zeros(count, int)
+    rows[at] = known.rows
+    scatter, mean = np.zeros((count, 6)), np.zeros((count, 6))
+    scatter[at] = np.roll(known.scatter, 3, axis=1)
+    mean[at] = np.roll(known.mean, 3, axis=1)
+    last = np.maximum.accumulate(np.where(rows > 0, np.arange(count), -1))
     mean = mean[np.maximum(last, 0)]
     dead = ~np.isfinite(mean).all(axis=0) | (np.ptp(mean, axis=0) == 0.0)
     return Seconds(
         start_s + 1.0 + np.arange(count),
         np.where(dead, 0.0, mean),
-        squares,
+        scatter,
         rows,
-        1.0 / imu.rate_hz,
+        1.0 / log.rate_hz,
         dead,
     )

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from alignment import coarse
+from alignment.motion.inertial import LONGEST_COARSE_S, first_rest
+from alignment.motion.seconds import seconds_of
 from ins.attitude import dcm_from_euler, rotation_vector_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import ImuLog
@@ -124,9 +126,9 @@ PARK = (Park(duration_s=900.0),)
 
 
 def test_first_rest_of_a_parked_log_is_its_first_ten_minutes():
-    start_s, end_s = coarse.first_rest(simulate(ideal_of(PARK), 1).run.imu)
+    start_s, end_s = first_rest(seconds_of(simulate(ideal_of(PARK), 1).run.imu))
     assert start_s < 1.0
-    assert end_s == pytest.approx(coarse.LONGEST_COARSE_S, abs=2 * coarse.BLOCK_S)
+    assert end_s == pytest.approx(LONGEST_COARSE_S, abs=2 * coarse.BLOCK_S)
 
 
 def test_first_rest_survives_people_and_a_bump():
@@ -135,7 +137,7 @@ def test_first_rest_survives_people_and_a_bump():
         Bump(time_s=203.0, velocity_m_s=0.3),
         Boarding(time_s=301.0),
     ]
-    start_s, end_s = coarse.first_rest(simulate(ideal_of(PARK), 2, events=events).run.imu)
+    start_s, end_s = first_rest(seconds_of(simulate(ideal_of(PARK), 2, events=events).run.imu))
     assert end_s - start_s > 500.0
 
 
@@ -149,20 +151,20 @@ def test_first_rest_after_a_disturbed_beginning():
     )
     ideal = ideal_of((*segments, Stop(duration_s=10.0), Park(duration_s=600.0)))
     rest = ideal.truth.motion.rest[0]
-    start_s, end_s = coarse.first_rest(simulate(ideal, 3).run.imu)
+    start_s, end_s = first_rest(seconds_of(simulate(ideal, 3).run.imu))
     assert rest[0] - 1.0 < start_s < rest[0] + 30.0
     assert end_s > rest[0] + 300.0
 
 
 def test_gusts_all_the_way_are_still_a_rest():
     events = [Gust(time_s=10.0, duration_s=880.0, sway_m_s=0.05)]
-    assert coarse.first_rest(simulate(ideal_of(PARK), 4, events=events).run.imu) is not None
+    assert first_rest(seconds_of(simulate(ideal_of(PARK), 4, events=events).run.imu)) is not None
 
 
 def test_turning_all_the_way_is_no_rest():
     turns = tuple(Turn(angle_deg=a) for a in (170.0, -170.0) * 4)
     for seed in range(3):
-        assert coarse.first_rest(simulate(ideal_of(turns), seed).run.imu) is None
+        assert first_rest(seconds_of(simulate(ideal_of(turns), seed).run.imu)) is None
 
 
 def test_means_of_a_simulated_rest_point_north():

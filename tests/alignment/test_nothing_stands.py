@@ -5,8 +5,9 @@ heading, and no crash.
 import numpy as np
 import pytest
 
-from alignment.coarse import first_rest
 from alignment.gyrocompass import NothingStands, align, solve
+from alignment.motion.inertial import first_rest
+from alignment.motion.seconds import seconds_of
 from alignment.result import BiasPrior
 from infield.reports.words.sentences import sentence
 from ins.units import DEG_PER_HOUR
@@ -38,4 +39,4 @@ def test_a_rest_in_which_no_step_stands_is_refused():
     with pytest.raises(
         NothingStands, match=r"nothing stands still for a step.* much noisier than its noise model"
     ):
-        solve(imu, SITE, twin_of("rlg"), prior, rest=first_rest(imu), parked_only=True)
+        solve(imu, SITE, twin_of("rlg"), prior, rest=first_rest(seconds_of(imu)), parked_only=True)

@@ -5,7 +5,9 @@ turned, blind to a warm-up.
 import numpy as np
 import pytest
 
-from alignment.motion.parked_seconds import parked_seconds, quiet_stretches
+from alignment.motion import inertial
+from alignment.motion import parked_seconds as by_seconds
+from alignment.motion.seconds import seconds_of
 from alignment.motion.stillness import DISTURBED, STILL
 from ins.records import ImuLog
 from ins.units import DEG_PER_HOUR
@@ -34,6 +36,14 @@ def log(
         dtheta_rad=rate * dt + ARW_RAD_SQRT_S * np.sqrt(dt) * rng.standard_normal((t.size, 3)),
         dv_m_s=force * dt + VRW_M_S_SQRT_S * np.sqrt(dt) * rng.standard_normal((t.size, 3)),
     )
+
+
+def quiet_stretches(imu, start_s, end_s):
+    return inertial.quiet_stretches(seconds_of(imu).between(start_s, end_s))
+
+
+def parked_seconds(imu, start_s, end_s):
+    return by_seconds.parked_seconds(seconds_of(imu), start_s, end_s)
 
 
 def shaken(t, rate, force):

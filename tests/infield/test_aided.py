@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from alignment.motion.stands import find_stands
+from alignment.motion.seconds import seconds_of
+from alignment.motion.speeds import find_stands
 from infield.replay.aided.flight import aided_noise, navigate_aided
 from infield.replay.aided.noise import capped_nis
 from infield.replay.aided.velocity_match import match_velocity
@@ -163,7 +164,7 @@ def test_stands_are_found_where_receiver_and_sensors_agree():
         ),
     )
     twin, made = twin_of("mems"), flown(base, twin_of("mems"), 2)
-    spans = find_stands(made.run.imu, fixes(made.run, twin))
+    spans = find_stands(seconds_of(made.run.imu), fixes(made.run, twin))
     assert len(spans) == 3
     speed = np.linalg.norm(made.reference.v_n_m_s[:, :2], axis=1)
     for start, end in spans:
@@ -171,7 +172,7 @@ def test_stands_are_found_where_receiver_and_sensors_agree():
         assert speed[rows].max() < 0.015
     # a receiver that says it rolls
     rolling = replace(made.run.gnss, v_n_m_s=made.run.gnss.v_n_m_s + [3.0, 0.0, 0.0])
-    assert find_stands(made.run.imu, fixes(replace(made.run, gnss=rolling), twin)) == ()
+    assert find_stands(seconds_of(made.run.imu), fixes(replace(made.run, gnss=rolling), twin)) == ()
 
 
 def test_latency_and_noise_of_the_receiver_are_found():

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from alignment.motion.standstill import speed_disagreement
+from alignment.motion.speeds import speed_disagreement
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
 from infield.reports.words.sentences import sentence

@@ -11,7 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from alignment.coarse import first_rest
+from alignment.motion.inertial import first_rest
+from alignment.motion.seconds import seconds_of
 from ins.columns import INCREMENTS, RATES
 from ins.compensation import CorrectedImu, compensate, corrected
 from ins.records import ImuLog, InputError
@@ -330,8 +331,8 @@ def test_the_first_rest_and_a_correction_do_not_see_the_pieces(tmp_path, cut):
     columns["dv_x_m_s"][moving] += 0.01 * np.linspace(3.0, 0.0, 2500)
     whole, _, _ = opened(tmp_path / "imu.parquet", columns, held_rows=10**6)
     source, _, _ = read_source(tmp_path / "imu.parquet", piece_rows=cut)
-    assert first_rest(source) == first_rest(whole)
-    assert first_rest(whole)[0] > 15.0
+    assert first_rest(seconds_of(source)) == first_rest(seconds_of(whole))
+    assert first_rest(seconds_of(whole))[0] > 15.0
 
     def correct(piece):
         bias = 1e-6 * np.stack([np.sin(piece.time_s + k) for k in range(3)], axis=1)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.stands import Where
+from alignment.motion.inertial import Where
 from infield.replay.aided.reasons import AidedNote
 from ins.attitude import euler_from_dcm, wrap_pi
 from ins.earth import ecef_from_geodetic

@@ -15,7 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.gyrocompass import MAX_REJECTED, UNKNOWN_BIAS_DEG_H, nis_verdict
-from alignment.motion.stands import Where, find_stands, joined
+from alignment.motion.inertial import Where
+from alignment.motion.seconds import seconds_of
+from alignment.motion.speeds import find_stands, joined
 from infield.replay.aided.antenna import SeenAntenna, fit_model
 from infield.replay.aided.checks import mounting_note, site_note, without_repeats
 from infield.replay.aided.noise import MATERIAL, Model, NoiseScales, capped_nis
@@ -136,7 +138,7 @@ def navigate_aided(
     antenna = Antenna(lever_arm_m=np.asarray(header.gnss_lever_arm_m, dtype=float))
     unknown = np.full(3, max(UNKNOWN_BIAS_DEG_H[header.gyro_technology], twin.gyro.turn_on_deg_h))
     sigma = unknown if gyro_sigma_deg_h is None else gyro_sigma_deg_h
-    stands = find_stands(imu, fixes)
+    stands = find_stands(seconds_of(run.imu), fixes)
     if rest is not None:
         stands = joined(rest, *stands)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse
-from alignment.motion.stands import Where
+from alignment.motion.inertial import Where
 from alignment.navigation_filter import DIFFUSE_TILT_RAD, diffuse_heading_rad
 from infield.replay.aided.reasons import AidedReason, StartMethod
 from infield.replay.aided.velocity_match import Match, match_velocity

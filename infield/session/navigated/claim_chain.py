@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from alignment.motion.stillness import ROLLING, STILL, classify
+from alignment.motion.stillness import ROLLING, STILL, Motion
 from alignment.result import Alignment
 from alignment.tilt_rate import TiltRate, tilt_rates
 from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates
@@ -32,7 +32,7 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.attitude import euler_from_dcm
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.noise import accel_densities, gyro_densities
-from ins.records import ImuSource, NavHistory, NavState, Phase, Site, TwinModel
+from ins.records import ImuSource, NavHistory, NavState, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR, MICRO_G
 
@@ -78,18 +78,20 @@ def run_claim_chain(
     aligned: Alignment,
     temperature: GyroTemperature,
     *,
-    phases: tuple[Phase, ...],
+    motion: Motion,
     until_s: float,
     prior_sigma_deg_h: float,
 ) -> ClaimChain:
-    """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a)."""
+    """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a);
+    motion: of the run.
+    """
     if aligned.C_nb is None:
         raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
     pieces = imu.pieces(aligned.time_s, until_s)
     # (b), (c)
     history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
-    motion = classify(history, phases, imu)
+    motion = motion.at(history.time_s)
     first_roll = np.flatnonzero(motion.kind >= ROLLING)
     parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
     arw = gyro_densities(twin.gyro).white

@@ -5,9 +5,13 @@ navigation-mode filter carries what is left of each gyro's bias as a constant ov
 (`infield.session.bins`).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from alignment import gyrocompass
+from alignment.motion.imu_faults import repair
+from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
 from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
@@ -43,14 +47,18 @@ def estimate_session(
     """Alignment on the alignment phase, then one filter over align, park and taxi with all aids the
     run has.
     """
-    imu = compensated_imu(run, table, temperature, twin)
+    log, align_until_s = seconds_of(run.imu), alignment_end(run, rest[0])
+    repaired, faults = repair(run.imu, log, rest[0], end_s)
+    imu = compensated_imu(replace(run, imu=repaired), table, temperature, twin)
     bins = make_bins(table, temperature, twin, settings, start_s=rest[0], end_s=end_s)
     aligned = gyrocompass.align(
-        imu.between(rest[0], alignment_end(run, rest[0])),
+        imu.between(rest[0], align_until_s),
         run.header.site,
         twin,
         bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3]),
         hold_heading=settings.hold_heading,
+        log=log.between(rest[0], align_until_s),
+        faults=[fault for fault in faults if fault.end_s < align_until_s],
     )
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
@@ -67,6 +75,7 @@ def estimate_session(
         clone_at_s=clone_at,
         until_s=end_s,
         hold_heading=settings.hold_heading,
+        faults=faults,
     )
     mean, covariance = solution.bias
     error, sigma = _heading_error(aligned, solution)

@@ -24,10 +24,11 @@ from numpy.typing import NDArray
 from alignment import levelling
 from alignment.gyrocompass import LEVEL_SHARE
 from alignment.motion.parked_seconds import ParkedSeconds, parked_places
+from alignment.motion.seconds import LogSeconds
 from alignment.motion.turn_between import turn_between
 from infield.session.bins import SessionBins, bins_between, equal_edges
 from infield.session.estimate import ParkedEvidence, ParkedStretch, SessionEstimate
-from infield.session.log import compensated_imu
+from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.earth import session_earth
 from infield.session.parked.stretches import MIN_PARKED_S, Rests
 from infield.session.reasons import ParkedReason
@@ -35,7 +36,7 @@ from infield.session.settings import SessionSettings
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
-from ins.records import ImuSource, Run, Site, TwinModel
+from ins.records import Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
 from ins.verdicts import LeftOut, Reason, because
 
@@ -77,7 +78,8 @@ def estimate_parked(
 ) -> SessionEstimate | Reason:
     """The session's biases from its parked seconds, or why there is nothing to take."""
     imu = compensated_imu(run, table, temperature, twin)
-    stretches, left_out = _settled(imu, rests.stretches, twin)
+    log = compensated_seconds(run, table, temperature, twin)
+    stretches, left_out = _settled(log, rests.stretches, twin)
     if not stretches:
         return left_out[0].reason
     places = [s.seconds for s in stretches]
@@ -88,7 +90,7 @@ def estimate_parked(
     stretch = stretch[stretch >= 0]
     scale = settings.sigma_scale_factor_ppm[run.header.gyro_technology] * PPM
     turns = tuple(
-        turn_between(imu, a, b, twin.gyro, sigma_scale=scale) for a, b in pairwise(places)
+        turn_between(imu, a, b, twin.gyro, log=log, sigma_scale=scale) for a, b in pairwise(places)
     )
     earth = session_earth(
         run, places, turns, twin, settings, survey=surveyed_first(run, rests, places[0])
@@ -128,13 +130,13 @@ def estimate_parked(
 
 
 def _settled(
-    imu: ImuSource, found: tuple[tuple[float, float], ...], twin: TwinModel
+    log: LogSeconds, found: tuple[tuple[float, float], ...], twin: TwinModel
 ) -> tuple[tuple[ParkedStretch, ...], tuple[LeftOut, ...]]:
     """The stretches that stand up to their own seconds, and the others with why not."""
     kept: list[ParkedStretch] = []
     left_out: list[LeftOut] = []
     for start, end in found:
-        places = parked_places(imu, start, end)
+        places = parked_places(log, start, end)
         before = len(kept)
         for seconds in places:
             stretch = ParkedStretch(seconds, *white_noise(seconds, twin))

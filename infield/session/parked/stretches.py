@@ -8,11 +8,9 @@ velocity is logged it must agree, for a steady roll, a slow circle and a smooth 
 from dataclasses import dataclass
 from itertools import pairwise
 
-import numpy as np
-
-from alignment.motion.parked_seconds import quiet_stretches
-from alignment.motion.stands import SLOW_M_S, Where, joined, mean_speed
-from alignment.motion.standstill import MIN_S
+from alignment.motion.inertial import Where, quiet_stretches
+from alignment.motion.seconds import seconds_of
+from alignment.motion.speeds import LASTING_S, Said, joined, receiver_says
 from infield.session.log import session_end
 from infield.session.reasons import ParkedReason
 from ins.records import PARKED_PHASES, Run
@@ -20,7 +18,6 @@ from ins.verdicts import LeftOut, Reason, because
 
 MIN_PARKED_S = 60.0
 SHORT_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
-LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 
 
@@ -41,7 +38,9 @@ class Rests:
 
 def find_rests(run: Run) -> Rests:
     """Every rest of MIN_PARKED_S or more."""
-    quiet = [(window, quiet_stretches(run.imu, *window)) for window in parked_windows(run)]
+    log = seconds_of(run.imu)
+    windows = parked_windows(run)
+    quiet = [(window, quiet_stretches(log.between(*window))) for window in windows]
     found = [stretch for _, stretches in quiet for stretch in stretches]
     long = [s for s in found if s[1] - s[0] >= MIN_PARKED_S]
     said = {s: _moves(run, *s) for s in long}
@@ -87,26 +86,14 @@ def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
     """Why satellite velocity says that this is no rest; None where it stands, or where none is
     logged.
     """
-    if run.gnss is None:
+    heard = receiver_says(run.gnss, start_s, end_s)
+    if heard.said is not Said.MOVES:
         return None
-    inside = (
-        (run.gnss.time_s >= start_s)
-        & (run.gnss.time_s <= end_s)
-        & np.isfinite(run.gnss.v_n_m_s).all(axis=1)
-    )
-    v, declared = run.gnss.v_n_m_s[inside], run.gnss.sigma_velocity_m_s
-    if len(v) < 2:
-        return None
-    sigma = 0.0 if declared is None else float(np.nanmedian(declared[inside]))
-    limit = max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
-    speed = np.linalg.norm(v[:, :2], axis=1)
-    moving_s = float(np.count_nonzero(speed > limit) * np.median(np.diff(run.gnss.time_s[inside])))
-    if moving_s >= MIN_S:
-        return because(ParkedReason.GNSS_MOVES, fastest_m_s=speed.max(), moving_s=moving_s)
-    mean, allowed = mean_speed(v, end_s - start_s)
-    if mean <= allowed:
-        return None
-    return because(ParkedReason.GNSS_DRIFTS, mean_m_s=mean, allowed_m_s=allowed)
+    if heard.moving_s >= LASTING_S:
+        return because(
+            ParkedReason.GNSS_MOVES, fastest_m_s=heard.fastest_m_s, moving_s=heard.moving_s
+        )
+    return because(ParkedReason.GNSS_DRIFTS, mean_m_s=heard.mean_m_s, allowed_m_s=heard.allowed_m_s)
 
 
 def _never_quiet(start_s: float, end_s: float) -> LeftOut:

@@ -7,7 +7,7 @@ import numpy as np
 
 from alignment.motion.parked_seconds import ParkedSeconds, parked_places, parked_seconds
 from infield.session.estimate import SessionEarth
-from infield.session.log import compensated_imu
+from infield.session.log import compensated_seconds
 from infield.session.parked.earth import session_earth
 from infield.session.parked.rates import surveyed_first, white_noise
 from infield.session.parked.stretches import MIN_PARKED_S, find_rests
@@ -26,7 +26,7 @@ def first_zero_rate(
     """
     rests = find_rests(run)
     seconds = (
-        parked_seconds(compensated_imu(run, None, None, twin), *rests.stretches[0])
+        parked_seconds(compensated_seconds(run, None, None, twin), *rests.stretches[0])
         if rests.stretches
         else None
     )
@@ -70,10 +70,10 @@ def unknown_sigma_deg_h(
     A change over a span dT of temperature is set against what a table of that sigma allows there:
     sqrt(0.3) sigma sqrt(2 (1 - exp(-dT^2 / 2 l^2))), the smooth share of formats.md section 2.
     """
-    imu = compensated_imu(run, None, None, twin)
-    places = [
-        place for stretch in find_rests(run).stretches for place in parked_places(imu, *stretch)
-    ]
+    log = compensated_seconds(run, None, None, twin)
+    places: list[ParkedSeconds] = []
+    for stretch in find_rests(run).stretches:
+        places += parked_places(log, *stretch)
     spans = [span for place in places for span in _minutes(place)]
     rates = (
         np.array([seconds.means(a, b)[0][3:] for seconds, a, b in spans]).reshape(-1, 3)

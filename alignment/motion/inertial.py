@@ -1,0 +1,121 @@
+"""What the inertial rows alone say of rest, from the seconds of a log.
+
+Three questions, each with its limits here and nowhere else. `first_rest`: a minute and more on
+which a gyrocompass may start, bumps allowed, judged on ten-second means. `quiet_stretches`: where a
+unit that finds no north scatters no more than in its own quiet seconds. `steady_seconds`: seconds
+in which force and rate do not change, which a steady roll does not either, so that a receiver must
+agree (`alignment.motion.speeds`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.seconds import Blocks, LogSeconds
+from ins.robust import robust_sigmas, runs_of_true
+
+Where = tuple[float, float]
+
+REST_BLOCKS = 6  # a minute
+REST_FORCE_M_S2 = 0.03  # of a block mean off its stretch's median: 3 mrad of tilt
+REST_RATE_RAD_S = 3e-4  # 62 deg/h, four times Earth rate: a vehicle that turns a degree a minute
+# block means that scatter by more (0.17 deg/s, 0.3 m/s^2) are a vehicle that moves, not a noisy
+# unit
+NOISIEST = 10.0
+LONGEST_COARSE_S = 600.0  # of rest for the first attitude: more only adds the warm-up's drift
+
+WINDOW = 10  # seconds over which scatter is taken
+QUIET_S = 60.0  # the quietest minute of the log is where the quiet level is looked for
+QUIETEST = 0.6  # of a sigma: RMS of the quietest of many windows
+LOUD = 3.0  # times the quiet scatter is motion
+# m/s^2 and rad/s of scatter: beyond, a vehicle that moves, not a noisy unit
+CAPS = np.array([NOISIEST * REST_FORCE_M_S2] * 3 + [NOISIEST * REST_RATE_RAD_S] * 3)
+GRAVITY_M_S2, GRAVITY_LIMIT_M_S2 = 9.81, 1.0
+SPIN_RAD_S = 0.35  # 20 deg/s: the zero-rate output of a consumer gyro may be that large
+BRIDGED_S = 15.0  # of disturbance inside a stretch
+
+# of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes
+FORCE_STEP_M_S2 = 0.15
+RATE_STEP_RAD_S = 0.01
+TURN_RAD_S = 0.02  # above any bias; a vehicle that turns on the spot does not stand still
+
+
+def first_rest(seconds: LogSeconds) -> Where | None:
+    """Start and end [s] of the first stretch of at least a minute that looks at rest, at most 10
+    min of it.
+
+    Judged on 10 s block means against their median over the stretch; three bad blocks in a row end
+    it, single ones (somebody boards) do not. None: the log never rests.
+    """
+    if not seconds.end_s.size:
+        return None
+    blocks: Blocks = seconds.blocks()
+    f = blocks.dv_m_s / blocks.seconds[:, None]
+    omega = blocks.dtheta_rad / blocks.seconds[:, None]
+    for i in range(len(f) - REST_BLOCKS + 1):
+        reference = slice(i, i + REST_BLOCKS)
+        good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
+        if not good[reference].all():
+            continue
+        last = i + REST_BLOCKS - 1
+        while (
+            good[last + 1 : last + 4].any()
+            and blocks.end_s[last + 1] - blocks.end_s[i] < LONGEST_COARSE_S
+        ):
+            last += 1
+        while not good[last]:
+            last -= 1
+        return float(blocks.begin_s[i]), float(blocks.end_s[last])
+    return None
+
+
+def _near(values: NDArray, reference: slice, limit: float) -> NDArray:
+    """Rows within `limit`, or within 6 robust sigmas (up to NOISIEST limits), of the median of the
+    reference rows.
+    """
+    centre = np.median(values[reference], axis=0)
+    noise = robust_sigmas(np.diff(values, axis=0)) / np.sqrt(2.0)
+    allowed = np.clip(6.0 * noise, limit, NOISIEST * limit)
+    return np.asarray((np.abs(values - centre) <= allowed).all(axis=1))
+
+
+def quiet_stretches(seconds: LogSeconds) -> tuple[Where, ...]:
+    """Start and end [s] of every quiet stretch, however short, disturbances of up to BRIDGED_S
+    bridged.
+    """
+    if seconds.end_s.size < QUIET_S:
+        return ()
+    quiet = _quiet(seconds.mean)
+    found: list[Where] = []
+    for a, b in runs_of_true(quiet):
+        start, end = float(seconds.start_s[a]), float(seconds.end_s[b - 1])
+        if found and start - found[-1][1] <= BRIDGED_S:
+            found[-1] = (found[-1][0], end)
+        else:
+            found.append((start, end))
+    return tuple(found)
+
+
+def _quiet(mean: NDArray) -> NDArray:
+    """Seconds (m,) whose surroundings scatter like the quietest ones of the log, with one gravity
+    and no spin.
+    """
+    step = np.diff(mean, axis=0, prepend=mean[:1]) / np.sqrt(2.0)
+    kernel = np.ones(WINDOW) / WINDOW
+    rms = np.sqrt(np.stack([np.convolve(s, kernel, "same") for s in (step**2).T], axis=1))
+    share = min(max(QUIET_S / len(mean), 0.02), 1.0)
+    level = np.quantile(rms, share, axis=0) / QUIETEST
+    for _ in range(3):
+        quiet = (rms <= LOUD * level + 1e-12).all(axis=1)
+        level = np.median(rms[quiet], axis=0) if quiet.any() else level
+    calm = np.all(rms <= np.minimum(LOUD * level + 1e-12, CAPS), axis=1)
+    gravity = np.abs(np.linalg.norm(mean[:, :3], axis=1) - GRAVITY_M_S2) < GRAVITY_LIMIT_M_S2
+    return np.asarray(calm & gravity & (np.linalg.norm(mean[:, 3:], axis=1) < SPIN_RAD_S))
+
+
+def steady_seconds(seconds: LogSeconds) -> NDArray:
+    """Whether force and rate are steady in each second (m,), and the vehicle does not turn."""
+    mean = seconds.mean
+    step = np.abs(np.diff(mean, axis=0, prepend=mean[:1]))
+    quiet = (step[:, :3] < FORCE_STEP_M_S2).all(axis=1)
+    quiet &= (step[:, 3:] < RATE_STEP_RAD_S).all(axis=1)
+    return np.asarray(quiet & (np.linalg.norm(mean[:, 3:], axis=1) < TURN_RAD_S))
