@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from alignment.motion import imu_faults
+from alignment.motion.seconds import seconds_of
 from tests.alignment.parked import ideal_of, simulate
 from tests.infield.sessions import PARKED as HALF_HOUR
 from tests.infield.sessions import estimate_of, simulated
@@ -23,7 +24,7 @@ def parked(seed=1, sway_m_s=0.001, segments=PARK, **options):
 
 
 def repair(imu):
-    return imu_faults.repair(imu, 0.0, imu.end_s)
+    return imu_faults.repair(imu, seconds_of(imu), 0.0, imu.end_s)
 
 
 def left(run, fixed):

@@ -21,13 +21,14 @@ def chain_of(seed=1, segments=TAXI):
     run, table = simulated(seed, segments).run, factory()
     temperature = gyro_temperature(run.temperature)
     imu = compensated_imu(run, table, temperature, TWIN)
+    session = estimate(seed, segments)
     return run_claim_chain(
         imu,
         run.header.site,
         TWIN,
-        estimate(seed, segments).alignment,
+        session.alignment,
         temperature,
-        phases=run.phases,
+        motion=session.navigated.motion,
         until_s=session_end(run),
         prior_sigma_deg_h=0.012,
     )
