@@ -128,7 +128,8 @@ def read_seconds(imu: ImuSource) -> LogSeconds:
     """Go over a log, piece by piece."""
     origin_s = float(np.floor(imu.start_s - 0.5 / imu.rate_hz))
     parts = [_reduced(rows, origin_s) for rows in _whole_seconds(imu, origin_s)]
-    return LogSeconds(*(np.concatenate(column) for column in zip(*parts)), rate_hz=imu.rate_hz)
+    columns = {name: np.concatenate([part[name] for part in parts], axis=0) for name in parts[0]}
+    return LogSeconds(rate_hz=imu.rate_hz, **columns)
 
 
 def _whole_seconds(imu: ImuSource, origin_s: float) -> Iterator[tuple[NDArray, NDArray, NDArray]]:
@@ -151,8 +152,8 @@ def _columns(piece: ImuLog) -> tuple[NDArray, NDArray, NDArray]:
     return piece.time_s, piece.dt_s, np.concatenate([piece.dv_m_s, piece.dtheta_rad], axis=1)
 
 
-def _reduced(rows: tuple[NDArray, NDArray, NDArray], origin_s: float) -> tuple[NDArray, ...]:
-    """The fields of LogSeconds, in their order, of some whole seconds."""
+def _reduced(rows: tuple[NDArray, NDArray, NDArray], origin_s: float) -> dict[str, NDArray]:
+    """The columns of LogSeconds for the rows of some whole seconds."""
     time_s, dt_s, increments = rows
     second = np.ceil(time_s - origin_s - 1e-9)
     first = np.flatnonzero(np.diff(second, prepend=-1.0))
@@ -163,20 +164,20 @@ def _reduced(rows: tuple[NDArray, NDArray, NDArray], origin_s: float) -> tuple[N
     covered_s = np.add.reduceat(dt_s, first)
     sums = np.add.reduceat(increments, first)
     off = rate - np.repeat(sums / covered_s[:, None], count, axis=0)
-    return (
-        time_s[first] - dt_s[first],
-        time_s[np.append(first[1:], time_s.size) - 1],
-        time_s[first],
-        covered_s,
-        np.maximum.reduceat(dt_s, first),
-        count,
-        sums,
-        high,
-        low,
-        _three_on_end(np.abs(rate - np.repeat(high, count, axis=0)) <= width, first),
-        _three_on_end(np.abs(rate - np.repeat(low, count, axis=0)) <= width, first),
-        np.add.reduceat(off**2, first),
-    )
+    return {
+        "start_s": time_s[first] - dt_s[first],
+        "end_s": time_s[np.append(first[1:], time_s.size) - 1],
+        "first_s": time_s[first],
+        "dt_s": covered_s,
+        "longest_s": np.maximum.reduceat(dt_s, first),
+        "rows": count,
+        "sums": sums,
+        "high": high,
+        "low": low,
+        "at_high": _three_on_end(np.abs(rate - np.repeat(high, count, axis=0)) <= width, first),
+        "at_low": _three_on_end(np.abs(rate - np.repeat(low, count, axis=0)) <= width, first),
+        "scatter": np.add.reduceat(off**2, first),
+    }
 
 
 def _three_on_end(same: NDArray, first: NDArray) -> NDArray:
