@@ -53,7 +53,7 @@ def fly(path: Path) -> tuple[AidedResult | None, float]:
     made = convert_log(path, {}, {})
     table = [TableChoice(role="active", table=None, origin="none")]
     result = replay(made.run, table, default_twin(made.run.header.gyro_technology))
-    return result.aided, float(made.record["time_shift_s"])
+    return result.aided, float(made.record.time_shift_s)
 
 
 def against_att(result: AidedResult, time_s: NDArray, euler_rad: NDArray) -> Against:

@@ -73,17 +73,19 @@ def check(path: Path, *, serial: str | None = None) -> dict[str, Any]:
 def _holds(seen: "Inspection") -> dict[str, Any]:
     from trajectories.runs.imu_stream import jitter
 
-    logs = {name: log for name, log in seen.logs.items() if name != "phases"}
-    imu = logs.pop("imu", None)
+    held = seen.streams
+    imu = held.imu if held else None
     out: dict[str, Any] = {
         "imu": None if imu is None else _stretch(imu.rows, imu.start_s, imu.end_s)
     }
-    out |= {name: None if log is None else _times(log) for name, log in logs.items()}
+    if held is not None:
+        logs = {"temperature": held.temperature, "gnss": held.gnss, "odometer": held.odometer}
+        out |= {name: None if log is None else _times(log) for name, log in logs.items()}
     if imu is not None:
         out["imu"].update(source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu))
-    if (temperature := seen.logs.get("temperature")) is not None:
-        out["temperature"]["range_degC"] = _ranges(temperature)
-    phases = seen.logs.get("phases") or ()
+    if held is not None and held.temperature is not None:
+        out["temperature"]["range_degC"] = _ranges(held.temperature)
+    phases = (held.phases or ()) if held else ()
     out["phases"] = [{"phase": p.phase, "start_s": p.start_s, "end_s": p.end_s} for p in phases]
     out["at_rest"] = _at_rest(seen)
     return out

@@ -108,12 +108,12 @@ def summary(conversion: "Conversion", output: Path) -> dict[str, Any]:
         "run": str(output),
         "run_id": run.header.run_id,
         "sha256": run.sha256,
-        "format": record["format"],
+        "format": record.format,
         "rows": run.imu.rows,
         "rate_hz": run.imu.rate_hz,
         "duration_s": run.imu.end_s,
-        "time_shift_s": record["time_shift_s"],
-        "notes": record["notes"],
+        "time_shift_s": record.time_shift_s,
+        "notes": list(record.notes),
         "repaired": [
             {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in run.faults
         ],

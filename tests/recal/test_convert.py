@@ -75,7 +75,7 @@ def test_gyro_logs_show_gravity_down_and_earth_rate(name, rows, rate_hz, shift_s
     assert run.imu.rate_hz == pytest.approx(rate_hz, rel=1e-3)
     assert run.imu.time_s[0] == pytest.approx(1 / rate_hz, rel=0.02)
     record = convert_log(DATA / name, read_toml(MAPS / f"{name.split('.')[0]}.toml"), {}).record
-    assert record["time_shift_s"] == pytest.approx(shift_s, abs=1e-3)
+    assert record.time_shift_s == pytest.approx(shift_s, abs=1e-3)
     site = run.header.site
     assert f[2] == pytest.approx(-float(gravity_magnitude(site.lat_rad, site.height_m)), abs=0.01)
     assert abs(f[0]) < 0.4 and abs(f[1]) < 0.1  # the second log is 2 deg nose up
@@ -156,7 +156,7 @@ def test_from_log_to_checked_run(tmp_path):
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(
+    assert record.source == "x_LN100_up.ins" and record.time_shift_s == pytest.approx(
         10769.990, abs=1e-3
     )
 
@@ -198,7 +198,7 @@ def test_binary_rows_with_a_header_and_a_cut_off_end(tmp_path, dtype, pack):
     np.testing.assert_allclose(
         made.run.imu.dv_m_s, np.tile(F_B * 0.02, (500, 1)), rtol=1e-9, atol=1e-18
     )
-    assert made.record["notes"] == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
+    assert list(made.record.notes) == ["log.dat: last row cut off after 30 of 56 bytes, dropped"]
 
 
 def test_mixed_binary_types(tmp_path):
@@ -214,7 +214,7 @@ def test_mixed_binary_types(tmp_path):
         "time": {"column": "t", "unit": "ms"},
     }
     made = convert_log(log, keys, GIVEN)
-    assert made.record["time_shift_s"] == pytest.approx(3999.98)
+    assert made.record.time_shift_s == pytest.approx(3999.98)
     assert made.run.imu.rate_hz == pytest.approx(50)
 
 
@@ -244,7 +244,7 @@ def test_text_layouts(tmp_path, text, lines):
     log.write_bytes(text(ROWS.tolist()).encode())
     made = convert_log(log, options(lines), GIVEN)
     np.testing.assert_allclose(made.run.imu.dtheta_rad, np.tile(W_B * 0.02, (500, 1)), rtol=1e-9)
-    assert made.record["notes"] == []
+    assert list(made.record.notes) == []
 
 
 def test_damaged_text_is_named(tmp_path):
@@ -253,10 +253,10 @@ def test_damaged_text_is_named(tmp_path):
     log.write_text("\n".join(rows[:-1]) + "\n" + rows[-1][:20])
     made = convert_log(log, options('format = "text"'), GIVEN)
     assert made.run.imu.time_s.size == 499
-    assert made.record["notes"] == ["log.txt: last row has no line end (file cut off?), dropped"]
+    assert list(made.record.notes) == ["log.txt: last row has no line end (file cut off?), dropped"]
     log.write_text("\n".join([*rows[:-1], "1.0 2.0"]) + "\n")
     made = convert_log(log, options('format = "text"'), GIVEN)
-    assert made.record["notes"] == [
+    assert list(made.record.notes) == [
         "log.txt: row 500 (line 500): 2 values, needed 7: last row dropped"
     ]
     log.write_text("\n".join([*rows[:10], "0.2 what 0 0 0 0 -9.8", *rows[10:]]) + "\n")
@@ -265,7 +265,7 @@ def test_damaged_text_is_named(tmp_path):
         "log.txt: no row of 7 numbers in line 11 (column wx: got 'what', needed a number): taken as"
         " missing"
     )
-    assert told in made.record["notes"]
+    assert told in made.record.notes
     log.write_text("\n".join([*rows[:10], *["0.2 what 0 0 0 0 -9.8"] * 9, *rows[10:]]) + "\n")
     with pytest.raises(
         InputError, match=r"log\.txt: row 11 \(line 11\): column wx: got 'what', needed a number"
@@ -393,7 +393,7 @@ def test_fixes_of_another_file(tmp_path):
     run = read_run(tmp_path / "run")
     assert run.gnss.time_s.size == 10 and run.header.site.height_m == 250.0
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert [s["source"] for s in record["other_sources"]] == ["gps.csv"]
+    assert [s.source for s in record.other_sources] == ["gps.csv"]
 
 
 def test_fixes_are_refused_where_a_log_has_its_own(tmp_path):

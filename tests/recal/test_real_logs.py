@@ -100,7 +100,7 @@ def test_place_and_time(plane, copters):
 
 
 def test_what_is_wrong_with_the_copters_log_is_named(copters):
-    notes = copters[3].record["notes"]
+    notes = copters[3].record.notes
     with pytest.raises(
         InputError,
         match=(
@@ -122,7 +122,7 @@ def test_parked_gyros_warm_up_as_the_note_beside_the_data_says(plane, copters):
     early, late = means(plane, 0.0, 15.0)[0], means(plane, 150.0, 175.0)[0]
     np.testing.assert_allclose(early, [100, 166, 27], atol=80)
     np.testing.assert_allclose(late, [623, 911, 481], atol=80)
-    copter, shift_s = copters[3].run, copters[3].record["time_shift_s"]
+    copter, shift_s = copters[3].run, copters[3].record.time_shift_s
     early, late = (means(copter, a - shift_s, b - shift_s)[0] for a, b in ((38, 45), (64, 71)))
     np.testing.assert_allclose(early, [-279, 330, 83], atol=60)
     np.testing.assert_allclose(late, [-372, 762, -40], atol=60)

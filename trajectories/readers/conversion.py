@@ -16,7 +16,7 @@ from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
 from trajectories.runs.physics_gates import check_physics
-from trajectories.runs.schema import SCHEMA, header_from_json
+from trajectories.runs.schema import SCHEMA, ConversionRecord, SourceFile, header_from_json
 
 OPTIONS = {
     "imu_serial": "--serial",
@@ -43,7 +43,7 @@ class Conversion:
     """
 
     run: Run
-    record: dict[str, Any]
+    record: ConversionRecord
     findings: tuple[Finding, ...]
     reference: ReferenceLog | None = None
 
@@ -82,18 +82,16 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
         odometer=log.odometer,
         faults=log.faults,
     )
-    record = {
-        "source": path.name,
-        "source_sha256": _file_sha256(path),
-        "format": name,
-        "time_shift_s": log.time_shift_s,
-        "notes": list(log.notes),
-        "repaired": [[s.start_s, s.end_s, s.reason] for s in log.faults],
-    }
-    if log.other_files:
-        record["other_sources"] = [
-            {"source": p.name, "source_sha256": _file_sha256(p)} for p in log.other_files
-        ]
+    others = [SourceFile(source=p.name, source_sha256=_file_sha256(p)) for p in log.other_files]
+    record = ConversionRecord(
+        source=path.name,
+        source_sha256=_file_sha256(path),
+        format=name,
+        time_shift_s=log.time_shift_s,
+        notes=log.notes,
+        repaired=log.faults,
+        other_sources=tuple(others),
+    )
     return Conversion(
         run=replace(run, sha256=run_sha256(run)),
         record=record,

@@ -11,31 +11,33 @@ from numpy.typing import NDArray
 
 from ins.records import PIECE_ROWS, ImuLog
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
-from trajectories.runs.checks import Findings
+from trajectories.runs.checks import LISTED, Findings
 
-# length of a block, how many on either side of a change are looked at, and at least
-BLOCK_S, SIDE, LEAST = 1.0, 10, 2
-F_UNITS = {
+BLOCK_S = 1.0  # length of a block
+SIDE = 10  # blocks on either side of a change that are looked at
+LEAST = 2  # and at least so many
+F_CHANGES = {
     STANDARD_GRAVITY: "g to m/s2",
     1e3 / STANDARD_GRAVITY: "m/s2 to mg",
     1e3: "m/s2 to mm/s2",
     1e2: "m/s2 to cm/s2",
 }
-W_UNITS = {
+W_CHANGES = {
     1 / DEG: "rad/s to deg/s",
     1e3: "rad/s to mrad/s",
     3600.0: "deg/s to deg/h",
     1 / DEG_PER_HOUR: "rad/s to deg/h",
 }
-F_TOLERANCE, W_TOLERANCE = 0.15, 0.2  # of a factor
+# Of a factor between two units: how far the medians of the two sides may be off it.
+F_TOLERANCE = 0.15
+W_TOLERANCE = 0.2
 STEADY_F = 1.5  # by which |f| may change on one side
 # by which the noise of the accelerometers may change beside a change of the gyros' unit
 STEADY = 3.0
 SAME = 1e-9  # of a rate: no change but rounding
-LISTED = 5
 FROZEN_S = 1.0  # length of a stretch that is told
-# of all rows: more that repeat in short stretches, and the resolution is coarse
-COARSE, NOISE_FREE = 0.2, 0.95
+COARSE = 0.2  # of all rows: more that repeat in short stretches, and the resolution is coarse
+NOISE_FREE = 0.95  # of all rows: more that stand still, and the log has no noise
 
 
 def check_rows(imu: ImuLog, *, time_shift_s: float, label: str, findings: Findings) -> None:
@@ -112,7 +114,7 @@ class _Blocks:
 def _force_unit(blocks: _Blocks) -> tuple[str, int]:
     """What of |f| changes by the factor between two units, and in which block."""
     for k in blocks.places():
-        told = _unit(blocks.ratio(blocks.size_f, k), F_UNITS, F_TOLERANCE)
+        told = _unit(blocks.ratio(blocks.size_f, k), F_CHANGES, F_TOLERANCE)
         if told and all(
             side.max() < STEADY_F * side.min() for side in blocks.sides(blocks.size_f, k)
         ):
@@ -129,7 +131,7 @@ def _rate_unit(blocks: _Blocks) -> tuple[str, int]:
     """
     for k in blocks.places():
         ratio, f_ratio = blocks.ratio(blocks.noise_w, k), blocks.ratio(blocks.noise_f, k)
-        told = _unit(ratio, W_UNITS, W_TOLERANCE)
+        told = _unit(ratio, W_CHANGES, W_TOLERANCE)
         steady = np.isnan(f_ratio) or 1 / STEADY < f_ratio < STEADY
         if (
             told

@@ -11,10 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_GAP_S = 1.0
+MAX_GAP_S = 1.0  # between two imu rows: what moved meanwhile cannot be made good
 MAX_VALUE = 1e12  # of any number in a stream: squares of it still add up
-MIN_RATE_HZ, MAX_RATE_HZ = 10.0, 2000.0
-RATE_TOLERANCE = 0.02
+# Rates of an imu stream that the run format takes.
+MIN_RATE_HZ = 10.0
+MAX_RATE_HZ = 2000.0
+RATE_TOLERANCE = 0.02  # of a rate: a logger's clock
 RATE_CHANGE = 0.2  # of the interval, lasting longer than RATE_CHANGE_S
 RATE_CHANGE_S = 3.0
 DROPOUT = 1.5  # intervals; a longer one that its neighbour does not make up for has lost rows

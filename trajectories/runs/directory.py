@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,20 @@ from typing import Any
 import numpy as np
 
 from ins.json_file import read_json_object
-from ins.records import InputError, ReferenceLog, Run, RunHeader, Span
+from ins.records import ImuSource, InputError, ReferenceLog, Run, RunHeader, Span
 from trajectories.runs import streams
 from trajectories.runs.checks import Finding, Findings
 from trajectories.runs.imu_stream import load_imu
 from trajectories.runs.physics_gates import QuietMeans, check_physics
-from trajectories.runs.schema import STREAMS, check_columns, header_from_json, header_to_json
+from trajectories.runs.schema import (
+    STREAMS,
+    ConversionRecord,
+    check_columns,
+    header_from_json,
+    header_to_json,
+)
 from trajectories.runs.stream_files import ENDINGS, HELD_ROWS, StreamFile, write_columns
+from trajectories.runs.streams import RunStreams
 
 FORMATS = ("parquet", "csv", "csv.gz")
 
@@ -34,15 +41,15 @@ class Inspection:
     """What a run directory holds and what is wrong with it; `run` is None where an error makes it
     unusable.
 
-    `header` and `logs` (by stream) are what could be read even then; `quiet` holds the means at
-    rest.
+    `header` and `streams` are what could be read even then (streams: None where `path` is no
+    directory); `quiet` holds the means at rest.
     """
 
     path: Path
     run: Run | None = None
     findings: tuple[Finding, ...]
     header: RunHeader | None = None
-    logs: dict[str, Any] = field(default_factory=dict)
+    streams: RunStreams | None = None
     faults: tuple[Span, ...] = ()
     quiet: QuietMeans | None = None
 
@@ -89,40 +96,60 @@ def inspect_run(
     Options as `read_run`.
     """
     path, findings = Path(path), Findings()
-    faults: list[Span] = []
     if not path.is_dir():
         what = f"{path}: not a directory" if path.exists() else f"{path}: no such run directory"
         return Inspection(path=path, findings=(Finding(level="error", text=what),))
     header = _read_header(path, findings)
-    logs: dict[str, Any] = {}
-    loaders: dict[str, Callable] = {
-        "imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns),
-        **streams.LOADERS,
-    }
-    for name, load in loaders.items():
-        logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
-        faults += more
+    held, faults = _read_streams(path, findings, held_rows=held_rows, dead_columns=dead_columns)
     _warn_of_strangers(path, findings)
-    faults.sort(key=lambda span: span.start_s)
-    imu, quiet, run = logs["imu"], None, None
+    imu, quiet, run = held.imu, None, None
     if imu is not None and header is not None:
         site, technology = header.site, header.gyro_technology
         quiet = check_physics(
             imu, site=site, technology=technology, label=_label(path, "imu"), findings=findings
         )
-        streams.check_overlap(imu, logs, header, findings)
+        streams.check_overlap(imu, held, header, findings)
     if imu is not None and header is not None and not findings.errors:
-        run = Run(header=header, faults=tuple(faults), **{**logs, "phases": logs["phases"] or ()})
-        run = replace(run, sha256=run_sha256(run))
+        run = _run_of(header, imu, held, faults)
     return Inspection(
         path=path,
         run=run,
         findings=tuple(findings.items),
         header=header,
-        logs=logs,
-        faults=tuple(faults),
+        streams=held,
+        faults=faults,
         quiet=quiet,
     )
+
+
+def _read_streams(
+    path: Path, findings: Findings, *, held_rows: int, dead_columns: bool
+) -> tuple[RunStreams, tuple[Span, ...]]:
+    """The streams that can be used, and what was dropped or repaired, in order of time."""
+    loaders: dict[str, Callable] = {
+        "imu": partial(load_imu, held_rows=held_rows, dead_columns=dead_columns),
+        **streams.LOADERS,
+    }
+    logs: dict[str, Any] = {}
+    faults: list[Span] = []
+    for name, load in loaders.items():
+        logs[name], more = _load(path, name, load, findings, held_rows) or (None, [])
+        faults += more
+    faults.sort(key=lambda span: span.start_s)
+    return RunStreams(**logs), tuple(faults)
+
+
+def _run_of(header: RunHeader, imu: ImuSource, held: RunStreams, faults: tuple[Span, ...]) -> Run:
+    run = Run(
+        header=header,
+        imu=imu,
+        temperature=held.temperature,
+        gnss=held.gnss,
+        odometer=held.odometer,
+        phases=held.phases or (),
+        faults=faults,
+    )
+    return replace(run, sha256=run_sha256(run))
 
 
 def run_sha256(run: Run) -> str:
@@ -157,7 +184,7 @@ def write_run(
     *,
     reference: ReferenceLog | None = None,
     fmt: str = "parquet",
-    conversion: dict[str, Any] | None = None,
+    conversion: ConversionRecord | None = None,
 ) -> None:
     """Writes a run directory completely or not at all; an older run at `path` is replaced.
 

@@ -8,6 +8,7 @@ import datetime
 import difflib
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -33,7 +34,7 @@ from ins.columns import (
     degrees_exact,
 )
 from ins.json_file import complaints, without_schema
-from ins.records import InputError, RemovedModel, RunHeader, Site, Survey
+from ins.records import InputError, RemovedModel, RunHeader, Site, Span, Survey
 from ins.units import DEG
 
 SCHEMA = "recal.run/1"
@@ -98,6 +99,45 @@ def _unknown(name: str, known: Sequence[str]) -> str:
     return f"unknown column {name}" + (
         f" (did you mean {near[0]}?)" if near else f", needed among: {' '.join(known)}"
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SourceFile:
+    """A file that a run was made from: its name and the hash of its bytes."""
+
+    source: str
+    source_sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConversionRecord:
+    """Where the run of a converted log came from, as run.json keeps it.
+
+    format: of the log; time_shift_s: subtracted from the log's own times; repaired: what the reader
+    repaired; other_sources: files read beside the log.
+    """
+
+    source: str
+    source_sha256: str
+    format: str
+    time_shift_s: float
+    notes: tuple[str, ...] = ()
+    repaired: tuple[Span, ...] = ()
+    other_sources: tuple[SourceFile, ...] = ()
+
+    def to_json(self) -> dict[str, object]:
+        """The keys of `conversion` in run.json."""
+        out: dict[str, object] = {
+            "source": self.source,
+            "source_sha256": self.source_sha256,
+            "format": self.format,
+            "time_shift_s": self.time_shift_s,
+            "notes": list(self.notes),
+            "repaired": [[s.start_s, s.end_s, s.reason] for s in self.repaired],
+        }
+        if self.other_sources:
+            out["other_sources"] = [vars(file) for file in self.other_sources]
+        return out
 
 
 class _Open(BaseModel):
@@ -230,7 +270,7 @@ def header_from_json(
 
 
 def header_to_json(
-    header: RunHeader, *, conversion: dict[str, Any] | None = None
+    header: RunHeader, *, conversion: ConversionRecord | None = None
 ) -> dict[str, Any]:
     """run.json as a plain dict; `conversion` says where a converted log came from."""
     site, survey = header.site, header.survey
@@ -257,7 +297,7 @@ def header_to_json(
         },
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
         **({"gyro_level_removed": True} if header.level_removed else {}),
-        **({"conversion": conversion} if conversion else {}),
+        **({"conversion": conversion.to_json()} if conversion else {}),
     }
 
 

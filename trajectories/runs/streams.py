@@ -40,8 +40,22 @@ from trajectories.runs.imu_stream import jitter
 from trajectories.runs.stream_files import StreamFile
 from trajectories.runs.thermometer import check_thermometer
 
-MAX_PHASES = 10_000
+EARLIEST_S = -1.0  # of the first imu row: a second of rounding before start_utc
+LATEST_S = 60.0  # a logger that starts a minute after power-on; later, time_s is another clock
+SITE_DEG = 1.0  # 111 km, between the site and the first fix: another place was entered
+MAX_PHASES = 10_000  # of one power-on: a file of more is no list of phases
 Loaded = tuple[Any, list[Span]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunStreams:
+    """The streams of a run that could be read; None where one is absent or cannot be used."""
+
+    imu: ImuSource | None = None
+    temperature: TemperatureLog | None = None
+    gnss: GnssLog | None = None
+    odometer: OdometerLog | None = None
+    phases: tuple[Phase, ...] | None = None
 
 
 def load_temperature(stream: StreamFile, findings: Findings) -> Loaded:
@@ -152,43 +166,55 @@ def tables(run: Run, reference: ReferenceLog | None) -> dict[str, Mapping[str, A
     return out
 
 
-def check_overlap(
-    imu: ImuSource, optional: dict[str, Any], header: RunHeader, findings: Findings
-) -> None:
+def check_overlap(imu: ImuSource, held: RunStreams, header: RunHeader, findings: Findings) -> None:
     """Streams that do not share the imu's time, a late start, a site far from the first fix."""
     start, end = imu.start_s, imu.end_s
-    if not -1.0 <= start <= 60.0:
+    if not EARLIEST_S <= start <= LATEST_S:
         findings.warn(
             f"imu: time_s starts at {start:.6g} s, expected near 0 (seconds from start_utc)"
         )
     if (spread := jitter(imu)) > JITTER_WARNING:
         findings.warn(f"imu: time stamps jitter by {spread:.0%} of the interval (99th percentile)")
-    for name in ("temperature", "gnss", "odometer"):
-        log = optional.get(name)
-        if log is not None and (log.time_s[0] > end or log.time_s[-1] < start):
+    logs = {"temperature": held.temperature, "gnss": held.gnss, "odometer": held.odometer}
+    apart = {name for name, log in logs.items() if log is not None and _apart(log, start, end)}
+    for name, log in logs.items():
+        if log is not None and name in apart:
             a, b = log.time_s[0], log.time_s[-1]
             findings.suspect(
                 f"{name}: time_s {a:.6g} to {b:.6g} s, imu {start:.6g} to {end:.6g} s: other time"
                 " base?"
             )
         elif name == "temperature" and log is not None:
-            beyond = [(start, log.time_s[0]), (log.time_s[-1], end)]
-            lines = [
-                f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)"
-                for a, b in beyond
-                if b - a > HOLE_S
-            ]
-            findings.warn(*lines)
-    gnss = optional.get("gnss")
-    if gnss is not None:
-        off = np.degrees(
-            np.abs([gnss.lat_rad[0] - header.site.lat_rad, gnss.lon_rad[0] - header.site.lon_rad])
-        )
-        if off[0] > 1 or 1 < off[1] * np.cos(header.site.lat_rad) < 359:
-            findings.warn(
-                f"gnss: first fix is {off[0]:.3f} deg in latitude, {off[1]:.3f} in longitude off"
-                " the site"
-            )
+            findings.warn(*_unread(log.time_s, start, end))
+    if held.gnss is not None:
+        findings.warn(*_far_off(held.gnss, header))
+
+
+def _apart(log: Stream, start_s: float, end_s: float) -> bool:
+    return bool(log.time_s[0] > end_s or log.time_s[-1] < start_s)
+
+
+def _unread(time_s: NDArray, start_s: float, end_s: float) -> list[str]:
+    """A line for each end of the log that a thermometer leaves without a reading for long."""
+    beyond = [(start_s, time_s[0]), (time_s[-1], end_s)]
+    return [
+        f"temperature: no reading from {a:.1f} to {b:.1f} s ({b - a:.0f} s)"
+        for a, b in beyond
+        if b - a > HOLE_S
+    ]
+
+
+def _far_off(gnss: GnssLog, header: RunHeader) -> list[str]:
+    """A line where the first fix is far from the site."""
+    lat_deg = np.degrees(abs(gnss.lat_rad[0] - header.site.lat_rad))
+    lon_deg = np.degrees(abs(gnss.lon_rad[0] - header.site.lon_rad))
+    east_deg = lon_deg * np.cos(header.site.lat_rad)
+    near = lat_deg <= SITE_DEG and not SITE_DEG < east_deg < 360.0 - SITE_DEG
+    if near:
+        return []
+    return [
+        f"gnss: first fix is {lat_deg:.3f} deg in latitude, {lon_deg:.3f} in longitude off the site"
+    ]
 
 
 @dataclass(frozen=True)

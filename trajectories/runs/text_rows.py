@@ -15,16 +15,18 @@ from typing import Any, NamedTuple
 from ins.records import InputError
 
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
-SMALL_ROWS, MAX_ROWS_PER_BYTE = 5_000_000, 20  # of a Parquet file: constants take next to nothing
-MAX_TEXT_BYTES = 8_000_000_000
+SMALL_ROWS = 5_000_000  # of a Parquet file of any size: constants take next to nothing
+MAX_ROWS_PER_BYTE = 20  # of a Parquet file beyond that
+MAX_TEXT_BYTES = 8_000_000_000  # MAX_ROWS of 80 characters
 MAX_LINE_BYTES = 1_000_000
 BLOCK_BYTES = 1 << 22
-# unpacked bytes of each packed one; what a log may unpack to in any case
-MAX_GROWTH, SMALL_BYTES = 200, 1 << 28
+# Unpacked bytes of each packed one: a log of constants grows a hundredfold.
+MAX_GROWTH = 200
+SMALL_BYTES = 1 << 28  # what a log may unpack to in any case: 268 MB
 UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
 MAX_BAD = 0.01  # of the lines of a log; beyond it the map is wrong, not the lines
 MENDED_LINES = 5  # of a log so short that MAX_BAD of it is less
-LISTED = 10  # bad lines named
+LISTED_ROWS = 10  # bad lines or stretches named of one kind: what a screen shows
 SHOWN_CHARACTERS = 40  # of a field that is no number
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
 
@@ -159,9 +161,9 @@ def parse_rows(text: bytes, layout: RowLayout) -> tuple[Any, list[str]]:
         if not bad:
             raise
         table, notes = parse_block(text, layout)
-        shown = ", ".join(str(layout.first_line + k) for k in bad[:LISTED])
-        if len(bad) > LISTED:
-            shown += f" and {len(bad) - LISTED} more"
+        shown = ", ".join(str(layout.first_line + k) for k in bad[:LISTED_ROWS])
+        if len(bad) > LISTED_ROWS:
+            shown += f" and {len(bad) - LISTED_ROWS} more"
         mended = (
             f"{label}: no row of {len(layout.names)} numbers in line {shown} ({why}): taken as"
             " missing"

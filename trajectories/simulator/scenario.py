@@ -29,7 +29,7 @@ from trajectories.simulator.truth_file import TruthProfile, TruthSection, read_p
 from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 from trajectories.simulator.vehicle import EVENTS, Event
 
-SCHEMA = "recal.scenario/1"
+SCENARIO_SCHEMA = "recal.scenario/1"
 MAX_BYTES = 1_000_000
 Triple = tuple[float, float, float]
 ZERO: Triple = (0.0, 0.0, 0.0)
@@ -179,7 +179,11 @@ def scenario_from_dict(
     line.
     """
     refuse_non_finite(data, name=name)
-    rest = {k: v for k, v in without_schema(data, SCHEMA, name=name).items() if k not in SECTIONS}
+    rest = {
+        k: v
+        for k, v in without_schema(data, SCENARIO_SCHEMA, name=name).items()
+        if k not in SECTIONS
+    }
     head = fill(_Head, rest, name=name)
     profile = _profile(head, data, folder, name)
     if profile is not None:

@@ -18,9 +18,11 @@ from ins.records import InputError
 from trajectories.simulator.truth import Kinematics, Truth
 
 _GAUSS = np.polynomial.legendre.leggauss(3)
-NODES, WEIGHTS = (_GAUSS[0] + 1) / 2, _GAUSS[1] / 2  # on [0, 1]; exact for polynomials of degree 5
+# On [0, 1]; exact for polynomials of degree 5.
+NODES = (_GAUSS[0] + 1) / 2
+WEIGHTS = _GAUSS[1] / 2
 ROUNDING_S = 1e-9  # a sample that ends this much after a rest still lies within it
-CHUNK = 20_000  # samples worked on at once, bounds memory
+CHUNK_SAMPLES = 20_000  # samples worked on at once, bounds memory
 OMEGA_IE_E = np.array([0.0, 0.0, EARTH_RATE_RAD_S])
 
 
@@ -80,8 +82,8 @@ def ideal_sensors(truth: Truth, rate_hz: float, *, samples: slice = slice(None))
             at_rest[first:last] = True
             _put(out, slice(first, last), _sample(truth, np.array([start_s]), dt))
     moving = np.flatnonzero(~at_rest)
-    for first in range(0, moving.size, CHUNK):
-        rows = moving[first : first + CHUNK]
+    for first in range(0, moving.size, CHUNK_SAMPLES):
+        rows = moving[first : first + CHUNK_SAMPLES]
         _put(out, rows, _sample(truth, starts[rows], dt))
     motion = truth.motion
     return IdealSensors(

@@ -27,7 +27,8 @@ from trajectories.simulator.motions import Motion
 KNOT_S = 0.1  # spline knots while moving
 TAIL_S = 3.0  # knots beyond a run that ends while moving
 FLIGHT_INCIDENCE_RAD = 3.0 * DEG  # pitch above the flight path, in the air
-VEL, EULER = slice(0, 3), slice(3, 6)
+VEL = slice(0, 3)
+EULER = slice(3, 6)
 
 
 @dataclass(frozen=True)

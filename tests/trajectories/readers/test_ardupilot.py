@@ -54,11 +54,11 @@ def test_dataflash_of_old_firmware(old):
     """
     made = convert_log(old, {}, {})
     check_parked(made.run)
-    assert made.record["format"] == "dataflash"
+    assert made.record.format == "dataflash"
     assert made.run.header.run_id == "flight-imu1"
     assert made.run.header.imu_serial == "PX4v2-0033003E3431471231373638-imu1"
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
-    assert made.record["time_shift_s"] == pytest.approx(19.98)
+    assert made.record.time_shift_s == pytest.approx(19.98)
     assert made.run.gnss.time_s[0] == pytest.approx(5 * DT_S + DT_S, abs=1e-9)
     assert made.run.faults == ()
 
@@ -72,7 +72,7 @@ def test_the_second_imu_and_its_temperature(old):
     np.testing.assert_array_equal(T.gyro_degC[:, 0], T.gyro_degC[:, 2])
     assert any(
         "less the autopilot's gyro offsets INS_GYR2OFFS_X Y Z = +0.001000" in n
-        for n in made.record["notes"]
+        for n in made.record.notes
     )
 
 
@@ -115,7 +115,7 @@ def test_dataflash_of_new_firmware(tmp_path):
     check_parked(made.run, w=2 * logs.W)
     assert made.run.header.imu_serial == "new-imu2"
     assert made.run.gnss.time_s.size == 40
-    assert any("GPS rows 1-10 left out: no 3D fix" in n for n in made.record["notes"])
+    assert any("GPS rows 1-10 left out: no 3D fix" in n for n in made.record.notes)
     assert made.run.gnss.sigma_horizontal_m[0] == pytest.approx(1.5)
     assert made.run.gnss.sigma_vertical_m[0] == pytest.approx(2.5)
     assert made.run.gnss.sigma_velocity_m_s[0] == pytest.approx(0.3)
@@ -126,7 +126,7 @@ def test_dataflash_of_new_firmware(tmp_path):
 def test_text_form(tmp_path):
     made = convert_log(logs.write_text(tmp_path / "flight.log"), {}, {})
     check_parked(made.run, decimals=1e-6)
-    assert made.record["format"] == "dataflash_text"
+    assert made.record.format == "dataflash_text"
     np.testing.assert_allclose(made.run.temperature.gyro_degC[0], 30.0 + 24.5 / 500, atol=1e-3)
 
 
@@ -137,7 +137,7 @@ def test_matlab_form(tmp_path, suffix, compress):
     logs.savemat(path, logs.mat_variables(suffix=suffix), do_compression=compress)
     made = convert_log(path, {}, {})
     check_parked(made.run)
-    assert made.record["format"] == "ardupilot_mat"
+    assert made.record.format == "ardupilot_mat"
     assert made.run.temperature is None  # it has no such column
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
 
@@ -145,7 +145,7 @@ def test_matlab_form(tmp_path, suffix, compress):
 def test_start_later_in_the_log(old):
     made = convert_log(old, {"from_s": 25.0}, {})
     assert made.run.imu.rows == logs.ROWS - 250
-    assert made.record["time_shift_s"] == pytest.approx(24.98)
+    assert made.record.time_shift_s == pytest.approx(24.98)
     assert made.run.header.start_utc == "2015-11-21T23:45:07.980Z"
 
 
@@ -260,7 +260,7 @@ def test_garbled_values_and_times_are_dropped_and_named(tmp_path):
     messages[rows[300]] = logs.message(form, FIRST + 300 * 20, *good, 1e8)
     made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
     assert made.run.imu.rows == logs.ROWS - 2
-    told = " ".join(made.record["notes"])
+    told = " ".join(made.record.notes)
     assert "IMU: row 101 dropped: time jumps ahead and comes back" in told
     assert "IMU: row 201 dropped: beyond 100 rad/s" in told
     assert np.all(np.abs(made.run.temperature.gyro_degC - 30.5) < 1.0)
@@ -280,7 +280,7 @@ def test_a_gps_fix_that_jumps_is_left_out(tmp_path):
     made = convert_log(logs.write(tmp_path / "log.bin", messages), {}, {})
     assert made.run.header.site.lat_rad == pytest.approx(logs.LAT_DEG * DEG, abs=1e-9)
     assert made.run.header.start_utc == "2015-11-21T23:45:02.980Z"
-    assert any("GPS row 1 left out: time or position jumps" in n for n in made.record["notes"])
+    assert any("GPS row 1 left out: time or position jumps" in n for n in made.record.notes)
 
 
 def test_a_garbled_format_costs_its_messages_only(tmp_path):
@@ -370,11 +370,11 @@ def test_matlab_damage(tmp_path):
         },
     )
     assert made.run.imu.rows == logs.ROWS and made.run.gnss is None
-    assert "flight.mat: GPS has shape (50, 14) and 0 labels, not read" in made.record["notes"]
+    assert "flight.mat: GPS has shape (50, 14) and 0 labels, not read" in made.record.notes
     path.write_bytes(whole[:-40])
     made = convert_log(path, {}, {})
     check_parked(made.run)
-    assert any("cut off at byte" in n for n in made.record["notes"])
+    assert any("cut off at byte" in n for n in made.record.notes)
 
 
 def test_a_packed_matlab_variable_that_is_garbled(tmp_path):

@@ -41,8 +41,8 @@ def test_a_clock_that_starts_again_goes_on(tmp_path, name, period_s):
     assert made.run.imu.rows == N and made.run.imu.end_s == pytest.approx(60.0, abs=1e-5)
     straight = convert(tmp_path, columns | {"t": STEPS})
     np.testing.assert_allclose(made.run.imu.dtheta_rad, straight.run.imu.dtheta_rad, rtol=1e-3)
-    assert [n for n in made.record["notes"] if f"starts again at row 3001 ({name})" in n] and len(
-        made.record["notes"]
+    assert [n for n in made.record.notes if f"starts again at row 3001 ({name})" in n] and len(
+        made.record.notes
     ) == 1
 
 
@@ -114,11 +114,11 @@ def test_one_garbled_time_costs_one_row(tmp_path):
     columns["t"][1000] += 0.4957
     made = convert(tmp_path, columns)
     assert made.run.imu.rows == N - 1 and made.run.imu.dt_s.min() > 0.009
-    assert "log.csv: row 1001 dropped: time repeats or goes back" in made.record["notes"]
+    assert "log.csv: row 1001 dropped: time repeats or goes back" in made.record.notes
     columns = noisy()
     order = np.r_[0:500, 504, 500:504, 505:N]  # written early, and belongs where it says
     made = convert(tmp_path, {k: v[order] for k, v in columns.items()})
-    assert made.run.imu.rows == N and "row 501 written late" in made.record["notes"][0]
+    assert made.run.imu.rows == N and "row 501 written late" in made.record.notes[0]
 
 
 @pytest.mark.parametrize(
@@ -188,7 +188,7 @@ def test_fixes_beyond_the_imu_are_said(tmp_path):
     made = convert(
         tmp_path, noisy(), {"gnss": {**GNSS, "file": "gps.csv", "time": {"column": "stamp"}}}
     )
-    assert "gps.csv: 18 of 60 fixes lie before or after the imu: left out" in made.record["notes"]
+    assert "gps.csv: 18 of 60 fixes lie before or after the imu: left out" in made.record.notes
 
 
 @settings(max_examples=40, deadline=None)

@@ -25,7 +25,7 @@ def test_no_fix_at_the_origin(tmp_path):
     assert made.run.gnss.time_s.size == 40 and np.degrees(
         made.run.header.site.lat_rad
     ) == pytest.approx(LAT_DEG, abs=1e-3)
-    assert "gps.csv: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record["notes"]
+    assert "gps.csv: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record.notes
     with pytest.raises(
         InputError,
         match=r"lat_deg \(--lat-deg\).*\(gps.csv: GPS rows 1-60 left out: 0 N 0 E: no fix\)",
@@ -36,7 +36,7 @@ def test_no_fix_at_the_origin(tmp_path):
 def test_types_of_fix(tmp_path):
     kinds = np.repeat([0.0, 1.0, 2.0, np.nan, 3.0, 4.0], 10)
     made = with_fixes(tmp_path, fix=kinds, gnss={"fix": {"column": "fix"}})
-    assert made.run.gnss.time_s.size == 20 and made.record["notes"] == [
+    assert made.run.gnss.time_s.size == 20 and list(made.record.notes) == [
         "gps.csv: GPS rows 1-40 left out: no 3D fix"
     ]
 
@@ -50,7 +50,7 @@ def test_a_fix_without_its_sigma_keeps_its_place(tmp_path, missing):
         "gps.csv: GPS rows 1, 6, 11, 16, 21, 26, 31, 36, 41, 46 and 2 more stretches without"
         " sigma_horizontal_m: "
     )
-    assert f"{line}the declared one of the twin counts there" in made.record["notes"]
+    assert f"{line}the declared one of the twin counts there" in made.record.notes
     write_run(tmp_path / "run", made.run, conversion=made.record)
     for gnss in (made.run.gnss, read_run(tmp_path / "run").gnss):
         np.testing.assert_array_equal(np.isnan(gnss.sigma_horizontal_m), SECONDS % 5 == 0)
@@ -64,7 +64,7 @@ def test_a_receiver_that_knows_nothing_is_not_believed(tmp_path):
     the twin's half metre.
     """
     made = with_fixes(tmp_path, s=np.where(SECONDS % 5 == 0, 4_294_967.295, 0.4))
-    assert made.run.gnss.time_s.size == 48 and "sigma is 1e+06 or more" in made.record["notes"][0]
+    assert made.run.gnss.time_s.size == 48 and "sigma is 1e+06 or more" in made.record.notes[0]
 
 
 UNITS = [
@@ -126,9 +126,7 @@ def test_fixes_written_twice(tmp_path):
         name: np.repeat(values, 2) for name, values in {"stamp": 5000.01 + SECONDS, **FIXES}.items()
     }
     made = with_fixes(tmp_path, **twice)
-    assert (
-        made.run.gnss.time_s.size == 60 and "time repeats or goes back" in made.record["notes"][0]
-    )
+    assert made.run.gnss.time_s.size == 60 and "time repeats or goes back" in made.record.notes[0]
 
 
 def test_a_fix_held_in_every_row_counts_once_and_one_logged_again_counts_again(tmp_path):
@@ -143,7 +141,7 @@ def test_a_fix_held_in_every_row_counts_once_and_one_logged_again_counts_again(t
     assert made.run.gnss.time_s.size == 1
     assert (
         "log.csv: 5999 rows repeat the fix of the row before: each fix counts once"
-        in made.record["notes"]
+        in made.record.notes
     )
     assert convert(tmp_path, anew, {"gnss": GNSS}, PLACELESS).run.gnss.time_s.size == 60
 
@@ -157,7 +155,7 @@ def test_a_wheel_beyond_any_vehicle(tmp_path):
         {"odometer": {"column": "v", "file": "wheel.csv", "time": {"column": "stamp"}}},
     )
     assert made.run.odometer.speed_m_s.tolist() == [3.0] * 50
-    assert made.record["notes"] == [
+    assert list(made.record.notes) == [
         "wheel.csv: 1 odometer rows dropped: beyond 1000 m/s",
         "wheel.csv: 9 odometer rows dropped: no speed",
     ]

@@ -55,7 +55,7 @@ def test_px4_with_a_slow_accelerometer(tmp_path):
             kept.append(message)
     made = px4(tmp_path, kept)
     assert made.run.imu.rows == ROWS and any(
-        "vehicle_imu 1: rates are less" in note for note in made.record["notes"]
+        "vehicle_imu 1: rates are less" in note for note in made.record.notes
     )
     with pytest.raises(
         InputError,
@@ -69,9 +69,7 @@ def test_px4_with_30_percent_lost_and_with_messages_twice(tmp_path):
     made = px4(tmp_path, [m for _, m in px4_messages()[1] if rng.random() > 0.3])
     lost = sum(int(s.reason.split()[1]) for s in made.run.faults)
     assert 0.6 * ROWS < made.run.imu.rows == round(made.run.imu.end_s * 100) - lost
-    assert any(
-        "dropped: no sensor_accel beside them (lost)" in note for note in made.record["notes"]
-    )
+    assert any("dropped: no sensor_accel beside them (lost)" in note for note in made.record.notes)
     assert any("rows lost" in f.text for f in made.findings)
     test_px4.check_parked(
         px4(tmp_path, [m for _, m in px4_messages()[1] for _ in (0, 1)]).run,
@@ -137,7 +135,7 @@ def test_ardupilot_temperatures_that_are_none(tmp_path):
         made = ardupilot(
             tmp_path, changed(ap.old_messages(rows=200), "IMU", lambda v, t=degC: [*v[:-1], t])
         )
-        assert made.run.temperature is None and any(said in note for note in made.record["notes"])
+        assert made.run.temperature is None and any(said in note for note in made.record.notes)
     odd = changed(
         ap.old_messages(rows=200), "IMU", lambda v: [*v[:-1], 400.0 if v[0] % 400 == 0 else v[-1]]
     )
@@ -145,7 +143,7 @@ def test_ardupilot_temperatures_that_are_none(tmp_path):
     assert made.run.temperature.gyro_degC.max() < 40
     assert any(
         "temperatures are 400 to 400 degC, needed -60 to 125: left out" in note
-        for note in made.record["notes"]
+        for note in made.record.notes
     )
 
 
@@ -245,7 +243,7 @@ def test_novatel_fixes_at_the_origin(tmp_path):
         np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG, abs=1e-3)
         and made.run.gnss.time_s.size == 25
     )
-    assert "span.log: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record["notes"]
+    assert "span.log: GPS rows 1-20 left out: 0 N 0 E: no fix" in made.record.notes
 
 
 OUT = parked(seconds=60.0, start_s=100.0)
@@ -298,11 +296,11 @@ def test_kfgins_rows_twice_and_a_byte_order_mark(tmp_path):
         tmp_path / "imu.txt", Output(OUT.time_s[twice], OUT.dtheta[twice], OUT.dv[twice])
     )
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
-    assert made.record["format"] == "kfgins" and made.run.imu.rows == OUT.rows
+    assert made.record.format == "kfgins" and made.run.imu.rows == OUT.rows
     test_kfgins.write_imu(tmp_path / "imu.txt")
     (tmp_path / "marked.txt").write_bytes(b"\xef\xbb\xbf" + (tmp_path / "imu.txt").read_bytes())
     made = convert_log(tmp_path / "marked.txt", {}, GIVEN)
-    assert made.run.imu.rows == 6000 and made.record["notes"] == []
+    assert made.run.imu.rows == 6000 and list(made.record.notes) == []
 
 
 def test_receivers_of_nothing_but_nan(tmp_path):
@@ -312,8 +310,7 @@ def test_receivers_of_nothing_but_nan(tmp_path):
     made = convert_log(tmp_path / "log.mat", {}, GIVEN)
     assert (
         made.run.gnss is None
-        and "log.mat: GPS rows 1-3 left out: not finite or beyond any aircraft"
-        in made.record["notes"]
+        and "log.mat: GPS rows 1-3 left out: not finite or beyond any aircraft" in made.record.notes
     )
     receiver = navego_gnss()
     for name in ("lat", "lon"):

@@ -46,9 +46,9 @@ def write_gnss(path, *, velocity=False, seconds=60, start_s=SOW):
 def test_parked_text(tmp_path):
     made = convert_log(write_imu(tmp_path / "imu.txt"), {}, GIVEN)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "kfgins"
-    assert made.record["time_shift_s"] == pytest.approx(SOW, abs=1e-6)
-    assert made.record["notes"] == []
+    assert made.record.format == "kfgins"
+    assert made.record.time_shift_s == pytest.approx(SOW, abs=1e-6)
+    assert list(made.record.notes) == []
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def test_a_line_of_names_and_commas(tmp_path, head, comma):
     )
     made = convert_log(tmp_path / "imu.txt", {}, GIVEN)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "kfgins"
+    assert made.record.format == "kfgins"
 
 
 def test_doubles(tmp_path):
@@ -71,7 +71,7 @@ def test_doubles(tmp_path):
     np.column_stack([OUT.time_s, OUT.dtheta, OUT.dv]).astype("<f8").tofile(tmp_path / "imu.bin")
     made = convert_log(tmp_path / "imu.bin", {}, GIVEN)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "kfgins"
+    assert made.record.format == "kfgins"
 
 
 def test_a_right_turn_is_one(tmp_path):
@@ -90,7 +90,7 @@ def test_over_the_end_of_the_week(tmp_path):
         path, {"gps_week": 2400}, {k: v for k, v in GIVEN.items() if k != "start_utc"}
     )
     check_parked(made.run, late)
-    assert any("clock starts again at row 3000 (GPS week)" in note for note in made.record["notes"])
+    assert any("clock starts again at row 3000 (GPS week)" in note for note in made.record.notes)
     # Week 2400 began on 2026-01-04, so its last 30 s are those of Saturday 2026-01-10, less 18 leap
     # seconds.
     assert made.run.header.start_utc == "2026-01-10T23:59:12.000Z"
@@ -108,8 +108,8 @@ def test_fixes_of_another_file_give_the_place(tmp_path):
     np.testing.assert_allclose(
         run.gnss.sigma_velocity_m_s[1:-1], 0.0106 * np.sqrt(2) / 2, rtol=0.02
     )
-    assert any("differences of their positions" in note for note in made.record["notes"])
-    assert made.record["other_sources"][0]["source"] == gnss.name
+    assert any("differences of their positions" in note for note in made.record.notes)
+    assert made.record.other_sources[0].source == gnss.name
 
 
 def test_fixes_with_velocity(tmp_path):
@@ -117,7 +117,7 @@ def test_fixes_with_velocity(tmp_path):
     made = convert_log(write_imu(tmp_path / "imu.txt"), {"gnss": {"file": "gnss.txt"}}, PLACELESS)
     np.testing.assert_allclose(made.run.gnss.v_n_m_s, np.tile([1.0, 0.0, -0.5], (60, 1)))
     np.testing.assert_allclose(made.run.gnss.sigma_velocity_m_s, 0.03)
-    assert "gnss.txt: 13 columns: velocity north, east, down, then sigmas" in made.record["notes"]
+    assert "gnss.txt: 13 columns: velocity north, east, down, then sigmas" in made.record.notes
 
 
 def test_truth_gives_reference_date_and_place(tmp_path):
@@ -212,7 +212,7 @@ def test_a_damaged_row_is_named(tmp_path):
     check_parked(made.run, OUT)
     assert (
         "imu.txt: no row of 7 numbers in line 3001 (2 values, needed 7): taken as missing"
-        in made.record["notes"]
+        in made.record.notes
     )
 
 
@@ -228,6 +228,6 @@ def test_a_few_garbled_lines_are_dropped_and_named(tmp_path):
         (tmp_path / name).write_text("\n".join(lines) + "\n")
     made = convert_log(tmp_path / "imu.txt", {"gnss": {"file": "gnss.txt"}}, GIVEN)
     assert made.run.imu.rows == OUT.rows - 3 and made.run.gnss.time_s.size == 58
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert "imu.txt: no row of 7 numbers in line 4, 71, 4001" in notes
     assert "gnss.txt: no row of 7 numbers in line 8, 21" in notes

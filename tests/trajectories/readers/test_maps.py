@@ -92,7 +92,7 @@ def test_text(tmp_path, text, keys, packed):
     path.write_bytes(gzip.compress(text.encode()) if packed else text.encode())
     made = convert(path, MAP | keys)
     check_parked(made.run, OUT)
-    assert made.record["notes"] == []
+    assert list(made.record.notes) == []
 
 
 @pytest.mark.parametrize(
@@ -143,7 +143,7 @@ def test_odd_lines_are_named_by_their_place_in_the_file(tmp_path):
     (tmp_path / "log.csv").write_text("\n".join(rows) + "\n")
     made = convert(tmp_path / "log.csv", MAP | {"comment": "#"})
     assert made.run.imu.rows == N - 2
-    assert made.record["notes"][:2] == [
+    assert list(made.record.notes[:2]) == [
         (
             "log.csv: no row of 7 numbers in line 11, 100 (column wy: got 'what', needed a number):"
             " taken as missing"
@@ -172,7 +172,7 @@ def test_parquet(tmp_path):
     nested = MAP | {"gyro": {"columns": ["gyro.x", "gyro.y", "gyro.z"], "unit": "deg/h"}}
     made = convert(tmp_path / "log.parquet", nested)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "parquet"
+    assert made.record.format == "parquet"
 
 
 def test_parquet_time_stamps_give_the_date(tmp_path):
@@ -214,7 +214,7 @@ def test_own_names_need_no_map(tmp_path):
     pq.write_table(pa.table(columns), tmp_path / "imu.parquet")
     made = convert_log(tmp_path / "imu.parquet", {}, GIVEN)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "parquet"
+    assert made.record.format == "parquet"
     (tmp_path / "imu.csv.gz").write_bytes(gzip.compress(csv_text(columns).encode()))
     check_parked(convert_log(tmp_path / "imu.csv.gz", {}, GIVEN).run, OUT)
 
@@ -273,7 +273,7 @@ def test_matlab(tmp_path, style, compressed):
     }
     made = convert(tmp_path / "log.mat", keys)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "mat"
+    assert made.record.format == "mat"
 
 
 def struct_array(*elements: dict) -> np.ndarray:
@@ -414,9 +414,9 @@ def test_streams_in_files_of_their_own(tmp_path, kind):
     oven = {"file": files["oven"], "time": {"column": "stamp"}, "columns": ["T"], "unit": "K"}
     made = convert(tmp_path / "log.csv", MAP | {"gnss": gnss, "temperature": oven})
     assert made.run.gnss.time_s.size == 55
-    assert any("GPS rows 1-5 left out: no 3D fix" in note for note in made.record["notes"])
+    assert any("GPS rows 1-5 left out: no 3D fix" in note for note in made.record.notes)
     np.testing.assert_allclose(made.run.temperature.gyro_degC, 30.0)
-    assert [s["source"] for s in made.record["other_sources"]] == [files["oven"], files["gps"]]
+    assert [s.source for s in made.record.other_sources] == [files["oven"], files["gps"]]
     assert json.dumps(made.record)
 
 
@@ -446,14 +446,14 @@ def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
     assert sigma[30] == pytest.approx(0.025, rel=0.05)
     assert (
         "gps.csv: fixes have no velocity: differences of their positions, sigma 0.00354 m/s"
-        " (median)" in made.record["notes"]
+        " (median)" in made.record.notes
     )
     without = {**gnss, "position": {"columns": ["lat", "lon", "h"]}}
     made = convert(tmp_path / "log.csv", MAP | {"gnss": without})
     assert made.run.gnss is None
     assert (
         "gps.csv: fixes without velocity, and no sigma to give to differences of their positions"
-        in made.record["notes"]
+        in made.record.notes
     )
 
 
@@ -465,7 +465,7 @@ def test_another_clock_is_said(tmp_path):
     assert made.run.gnss is None
     assert (
         "gps.csv: fixes at 0.000 to 59.000 s, imu 5000.000 to 5060.000 s: no gnss stream"
-        in made.record["notes"]
+        in made.record.notes
     )
     for name, part in (("temperature", {"columns": ["s"]}), ("odometer", {"column": "s"})):
         with pytest.raises(

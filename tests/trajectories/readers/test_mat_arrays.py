@@ -11,7 +11,8 @@ from scipy.io import loadmat, savemat
 
 from ins.records import InputError
 from trajectories.readers.containers.mat_file import read_variables, variable_names
-from trajectories.readers.containers.unpacking import MAX_BLOCK_BYTES, MAX_GROWTH
+from trajectories.readers.containers.unpacking import MAX_BLOCK_BYTES
+from trajectories.runs.text_rows import MAX_GROWTH
 
 
 def variables() -> dict:

@@ -86,7 +86,7 @@ def test_imu_receiver_and_reference(tmp_path):
         write(tmp_path / "log.mat", imu1=imu(), gnss=gnss(), ref=ref()), {}, PLACELESS
     )
     check_parked(made.run, OUT)
-    assert made.record["format"] == "navego"
+    assert made.record.format == "navego"
     fixes = made.run.gnss
     assert np.degrees(fixes.lat_rad[0]) == pytest.approx(LAT_DEG) and fixes.time_s.size == 60
     np.testing.assert_allclose(fixes.v_n_m_s, np.tile([1.0, 2.0, -0.5], (60, 1)))
@@ -123,9 +123,7 @@ def test_several_imus_and_a_receiver_of_another_file(tmp_path):
         convert_log(tmp_path / "imus.mat", {}, GIVEN)
     made = convert_log(tmp_path / "imus.mat", {"imu": 2}, GIVEN)
     assert made.run.gnss is None
-    assert (
-        "imus.mat: no gnss struct: no gnss stream (--gnss for another file)" in made.record["notes"]
-    )
+    assert "imus.mat: no gnss struct: no gnss stream (--gnss for another file)" in made.record.notes
 
 
 @pytest.mark.parametrize(

@@ -178,11 +178,11 @@ def test_parked(tmp_path, kind):
         },
     )
     check_parked_on_average(made.run)
-    assert made.record["format"] == "novatel"
+    assert made.record.format == "novatel"
     assert made.run.header.start_utc == "2026-01-06T07:33:02.000Z"
     assert made.run.header.gyro_technology == "fog"
     assert made.run.imu.source == "increments" and made.run.temperature is None
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert "IMU ISA100C (26): a count is gyro 1e-09 rad, accel 2e-08 m/s" in notes
     assert (
         f"{kind} has no temperature" in notes
@@ -230,7 +230,7 @@ def test_types(tmp_path, name):
         made.run.imu.dtheta_rad.sum(axis=0) / 40.0, w, atol=gyro / 40.0 + 1e-10
     )
     np.testing.assert_allclose(made.run.imu.dv_m_s.sum(axis=0) / 40.0, f, atol=accel / 40.0 + 1e-6)
-    assert not any("rows missing" in note for note in made.record["notes"])
+    assert not any("rows missing" in note for note in made.record.notes)
 
 
 def test_every_type_is_found_by_its_number_and_names():
@@ -317,7 +317,7 @@ def test_bad_lines_are_dropped_and_listed(tmp_path):
     text = lines[500][1:].partition("*")[0]
     lines[500] = line("%", text)
     made = convert(tmp_path, lines)
-    notes = made.record["notes"]
+    notes = made.record.notes
     assert "span.log: line 101 dropped: wrong CRC" in notes
     assert "span.log: line 201 dropped: cut off or garbled" in notes
     assert any("RAWIMUSX row 498 dropped: the IMU reports an error" in note for note in notes)
@@ -332,14 +332,14 @@ def test_rows_before_the_receiver_knew_the_week(tmp_path):
     early = [text.replace(f"{WEEK},", "0,", 2) for text in raw_lines()[:5]]
     early = [line("%", text[1:].partition("*")[0]) for text in early]
     made = convert(tmp_path, [*early, *raw_lines()[5:]])
-    assert "span.log: RAWIMUSX rows 1-5 dropped: time far from all others" in made.record["notes"]
+    assert "span.log: RAWIMUSX rows 1-5 dropped: time far from all others" in made.record.notes
     assert made.run.imu.rows == OUT.rows - 5
 
 
 def test_missing_rows_are_noticed(tmp_path):
     made = convert(tmp_path, raw_lines(parked(dt=0.01, start_s=SECONDS)))
     assert any(
-        "rows at 100 Hz, ISA100C makes 200: rows missing" in note for note in made.record["notes"]
+        "rows at 100 Hz, ISA100C makes 200: rows missing" in note for note in made.record.notes
     )
 
 
@@ -372,9 +372,7 @@ def test_fixes_of_a_log_of_their_own(tmp_path):
     ]
     write(tmp_path / "gnss.log", pairs)
     made = convert(tmp_path, raw_lines(), {"gnss": {"file": "gnss.log"}}, PLACELESS)
-    assert (
-        made.run.gnss.time_s.size == 49 and made.record["other_sources"][0]["source"] == "gnss.log"
-    )
+    assert made.run.gnss.time_s.size == 49 and made.record.other_sources[0].source == "gnss.log"
 
 
 def test_inertial_solutions_are_no_fixes(tmp_path):
@@ -389,7 +387,7 @@ def test_inertial_solutions_are_no_fixes(tmp_path):
     lines += [velocity(SECONDS + k, 1.0, name="BESTVEL") for k in range(1, 50)]
     made = convert(tmp_path, [*raw_lines(), *lines], given=PLACELESS)
     assert made.run.gnss.time_s.size == 20
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert (
         "BESTPOS: 19 inertial solutions are no fixes, left out" in notes
         and "left out: no 3D fix" in notes
@@ -402,7 +400,7 @@ def test_positions_without_velocity(tmp_path):
     )
     # 1e-5 deg a second
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[1:-1, 0], 1.109, atol=0.002)
-    assert any("differences of their positions" in note for note in made.record["notes"])
+    assert any("differences of their positions" in note for note in made.record.notes)
 
 
 def test_the_filters_solution_is_reference_only(tmp_path):
@@ -419,7 +417,7 @@ def test_the_filters_solution_is_reference_only(tmp_path):
     np.testing.assert_allclose(reference.v_n_m_s[3], [1.0, 2.0, -0.5])
     assert any(
         "50 rows of the receiver's filter as reference, for scoring only" in note
-        for note in made.record["notes"]
+        for note in made.record.notes
     )
 
 

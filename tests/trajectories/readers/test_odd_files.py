@@ -170,7 +170,7 @@ def test_rows_of_other_streams_between_those_of_the_imu(tmp_path):
     assert (
         made.run.imu.rows == N and made.run.faults == () and made.run.temperature.time_s.size == 60
     )
-    assert made.record["notes"][0].endswith(
+    assert made.record.notes[0].endswith(
         "more stretches dropped: no value of the imu (rows of other streams)"
     )
 
@@ -222,12 +222,12 @@ def test_single_wild_temperatures_are_left_out_and_stuck_ones_said(tmp_path):
     assert degC(made).min() >= 20.0
     assert (
         "log.csv: 2 of 6000 temperatures are -273.15 to -273.15 degC, needed -60 to 125: left out"
-        in made.record["notes"]
+        in made.record.notes
     )
     made = convert(tmp_path, noisy() | {"T": 0 * WARM}, keys)
     assert (
         "log.csv: all 6000 temperatures are 0 degC: a thermometer that is stuck, or missing?"
-        in made.record["notes"]
+        in made.record.notes
     )
     with pytest.raises(InputError, match="temperature columns T hold no complete row"):
         convert(tmp_path, noisy() | {"T": WARM * np.nan}, keys)

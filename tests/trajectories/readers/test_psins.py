@@ -109,11 +109,11 @@ def test_simu_file(tmp_path, late, ending):
         simu_file(tmp_path / "lasergyro.imu", late=late, ending=ending), {}, PLACELESS
     )
     check_parked_on_average(made.run)
-    assert made.record["format"] == "psins"
+    assert made.record.format == "psins"
     assert made.run.header.site.height_m == HEIGHT_M
     assert np.degrees(made.run.header.site.lat_rad) == pytest.approx(LAT_DEG)
     assert any(
-        "pitch 0, roll 0, heading 90.6 deg (inaccurate" in note for note in made.record["notes"]
+        "pitch 0, roll 0, heading 90.6 deg (inaccurate" in note for note in made.record.notes
     )
     assert made.run.imu.rate_hz == pytest.approx(100.0)
 
@@ -142,7 +142,7 @@ def test_late_samples_of_a_simu_file(tmp_path):
 def test_seven_columns_of_text(tmp_path):
     made = convert_log(text_file(tmp_path / "imu.txt"), {}, GIVEN)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "psins"
+    assert made.record.format == "psins"
     check_right_turn(
         convert_log(text_file(tmp_path / "turn.txt", parked_and_turned()), {}, GIVEN).run
     )
@@ -155,14 +155,14 @@ def test_mat(tmp_path, in_trj):
     savemat(tmp_path / "trj10ms.mat", {**held, "gps": gps_rows()})
     made = convert_log(tmp_path / "trj10ms.mat", {}, PLACELESS)
     check_parked(made.run, OUT)
-    assert made.record["format"] == "psins"
+    assert made.record.format == "psins"
     np.testing.assert_allclose(made.run.gnss.v_n_m_s, np.tile([2.0, 1.0, -0.5], (60, 1)))
     assert np.degrees(made.run.gnss.lat_rad[0]) == pytest.approx(LAT_DEG)
     reference = made.reference
     angles = np.degrees([reference.roll_rad[9], reference.pitch_rad[9], reference.heading_rad[9]])
     np.testing.assert_allclose(angles, [ROLL_DEG, PITCH_DEG, HEADING_DEG])
     assert any(
-        "avp: 6000 rows as reference, for scoring only" in note for note in made.record["notes"]
+        "avp: 6000 rows as reference, for scoring only" in note for note in made.record.notes
     )
 
 
@@ -190,8 +190,7 @@ def test_positions_alone_have_no_sigma_and_give_no_stream(tmp_path):
     made = convert_log(tmp_path / "trj.mat", {}, GIVEN)
     assert made.run.gnss is None
     assert any(
-        "no sigma to give to differences of their positions" in note
-        for note in made.record["notes"]
+        "no sigma to give to differences of their positions" in note for note in made.record.notes
     )
 
 

@@ -222,7 +222,7 @@ def test_raw_topics_come_first(tmp_path):
     made = convert_log(write(tmp_path / "flight.ulg", ulog()), {}, {})
     check_parked(made.run, W + OFFSET)
     header = made.run.header
-    assert (made.record["format"], header.run_id, header.imu_serial) == (
+    assert (made.record.format, header.run_id, header.imu_serial) == (
         "ulog",
         "flight-imu1",
         "0001DEADBEEF-imu1",
@@ -231,7 +231,7 @@ def test_raw_topics_come_first(tmp_path):
     assert header.site.lat_rad == pytest.approx(47.5 * DEG) and header.site.height_m == 447.5
     np.testing.assert_allclose(made.run.gnss.v_n_m_s[0], [1.0, 2.0, -0.5])
     np.testing.assert_allclose(made.run.gnss.sigma_vertical_m, 1.2, rtol=1e-6)
-    assert any("nearest sensor_accel row, 2.0 ms apart" in n for n in made.record["notes"])
+    assert any("nearest sensor_accel row, 2.0 ms apart" in n for n in made.record.notes)
     T = made.run.temperature
     np.testing.assert_allclose(T.gyro_degC[:, 1], 30.0 + (T.time_s - 0.01) * 0.1, atol=1e-4)
 
@@ -258,7 +258,7 @@ def test_other_topics_where_raw_ones_are_missing_or_slow(tmp_path, topics, named
     blocks = ulog(topics=(*topics, "sensor_gyro", "sensor_gps"), gyro_every=50)
     made = convert_log(write(tmp_path / "flight.ulg", blocks), {}, {})
     check_parked(made.run, W)
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert (
         f"{named} 1: rates are less the autopilot's calibration offsets (CAL_GYRO0_XOFF +0.001000"
         " rad/s)" in notes
@@ -369,13 +369,13 @@ def test_cut_off_and_damaged_logs_name_the_place(tmp_path):
     start, left = len(whole) - len(blocks[-1]), len(blocks[-1]) - 7
     assert (
         f"cut.ulg: ends within a message, the last {left} bytes (from byte {start}) dropped"
-        in made.record["notes"]
+        in made.record.notes
     )
     at = sum(map(len, blocks[:400]))
     path.write_bytes(whole[:at] + b"\xff" * len(blocks[400]) + whole[at + len(blocks[400]) :])
     made = convert_log(path, {}, {})
     np.testing.assert_allclose(made.run.imu.dtheta_rad[:, 2] / made.run.imu.dt_s, W[2], rtol=1e-5)
-    told = next(n for n in made.record["notes"] if "damaged, skipped: bytes " in n)
+    told = next(n for n in made.record.notes if "damaged, skipped: bytes " in n)
     assert at - len(blocks[399]) == int(told.split("skipped: bytes ")[1].split("-")[0])
     assert made.run.imu.rows == ROWS - 2
 

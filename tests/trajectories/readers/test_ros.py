@@ -53,9 +53,9 @@ def test_axes_units_and_time(tmp_path, form):
     made = convert(bags.write(tmp_path / f"walk.{form}.bag", form))
     run = made.run
     check_motion(run)
-    assert made.record["format"] == "ros" and run.header.run_id == "walk"
+    assert made.record.format == "ros" and run.header.run_id == "walk"
     assert run.header.start_utc == "2023-11-14T22:13:19.990Z"
-    assert made.record["time_shift_s"] == pytest.approx(1_700_000_000 - DT_S, abs=1e-6)
+    assert made.record.time_shift_s == pytest.approx(1_700_000_000 - DT_S, abs=1e-6)
     # of the stamps: receiving jitters by 0.6 ms
     np.testing.assert_allclose(np.diff(run.imu.time_s), DT_S, atol=1e-8)
     assert run.header.site.lat_rad == pytest.approx(30 * DEG) and run.header.site.height_m == 250.0
@@ -69,7 +69,7 @@ def test_axes_units_and_time(tmp_path, form):
     np.testing.assert_allclose(
         run.temperature.gyro_degC[:, 2], 30 + (run.temperature.time_s - DT_S) / 10, atol=1e-6
     )
-    assert any("frame_id 'imu_link': axes taken as REP-103" in n for n in made.record["notes"])
+    assert any("frame_id 'imu_link': axes taken as REP-103" in n for n in made.record.notes)
 
 
 def test_level_of_the_parked_vehicle(tmp_path):
@@ -169,8 +169,7 @@ def test_three_thermometers(tmp_path):
     made = convert(path)
     assert made.run.temperature is None
     assert any(
-        "several Temperature topics: /t/a, /t/b, /t/c: none taken" in n
-        for n in made.record["notes"]
+        "several Temperature topics: /t/a, /t/b, /t/c: none taken" in n for n in made.record.notes
     )
     T = convert(path, {"temperature_topics": names}).run.temperature
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 0], [0, 10, 20], atol=1e-9)
@@ -192,7 +191,7 @@ def test_a_velocity_of_another_frame_is_not_taken(tmp_path):
         tmp_path / "b", "mcap", bags.messages(velocity_frame="base_link", twist="TwistStamped")
     )
     made = convert(path)
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert "/vel has frame_id 'base_link', the fixes 'gps': not taken" in notes
     assert "fixes have no velocity: differences of their positions" in notes
     np.testing.assert_allclose(made.run.gnss.v_n_m_s, 0.0, atol=1e-9)
@@ -206,7 +205,7 @@ def test_fixes_with_neither_velocity_nor_covariance_give_the_site(tmp_path):
     made = [m for m in bags.messages(unknown_covariance=True) if m[0] != "/vel"]
     made = convert(bags.write(tmp_path / "b", "sqlite3", made))
     assert made.run.gnss is None and made.run.header.site.lat_rad == pytest.approx(30 * DEG)
-    assert any("the fixes give the site only" in n for n in made.record["notes"])
+    assert any("the fixes give the site only" in n for n in made.record.notes)
 
 
 def test_a_bag_without_fixes_or_dates_needs_them(tmp_path):
@@ -238,7 +237,7 @@ def test_headers_without_stamps(tmp_path):
     made = convert(bags.write(tmp_path / "b", "mcap", bags.messages(stamps=np.zeros(bags.ROWS))))
     assert made.run.imu.rows == bags.ROWS
     assert any(
-        "headers without stamps: times are those of the receiver" in n for n in made.record["notes"]
+        "headers without stamps: times are those of the receiver" in n for n in made.record.notes
     )
     check_motion(convert(bags.write(tmp_path / "c", "mcap"), {"stamp": "receive"}).run)
 
@@ -250,7 +249,7 @@ def test_stamps_that_go_back_repeat_or_jump_are_listed(tmp_path):
     stamps[500] += 3600 * 10**9
     made = convert(bags.write(tmp_path / "b", "sqlite3", bags.messages(stamps=stamps)))
     check_motion(made.run, rows=bags.ROWS - 2)
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     assert "row 501 dropped: time jumps ahead and comes back" in notes
     assert "row 101 dropped" in notes and "row 302 written late, put back" in notes
     assert [s.reason for s in made.run.faults] == ["dropout: 1 imu rows lost"] * 2
@@ -293,7 +292,7 @@ def test_cut_off(tmp_path, form, share):
         assert re.search(r"chunk at byte \d+ damaged \(cut off\), it is dropped", str(error))
         return
     assert made.run.imu.rows > (0.9 * share - 0.15) * bags.ROWS
-    notes = " ".join(made.record["notes"])
+    notes = " ".join(made.record.notes)
     # index lost
     assert (
         "read up to there" in notes
@@ -314,7 +313,7 @@ def test_cut_off_sqlite(tmp_path, share):
             error
         ) or "no topic of sensor_msgs/Imu" in str(error)
         return
-    assert any("damaged" in n and "read up to message" in n for n in made.record["notes"])
+    assert any("damaged" in n and "read up to message" in n for n in made.record.notes)
 
 
 def test_an_unfinished_bag(tmp_path):
@@ -328,13 +327,13 @@ def test_an_unfinished_bag(tmp_path):
     path.write_bytes(data[:at] + bytes(8) + data[at + 8 : index])
     made = convert(path)
     check_motion(made.run)
-    assert any("recording not finished (no index)" in n for n in made.record["notes"])
+    assert any("recording not finished (no index)" in n for n in made.record.notes)
     path = next(bags.write(tmp_path / "b", "mcap").glob("*.mcap"))
     data = path.read_bytes()
     path.write_bytes(data[: data.rindex(b"\x0f\x04\0\0\0\0\0\0\0")])  # from the end of data on
     made = convert(path)
     check_motion(made.run)
-    assert any("recording not finished (no end of data)" in n for n in made.record["notes"])
+    assert any("recording not finished (no end of data)" in n for n in made.record.notes)
 
 
 def test_a_flipped_byte_in_a_chunk(tmp_path):
@@ -346,7 +345,7 @@ def test_a_flipped_byte_in_a_chunk(tmp_path):
     at = [m.start() for m in re.finditer(rb"imu_link", bytes(data))][100] + 8
     data[at + 104 + 7] = 0x7F  # the highest byte of the x rate: 1e300 or so
     path.write_bytes(data)
-    notes = convert(path).record["notes"]
+    notes = convert(path).record.notes
     assert sum("dropped: beyond 100 rad/s" in n for n in notes) == 1
     path = bags.write(tmp_path / "b.bag", "ros1-bz2")
     data = bytearray(path.read_bytes())
@@ -357,7 +356,7 @@ def test_a_flipped_byte_in_a_chunk(tmp_path):
     assert made.run.imu.rows < bags.ROWS - 20
     assert any(
         re.search(r"chunk at byte \d+ damaged \(bz2: .*\), it is dropped", n)
-        for n in made.record["notes"]
+        for n in made.record.notes
     )
     assert any("imu rows lost" in s.reason for s in made.run.faults)
 

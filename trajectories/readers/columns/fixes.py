@@ -15,8 +15,12 @@ from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 from trajectories.readers.rows.row_cleaning import row_ranges
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
-MAX_JUMP_S = 10.0
-MAX_SPEED_M_S, MAX_HEIGHT_M = 1000.0, 30_000.0
+MAX_JUMP_S = 10.0  # between a fix and the median of five: a clock that was set
+MAX_SPEED_M_S = 1000.0  # beyond any aircraft that carries such a unit
+MAX_HEIGHT_M = 30_000.0  # of a site, see ins.records.Site
+# Between a fix and what belongs to it in a message of its own: velocity, accuracy; fixes come at
+# 5 Hz and slower.
+MATCH_S = 0.15
 LOST = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
 
 

@@ -34,8 +34,9 @@ from trajectories.runs.imu_stream import imu_log
 
 PLAUSIBLE_DEGC = (-60.0, 125.0)
 USUAL_DEGC = (-40.0, 85.0)
-# beyond these no message on rates or gaps says it better
-LEAST_STEP_S, MOST_STEP_S = 1e-5, MAX_GAP_S
+# Beyond these two no message on rates or gaps says it better.
+LEAST_STEP_S = 1e-5  # 100 kHz, fifty times the fastest unit
+MOST_STEP_S = MAX_GAP_S
 
 
 def converted(

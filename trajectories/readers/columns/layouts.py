@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from trajectories.readers.columns.binary_columns import binary_columns
 from trajectories.readers.columns.mat_columns import mat_columns
-from trajectories.readers.columns.parquet_columns import MAGIC, parquet_columns
+from trajectories.readers.columns.parquet_columns import PARQUET_MAGIC, parquet_columns
 from trajectories.readers.columns.text_columns import text_columns
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.rows.column_map import LayoutKeys
@@ -28,7 +28,7 @@ def content_format(path: Path) -> str:
     need `format`.
     """
     with path.open("rb") as file:
-        if file.read(4) == MAGIC:
+        if file.read(4) == PARQUET_MAGIC:
             return "parquet"
     return "mat" if is_matlab(path) else "csv"
 

@@ -20,8 +20,9 @@ EXPRESSION = re.compile(
     r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:,"
     r" ?(?P<from1>\d+)\))?$"
 )
-MAX_DEPTH, MAX_ELEMENTS = 4, 100
-SHOWN = 12
+MAX_FIELD_DEPTH = 4  # of fields within fields that are looked at
+MAX_ELEMENTS = 100  # of an array of structs that are looked at
+SHOWN = 12  # names of a message
 
 Leaves = dict[str, NDArray]
 
@@ -67,7 +68,7 @@ def vector(matrix: NDArray) -> NDArray | None:
 
 def _collect(out: Leaves, name: str, value: Any, depth: int) -> None:
     """Matrices of numbers below a variable: structs by field, struct arrays by element from 1."""
-    if not isinstance(value, np.ndarray) or depth > MAX_DEPTH:
+    if not isinstance(value, np.ndarray) or depth > MAX_FIELD_DEPTH:
         return
     if value.dtype.names:
         elements = value.ravel()[:MAX_ELEMENTS]

@@ -14,7 +14,7 @@ from trajectories.readers.columns.text_columns import refuse_missing
 from trajectories.readers.rows.column_map import LayoutKeys
 from trajectories.runs.text_rows import refuse_rows
 
-MAGIC = b"PAR1"
+PARQUET_MAGIC = b"PAR1"
 
 
 def parquet_columns(

@@ -13,7 +13,7 @@ from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
 from trajectories.runs.text_rows import BadRowError, RowLayout, parse_rows, read_text, text_parts
 
-HEAD_BYTES = 100_000
+HEADER_BYTES = 100_000
 NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
 # of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4
 MIN_TEXT = 0.8
@@ -29,7 +29,7 @@ def text_columns(
     text, note = read_text(path)
     if b"\n" not in text:
         text = text.replace(b"\r", b"\n")
-    if len(text[:HEAD_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEAD_BYTES]):
+    if len(text[:HEADER_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEADER_BYTES]):
         raise InputError(
             f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)"
         )
@@ -82,9 +82,9 @@ def _head(path: Path) -> bytes:
     """The beginning of a text, gunzipped as far as it goes; empty where it is no gzip file."""
     head = b""
     try:
-        for part in text_parts(path, [], block_bytes=HEAD_BYTES):
+        for part in text_parts(path, [], block_bytes=HEADER_BYTES):
             head += part
-            if len(head) >= HEAD_BYTES or b"\n" in part:
+            if len(head) >= HEADER_BYTES or b"\n" in part:
                 break
     except InputError:
         return b""

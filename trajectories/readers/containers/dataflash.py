@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.readers.containers.file_bytes import read_whole
+from trajectories.runs.text_rows import LISTED_ROWS
 
-HEAD = b"\xa3\x95"
-FMT_TYPE, FMT_LENGTH = 128, 89
+SYNC = b"\xa3\x95"
+FMT_TYPE = 128  # of the message that describes the others
+FMT_LENGTH = 89  # bytes of it, head and body
 # type, length with head, name, one letter a field, names of the fields
 FMT_BODY = struct.Struct("<BB4s16s64s")
-MAX_FILE_BYTES = 4_000_000_000
-LISTED = 10  # stretches of bytes named of one file
 # Letter of a field -> type in the file and factor to the plain unit (ArduPilot,
 # AP_Logger/LogStructure.h).
 FIELDS: dict[str, tuple[str, float]] = {
@@ -47,7 +48,8 @@ FIELDS: dict[str, tuple[str, float]] = {
     "E": ("<u4", 1e-2),
     "L": ("<i4", 1e-7),
 }
-TEXT_FIELDS, ARRAY_FIELDS = "nNZ", "a"
+TEXT_FIELDS = "nNZ"
+ARRAY_FIELDS = "a"
 
 Tables = dict[str, dict[str, NDArray]]
 """Messages by name, then by field: float64 or text columns, shape (n,), in the order of the log."""
@@ -85,18 +87,14 @@ class _Walk:
 def is_dataflash(path: Path) -> bool:
     """Whether a file begins with the FMT message that describes FMT messages."""
     with path.open("rb") as file:
-        return file.read(4) == HEAD + bytes([FMT_TYPE, FMT_TYPE])
+        return file.read(4) == SYNC + bytes([FMT_TYPE, FMT_TYPE])
 
 
 def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]:
     """The wanted messages of a log with FMT (Type, Name), and notes on what was skipped. InputError
     where none is read.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(
-            f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}"
-        )
-    data = path.read_bytes()
+    data = read_whole(path)
     walk = _walk(data, wanted)
     tables: Tables = {}
     for kind, offsets in walk.offsets.items():
@@ -135,23 +133,23 @@ def _end_of_message(data: bytes, at: int, lengths: list[int]) -> int:
     """Where the message at `at` ends; 0 where there is none, it is of unknown type, or no other
     follows it.
     """
-    if at + 3 > len(data) or data[at] != HEAD[0] or data[at + 1] != HEAD[1]:
+    if at + 3 > len(data) or data[at] != SYNC[0] or data[at + 1] != SYNC[1]:
         return 0
     after = at + lengths[data[at + 2]]
-    if after == at or after > len(data) or (after < len(data) and data[after] != HEAD[0]):
+    if after == at or after > len(data) or (after < len(data) and data[after] != SYNC[0]):
         return 0
-    return 0 if after + 1 < len(data) and data[after + 1] != HEAD[1] else after
+    return 0 if after + 1 < len(data) and data[after + 1] != SYNC[1] else after
 
 
 def _next_message(data: bytes, start: int, lengths: list[int]) -> int:
     """The next place from `start` on where a whole message begins; the end of the data where there
     is none.
     """
-    at = data.find(HEAD, start)
+    at = data.find(SYNC, start)
     while at >= 0:
         if _end_of_message(data, at, lengths):
             return at
-        at = data.find(HEAD, at + 1)
+        at = data.find(SYNC, at + 1)
     return len(data)
 
 
@@ -214,7 +212,11 @@ def skipped_lines(skipped: Sequence[tuple[int, int]], size: int) -> list[str]:
         )
     if damaged:
         total = sum(b - a for a, b in damaged)
-        shown = ", ".join(f"{a}-{b - 1}" for a, b in damaged[:LISTED])
-        more = f" and {len(damaged) - LISTED} more stretches" if len(damaged) > LISTED else ""
+        shown = ", ".join(f"{a}-{b - 1}" for a, b in damaged[:LISTED_ROWS])
+        more = (
+            f" and {len(damaged) - LISTED_ROWS} more stretches"
+            if len(damaged) > LISTED_ROWS
+            else ""
+        )
         lines.append(f"{total} of {size} bytes damaged, skipped: bytes {shown}{more}")
     return lines

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from ins.records import InputError
-from trajectories.readers.containers.dataflash import LISTED, TEXT_FIELDS, Tables
+from trajectories.readers.containers.dataflash import TEXT_FIELDS, Tables
 from trajectories.readers.rows.increment_rows import is_file_of
-from trajectories.runs.text_rows import is_number, read_text
+from trajectories.runs.text_rows import LISTED_ROWS, is_number, read_text
 
 Formats = dict[str, tuple[str, list[str]]]  # name -> letters, columns
 
@@ -47,10 +47,11 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
     if not tables:
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
     if bad:
-        more = f" and {len(bad) - LISTED} more" if len(bad) > LISTED else ""
+        more = f" and {len(bad) - LISTED_ROWS} more" if len(bad) > LISTED_ROWS else ""
         note = "; ".join(
             filter(
-                None, (note, f"damaged, skipped: lines {', '.join(map(str, bad[:LISTED]))}{more}")
+                None,
+                (note, f"damaged, skipped: lines {', '.join(map(str, bad[:LISTED_ROWS]))}{more}"),
             )
         )
     return tables, [f"{path.name}: {note}"] if note else []

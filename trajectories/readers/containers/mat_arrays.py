@@ -39,10 +39,14 @@ CLASSES = {
     14: "i8",
     15: "u8",
 }
-CELL, STRUCT, CHAR = 1, 2, 4
+# Classes of an array (MAT-File Format, table of array types).
+CELL = 1
+STRUCT = 2
+CHAR = 4
 TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 COMPLEX = 0x0800
-MAX_DEPTH, MAX_DIMENSIONS = 6, 8
+MAX_ARRAY_DEPTH = 6  # of cells and structs in each other
+MAX_DIMENSIONS = 8  # of an array; series have two
 MAX_NAME = 200
 
 
@@ -51,7 +55,7 @@ class MatArray:
 
     def __init__(self, body: memoryview, order: str, depth: int = 0) -> None:
         self._data, self._order, self._at, self._depth = body, order, 0, depth
-        if depth > MAX_DEPTH:
+        if depth > MAX_ARRAY_DEPTH:
             raise Damaged("nested too deeply")
         kind, flags = self._element()
         if STORED.get(kind) != "u4" or len(flags) != 8:

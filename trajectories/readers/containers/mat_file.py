@@ -10,19 +10,21 @@ from pathlib import Path
 from typing import Any
 
 from ins.records import InputError
+from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
 from trajectories.readers.containers.unpacking import Damaged, inflated
 
-HEAD_BYTES = 128
-ARRAY, COMPRESSED = 14, 15  # types of an element that holds a variable
-MAX_FILE_BYTES = 4_000_000_000
+MAT_HEAD_BYTES = 128
+# Types of an element that holds a variable.
+ARRAY = 14
+COMPRESSED = 15
 HDF5 = b"\x89HDF"
 
 
 def is_mat(path: Path) -> bool:
     """Whether a file is of version 5 to 7.2, which can be read."""
     with path.open("rb") as file:
-        return file.read(HEAD_BYTES).startswith(b"MATLAB 5.0 MAT-file")
+        return file.read(MAT_HEAD_BYTES).startswith(b"MATLAB 5.0 MAT-file")
 
 
 def is_matlab(path: Path) -> bool:
@@ -30,7 +32,7 @@ def is_matlab(path: Path) -> bool:
     when read.
     """
     with path.open("rb") as file:
-        head = file.read(HEAD_BYTES)
+        head = file.read(MAT_HEAD_BYTES)
     return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file", HDF5))
 
 
@@ -61,12 +63,10 @@ def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str,
 
 def _arrays(path: Path, notes: list[str]) -> Iterator[tuple[int, MatArray]]:
     """Place and array of each variable whose head can be read."""
-    size = path.stat().st_size
-    if size > MAX_FILE_BYTES:
-        raise InputError(f"{path.name}: {size} bytes, needed at most {MAX_FILE_BYTES}")
-    data = memoryview(path.read_bytes())
+    data = memoryview(read_whole(path))
+    size = len(data)
     order = ">" if bytes(data[126:128]) == b"MI" else "<"
-    at = HEAD_BYTES
+    at = MAT_HEAD_BYTES
     while at + 8 <= size:
         kind, length = struct.unpack_from(order + "II", data, at)
         after = at + 8 + length

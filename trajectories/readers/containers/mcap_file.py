@@ -8,15 +8,29 @@ Source: mcap.dev/spec.
 
 import struct
 import zlib
+from enum import IntEnum
 
 from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
 
-MAGIC = b"\x89MCAP0\r\n"
-FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 2, 3, 4, 5, 6, 15
-LAST_KNOWN, FIRST_FREE = 15, 0x80  # kinds of records between are reserved, those beyond anybody's
-HEAD = struct.Struct("<BQ")
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+LAST_KNOWN = 15
+FIRST_FREE = 0x80  # kinds of records between the two are reserved, those beyond anybody's
+
+
+class Record(IntEnum):
+    """Kinds of records (MCAP specification, "Opcodes")."""
+
+    FOOTER = 2
+    SCHEMA = 3
+    CHANNEL = 4
+    MESSAGE = 5
+    CHUNK = 6
+    DATA_END = 15
+
+
+RECORD_HEAD = struct.Struct("<BQ")
 MESSAGE_HEAD = struct.Struct("<HIQQ")
 CHUNK_HEAD = struct.Struct("<QQQI")
 
@@ -34,12 +48,12 @@ def read_mcap(data: memoryview, bag: Bag, label: str) -> None:
     """Take up the messages of a file in memory; what cannot be read goes to the bag's notes.
     InputError for another format.
     """
-    if bytes(data[: len(MAGIC)]) != MAGIC:
+    if bytes(data[: len(MCAP_MAGIC)]) != MCAP_MAGIC:
         raise InputError(f"{label}: not an MCAP file of version 0")
     walk = _Walk(bag, label)
-    at, kind = len(MAGIC), 0
+    at, kind = len(MCAP_MAGIC), 0
     try:
-        while at < len(data) and kind not in (FOOTER, DATA_END):
+        while at < len(data) and kind not in (Record.FOOTER, Record.DATA_END):
             kind, after = _record(walk, data, at, nested=False)
             at = after
     except Damaged as error:
@@ -49,7 +63,7 @@ def read_mcap(data: memoryview, bag: Bag, label: str) -> None:
             " dropped"
         )
         return
-    if kind not in (FOOTER, DATA_END):
+    if kind not in (Record.FOOTER, Record.DATA_END):
         bag.note(f"{label}: recording not finished (no end of data)")
 
 
@@ -57,21 +71,21 @@ def _record(walk: _Walk, data: memoryview, at: int, *, nested: bool) -> tuple[in
     """Take up the record at `at`: its kind, and where the next one begins. Damaged where there is
     no whole one.
     """
-    if at + HEAD.size > len(data):
+    if at + RECORD_HEAD.size > len(data):
         raise Damaged("a record cut off")
-    kind, length = HEAD.unpack_from(data, at)
-    start = at + HEAD.size
-    if kind == CHUNK and not nested:
+    kind, length = RECORD_HEAD.unpack_from(data, at)
+    start = at + RECORD_HEAD.size
+    if kind == Record.CHUNK and not nested:
         return kind, _chunk(walk, data, start, length)
     if length > len(data) - start:
         raise Damaged("a record cut off or damaged")
     body = data[start : start + length]
-    if kind == MESSAGE:
+    if kind == Record.MESSAGE:
         _message(walk, body)
-    elif kind == SCHEMA:
+    elif kind == Record.SCHEMA:
         name, _ = _text(body, 2)
         walk.schemas[_number(body, 0)] = name
-    elif kind == CHANNEL:
+    elif kind == Record.CHANNEL:
         _channel(walk, body)
     elif kind == 0 or LAST_KNOWN < kind < FIRST_FREE:
         walk.bag.note(f"{walk.label}: record of unknown kind {kind} passed over")
@@ -119,9 +133,8 @@ def _chunk(walk: _Walk, data: memoryview, start: int, length: int) -> int:
             _, place = _record(walk, records, place, nested=True)
     except Damaged as error:
         lost = f"{len(records) - place} of {len(records)} bytes" if place else "it is"
-        walk.bag.note(
-            f"{walk.label}: chunk at byte {start - HEAD.size} damaged ({error}), {lost} dropped"
-        )
+        begin = start - RECORD_HEAD.size
+        walk.bag.note(f"{walk.label}: chunk at byte {begin} damaged ({error}), {lost} dropped")
     if len(body) < length:
         raise Damaged("a chunk cut off")
     return start + length

@@ -8,14 +8,27 @@ ends what can be read of its chunk, or of the file. Source: wiki.ros.org/Bags/Fo
 
 import struct
 from collections.abc import Mapping
+from enum import IntEnum
 
 from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
 
-MAGIC = b"#ROSBAG V2.0\n"
-MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = 2, 3, 4, 5, 6, 7
-MAX_HEADER_BYTES = 1 << 20
+BAG_MAGIC = b"#ROSBAG V2.0\n"
+MAX_HEADER_BYTES = 1 << 20  # of a record, with the definition of a message
+
+
+class BagRecord(IntEnum):
+    """Kinds of records (ROS bag format 2.0, "op")."""
+
+    MESSAGE = 2
+    BAG_HEADER = 3
+    INDEX = 4
+    CHUNK = 5
+    CHUNK_INFO = 6
+    CONNECTION = 7
+
+
 U32 = struct.Struct("<I")
 Fields = Mapping[bytes, bytes]
 
@@ -24,10 +37,10 @@ def read_ros1(data: memoryview, bag: Bag, label: str) -> None:
     """Take up the messages of a bag in memory; what cannot be read goes to the bag's notes.
     InputError for another format.
     """
-    if bytes(data[: len(MAGIC)]) != MAGIC:
+    if bytes(data[: len(BAG_MAGIC)]) != BAG_MAGIC:
         raise InputError(f"{label}: not a ROS 1 bag of version 2.0")
     connections: dict[int, Topic | None] = {}
-    at = len(MAGIC)
+    at = len(BAG_MAGIC)
     try:
         while at < len(data):
             at = _record(data, at, connections, bag, label, nested=False)
@@ -55,21 +68,21 @@ def _record(
     content, after = _part(data, body, len(data))
     fields = _fields(header)
     kind = _number(fields, b"op", 1)
-    if kind == MESSAGE:
+    if kind == BagRecord.MESSAGE:
         topic = connections.get(_number(fields, b"conn", 4))
         if topic is not None:
             seconds, nanoseconds = struct.unpack("<II", _value(fields, b"time", 8))
             topic.take(seconds * 10**9 + nanoseconds, bytes(content))
-    elif kind == CONNECTION:
+    elif kind == BagRecord.CONNECTION:
         _connect(fields, _fields(content), connections, bag)
-    elif kind == CHUNK and not nested:
+    elif kind == BagRecord.CHUNK and not nested:
         _chunk(fields, content, connections, bag, label, at)
-    elif kind == BAG_HEADER:
+    elif kind == BagRecord.BAG_HEADER:
         if not _number(fields, b"index_pos", 8):
             bag.note(f"{label}: recording not finished (no index)")
         if fields.get(b"encryptor"):
             raise InputError(f"{label}: an encrypted bag, needed one in the clear")
-    elif kind not in (INDEX, CHUNK_INFO):
+    elif kind not in (BagRecord.INDEX, BagRecord.CHUNK_INFO):
         raise Damaged(f"no record of kind {kind}")
     return after
 

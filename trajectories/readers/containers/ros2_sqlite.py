@@ -12,10 +12,12 @@ from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag
 from trajectories.readers.containers.unpacking import Damaged, unpacked
 
-MAGIC = b"SQLite format 3\0"
+SQLITE_MAGIC = b"SQLite format 3\0"
 MAX_VALUE_BYTES = 1 << 28
-# of SQLite's machine: a query over a file ends well before
-STEPS_PER_BYTE, LEAST_STEPS, STEPS = 200, 10**8, 10_000
+# Of SQLite's machine: a query over a file ends well before.
+STEPS_PER_BYTE = 200
+LEAST_STEPS = 10**8
+STEPS = 10_000  # between two looks at the count
 ZSTD = b"\x28\xb5\x2f\xfd"
 
 

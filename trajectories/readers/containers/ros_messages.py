@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 
-IMU, TEMPERATURE, FIX = "sensor_msgs/Imu", "sensor_msgs/Temperature", "sensor_msgs/NavSatFix"
-TWIST, TWIST_COVARIANCE = "geometry_msgs/TwistStamped", "geometry_msgs/TwistWithCovarianceStamped"
+IMU = "sensor_msgs/Imu"
+TEMPERATURE = "sensor_msgs/Temperature"
+FIX = "sensor_msgs/NavSatFix"
+TWIST = "geometry_msgs/TwistStamped"
+TWIST_COVARIANCE = "geometry_msgs/TwistWithCovarianceStamped"
 # Count and letter (struct) of each field after the header; "-": not kept. And the md5sum of ROS 1.
 LAYOUTS = {
     # w, its covariance[0], f, its covariance[0]
@@ -29,7 +32,8 @@ LAYOUTS = {
     TWIST: ("3d -3d", "98d34b0043a2093cf9d9345ab6eef12e"),
     TWIST_COVARIANCE: ("3d -3d 1d -6d 1d -6d 1d -21d", "8927a1a12fb2607ceea095b2dc440a96"),
 }
-CDR_HEAD_BYTES, MAX_PADDING = 4, 8
+CDR_HEAD_BYTES = 4
+MAX_PADDING = 8  # bytes of alignment behind a message
 MAX_FRAME_ID = 1024
 MAX_MESSAGES = 100_000_000
 MAX_TOPICS = 10_000

@@ -18,16 +18,19 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.containers.dataflash import skipped_lines
+from trajectories.readers.containers.file_bytes import read_whole
 
-HEAD = b"ULog\x01\x12\x35"
-HEAD_BYTES, MAX_FILE_BYTES = 16, 4_000_000_000
-DATA, FLAGS = ord("D"), ord("B")
+ULOG_HEAD = b"ULog\x01\x12\x35"
+ULOG_HEAD_BYTES = 16
+DATA = ord("D")
+FLAGS = ord("B")
 KINDS = frozenset(b"FIMPQARSDOLCB")  # message types of the format's version 1
 MAX_BODY = 4096  # of anything but data
-MAX_TOPIC_BYTES, MAX_NESTED = 65_535, 5
+MAX_TOPIC_BYTES = 65_535  # of a message: its length has two bytes
+MAX_NESTED = 5  # formats within formats
 CLOCK = "timestamp"  # a field of every topic
 CHAIN = 3  # messages in a row that must fit where reading goes on after damage
-TYPES = {
+ULOG_TYPES = {
     "int8_t": "<i1",
     "uint8_t": "<u1",
     "int16_t": "<i2",
@@ -79,23 +82,19 @@ class _Walk:
 def is_ulog(path: Path) -> bool:
     """Whether a file begins as the format says."""
     with path.open("rb") as file:
-        return file.read(len(HEAD)) == HEAD
+        return file.read(len(ULOG_HEAD)) == ULOG_HEAD
 
 
 def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
     """The wanted topics of a log. InputError where the file is no ULog, or of a kind that this
     cannot read.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
+    data = read_whole(path)
+    if not data.startswith(ULOG_HEAD):
         raise InputError(
-            f"{path.name}: {path.stat().st_size} bytes, needed at most {MAX_FILE_BYTES}"
+            f"{path.name}: not a ULog: begins with {data[:7].hex(' ')}, needed {ULOG_HEAD.hex(' ')}"
         )
-    data = path.read_bytes()
-    if not data.startswith(HEAD):
-        raise InputError(
-            f"{path.name}: not a ULog: begins with {data[:7].hex(' ')}, needed {HEAD.hex(' ')}"
-        )
-    walk, at, end = _Walk(), HEAD_BYTES, len(data)
+    walk, at, end = _Walk(), ULOG_HEAD_BYTES, len(data)
     while at < end:
         after = _end_of_message(walk, data, at)
         if not after or not (
@@ -256,7 +255,7 @@ def _dtype(formats: Mapping[str, str], name: str, depth: int) -> np.dtype | None
         kind = (
             None
             if found is None or not depth
-            else TYPES.get(found[1]) or _dtype(formats, found[1], depth - 1)
+            else ULOG_TYPES.get(found[1]) or _dtype(formats, found[1], depth - 1)
         )
         if found is None or kind is None or found[3] in [p[0] for p in parts]:
             return None

@@ -8,10 +8,10 @@ import zlib
 from typing import Any
 
 from ins.records import InputError
+from trajectories.runs.text_rows import MAX_GROWTH
 
 MAX_BLOCK_BYTES = 1 << 28  # recorders write blocks of about a megabyte, one message at least
 MAX_MESSAGE_BYTES = 65_536  # a message of the kinds read here has a kilobyte
-MAX_GROWTH = 200  # of a whole file, beyond MAX_BLOCK_BYTES; a log of constants grows a hundredfold
 INSTALL = "pip install strapdown-recal[ros]"
 
 

@@ -28,16 +28,17 @@ from trajectories.readers.rows.column_map import StretchKeys, column_map, stretc
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 
-GYRO, ACCEL = tuple(f"Gyr{a.upper()}" for a in AXES), tuple(f"Acc{a.upper()}" for a in AXES)
-TEMPERATURE = ("T", "Temp")  # of the IMU message, new and old
+GYRO = tuple(f"Gyr{a.upper()}" for a in AXES)
+ACCEL = tuple(f"Acc{a.upper()}" for a in AXES)
+TEMPERATURE_FIELDS = ("T", "Temp")  # of the IMU message, new and old
 MAX_IMUS = 9
-TEXTS = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
+TEXT_MESSAGES = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
 # as declared
 UNITS = {
     "GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"},
     "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"},
 }
-WANTED = frozenset(
+WANTED_MESSAGES = frozenset(
     (
         "FMTU",
         "UNIT",
@@ -51,7 +52,7 @@ WANTED = frozenset(
     )
 )
 # in a MSG: board and serial of its processor
-BOARD = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")
+BOARD_TEXT = re.compile(r"^(\S+) ([0-9A-F]{8} [0-9A-F]{8} [0-9A-F]{8})$")
 
 
 class ArduPilotKeys(StretchKeys):
@@ -69,7 +70,9 @@ def log_from_tables(
     """The log of one IMU. InputError where the log has no such IMU or lacks its columns."""
     refuse_non_finite(dict(options), name="map")
     keys = parse(ArduPilotKeys, dict(options), name="map")
-    tables = {name: table if name in TEXTS else _numbers(table) for name, table in tables.items()}
+    tables = {
+        name: table if name in TEXT_MESSAGES else _numbers(table) for name, table in tables.items()
+    }
     name, table = _imu_table(tables, keys.imu, path.name, notes)
     label = f"{path.name}: {name}"
     clock = log_clock(table, ("TimeUS", "TimeMS"))
@@ -189,7 +192,7 @@ def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, ND
     """The IMU's temperature, NaN where no sensor shows such a value, and notes; empty where it is
     not logged (absent or 0).
     """
-    name = next((k for k in TEMPERATURE if k in table), None)
+    name = next((k for k in TEMPERATURE_FIELDS if k in table), None)
     if name is None:
         return {}, [f"{label}: no temperature in its messages: none in the run"]
     values, notes = plausible_degC(table[name], label, asked_for=False)
@@ -236,14 +239,14 @@ def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:
     log has none.
     """
     for text in tables.get("MSG", {}).get("Message", ()):
-        if found := BOARD.match(str(text)):
+        if found := BOARD_TEXT.match(str(text)):
             return {"imu_serial": f"{found[1]}-{found[2].replace(' ', '')}-imu{number}"}
     return {"imu_serial": f"{path.stem}-imu{number}"}
 
 
 def _reader(name: str, about: str, detect: Callable[[Path], bool], tables: TablesOf) -> Reader:
     def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
-        found, notes = tables(path, WANTED)
+        found, notes = tables(path, WANTED_MESSAGES)
         return log_from_tables(found, options, path, notes)
 
     return Reader(name=name, about=about, detect=detect, read=read)

@@ -6,14 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.units import DEG
-from trajectories.readers.columns.fixes import Fixes, RawFixes, good_fixes
+from trajectories.readers.columns.fixes import MATCH_S, Fixes, RawFixes, good_fixes
 from trajectories.readers.rows.clocks import going_on
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
 
 Table = Mapping[str, NDArray]
 NEEDED = ("Status", "Lat", "Lng", "Alt", "Spd", "GCrs", "VZ")
-FIX_3D = 3  # Status; 4 and more are differential and carrier-phase fixes
-MATCH_S = 0.15  # between a fix and the message of its accuracy, logged beside it
+STATUS_3D = 3  # Status; 4 and more are differential and carrier-phase fixes
 GEOID_NOTE = "GPS heights are above mean sea level, as logged (the ellipsoid is up to 110 m off)"
 # Message with the receiver's own accuracy, and its horizontal [m], vertical [m] and speed [m/s]
 # columns.
@@ -41,7 +40,7 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
         )
         raw = RawFixes(
             log_s=clock,
-            is_3d=table["Status"] >= FIX_3D,
+            is_3d=table["Status"] >= STATUS_3D,
             lat_deg=table["Lat"],
             lon_deg=table["Lng"],
             height_m=table["Alt"],

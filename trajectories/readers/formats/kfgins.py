@@ -35,7 +35,8 @@ from trajectories.readers.rows.increment_rows import (
     refuse_other_width,
 )
 
-W, F = [f"dtheta_{a}" for a in AXES], [f"dvel_{a}" for a in AXES]
+W = [f"dtheta_{a}" for a in AXES]
+F = [f"dvel_{a}" for a in AXES]
 ROW = ["time", *W, *F]
 MAP = {
     "time": {"column": "time"},

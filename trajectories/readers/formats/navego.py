@@ -29,17 +29,16 @@ from trajectories.readers.containers.mat_file import is_mat
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
 
-W, F = [f"wb_{a}" for a in AXES], [f"fb_{a}" for a in AXES]
+W = [f"wb_{a}" for a in AXES]
+F = [f"fb_{a}" for a in AXES]
 MAP = {
     "time": {"column": "t"},
     "gyro": {"columns": W, "unit": "rad/s"},
     "accel": {"columns": F, "unit": "m/s2"},
 }
-IMU_FIELDS, GNSS_FIELDS, ATTITUDE = (
-    ("t", "fb", "wb"),
-    ("t", "lat", "lon", "h"),
-    ("roll", "pitch", "yaw"),
-)
+IMU_FIELDS = ("t", "fb", "wb")
+GNSS_FIELDS = ("t", "lat", "lon", "h")
+ATTITUDE_FIELDS = ("roll", "pitch", "yaw")
 REFERENCE = "ref"
 
 
@@ -157,7 +156,7 @@ def _sigmas(values: Leaves, name: str, n: int) -> NDArray | None:
 
 
 def _with_reference(log: ConvertedLog, values: Leaves) -> ConvertedLog:
-    fields = [f"{REFERENCE}.{k}" for k in (*GNSS_FIELDS, *ATTITUDE, "vel")]
+    fields = [f"{REFERENCE}.{k}" for k in (*GNSS_FIELDS, *ATTITUDE_FIELDS, "vel")]
     if not all(name in values for name in fields) or values[f"{REFERENCE}.vel"].shape[1] != 3:
         return log
     lengths = {values[name].size for name in fields[:-1]} | {len(values[fields[-1]])}

@@ -35,15 +35,17 @@ from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds
 from trajectories.readers.rows.increment_rows import is_file_of
 from trajectories.readers.rows.row_cleaning import row_ranges
 
-RAW = ("RAWIMUSX", "RAWIMUX", "RAWIMUS", "RAWIMU")
+RAW_LOGS = ("RAWIMUSX", "RAWIMUX", "RAWIMUS", "RAWIMU")
 GNSS = ("BESTGNSSPOS", "BESTGNSSVEL", "BESTPOS", "BESTVEL")
 INS = ("INSPVAS", "INSPVA")
-WANTED = (*RAW, *GNSS, *INS, "INSCONFIG")
+WANTED_LOGS = (*RAW_LOGS, *GNSS, *INS, "INSCONFIG")
 DETECT = rb"[#%](RAWIMU|INSPVA|BESTPOS|BESTGNSSPOS|INSCONFIG)S?X?S?A,"
 EXTENDED = ("info", "type")
 FIELDS = ("week", "seconds", "", "accel_z", "accel_-y", "accel_x", "gyro_z", "gyro_-y", "gyro_x")
 VEHICLE = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
-IMU_ERROR, ENCRYPTED = 1, 2  # bits of the first field of RAWIMUX
+# Bits of the first field of RAWIMUX.
+IMU_ERROR = 1
+ENCRYPTED = 2
 SOLUTION = (
     "week",
     "seconds",
@@ -89,8 +91,8 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     """
     refuse_non_finite(dict(options), name="map")
     keys = parse(NovatelKeys, dict(options), name="map")
-    lines = read_lines(path, WANTED)
-    name = max(RAW, key=lambda k: len(lines.logs.get(k, ())))
+    lines = read_lines(path, WANTED_LOGS)
+    name = max(RAW_LOGS, key=lambda k: len(lines.logs.get(k, ())))
     if name not in lines.logs:
         raise InputError(
             f"{path.name}: no RAWIMU log, has {', '.join(lines.logs) or 'no line with a right CRC'}"
@@ -154,7 +156,7 @@ def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list
         for out, why in ((~near, "time far from all others"), (failed, "the IMU reports an error"))
         if out.any()
     ]
-    others = [k for k in RAW if k in logs and k != name]
+    others = [k for k in RAW_LOGS if k in logs and k != name]
     notes += [f"{name} used, not {', '.join(others)} of the same IMU"] if others else []
     kept = near & ~failed
     if np.count_nonzero(kept) < 2:

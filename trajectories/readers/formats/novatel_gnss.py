@@ -14,7 +14,7 @@ from trajectories.readers.containers.novatel_lines import Logs, columns, of_widt
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
 
 PAIRS = (("BESTGNSSPOS", "BESTGNSSVEL"), ("BESTPOS", "BESTVEL"))
-POSITION = (
+POSITION_FIELDS = (
     "status",
     "type",
     "lat",
@@ -27,9 +27,10 @@ POSITION = (
     "up",
     *[""] * 11,
 )
-VELOCITY = ("status", "type", "latency", "", "speed", "track", "up", "")
-COMPUTED, INERTIAL = "SOL_COMPUTED", "INS_"
-MAX_APART_S = 1.5  # between the velocities on either side of a position
+VELOCITY_FIELDS = ("status", "type", "latency", "", "speed", "track", "up", "")
+COMPUTED = "SOL_COMPUTED"
+INERTIAL = "INS_"
+MAX_BRACKET_S = 1.5  # between the velocities on either side of a position
 
 
 def fixes(logs: Logs, week: int, *, label: str) -> tuple[RawFixes | None, list[str]]:
@@ -39,7 +40,7 @@ def fixes(logs: Logs, week: int, *, label: str) -> tuple[RawFixes | None, list[s
     names = next((pair for pair in PAIRS if pair[0] in logs), None)
     if names is None:
         return None, [f"{label}: no BESTGNSSPOS or BESTPOS: no gnss stream"]
-    found = _solutions(logs[names[0]], POSITION, f"{label}: {names[0]}")
+    found = _solutions(logs[names[0]], POSITION_FIELDS, f"{label}: {names[0]}")
     inertial = np.char.startswith(found["type"].astype(str), INERTIAL)
     notes = [
         f"{label}: {names[0]}: {np.count_nonzero(inertial)} inertial solutions are no fixes,"
@@ -98,7 +99,7 @@ def _velocities(
     """North, east, down [m/s] at given times, between velocities that hold at their stamp less
     their latency.
     """
-    found = _solutions(rows, VELOCITY, label) if rows else {}
+    found = _solutions(rows, VELOCITY_FIELDS, label) if rows else {}
     if found:
         good = (found["status"] == COMPUTED) & ~np.char.startswith(
             found["type"].astype(str), INERTIAL
@@ -113,9 +114,11 @@ def _velocities(
     )[order]
     at_s = at_s[order]
     k = np.clip(np.searchsorted(at_s, time_s), 1, at_s.size - 1)
-    between = (at_s[k - 1] <= time_s) & (time_s <= at_s[k]) & (at_s[k] - at_s[k - 1] <= MAX_APART_S)
+    between = (
+        (at_s[k - 1] <= time_s) & (time_s <= at_s[k]) & (at_s[k] - at_s[k - 1] <= MAX_BRACKET_S)
+    )
     beside = (
-        np.minimum(np.abs(time_s - at_s[k - 1]), np.abs(at_s[k] - time_s)) <= MAX_APART_S / 3
+        np.minimum(np.abs(time_s - at_s[k - 1]), np.abs(at_s[k] - time_s)) <= MAX_BRACKET_S / 3
     )  # before the first, after the last
     out = np.column_stack([np.interp(time_s, at_s, v_n[:, axis]) for axis in range(3)])
     out[~(between | beside)] = np.nan

@@ -38,7 +38,8 @@ from trajectories.readers.rows.increment_rows import (
 )
 from trajectories.runs.text_rows import RowLayout, is_number, parse_rows, read_text
 
-W, V = [f"wm_{a}" for a in AXES], [f"vm_{a}" for a in AXES]
+W = [f"wm_{a}" for a in AXES]
+V = [f"vm_{a}" for a in AXES]
 ROW = [*W, *V, "t"]
 MAP = {
     "time": {"column": "t"},
@@ -47,8 +48,11 @@ MAP = {
     "axes": {"x": "y", "y": "x", "z": "-z"},
 }
 SIMU_HEAD = rb"\A%.*PSINS.*SIMU"
-IMU_NAMES, GPS_NAMES, AVP_NAMES = ("imu", "trj.imu"), ("gps", "gnss", "trj.gps"), ("avp", "trj.avp")
-GPS_WIDTHS, AVP_WIDTHS = (4, 7), (10,)
+IMU_NAMES = ("imu", "trj.imu")
+GPS_NAMES = ("gps", "gnss", "trj.gps")
+AVP_NAMES = ("avp", "trj.avp")
+GPS_WIDTHS = (4, 7)
+AVP_WIDTHS = (10,)
 
 
 class PsinsKeys(StretchKeys):

@@ -25,11 +25,14 @@ from trajectories.readers.rows.column_map import StretchKeys, column_map, stretc
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.checks import MIN_RATE_HZ, RATE_TOLERANCE
 
-RAW, INTEGRATED, COMBINED = SOURCES = ("sensor_gyro", "vehicle_imu", "sensor_combined")
-BOARD = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
+RAW = "sensor_gyro"
+INTEGRATED = "vehicle_imu"
+COMBINED = "sensor_combined"
+SOURCES = (RAW, INTEGRATED, COMBINED)
+BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 GPS = ("vehicle_gps_position", "sensor_gps")
-WANTED = [*SOURCES, "sensor_accel", *GPS]
-FIX_3D = 3
+WANTED_TOPICS = [*SOURCES, "sensor_accel", *GPS]
+FIX_TYPE_3D = 3
 # of the gyros' rate: slower, and the nearest of its rows is that of another moment
 SLOWEST_ACCEL = 0.45
 US = 1e-6
@@ -58,7 +61,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     """
     refuse_non_finite(dict(options), name="map")
     keys = parse(Px4Keys, dict(options), name="map")
-    tables = read_ulog(path, WANTED)
+    tables = read_ulog(path, WANTED_TOPICS)
     topic = keys.topic or _best(tables, keys.imu, path.name)
     if (topic, keys.imu - 1) not in tables.topics:
         held = sorted(i + 1 for name, i in tables.topics if name == topic)
@@ -132,7 +135,7 @@ def _refuse_turned(tables: UlogTables, instance: int, label: str) -> None:
     """Raw topics are in the axes of the board (or of an external sensor): InputError where those
     are not the vehicle's.
     """
-    turned = [k for k in BOARD if tables.parameters.get(k)]
+    turned = [k for k in BOARD_PARAMETERS if tables.parameters.get(k)]
     device = tables.topics[RAW, instance].get("device_id", np.zeros(1))
     for k in range(4):
         same = tables.parameters.get(f"CAL_GYRO{k}_ID", 0.0) % 2**32 == device[0] != 0
@@ -283,7 +286,7 @@ def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:
     return good_fixes(
         RawFixes(
             log_s=gps["timestamp"] * US,
-            is_3d=gps["fix_type"] >= FIX_3D,
+            is_3d=gps["fix_type"] >= FIX_TYPE_3D,
             lat_deg=gps[lat] * (1.0 if new else 1e-7),
             lon_deg=gps[lon] * (1.0 if new else 1e-7),
             height_m=gps[height] * (1.0 if new else 1e-3),

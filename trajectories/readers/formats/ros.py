@@ -206,11 +206,11 @@ def format_of(path: Path) -> Callable[[Path, Bag, str], None] | None:
     """The reader for the content of a file; None where it is no bag."""
     with path.open("rb") as file:
         head = file.read(16)
-    if head.startswith(ros1_bag.MAGIC):
+    if head.startswith(ros1_bag.BAG_MAGIC):
         return lambda p, bag, label: _mapped(p, bag, label, ros1_bag.read_ros1)
-    if head.startswith(mcap_file.MAGIC):
+    if head.startswith(mcap_file.MCAP_MAGIC):
         return lambda p, bag, label: _mapped(p, bag, label, mcap_file.read_mcap)
-    return ros2_sqlite.read_sqlite if head == ros2_sqlite.MAGIC else None
+    return ros2_sqlite.read_sqlite if head == ros2_sqlite.SQLITE_MAGIC else None
 
 
 def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, str], None]) -> None:

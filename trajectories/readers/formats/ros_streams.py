@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError, TemperatureLog
-from trajectories.readers.columns.fixes import RawFixes, good_fixes
+from trajectories.readers.columns.fixes import MATCH_S, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import PLAUSIBLE_DEGC, second_means
 from trajectories.readers.columns.side_streams import with_fixes
 from trajectories.readers.containers.ros_messages import (
@@ -25,7 +25,6 @@ from trajectories.readers.containers.ros_messages import (
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.rows.column_map import AxesKeys, axis_matrix
 
-MATCH_S = 0.15  # between a fix and its velocity
 TEMPERATURE_MATCH_S = 1.0  # between the readings of three thermometers
 Clock = Callable[[Topic], NDArray]
 Chosen = tuple[Topic | None, Topic | None]

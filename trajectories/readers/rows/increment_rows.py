@@ -17,7 +17,7 @@ from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
 from trajectories.runs.text_rows import is_number, text_parts
 
-HEAD_BYTES = 1 << 16
+SNIFFED_BYTES = 1 << 16
 MIN_ROWS = 20
 MIN_WHOLE = 0.9  # of the first rows: the others are damaged
 INTERVAL_S = (4e-4, 0.11)  # 10 Hz to 2 kHz with room
@@ -33,7 +33,7 @@ def head_rows(path: Path) -> tuple[NDArray, LayoutKeys] | None:
     A few lines may be damaged: they are left out here, and named where the log is read.
     """
     try:
-        head = next(iter(text_parts(path, [], block_bytes=HEAD_BYTES)), b"")[:HEAD_BYTES]
+        head = next(iter(text_parts(path, [], block_bytes=SNIFFED_BYTES)), b"")[:SNIFFED_BYTES]
     except InputError:
         return None
     if head.count(b"\x00") > 0.1 * len(head):
@@ -95,7 +95,7 @@ def refuse_other_width(rows: NDArray, widths: Sequence[int], label: str, what: s
 def is_file_of(path: Path, pattern: bytes) -> bool:
     """Whether the beginning of a text, plain or in gzip, has a line that matches."""
     try:
-        head = next(iter(text_parts(path, [], block_bytes=HEAD_BYTES)), b"")[:HEAD_BYTES]
+        head = next(iter(text_parts(path, [], block_bytes=SNIFFED_BYTES)), b"")[:SNIFFED_BYTES]
     except InputError:
         return False
     return re.search(pattern, head) is not None

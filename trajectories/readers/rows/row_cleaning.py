@@ -14,14 +14,16 @@ from scipy.ndimage import median_filter
 from ins.records import InputError
 from trajectories.readers.rows.clocks import going_on
 from trajectories.runs.checks import MAX_GAP_S
+from trajectories.runs.text_rows import LISTED_ROWS
 
-PLAUSIBLE_RAD_S, PLAUSIBLE_M_S2 = 100.0, 2000.0  # beyond any sensor: 5700 deg/s, 200 g
+PLAUSIBLE_RAD_S = 100.0  # beyond any gyro: 5700 deg/s
+PLAUSIBLE_M_S2 = 2000.0  # beyond any accelerometer: 200 g
 MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
 # behind the latest row before it: more is a clock set back, or the rows of another log
 MAX_LATE_S = 10.0
 AHEAD_INTERVALS = 2.5  # before the five rows around it: garbled, or written early
-LISTED = 10  # stretches of rows named of one kind
-BACKWARD, MISSING = "time repeats or goes back", "missing or not finite"
+BACKWARD = "time repeats or goes back"
+NOT_FINITE = "missing or not finite"
 # Dropped, but no sign of a wrong map.
 OTHERS = "no value of the imu (rows of other streams)"
 NOT_COUNTED = ("filler", "repeat an earlier row", "time is zero", OTHERS)
@@ -60,8 +62,12 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
     time_s, wraps = going_on(time_s)
     notes = [
         f"{label}: clock starts again at row {row + 1} ({name}): {period_s:.6f} s added from there"
-        for row, period_s, name in wraps[:LISTED]
-    ] + ([f"{label}: and at {len(wraps) - LISTED} more rows"] if len(wraps) > LISTED else [])
+        for row, period_s, name in wraps[:LISTED_ROWS]
+    ] + (
+        [f"{label}: and at {len(wraps) - LISTED_ROWS} more rows"]
+        if len(wraps) > LISTED_ROWS
+        else []
+    )
     with np.errstate(invalid="ignore"):
         outside = (time_s < stretch.from_s - stretch.base_s) | (
             time_s > stretch.to_s - stretch.base_s
@@ -125,7 +131,7 @@ def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) ->
         k = int(np.argmin(steps))
         told = f"clock goes back by {-steps[k]:.3f} s at row {stamped[k + 1] + 1}"
         return f"{told}: set back, or logs joined? --to-s or --from-s takes one side"
-    if worst == MISSING:
+    if worst == NOT_FINITE:
         gyro, accel = (int(np.isfinite(v).all(axis=1).sum()) for v in (w, f))
         if max(gyro, accel) > 1.5 * min(gyro, accel):
             return (
@@ -158,7 +164,7 @@ def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str,
         "filler": np.flatnonzero(filler),
         "time is zero": np.flatnonzero(unstamped & ~filler),
         OTHERS: np.flatnonzero(others & ~filler & ~unstamped),
-        MISSING: np.flatnonzero(~finite & ~dropped),
+        NOT_FINITE: np.flatnonzero(~finite & ~dropped),
         f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(
             finite & ~sane & ~dropped
         ),
@@ -261,7 +267,7 @@ def row_ranges(rows: NDArray) -> str:
     parts = [
         f"{p[0] + 1}" + (f"-{p[-1] + 1}" if len(p) > 1 else "") for p in np.split(rows, breaks)
     ]
-    text = ", ".join(parts[:LISTED]) + (
-        f" and {len(parts) - LISTED} more stretches" if len(parts) > LISTED else ""
+    text = ", ".join(parts[:LISTED_ROWS]) + (
+        f" and {len(parts) - LISTED_ROWS} more stretches" if len(parts) > LISTED_ROWS else ""
     )
     return ("row " if rows.size == 1 else "rows ") + text
