@@ -144,8 +144,8 @@ def _scenario() -> str:
         "# A scenario",
         "",
         (
-            f"What `recal simulate` takes (TOML). `schema`: `{scenario.SCENARIO_SCHEMA}`. An unknown"
-            " key is an error."
+            f"What `recal simulate` takes (TOML). `schema`: `{scenario.SCENARIO_SCHEMA}`. An"
+            " unknown key is an error."
         ),
         "",
     ]

@@ -6,7 +6,7 @@ state gives the same run.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +79,7 @@ class SessionPlan:
     run_id: str = "simulated"
     tail: str = "SIM"
     start_utc: str = "2026-03-01T05:00:00Z"
-    survey: Survey = field(default_factory=Survey)
+    survey: Survey | None = None
 
 
 def simulate_run(
@@ -113,7 +113,7 @@ def simulate_run(
         site=ideal.truth.site,
         wheel_reference_m=ideal.truth.wheel_reference_m,
         gnss_lever_arm_m=plan.gnss_lever_arm_m,
-        survey=plan.survey,
+        survey=plan.survey or Survey(),
     )
     run = Run(
         header=header,

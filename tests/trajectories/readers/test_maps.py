@@ -417,7 +417,7 @@ def test_streams_in_files_of_their_own(tmp_path, kind):
     assert any("GPS rows 1-5 left out: no 3D fix" in note for note in made.record.notes)
     np.testing.assert_allclose(made.run.temperature.gyro_degC, 30.0)
     assert [s.source for s in made.record.other_sources] == [files["oven"], files["gps"]]
-    assert json.dumps(made.record)
+    assert json.dumps(made.record.to_json())
 
 
 def test_positions_alone_become_velocities_with_a_sigma(tmp_path):
