@@ -156,7 +156,7 @@ def test_from_log_to_checked_run(tmp_path):
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert record.source == "x_LN100_up.ins" and record.time_shift_s == pytest.approx(
+    assert record["source"] == "x_LN100_up.ins" and record["time_shift_s"] == pytest.approx(
         10769.990, abs=1e-3
     )
 
@@ -393,7 +393,7 @@ def test_fixes_of_another_file(tmp_path):
     run = read_run(tmp_path / "run")
     assert run.gnss.time_s.size == 10 and run.header.site.height_m == 250.0
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
-    assert [s.source for s in record.other_sources] == ["gps.csv"]
+    assert [s["source"] for s in record["other_sources"]] == ["gps.csv"]
 
 
 def test_fixes_are_refused_where_a_log_has_its_own(tmp_path):

@@ -31,6 +31,7 @@ from tests.trajectories.run_cases import (
 )
 from trajectories.runs import directory as run_module
 from trajectories.runs.directory import FORMATS, read_reference, read_run, write_run
+from trajectories.runs.schema import ConversionRecord
 from trajectories.runs.stream_files import StreamFile, write_columns
 
 
@@ -287,9 +288,15 @@ def test_a_cut_off_file_is_read_up_to_the_cut(tmp_path):
 
 
 def test_conversion_record_and_unknown_keys_do_not_stop_reading(tmp_path):
-    write_run(tmp_path / "run", full_run(), conversion={"source": "a.bin"})
+    made = ConversionRecord(source="a.bin", source_sha256="ab", format="csv", time_shift_s=2.5)
+    write_run(tmp_path / "run", full_run(), conversion=made)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["conversion"] == {
-        "source": "a.bin"
+        "source": "a.bin",
+        "source_sha256": "ab",
+        "format": "csv",
+        "time_shift_s": 2.5,
+        "notes": [],
+        "repaired": [],
     }
     edit_json(tmp_path / "run", lambda data: data.update(weather="rain"))
     assert read_run(tmp_path / "run").header == header()
