@@ -54,8 +54,9 @@ def _typed(module: str, tree: ast.Module) -> Iterator[Document]:
     for node in tree.body:
         if not isinstance(node, ast.ClassDef) or SCHEMA_KEY not in _annotated(node):
             continue
-        kind = getattr(importlib.import_module(module), node.name)
-        schema = getattr(kind, SCHEMA_KEY, None)
+        imported = importlib.import_module(module)
+        kind = getattr(imported, node.name)
+        schema = getattr(kind, SCHEMA_KEY, getattr(imported, "SCHEMA", None))
         if is_dataclass(kind) and isinstance(schema, str) and schema.startswith("recal."):
             keys = _fields(kind) | {SCHEMA_KEY: schema}
             yield Document(schema, f"{module}.{_maker(tree, node.name)}", _text(keys), typed=True)
