@@ -34,10 +34,6 @@ ALLOWED = {
     "infield/reports/rlg_page.py": WORK,
     "infield/thermal/fog_model.py": WORK,
     "infield/thermal/rlg_model.py": WORK,
-    "recal/cli/misalignment.py": WORK,
-    "recal/cli/table/verify.py": WORK,
-    "simreal/inference/diagnosis.py": WORK,
-    "simreal/report/plan_document.py": WORK,
 }
 
 

@@ -29,9 +29,9 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
-from infield.session.reasons import Observability
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
+from ins.verdicts import Observability
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

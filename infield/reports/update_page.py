@@ -16,11 +16,10 @@ from markupsafe import Markup
 from infield.reports import update_figures as figures
 from infield.reports import zero_rate_figures
 from infield.reports.page import decimals_for, number, render_page
-from infield.session.reasons import Observability
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
-from ins.verdicts import Outcome
+from ins.verdicts import Observability, Outcome
 
 VERDICTS = {  # verdict: word, look, symbol
     "committed": ("Committed", "good", "\u2714"),

@@ -9,10 +9,10 @@ from alignment.motion.stillness import DISTURBED, STILL
 from alignment.reasons import AlignmentVerdict
 from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability
-from infield.session.reasons import Observability, SessionReason
+from infield.session.reasons import SessionReason
 from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES
-from ins.verdicts import Outcome, Reason, because
+from ins.verdicts import Observability, Outcome, Reason, because
 
 MIN_REST_S = 300.0
 MAX_REJECTED_SHARE = 0.25

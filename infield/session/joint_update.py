@@ -21,12 +21,13 @@ from infield.session.hysteresis import (
     with_terms,
 )
 from infield.session.points import measurement_information
-from infield.session.reasons import Observability, ThermalAction, ThermalKind
+from infield.session.reasons import ThermalAction, ThermalKind
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES, TwinModel
+from ins.verdicts import Observability
 
 
 def likelihood_of(

@@ -13,7 +13,7 @@ from infield.session.navigated.estimator import estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
 from infield.session.points import observability, session_points
-from infield.session.reasons import Observability, SessionReason
+from infield.session.reasons import SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
@@ -27,7 +27,7 @@ from infield.thermometer.gyro_temperature import (
     too_short,
 )
 from ins.records import Run, TwinModel
-from ins.verdicts import Reason, because
+from ins.verdicts import Observability, Reason, because
 
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
 

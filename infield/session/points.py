@@ -10,10 +10,10 @@ from scipy.linalg import eigh, solve_triangular
 
 from infield.session.bins import SessionBins
 from infield.session.estimate import SessionEstimate
-from infield.session.reasons import Advice, Observability
+from infield.session.reasons import Advice
 from infield.table.merge import SessionPoints
 from ins.records import AXES, Run
-from ins.verdicts import Reason, because
+from ins.verdicts import Observability, Reason, because
 
 # prior of the points: this many times the table's sigma, so that they are the session's own
 VAGUE = 100.0

@@ -3,14 +3,6 @@
 from enum import StrEnum
 
 
-class Observability(StrEnum):
-    """How well a session saw the mean bias of a gyro (formats.md, section 5)."""
-
-    OBSERVED = "observed"
-    WEAK = "weak"
-    NOT_OBSERVABLE = "not_observable"
-
-
 class ThermalKind(StrEnum):
     """How heating may differ from cooling."""
 

@@ -10,6 +10,7 @@ or a report (`heads_missing`, `report_faults`). Nothing is written.
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any
 
 from sqlalchemy import Connection, Table, exc, inspect, select, text
@@ -57,6 +58,13 @@ class UnitCheck:
     faults: tuple[str, ...]
 
 
+class StoreVerdict(StrEnum):
+    """Whether the rows of a store fit each other."""
+
+    INTACT = "intact"
+    BROKEN = "broken"
+
+
 @dataclass(frozen=True)
 class StoreCheck:
     """All units, and what is broken but belongs to none of them."""
@@ -67,6 +75,10 @@ class StoreCheck:
     @property
     def intact(self) -> bool:
         return not self.faults and not any(u.faults for u in self.units)
+
+    @property
+    def verdict(self) -> StoreVerdict:
+        return StoreVerdict.INTACT if self.intact else StoreVerdict.BROKEN
 
 
 def check_store(c: Connection) -> StoreCheck:

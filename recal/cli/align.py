@@ -56,7 +56,7 @@ def align(
     from infield.session.parked.zero_rate import mean_zero_rate
     from infield.session.settings import SessionSettings
     from infield.thermometer.gyro_temperature import gyro_temperature
-    from ins.verdicts import because
+    from ins.verdicts import because, plain
     from recal.service.output import output_directory, write_text
     from recal.service.unit_inputs import open_store, unit_inputs
     from trajectories.runs.directory import read_run
@@ -80,7 +80,7 @@ def align(
         result = replace(result, reasons=(*result.reasons, no_table))
     document = alignment_document(result, run)
     if result.verdict is AlignmentVerdict.LEVEL_ONLY and run.header.gyro_technology == "mems":
-        document["zero_rate"] = mean_zero_rate(run, unit.twin, SessionSettings())
+        document["zero_rate"] = plain(mean_zero_rate(run, unit.twin, SessionSettings()))
     write_text(output_directory(output, "align") / "alignment.json", result_text(document))
     return document
 

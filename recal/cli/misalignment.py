@@ -233,6 +233,7 @@ def write_results(
     """misalignment.json, misalignment.html and, where asked for and measured, the twin; returns the
     document.
     """
+    from infield.misalignment.reasons import MisalignmentVerdict
     from infield.misalignment.study import corrected_twin
     from infield.reports.documents.misalignment import misalignment_document
     from infield.reports.misalignment_page import render
@@ -247,7 +248,7 @@ def write_results(
         directory / "misalignment.json": result_text(document),
         directory / "misalignment.html": render(found),
     }
-    if twin_out is not None and document["verdict"] == "measured":
+    if twin_out is not None and document["verdict"] == MisalignmentVerdict.MEASURED:
         files[twin_out] = result_text(twin_to_dict(corrected_twin(study)))
     write_files(files)
     return document
@@ -255,11 +256,13 @@ def write_results(
 
 def summary(document: dict[str, Any]) -> list[str]:
     """The result in a few lines for people."""
+    from ins.verdicts import Observability
+
     lines = [f"{document['imu_serial'] or document['source']}: {document['verdict']}"]
     lines += [f"  because {reason}" for reason in document["reasons"]]
     lines += [f"  {note}" for note in document["notes"]]
     for c in document["couplings"]:
-        if c["verdict"] == "not_observable":
+        if c["verdict"] == Observability.NOT_OBSERVABLE:
             continue
         value = round(c["value_arcsec"], 1) + 0.0  # no -0.0
         lines.append(

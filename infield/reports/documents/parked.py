@@ -2,19 +2,25 @@
 budget, assumptions, effect.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.reports.documents.session_records import (
+    MeasurementDocument,
+    StretchDocument,
+    ZeroRateDocument,
+)
 from infield.reports.documents.spans import span_document
-from infield.session.estimate import SessionEstimate
+from infield.reports.documents.update_records import ZeroRateEffect
+from infield.session.estimate import ParkedEvidence, SessionEstimate
 from infield.session.results import SessionResult, UpdateResult
 from ins.earth import EARTH_RATE_RAD_S
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
-from ins.records import AXES, Phase
+from ins.records import Phase
 from ins.units import DEG, DEG_PER_HOUR, HOUR
-from ins.verdicts import plain
 
 METHOD = (
     "zero-rate bias of a parked unit against temperature, no heading needed: levelled Earth rate"
@@ -27,72 +33,71 @@ def parked_sessions(result: UpdateResult) -> list[SessionResult]:
     return [s for s in result.sessions if s.estimate is not None and s.estimate.parked is not None]
 
 
-def of_session(e: SessionEstimate) -> dict[str, Any]:
-    """Of a session without a navigation solution: what its parked seconds gave."""
-    p = e.parked
-    assert p is not None
-    nis = {"zero rate over time": {"nis_mean": e.nis_mean, "dof": e.dof}} if e.dof else {}
+def measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
+    """How the rates change along the session, against the noise model."""
+    if not e.dof:
+        return {}
+    return {"zero rate over time": MeasurementDocument(nis_mean=e.nis_mean, dof=e.dof)}
+
+
+def zero_rate(e: SessionEstimate) -> ZeroRateDocument:
+    """What the parked seconds of a session gave."""
+    p = evidence_of(e)
     first, last = p.stretches[0].seconds, p.stretches[-1].seconds
-    return {
-        "measurements": nis,
-        "parked_jitter_m": None,
-        "smoothing": {},
-        "velocity": None,
-        "claim_chain": None,
-        "zero_rate": {
-            "seconds": float(p.used_s.sum()),
-            "start_s": float(first.start_s[0]),
-            "end_s": float(last.end_s[-1]),
-            "ended_because": last.moved,
-            "angle_random_walk_deg_sqrt_h": p.walk_deg_sqrt_h.tolist(),
-            "noise_over_model": p.noise_scale,
-            "earth_rate_sigma_deg_h": np.sqrt(p.of_mean(p.earth.covariance)).tolist(),
-            "heading_known": bool((p.earth.heading_deg_h == 0.0).all()),
-            "bin_s": float(e.bins.duration_s.mean()),
-            "bins": len(e.bins.duration_s),
-            **({"stretches": _stretches(e)} if len(p.stretches) > 1 else {}),
-            **(
-                {"left_out": [plain(span_document(span)) for span in p.left_out]}
-                if p.left_out
-                else {}
-            ),
-        },
-    }
+    return ZeroRateDocument(
+        seconds=float(p.used_s.sum()),
+        start_s=float(first.start_s[0]),
+        end_s=float(last.end_s[-1]),
+        ended_because=last.moved,
+        angle_random_walk_deg_sqrt_h=p.walk_deg_sqrt_h.tolist(),
+        noise_over_model=p.noise_scale,
+        earth_rate_sigma_deg_h=np.sqrt(p.of_mean(p.earth.covariance)).tolist(),
+        heading_known=bool((p.earth.heading_deg_h == 0.0).all()),
+        bin_s=float(e.bins.duration_s.mean()),
+        bins=len(e.bins.duration_s),
+        stretches=_stretches(e) if len(p.stretches) > 1 else None,
+        left_out=[span_document(span) for span in p.left_out] or None,
+    )
 
 
-def _stretches(e: SessionEstimate) -> list[dict[str, Any]]:
+def evidence_of(e: SessionEstimate) -> ParkedEvidence:
+    """What the parked seconds of a session without a heading said."""
+    assert e.parked is not None
+    return e.parked
+
+
+def _stretches(e: SessionEstimate) -> list[StretchDocument]:
     """Every stretch of rest: when, how long, how warm, and how far the unit was turned since the
     one before.
     """
-    p, found = e.parked, []
-    assert p is not None
+    p, found = evidence_of(e), []
     for k, stretch in enumerate(p.stretches):
         T, turn = e.bins.temperature_degC[p.stretch == k], p.turns[k - 1] if k else None
         start_s, end_s = float(stretch.seconds.start_s[0]), float(stretch.seconds.end_s[-1])
         found.append(
-            {
-                "start_s": start_s,
-                "duration_s": end_s - start_s,
-                "still_s": stretch.still_s,
-                "bins": int(np.count_nonzero(p.stretch == k)),
-                "temperature_degC": [float(T.min()), float(T.max())],
-                "turned_deg": None if turn is None else turn.heading_rad / DEG,
-                "sigma_turned_deg": None if turn is None else turn.sigma_rad / DEG,
-                "turn_told": None if turn is None else turn.told,
-            }
+            StretchDocument(
+                start_s=start_s,
+                duration_s=end_s - start_s,
+                still_s=stretch.still_s,
+                bins=int(np.count_nonzero(p.stretch == k)),
+                temperature_degC=(float(T.min()), float(T.max())),
+                turned_deg=None if turn is None else turn.heading_rad / DEG,
+                sigma_turned_deg=None if turn is None else turn.sigma_rad / DEG,
+                turn_told=None if turn is None else turn.told,
+            )
         )
     return found
 
 
 def phases(e: SessionEstimate) -> tuple[Phase, ...]:
     """The first stretch of rest as the alignment, the others as parked."""
-    assert e.parked is not None
-    spans = [(float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in e.parked.stretches]
+    stretches = evidence_of(e).stretches
+    spans = [(float(s.seconds.start_s[0]), float(s.seconds.end_s[-1])) for s in stretches]
     names = ["alignment", *["parked"] * (len(spans) - 1)]
     return tuple(Phase(phase=name, start_s=a, end_s=b) for name, (a, b) in zip(names, spans))
 
 
-def stretch_words(zero_rate: dict[str, Any]) -> list[str]:
+def stretch_words(zero_rate: Mapping[str, Any]) -> list[str]:
     """The stretches of one run and what was left out, a line each; none for a run of one stretch
     and nothing else.
     """
@@ -122,10 +127,10 @@ def stretch_words(zero_rate: dict[str, Any]) -> list[str]:
     ]
 
 
-def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
-    """Terms of the session's mean bias, each alone, one sigma."""
-    assert session.estimate is not None and session.estimate.parked is not None
-    p, gyro = session.estimate.parked, result.twin.gyro
+def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[str, float]]:
+    """Terms of the session's mean bias on x, y and z, each alone, one sigma."""
+    assert session.estimate is not None
+    p, gyro = evidence_of(session.estimate), result.twin.gyro
     seconds = float(p.used_s.sum())
     walk = (
         gyro.rate_random_walk_deg_h_sqrt_h**2
@@ -136,9 +141,8 @@ def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]
     if len(p.stretches) == 1:
         heading = p.earth.heading_deg_h[0] * np.sqrt(np.maximum(1.0 - p.earth.down_b[0] ** 2, 0.0))
     rest = np.sqrt(np.maximum(p.of_mean(p.earth.covariance) - heading**2, 0.0))
-    rows = []
-    for k, axis in enumerate(AXES):
-        terms = {
+    return [
+        {
             "angle random walk": p.walk_deg_sqrt_h[k] / np.sqrt(seconds / HOUR),
             "Earth rate on an unknown heading": heading[k],
             "Earth rate: level, scale factor": rest[k],
@@ -146,12 +150,8 @@ def budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]
             "bias instability": FLICKER_FLOOR * gyro.bias_instability_deg_h,
             "rate random walk": float(np.sqrt(walk[0, 0])),
         }
-        rows += [
-            {"axis": axis, "term": term, "sigma_deg_h": float(s)}
-            for term, s in terms.items()
-            if s > 0
-        ]
-    return rows
+        for k in range(3)
+    ]
 
 
 def assumptions(result: UpdateResult) -> list[str]:
@@ -202,7 +202,7 @@ def assumptions(result: UpdateResult) -> list[str]:
     ]
 
 
-def effect(result: UpdateResult) -> dict[str, Any] | None:
+def effect(result: UpdateResult) -> ZeroRateEffect | None:
     """The change of the table over the temperatures of the last merged session, its level and its
     shape apart.
     """
@@ -221,18 +221,18 @@ def effect(result: UpdateResult) -> dict[str, Any] | None:
         shape_left.append(float(np.mean(np.diag(P)) - P.mean()))
     of_gyro = np.stack(change)
     shape = of_gyro - of_gyro.mean(axis=1, keepdims=True)
-    return {
-        "level_change_deg_h": float(np.sqrt(np.mean(of_gyro.mean(axis=1) ** 2))),
-        "shape_change_deg_h": float(np.sqrt(np.mean(shape**2))),
-        "level_left_sigma_deg_h": float(np.sqrt(np.mean(level_left))),
-        "shape_left_sigma_deg_h": float(np.sqrt(max(float(np.mean(shape_left)), 0.0))),
-        "turn_on_deg_h": result.twin.gyro.turn_on_deg_h,
-        "earth_rate_deg_h": EARTH_RATE_RAD_S / DEG_PER_HOUR,
-        "temperature_degC": [float(T.min()), float(T.max())],
-    }
+    return ZeroRateEffect(
+        level_change_deg_h=float(np.sqrt(np.mean(of_gyro.mean(axis=1) ** 2))),
+        shape_change_deg_h=float(np.sqrt(np.mean(shape**2))),
+        level_left_sigma_deg_h=float(np.sqrt(np.mean(level_left))),
+        shape_left_sigma_deg_h=float(np.sqrt(max(float(np.mean(shape_left)), 0.0))),
+        turn_on_deg_h=result.twin.gyro.turn_on_deg_h,
+        earth_rate_deg_h=EARTH_RATE_RAD_S / DEG_PER_HOUR,
+        temperature_degC=(float(T.min()), float(T.max())),
+    )
 
 
-def effect_words(found: dict[str, Any]) -> str:
+def effect_words(found: Mapping[str, Any]) -> str:
     """One line of it for people."""
     low, high = found["temperature_degC"]
     return (

@@ -4,6 +4,7 @@ report shows.
 Everything is computed here; `infield.reports.update_page` only draws it.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -15,15 +16,31 @@ from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.session import advice_words, heading_error, session_document
-from infield.reports.documents.spans import span_document
+from infield.reports.documents.spans import SpanDocument, span_document
+from infield.reports.documents.update_records import (
+    BudgetDocument,
+    ChangeDocument,
+    ConsistencyDocument,
+    DisagreementDocument,
+    HysteresisDocument,
+    MergeDocument,
+    MethodDocument,
+    Null,
+    ObservedDocument,
+    PointDocument,
+    PredictedEffect,
+    RunDocument,
+    UpdateDocument,
+)
 from infield.reports.words.sentences import codes, sentences
 from infield.reports.words.session import DECISION_RULE, PARKED_RULE, thermal_term
+from infield.session.hysteresis import ThermalTerm
 from infield.session.points import AxisObservability
-from infield.session.reasons import Observability, ThermalKind
+from infield.session.reasons import ThermalKind
 from infield.session.results import SessionResult, UpdateResult
 from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
-from infield.table.merge import AXIS_Z_LIMIT
+from infield.table.merge import AXIS_Z_LIMIT, MergeResult
 from infield.table.thermal_table import ThermalTable
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
@@ -31,8 +48,9 @@ from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import LeftOut, Outcome, plain
+from ins.verdicts import LeftOut, Observability, Outcome, plain
 
+SCHEMA = "recal.update/1"
 # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
 NM_H_PER_DEG_H = 60.0
 METHOD = (
@@ -65,66 +83,67 @@ def update_document(
     without_heading = parked_document.parked_sessions(result)
     parked = len(without_heading) == len(estimated) and result.before.gyro_technology == "mems"
     after = table_to_dict(result.after) if result.merged_runs else table_before
-    return {
-        "schema": "recal.update/1",
-        "verdict": verdict,
-        "reasons": sentences(result.reasons),
-        "reason_codes": codes(result.reasons),
-        "imu_serial": result.before.imu_serial,
-        "gyro_technology": result.before.gyro_technology,
-        "runs": [{"run_id": s.run.header.run_id, "sha256": s.run.sha256} for s in result.sessions],
-        "heading_error": heading_error(best),
-        "observability": _observability(estimated),
-        "points": [point for s in estimated for point in _points(s)],
-        "excluded": [span for s in result.sessions for span in _excluded(s)],
-        "consistency": _consistency(estimated),
-        "table_before": table_before,
-        "table_after": after,
-        "uncertainty_budget": _budget(best, result) if best else [],
-        "table_before_sha256": table_sha256(table_before),
-        "table_after_sha256": table_sha256(after),
-        "method": {
-            "name": parked_document.METHOD if parked else METHOD,
-            "program": "recal",
-            "version": version,
-        },
-        "issued_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "store": store,
-        "revision": revision,
-        "rollback_command": rollback_command,
-        "decision_rule": PARKED_RULE if parked else DECISION_RULE,
-        "noise_model": {"source": result.twin.source, **twin_to_dict(result.twin)},
-        "assumptions": parked_document.assumptions(result) if parked else _assumptions(result),
-        "predicted_effect": None if parked else _predicted_effect(result),
-        **({"zero_rate_effect": parked_document.effect(result)} if parked else {}),
-        "changes": _changes(result.before, result.after),
-        "hysteresis": [
-            {
-                "axis": t.axis,
-                "kind": t.kind,
-                "value": t.value,
-                "sigma": t.sigma,
-                "z": t.z,
-                "action": t.action,
-                "unit": "deg/h per degC/min" if t.kind is ThermalKind.RATE else "deg/h",
-                "text": thermal_term(
-                    axis=t.axis, kind=t.kind, value=t.value, sigma=t.sigma, action=t.action
-                ),
-            }
-            for t in result.terms
-        ],
-        "disagreement": {
-            "steps": [vars(s) for s in result.steps],
-            "accepted": result.step_accepted,
-        },
-        "sessions": [session_document(s) for s in result.sessions],
-        **({} if thermal_model is None else {"thermal_model": thermal_model}),
-    }
+    return plain(
+        UpdateDocument(
+            schema=SCHEMA,
+            verdict=verdict,
+            reasons=sentences(result.reasons),
+            reason_codes=codes(result.reasons),
+            imu_serial=result.before.imu_serial,
+            gyro_technology=result.before.gyro_technology,
+            runs=[
+                RunDocument(run_id=s.run.header.run_id, sha256=s.run.sha256)
+                for s in result.sessions
+            ],
+            heading_error=heading_error(best),
+            observability=_observability(estimated),
+            points=[point for s in estimated for point in _points(s)],
+            excluded=[span for s in result.sessions for span in _excluded(s)],
+            consistency=_consistency(estimated),
+            table_before=table_before,
+            table_after=after,
+            uncertainty_budget=_budget(best, result) if best else [],
+            table_before_sha256=table_sha256(table_before),
+            table_after_sha256=table_sha256(after),
+            method=MethodDocument(
+                name=parked_document.METHOD if parked else METHOD, program="recal", version=version
+            ),
+            issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+            store=store,
+            revision=revision,
+            rollback_command=rollback_command,
+            decision_rule=PARKED_RULE if parked else DECISION_RULE,
+            noise_model={"source": result.twin.source, **twin_to_dict(result.twin)},
+            assumptions=parked_document.assumptions(result) if parked else _assumptions(result),
+            predicted_effect=None if parked else _predicted_effect(result),
+            zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
+            changes=_changes(result.before, result.after),
+            hysteresis=[_hysteresis(term) for term in result.terms],
+            disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
+            sessions=[session_document(s) for s in result.sessions],
+            thermal_model=thermal_model,
+        )
+    )
 
 
-def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
+def _hysteresis(term: ThermalTerm) -> HysteresisDocument:
+    rate = term.kind is ThermalKind.RATE
+    return HysteresisDocument(
+        axis=term.axis,
+        kind=term.kind,
+        value=term.value,
+        sigma=term.sigma,
+        z=term.z,
+        action=term.action,
+        unit="deg/h per degC/min" if rate else "deg/h",
+        text=thermal_term(**vars(term)),
+    )
+
+
+def _observability(sessions: list[SessionResult]) -> dict[str, ObservedDocument]:
     """Per axis, the session that saw it best."""
-    found: dict[str, Any] = {}
+    found: dict[str, ObservedDocument] = {}
+    refused = all(s.verdict.outcome is Outcome.REFUSED for s in sessions)
     for k, axis in enumerate(AXES):
         seen = [s.seen[k] for s in sessions if s.seen]
         if not seen:
@@ -132,39 +151,38 @@ def _observability(sessions: list[SessionResult]) -> dict[str, Any]:
         best: AxisObservability = min(
             seen, key=lambda a: a.sigma_after_deg_h / a.sigma_before_deg_h
         )
-        refused = all(s.verdict.outcome is Outcome.REFUSED for s in sessions)
-        found[axis] = {
-            "sigma_before_deg_h": best.sigma_before_deg_h,
-            "sigma_after_deg_h": best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
-            "verdict": Observability.NOT_OBSERVABLE if refused else best.verdict,
-            "advice": "the session was refused, see the reasons" if refused else advice_words(best),
-        }
+        found[axis] = ObservedDocument(
+            sigma_before_deg_h=best.sigma_before_deg_h,
+            sigma_after_deg_h=best.sigma_before_deg_h if refused else best.sigma_after_deg_h,
+            verdict=Observability.NOT_OBSERVABLE if refused else best.verdict,
+            advice="the session was refused, see the reasons" if refused else advice_words(best),
+        )
     return found
 
 
-def _points(session: SessionResult) -> list[dict[str, Any]]:
+def _points(session: SessionResult) -> list[PointDocument]:
     p = session.points
     if p is None:
         return []
     verdicts = {a.axis: a.verdict for a in session.seen}
     return [
-        {
-            "axis": AXES[axis],
-            "time_s": float(p.time_s[k]),
-            "temperature_degC": float(p.temperature_degC[k]),
-            "bias_deg_h": float(p.bias_deg_h[k]),
-            "sigma_deg_h": float(p.sigma_deg_h[k]),
-            "temperature_rate_degC_min": float(p.temperature_rate_degC_min[k]),
-            "start_s": float(p.time_s[k] - 0.5 * p.duration_s[k]),
-            "duration_s": float(p.duration_s[k]),
-            "gradient_degC": _number(p.gradient_degC, k),
-            "sigma_temperature_degC": _number(p.sigma_temperature_degC, k),
-            "sigma_temperature_rate_degC_min": _number(p.sigma_rate_degC_min, k),
-            "run_id": p.run_id,
-            "run_sha256": p.run_sha256,
-            "applied_table_sha256": p.applied_table_sha256,
-            "observability": verdicts.get(AXES[axis], Observability.NOT_OBSERVABLE),
-        }
+        PointDocument(
+            axis=AXES[axis],
+            time_s=float(p.time_s[k]),
+            temperature_degC=float(p.temperature_degC[k]),
+            bias_deg_h=float(p.bias_deg_h[k]),
+            sigma_deg_h=float(p.sigma_deg_h[k]),
+            temperature_rate_degC_min=float(p.temperature_rate_degC_min[k]),
+            start_s=float(p.time_s[k] - 0.5 * p.duration_s[k]),
+            duration_s=float(p.duration_s[k]),
+            gradient_degC=_number(p.gradient_degC, k),
+            sigma_temperature_degC=_number(p.sigma_temperature_degC, k),
+            sigma_temperature_rate_degC_min=_number(p.sigma_rate_degC_min, k),
+            run_id=p.run_id,
+            run_sha256=p.run_sha256,
+            applied_table_sha256=p.applied_table_sha256,
+            observability=verdicts.get(AXES[axis], Observability.NOT_OBSERVABLE),
+        )
         for k, axis in enumerate(p.axis_index)
     ]
 
@@ -173,54 +191,58 @@ def _number(values: NDArray | None, k: int) -> float | None:
     return None if values is None or not np.isfinite(values[k]) else float(values[k])
 
 
-def _excluded(session: SessionResult) -> list[dict[str, Any]]:
+def _excluded(session: SessionResult) -> list[SpanDocument]:
+    """What was left out of one run: repaired, without a thermometer, moved."""
     spans: list[Span | LeftOut] = list(session.run.faults)
     if session.temperature is not None:
         spans += session.temperature.left_out()
-    if session.estimate is not None:
-        parked = session.estimate.parked
-        spans += list(
-            session.estimate.motion.excluded()
-            if parked
-            else excluded_spans(session.estimate.navigated)
-        )
-        spans += list(parked.left_out) if parked else []
-    run_id = session.run.header.run_id
-    return [plain(span_document(span, run_id)) for span in spans]
+    if session.estimate is not None and session.estimate.parked is not None:
+        spans += [*session.estimate.motion.excluded(), *session.estimate.parked.left_out]
+    elif session.estimate is not None:
+        spans += excluded_spans(session.estimate.navigated)
+    return [span_document(span, session.run.header.run_id) for span in spans]
 
 
-def _consistency(sessions: list[SessionResult]) -> dict[str, Any]:
-    dof = sum(s.estimate.dof for s in sessions if s.estimate)
-    total = sum(s.estimate.nis_mean * s.estimate.dof for s in sessions if s.estimate)
-    band = nis_band(dof, 0.95)
-    return {
-        "nis_mean": total / dof if dof else None,
-        "dof": dof,
-        "band_95": [band[0], band[1]] if dof else None,
-        "band_999": list(nis_band(dof, 0.999)) if dof else None,
-        "merge": [
-            {
-                "run_id": s.run.header.run_id,
-                "nis": s.merged.nis,
-                "dof": s.merged.dof,
-                "band_999": list(s.merged.band),
-                "axis_shift_sigmas": s.merged.axis_z.tolist(),
-                "axis_shift_limit_sigmas": AXIS_Z_LIMIT,
-            }
-            for s in sessions
-            if s.merged
-        ],
-    }
+def _consistency(sessions: list[SessionResult]) -> ConsistencyDocument:
+    estimates = [s.estimate for s in sessions if s.estimate]
+    dof = sum(e.dof for e in estimates)
+    total = sum(e.nis_mean * e.dof for e in estimates)
+    return ConsistencyDocument(
+        nis_mean=total / dof if dof else None,
+        dof=dof,
+        band_95=nis_band(dof, 0.95) if dof else None,
+        band_999=nis_band(dof, 0.999) if dof else None,
+        merge=[_merge(s, s.merged) for s in sessions if s.merged],
+    )
 
 
-def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]]:
-    """Terms of the session's mean bias, each alone, one sigma; by closed form (physics.md 6.4 and
-    its head).
-    """
+def _merge(session: SessionResult, merged: MergeResult) -> MergeDocument:
+    return MergeDocument(
+        run_id=session.run.header.run_id,
+        nis=merged.nis,
+        dof=merged.dof,
+        band_999=merged.band,
+        axis_shift_sigmas=merged.axis_z.tolist(),
+        axis_shift_limit_sigmas=AXIS_Z_LIMIT,
+    )
+
+
+def _budget(session: SessionResult, result: UpdateResult) -> list[BudgetDocument]:
+    """Terms of the session's mean bias, each alone, one sigma."""
+    parked = session.estimate is not None and session.estimate.parked is not None
+    terms = parked_document.budget_terms if parked else _budget_terms
+    return [
+        BudgetDocument(axis=axis, term=term, sigma_deg_h=float(sigma))
+        for axis, of_axis in zip(AXES, terms(session, result))
+        for term, sigma in of_axis.items()
+        if sigma > 0
+    ]
+
+
+def _budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[str, float]]:
+    """Of a navigated session on x, y and z, by closed form (physics.md 6.4 and its head)."""
     e, twin = session.estimate, result.twin
     assert e is not None
-    if e.parked is not None:
-        return parked_document.budget(session, result)
     seconds = float(e.bins.edges_s[-1] - e.bins.edges_s[0])
     lat, heading = session.run.header.site.lat_rad, e.alignment.heading_rad
     east = {"x": abs(np.sin(heading)), "y": abs(np.cos(heading)), "z": 0.0}
@@ -234,27 +256,23 @@ def _budget(session: SessionResult, result: UpdateResult) -> list[dict[str, Any]
     )
     creep = twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / DEG / np.sqrt(seconds / HOUR)
     misalignment = misalignment_sigma_mrad(twin, result.settings)
-    rows = []
+    found: list[Mapping[str, float]] = []
     for axis in AXES:
         level = axis != "z"
-        terms = {
-            "angle random walk": twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR),
-            "accelerometer bias (tilt)": (
-                omega * tilt * (abs(np.sin(lat)) if level else np.cos(lat))
-            ),
-            "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
-            "yaw creep of the airframe": 0.0 if level else creep,
-            "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
-            "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
-            "bias instability": FLICKER_FLOOR * twin.gyro.bias_instability_deg_h,
-            "rate random walk": float(np.sqrt(walk[0, 0])),
-        }
-        rows += [
-            {"axis": axis, "term": term, "sigma_deg_h": float(s)}
-            for term, s in terms.items()
-            if s > 0
-        ]
-    return rows
+        of_tilt = abs(np.sin(lat)) if level else np.cos(lat)
+        found.append(
+            {
+                "angle random walk": twin.gyro.arw_deg_sqrt_h / np.sqrt(seconds / HOUR),
+                "accelerometer bias (tilt)": omega * tilt * of_tilt,
+                "heading (east part)": omega * np.cos(lat) * e.sigma_heading_rad * east[axis],
+                "yaw creep of the airframe": 0.0 if level else creep,
+                "misalignment": omega * misalignment[AXES.index(axis)] * MILLIRADIAN,
+                "turn-on, this session against the mean": twin.gyro.turn_on_deg_h,
+                "bias instability": FLICKER_FLOOR * twin.gyro.bias_instability_deg_h,
+                "rate random walk": float(np.sqrt(walk[0, 0])),
+            }
+        )
+    return found
 
 
 def _assumptions(result: UpdateResult) -> list[str]:
@@ -287,7 +305,7 @@ def _assumptions(result: UpdateResult) -> list[str]:
     ]
 
 
-def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
+def _predicted_effect(result: UpdateResult) -> PredictedEffect | None:
     """What the change means at the temperatures visited, the new table taken as the better one."""
     session = next(
         (s for s in reversed(result.sessions) if s.merged is not None and s.estimate is not None),
@@ -298,14 +316,14 @@ def _predicted_effect(result: UpdateResult) -> dict[str, Any] | None:
     T = session.estimate.bins.temperature_degC
     change = level_change(result.before, result.after, (T[:, 0], T[:, 1]))
     coupling = EARTH_RATE_RAD_S * np.cos(session.run.header.site.lat_rad) / DEG_PER_HOUR
-    return {
-        "level_change_deg_h": change.level_deg_h,
-        "drift_removed_nm_h": change.drift_removed_nm_h,
-        "drift_left_sigma_nm_h": change.drift_left_nm_h,
-        "heading_removed_mrad": change.level_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
-        "heading_left_sigma_mrad": change.left_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
-        "temperature_degC": [float(T[:, :2].min()), float(T[:, :2].max())],
-    }
+    return PredictedEffect(
+        level_change_deg_h=change.level_deg_h,
+        drift_removed_nm_h=change.drift_removed_nm_h,
+        drift_left_sigma_nm_h=change.drift_left_nm_h,
+        heading_removed_mrad=change.level_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        heading_left_sigma_mrad=change.left_deg_h / np.sqrt(2.0) / coupling / MILLIRADIAN,
+        temperature_degC=(float(T[:, :2].min()), float(T[:, :2].max())),
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -339,28 +357,23 @@ def level_change(
     return LevelChange(level_deg_h=level, left_deg_h=left)
 
 
-def _changes(before: ThermalTable, after: ThermalTable) -> list[dict[str, Any]]:
+def _changes(before: ThermalTable, after: ThermalTable) -> list[ChangeDocument]:
     """Every node of the new table beside the old table at its temperature."""
     rows = []
     for k, axis in enumerate(AXES):
         T = after.temperature_degC[k]
-        columns = (
-            T,
-            before.bias_deg_h(k, T),
-            before.sigma_deg_h(k, T),
-            after.bias_deg_h(k, T),
-            after.sigma_deg_h(k, T),
-        )
-        for t, b0, s0, b1, s1 in zip(*columns):
+        old, new = before.bias_deg_h(k, T), after.bias_deg_h(k, T)
+        old_sigma, new_sigma = before.sigma_deg_h(k, T), after.sigma_deg_h(k, T)
+        for j, node_degC in enumerate(T):
             rows.append(
-                {
-                    "axis": axis,
-                    "temperature_degC": float(t),
-                    "before_deg_h": float(b0),
-                    "U_before_k2_deg_h": 2 * float(s0),
-                    "after_deg_h": float(b1),
-                    "U_after_k2_deg_h": 2 * float(s1),
-                    "change_deg_h": float(b1 - b0),
-                }
+                ChangeDocument(
+                    axis=axis,
+                    temperature_degC=float(node_degC),
+                    before_deg_h=float(old[j]),
+                    U_before_k2_deg_h=2 * float(old_sigma[j]),
+                    after_deg_h=float(new[j]),
+                    U_after_k2_deg_h=2 * float(new_sigma[j]),
+                    change_deg_h=float(new[j] - old[j]),
+                )
             )
     return rows

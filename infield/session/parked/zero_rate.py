@@ -1,7 +1,8 @@
 """Zero rates of a parked unit, no table taken out: for `align`, and for the sigma of a new unit."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,24 @@ from infield.thermometer.gyro_temperature import GyroTemperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import AXES, Run, TwinModel
 from ins.units import DEG_PER_HOUR, HOUR
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroRate:
+    """Mean rate of one gyro at rest less what is known of Earth rate."""
+
+    bias_deg_h: float
+    sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroRates:
+    """Zero rates of the three gyros over the first stretch of rest, as logged."""
+
+    start_s: float
+    end_s: float
+    heading_known: bool
+    gyro: Mapping[str, ZeroRate]
 
 
 def first_zero_rate(
@@ -37,7 +56,7 @@ def first_zero_rate(
     )
 
 
-def mean_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> dict[str, Any] | None:
+def mean_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> ZeroRates | None:
     """Mean rate of the parked unit less what is known of Earth rate, as logged, with its sigma;
     None where it never rests.
     """
@@ -50,15 +69,15 @@ def mean_zero_rate(run: Run, twin: TwinModel, settings: SessionSettings) -> dict
     sigma = np.sqrt(
         np.diag(earth.covariance) + white_noise(seconds, twin)[0] ** 2 / (used_s / HOUR)
     )
-    return {
-        "start_s": float(seconds.start_s[0]),
-        "end_s": float(seconds.end_s[-1]),
-        "heading_known": bool(earth.heading_deg_h[0] == 0.0),
-        "gyro": {
-            a: {"bias_deg_h": float(b), "sigma_deg_h": float(s)}
-            for a, b, s in zip(AXES, rate, sigma)
+    return ZeroRates(
+        start_s=float(seconds.start_s[0]),
+        end_s=float(seconds.end_s[-1]),
+        heading_known=bool(earth.heading_deg_h[0] == 0.0),
+        gyro={
+            axis: ZeroRate(bias_deg_h=float(b), sigma_deg_h=float(s))
+            for axis, b, s in zip(AXES, rate, sigma)
         },
-    }
+    )
 
 
 def unknown_sigma_deg_h(

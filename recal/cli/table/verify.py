@@ -50,6 +50,7 @@ def command(
     recal-update/update.json
     """
     from infield.store.table_store import TableStore
+    from infield.store.verify import StoreVerdict
     from ins.json_file import read_json_object
 
     reports = {str(path): read_json_object(path) for path in report or ()}
@@ -57,7 +58,7 @@ def command(
         result = document(opened.verify(head or (), reports), opened.name)
     if not answer(result, as_json=as_json, verbose=verbose):
         for line in lines(result):
-            if not quiet or result["verdict"] == "broken":
+            if not quiet or result["verdict"] == StoreVerdict.BROKEN:
                 print(line)
     finish(result)
 
@@ -77,7 +78,7 @@ def document(check: StoreCheck, store: str) -> dict[str, Any]:
     return {
         "schema": "recal.verify/1",
         "store": store,
-        "verdict": "intact" if check.intact else "broken",
+        "verdict": check.verdict.value,
         "reasons": [*check.faults, *reasons],
         "faults": list(check.faults),
         "units": units,

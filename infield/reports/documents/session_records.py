@@ -1,0 +1,218 @@
+"""What `update.json` holds of one run, as records; `documents.session` fills them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from infield.reports.documents.spans import SpanDocument
+from infield.session.navigated.claim_chain import ChainPoint
+from ins.records import Phase
+from ins.verdicts import OMIT_NONE
+
+
+@dataclass(frozen=True, kw_only=True)
+class SiteDocument:
+    """Where the run stood."""
+
+    lat_deg: float
+    lon_deg: float
+    height_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureDocument:
+    """Gyro temperatures, thinned for the drawing, and what is wrong with the thermometers."""
+
+    min_degC: Sequence[float]
+    max_degC: Sequence[float]
+    unusable: Sequence[str]
+    faults: Sequence[str]
+    time_s: Sequence[float]
+    gyro_degC: Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionAlignment:
+    """The session's alignment; angles not found are NaN."""
+
+    verdict: str
+    time_s: float
+    roll_deg: float
+    pitch_deg: float
+    sigma_roll_deg: float
+    heading_deg: float
+    sigma_heading_deg: float
+    latitude_found_deg: float
+    sigma_latitude_deg: float
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeadingError:
+    """Computed minus true at the end of the alignment; None where not observable."""
+
+    value_mrad: float | None
+    sigma_mrad: float | None
+    source: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeenDocument:
+    """How well a session saw one gyro."""
+
+    axis: str
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+    verdict: str
+    advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoverageDocument:
+    """Seconds in a band of temperature."""
+
+    axis: str
+    low_degC: float
+    high_degC: float
+    seconds: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualDocument:
+    """A point less the table before and after the merge."""
+
+    axis: str
+    time_s: float
+    temperature_degC: float
+    before_deg_h: float
+    after_deg_h: float
+    sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeatingCooling:
+    """Mean residual over rising less that over falling temperature; None where one is missing."""
+
+    axis: str
+    heating_points: int
+    cooling_points: int
+    difference_deg_h: float | None
+    sigma_deg_h: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasurementDocument:
+    """One kind of measurement against the noise model."""
+
+    nis_mean: float
+    dof: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmoothingDocument:
+    """RMS sigma of a gyro over the bins, by the filter alone and given the whole run."""
+
+    filtered_sigma_deg_h: float
+    smoothed_sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class VelocityDocument:
+    """Computed velocity, thinned for the drawing."""
+
+    time_s: Sequence[float]
+    north_m_s: Sequence[float]
+    east_m_s: Sequence[float]
+    heading_deg: Sequence[float]
+
+
+@dataclass(frozen=True)
+class ChainRow(ChainPoint):
+    """A window of the claim chain beside what the filter says of it."""
+
+    filter_north_deg_h: float
+    filter_east_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChainDocument:
+    """The patent's own path beside the filter."""
+
+    points: Sequence[ChainRow]
+    heading_error_mrad: float | None
+    sigma_heading_error_mrad: float | None
+    note: str
+    sigma_deg_h: float | None
+    sigma_filtered_deg_h: float | None
+    bracket_sigma_deg_h: float | None
+    difference_rms_deg_h: float | None
+    difference_rms_east_deg_h: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class StretchDocument:
+    """A stretch of rest of a unit without a heading, and the turn since the one before."""
+
+    start_s: float
+    duration_s: float
+    still_s: float
+    bins: int
+    temperature_degC: tuple[float, float]
+    turned_deg: float | None
+    sigma_turned_deg: float | None
+    turn_told: bool | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroRateDocument:
+    """What the parked seconds of a unit without a heading gave."""
+
+    seconds: float
+    start_s: float
+    end_s: float
+    ended_because: str
+    angle_random_walk_deg_sqrt_h: Sequence[float]
+    noise_over_model: float
+    earth_rate_sigma_deg_h: Sequence[float]
+    heading_known: bool
+    bin_s: float
+    bins: int
+    stretches: Sequence[StretchDocument] | None = field(default=None, metadata=OMIT_NONE)
+    left_out: Sequence[SpanDocument] | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionDocument:
+    """Everything a report shows of one run that was refused before it was estimated."""
+
+    run_id: str
+    sha256: str
+    tail: str
+    start_utc: str
+    site: SiteDocument
+    outcome: str
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    duration_s: float
+    streams: Sequence[str]
+    temperature: TemperatureDocument | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatedDocument(SessionDocument):
+    """The same of a run that was estimated; what only a navigated session has is None."""
+
+    alignment: SessionAlignment
+    heading_error: HeadingError
+    observability: Mapping[str, SeenDocument]
+    phases: Sequence[Phase]
+    points_covariance_deg_h2: Sequence[Sequence[float]] | None
+    coverage: Sequence[CoverageDocument]
+    residuals: Sequence[ResidualDocument]
+    heating_cooling: Sequence[HeatingCooling]
+    measurements: Mapping[str, MeasurementDocument]
+    parked_jitter_m: float | None
+    smoothing: Mapping[str, SmoothingDocument]
+    velocity: VelocityDocument | None
+    claim_chain: ChainDocument | None
+    zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)

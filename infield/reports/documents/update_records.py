@@ -1,0 +1,197 @@
+"""What `update.json` (formats.md, section 5) holds, as records; `documents.update` fills them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from infield.reports.documents.session_records import HeadingError, SessionDocument
+from infield.reports.documents.spans import SpanDocument
+from infield.session.disagreement import Step
+from ins.verdicts import OMIT_NONE
+
+
+class Null(Enum):
+    """A value that stands in the file as null, where None means that its key is left out."""
+
+    NULL = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunDocument:
+    """A run and its content hash."""
+
+    run_id: str
+    sha256: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObservedDocument:
+    """How well the best session saw one gyro."""
+
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+    verdict: str
+    advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointDocument:
+    """The total bias of one gyro over one bin; time_s: its centre."""
+
+    axis: str
+    time_s: float
+    temperature_degC: float
+    bias_deg_h: float
+    sigma_deg_h: float
+    temperature_rate_degC_min: float
+    start_s: float
+    duration_s: float
+    gradient_degC: float | None
+    sigma_temperature_degC: float | None
+    sigma_temperature_rate_degC_min: float | None
+    run_id: str
+    run_sha256: str
+    applied_table_sha256: str | None
+    observability: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeDocument:
+    """One session against the table."""
+
+    run_id: str
+    nis: float
+    dof: int
+    band_999: Sequence[float]
+    axis_shift_sigmas: Sequence[float]
+    axis_shift_limit_sigmas: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConsistencyDocument:
+    """The residuals of all sessions against the noise model; None without any."""
+
+    nis_mean: float | None
+    dof: int
+    band_95: Sequence[float] | None
+    band_999: Sequence[float] | None
+    merge: Sequence[MergeDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetDocument:
+    """A term of the session's mean bias alone, one sigma."""
+
+    axis: str
+    term: str
+    sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MethodDocument:
+    """By what the numbers were made."""
+
+    name: str
+    program: str
+    version: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class PredictedEffect:
+    """What the change means at the temperatures visited, the new table taken as the better one."""
+
+    level_change_deg_h: float
+    drift_removed_nm_h: float
+    drift_left_sigma_nm_h: float
+    heading_removed_mrad: float
+    heading_left_sigma_mrad: float
+    temperature_degC: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroRateEffect:
+    """The change of the table over the temperatures of the last merged session, its level and its
+    shape apart.
+    """
+
+    level_change_deg_h: float
+    shape_change_deg_h: float
+    level_left_sigma_deg_h: float
+    shape_left_sigma_deg_h: float
+    turn_on_deg_h: float
+    earth_rate_deg_h: float
+    temperature_degC: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeDocument:
+    """A node of the new table beside the old table at its temperature."""
+
+    axis: str
+    temperature_degC: float
+    before_deg_h: float
+    U_before_k2_deg_h: float
+    after_deg_h: float
+    U_after_k2_deg_h: float
+    change_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HysteresisDocument:
+    """Heating against cooling on one axis."""
+
+    axis: str
+    kind: str
+    value: float
+    sigma: float
+    z: float
+    action: str
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DisagreementDocument:
+    """Where several sessions agree against the table, and whether that was followed."""
+
+    steps: Sequence[Step]
+    accepted: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpdateDocument:
+    """The whole file. Tables and noise model stand as formats.md writes them."""
+
+    schema: str
+    verdict: str
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    imu_serial: str
+    gyro_technology: str
+    runs: Sequence[RunDocument]
+    heading_error: HeadingError
+    observability: Mapping[str, ObservedDocument]
+    points: Sequence[PointDocument]
+    excluded: Sequence[SpanDocument]
+    consistency: ConsistencyDocument
+    table_before: Mapping[str, Any]
+    table_after: Mapping[str, Any]
+    uncertainty_budget: Sequence[BudgetDocument]
+    table_before_sha256: str
+    table_after_sha256: str
+    method: MethodDocument
+    issued_utc: str
+    store: str | None
+    revision: int | None
+    rollback_command: str | None
+    decision_rule: str
+    noise_model: Mapping[str, Any]
+    assumptions: Sequence[str]
+    predicted_effect: PredictedEffect | None
+    zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
+    changes: Sequence[ChangeDocument]
+    hysteresis: Sequence[HysteresisDocument]
+    disagreement: DisagreementDocument
+    sessions: Sequence[SessionDocument]
+    thermal_model: Mapping[str, Any] | None = field(default=None, metadata=OMIT_NONE)
