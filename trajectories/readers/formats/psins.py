@@ -11,7 +11,7 @@ imufile.m, trjsimu.m, gpssimu.m, a2mat.m.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -68,16 +68,18 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     refuse_non_finite(dict(options), name="map")
     keys = parse(PsinsKeys, dict(options), name="map")
     values: Leaves = {}
-    header: dict[str, Any] = {}
+    site: dict[str, float] | None = None
     if is_file_of(path, SIMU_HEAD):
-        columns, header, notes = _simu_file(path)
+        simu = _simu_file(path)
+        columns, site, notes = simu.columns, simu.site, list(simu.notes)
     elif is_matlab(path):
         values, notes = leaves(path)
         columns = dict(zip(ROW, _matrix(values, IMU_NAMES, (7,), path).T))
     else:
         columns, notes = _rows(path, (7,), "wm x y z, vm x y z, t")
     log = converted(columns, column_map(MAP | stretch_of(keys)), label=path.name, notes=notes)
-    log = replace(log, header={**header, **keys.run})
+    place = {} if site is None else {"site": site}
+    log = replace(log, header={**place, **keys.run})
     if keys.gnss is not None:
         other = side_file(path, keys.gnss.file, "gnss.file (--gnss)")
         gps, notes = _gps(other)
@@ -94,10 +96,17 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     )
 
 
-def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str]]:
-    """Increments of counts, the place in the head, and notes. InputError where the head is not as
-    the format says.
-    """
+@dataclass(frozen=True, kw_only=True)
+class _SimuFile:
+    """Increments by column (n,), the place in the head as run.json has it, and notes."""
+
+    columns: dict[str, NDArray]
+    site: dict[str, float]
+    notes: tuple[str, ...]
+
+
+def _simu_file(path: Path) -> _SimuFile:
+    """What a file of counts holds. InputError where the head is not as the format says."""
     text, note = read_text(path)
     head: list[list[float]] = []
     line_number = 0
@@ -108,7 +117,8 @@ def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str
         head += [_head_line(words, f"{path.name}: line {line_number}")] if words else []
     if len(head) < 3:
         raise InputError(f"{path.name}: {len(head)} lines in the head, needed 3")
-    (lat_deg, lon_deg, height_m, t0_s, interval_ms, g), scales = head[1][:6], head[2][:6]
+    lat_deg, lon_deg, height_m, t0_s, interval_ms, g = head[1][:6]
+    scales = head[2][:6]
     if not (0 < interval_ms <= 110 and 9.7 < g < 9.9 and min(scales) > 0):
         raise InputError(
             f"{path.name}: head: interval {interval_ms:g} ms, g {g:g}, scales {min(scales):g} and"
@@ -129,10 +139,11 @@ def _simu_file(path: Path) -> tuple[dict[str, NDArray], dict[str, Any], list[str
     told = (
         f"{path.name}: head gives the place, and {attitude} (inaccurate, says the format; not used)"
     )
-    return (
-        columns,
-        {"site": {"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m}},
-        [*([f"{path.name}: {note}"] if note else []), *notes, told],
+    first = [f"{path.name}: {note}"] if note else []
+    return _SimuFile(
+        columns=columns,
+        site={"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m},
+        notes=(*first, *notes, told),
     )
 
 
