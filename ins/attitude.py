@@ -61,19 +61,19 @@ def dcm_from_euler(roll_rad: ArrayLike, pitch_rad: ArrayLike, heading_rad: Array
     r, p, h = np.broadcast_arrays(
         *(np.asarray(a, dtype=float) for a in (roll_rad, pitch_rad, heading_rad))
     )
-    sr, cr, sp, cp, sh, ch = np.sin(r), np.cos(r), np.sin(p), np.cos(p), np.sin(h), np.cos(h)
+    sr, cr = np.sin(r), np.cos(r)
+    sp, cp = np.sin(p), np.cos(p)
+    sh, ch = np.sin(h), np.cos(h)
     C_nb = np.empty(r.shape + (3, 3))
-    C_nb[..., 0, 0], C_nb[..., 0, 1], C_nb[..., 0, 2] = (
-        cp * ch,
-        -cr * sh + sr * sp * ch,
-        sr * sh + cr * sp * ch,
-    )
-    C_nb[..., 1, 0], C_nb[..., 1, 1], C_nb[..., 1, 2] = (
-        cp * sh,
-        cr * ch + sr * sp * sh,
-        -sr * ch + cr * sp * sh,
-    )
-    C_nb[..., 2, 0], C_nb[..., 2, 1], C_nb[..., 2, 2] = -sp, sr * cp, cr * cp
+    C_nb[..., 0, 0] = cp * ch
+    C_nb[..., 0, 1] = -cr * sh + sr * sp * ch
+    C_nb[..., 0, 2] = sr * sh + cr * sp * ch
+    C_nb[..., 1, 0] = cp * sh
+    C_nb[..., 1, 1] = cr * ch + sr * sp * sh
+    C_nb[..., 1, 2] = -sr * ch + cr * sp * sh
+    C_nb[..., 2, 0] = -sp
+    C_nb[..., 2, 1] = sr * cp
+    C_nb[..., 2, 2] = cr * cp
     return C_nb
 
 

@@ -38,10 +38,8 @@ def gyro_matrix(*, scale_factor_ppm: ArrayLike, misalignment_mrad: ArrayLike) ->
     InputError
         Where one of the two has another length.
     """
-    scale, misalignment = (
-        np.asarray(scale_factor_ppm, dtype=float),
-        np.asarray(misalignment_mrad, dtype=float),
-    )
+    scale = np.asarray(scale_factor_ppm, dtype=float)
+    misalignment = np.asarray(misalignment_mrad, dtype=float)
     if scale.shape != (3,) or misalignment.shape != (6,):
         raise InputError(
             f"gyro matrix: shapes {scale.shape} and {misalignment.shape}, needed (3,) and (6,)"
@@ -90,12 +88,12 @@ def compensate(
     if not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 3:
         raise InputError("gyro scale factors and misalignment: the matrix I + S + M has no inverse")
     dtheta = imu.dtheta_rad - _integrated(gyro_bias_rad_s, imu, "gyro_bias_rad_s")
+    if not np.array_equal(matrix, np.eye(3)):
+        dtheta = _turned(np.linalg.inv(matrix), dtheta)
     return ImuLog(
         time_s=imu.time_s,
         dt_s=imu.dt_s,
-        dtheta_rad=(
-            dtheta if np.array_equal(matrix, np.eye(3)) else _turned(np.linalg.inv(matrix), dtheta)
-        ),
+        dtheta_rad=dtheta,
         dv_m_s=imu.dv_m_s - _integrated(accel_bias_m_s2, imu, "accel_bias_m_s2"),
         source=imu.source,
     )

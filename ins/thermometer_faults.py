@@ -403,10 +403,8 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
         rows = judge.rows(name)
         if not rows.size:
             continue
-        middle, peak = (
-            np.median(judge.columns[name][rows]),
-            np.percentile(judge.columns[name][rows], 95),
-        )
+        middle = np.median(judge.columns[name][rows])
+        peak = np.percentile(judge.columns[name][rows], 95)
         low, high = plausible_degC
         if not low <= middle <= high or peak > high + 15.0:
             guess = "Fahrenheit?" if peak > high else "wrong scale?"

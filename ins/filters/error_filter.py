@@ -147,11 +147,9 @@ class ErrorFilter:
         if c.flags.size and c.flags[:, BIN].max() >= len(self.filtered):
             raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
         count = len(c.ops)
-        outcome, gain, normalised = (
-            np.zeros(count, dtype=np.int64),
-            np.full(count, np.nan),
-            np.zeros(len(c.z)),
-        )
+        outcome = np.zeros(count, dtype=np.int64)
+        gain = np.full(count, np.nan)
+        normalised = np.zeros(len(c.z))
         self.x, self.P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
         stopped = filter_kernel.run(
             self.x,

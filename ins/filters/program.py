@@ -6,7 +6,8 @@ in the loop.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -181,8 +182,7 @@ class FilterProgram:
             Innovations beyond so many sigmas leave the whole measurement out.
         """
         if len(at):
-            block = _block(MEASURE, at, rows, z, variance)
-            self._blocks.append(replace(block, name=name, gate=gate))
+            self._blocks.append(_block(MEASURE, at, rows, z, variance, name=name, gate=gate))
 
     def widen(self, at: NDArray, index: int, variance: ArrayLike) -> None:
         """Add independent variance to a state, at several steps.
@@ -197,8 +197,7 @@ class FilterProgram:
             In its unit, squared.
         """
         if len(at):
-            block = _block(ADD, at, [{}], [0.0], [variance])
-            self._blocks.append(replace(block, target=index))
+            self._blocks.append(_block(ADD, at, [{}], [0.0], [variance], target=index))
 
     def assign(self, at: NDArray, index: int, row: Row, variance: ArrayLike) -> None:
         """Replace a state by a combination of the others plus independent noise, at several steps.
@@ -215,8 +214,7 @@ class FilterProgram:
             Of the noise.
         """
         if len(at):
-            block = _block(ASSIGN, at, [row], [0.0], [variance])
-            self._blocks.append(replace(block, target=index))
+            self._blocks.append(_block(ASSIGN, at, [row], [0.0], [variance], target=index))
 
     def clone(self, at: NDArray, target: slice) -> None:
         """Copy theta as it stands at the end of steps.
@@ -271,8 +269,9 @@ def _block(
     rows: Sequence[Row],
     z: Sequence[ArrayLike] | NDArray,
     variance: Sequence[ArrayLike],
+    **more: Any,
 ) -> _Block:
-    """The operation at the steps `at`, without name and gate, on no state."""
+    """The operation at the steps `at`; more: its name, target and gate, where it has them."""
     steps = np.atleast_1d(np.asarray(at, dtype=np.int64))
     width = max(max(len(row) for row in rows), 1)
     index = np.zeros((len(steps), len(rows), width), dtype=np.int64)
@@ -288,6 +287,7 @@ def _block(
         value=value,
         z=_of_each_step(z, len(steps)),
         variance=_of_each_step(variance, len(steps)),
+        **more,
     )
 
 

@@ -154,11 +154,9 @@ class _Job:
     ) -> None:
         self.logs = [imu] if isinstance(imu, ImuLog) else list(imu)
         self.starts = [initial] if isinstance(initial, NavState) else list(initial)
-        self.errors, self.vertical, self.runs = (
-            errors or SensorErrors(),
-            vertical,
-            _run_count(self.logs, self.starts, errors),
-        )
+        self.errors = errors or SensorErrors()
+        self.vertical = vertical
+        self.runs = _run_count(self.logs, self.starts, errors)
         log, start_s = self.logs[0], self.starts[0].time_s
         self.first = int(np.searchsorted(log.time_s, start_s, side="right"))
         _check(self.logs, self.starts, self.first)

@@ -80,10 +80,7 @@ class VerticalChannel:
             )
         if self.mode == "aided":
             self._freeze_series()
-        elif (
-            self.time_s is not None
-            or np.ndim(self.height_m if self.height_m is not None else 0.0) != 0
-        ):
+        elif self.time_s is not None or (self.height_m is not None and np.ndim(self.height_m)):
             raise InputError(
                 f"VerticalChannel: a height series needs mode 'aided', got {self.mode!r}"
             )

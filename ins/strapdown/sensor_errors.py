@@ -51,15 +51,15 @@ class SensorErrors:
     seeds: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        edges = (
-            None
-            if self.edges_s is None
-            else frozen_array(self.edges_s, (None,), "SensorErrors.edges_s")
-        )
-        if edges is not None and (edges.size < 2 or not np.all(np.diff(edges) > 0)):
-            raise InputError("SensorErrors.edges_s: needs two or more edges, strictly increasing")
-        object.__setattr__(self, "edges_s", edges)
-        bins = None if edges is None else edges.size - 1
+        bins = None
+        if self.edges_s is not None:
+            edges = frozen_array(self.edges_s, (None,), "SensorErrors.edges_s")
+            if edges.size < 2 or not np.all(np.diff(edges) > 0):
+                raise InputError(
+                    "SensorErrors.edges_s: needs two or more edges, strictly increasing"
+                )
+            object.__setattr__(self, "edges_s", edges)
+            bins = edges.size - 1
         for name in ("gyro_bias_rad_s", "accel_bias_m_s2"):
             self._freeze(name, (None, 3) if bins is None else (None, bins, 3))
         for name in ("gyro_matrix", "accel_matrix"):
@@ -73,17 +73,11 @@ class SensorErrors:
             raise InputError(
                 "SensorErrors: noise must be finite, not negative, and have seeds, one for each run"
             )
-        if (
-            len(
-                counts := {
-                    n: len(getattr(self, n)) for n in RUN_FIELDS if getattr(self, n) is not None
-                }
-            )
-            > 1
-        ):
-            if len(set(counts.values())) > 1:
-                told = ", ".join(f"{name} {count}" for name, count in counts.items())
-                raise InputError(f"SensorErrors: runs differ: {told}")
+        present = [name for name in RUN_FIELDS if getattr(self, name) is not None]
+        counts = {name: len(getattr(self, name)) for name in present}
+        if len(set(counts.values())) > 1:
+            told = ", ".join(f"{name} {count}" for name, count in counts.items())
+            raise InputError(f"SensorErrors: runs differ: {told}")
 
     def _freeze(self, name: str, shape: tuple[int | None, ...]) -> None:
         if getattr(self, name) is None:

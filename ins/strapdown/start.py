@@ -48,15 +48,12 @@ class EpochEnds:
         ends : ndarray of int
             Rows of this part used up at each epoch end; 0: one that ended with the last part.
         """
-        ends = (
-            np.arange(1, time_s.size + 1)
-            if self._epoch_s is None
-            else self._nearest(time_s, self._epoch_s)
-        )
-        self._before_last_s, self.last_s = (
-            float(time_s[-2] if time_s.size > 1 else self.last_s),
-            float(time_s[-1]),
-        )
+        if self._epoch_s is None:
+            ends = np.arange(1, time_s.size + 1)
+        else:
+            ends = self._nearest(time_s, self._epoch_s)
+        self._before_last_s = float(time_s[-2]) if time_s.size > 1 else self.last_s
+        self.last_s = float(time_s[-1])
         self._ended = bool(ends.size and ends[-1] == time_s.size)
         return ends
 
