@@ -16,7 +16,7 @@ from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
 from simreal.evidence.whitened import CHANNELS, Evidence
 from simreal.inference.causes import Cause
-from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, diagnose
+from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, DiagnosisSettings, diagnose
 
 REACHED = 0.25  # a trial whose size is further off the wanted one is not diagnosed
 MOST_PLACES = 3
@@ -78,7 +78,8 @@ def record_of(
     names = {n for p in trial.truth for n in (p.effect, *p.answers)}
     effects = tuple(e for e in catalogue() if e.name not in names) if cell.without else None
     start, wall = time.process_time(), time.perf_counter()
-    found = diagnosing(trial.runs, trial.twin, table, alpha=cell.alpha, seed=seed, effects=effects)
+    settings = DiagnosisSettings(alpha=cell.alpha, seed=seed, effects=effects)
+    found = diagnosing(trial.runs, trial.twin, table, settings)
     spent = {
         "cpu_s": round(time.process_time() - start, 2),
         "wall_s": round(time.perf_counter() - wall, 2),

@@ -20,14 +20,14 @@ SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob
 MODULES_IN_A_FOLDER = 15
 FRONT_DOOR = "recal/__init__.py"  # the one package file with code
 
-UNTYPED_RESULTS = 431  # `dict[str, Any]` in the product; the goal is 60
+UNTYPED_RESULTS = 314  # `dict[str, Any]` in the product; the goal is 60
 NAMES_WITH_SEVERAL_VALUES = 143  # constants; the goal is 40
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*(degC)?")
 
 # Outside these, no function is more complex than 12 or has more than 7 arguments. A kernel takes
 # arrays one by one, because numba compiles records slowly; a command's arguments are its options.
 UNLIMITED = ("*_kernel.py", "ins/strapdown/kernel.py", "ins/strapdown/loop.py", "recal/cli/**")
-FILES_WITHOUT_LIMIT = 31  # beside those; the goal is 0
+FILES_WITHOUT_LIMIT = 26  # beside those; the goal is 0
 
 # One concept, one home. The simulator shares no formula with the estimators, so it has its own.
 HOMES = {

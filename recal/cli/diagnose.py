@@ -112,9 +112,8 @@ def diagnose(
     directory = output_directory(output, "diagnose")
     told("comparing with the twin")
     try:
-        found = core.diagnose(
-            loaded, twin, table, alpha=alpha, seed=seed, table_sha256=sha256, hold_out=held
-        )
+        settings = core.DiagnosisSettings(alpha=alpha, seed=seed, hold_out=held)
+        found = core.diagnose(loaded, twin, table, settings, table_sha256=sha256)
     except InputError:
         reasons = _unfit(loaded, twin, table, sha256)
         if reasons is None:

@@ -106,7 +106,7 @@ def plan(
     from ins.verdicts import plain
     from recal.service.output import output_directory, program_version, write_files
     from simreal.plan.pairs import CLASSICAL, read_pair
-    from simreal.plan.study import study
+    from simreal.plan.study import PlanSettings, study
     from simreal.report.plan_document import plan_document
     from simreal.report.plan_page import plan_html
     from trajectories.runs.directory import read_run
@@ -125,10 +125,8 @@ def plan(
             twin,
             table,
             site,
+            PlanSettings(seed=seed, without=tuple(without or ()), most=most),
             given=_views(runs, twin, table, sha256),
-            seed=seed,
-            without=without or (),
-            most=most,
             progress=told,
         )
     document = plan_document(

@@ -6,7 +6,9 @@ stretch, then free-inertial navigation. The `reference` stream is never read. Ti
 clock (seconds since power-on).
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,9 +136,11 @@ def view_run(
         notes.append(
             "the unit does not find north: what follows the parked stretch is not looked at"
         )
-    telemetry = _telemetry(
-        run, index, table, temperature, seconds, kind, C_nb, history, knows_north
+    telemetry = replace(
+        _telemetry(run, seconds, kind, C_nb, history), run_index=index, heading_known=knows_north
     )
+    if temperature is not None:
+        telemetry = replace(telemetry, **_thermal(run, table, temperature, telemetry.time_s))
     return RunView(
         run,
         telemetry,
@@ -287,16 +291,9 @@ def _vertical(run: Run) -> VerticalChannel:
 
 
 def _telemetry(
-    run: Run,
-    index: int,
-    table: ThermalTable | None,
-    temperature: GyroTemperature | None,
-    seconds: Seconds,
-    kind: NDArray,
-    C_nb: NDArray,
-    history: NavHistory | None,
-    knows_north: bool,
+    run: Run, seconds: Seconds, kind: NDArray, C_nb: NDArray, history: NavHistory | None
 ) -> Telemetry:
+    """Motion and force at the seconds; temperatures and the number of the run are not in it."""
     site, n, t = run.header.site, seconds.end_s.size, seconds.middle_s
     gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
     C = np.broadcast_to(C_nb, (n, 3, 3)).copy()
@@ -316,10 +313,9 @@ def _telemetry(
         heading = euler_from_dcm(history.C_nb)[2]
         turn[at] = np.where(moving, wrap_pi(heading[rows] - heading[rows - 1]), 0.0)
         rate[at], force[at] = seconds.mean[at, :3], seconds.mean[at, 3:]
-    said = {} if temperature is None else _thermal(run, table, temperature, t)
     speed = np.einsum("nj,nj->n", C[:, :, 0], v)
     return Telemetry(
-        run_index=index,
+        run_index=0,
         time_s=t,
         dt_s=1.0,
         rate_rad_s=rate,
@@ -331,17 +327,17 @@ def _telemetry(
         kind=kind,
         lat_rad=site.lat_rad,
         height_m=site.height_m,
-        heading_known=knows_north,
         has_gnss=run.gnss is not None,
         has_odometer=run.odometer is not None,
-        **said,
     )
 
 
 def _thermal(
     run: Run, table: ThermalTable | None, temperature: GyroTemperature, t: NDArray
-) -> dict[str, NDArray]:
-    """Temperatures at the seconds; those beside the gyros' as read, straight between readings."""
+) -> Mapping[str, Any]:
+    """Temperatures at the seconds, by field of the telemetry; those beside the gyros' as read,
+    straight between readings.
+    """
     assert run.temperature is not None
     log, T = run.temperature, temperature.at(t)
     rate = np.stack(

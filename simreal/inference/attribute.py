@@ -98,6 +98,14 @@ class Attribution:
         return self.evidence.z - self.bank.signature(columns, coefficients)
 
 
+@dataclass(frozen=True)
+class Listed:
+    """What the twin lists already: its noise, and its traces run by run (None: it lists none)."""
+
+    noise: tuple[ExtraNoise, ...] = ()
+    traces: Sequence[Trace | None] | None = None
+
+
 class Attributor:
     """The search over one set of runs under one twin."""
 
@@ -110,17 +118,13 @@ class Attributor:
         alpha: float,
         rng: np.random.Generator,
         replicates: int = REPLICATES,
-        extra: Sequence[ExtraNoise] = (),
-        known: Sequence[Trace | None] | None = None,
+        listed: Listed | None = None,
     ) -> None:
         self.views, self.twin, self.effects = views, twin, effects
-        self._extra, self._known = tuple(extra), known  # what the twin lists already
+        self._listed = listed or Listed()
         self._set(self._under(()))
-        self.plain, self.plain_squares, self.not_testable = (
-            self.evidence,
-            self.squares,
-            list(self.bank.not_testable),
-        )
+        self.plain, self.plain_squares = self.evidence, self.squares
+        self.not_testable = list(self.bank.not_testable)
         self._replicates(rng, replicates)
         self.threshold = tail_quantile(self.replicate_max, 0.5 * alpha)
         self.slots: list[Slot] = []
@@ -134,7 +138,8 @@ class Attributor:
 
     def _under(self, noise: Sequence[ExtraNoise]) -> Evidence:
         """The evidence under the twin with more noise."""
-        return Evidence(self.views, self.twin, (*self._extra, *noise), self._known)
+        listed = self._listed
+        return Evidence(self.views, self.twin, (*listed.noise, *noise), listed.traces)
 
     def _replicates(self, rng: np.random.Generator, count: int) -> None:
         self.replicate_z = rng.standard_normal((self.evidence.size, count))

@@ -20,7 +20,14 @@ from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
 from simreal.evidence.run_view import RunView, view_run
 from simreal.evidence.whitened import CHANNELS, Evidence, ExtraNoise
 from simreal.inference.addback import HeldOut, shrink_of
-from simreal.inference.attribute import Attribution, Attributor, Slot, tail_probability
+from simreal.inference.attribute import (
+    REPLICATES,
+    Attribution,
+    Attributor,
+    Listed,
+    Slot,
+    tail_probability,
+)
 from simreal.inference.bank import silent
 from simreal.inference.causes import Cause, cause_of, posterior_bars
 from simreal.inference.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
@@ -84,33 +91,50 @@ class Diagnosis:
     notes: tuple[str, ...] = field(default=())
 
 
+@dataclass(frozen=True, kw_only=True)
+class DiagnosisSettings:
+    """How a diagnosis is made.
+
+    alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is
+    left". seed : of the replicates. effects : to choose from, None: the catalogue. hold_out : run
+    ids that only judge the shrink. replicates : of the twin's noise, which set the threshold.
+    """
+
+    alpha: float = DEFAULT_ALPHA
+    seed: int = 0
+    effects: Sequence[Effect] | None = None
+    hold_out: Sequence[str] = ()
+    replicates: int = REPLICATES
+
+
 def diagnose(
     runs: Sequence[Run],
     twin: TwinModel,
     table: ThermalTable | None,
+    settings: DiagnosisSettings | None = None,
     *,
-    alpha: float = DEFAULT_ALPHA,
-    seed: int = 0,
-    effects: Sequence[Effect] | None = None,
     table_sha256: str = "",
-    hold_out: Sequence[str] = (),
-    replicates: int = 300,
 ) -> Diagnosis:
     """The sim-to-real gap of runs of one unit.
 
     Parameters
     ----------
-    runs : power-on sessions of the twin's unit. table : the twin's, exact; None: it has none.
-    alpha : false alarms per diagnosis, half for a wrongly named cause, half for "something is
-    left". effects : the catalogue to choose from. hold_out : run ids that only judge the shrink.
+    runs : power-on sessions of the twin's unit.
+    twin : what the simulator believes about it.
+    table : the twin's, taken as exact; None: it has none.
+    settings : level, seed, effects, runs held out.
+    table_sha256 : of that table: a log from which it was subtracted already gets it back.
 
-    Raises InputError where a run is of another unit, no run can be looked at, or a run to hold out
-    is not among them.
+    Raises
+    ------
+    InputError
+        Where a run is of another unit, no run can be looked at, or a run to hold out is not among
+        them.
     """
-    rng = np.random.default_rng(seed)
+    how = settings or DiagnosisSettings()
     views, unused = _views(runs, twin, table, table_sha256)
-    chosen = catalogue() if effects is None else tuple(effects)
-    views, held = _split(views, hold_out)
+    chosen = catalogue() if how.effects is None else tuple(how.effects)
+    views, held = _split(views, how.hold_out)
     listed = parse_effects(twin)
     known = [twin_traces(listed, v.telemetry, v.name) if listed else None for v in [*views, *held]]
     extra = [e for k, v in enumerate(views) for e in _listed_noise(listed, v.name, k)]
@@ -118,14 +142,13 @@ def diagnose(
         views,
         twin,
         chosen,
-        alpha=alpha,
-        rng=rng,
-        replicates=replicates,
-        extra=extra,
-        known=known[: len(views)],
+        alpha=how.alpha,
+        rng=np.random.default_rng(how.seed),
+        replicates=how.replicates,
+        listed=Listed(tuple(extra), known[: len(views)]),
     ).explain()
     apart = HeldOut(attribution, [*views, *held], len(views), known) if held else None
-    return _diagnosed(attribution, [*views, *held], unused, twin, alpha, replicates, apart)
+    return _diagnosed(attribution, [*views, *held], unused, how, apart)
 
 
 def _listed_noise(listed: Sequence[TwinEffect], run_id: str, number: int) -> list[ExtraNoise]:
@@ -186,15 +209,14 @@ def _diagnosed(
     attribution: Attribution,
     views: Sequence[RunView],
     unused: Sequence[tuple[str, str]],
-    twin: TwinModel,
-    alpha: float,
-    replicates: int,
+    how: DiagnosisSettings,
     apart: HeldOut | None = None,
 ) -> Diagnosis:
+    """The diagnosis of an attribution: cells, what is left, shrink, places, words."""
     evidence, squares = attribution.plain_evidence, attribution.plain_squares
     cells = cells_of(evidence, squares)
     _, _, null = measure_cells(cells, squares.dof, attribution.replicate_ratio)
-    threshold = float(np.quantile(null.max(axis=0), 1.0 - 0.5 * alpha))
+    threshold = float(np.quantile(null.max(axis=0), 1.0 - 0.5 * how.alpha))
     ratio = squares.ratio(evidence.z[:, None])[:, 0]
     before = locate(cells, squares, ratio, threshold)
     leftover = Leftover(evidence, cells, squares)
@@ -211,7 +233,7 @@ def _diagnosed(
     )
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
-    present = p_after < 0.5 * alpha
+    present = p_after < 0.5 * how.alpha
     where, marked = _places(attribution, before, after)
     inside = marked if marked.any() else np.ones(len(cells), bool)
     verdict = _verdict(causes, present)
@@ -235,10 +257,10 @@ def _diagnosed(
         cells_after=after,
         views=tuple(views),
         unused=tuple(unused),
-        twin=twin,
-        alpha=alpha,
+        twin=evidence.twin,
+        alpha=how.alpha,
         threshold=attribution.threshold,
-        replicates=replicates,
+        replicates=how.replicates,
         attribution=attribution,
         notes=tuple(f"{v.name}: {n}" for v in views for n in v.notes),
     )

@@ -180,30 +180,37 @@ class Planner:
         return plan
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlanSettings:
+    """seed: of the simulated recordings. without: what cannot be had (see `recordings.WITHOUT`).
+    most: at most so many new recordings.
+    """
+
+    seed: int = 0
+    without: tuple[str, ...] = ()
+    most: int = 6
+
+
 def study(
     pairs: Sequence[Pair],
     twin: TwinModel,
     table: ThermalTable | None,
     site: Site,
+    settings: PlanSettings,
     *,
     given: Sequence[RunView] = (),
-    seed: int = 0,
-    without: Sequence[str] = (),
-    most: int = 6,
     progress: Progress = lambda _: None,
 ) -> Study:
-    """Everything a plan says. given: views of runs at hand; without: what cannot be had (see
-    `plan_recordings.WITHOUT`).
-    """
-    maker = RecordingMaker(twin, table, site, seed, tuple(without))
+    """Everything a plan says. given: views of runs at hand."""
+    maker = RecordingMaker(twin, table, site, settings.seed, settings.without)
     planner = Planner(pairs, maker, given)
-    among = candidates(without)
+    among = candidates(settings.without)
     for number, recording in enumerate(among):
         progress(f"recording {number + 1} of {len(among)}")
         planner.gram(recording)
     progress("choosing")
     planner.learn_special_cases(among)
-    steps, first = planner.choose(among, most)
+    steps, first = planner.choose(among, settings.most)
     chosen = planner.thinned(steps[-1]) if steps else planner.plan((), "no recording")
     progress("comparing")
     compared = (

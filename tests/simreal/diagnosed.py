@@ -7,7 +7,7 @@ from functools import lru_cache
 from benchmarks.gap_trials.trial import draw_trial
 from infield.table.file import table_from_dict, table_sha256
 from simreal.effects.catalogue import catalogue
-from simreal.inference.diagnosis import Diagnosis, diagnose
+from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 
 NAMES = (
     "gyro_thermal_rate",
@@ -40,8 +40,10 @@ def diagnosed(
         made.runs,
         made.twin,
         table_from_dict(made.table, name="table"),
+        DiagnosisSettings(
+            effects=tuple(e for e in catalogue() if e.name in NAMES),
+            replicates=100,
+            hold_out=hold_out,
+        ),
         table_sha256=table_sha256(made.table),
-        effects=tuple(e for e in catalogue() if e.name in NAMES),
-        replicates=100,
-        hold_out=hold_out,
     )

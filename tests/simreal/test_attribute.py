@@ -12,13 +12,12 @@ from benchmarks.gap_trials.trial import draw_noise_trial, draw_trial
 from infield.table.file import table_from_dict
 from simreal.effects.catalogue import catalogue
 from simreal.inference.attribute import tail_probability, tail_quantile
-from simreal.inference.diagnosis import Diagnosis, diagnose
+from simreal.inference.diagnosis import Diagnosis, DiagnosisSettings, diagnose
 
 
 def diagnosed(trial, **how) -> Diagnosis:
-    return diagnose(
-        trial.runs, trial.twin, table_from_dict(trial.table, name="trial"), replicates=120, **how
-    )
+    settings = DiagnosisSettings(replicates=120, **how)
+    return diagnose(trial.runs, trial.twin, table_from_dict(trial.table, name="trial"), settings)
 
 
 @lru_cache(maxsize=8)

@@ -14,7 +14,7 @@ from ins.units import DEG
 from simreal.effects.catalogue import catalogue
 from simreal.evidence.dead_channels import dead_columns
 from simreal.evidence.run_view import RunView, view_run
-from simreal.inference.diagnosis import diagnose
+from simreal.inference.diagnosis import DiagnosisSettings, diagnose
 from tests.simreal import diagnosed
 from tests.simreal.runs import simulated, table, twin_of
 from trajectories.runs.directory import read_run, write_run
@@ -85,9 +85,8 @@ def test_the_effect_is_found_without_the_dead_sensor_and_its_own_effects_are_not
     dead = next(n for n in ("gyro_z", "gyro_y", "gyro_x") if n != target)
     effects = tuple(e for e in catalogue() if e.name in diagnosed.NAMES)
     runs = [without(run, dead) for run in made.runs]
-    found = diagnose(
-        runs, made.twin, table_from_dict(made.table, name="t"), effects=effects, replicates=100
-    )
+    settings = DiagnosisSettings(effects=effects, replicates=100)
+    found = diagnose(runs, made.twin, table_from_dict(made.table, name="t"), settings)
     assert found.causes and found.causes[0].target == target
     assert found.causes[0].effect in ("gyro_thermal_rate", "gyro_thermal_lag")
     lost = {(name, on) for name, _, on in found.not_testable}
