@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse, levelling
-from alignment.motion import imu_faults, stillness
+from alignment.motion import imu_faults, kinds, stillness
 from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.navigation_filter import (
@@ -96,7 +96,7 @@ def solve(
         replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b)
     )
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
-    seen = np.zeros(0)
+    seen, shaking = np.zeros(0), None
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
     for number in range(MAX_PASSES):
         start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
@@ -109,7 +109,10 @@ def solve(
             vertical=vertical or VerticalChannel(mode="hold"),
         )
         if number < MAX_PASSES - 1:
-            motion = stillness.classify(history, phases, imu, faults)
+            # from the second pass on the solution is close enough to keep what the rows showed
+            known = shaking if number > 1 else None
+            motion = stillness.classify(history, phases, imu, faults, known)
+            shaking = motion.shaking
             jitter = stillness.sway_position_sigma(history, motion)
             yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
         plan = plan_steps(
@@ -155,7 +158,7 @@ def _less_found(
 
 
 def _first_roll(motion: stillness.Motion) -> float:
-    rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
+    rolling = np.flatnonzero(motion.kind >= kinds.ROLLING)
     return float(motion.time_s[max(rolling[0] - 1, 0)]) if rolling.size else np.inf
 
 

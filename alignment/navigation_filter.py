@@ -15,7 +15,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.stillness import AIRBORNE, DISTURBED, ROLLING, STILL, Motion
+from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
+from alignment.motion.stillness import Motion
 from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
 from ins.filters import error_model as em

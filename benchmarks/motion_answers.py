@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from alignment import gyrocompass
-from alignment.motion import imu_faults, inertial, parked_seconds, stillness
+from alignment.motion import imu_faults, inertial, kinds, parked_seconds, stillness
 from alignment.motion.seconds import LogSeconds, seconds_of
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
 from infield.misalignment import azimuth_runs
@@ -42,10 +42,10 @@ ANSWERS = ROOT / "tests" / "motion" / "answers.json"
 TOLERANCE = 0.02  # s of a time, deg of a turn
 DECIMALS = 2
 KINDS = {
-    stillness.STILL: "still",
-    stillness.DISTURBED: "disturbed",
-    stillness.ROLLING: "rolling",
-    stillness.AIRBORNE: "airborne",
+    kinds.STILL: "still",
+    kinds.DISTURBED: "disturbed",
+    kinds.ROLLING: "rolling",
+    kinds.AIRBORNE: "airborne",
 }
 VIEW_KINDS = {
     telemetry.PARKED: "parked",

@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from alignment.motion import stillness
+from alignment.motion import kinds
 from alignment.navigation_filter import StepPlan, filter_steps, views_of
 from ins import earth
 from ins.attitude import (
@@ -179,7 +179,7 @@ def our_filter(
         last = np.arange(1, history.time_s.size)
         none = np.zeros(last.size, dtype=np.int64)
         plan = StepPlan(
-            last - 1, last, np.full(last.size, stillness.DISTURBED), none, np.zeros(last.size)
+            last - 1, last, np.full(last.size, kinds.DISTURBED), none, np.zeros(last.size)
         )
         program = FilterProgram(filter_steps(views_of(history, plan)))
         z = (history.v_n_m_s[1:, :2] - velocity[: last.size, :2]).T

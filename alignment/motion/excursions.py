@@ -9,10 +9,10 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Cause
 from alignment.motion.shake import EXCESS_MOTION_M_S, SMALLEST_GATE_M_S
 from ins.robust import white_sigma
 
-STILL, DISTURBED, ROLLING, AIRBORNE = 0, 1, 2, 3
 GUARD_S = 30.0  # after excess motion the alignment restarts 30 s later
 # an event begins before it passes the limit, and falls below it before it ends
 LEAD_S, TAIL_S = 5.0, 5.0
@@ -25,7 +25,6 @@ FRESH, LONGEST_LINE = 30, 90
 STOP_WINDOW_S = 8
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
 STOP_DRIFT_M_S2 = 5e-4
-PUSHED = "tug push"
 
 
 def velocity_noise(v: NDArray) -> float:
@@ -109,7 +108,7 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
         end, way, rolled = _excursion(t, v, k, base, limit, sigma)
         if way > PUSHED_M and not rolled:
             pushed.append(min(end, len(t) - 1))
-        name = PUSHED if pushed and pushed[-1] == end else "motion"
+        name = Cause.PUSH if pushed and pushed[-1] == end else "motion"
         kind[max(k - 2, 0) : end] = ROLLING if rolled else DISTURBED
         cause[max(k - 2, 0) : end] = "" if rolled else name
         if not rolled:

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.kinds import Cause
 from alignment.motion.seconds import LogSeconds, Seconds, judged
 from ins.compensation import corrected
 from ins.records import ImuLog, ImuSource
@@ -39,13 +40,13 @@ class ImuFault:
     """A stretch that was repaired, and the sigmas of what may be left in velocity [m/s] and
     attitude [rad].
 
-    reason "": a shake that was recorded rightly as far as can be seen; nothing is excluded for it
+    reason None: a shake that was recorded rightly as far as can be seen; nothing is excluded for it
     here.
     """
 
     start_s: float
     end_s: float
-    reason: str
+    reason: Cause | None
     velocity_sigma_m_s: float
     turn_sigma_rad: float
 
@@ -128,11 +129,18 @@ def _judge(
         float(seconds.end_s[b - 1]),
         np.where(bad, seconds.level + (total - jump.value) / length, np.nan),
     )
-    reason = "dropout" if lost else "clipping" if stuck else "shock" if bad.any() else ""
+    if lost:
+        reason: Cause | None = Cause.DROPOUT
+    elif stuck:
+        reason = Cause.CLIPPING
+    else:
+        reason = Cause.SHOCK if bad.any() else None
     fault = _fault(seconds, a, b, reason, jump, quiet)
     alone = not seconds.channels[a:b, :5].any() and abs(jump.value[5]) > SMALLEST_TURN_RAD
     if turned is None and alone and not bad[5]:  # the vertical gyro turned, no other sensor felt it
-        fault = replace(fault, reason=reason or "shock", turn_sigma_rad=abs(float(jump.value[5])))
+        fault = replace(
+            fault, reason=reason or Cause.SHOCK, turn_sigma_rad=abs(float(jump.value[5]))
+        )
     return fault, edit
 
 
@@ -263,7 +271,9 @@ def _turned(seconds: Seconds, a: int, b: int, jump: _Jump) -> bool | None:
     return bool(np.linalg.norm(after - expected) < np.linalg.norm(after - before))
 
 
-def _fault(seconds: Seconds, a: int, b: int, reason: str, jump: _Jump, quiet: _Jump) -> ImuFault:
+def _fault(
+    seconds: Seconds, a: int, b: int, reason: Cause | None, jump: _Jump, quiet: _Jump
+) -> ImuFault:
     unknown = 0.5 * (b - a) * float(np.max(np.abs(jump.slope[:2]))) if reason else 0.0
     return ImuFault(
         start_s=float(seconds.start_s[a]),

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.excursions import DISTURBED, STILL
 from alignment.motion.inertial import QUIET_S
+from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import LogSeconds, Seconds, judged
 from alignment.motion.stillness import Motion
 from ins.robust import robust_scatter

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import Where, steady_seconds
+from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.seconds import LogSeconds
-from alignment.motion.stillness import ROLLING, STILL, Motion
+from alignment.motion.stillness import Motion
 from ins.earth import displacement_ned
 from ins.filters.aided_records import Fixes
 from ins.records import GnssLog, Run

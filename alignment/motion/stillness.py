@@ -13,20 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.excursions import (
-    AIRBORNE,
-    DISTURBED,
     GUARD_S,
     LEAD_S,
-    PUSHED,
     PUSHED_M,
-    ROLLING,
-    STILL,
     TAIL_S,
     find_excursions,
     velocity_noise,
 )
 from alignment.motion.imu_faults import ImuFault
-from alignment.motion.shake import JOLT_RAD, find_shaking
+from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL, Cause
+from alignment.motion.shake import JOLT_RAD, Shaking, find_shaking
 from ins.records import ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
 
@@ -57,6 +53,7 @@ class Motion:
     cause: NDArray = field(default_factory=lambda: np.zeros(0, dtype=object))
     velocity_jump_m_s: NDArray | None = None
     turn_jump_rad: NDArray | None = None
+    shaking: Shaking | None = None
 
     def excluded(self) -> tuple[Span, ...]:
         """What is left out of the parked time, guard included; each stretch with its causes."""
@@ -64,7 +61,7 @@ class Motion:
             Span(
                 start_s=span.start_s,
                 end_s=span.end_s,
-                reason=", ".join(dict.fromkeys(self.cause[a:b])) or "motion",
+                reason=", ".join(dict.fromkeys(self.cause[a:b])) or Cause.MOTION,
             )
             for span, (a, b) in zip(self.spans(DISTURBED, ""), runs_of_true(self.kind == DISTURBED))
         )
@@ -96,13 +93,15 @@ def classify(
     phases: tuple[Phase, ...] = (),
     imu: ImuSource | None = None,
     faults: Sequence[ImuFault] = (),
+    shaking: Shaking | None = None,
 ) -> Motion:
     """Motion of each epoch of a navigation solution at about 1 Hz.
 
     `phases`, where the log has them, only add: take-off and what follows is airborne. A phase that
     says parked while the solution moves is not believed. `imu`: a log with the rows behind the
     history; without them bumps that are gone within an epoch, loading and gusts below the gate of
-    the velocity are not seen. `faults`: what `imu_faults.repair` found in it.
+    the velocity are not seen. `faults`: what `imu_faults.repair` found in it. `shaking`: of an
+    earlier pass over the same epochs, so that the rows need not be gone over again.
     """
     t, v = history.time_s, history.v_n_m_s[:, :2]
     sigma = velocity_noise(v)
@@ -125,23 +124,26 @@ def classify(
         last = min(at.stop, len(t)) - 1
         velocity_jump[last] = np.hypot(velocity_jump[last], fault.velocity_sigma_m_s)
         turn_jump[last] = np.hypot(turn_jump[last], fault.turn_sigma_rad)
-    if imu is not None:
+    if imu is not None and shaking is None:
         shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
+    if shaking is not None:
         apart = ~_near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
         for name, seen in (
-            ("bump", shaking.bump),
-            ("loading", shaking.loading),
-            ("gust", shaking.gust & ~shaking.bump),
+            (Cause.BUMP, shaking.bump),
+            (Cause.LOADING, shaking.loading),
+            (Cause.GUST, shaking.gust & ~shaking.bump),
         ):
-            for a, b in runs_of_true(seen):
-                seen[a:b] = apart[a:b].all()  # what runs into rolling is its slow start or end
-            exclude(t, kind, cause, seen, name)
+            standing = seen & (kind <= DISTURBED)
+            for a, b in runs_of_true(standing):
+                # what runs into rolling is its slow start or end
+                standing[a:b] = apart[a:b].all()
+            exclude(t, kind, cause, standing, name)
     cause[kind != DISTURBED] = ""
     jolt = _jolts(history, kind)
     pushed += _displaced(t, v, kind)
     jolt[pushed] = np.maximum(jolt[pushed], NEW_PLACE_RAD)
     jumps = (velocity_jump, turn_jump) if faults else (None, None)
-    return Motion(t, kind, np.hypot(jolt, turn_jump), sigma, cause, *jumps)
+    return Motion(t, kind, np.hypot(jolt, turn_jump), sigma, cause, *jumps, shaking)
 
 
 def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
@@ -151,14 +153,14 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     t, turn = history.time_s, _turn_about_down(history)
     ends = []
     for a, b in runs_of_true(
-        (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != PUSHED)
+        (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != Cause.PUSH)
     ):
         beside = slice(*np.searchsorted(t, [t[a] - ROLL_EDGE_S, t[b - 1] + ROLL_EDGE_S]))
         if abs(turn[a:b].sum()) < PUSH_TURN_RAD and (kind[beside] <= DISTURBED).all():
             seen = np.zeros(len(t), bool)
             seen[a:b] = True
-            kind[seen], cause[seen] = DISTURBED, PUSHED
-            exclude(t, kind, cause, seen, PUSHED)
+            kind[seen], cause[seen] = DISTURBED, Cause.PUSH
+            exclude(t, kind, cause, seen, Cause.PUSH)
             ends.append(b - 1)
         else:
             kind[a:b] = ROLLING

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 from alignment import coarse
 from alignment.motion.imu_faults import repair
 from alignment.motion.inertial import first_rest
+from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import speed_disagreement
-from alignment.motion.stillness import DISTURBED, PIVOT_RAD_S, STILL, classify
+from alignment.motion.stillness import PIVOT_RAD_S, classify
 from infield.misalignment.reasons import StopReason
 from infield.misalignment.settings import SHORTEST_S
 from infield.session.log import compensated_imu, session_end

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from alignment.motion import excursions, stillness
+from alignment.motion import excursions, kinds, stillness
 from alignment.motion.speeds import WHEELS_STAND_M_S, Said, receiver_says
 from infield.replay.drift import REALIGN_M_S
 from ins.records import NavHistory, Run
@@ -62,7 +62,7 @@ def first_roll(motion: stillness.Motion) -> float:
     """End of the parked span: the last epoch before the vehicle rolls, or the end of the log
     [s].
     """
-    rolling = np.flatnonzero(motion.kind >= stillness.ROLLING)
+    rolling = np.flatnonzero(motion.kind >= kinds.ROLLING)
     return float(motion.time_s[max(rolling[0] - 1, 0)] if rolling.size else motion.time_s[-1])
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from scipy.stats import chi2
 
 from alignment.gyrocompass import nis_verdict, rejected_share
-from alignment.motion.stillness import DISTURBED, STILL
+from alignment.motion.kinds import DISTURBED, STILL
 from alignment.reasons import AlignmentVerdict
 from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability

@@ -18,9 +18,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.stillness import AIRBORNE as AIR
-from alignment.motion.stillness import DISTURBED, STILL, Motion
-from alignment.motion.stillness import ROLLING as ROLL
+from alignment.motion.kinds import AIRBORNE as AIR
+from alignment.motion.kinds import DISTURBED, STILL
+from alignment.motion.kinds import ROLLING as ROLL
+from alignment.motion.stillness import Motion
 from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse
-from alignment.motion import stillness
+from alignment.motion import kinds, stillness
 from infield.reports.words.sentences import sentence
 from infield.session.log import (
     compensated_imu,
@@ -227,7 +227,7 @@ def _kinds(
         )
         motion = stillness.classify(history, run.phases)
         codes = np.select(
-            [motion.kind == stillness.AIRBORNE, motion.kind == stillness.ROLLING],
+            [motion.kind == kinds.AIRBORNE, motion.kind == kinds.ROLLING],
             [AIRBORNE, ROLLING],
             PARKED,
         )

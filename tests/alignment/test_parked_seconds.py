@@ -7,8 +7,8 @@ import pytest
 
 from alignment.motion import inertial
 from alignment.motion import parked_seconds as by_seconds
+from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import seconds_of
-from alignment.motion.stillness import DISTURBED, STILL
 from ins.records import ImuLog
 from ins.units import DEG_PER_HOUR
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from alignment.motion import stillness
-from alignment.motion.stillness import AIRBORNE, DISTURBED, ROLLING, STILL
+from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
 from ins.records import Phase
 from ins.units import ARCSEC
 from tests.alignment.parked import ideal_of, parked_history, simulate

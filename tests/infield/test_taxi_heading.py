@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from alignment.motion.stillness import ROLLING, STILL
+from alignment.motion.kinds import ROLLING, STILL
 from alignment.navigation_filter import StepPlan, views_of
 from infield.session.navigated.taxi_heading import (
     CentreLineAid,

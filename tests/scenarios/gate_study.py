@@ -12,7 +12,8 @@ import numpy as np
 
 from alignment import coarse, gyrocompass
 from alignment.motion import stillness
-from alignment.motion.stillness import DISTURBED, STILL, Motion
+from alignment.motion.kinds import DISTURBED, STILL
+from alignment.motion.stillness import Motion
 from ins.records import NavHistory, NavState, Run, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from tests.alignment.parked import ideal_of, simulate

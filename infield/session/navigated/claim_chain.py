@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
-from alignment.motion.stillness import ROLLING, STILL, Motion
+from alignment.motion.kinds import ROLLING, STILL
+from alignment.motion.stillness import Motion
 from alignment.result import Alignment
 from alignment.tilt_rate import TiltRate, tilt_rates
 from alignment.tilt_smoother import SmoothedTiltRate, smoothed_tilt_rates

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.stillness import ROLLING
+from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
 from infield.session.reasons import HeadingSource
 from ins.attitude import wrap_pi
