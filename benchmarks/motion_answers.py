@@ -26,7 +26,7 @@ from alignment.motion.seconds import LogSeconds, seconds_of
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
-from infield.reports.words.sentences import sentences
+from infield.reports.words.sentences import sentence, sentences
 from infield.session import log, pipeline
 from infield.session.parked import stretches
 from infield.thermal import ramp_runs
@@ -162,7 +162,7 @@ def azimuth_stops(case: Case) -> Any:
     found = [
         [*times(s.start_s, s.end_s), rounded(s.used_s), rounded(s.turn_rad / DEG)] for s in stops
     ]
-    return {"stops": found, "left_out": [told(r.replace(name, "run")) for r in left_out]}
+    return {"stops": found, "left_out": [told(sentence(r).replace(name, "run")) for r in left_out]}
 
 
 def chamber_ramps(case: Case) -> Any:

@@ -42,8 +42,9 @@ class Motion:
     [rad].
 
     sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an
-    epoch is DISTURBED, in words; "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what
-    a repaired fault of the log may have left in the solution; None: no faults.
+    epoch is DISTURBED (a Cause); "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what
+    a repaired fault of the log may have left in the solution; None: no faults. shaking: what the
+    rows showed, None where they were not asked.
     """
 
     time_s: NDArray
@@ -142,8 +143,16 @@ def classify(
     jolt = _jolts(history, kind)
     pushed += _displaced(t, v, kind)
     jolt[pushed] = np.maximum(jolt[pushed], NEW_PLACE_RAD)
-    jumps = (velocity_jump, turn_jump) if faults else (None, None)
-    return Motion(t, kind, np.hypot(jolt, turn_jump), sigma, cause, *jumps, shaking)
+    return Motion(
+        time_s=t,
+        kind=kind,
+        jolt_rad=np.hypot(jolt, turn_jump),
+        sigma_v_m_s=sigma,
+        cause=cause,
+        velocity_jump_m_s=velocity_jump if faults else None,
+        turn_jump_rad=turn_jump if faults else None,
+        shaking=shaking,
+    )
 
 
 def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.kinds import AIRBORNE as AIR
-from alignment.motion.kinds import DISTURBED, STILL
+from alignment.motion.kinds import DISTURBED, STILL, Kind
 from alignment.motion.kinds import ROLLING as ROLL
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import (
@@ -112,7 +112,7 @@ class RollingBlock:
                         (
                             steps.end_s[now],
                             CHANNEL[c.names[c.name[number]]],
-                            KIND[int(self.views.kind[now])],
+                            KIND[Kind(self.views.kind[now])],
                             root**2,
                         )
                     )
