@@ -50,16 +50,29 @@ def documents(sources: dict[str, Path]) -> list[Document]:
 
 
 def _typed(module: str, tree: ast.Module) -> Iterator[Document]:
-    """Documents that are frozen records with a schema of their own."""
-    for node in tree.body:
-        if not isinstance(node, ast.ClassDef) or SCHEMA_KEY not in _annotated(node):
-            continue
+    """Documents that are frozen records: with a schema of their own, or given one where they are
+    made.
+    """
+    for record, function in _records_made(tree):
         imported = importlib.import_module(module)
-        kind = getattr(imported, node.name)
+        kind = getattr(imported, record, None)
         schema = getattr(kind, SCHEMA_KEY, getattr(imported, "SCHEMA", None))
         if is_dataclass(kind) and isinstance(schema, str) and schema.startswith("recal."):
-            keys = _fields(kind) | {SCHEMA_KEY: schema}
-            yield Document(schema, f"{module}.{_maker(tree, node.name)}", _text(keys), typed=True)
+            keys = _fields(typing.cast(type, kind)) | {SCHEMA_KEY: schema}
+            yield Document(schema, f"{module}.{function}", _text(keys), typed=True)
+
+
+def _records_made(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """Names of the records with a schema, and the function that makes each."""
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef) and SCHEMA_KEY in _annotated(node):
+            yield node.name, _maker(tree, node.name)
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        for call in ast.walk(node):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name):
+                if SCHEMA_KEY in [k.arg for k in call.keywords]:
+                    yield call.func.id, node.name
 
 
 def _annotated(node: ast.ClassDef) -> list[str]:
