@@ -26,9 +26,11 @@ from infield.thermal.gradient_fit import five_minute_means
 from infield.thermal.gradient_runs import gradient_run
 from infield.thermal.gradient_terms import TERMS
 from infield.thermal.held_out import RlgHeldOut, held_out_run
+from infield.thermal.reasons import ThermalNote, ThermalReason
 from infield.thermal.rlg_gradient import fit_gradients
 from infield.thermal.rlg_model import model_from_document
 from ins.records import AXES, TemperatureNoise
+from ins.verdicts import plain as as_plain
 from tests.infield.gradient_cases import TWIN, Unit, case
 from trajectories.simulator.scenario import Scenario, read_scenario, scenario_ideal, scenario_unit
 from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
@@ -99,7 +101,10 @@ def unit_cells(
         )
     study = fit_gradients([gradient_run(runs[name].run, twin) for name in FIT], twin)
     found = held_out_run(
-        runs[CHECK].run, model_from_document(rlg_document(study, version="")), study.axes, twin
+        runs[CHECK].run,
+        model_from_document(as_plain(rlg_document(study, version=""))),
+        study.axes,
+        twin,
     )
     cells = []
     for a in study.axes:
@@ -173,9 +178,9 @@ def refusals(units: int) -> Iterator[tuple[str, str, str]]:
         study = fit_gradients(
             [case(rng, unit, back=False, soak=0, heater=0.0, rate=0.6 * rate)], TWIN
         )
-        refused += bool(study.refused) and "one-sided" in study.refused[0]
+        refused += ThermalReason.ONE_SIDED in [why.code for why in study.refused]
         study = fit_gradients([case(rng, unit, with_lines=False)], TWIN)
-        without += bool(study.axes) and "without gradient terms" in study.notes[0]
+        without += bool(study.axes) and study.notes[0].code is ThermalNote.NO_LINES
     yield (
         "soak without a heater: each gyro's own line named as one with K4 and dropped",
         f"{named} of {units}",

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from infield.reports.documents.fog import FogDocument
 from infield.reports.figures import (
     AXIS_COLOURS,
     BLACK,
@@ -19,21 +20,22 @@ from infield.reports.figures import (
 )
 from infield.reports.page import render_page
 from infield.thermal.fog_model import HeldOut, curve_from
+from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
+from ins.verdicts import plain
 
 K_T, K_DELTA = "K_T [deg/h]", "K_delta [deg/h per degC/min]"
 
 
-def fog_html(document: dict[str, Any], checks: list[HeldOut]) -> str:
-    """The page of a document made by `fog_document` from the same runs."""
+def render(document: FogDocument) -> str:
+    """The page of thermal_fog.json, with the blocks of the held-out ramps."""
+    data = plain(document)
     return render_page(
         "fog_ramps.html.j2",
-        d=document,
-        good=document["verdict"] == "fitted",
-        drawings={
-            axis: coefficient_drawing(axis, fitted) for axis, fitted in document["axes"].items()
-        },
-        checks=[(found.run.run_id, _check_drawing(found)) for found in checks],
+        d=data,
+        good=document.verdict is ThermalVerdict.FITTED,
+        drawings={axis: coefficient_drawing(axis, fitted) for axis, fitted in data["axes"].items()},
+        checks=[(found.run.run_id, _check_drawing(found)) for found in document.held_out],
     )
 
 

@@ -2,12 +2,10 @@
 figure of its own.
 """
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 from markupsafe import Markup
 
+from infield.reports.documents.rlg import RlgDocument
 from infield.reports.figures import (
     BLACK,
     GREY,
@@ -24,21 +22,21 @@ from infield.thermal.gradient_fit import AxisModel, five_minute_means
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.gradient_terms import TERMS, columns
 from infield.thermal.held_out import RlgHeldOut
-from infield.thermal.rlg_gradient import GradientStudy
+from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
+from ins.verdicts import plain
 
 RATES = np.array([name in ("K4", "K5") for name in TERMS])
 SETTLED = np.array([name in ("K1", "K2", "K3") for name in TERMS])
 
 
-def rlg_html(
-    document: dict[str, Any], study: GradientStudy, checks: Sequence[RlgHeldOut] = ()
-) -> str:
-    """The page of a document made by `rlg_document` from the same study."""
+def render(document: RlgDocument) -> str:
+    """The page of thermal_rlg.json, with the means of its runs."""
+    study = document.study
     return render_page(
         "rlg_gradient.html.j2",
-        d=document,
-        good=document["verdict"] == "fitted",
+        d=plain(document),
+        good=document.verdict is ThermalVerdict.FITTED,
         terms=TERMS,
         drawings={
             a.axis: [
@@ -47,7 +45,7 @@ def rlg_html(
             for a in study.axes
         },
         orders={a.axis: order_drawing(a) for a in study.axes},
-        checks=[(found.run.blocks.run_id, _check_drawing(found)) for found in checks],
+        checks=[(found.run.blocks.run_id, _check_drawing(found)) for found in document.held_out],
     )
 
 

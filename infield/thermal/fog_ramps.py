@@ -19,16 +19,23 @@ from numpy.typing import NDArray
 from infield.table.merge import session_covariance
 from infield.thermal.coefficient_curves import AxisBlocks, CurveFit, Reduced, smooth_basis
 from infield.thermal.ramp_runs import Leg, RampRun
+from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
+from infield.thermal.study import (
+    INFLATE_ABOVE,
+    Study,
+    contradicted,
+    levels_differ,
+    moving_base,
+    widened,
+    with_thermometer,
+)
 from ins.records import AXES, TwinModel
+from ins.verdicts import Reason, because
 
 GRID_degC = 2.5
 MOST_BINS, SHORTEST_BIN_S = 60, 900.0  # of a run's slow drift
 EQUAL_RATES = 0.8  # a slow ramp faster than this share of the fast one is the same ramp again
 OVERLAP_degC = 10.0  # of temperatures that both members of a pair must have passed
-TURNED_RAD = 2e-3  # 0.03 deg/h of Earth rate on another axis: the unit did not rest
-CONTRADICTS = 25.0  # chi2 per degree of freedom beyond which this is not the model of these data
-SAME_LEVEL_RAD = 1e-3  # runs whose levels differ by more were mounted anew
-INFLATE_ABOVE = 1.0  # chi2 per degree of freedom above which sigmas are widened by its root
 KT, KD = 0, 1
 
 
@@ -102,20 +109,13 @@ class AxisFit:
     level_known: bool
 
 
-@dataclass(frozen=True)
-class RampStudy:
-    """All that came of the runs; refused: why nothing could be separated, empty where it could.
-    axes: of the fitted gyros.
-    """
+@dataclass(frozen=True, kw_only=True)
+class RampStudy(Study):
+    """All that came of the runs; axes: of the fitted gyros."""
 
     fast: tuple[RampRun, ...]
     slow: tuple[RampRun, ...]
-    twin: TwinModel
-    refused: tuple[str, ...]
-    notes: tuple[str, ...]
     axes: tuple[AxisFit, ...] = ()
-    inconsistent: tuple[str, ...] = ()
-    remounted: bool = False
 
 
 def separate(
@@ -134,105 +134,71 @@ def separate(
     K_delta rests on the repeatability of the turn-on bias.
     """
     runs = (*fast, *slow)
-    notes = (
-        ["the unit stands on another level in some runs: taken as mounted anew"]
-        if levels_differ(runs)
-        else []
-    )
+    notes = [because(ThermalNote.REMOUNTED)] if levels_differ(runs) else []
     if len({run.heading_known for run in runs}) > 1:
-        notes.append(
-            "some runs have a surveyed heading, some not: each has its own share of Earth rate"
-        )
+        notes.append(because(ThermalNote.SURVEYED_IN_PART))
     moved = remounted or bool(notes)
-    study = RampStudy(tuple(fast), tuple(slow), twin, (), tuple(notes), remounted=moved)
+    study = RampStudy(
+        fast=tuple(fast), slow=tuple(slow), twin=twin, notes=tuple(notes), remounted=moved
+    )
     why = _cannot_separate(fast, slow, free=moved, one_sided=one_sided)
     if why:
         return replace(study, refused=why)
-    usable = [k for k, axis in enumerate(AXES) if all(axis not in run.unusable for run in runs)]
-    notes += [
-        f"gyro {axis}: no thermometer, left out" for k, axis in enumerate(AXES) if k not in usable
-    ]
+    usable, left_out = with_thermometer(runs)
     axes = tuple(_fit_axis(k, fast, slow, twin, moved) for k in usable)
-    notes += [
-        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.2f} times as much as white"
-        " noise and the twin's drift say: sigmas are widened by that"
-        for a in axes
-        if a.scatter > 1.5
-    ]
-    against = tuple(
-        f"gyro {a.axis}: the residual scatters {np.sqrt(a.scatter):.1f} times as much as white"
-        f" noise and the twin's drift say, needed at most {np.sqrt(CONTRADICTS):g}: something else"
-        " than temperature and its rate moves this bias"
-        for a in axes
-        if a.scatter > CONTRADICTS
+    against = contradicted(axes, Moves.RATE)
+    return replace(
+        study,
+        axes=() if against else axes,
+        notes=(*notes, *left_out, *widened(axes)),
+        inconsistent=against,
     )
-    return replace(study, axes=() if against else axes, notes=tuple(notes), inconsistent=against)
-
-
-def levels_differ(runs: Sequence[RampRun]) -> bool:
-    levels = np.array([run.roll_pitch_rad for run in runs])
-    return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
 
 
 def _cannot_separate(
     fast: Sequence[RampRun], slow: Sequence[RampRun], *, free: bool, one_sided: bool
-) -> tuple[str, ...]:
+) -> tuple[Reason, ...]:
     """Reasons, each with what was measured, what was needed and what would help."""
     for role, runs in (("fast", fast), ("slow", slow)):
         for run in runs:
-            if run.turned_rad > TURNED_RAD:
-                return (
-                    (
-                        f"moving base: {role} run {run.run_id} turns by"
-                        f" {np.degrees(run.turned_rad):.2g} deg, needed rest within"
-                        f" {np.degrees(TURNED_RAD):.2g} deg: Earth rate would pass for a thermal"
-                        " bias"
-                    ),
-                )
-            if not run.legs:
-                swing = float(np.ptp(run.temperature_degC.mean(axis=1))) if run.time_s.size else 0.0
-                return (
-                    (
-                        f"cannot separate: {role} run {run.run_id} holds no steady ramp: its"
-                        f" temperature spans {swing:.1f} degC, needed one way over 10 degC or more"
-                        " at a rate steady within 30 %, 10 min or longer"
-                    ),
-                )
+            why = moving_base(run, role=role) or _no_ramp(run, role)
+            if why:
+                return why
     f_legs, s_legs = ([leg for run in runs for leg in run.legs] for runs in (fast, slow))
     f_rate = max(abs(leg.rate_degC_min) for leg in f_legs)
     s_rate = max((abs(leg.rate_degC_min) for leg in s_legs), default=0.0)
     if slow and s_rate > EQUAL_RATES * f_rate:
-        return (
-            (
-                f"cannot separate: equal rates: fast {f_rate:.4g}, slow {s_rate:.4g} degC/min,"
-                f" needed a slow rate of at most {EQUAL_RATES:g} of the fast one (ten times lower"
-                " is usual); or give the fast run alone, without --slow"
-            ),
+        equal = because(
+            ThermalReason.EQUAL_RATES,
+            fast_degC_min=f_rate,
+            slow_degC_min=s_rate,
+            needed_share=EQUAL_RATES,
         )
-    both = {leg.direction for leg in (f_legs + s_legs if not free else f_legs)} == {"up", "down"}
-    if not both and (not one_sided or free or not slow):
-        way = "heats" if f_legs[0].direction == "up" else "cools"
-        return (
-            f"cannot separate: same-sign ramps: every ramp {way}, needed one up and one down over"
-            " the same temperatures"
-            + (" in one run, since each run has its own share of Earth rate" if free else "")
-            + (
-                "; with --one-sided two rates of one sign are taken, and the level of K_delta then"
-                " rests on the turn-on bias of the runs"
-                if slow and not free
-                else "; run the ramp back as well"
-            ),
-        )
+        return (equal,)
+    two_rates = bool(slow) and not free
+    directions = {leg.direction for leg in (f_legs if free else f_legs + s_legs)}
+    if directions != {"up", "down"} and not (one_sided and two_rates):
+        heats = f_legs[0].direction == "up"
+        same = because(ThermalReason.SAME_SIGN, heats=heats, each_run=free, two_rates=two_rates)
+        return (same,)
     overlap = _overlap(f_legs, s_legs, pair=not slow)
     if overlap < OVERLAP_degC:
-        which = "the ramps up and down" if not slow else "fast and slow ramps"
-        return (
-            (
-                f"cannot separate: {which} share {overlap:.1f} degC, needed {OVERLAP_degC:g}: run"
-                " both over one range"
-            ),
+        little = because(
+            ThermalReason.LITTLE_OVERLAP,
+            pair=not slow,
+            overlap_degC=overlap,
+            needed_degC=OVERLAP_degC,
         )
+        return (little,)
     return ()
+
+
+def _no_ramp(run: RampRun, role: str) -> tuple[Reason, ...]:
+    """Why a run without a steady ramp cannot be used; empty where it has one."""
+    if run.legs:
+        return ()
+    span = float(np.ptp(run.temperature_degC.mean(axis=1))) if run.time_s.size else 0.0
+    return (because(ThermalReason.NO_RAMP, role=role, run_id=run.run_id, span_degC=span),)
 
 
 def _overlap(fast: list[Leg], slow: list[Leg], *, pair: bool) -> float:

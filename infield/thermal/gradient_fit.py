@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from infield.table.merge import session_covariance
 from infield.thermal.coefficient_curves import AxisBlocks, Reduced
-from infield.thermal.fog_ramps import INFLATE_ABOVE, axis_blocks
+from infield.thermal.fog_ramps import axis_blocks
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.gradient_terms import (
     LINES,
@@ -30,6 +30,7 @@ from infield.thermal.gradient_terms import (
     term_sets,
 )
 from infield.thermal.ramp_runs import BLOCK_S
+from infield.thermal.study import INFLATE_ABOVE
 from ins.records import AXES, TwinModel
 
 STRETCH_MIN, STRETCHES = 20, 5  # of a run: every fifth stretch is held out in turn

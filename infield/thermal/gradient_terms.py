@@ -17,6 +17,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.thermal.reasons import ThermalNote
+from ins.verdicts import Reason, because
+
 LINES = ("K6x", "K6y", "K6z")
 TERMS = ("K1", "K2", "K3", "K4", "K5", *LINES)
 UNITS = {
@@ -77,18 +80,23 @@ class Collinear:
     condition: float
     noise_share: float
 
-    def words(self) -> str:
+    @property
+    def why(self) -> Reason:
+        """Why it was dropped."""
         if self.condition > COLLINEAR:
-            why = f"condition number {self.condition:.0f}, limit {COLLINEAR:.0f}"
-        else:
-            why = (
-                f"{self.noise_share:.0%} of what it has of its own is noise of the thermometers,"
-                f" limit {NOISY:.0%}"
+            return because(
+                ThermalNote.COLLINEAR,
+                term=self.term,
+                others=self.others,
+                condition=self.condition,
+                limit=COLLINEAR,
             )
-        along = " and ".join(self.others) or "the rest"
-        return (
-            f"{self.term} goes with {along} ({why}): dropped, and right only while heat flows as in"
-            " these runs"
+        return because(
+            ThermalNote.OF_NOISE,
+            term=self.term,
+            others=self.others,
+            noise_share=self.noise_share,
+            limit=NOISY,
         )
 
 

@@ -16,7 +16,6 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +24,11 @@ from infield.table.thermal_table import ThermalTable
 from infield.thermal import fog_model, rlg_model
 from infield.thermal.compensation import BiasSeries, ThermalModel, batch_series, causal_series, less
 from infield.thermal.gradient_runs import gradient_lines
+from infield.thermal.reasons import ThermalNote
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.json_file import read_json_object
 from ins.records import AXES, InputError, RemovedModel, Run, TwinModel
+from ins.verdicts import Reason, because
 
 READERS: dict[str, Callable[..., ThermalModel]] = {
     fog_model.SCHEMA: fog_model.model_from_document,
@@ -235,53 +236,28 @@ def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
     return table.replaced(parameters=parameters)
 
 
-def use_document(
-    stored: StoredModel, removed: Sequence[Removed], table: ThermalTable
-) -> dict[str, Any]:
-    """What update.json and replay.json say of a model in use; residual_table: the table less the
-    model's settled part.
-    """
-    residual = {}
+def taken_out(stored: StoredModel, removed: Sequence[Removed]) -> tuple[Reason, ...]:
+    """What left the runs, one note a run."""
+    return tuple(
+        because(
+            ThermalNote.TAKEN_OUT,
+            run_id=found.run_id,
+            model=stored.name,
+            before=found.already,
+            rms_deg_h={axis: found.rms_deg_h[AXES.index(axis)] for axis in stored.model.axes},
+            worst_deg_h=max(found.sigma_deg_h[AXES.index(axis)] for axis in stored.model.axes),
+            share_inside=found.share_inside,
+        )
+        for found in removed
+    )
+
+
+def residual_table(stored: StoredModel, table: ThermalTable) -> dict[str, tuple[NDArray, NDArray]]:
+    """Nodes, and the table there less the model's settled part, of each gyro with a model."""
+    found = {}
     for k, axis in enumerate(AXES):
         if axis in stored.model.axes:
             T = table.temperature_degC[k]
             settled = stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
-            residual[axis] = {
-                "temperature_degC": T.tolist(),
-                "bias_deg_h": (table.bias_deg_h(k, T) - settled).tolist(),
-            }
-    return {
-        "file": stored.name,
-        "schema": stored.schema,
-        "sha256": stored.sha256,
-        "part": "rates",
-        "runs": [
-            {
-                "run_id": r.run_id,
-                "rms_deg_h": dict(zip(AXES, r.rms_deg_h.tolist())),
-                "sigma_deg_h": dict(zip(AXES, r.sigma_deg_h.tolist())),
-                "share_inside": r.share_inside,
-                "taken_out_before": r.already,
-            }
-            for r in removed
-        ],
-        "residual_table": residual,
-        "text": use_words(stored, removed),
-    }
-
-
-def use_words(stored: StoredModel, removed: Sequence[Removed]) -> list[str]:
-    """The same for people, one line a run."""
-    lines = []
-    for found in removed:
-        size = ", ".join(
-            f"{axis} {found.rms_deg_h[AXES.index(axis)]:.4f}" for axis in stored.model.axes
-        )
-        worst = max(found.sigma_deg_h[AXES.index(axis)] for axis in stored.model.axes)
-        when = "had left the log" if found.already else "left the log"
-        lines.append(
-            f"{found.run_id}: rate and gradient terms of {stored.name} {when} before the table:"
-            f" {size} deg/h RMS, known to {worst:.4f}; {found.share_inside:.0%} inside the fitted"
-            " temperatures"
-        )
-    return lines
+            found[axis] = T, table.bias_deg_h(k, T) - settled
+    return found

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from alignment import coarse, gyrocompass
+from infield.reports.documents.thermal_use import use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
@@ -17,12 +18,12 @@ from infield.thermal.stored_model import (
     prepared,
     read_thermal_model,
     seeded_table,
-    use_document,
     with_model_sigma,
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin, read_twin
+from ins.verdicts import plain
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def with_thermal_model(
     if not unit.known:
         table = seeded_table(unit.table, stored)
         unit = replace(unit, table=table, table_dict=table_to_dict(table))
-    return unit, runs, lambda table: use_document(stored, removed, table)
+    return unit, runs, lambda table: plain(use_document(stored, removed, table))
 
 
 def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> TableStore | None:

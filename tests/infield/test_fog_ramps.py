@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.fog import admissible_slow_rate, fit_models
+from infield.reports.words.sentences import sentences
 from infield.thermal.fog_model import FogModel, shifted
 from infield.thermal.fog_ramps import document_subtraction, exact_separation, separate, up_down
 from infield.thermal.piecewise import piecewise_pair
@@ -160,7 +161,7 @@ def test_equal_ramps_are_refused_in_all_200():
         rates = ((rate, -rate), (rate,), (-rate,))[seed % 3]
         runs = [ramp(rng, truth, rates=rates, run_id=name) for name in "ab"]
         study = separate(runs[:1], runs[1:], TWIN)
-        assert study.axes == () and "cannot separate: equal rates" in study.refused[0]
+        assert study.axes == () and "cannot separate: equal rates" in sentences(study.refused)[0]
 
 
 @pytest.mark.parametrize(
@@ -188,8 +189,8 @@ def test_what_cannot_be_separated_is_refused_with_what_was_seen(fast, slow, word
     assert (
         study.axes == ()
         and len(study.refused) == 1
-        and words in study.refused[0]
-        and "needed" in study.refused[0]
+        and words in sentences(study.refused)[0]
+        and "needed" in sentences(study.refused)[0]
     )
 
 
@@ -207,7 +208,7 @@ def test_one_sided_ramps_are_taken_on_demand_with_the_turn_on_in_their_sigma():
     assert abs(error) <= 3 * sigma
     assert (
         "in one run"
-        in separate(runs[:1], runs[1:], TWIN, one_sided=True, remounted=True).refused[0]
+        in sentences(separate(runs[:1], runs[1:], TWIN, one_sided=True, remounted=True).refused)[0]
     )
 
 
@@ -235,7 +236,7 @@ def test_earth_rate_moves_the_level_alone_and_another_level_is_seen():
         np.random.default_rng(8), truth, earth=(-3.0, 4.0, 0.0), roll_rad=0.01, **slow_rates
     )
     study = separate([ramp(np.random.default_rng(7), truth)], [anew], TWIN)
-    assert study.remounted and "mounted anew" in study.notes[0]
+    assert study.remounted and "mounted anew" in sentences(study.notes)[0]
     for k, a in enumerate(study.axes):
         error = a.curves.K_delta - truth.K_delta(k, a.curves.temperature_degC)
         assert np.sqrt(np.mean(error**2)) < 0.02
@@ -248,7 +249,9 @@ def test_what_the_model_lacks_widens_the_sigma_and_is_said():
     wave = 0.05 * np.sign(np.sin(np.arange(run.time_s.size) / 4.0))[:, None]
     spoiled = type(run)(**{**run.__dict__, "bias_deg_h": run.bias_deg_h + wave})
     clean, study = separate([run], [], TWIN), separate([spoiled], [], TWIN)
-    assert study.axes[0].scatter > 2.5 and any("scatters" in note for note in study.notes)
+    assert study.axes[0].scatter > 2.5 and any(
+        "scatters" in note for note in sentences(study.notes)
+    )
     assert (
         study.axes[0].curves.K_delta_covariance.mean()
         > 1.5 * clean.axes[0].curves.K_delta_covariance.mean()
@@ -275,7 +278,8 @@ def test_data_of_another_kind_are_inconsistent_and_a_turned_unit_is_refused():
     assert (
         study.axes == ()
         and len(study.inconsistent) == 3
-        and "something else" in study.inconsistent[0]
+        and "something else" in sentences(study.inconsistent)[0]
     )
     study = separate([type(run)(**{**run.__dict__, "turned_rad": 0.01})], [], TWIN)
-    assert study.axes == () and "moving base" in study.refused[0] and "0.57 deg" in study.refused[0]
+    (why,) = sentences(study.refused)
+    assert study.axes == () and "moving base" in why and "0.57 deg" in why

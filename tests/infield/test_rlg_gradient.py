@@ -9,9 +9,11 @@ import pytest
 from scipy.stats import chi2
 
 from infield.reports.documents.rlg import about_zero, rlg_document
+from infield.reports.words.sentences import sentence, sentences
 from infield.thermal.gradient_terms import TERMS, Gram, columns, condition_number, hold_apart
 from infield.thermal.rlg_gradient import fit_gradients
 from infield.thermal.rlg_model import model_from_document
+from ins.verdicts import plain
 from tests.infield.gradient_cases import NAMES, TWIN, Unit, case, three_runs
 
 FEW = 12  # units of three gyros in the normal suite
@@ -58,13 +60,13 @@ def test_a_line_that_follows_the_rate_is_named_and_dropped_and_one_within_the_no
             assert (
                 [f.term for f in dropped] == ["K6x"]
                 and dropped[0].others == ("K4",)
-                and words in dropped[0].words()
+                and words in sentence(dropped[0].why)
             )
             assert "K6x" not in kept and "K6y" in kept
         else:
             assert (
                 [f.term for f in dropped] == ["K6x"]
-                and words in dropped[0].words()
+                and words in sentence(dropped[0].why)
                 and dropped[0].condition < 30.0
             )
 
@@ -95,7 +97,7 @@ def over_units(count, wave=0.003):
         rng = np.random.default_rng(seed)
         unit = Unit(rng, wave=wave)
         study = fit_gradients(three_runs(rng, unit), TWIN)
-        model = model_from_document(rlg_document(study, version=""))
+        model = model_from_document(plain(rlg_document(study, version="")))
         for k, a in enumerate(study.axes):
             at = [j for j, name in enumerate(NAMES) if name in a.used and j >= 3]
             error = a.theta[at] - unit.terms(k, study.reference_degC)[at]
@@ -134,7 +136,7 @@ def test_an_unforced_soak_names_the_line_that_goes_with_the_rate():
         assert next(f for f in a.collinear if f.term == f"K6{a.axis}").others == ("K4",)
         # their sum serves as well there
         assert a.held_out.model_deg_h < 1.4 * a.held_out.noise_deg_h
-    assert any("K6x goes with K4" in note for note in study.notes)
+    assert any("K6x goes with K4" in note for note in sentences(study.notes))
 
 
 def test_one_run_is_split_into_stretches_and_no_lines_are_said():
@@ -142,7 +144,7 @@ def test_one_run_is_split_into_stretches_and_no_lines_are_said():
     unit = Unit(rng, gradients=0.0)
     study = fit_gradients([case(rng, unit, with_lines=False)], TWIN)
     assert "every fifth stretch" in study.validation and study.axes[0].by_run is None
-    assert "without gradient terms" in study.notes[0]
+    assert "without gradient terms" in sentences(study.notes)[0]
     for k, a in enumerate(study.axes):
         assert {"K1", "K4"} <= set(a.used) and not [
             name for name in a.used if name.startswith("K6")
@@ -167,7 +169,7 @@ def test_earth_rate_moves_k1_alone_and_a_new_mounting_is_seen():
         ),
     )
     study = fit_gradients(runs, TWIN)
-    assert study.remounted and "mounted anew" in study.notes[0]
+    assert study.remounted and "mounted anew" in sentences(study.notes)[0]
     for k, a in enumerate(study.axes):
         assert np.all(
             np.abs(a.theta[3:8] - unit.terms(k, study.reference_degC)[3:])[a.sigma[3:8] > 0] < 0.02
@@ -190,8 +192,8 @@ def test_earth_rate_moves_k1_alone_and_a_new_mounting_is_seen():
 def test_what_cannot_be_carried_is_refused_with_what_was_seen(profile, words):
     rng = np.random.default_rng(7)
     study = fit_gradients([case(rng, Unit(rng), **profile)], TWIN)
-    assert study.axes == () and len(study.refused) == 1 and words in study.refused[0]
-    assert rlg_document(study, version="")["verdict"] == "refused"
+    assert study.axes == () and len(study.refused) == 1 and words in sentences(study.refused)[0]
+    assert rlg_document(study, version="").verdict == "refused"
 
 
 def test_dwelling_on_the_way_up_is_enough():
@@ -216,5 +218,5 @@ def test_data_of_another_kind_are_inconsistent():
     assert (
         study.axes == ()
         and len(study.inconsistent) == 3
-        and "something else" in study.inconsistent[0]
+        and "something else" in sentences(study.inconsistent)[0]
     )

@@ -13,6 +13,7 @@ REASONS = {
         "infield.misalignment.reasons",
         ("MisalignmentReason", "StopReason", "MisalignmentNote", "Azimuths", "Unseen"),
     ),
+    "thermal": ("infield.thermal.reasons", ("ThermalReason", "ThermalNote")),
     "replay": (
         "infield.replay.reasons",
         ("ReplayReason", "ReplayNote", "SchulerReason", "Damping"),

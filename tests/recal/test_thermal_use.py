@@ -26,6 +26,7 @@ from infield.thermal.stored_model import (
 from ins.records import ImuLog, InputError, Run, RunHeader, Site, TemperatureLog
 from ins.twin_file import default_twin
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import plain
 from recal.cli.app import app
 from recal.cli.console import result_text
 from recal.cli.simulate import simulate
@@ -92,7 +93,7 @@ def folder(tmp_path_factory):
     unit.K4, unit.K5 = np.array(RATE) + 5.0 * np.array(SLOPE), np.array(SLOPE)
     unit.K6 = np.diag(GRADIENT)
     study = fit_gradients(three_runs(rng, unit), TWIN)
-    (path / "model.json").write_text(result_text(rlg_document(study, version="")))
+    (path / "model.json").write_text(result_text(plain(rlg_document(study, version=""))))
     return path
 
 
@@ -282,7 +283,7 @@ def test_a_fibre_optic_model_serves_as_well(tmp_path):
     document = fog_document(
         study, *fit_models(study), allowed_deg_h=0.002, word_bits=16, version=""
     )
-    (tmp_path / "fog.json").write_text(result_text(document))
+    (tmp_path / "fog.json").write_text(result_text(plain(document)))
     stored = read_thermal_model(tmp_path / "fog.json")
     t = np.arange(0.0, 1800.0)
     T = 20.0 + 0.5 * t / 60.0

@@ -2,20 +2,22 @@
 `fog_model` reads it back.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from infield.reports.documents.spans import span_document
+from infield.reports.documents.spans import SpanDocument, span_document
+from infield.reports.documents.thermal import NoiseModelDocument, noise_model
+from infield.reports.words.sentences import codes, sentences
 from infield.thermal.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog_model import SCHEMA, FogModel, HeldOut, shifted
 from infield.thermal.fog_ramps import AxisFit, Curves, RampStudy
 from infield.thermal.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.ramp_runs import RampRun
+from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
-from ins.verdicts import plain
+from ins.verdicts import UNWRITTEN
 
 DAY_S = 86400.0
 
@@ -45,6 +47,206 @@ def fit_models(study: RampStudy) -> tuple[dict[str, PiecewisePair], FogModel]:
     return pairs, FogModel(K_T, {axis: pair.K_delta for axis, pair in pairs.items()})
 
 
+@dataclass(frozen=True, kw_only=True)
+class RampDocument:
+    """One steady ramp."""
+
+    direction: str
+    low_degC: float
+    high_degC: float
+    rate_degC_min: float
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunDocument:
+    """One chamber run; role: "fast" or "slow"."""
+
+    run_id: str
+    sha256: str
+    role: str
+    blocks: int
+    steady_blocks: int
+    heading_known: bool
+    sigma_block_deg_h: Sequence[float]
+    sigma_rate_degC_min: Sequence[float]
+    ramps: Sequence[RampDocument]
+    excluded: Sequence[SpanDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelDocument:
+    """Mean of K_T, and whether it is known apart from Earth rate."""
+
+    value_deg_h: float
+    sigma_deg_h: float
+    known: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairDocument:
+    """The fast ramp up and down alone, beside all runs."""
+
+    K_delta_deg_h_per_degC_min: Sequence[float]
+    sigma_K_delta_deg_h_per_degC_min: Sequence[float]
+    K_T_deg_h: Sequence[float]
+    largest_difference_K_delta: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SubtractionDocument:
+    """The document's subtraction and how far it is from the exact separation; gain: its K_delta
+    over the exact one.
+    """
+
+    K_T_deg_h: Sequence[float]
+    K_delta_deg_h_per_degC_min: Sequence[float]
+    gain: float | None
+    expected_gain: float
+    largest_difference_K_delta: float | None
+    largest_difference_K_T_deg_h: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClosedFormDocument:
+    """A closed form on two ramps beside the fit."""
+
+    K_T_deg_h: Sequence[float]
+    K_delta_deg_h_per_degC_min: Sequence[float]
+    largest_difference_K_delta: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BreakpointDocument:
+    """Where two segments meet."""
+
+    temperature_degC: float
+    interval_95_degC: Sequence[float]
+    sigma_degC: float
+    kind: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurveDocument:
+    """One piecewise curve; `fog_model.curve_from` reads it."""
+
+    degree: int
+    edges_degC: Sequence[float]
+    coefficients: Sequence[Sequence[float]]
+    breakpoints: Sequence[BreakpointDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PiecewiseDocument:
+    """Both piecewise curves, and how well they fit."""
+
+    K_T: CurveDocument
+    K_delta: CurveDocument
+    bic: float
+    residual_over_sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlowRateDocument:
+    """How slow a slow ramp must be, by both readings of the formula, and how long it takes."""
+
+    allowed_gradient_term_deg_h: float
+    K_per_degC_min: float
+    K_at_test_rate_deg_h: float
+    test_rate_degC_min: float
+    largest_degC_min: float
+    largest_degC_min_K_at_test_rate: float
+    mixed_up_degC_min: float
+    used_degC_min: float | None
+    admissible: bool | None
+    days_one_way: float
+    fast_pair_hours: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixedPointDocument:
+    """The exported whole-number tables."""
+
+    word_bits: int
+    largest_rate_degC_min: float
+    worst_rounding_deg_h: float
+    fraction_bits: Mapping[str, int]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisDocument:
+    """One fitted gyro."""
+
+    temperature_degC: Sequence[float]
+    K_T_deg_h: Sequence[float]
+    sigma_K_T_deg_h: Sequence[float]
+    level: LevelDocument
+    K_delta_deg_h_per_degC_min: Sequence[float]
+    sigma_K_delta_deg_h_per_degC_min: Sequence[float]
+    residual_over_sigma: float
+    up_down: PairDocument | None
+    document: SubtractionDocument | None
+    closed_forms: Mapping[str, ClosedFormDocument | None]
+    inflections: Mapping[str, Sequence[BreakpointDocument]]
+    piecewise: PiecewiseDocument
+    slow_rate: SlowRateDocument
+    fixed_point: FixedPointDocument
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedAxisDocument:
+    """What the model leaves of one gyro on a held-out run."""
+
+    before_deg_h: float
+    after_deg_h: float
+    ratio: float
+    causal_after_deg_h: float
+    causal_ratio: float
+    noise_deg_h: float
+    blocks: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckDocument:
+    """A held-out run."""
+
+    run_id: str
+    sha256: str
+    axes: Mapping[str, CheckedAxisDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogDocument:
+    """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
+
+    schema: str = SCHEMA
+    verdict: ThermalVerdict
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    version: str
+    imu_serial: str
+    gyro_technology: str
+    runs: Sequence[RunDocument]
+    remounted: bool
+    noise_model: NoiseModelDocument
+    axes: Mapping[str, AxisDocument]
+    check: Sequence[CheckDocument]
+    held_out: Sequence[HeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
+
+
+@dataclass(frozen=True)
+class FogExport:
+    """What is asked of the exported model: the gradient term that a slow ramp may have [deg/h], and
+    the bits of a fixed-point word.
+    """
+
+    allowed_deg_h: float
+    word_bits: int
+
+
 def fog_document(
     study: RampStudy,
     pairs: dict[str, PiecewisePair],
@@ -54,36 +256,27 @@ def fog_document(
     allowed_deg_h: float,
     word_bits: int,
     version: str,
-) -> dict[str, Any]:
+) -> FogDocument:
     """The result of a study, refused or fitted."""
     runs = [("fast", r) for r in study.fast] + [("slow", r) for r in study.slow]
     first = runs[0][1]
-    gyro = study.twin.gyro
-    return {
-        "schema": SCHEMA,
-        "verdict": (
-            "refused" if study.refused else "inconsistent" if study.inconsistent else "fitted"
-        ),
-        "reasons": [*study.refused, *study.inconsistent],
-        "notes": list(study.notes),
-        "version": version,
-        "imu_serial": first.imu_serial,
-        "gyro_technology": first.gyro_technology,
-        "runs": [_run(role, run) for role, run in runs],
-        "remounted": study.remounted,
-        "noise_model": {
-            "source": study.twin.source,
-            "white": "scatter of the runs' own ten-second sums",
-            "turn_on_deg_h": gyro.turn_on_deg_h,
-            "bias_instability_deg_h": gyro.bias_instability_deg_h,
-            "rate_random_walk_deg_h_sqrt_h": gyro.rate_random_walk_deg_h_sqrt_h,
-        },
-        "axes": {
-            a.axis: _axis(a, pairs[a.axis], model, study, allowed_deg_h, word_bits)
-            for a in study.axes
-        },
-        "check": [_check(found) for found in checks],
-    }
+    export = FogExport(allowed_deg_h, word_bits)
+    return FogDocument(
+        verdict=study.verdict,
+        reasons=sentences(study.reasons),
+        reason_codes=codes(study.reasons),
+        notes=sentences(study.notes),
+        note_codes=codes(study.notes),
+        version=version,
+        imu_serial=first.imu_serial,
+        gyro_technology=first.gyro_technology,
+        runs=[_run(role, run) for role, run in runs],
+        remounted=study.remounted,
+        noise_model=noise_model(study.twin),
+        axes={a.axis: _axis(a, pairs[a.axis], model, study, export) for a in study.axes},
+        check=[_check(found) for found in checks],
+        held_out=checks,
+    )
 
 
 def fixed_tables(model: FogModel, word_bits: int) -> dict[str, FixedTable]:
@@ -112,70 +305,64 @@ def worst_rounding(
     }
 
 
-def _run(role: str, run: RampRun) -> dict[str, Any]:
-    return {
-        "run_id": run.run_id,
-        "sha256": run.sha256,
-        "role": role,
-        "blocks": int(run.time_s.size),
-        "steady_blocks": int(run.steady.sum()),
-        "heading_known": run.heading_known,
-        "sigma_block_deg_h": run.sigma_deg_h.tolist(),
-        "sigma_rate_degC_min": run.rate_sigma_degC_min.tolist(),
-        "ramps": [
-            {
-                "direction": leg.direction,
-                "low_degC": leg.low_degC,
-                "high_degC": leg.high_degC,
-                "rate_degC_min": leg.rate_degC_min,
-                "start_s": float(run.time_s[leg.start]),
-                "end_s": float(run.time_s[leg.end - 1]),
-            }
-            for leg in run.legs
-        ],
-        "excluded": [plain(span_document(span)) for span in run.excluded],
-    }
+def _run(role: str, run: RampRun) -> RunDocument:
+    ramps = [
+        RampDocument(
+            direction=leg.direction,
+            low_degC=leg.low_degC,
+            high_degC=leg.high_degC,
+            rate_degC_min=leg.rate_degC_min,
+            start_s=float(run.time_s[leg.start]),
+            end_s=float(run.time_s[leg.end - 1]),
+        )
+        for leg in run.legs
+    ]
+    return RunDocument(
+        run_id=run.run_id,
+        sha256=run.sha256,
+        role=role,
+        blocks=int(run.time_s.size),
+        steady_blocks=int(run.steady.sum()),
+        heading_known=run.heading_known,
+        sigma_block_deg_h=run.sigma_deg_h.tolist(),
+        sigma_rate_degC_min=run.rate_sigma_degC_min.tolist(),
+        ramps=ramps,
+        excluded=[span_document(span) for span in run.excluded],
+    )
 
 
 def _axis(
-    a: AxisFit,
-    pair: PiecewisePair,
-    model: FogModel,
-    study: RampStudy,
-    allowed: float,
-    word_bits: int,
-) -> dict[str, Any]:
+    a: AxisFit, pair: PiecewisePair, model: FogModel, study: RampStudy, export: FogExport
+) -> AxisDocument:
     c, T = a.curves, a.curves.temperature_degC
     centre = np.eye(T.size) - 1.0 / T.size
     assert c.K_T_covariance is not None
-    return {
-        "temperature_degC": T.tolist(),
-        "K_T_deg_h": (c.K_T_deg_h - a.level_deg_h).tolist(),
-        "sigma_K_T_deg_h": np.sqrt(np.diag(centre @ c.K_T_covariance @ centre)).tolist(),
-        "level": {
-            "value_deg_h": a.level_deg_h,
-            "sigma_deg_h": a.level_sigma_deg_h,
-            "known": a.level_known,
-        },
-        "K_delta_deg_h_per_degC_min": c.K_delta.tolist(),
-        "sigma_K_delta_deg_h_per_degC_min": _sigma(c),
-        "residual_over_sigma": float(np.sqrt(a.scatter)),
-        "up_down": _pair(a),
-        "document": _document(a, study),
-        "closed_forms": {"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
-        "inflections": {
+    return AxisDocument(
+        temperature_degC=T.tolist(),
+        K_T_deg_h=(c.K_T_deg_h - a.level_deg_h).tolist(),
+        sigma_K_T_deg_h=np.sqrt(np.diag(centre @ c.K_T_covariance @ centre)).tolist(),
+        level=LevelDocument(
+            value_deg_h=a.level_deg_h, sigma_deg_h=a.level_sigma_deg_h, known=a.level_known
+        ),
+        K_delta_deg_h_per_degC_min=c.K_delta.tolist(),
+        sigma_K_delta_deg_h_per_degC_min=_sigma(c),
+        residual_over_sigma=float(np.sqrt(a.scatter)),
+        up_down=_pair(a),
+        document=_subtraction(a, study),
+        closed_forms={"exact": _closed(a, a.two_ramps), "up_down": _closed(a, a.fast_ramps)},
+        inflections={
             key: [_breakpoint(b) for b in found]
             for key, found in zip(("K_T", "K_delta"), pair.inflections)
         },
-        "piecewise": {
-            "K_T": _piecewise(model.K_T[a.axis]),
-            "K_delta": _piecewise(model.K_delta[a.axis]),
-            "bic": pair.bic,
-            "residual_over_sigma": float(np.sqrt(pair.scatter)),
-        },
-        "slow_rate": _slow_rate(a, study, allowed),
-        "fixed_point": _fixed_point(a.axis, model, study, word_bits),
-    }
+        piecewise=PiecewiseDocument(
+            K_T=_piecewise(model.K_T[a.axis]),
+            K_delta=_piecewise(model.K_delta[a.axis]),
+            bic=pair.bic,
+            residual_over_sigma=float(np.sqrt(pair.scatter)),
+        ),
+        slow_rate=_slow_rate(a, study, export.allowed_deg_h),
+        fixed_point=_fixed_point(a.axis, model, study, export.word_bits),
+    )
 
 
 def _sigma(curves: Curves) -> list[float]:
@@ -183,122 +370,118 @@ def _sigma(curves: Curves) -> list[float]:
     return np.sqrt(np.diag(curves.K_delta_covariance)).tolist()
 
 
-def _pair(a: AxisFit) -> dict[str, Any] | None:
-    """The fast ramp up and down alone, beside all runs."""
+def _pair(a: AxisFit) -> PairDocument | None:
     if a.fast_pair is None:
         return None
-    return {
-        "K_delta_deg_h_per_degC_min": a.fast_pair.K_delta.tolist(),
-        "sigma_K_delta_deg_h_per_degC_min": _sigma(a.fast_pair),
-        "K_T_deg_h": (a.fast_pair.K_T_deg_h - a.fast_pair.K_T_deg_h.mean()).tolist(),
-        "largest_difference_K_delta": float(np.max(np.abs(a.fast_pair.K_delta - a.curves.K_delta))),
-    }
+    K_T, K_delta = a.fast_pair.K_T_deg_h, a.fast_pair.K_delta
+    return PairDocument(
+        K_delta_deg_h_per_degC_min=K_delta.tolist(),
+        sigma_K_delta_deg_h_per_degC_min=_sigma(a.fast_pair),
+        K_T_deg_h=(K_T - K_T.mean()).tolist(),
+        largest_difference_K_delta=float(np.max(np.abs(K_delta - a.curves.K_delta))),
+    )
 
 
-def _document(a: AxisFit, study: RampStudy) -> dict[str, Any] | None:
-    """The document's subtraction and how far it is from the exact separation; gain: its K_delta
-    over the exact one.
-    """
+def _subtraction(a: AxisFit, study: RampStudy) -> SubtractionDocument | None:
     if a.document is None:
         return None
     seen = np.isfinite(a.document.K_delta)
     d, e = a.document.K_delta[seen], a.curves.K_delta[seen]
     offset = a.document.K_T_deg_h - a.curves.K_T_deg_h
+    gain = largest_K_delta = largest_K_T = None
+    if seen.any():
+        gain = float(d @ e / (e @ e))
+        largest_K_delta = float(np.max(np.abs(d - e)))
+        largest_K_T = float(np.max(np.abs((offset - np.mean(offset[seen]))[seen])))
     slow = max((run.rate for run in study.slow), default=0.0)
-    return {
-        "K_T_deg_h": (a.document.K_T_deg_h - np.mean(a.document.K_T_deg_h[seen])).tolist(),
-        "K_delta_deg_h_per_degC_min": a.document.K_delta.tolist(),
-        "gain": float(d @ e / (e @ e)) if seen.any() else None,
-        "expected_gain": 1.0 - slow / max(run.rate for run in study.fast),
-        "largest_difference_K_delta": float(np.max(np.abs(d - e))) if seen.any() else None,
-        "largest_difference_K_T_deg_h": (
-            float(np.max(np.abs((offset - np.mean(offset[seen]))[seen]))) if seen.any() else None
-        ),
-    }
+    return SubtractionDocument(
+        K_T_deg_h=(a.document.K_T_deg_h - np.mean(a.document.K_T_deg_h[seen])).tolist(),
+        K_delta_deg_h_per_degC_min=a.document.K_delta.tolist(),
+        gain=gain,
+        expected_gain=1.0 - slow / max(run.rate for run in study.fast),
+        largest_difference_K_delta=largest_K_delta,
+        largest_difference_K_T_deg_h=largest_K_T,
+    )
 
 
-def _closed(a: AxisFit, curves: Curves | None) -> dict[str, Any] | None:
-    """A closed form on two ramps beside the fit: the rates are those of whole ramps there, so that
-    their ends tell less.
-    """
+def _closed(a: AxisFit, curves: Curves | None) -> ClosedFormDocument | None:
+    """The rates are those of whole ramps there, so that their ends tell less."""
     if curves is None:
         return None
     off = np.abs(curves.K_delta - a.curves.K_delta)
-    return {
-        "K_T_deg_h": (curves.K_T_deg_h - np.nanmean(curves.K_T_deg_h)).tolist(),
-        "K_delta_deg_h_per_degC_min": curves.K_delta.tolist(),
-        "largest_difference_K_delta": float(np.nanmax(off)),
-    }
+    return ClosedFormDocument(
+        K_T_deg_h=(curves.K_T_deg_h - np.nanmean(curves.K_T_deg_h)).tolist(),
+        K_delta_deg_h_per_degC_min=curves.K_delta.tolist(),
+        largest_difference_K_delta=float(np.nanmax(off)),
+    )
 
 
-def _slow_rate(a: AxisFit, study: RampStudy, allowed: float) -> dict[str, Any]:
+def _slow_rate(a: AxisFit, study: RampStudy, allowed: float) -> SlowRateDocument:
     K = float(np.max(np.abs(a.curves.K_delta)))
     test = max(run.rate for run in study.fast)
     by_unit, by_test = admissible_slow_rate(K, K * test, test, allowed)
     slow = max((run.rate for run in study.slow), default=None)
     span = float(np.ptp(a.curves.temperature_degC))
-    return {
-        "allowed_gradient_term_deg_h": allowed,
-        "K_per_degC_min": K,
-        "K_at_test_rate_deg_h": K * test,
-        "test_rate_degC_min": test,
-        "largest_degC_min": by_unit,
-        "largest_degC_min_K_at_test_rate": by_test,
-        "mixed_up_degC_min": allowed / (K * test),
-        "used_degC_min": slow,
-        "admissible": None if slow is None else bool(slow <= by_unit),
-        "days_one_way": span / by_unit * 60.0 / DAY_S,
-        "fast_pair_hours": 2.0 * span / test / 60.0,
-    }
+    return SlowRateDocument(
+        allowed_gradient_term_deg_h=allowed,
+        K_per_degC_min=K,
+        K_at_test_rate_deg_h=K * test,
+        test_rate_degC_min=test,
+        largest_degC_min=by_unit,
+        largest_degC_min_K_at_test_rate=by_test,
+        mixed_up_degC_min=allowed / (K * test),
+        used_degC_min=slow,
+        admissible=None if slow is None else bool(slow <= by_unit),
+        days_one_way=span / by_unit * 60.0 / DAY_S,
+        fast_pair_hours=2.0 * span / test / 60.0,
+    )
 
 
-def _fixed_point(axis: str, model: FogModel, study: RampStudy, word_bits: int) -> dict[str, Any]:
+def _fixed_point(
+    axis: str, model: FogModel, study: RampStudy, word_bits: int
+) -> FixedPointDocument:
     only = FogModel({axis: model.K_T[axis]}, {axis: model.K_delta[axis]})
     tables = fixed_tables(only, word_bits)
     rate = max(run.rate for run in study.fast)
-    return {
-        "word_bits": word_bits,
-        "largest_rate_degC_min": rate,
-        "worst_rounding_deg_h": worst_rounding(only, tables, rate)[axis],
-        "fraction_bits": {key[2:]: table.fraction_bits for key, table in tables.items()},
+    return FixedPointDocument(
+        word_bits=word_bits,
+        largest_rate_degC_min=rate,
+        worst_rounding_deg_h=worst_rounding(only, tables, rate)[axis],
+        fraction_bits={key[2:]: table.fraction_bits for key, table in tables.items()},
+    )
+
+
+def _breakpoint(b: Breakpoint) -> BreakpointDocument:
+    return BreakpointDocument(
+        temperature_degC=b.temperature_degC,
+        interval_95_degC=[b.low_degC, b.high_degC],
+        sigma_degC=b.sigma_degC,
+        kind=b.kind,
+    )
+
+
+def _piecewise(curve: Piecewise) -> CurveDocument:
+    return CurveDocument(
+        degree=curve.degree,
+        edges_degC=curve.edges_degC.tolist(),
+        coefficients=curve.coefficients.tolist(),
+        breakpoints=[_breakpoint(b) for b in curve.breakpoints],
+    )
+
+
+def _check(found: HeldOut) -> CheckDocument:
+    before, after, causal = found.before_deg_h, found.after_deg_h, found.causal_deg_h
+    axes = {
+        axis: CheckedAxisDocument(
+            before_deg_h=before[k],
+            after_deg_h=after[k],
+            ratio=after[k] / before[k],
+            causal_after_deg_h=causal[k],
+            causal_ratio=causal[k] / before[k],
+            noise_deg_h=found.noise_deg_h[k],
+            blocks=int(found.rows[:, k].sum()),
+        )
+        for k, axis in enumerate(AXES)
+        if np.isfinite(after[k] / before[k])
     }
-
-
-def _breakpoint(b: Breakpoint) -> dict[str, Any]:
-    return {
-        "temperature_degC": b.temperature_degC,
-        "interval_95_degC": [b.low_degC, b.high_degC],
-        "sigma_degC": b.sigma_degC,
-        "kind": b.kind,
-    }
-
-
-def _piecewise(curve: Piecewise) -> dict[str, Any]:
-    return {
-        "degree": curve.degree,
-        "edges_degC": curve.edges_degC.tolist(),
-        "coefficients": curve.coefficients.tolist(),
-        "breakpoints": [_breakpoint(b) for b in curve.breakpoints],
-    }
-
-
-def _check(found: HeldOut) -> dict[str, Any]:
-    ratio: NDArray = found.after_deg_h / found.before_deg_h
-    causal: NDArray = found.causal_deg_h / found.before_deg_h
-    return {
-        "run_id": found.run.run_id,
-        "sha256": found.run.sha256,
-        "axes": {
-            axis: {
-                "before_deg_h": found.before_deg_h[k],
-                "after_deg_h": found.after_deg_h[k],
-                "ratio": ratio[k],
-                "causal_after_deg_h": found.causal_deg_h[k],
-                "causal_ratio": causal[k],
-                "noise_deg_h": found.noise_deg_h[k],
-                "blocks": int(found.rows[:, k].sum()),
-            }
-            for k, axis in enumerate(AXES)
-            if np.isfinite(ratio[k])
-        },
-    }
+    return CheckDocument(run_id=found.run.run_id, sha256=found.run.sha256, axes=axes)

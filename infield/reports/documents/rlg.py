@@ -2,154 +2,312 @@
 `rlg_model` reads it back.
 """
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 
 import numpy as np
 
-from infield.reports.documents.spans import span_document
+from infield.reports.documents.spans import SpanDocument, span_document
+from infield.reports.documents.thermal import NoiseModelDocument, noise_model
+from infield.reports.words.sentences import codes, sentence, sentences
 from infield.thermal.gradient_fit import RESIDUAL_S, AxisModel, Choice, Residual
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.gradient_terms import COLLINEAR, TERMS, UNITS
+from infield.thermal.gradient_terms import COLLINEAR, TERMS, UNITS, Collinear
 from infield.thermal.held_out import RlgHeldOut
+from infield.thermal.reasons import ThermalNote, ThermalVerdict
 from infield.thermal.rlg_gradient import GradientStudy
 from infield.thermal.rlg_model import SCHEMA
-from ins.verdicts import plain
+from ins.records import AXES
+from ins.verdicts import UNWRITTEN, Reason, because, written_as
 
 ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing
+MODEL = (
+    "b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6x Tdiff_x + K6y Tdiff_y + K6z"
+    " Tdiff_z + rest(T), T = temperature less the reference, dT/dt in degC/min"
+)
+
+
+class TermState(StrEnum):
+    """Why a term is in the model or not."""
+
+    USED = "used"
+    COLLINEAR = "collinear"
+    NOT_BETTER = "not better on held-out data"
+    NO_DATA = "no data"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunDocument:
+    """One run at rest; ranges are None without usable rows."""
+
+    run_id: str
+    sha256: str
+    minutes: int
+    heading_known: bool
+    temperature_degC: Sequence[float] | None
+    rate_degC_min: Sequence[float] | None
+    lines: Mapping[str, float]
+    sigma_block_deg_h: Sequence[float]
+    sigma_rate_degC_min: Sequence[float]
+    sigma_gradient_degC: Sequence[float]
+    excluded: Sequence[SpanDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TermDocument:
+    """One of K1..K6; sigma None where it is not used."""
+
+    value: float
+    sigma: float | None
+    unit: str
+    state: TermState
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelDocument:
+    """K1, and whether it is known apart from Earth rate."""
+
+    value_deg_h: float
+    sigma_deg_h: float
+    known: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestDocument:
+    """What of the curve over temperature is no parabola."""
+
+    temperature_degC: Sequence[float]
+    bias_deg_h: Sequence[float]
+    sigma_deg_h: Sequence[float]
+    prior_sigma_deg_h: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConditionDocument:
+    """Condition numbers of the terms."""
+
+    used: float
+    all: float
+    all_uncentred: float
+    limit: float = COLLINEAR
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollinearDocument:
+    """A term that was dropped."""
+
+    term: str
+    others: Sequence[str] = field(metadata=written_as("with"))
+    condition: float
+    noise_share: float
+    text: str
+    code: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class OrderDocument:
+    """The best choice of so many terms."""
+
+    terms: Sequence[str]
+    rest_deg_h: float
+    held_out_chi2: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResidualDocument(Residual):
+    """RMS of held-out means, and their ratios."""
+
+    over_temperature_only: float
+    over_noise: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisDocument:
+    """One fitted gyro."""
+
+    temperature_degC: Sequence[float]
+    terms: Mapping[str, TermDocument]
+    covariance: Sequence[Sequence[float]]
+    about_zero_degC: Mapping[str, float]
+    level: LevelDocument
+    rest: RestDocument
+    condition: ConditionDocument
+    collinear: Sequence[CollinearDocument]
+    orders: Sequence[OrderDocument]
+    held_out: ResidualDocument
+    leave_one_run_out: ResidualDocument | None
+    temperature_only: Mapping[str, float]
+    residual_over_sigma: float
+    minutes: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedAxisDocument:
+    """What the model leaves of one gyro on a held-out run."""
+
+    before_deg_h: float
+    temperature_only_deg_h: float
+    after_deg_h: float
+    causal_after_deg_h: float
+    noise_deg_h: float
+    over_temperature_only: float
+    over_noise: float
+    means: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckDocument:
+    """A held-out run."""
+
+    run_id: str
+    sha256: str
+    share_inside: float
+    axes: Mapping[str, CheckedAxisDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RlgDocument:
+    """thermal_rlg.json; `study`, `held_out`: what its page is drawn from."""
+
+    schema: str = SCHEMA
+    verdict: ThermalVerdict
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    version: str
+    imu_serial: str
+    gyro_technology: str
+    runs: Sequence[RunDocument]
+    remounted: bool
+    noise_model: NoiseModelDocument
+    model: str = MODEL
+    reference_temperature_degC: float
+    validation: str
+    residual_of_s: float = RESIDUAL_S
+    axes: Mapping[str, AxisDocument]
+    check: Sequence[CheckDocument]
+    study: GradientStudy = field(repr=False, compare=False, metadata=UNWRITTEN)
+    held_out: Sequence[RlgHeldOut] = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
 def rlg_document(
     study: GradientStudy, *, checks: Sequence[RlgHeldOut] = (), version: str
-) -> dict[str, Any]:
+) -> RlgDocument:
     """The result of a study, refused or fitted."""
-    first, gyro = study.runs[0].blocks, study.twin.gyro
-    axes = {a.axis: _axis(a, study.reference_degC) for a in study.axes}
-    return {
-        "schema": SCHEMA,
-        "verdict": (
-            "refused" if study.refused else "inconsistent" if study.inconsistent else "fitted"
-        ),
-        "reasons": [*study.refused, *study.inconsistent],
-        "notes": [*study.notes, *_missing(study)],
-        "version": version,
-        "imu_serial": first.imu_serial,
-        "gyro_technology": first.gyro_technology,
-        "runs": [_run(run) for run in study.runs],
-        "remounted": study.remounted,
-        "noise_model": {
-            "source": study.twin.source,
-            "white": "scatter of the runs' own ten-second sums",
-            "turn_on_deg_h": gyro.turn_on_deg_h,
-            "bias_instability_deg_h": gyro.bias_instability_deg_h,
-            "rate_random_walk_deg_h_sqrt_h": gyro.rate_random_walk_deg_h_sqrt_h,
-        },
-        "model": (
-            "b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6x Tdiff_x + K6y Tdiff_y + K6z"
-            " Tdiff_z + rest(T), T = temperature less the reference, dT/dt in degC/min"
-        ),
-        "reference_temperature_degC": study.reference_degC,
-        "validation": study.validation,
-        "residual_of_s": RESIDUAL_S,
-        "axes": axes,
-        "check": [_check(found) for found in checks],
-    }
+    first = study.runs[0].blocks
+    notes = [*study.notes, *_missing(study)]
+    return RlgDocument(
+        verdict=study.verdict,
+        reasons=sentences(study.reasons),
+        reason_codes=codes(study.reasons),
+        notes=sentences(notes),
+        note_codes=codes(notes),
+        version=version,
+        imu_serial=first.imu_serial,
+        gyro_technology=first.gyro_technology,
+        runs=[_run(run) for run in study.runs],
+        remounted=study.remounted,
+        noise_model=noise_model(study.twin),
+        reference_temperature_degC=study.reference_degC,
+        validation=study.validation,
+        axes={a.axis: _axis(a, study.reference_degC) for a in study.axes},
+        check=[_check(found) for found in checks],
+        study=study,
+        held_out=checks,
+    )
 
 
-def _missing(study: GradientStudy) -> list[str]:
+def _missing(study: GradientStudy) -> list[Reason]:
     """Where the model does not foretell what was held out."""
     return [
-        f"gyro {a.axis}: the held-out residual is"
-        f" {a.held_out.model_deg_h / a.held_out.noise_deg_h:.2f} times its noise, needed"
-        f" {ENOUGH:g}: something is missing, or too few runs hold the terms apart"
+        because(
+            ThermalNote.HELD_OUT_WORSE,
+            axis=a.axis,
+            times=a.held_out.model_deg_h / a.held_out.noise_deg_h,
+            needed=ENOUGH,
+        )
         for a in study.axes
         if a.held_out.model_deg_h > ENOUGH * a.held_out.noise_deg_h
     ]
 
 
-def _run(run: GradientRun) -> dict[str, Any]:
+def _run(run: GradientRun) -> RunDocument:
     b = run.blocks
     T, rate = b.temperature_degC[run.usable], b.rate_degC_min[run.usable]
-    return {
-        "run_id": b.run_id,
-        "sha256": b.sha256,
-        "minutes": run.minutes,
-        "heading_known": b.heading_known,
-        "temperature_degC": [float(T.min()), float(T.max())] if T.size else None,
-        "rate_degC_min": [float(rate.min()), float(rate.max())] if rate.size else None,
-        "lines": {
-            axis: float(np.ptp(run.gradient_degC[run.usable, "xyz".index(axis)]))
-            for axis in run.lines
-        },
-        "sigma_block_deg_h": b.sigma_deg_h.tolist(),
-        "sigma_rate_degC_min": run.sigma_rate_degC_min.tolist(),
-        "sigma_gradient_degC": run.sigma_gradient_degC.tolist(),
-        "excluded": [plain(span_document(span)) for span in b.excluded],
-    }
+    gradient = run.gradient_degC[run.usable]
+    return RunDocument(
+        run_id=b.run_id,
+        sha256=b.sha256,
+        minutes=run.minutes,
+        heading_known=b.heading_known,
+        temperature_degC=[float(T.min()), float(T.max())] if T.size else None,
+        rate_degC_min=[float(rate.min()), float(rate.max())] if rate.size else None,
+        lines={axis: float(np.ptp(gradient[:, AXES.index(axis)])) for axis in run.lines},
+        sigma_block_deg_h=b.sigma_deg_h.tolist(),
+        sigma_rate_degC_min=run.sigma_rate_degC_min.tolist(),
+        sigma_gradient_degC=run.sigma_gradient_degC.tolist(),
+        excluded=[span_document(span) for span in b.excluded],
+    )
 
 
-def _axis(a: AxisModel, reference_degC: float) -> dict[str, Any]:
-    n, gone = len(TERMS), {found.term: found for found in a.collinear}
-    terms = {
-        name: {
-            "value": float(a.theta[k]),
-            "sigma": float(a.sigma[k]) if name in a.used else None,
-            "unit": UNITS[name],
-            "state": (
-                "used"
-                if name in a.used
-                else (
-                    "collinear"
-                    if name in gone
-                    else "not better on held-out data"
-                    if name in a.not_better
-                    else "no data"
-                )
-            ),
-        }
-        for k, name in enumerate(TERMS)
-    }
-    return {
-        "temperature_degC": list(a.range_degC),
-        "terms": terms,
-        "covariance": a.covariance[:n, :n].tolist(),
-        "about_zero_degC": about_zero(a, reference_degC),
-        "level": {
-            "value_deg_h": float(a.theta[0]),
-            "sigma_deg_h": float(a.sigma[0]),
-            "known": a.level_known,
-        },
-        "rest": {
-            "temperature_degC": a.nodes_degC.tolist(),
-            "bias_deg_h": a.theta[n:].tolist(),
-            "sigma_deg_h": a.sigma[n:].tolist(),
-            "prior_sigma_deg_h": a.choice.rest_deg_h,
-        },
-        "condition": {
-            "used": a.condition,
-            "all": a.condition_all,
-            "all_uncentred": a.condition_uncentred,
-            "limit": COLLINEAR,
-        },
-        "collinear": [
-            {
-                "term": f.term,
-                "with": list(f.others),
-                "condition": f.condition,
-                "noise_share": f.noise_share,
-                "text": f.words(),
-            }
-            for f in a.collinear
-        ],
-        "orders": [_order(choice) for choice in a.orders],
-        "held_out": _residual(a.held_out),
-        "leave_one_run_out": None if a.by_run is None else _residual(a.by_run),
-        "temperature_only": {
-            name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])
-        },
-        "residual_over_sigma": float(np.sqrt(a.scatter)),
-        "minutes": a.rows,
-    }
+def _axis(a: AxisModel, reference_degC: float) -> AxisDocument:
+    n = len(TERMS)
+    return AxisDocument(
+        temperature_degC=a.range_degC,
+        terms={name: _term(a, k) for k, name in enumerate(TERMS)},
+        covariance=a.covariance[:n, :n].tolist(),
+        about_zero_degC=about_zero(a, reference_degC),
+        level=LevelDocument(
+            value_deg_h=float(a.theta[0]), sigma_deg_h=float(a.sigma[0]), known=a.level_known
+        ),
+        rest=RestDocument(
+            temperature_degC=a.nodes_degC.tolist(),
+            bias_deg_h=a.theta[n:].tolist(),
+            sigma_deg_h=a.sigma[n:].tolist(),
+            prior_sigma_deg_h=a.choice.rest_deg_h,
+        ),
+        condition=ConditionDocument(
+            used=a.condition, all=a.condition_all, all_uncentred=a.condition_uncentred
+        ),
+        collinear=[_collinear(found) for found in a.collinear],
+        orders=[_order(choice) for choice in a.orders],
+        held_out=_residual(a.held_out),
+        leave_one_run_out=None if a.by_run is None else _residual(a.by_run),
+        temperature_only={name: float(a.temperature_only[k]) for k, name in enumerate(TERMS[:3])},
+        residual_over_sigma=float(np.sqrt(a.scatter)),
+        minutes=a.rows,
+    )
+
+
+def _term(a: AxisModel, k: int) -> TermDocument:
+    name = TERMS[k]
+    return TermDocument(
+        value=float(a.theta[k]),
+        sigma=float(a.sigma[k]) if name in a.used else None,
+        unit=UNITS[name],
+        state=_state(a, name),
+    )
+
+
+def _state(a: AxisModel, name: str) -> TermState:
+    if name in a.used:
+        return TermState.USED
+    if name in {found.term for found in a.collinear}:
+        return TermState.COLLINEAR
+    return TermState.NOT_BETTER if name in a.not_better else TermState.NO_DATA
+
+
+def _collinear(found: Collinear) -> CollinearDocument:
+    return CollinearDocument(
+        term=found.term,
+        others=found.others,
+        condition=found.condition,
+        noise_share=found.noise_share,
+        text=sentence(found.why),
+        code=found.why.code.value,
+    )
 
 
 def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
@@ -162,41 +320,33 @@ def about_zero(a: AxisModel, reference_degC: float) -> dict[str, float]:
     return dict(zip(TERMS, values))
 
 
-def _order(choice: Choice) -> dict[str, Any]:
-    return {
-        "terms": list(choice.used),
-        "rest_deg_h": choice.rest_deg_h,
-        "held_out_chi2": choice.chi2,
-    }
+def _order(choice: Choice) -> OrderDocument:
+    return OrderDocument(terms=choice.used, rest_deg_h=choice.rest_deg_h, held_out_chi2=choice.chi2)
 
 
-def _residual(r: Residual) -> dict[str, Any]:
-    return {
+def _residual(r: Residual) -> ResidualDocument:
+    return ResidualDocument(
         **vars(r),
-        "over_temperature_only": r.model_deg_h / r.temperature_only_deg_h,
-        "over_noise": r.model_deg_h / r.noise_deg_h,
-    }
+        over_temperature_only=r.model_deg_h / r.temperature_only_deg_h,
+        over_noise=r.model_deg_h / r.noise_deg_h,
+    )
 
 
-def _check(found: RlgHeldOut) -> dict[str, Any]:
+def _check(found: RlgHeldOut) -> CheckDocument:
     rows = {}
-    for axis, (before, table_alone, after, causal) in (
-        (a, v.tolist()) for a, v in found.rms_deg_h.items()
-    ):
-        rows[axis] = {
-            "before_deg_h": before,
-            "temperature_only_deg_h": table_alone,
-            "after_deg_h": after,
-            "causal_after_deg_h": causal,
-            "noise_deg_h": found.noise_deg_h[axis],
-            "over_temperature_only": after / table_alone,
-            "over_noise": after / found.noise_deg_h[axis],
-            "means": int(found.means[axis][0].size),
-        }
+    for axis, rms in found.rms_deg_h.items():
+        before, plain_, after, causal = rms.tolist()
+        rows[axis] = CheckedAxisDocument(
+            before_deg_h=before,
+            temperature_only_deg_h=plain_,
+            after_deg_h=after,
+            causal_after_deg_h=causal,
+            noise_deg_h=found.noise_deg_h[axis],
+            over_temperature_only=after / plain_,
+            over_noise=after / found.noise_deg_h[axis],
+            means=int(found.means[axis][0].size),
+        )
     b = found.run.blocks
-    return {
-        "run_id": b.run_id,
-        "sha256": b.sha256,
-        "share_inside": found.share_inside,
-        "axes": rows,
-    }
+    return CheckDocument(
+        run_id=b.run_id, sha256=b.sha256, share_inside=found.share_inside, axes=rows
+    )

@@ -9,7 +9,15 @@ from typing import Any
 from ins.verdicts import Reason
 
 # Each has SENTENCES: Mapping[StrEnum, Template].
-ROOMS: tuple[str, ...] = ("aided", "alignment", "misalignment", "replay", "session", "thermometer")
+ROOMS: tuple[str, ...] = (
+    "aided",
+    "alignment",
+    "misalignment",
+    "replay",
+    "session",
+    "thermal",
+    "thermometer",
+)
 
 # What str.format takes, or a function of the reason's values where the wording depends on them.
 Template = str | Callable[..., str]

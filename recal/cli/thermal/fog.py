@@ -99,12 +99,13 @@ def fog_ramps(
     the document.
     """
     from infield.reports.documents.fog import fit_models, fixed_tables, fog_document, worst_rounding
-    from infield.reports.fog_page import fog_html
+    from infield.reports.fog_page import render
     from infield.thermal.fixed_point import to_c_header, to_csv
     from infield.thermal.fog_model import held_out
     from infield.thermal.fog_ramps import separate
     from infield.thermal.ramp_runs import ramp_run
     from ins.records import InputError
+    from ins.verdicts import plain
     from recal.cli.thermal.inputs import reduced_groups
     from recal.service.output import output_directory, program_version, write_files
     from trajectories.runs.directory import read_run
@@ -121,7 +122,7 @@ def fog_ramps(
         if not study.axes
         else [held_out(read_run(p), run, model, model_of_noise) for p, run in zip(check, groups[2])]
     )
-    document = fog_document(
+    found = fog_document(
         study,
         pairs,
         model,
@@ -130,10 +131,11 @@ def fog_ramps(
         word_bits=word_bits,
         version=program_version(),
     )
+    document = plain(found)
     directory = output_directory(output, "thermal")
     texts = {
         directory / "thermal_fog.json": result_text(document),
-        directory / "thermal_fog.html": fog_html(document, checks),
+        directory / "thermal_fog.html": render(found),
     }
     if study.axes:
         tables = fixed_tables(model, word_bits)

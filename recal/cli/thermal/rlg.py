@@ -63,28 +63,29 @@ def rlg_gradients(
 ) -> dict[str, Any]:
     """Writes thermal_rlg.json and .html; returns the document."""
     from infield.reports.documents.rlg import rlg_document
-    from infield.reports.rlg_page import rlg_html
+    from infield.reports.rlg_page import render
     from infield.thermal.gradient_runs import gradient_run
     from infield.thermal.held_out import held_out_run
     from infield.thermal.rlg_gradient import fit_gradients
     from infield.thermal.rlg_model import model_from_document
+    from ins.verdicts import plain
     from recal.cli.thermal.inputs import reduced_groups
     from recal.service.output import output_directory, program_version, write_files
     from trajectories.runs.directory import read_run
 
     groups, twin = reduced_groups((runs, check), "rlg", gradient_run, store_url, twin_path)
     study = fit_gradients(groups[0], twin, remounted=remounted)
-    document = rlg_document(study, version=program_version())
-    checks = []
+    found = rlg_document(study, version=program_version())
     if study.axes and check:
-        model = model_from_document(document)
+        model = model_from_document(plain(found))
         checks = [held_out_run(read_run(path), model, study.axes, twin) for path in check]
-        document = rlg_document(study, checks=checks, version=program_version())
+        found = rlg_document(study, checks=checks, version=program_version())
+    document = plain(found)
     directory = output_directory(output, "thermal")
     write_files(
         {
             directory / "thermal_rlg.json": result_text(document),
-            directory / "thermal_rlg.html": rlg_html(document, study, checks),
+            directory / "thermal_rlg.html": render(found),
         }
     )
     return document

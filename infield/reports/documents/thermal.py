@@ -1,0 +1,26 @@
+"""What the documents of all thermal models share."""
+
+from dataclasses import dataclass
+
+from ins.records import TwinModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseModelDocument:
+    """The noise that a thermal model was fitted against."""
+
+    source: str
+    white: str = "scatter of the runs' own ten-second sums"
+    turn_on_deg_h: float
+    bias_instability_deg_h: float
+    rate_random_walk_deg_h_sqrt_h: float
+
+
+def noise_model(twin: TwinModel) -> NoiseModelDocument:
+    gyro = twin.gyro
+    return NoiseModelDocument(
+        source=twin.source,
+        turn_on_deg_h=gyro.turn_on_deg_h,
+        bias_instability_deg_h=gyro.bias_instability_deg_h,
+        rate_random_walk_deg_h_sqrt_h=gyro.rate_random_walk_deg_h_sqrt_h,
+    )

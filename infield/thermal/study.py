@@ -1,0 +1,103 @@
+"""What a study of chamber runs comes to, whatever the model: its verdict, and what is said of every
+kind of gyro.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from infield.thermal.ramp_runs import RampRun
+from infield.thermal.reasons import Moves, ThermalNote, ThermalReason, ThermalVerdict
+from ins.records import AXES, TwinModel
+from ins.verdicts import Reason, because
+
+TURNED_RAD = 2e-3  # 0.03 deg/h of Earth rate on another axis: the unit did not rest
+CONTRADICTS = 25.0  # chi2 per degree of freedom beyond which this is not the model of these data
+NOTED = 1.5  # the same, above which the notes say so
+SAME_LEVEL_RAD = 1e-3  # runs whose levels differ by more were mounted anew
+INFLATE_ABOVE = 1.0  # chi2 per degree of freedom above which sigmas are widened by its root
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """refused: why nothing could be fitted; inconsistent: what contradicts what was fitted; both
+    empty where a model came of the runs.
+    """
+
+    twin: TwinModel
+    refused: tuple[Reason, ...] = ()
+    inconsistent: tuple[Reason, ...] = ()
+    notes: tuple[Reason, ...] = ()
+    remounted: bool = False
+
+    @property
+    def verdict(self) -> ThermalVerdict:
+        if self.refused:
+            return ThermalVerdict.REFUSED
+        return ThermalVerdict.INCONSISTENT if self.inconsistent else ThermalVerdict.FITTED
+
+    @property
+    def reasons(self) -> tuple[Reason, ...]:
+        return (*self.refused, *self.inconsistent)
+
+
+class Fitted(Protocol):
+    """One gyro's fit; scatter: chi2 of its residual per degree of freedom."""
+
+    @property
+    def axis(self) -> str: ...
+
+    @property
+    def scatter(self) -> float: ...
+
+
+def levels_differ(runs: Sequence[RampRun]) -> bool:
+    levels = np.array([run.roll_pitch_rad for run in runs])
+    return bool(len(levels) > 1 and np.ptp(levels, axis=0).max() > SAME_LEVEL_RAD)
+
+
+def moving_base(run: RampRun, **role: str) -> tuple[Reason, ...]:
+    """Why a run that turns cannot be used; empty where it rests."""
+    if run.turned_rad <= TURNED_RAD:
+        return ()
+    why = because(
+        ThermalReason.MOVING_BASE,
+        run_id=run.run_id,
+        turned_rad=run.turned_rad,
+        needed_rad=TURNED_RAD,
+        **role,
+    )
+    return (why,)
+
+
+def with_thermometer(runs: Sequence[RampRun]) -> tuple[list[int], list[Reason]]:
+    """Gyros whose temperature is known in every run, and a note for each of the others."""
+    usable = [k for k, axis in enumerate(AXES) if all(axis not in run.unusable for run in runs)]
+    left_out = [axis for k, axis in enumerate(AXES) if k not in usable]
+    return usable, [because(ThermalNote.NO_THERMOMETER, axis=axis) for axis in left_out]
+
+
+def widened(axes: Iterable[Fitted]) -> list[Reason]:
+    """A note for each gyro whose sigmas were widened by much."""
+    return [
+        because(ThermalNote.SIGMAS_WIDENED, axis=a.axis, times=float(np.sqrt(a.scatter)))
+        for a in axes
+        if a.scatter > NOTED
+    ]
+
+
+def contradicted(axes: Iterable[Fitted], moves: Moves) -> tuple[Reason, ...]:
+    """Gyros whose residual says that something else than the model moves the bias."""
+    return tuple(
+        because(
+            ThermalReason.RESIDUAL_SCATTERS,
+            axis=a.axis,
+            times=float(np.sqrt(a.scatter)),
+            needed=float(np.sqrt(CONTRADICTS)),
+            moves=moves,
+        )
+        for a in axes
+        if a.scatter > CONTRADICTS
+    )
