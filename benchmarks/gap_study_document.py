@@ -19,6 +19,8 @@ TITLES = {
     "without": "true effect not in the catalogue",
     "pyins": "pyins source, 12 sigma",
     "pyins_none": "pyins source, no effect",
+    "motion": "one effect on odometer, vehicle or GNSS, 12 sigma",
+    "motion_without": "the same, the true effect not in the catalogue",
 }
 HEAD = """# Blind trials of the diagnosis
 

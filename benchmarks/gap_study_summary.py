@@ -86,6 +86,9 @@ QUESTIONS = (
     Question("without", "first place right", scores.where_right, 0.90),
     Question("without", "first place holds a fifth of the effect's energy", scores.where_energy),
     *_of_size("pyins", 0.93, 0.97),
+    *_of_size("motion", None, None),
+    Question("motion_without", "another effect's name at over 0.9", scores.named_falsely),
+    Question("motion_without", "first place right", scores.where_right),
     Question("pyins_none", "false alarms at the default level", scores.alarm, 0.02, True),
 )
 

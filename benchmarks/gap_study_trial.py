@@ -18,6 +18,16 @@ from simreal.evidence.whitened import CHANNELS, Evidence
 from simreal.inference.causes import Cause
 from simreal.inference.diagnosis import DEFAULT_ALPHA, Diagnosis, DiagnosisSettings, diagnose
 
+# effects that show on odometer, side slip and GNSS: free functions of the motion compete with them
+MOTION = (
+    "odometer_scale",
+    "odometer_time_offset",
+    "wheel_slip",
+    "odometer_boresight",
+    "lever_arm",
+    "side_slip",
+    "gnss_lever_arm_or_latency",
+)
 REACHED = 0.25  # a trial whose size is further off the wanted one is not diagnosed
 MOST_PLACES = 3
 
@@ -25,7 +35,7 @@ MOST_PLACES = 3
 @dataclass(frozen=True, kw_only=True)
 class StudyCell:
     """A kind of trial. wanted: size in sigmas, 0 where there is none to set; without: the true
-    effect is not in the catalogue.
+    effect is not in the catalogue; names: the effects it is drawn from, None for all.
 
     first_seed: added to the study's seeds, so that no two cells share a trial.
     """
@@ -38,6 +48,7 @@ class StudyCell:
     noise_off: float = 0.0
     without: bool = False
     alpha: float = DEFAULT_ALPHA
+    names: tuple[str, ...] | None = None
 
 
 CELLS = {
@@ -53,6 +64,8 @@ CELLS = {
     "20": StudyCell(first_seed=900_000, wanted=20.0),
     "none5": StudyCell(first_seed=100_000, effects=0, alpha=0.05),
     "pyins_none": StudyCell(first_seed=800_000, effects=0, source="pyins"),
+    "motion": StudyCell(first_seed=1_000_000, wanted=12.0, names=MOTION),
+    "motion_without": StudyCell(first_seed=1_000_000, wanted=12.0, without=True, names=MOTION),
 }
 Record = dict[str, Any]
 
@@ -133,7 +146,9 @@ def _drawn(cell: StudyCell, seed: int) -> tuple[Trial, list[float]]:
     """The trial, each of its effects at the wanted size by itself, and the sizes reached."""
     if cell.noise_off:
         return draw_noise_trial(seed, plan=cell.plan, off=cell.noise_off, source=cell.source), []
-    trial = draw_trial(seed, plan=cell.plan, effects=cell.effects, source=cell.source)
+    trial = draw_trial(
+        seed, plan=cell.plan, effects=cell.effects, names=cell.names, source=cell.source
+    )
     alone = [scaled(replace(trial, truth=(p,)), cell.wanted) for p in trial.truth]
     if len(alone) == 1:
         return alone[0][0], [alone[0][1]]

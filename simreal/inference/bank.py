@@ -12,6 +12,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from ins.records import TwinModel
+from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.generic import MOTION_SIZE, OF_RUN, Generic, generic_functions
 from simreal.effects.base import ACCELS, GYROS, Effect, ShapeParameter
 from simreal.effects.telemetry import Telemetry, Trace
@@ -79,6 +81,19 @@ def unit_scale(effect: Effect, target: str, evidence: Evidence) -> float:
     if target in ACCELS:
         return max(1.0, twin.accel.turn_on_ug / NAVIGATION_TURN_ON["accel"])
     return 1.0
+
+
+def usual_coefficient(target: str, twin: TwinModel) -> float:
+    """The usual coefficient of a free function on a target [rad/s, m/s^2, m/s or m].
+
+    On a gyro or an accelerometer it is the twin's turn-on sigma; on odometer, vehicle and GNSS it
+    is what would matter there (MOTION_SIZE).
+    """
+    if target in GYROS:
+        return twin.gyro.turn_on_deg_h * DEG_PER_HOUR
+    if target in ACCELS:
+        return twin.accel.turn_on_ug * MICRO_G
+    return MOTION_SIZE[target]
 
 
 def shapes_of(
@@ -225,13 +240,7 @@ class Bank:
         for c in range(len(per_run[0])):
             self._specs.append([traces[c] for traces in per_run])
         count = len(self._specs) - first
-        twin = self.evidence.twin
-        motion = MOTION_SIZE.get(generic.target)
-        typical = (
-            motion or twin.gyro.turn_on_deg_h * 4.848e-6
-            if generic.target in GYROS
-            else twin.accel.turn_on_ug * 9.80665e-6
-        )
+        typical = usual_coefficient(generic.target, self.evidence.twin)
         same.groups.append(
             Group(
                 {"nodes": float(generic.resolution)},
