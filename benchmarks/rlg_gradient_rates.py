@@ -22,13 +22,13 @@ from scipy.stats import chi2
 
 from infield.reports.documents.rlg import rlg_document
 from infield.reports.figures import BLACK, GREY, NEW, OLD, axis_text, in_style, new_figure, svg_text
-from infield.thermal.gradient_fit import five_minute_means
 from infield.thermal.gradient_runs import gradient_run
-from infield.thermal.gradient_terms import TERMS
-from infield.thermal.held_out import RlgHeldOut, held_out_run
 from infield.thermal.reasons import ThermalNote, ThermalReason
-from infield.thermal.rlg_gradient import fit_gradients
-from infield.thermal.rlg_model import model_from_document
+from infield.thermal.rlg.fit import five_minute_means
+from infield.thermal.rlg.gradients import fit_gradients
+from infield.thermal.rlg.held_out import RlgHeldOut, held_out_run
+from infield.thermal.rlg.model import model_from_document
+from infield.thermal.rlg.terms import TERMS
 from ins.records import AXES, TemperatureNoise
 from ins.verdicts import plain as as_plain
 from tests.infield.gradient_cases import TWIN, Unit, case

@@ -29,12 +29,7 @@ SEARCHES = set(
 EQUAL = (ast.Eq, ast.NotEq, ast.In, ast.NotIn)
 # module: why it may
 WORK = "its verdicts are still texts; each entry goes with its conversion to an enum"
-ALLOWED = {
-    "infield/reports/fog_page.py": WORK,
-    "infield/reports/rlg_page.py": WORK,
-    "infield/thermal/fog_model.py": WORK,
-    "infield/thermal/rlg_model.py": WORK,
-}
+ALLOWED = {}
 
 
 @cache

@@ -19,7 +19,7 @@ from infield.reports.figures import (
     svg_text,
 )
 from infield.reports.page import render_page
-from infield.thermal.fog_model import HeldOut, curve_from
+from infield.thermal.fog.model import HeldOut, curve_from
 from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
 from ins.verdicts import plain

@@ -18,11 +18,11 @@ from infield.reports.figures import (
     svg_text,
 )
 from infield.reports.page import render_page
-from infield.thermal.gradient_fit import AxisModel, five_minute_means
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.gradient_terms import TERMS, columns
-from infield.thermal.held_out import RlgHeldOut
 from infield.thermal.reasons import ThermalVerdict
+from infield.thermal.rlg.fit import AxisModel, five_minute_means
+from infield.thermal.rlg.held_out import RlgHeldOut
+from infield.thermal.rlg.terms import TERMS, columns
 from ins.records import AXES
 from ins.verdicts import plain
 

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
+from infield.thermal.blocks import AxisBlocks
+
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
 # differences penalised for values, and where the second derivative must be smooth
 VALUE_ORDER, CURVATURE_ORDER = 2, 3
@@ -27,23 +29,6 @@ FLAT = 1e-12  # relative precision added so that a null space of the penalty has
 NEGLIGIBLE = 3.0  # log evidence below the best by more than this has no share
 Basis = Callable[[NDArray], NDArray]
 Solved = tuple[float, NDArray, NDArray]  # log evidence, mean, covariance
-
-
-@dataclass(frozen=True)
-class AxisBlocks:
-    """One gyro's block means: n rows of temperature [degC], rate [degC/min], bias [deg/h] and its
-    white sigma.
-
-    bin (n,): index of the drift bin of each row, drift (m, m) [(deg/h)^2]: prior covariance of the
-    bins.
-    """
-
-    temperature_degC: NDArray
-    rate_degC_min: NDArray
-    bias_deg_h: NDArray
-    sigma_deg_h: NDArray
-    bin: NDArray
-    drift: NDArray
 
 
 @dataclass(frozen=True)

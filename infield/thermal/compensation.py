@@ -7,56 +7,27 @@ the table stays the bias of the settled unit.
 """
 
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.thermal.gradient_runs import gradient_lines
+from infield.thermal.temperature_model import TemperatureModel
 from infield.thermometer.causal_rate import causal_rates
-from infield.thermometer.gyro_temperature import GyroTemperature
+from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
 from ins.compensation import compensate, corrected
-from ins.records import ImuLog, ImuSource, TemperatureLog
+from ins.records import ImuLog, ImuSource, Run, TemperatureLog
 from ins.units import DEG_PER_HOUR
 
 PARTS = ("all", "rates")
-
-
-class ThermalModel(Protocol):
-    """Temperatures, rates [degC/min] and gradient lines (n, 3) in, bias [deg/h] (n, 3) out; 0 for a
-    gyro without a model.
-    """
-
-    @property
-    def axes(self) -> tuple[str, ...]: ...
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Gradient lines that the model needs."""
-        ...
-
-    def settled_deg_h(self, temperature_degC: NDArray) -> NDArray: ...
-
-    def rates_deg_h(
-        self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
-    ) -> NDArray: ...
-
-    def rates_sigma_deg_h(
-        self, temperature_degC: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
-    ) -> NDArray:
-        """What is not known of `rates_deg_h`, 1 sigma."""
-        ...
-
-    def inside(self, temperature_degC: NDArray) -> NDArray:
-        """Where (n, 3) the temperatures are within what a gyro's model was fitted to."""
-        ...
 
 
 BiasSeries = Callable[[NDArray], NDArray]
 
 
 def bias_deg_h(
-    model: ThermalModel, T: NDArray, rate: NDArray, gradient: NDArray, *, part: str = "all"
+    model: TemperatureModel, T: NDArray, rate: NDArray, gradient: NDArray, *, part: str = "all"
 ) -> NDArray:
     """The model's bias (n, 3); part: "all" or "rates"."""
     if part not in PARTS:
@@ -66,7 +37,7 @@ def bias_deg_h(
 
 
 def batch_series(
-    model: ThermalModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all"
+    model: TemperatureModel, log: TemperatureLog, temperature: GyroTemperature, *, part: str = "all"
 ) -> BiasSeries:
     """Bias (k, 3) [deg/h] at any times from the smoothed temperatures and lines of the whole run,
     straight between nodes.
@@ -79,7 +50,7 @@ def batch_series(
     return lambda time_s: np.stack([np.interp(time_s, nodes, column) for column in bias.T], axis=1)
 
 
-def causal_series(model: ThermalModel, log: TemperatureLog, *, part: str = "all") -> BiasSeries:
+def causal_series(model: TemperatureModel, log: TemperatureLog, *, part: str = "all") -> BiasSeries:
     """The same in real-time order: at each time from readings up to it alone; 0 before the first
     and where there is none.
     """
@@ -101,7 +72,7 @@ def causal_series(model: ThermalModel, log: TemperatureLog, *, part: str = "all"
 
 def compensate_batch(
     imu: ImuLog,
-    model: ThermalModel,
+    model: TemperatureModel,
     log: TemperatureLog,
     temperature: GyroTemperature,
     *,
@@ -113,12 +84,23 @@ def compensate_batch(
 
 
 def compensate_causal(
-    imu: ImuLog, model: ThermalModel, log: TemperatureLog, *, part: str = "all"
+    imu: ImuLog, model: TemperatureModel, log: TemperatureLog, *, part: str = "all"
 ) -> ImuLog:
     """The same in real-time order: each row sees only readings up to its own time."""
     return compensate(
         imu, gyro_bias_rad_s=causal_series(model, log, part=part)(imu.time_s) * DEG_PER_HOUR
     )
+
+
+def both_ways(run: Run, model: TemperatureModel) -> tuple[Run, Run]:
+    """A run with temperatures less the model: with those of the whole run smoothed, and in
+    real-time order.
+    """
+    imu, log = run.imu.whole(), run.temperature
+    if log is None:
+        raise ValueError(f"run {run.header.run_id}: no gyro temperature, needed to compensate it")
+    batch = compensate_batch(imu, model, log, gyro_temperature(log))
+    return replace(run, imu=batch), replace(run, imu=compensate_causal(imu, model, log))
 
 
 def less(imu: ImuSource, series: BiasSeries) -> ImuSource:

@@ -21,18 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.thermal_table import ThermalTable
-from infield.thermal import fog_model, rlg_model
-from infield.thermal.compensation import BiasSeries, ThermalModel, batch_series, causal_series, less
+from infield.thermal.compensation import BiasSeries, batch_series, causal_series, less
+from infield.thermal.fog import model as fog
 from infield.thermal.gradient_runs import gradient_lines
 from infield.thermal.reasons import ThermalNote
+from infield.thermal.rlg import model as rlg
+from infield.thermal.temperature_model import TemperatureModel
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.json_file import read_json_object
 from ins.records import AXES, InputError, RemovedModel, Run, TwinModel
 from ins.verdicts import Reason, because
 
-READERS: dict[str, Callable[..., ThermalModel]] = {
-    fog_model.SCHEMA: fog_model.model_from_document,
-    rlg_model.SCHEMA: rlg_model.model_from_document,
+READERS: dict[str, Callable[..., TemperatureModel]] = {
+    fog.SCHEMA: fog.model_from_document,
+    rlg.SCHEMA: rlg.model_from_document,
 }
 
 
@@ -40,7 +42,7 @@ READERS: dict[str, Callable[..., ThermalModel]] = {
 class StoredModel:
     """A fitted model and where it comes from; sha256: over the content of its document."""
 
-    model: ThermalModel
+    model: TemperatureModel
     sha256: str
     schema: str
     imu_serial: str
@@ -174,7 +176,7 @@ def without_rates(run: Run, stored: StoredModel | None) -> tuple[Run, Removed | 
     return replace(known, imu=back, header=header), replace(removal(run, stored), already=True)
 
 
-def _settled(model: ThermalModel, run: Run) -> BiasSeries:
+def _settled(model: TemperatureModel, run: Run) -> BiasSeries:
     """The settled part over time, from the readings as `thermal apply` takes them."""
     log = run.temperature
     assert log is not None  # a run that was compensated has one
@@ -228,11 +230,9 @@ def seeded_table(table: ThermalTable, stored: StoredModel) -> ThermalTable:
     sigma as it was.
     """
     parameters = table.parameters.copy()
-    for k in range(len(AXES)):
-        T = table.temperature_degC[k]
-        parameters[table.values_of(k)] += stored.model.settled_deg_h(
-            np.repeat(T[:, None], 3, axis=1)
-        )[:, k]
+    for axis, curves in stored.model.curves.items():
+        T = table.temperature_degC[AXES.index(axis)]
+        parameters[table.values_of(axis)] += curves.settled_deg_h(T)
     return table.replaced(parameters=parameters)
 
 
@@ -255,9 +255,7 @@ def taken_out(stored: StoredModel, removed: Sequence[Removed]) -> tuple[Reason, 
 def residual_table(stored: StoredModel, table: ThermalTable) -> dict[str, tuple[NDArray, NDArray]]:
     """Nodes, and the table there less the model's settled part, of each gyro with a model."""
     found = {}
-    for k, axis in enumerate(AXES):
-        if axis in stored.model.axes:
-            T = table.temperature_degC[k]
-            settled = stored.model.settled_deg_h(np.repeat(T[:, None], 3, axis=1))[:, k]
-            found[axis] = T, table.bias_deg_h(k, T) - settled
+    for axis, curves in stored.model.curves.items():
+        T = table.temperature_degC[AXES.index(axis)]
+        found[axis] = T, table.bias_deg_h(axis, T) - curves.settled_deg_h(T)
     return found

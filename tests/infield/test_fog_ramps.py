@@ -7,9 +7,10 @@ import pytest
 
 from infield.reports.documents.fog import admissible_slow_rate, fit_models
 from infield.reports.words.sentences import sentences
-from infield.thermal.fog_model import FogModel, shifted
-from infield.thermal.fog_ramps import document_subtraction, exact_separation, separate, up_down
-from infield.thermal.piecewise import piecewise_pair
+from infield.thermal.compensation import bias_deg_h
+from infield.thermal.fog.model import FogModel, shifted
+from infield.thermal.fog.piecewise import piecewise_pair
+from infield.thermal.fog.ramps import document_subtraction, exact_separation, separate, up_down
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 FEW, MANY = 20, 200  # units in the normal suite, and of R20
@@ -52,7 +53,8 @@ def test_without_noise_the_fit_is_the_truth_and_the_subtraction_reads_a_tenth_lo
 
 def left_of(run, model):
     """RMS of a ramp after compensation over that before, each gyro less its mean, shape (3,)."""
-    left = run.bias_deg_h - model.bias_deg_h(run.temperature_degC, run.rate_degC_min)
+    T, rate = run.temperature_degC, run.rate_degC_min
+    left = run.bias_deg_h - bias_deg_h(model, T, rate, np.zeros_like(T))
     return np.std(left, axis=0) / np.std(run.bias_deg_h, axis=0)
 
 

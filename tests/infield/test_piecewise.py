@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
-from infield.thermal.coefficient_curves import AxisBlocks, Reduced
-from infield.thermal.fixed_point import (
+from infield.thermal.blocks import AxisBlocks
+from infield.thermal.coefficient_curves import Reduced
+from infield.thermal.fog.fixed_point import (
     RATE_BITS,
     TEMPERATURE_BITS,
     fixed_table,
@@ -18,9 +19,9 @@ from infield.thermal.fixed_point import (
     to_csv,
     worst_error_deg_h,
 )
-from infield.thermal.fog_model import FogModel
-from infield.thermal.fog_ramps import separate
-from infield.thermal.piecewise import Piecewise, piecewise_pair
+from infield.thermal.fog.model import FogModel
+from infield.thermal.fog.piecewise import Piecewise, piecewise_pair
+from infield.thermal.fog.ramps import separate
 from tests.infield.ramp_cases import TWIN, Truth, ramp
 
 

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from infield.thermal.compensation import compensate_batch, compensate_causal
-from infield.thermal.fog_model import model_from_document
+from infield.thermal.fog.model import model_from_document
 from infield.thermal.ramp_runs import ramp_run
 from infield.thermometer.causal_rate import CausalRate, causal_rates
 from infield.thermometer.gyro_temperature import gyro_temperature

@@ -13,8 +13,8 @@ from infield.reports.documents.fog import fit_models, fog_document
 from infield.reports.documents.rlg import rlg_document
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import default_table
-from infield.thermal.fog_ramps import separate
-from infield.thermal.rlg_gradient import fit_gradients
+from infield.thermal.fog.ramps import separate
+from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.stored_model import (
     prepared,
     read_thermal_model,

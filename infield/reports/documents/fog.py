@@ -1,5 +1,5 @@
 """`recal.thermal_fog/1`: what came of the ramps as one JSON document; the report draws it,
-`fog_model` reads it back.
+`thermal.fog.model` reads it back.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,10 +10,10 @@ import numpy as np
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, noise_model
 from infield.reports.words.sentences import codes, sentences
-from infield.thermal.fixed_point import FixedTable, fixed_table, worst_error_deg_h
-from infield.thermal.fog_model import SCHEMA, FogModel, HeldOut, shifted
-from infield.thermal.fog_ramps import AxisFit, Curves, RampStudy
-from infield.thermal.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
+from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
+from infield.thermal.fog.model import SCHEMA, FogModel, HeldOut, shifted
+from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
+from infield.thermal.fog.ramps import AxisFit, Curves, RampStudy
 from infield.thermal.ramp_runs import RampRun
 from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
@@ -129,7 +129,7 @@ class BreakpointDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class CurveDocument:
-    """One piecewise curve; `fog_model.curve_from` reads it."""
+    """One piecewise curve; `thermal.fog.model.curve_from` reads it."""
 
     degree: int
     edges_degC: Sequence[float]
@@ -218,7 +218,7 @@ class CheckDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class FogDocument:
-    """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
+    """thermal_fog.json; `thermal.rlg.held_out`: what its page is drawn from beside it."""
 
     schema: str = SCHEMA
     verdict: ThermalVerdict

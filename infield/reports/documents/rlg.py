@@ -1,5 +1,5 @@
 """`recal.thermal_rlg/1`: what came of the runs as one JSON document; the report draws it,
-`rlg_model` reads it back.
+`thermal.rlg.model` reads it back.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,13 +11,13 @@ import numpy as np
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal import NoiseModelDocument, noise_model
 from infield.reports.words.sentences import codes, sentence, sentences
-from infield.thermal.gradient_fit import RESIDUAL_S, AxisModel, Choice, Residual
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.gradient_terms import COLLINEAR, TERMS, UNITS, Collinear
-from infield.thermal.held_out import RlgHeldOut
 from infield.thermal.reasons import ThermalNote, ThermalVerdict
-from infield.thermal.rlg_gradient import GradientStudy
-from infield.thermal.rlg_model import SCHEMA
+from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
+from infield.thermal.rlg.gradients import GradientStudy
+from infield.thermal.rlg.held_out import RlgHeldOut
+from infield.thermal.rlg.model import SCHEMA
+from infield.thermal.rlg.terms import COLLINEAR, TERMS, UNITS, Collinear
 from ins.records import AXES
 from ins.verdicts import UNWRITTEN, Reason, because, written_as
 
@@ -168,7 +168,7 @@ class CheckDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class RlgDocument:
-    """thermal_rlg.json; `study`, `held_out`: what its page is drawn from."""
+    """thermal_rlg.json; `study`, `thermal.rlg.held_out`: what its page is drawn from."""
 
     schema: str = SCHEMA
     verdict: ThermalVerdict

@@ -100,9 +100,9 @@ def fog_ramps(
     """
     from infield.reports.documents.fog import fit_models, fixed_tables, fog_document, worst_rounding
     from infield.reports.fog_page import render
-    from infield.thermal.fixed_point import to_c_header, to_csv
-    from infield.thermal.fog_model import held_out
-    from infield.thermal.fog_ramps import separate
+    from infield.thermal.fog.fixed_point import to_c_header, to_csv
+    from infield.thermal.fog.model import held_out
+    from infield.thermal.fog.ramps import separate
     from infield.thermal.ramp_runs import ramp_run
     from ins.records import InputError
     from ins.verdicts import plain

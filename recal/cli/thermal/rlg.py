@@ -65,9 +65,9 @@ def rlg_gradients(
     from infield.reports.documents.rlg import rlg_document
     from infield.reports.rlg_page import render
     from infield.thermal.gradient_runs import gradient_run
-    from infield.thermal.held_out import held_out_run
-    from infield.thermal.rlg_gradient import fit_gradients
-    from infield.thermal.rlg_model import model_from_document
+    from infield.thermal.rlg.gradients import fit_gradients
+    from infield.thermal.rlg.held_out import held_out_run
+    from infield.thermal.rlg.model import model_from_document
     from ins.verdicts import plain
     from recal.cli.thermal.inputs import reduced_groups
     from recal.service.output import output_directory, program_version, write_files

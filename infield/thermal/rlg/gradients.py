@@ -2,10 +2,10 @@
 8,781,778), from runs at rest.
 
 Least squares over minute means with each run's turn-on, flicker and random walk marginalised
-(`fog_ramps.axis_blocks`). Terms that the data do not hold apart are named and dropped
-(`gradient_terms`); of the rest those stay that foretell held-out blocks best, every fifth stretch
-of 20 min in turn. Whole runs left out choose badly: a run heated from its own side is told by no
-other (a term ten times its sigma was dropped). Source: physics.md section 3.
+(`thermal.blocks.axis_blocks`). Terms that the data do not hold apart are named and dropped
+(`thermal.rlg.terms`); of the rest those stay that foretell held-out blocks best, every fifth
+stretch of 20 min in turn. Whole runs left out choose badly: a run heated from its own side is told
+by no other (a term ten times its sigma was dropped). Source: physics.md section 3.
 """
 
 from collections.abc import Sequence
@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.gradient_fit import STRETCH_MIN, AxisFit, AxisModel
 from infield.thermal.gradient_runs import GradientRun
 from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
+from infield.thermal.rlg.fit import STRETCH_MIN, AxisFit, AxisModel
 from infield.thermal.study import (
     Study,
     contradicted,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.piecewise import Piecewise
+from infield.thermal.fog.piecewise import Piecewise
 
 TEMPERATURE_BITS = 7  # fraction bits of T: 1/128 degC, +-256 degC in 16 bits
 RATE_BITS = 12  # fraction bits of dT/dt: 1/4096 degC/min, +-8 degC/min in 16 bits

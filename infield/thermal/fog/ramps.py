@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.merge import session_covariance
-from infield.thermal.coefficient_curves import AxisBlocks, CurveFit, Reduced, smooth_basis
+from infield.thermal.blocks import AxisBlocks, axis_blocks
+from infield.thermal.coefficient_curves import CurveFit, Reduced, smooth_basis
 from infield.thermal.ramp_runs import Leg, RampRun
 from infield.thermal.reasons import Moves, ThermalNote, ThermalReason
 from infield.thermal.study import (
@@ -33,7 +33,6 @@ from ins.records import AXES, TwinModel
 from ins.verdicts import Reason, because
 
 GRID_degC = 2.5
-MOST_BINS, SHORTEST_BIN_S = 60, 900.0  # of a run's slow drift
 EQUAL_RATES = 0.8  # a slow ramp faster than this share of the fast one is the same ramp again
 OVERLAP_degC = 10.0  # of temperatures that both members of a pair must have passed
 KT, KD = 0, 1
@@ -252,53 +251,6 @@ def _fit_axis(
         level_known=level_sigma < 0.25 * max(float(np.ptp(curves.K_T_deg_h)), 1e-9)
         or all(run.heading_known for run in runs),
     )
-
-
-def axis_blocks(
-    runs: Sequence[RampRun],
-    k: int,
-    twin: TwinModel,
-    *,
-    free: bool = False,
-    rows: Sequence[NDArray] | None = None,
-) -> AxisBlocks:
-    """Blocks of one gyro over several runs with the drift of each; rows: of each run, None: its
-    steady ones.
-
-    free: each run has its own share of Earth rate.
-    """
-    columns: list[tuple[NDArray, ...]] = []
-    drifts: list[NDArray] = []
-    for j, run in enumerate(runs):
-        chosen = np.flatnonzero(run.steady) if rows is None else rows[j]
-        t = run.time_s[chosen]
-        bin_s = max(SHORTEST_BIN_S, float(np.ptp(t)) / MOST_BINS)
-        bins = np.floor((t - t[0]) / bin_s).astype(int)
-        count, before = int(bins[-1]) + 1, sum(d.shape[0] for d in drifts)
-        drift = session_covariance(
-            axis_index=np.zeros(count),
-            time_s=t[0] + bin_s * (np.arange(count) + 0.5),
-            duration_s=np.full(count, bin_s),
-            gyro=twin.gyro,
-            run_length_s=float(run.time_s[-1]),
-        )
-        drifts.append(drift + (run.level_sigma_deg_h[k] ** 2 if free else 0.0))
-        columns.append(
-            (
-                run.temperature_degC[chosen, k],
-                run.rate_degC_min[chosen, k],
-                run.bias_deg_h[chosen, k],
-                np.full(chosen.size, run.sigma_deg_h[k]),
-                before + bins,
-            )
-        )
-    size = sum(d.shape[0] for d in drifts)
-    joint, at = np.zeros((size, size)), 0
-    for drift in drifts:
-        joint[at : at + len(drift), at : at + len(drift)] = drift
-        at += len(drift)
-    T, rate, bias, sigma, index = (np.concatenate(column) for column in zip(*columns))
-    return AxisBlocks(T, rate, bias, sigma, index, joint)
 
 
 def _fitted(blocks: AxisBlocks, terms: int = 2) -> tuple[Reduced, CurveFit]:

@@ -2,8 +2,8 @@
 blocks, the coefficients.
 
 Blocks of one gyro over several runs, each run's turn-on, flicker and random walk marginalised
-(`fog_ramps.axis_blocks`): runs are independent of each other, so their normal equations add, and
-leaving one out is a subtraction.
+(`thermal.blocks.axis_blocks`): runs are independent of each other, so their normal equations add,
+and leaving one out is a subtraction.
 """
 
 from collections.abc import Sequence
@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.merge import session_covariance
-from infield.thermal.coefficient_curves import AxisBlocks, Reduced
-from infield.thermal.fog_ramps import axis_blocks
+from infield.thermal.blocks import AxisBlocks, axis_blocks
+from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.gradient_terms import (
+from infield.thermal.ramp_runs import BLOCK_S
+from infield.thermal.rlg.terms import (
     LINES,
     REST_OF_TURN_ON,
     TERMS,
@@ -29,7 +30,6 @@ from infield.thermal.gradient_terms import (
     rest_nodes,
     term_sets,
 )
-from infield.thermal.ramp_runs import BLOCK_S
 from infield.thermal.study import INFLATE_ABOVE
 from ins.records import AXES, TwinModel
 
@@ -89,8 +89,8 @@ class AxisModel:
     some out does to the others. orders: the best choice of each number of terms; temperature_only
     (8 + m,): the best fit without rates and lines. condition: of the terms used; condition_all: of
     all before any was dropped, condition_uncentred: those with temperatures counted from 0 degC.
-    held_out: stretches; by_run: whole runs, None where there is one. scatter: as in `fog_ramps`.
-    level_known: K1 is a bias, not a share of Earth rate.
+    held_out: stretches; by_run: whole runs, None where there is one. scatter: as in
+    `thermal.study`. level_known: K1 is a bias, not a share of Earth rate.
     """
 
     axis: str

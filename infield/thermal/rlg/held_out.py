@@ -2,18 +2,17 @@
 real-time order.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.compensation import compensate_batch, compensate_causal
-from infield.thermal.gradient_fit import AxisModel, five_minute_means, noise_of_means
+from infield.thermal.compensation import both_ways
 from infield.thermal.gradient_runs import GradientRun, gradient_run
-from infield.thermal.gradient_terms import columns
 from infield.thermal.ramp_runs import BLOCK_S
-from infield.thermal.rlg_model import RlgModel
-from infield.thermometer.gyro_temperature import gyro_temperature
+from infield.thermal.rlg.fit import AxisModel, five_minute_means, noise_of_means
+from infield.thermal.rlg.model import RlgModel
+from infield.thermal.rlg.terms import columns
 from ins.records import AXES, Run, TwinModel
 
 
@@ -44,15 +43,8 @@ def held_out_run(
     """Compensates the increments both ways and averages them; left out: settle_s, in which the
     causal filter starts.
     """
-    assert run.temperature is not None  # gradient_run has refused a run without
-    raw, imu, log = gradient_run(run, twin), run.imu.whole(), run.temperature
-    batch, causal = (
-        gradient_run(replace(run, imu=left), twin).blocks.bias_deg_h
-        for left in (
-            compensate_batch(imu, model, log, gyro_temperature(log)),
-            compensate_causal(imu, model, log),
-        )
-    )
+    raw = gradient_run(run, twin)
+    batch, causal = (gradient_run(left, twin).blocks.bias_deg_h for left in both_ways(run, model))
     b, rms, noise, means = raw.blocks, {}, {}, {}
     inside = model.inside(b.temperature_degC)
     for fit in fits:

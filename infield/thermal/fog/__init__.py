@@ -1,0 +1,1 @@
+"""Fibre-optic gyros: temperature and rate coefficients from ramps; piecewise, whole-number."""

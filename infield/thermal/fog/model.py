@@ -1,0 +1,151 @@
+"""The fitted fibre-optic model: read from its document, evaluated at a temperature and its rate,
+tried on a held-out run.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from infield.thermal.compensation import both_ways
+from infield.thermal.fog.piecewise import Breakpoint, Piecewise
+from infield.thermal.ramp_runs import RampRun, ramp_run
+from infield.thermal.temperature_model import TemperatureModel, check_fitted
+from ins.records import InputError, Run, TwinModel
+
+SCHEMA = "recal.thermal_fog/1"
+
+
+@dataclass(frozen=True)
+class FogCurves:
+    """K_T [deg/h] and K_delta [deg/h per degC/min] of one gyro; sigma_K_delta: temperatures and the
+    sigma there, None where nothing is stated.
+    """
+
+    K_T: Piecewise
+    K_delta: Piecewise
+    sigma_K_delta: tuple[NDArray, NDArray] | None = None
+
+    @property
+    def range_degC(self) -> tuple[float, float]:
+        return float(self.K_T.edges_degC[0]), float(self.K_T.edges_degC[-1])
+
+    def settled_deg_h(self, T: NDArray) -> NDArray:
+        """K_T(T)."""
+        return self.K_T(T)
+
+    def rates_deg_h(self, T: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray) -> NDArray:
+        """K_delta(T) dT/dt; a fibre-optic model has no gradient lines."""
+        return np.asarray(self.K_delta(T) * rate_degC_min)
+
+    def rates_sigma_deg_h(
+        self, T: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
+    ) -> NDArray:
+        """Sigma of K_delta times the rate."""
+        if self.sigma_K_delta is None:
+            return np.zeros(np.shape(T))
+        return np.asarray(np.interp(T, *self.sigma_K_delta) * np.abs(rate_degC_min))
+
+
+@dataclass(frozen=True)
+class FogModel(TemperatureModel):
+    """Piecewise K_T [deg/h] and K_delta [deg/h per degC/min] of each fitted gyro.
+
+    sigma_K_delta: temperatures and the sigma there, where the document has it.
+    """
+
+    K_T: Mapping[str, Piecewise]
+    K_delta: Mapping[str, Piecewise]
+    sigma_K_delta: Mapping[str, tuple[NDArray, NDArray]] = field(default_factory=dict)
+
+    @property
+    def curves(self) -> Mapping[str, FogCurves]:
+        return {
+            axis: FogCurves(self.K_T[axis], self.K_delta[axis], self.sigma_K_delta.get(axis))
+            for axis in self.K_T
+        }
+
+
+def model_from_document(document: dict[str, Any], *, name: str = "model") -> FogModel:
+    """The model in a result `recal.thermal_fog/1`; InputError names what is missing."""
+    check_fitted(document, SCHEMA, name)
+    try:
+        curves = {
+            key: {
+                axis: curve_from(fitted["piecewise"][key])
+                for axis, fitted in document["axes"].items()
+            }
+            for key in ("K_T", "K_delta")
+        }
+        sigma = {
+            axis: (
+                np.array(fitted["temperature_degC"], dtype=float),
+                np.array(fitted["sigma_K_delta_deg_h_per_degC_min"], dtype=float),
+            )
+            for axis, fitted in document["axes"].items()
+        }
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{name}: axes: piecewise tables cannot be read ({type(error).__name__} {error})"
+        ) from None
+    return FogModel(curves["K_T"], curves["K_delta"], sigma)
+
+
+def curve_from(data: dict[str, Any]) -> Piecewise:
+    """One curve of a document's `thermal.fog.piecewise`."""
+    marks = []
+    for mark in data["breakpoints"]:
+        low, high = mark["interval_95_degC"]
+        marks.append(Breakpoint(mark["temperature_degC"], low, high, mark["kind"]))
+    edges, rows = (
+        np.array(data["edges_degC"], dtype=float),
+        np.array(data["coefficients"], dtype=float),
+    )
+    if rows.ndim != 2 or edges.size != len(rows) + 1 or not np.all(np.diff(edges) > 0):
+        raise ValueError("edges rise, one more than segments")
+    return Piecewise(edges, rows, tuple(marks))
+
+
+def shifted(curve: Piecewise, offset: float) -> Piecewise:
+    """The curve less a constant."""
+    rows = curve.coefficients.copy()
+    rows[:, 0] -= offset
+    return replace(curve, coefficients=rows)
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Residual of a run that nothing was fitted to, its ramps' blocks, each gyro less its mean (a
+    constant is Earth rate).
+
+    before, after (smoothed temperatures), causal (real-time order), noise (3,) RMS [deg/h]; NaN for
+    an axis without model or blocks inside its range. left_deg_h (n, 3): block means after
+    compensation.
+    """
+
+    run: RampRun
+    before_deg_h: NDArray
+    after_deg_h: NDArray
+    causal_deg_h: NDArray
+    rows: NDArray
+    left_deg_h: NDArray
+
+    @property
+    def noise_deg_h(self) -> NDArray:
+        """White noise of a block."""
+        return self.run.sigma_deg_h
+
+
+def held_out(run: Run, raw: RampRun, model: FogModel, twin: TwinModel) -> HeldOut:
+    """What the model leaves of a run's ramps: its increments are compensated both ways and averaged
+    as `raw` was.
+    """
+    batch, causal = (ramp_run(left, twin).bias_deg_h for left in both_ways(run, model))
+    rows = raw.steady[:, None] & model.inside(raw.temperature_degC)
+    size = np.full((3, 3), np.nan)
+    for k in range(3):
+        if rows[:, k].any():
+            size[:, k] = [np.std(bias[rows[:, k], k]) for bias in (raw.bias_deg_h, batch, causal)]
+    return HeldOut(raw, size[0], size[1], size[2], rows, batch)

@@ -1,0 +1,1 @@
+"""Ring-laser gyros: temperature, rate and gradient terms from runs at rest."""
