@@ -11,6 +11,7 @@ import pytest
 from infield.reports.documents.fog import fit_models, fixed_tables, worst_rounding
 from infield.thermal.blocks import AxisBlocks
 from infield.thermal.coefficient_curves import Reduced
+from infield.thermal.compensation import bias_deg_h
 from infield.thermal.fog.fixed_point import (
     RATE_BITS,
     TEMPERATURE_BITS,
@@ -134,9 +135,8 @@ def test_the_c_header_computes_what_the_tables_say(model, tmp_path):
     ).stdout
     got = np.array([row.split() for row in out.splitlines()], dtype=float)
     scale = [2.0 ** -tables[f"{axis}_kt"].fraction_bits for axis in "xyz"]
-    error = np.abs(
-        got * scale - model.bias_deg_h(np.repeat(T[:, None], 3, 1), np.repeat(rate[:, None], 3, 1))
-    )
+    T3, rate3 = (np.repeat(column[:, None], 3, axis=1) for column in (T, rate))
+    error = np.abs(got * scale - bias_deg_h(model, T3, rate3, np.zeros_like(T3)))
     assert np.all(error.max(axis=0) <= list(worst.values())) and error.max() > 0
 
 
