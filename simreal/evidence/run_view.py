@@ -6,7 +6,7 @@ stretch, then free-inertial navigation. The `reference` stream is never read. Ti
 clock (seconds since power-on).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion import kinds, stillness
+from alignment.motion.imu_faults import ImuFault, repair
+from alignment.motion.seconds import seconds_of as seconds_of_log
 from infield.reports.words.sentences import sentence
 from infield.session.log import (
     compensated_imu,
@@ -117,7 +119,9 @@ def view_run(
         )
     start_s = float(np.ceil(rest[0] - 1e-6))
     C_nb = _attitude(imu, rest)
-    kind = _kinds(run, imu, rest, C_nb, seconds, navigable=knows_north)
+    mended, faults = repair(run.imu, seconds_of_log(run.imu), rest[0], run.imu.end_s)
+    whole = compensated_imu(replace(run, imu=mended), table, temperature, twin)
+    kind = _kinds(run, whole, faults, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
     edge_s = BLIND_EDGE_S if dead.any() else EDGE_S
     end_s = (
@@ -210,13 +214,17 @@ def _best_attitude(
 def _kinds(
     run: Run,
     imu: ImuSource,
+    faults: Sequence[ImuFault],
     rest: tuple[float, float],
     C_nb: NDArray,
     seconds: Seconds,
     *,
     navigable: bool,
 ) -> NDArray:
-    """PARKED, ROLLING or AIRBORNE for each second; before the first rest ROLLING."""
+    """PARKED, ROLLING or AIRBORNE for each second; before the first rest ROLLING.
+
+    imu: with its `faults` repaired, or a stuck gyro would fly away.
+    """
     start_s = float(np.ceil(rest[0] - 1e-6))
     kind = np.full(seconds.end_s.size, PARKED)
     kind[seconds.end_s <= start_s] = ROLLING
@@ -225,7 +233,7 @@ def _kinds(
         history = navigate(
             imu.pieces(start_s, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run)
         )
-        motion = stillness.classify(history, run.phases)
+        motion = stillness.classify(history, run.phases, faults=faults)
         codes = np.select(
             [motion.kind == kinds.AIRBORNE, motion.kind == kinds.ROLLING],
             [AIRBORNE, ROLLING],
