@@ -17,7 +17,7 @@ from ins.json_file import read_toml
 from ins.records import OdometerLog, Phase, Run, Site, TwinModel
 from ins.twin_file import default_twin
 from ins.units import DEG
-from recal.service.unit_inputs import table_of_unknown_unit
+from recal.service.inputs.unit_inputs import table_of_unknown_unit
 from tests.infield import aided_cases, azimuth_cases, mems_flights, mems_sessions
 from tests.scenarios.study import DEFAULT_TWIN, table_to_zero
 from trajectories.readers.conversion import convert_log

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 
 from infield.store.table_store import TableStore
-from recal.cli.demo import demo
-from recal.cli.update import update
+from recal.service.demo import demo
+from recal.service.update import UpdateRequest, update_in_store
 from recal.web.settings import token_of
 from tests.recal.chromium import chromium
 from tests.recal.serving import TOKEN, put_unit, serving
@@ -45,13 +45,14 @@ def fill(folder: Path) -> str:
         store.rollback(
             to="factory", note="rolled back by P. Ilot: one session after the other, please"
         )
-    update(
-        runs[:1],
-        store_url=url,
-        commit=False,
-        propose=("night fleet", ""),
-        html=False,
-        output=folder / "one",
+    update_in_store(
+        UpdateRequest(
+            runs=runs[:1],
+            store_url=url,
+            propose=("night fleet", ""),
+            html=False,
+            output=folder / "one",
+        )
     )
     with TableStore.open(url) as store:
         store.decide(
@@ -61,13 +62,14 @@ def fill(folder: Path) -> str:
             reason="residuals white, 12 to 27 degC covered, heading from stops",
         )
     note = "sessions of April and June"
-    update(
-        runs[1:],
-        store_url=url,
-        commit=False,
-        propose=("night fleet", note),
-        html=False,
-        output=folder / "two",
+    update_in_store(
+        UpdateRequest(
+            runs=runs[1:],
+            store_url=url,
+            propose=("night fleet", note),
+            html=False,
+            output=folder / "two",
+        )
     )
     for k in range(14):
         technology = ("rlg", "fog")[k % 3 == 2]

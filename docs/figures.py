@@ -22,7 +22,7 @@ from ins.attitude import dcm_from_rotation_vector  # noqa: E402
 from ins.records import AXES, ImuLog, NavState  # noqa: E402
 from ins.strapdown.mechanization import navigate  # noqa: E402
 from ins.units import DEG_PER_HOUR  # noqa: E402
-from recal.cli.update import update  # noqa: E402
+from recal.service.update import UpdateRequest, update_in_store  # noqa: E402
 from trajectories.runs.directory import write_run  # noqa: E402
 from trajectories.simulator.scenario import (  # noqa: E402
     read_scenario,
@@ -50,6 +50,12 @@ def main() -> None:
         save(draw_observability(Path(folder)), "observability")
     save(draw_heading(), "heading")
     save(draw_gap(), "gap")
+
+
+def update(runs: list[Path], url: str, output: Path, *, commit: bool) -> Any:
+    """The document of an update; its page is not drawn."""
+    asked = UpdateRequest(runs=runs, store_url=url, commit=commit, output=output, html=False)
+    return update_in_store(asked).document
 
 
 def save(figure: Any, name: str) -> None:
@@ -101,9 +107,7 @@ def merged_sessions(folder: Path) -> tuple[list[dict[str, Any]], Any]:
         if not documents:
             with TableStore.open(url, create=True) as store:
                 store.import_table(table, note="factory")
-        documents.append(
-            update([run], store_url=url, commit=True, output=folder / f"update-{name}", html=False)
-        )
+        documents.append(update([run], url, folder / f"update-{name}", commit=True))
     return documents, unit
 
 
@@ -189,9 +193,7 @@ def draw_observability(folder: Path) -> Any:
         url = f"sqlite:///{place / name}.db"
         with TableStore.open(url, create=True) as store:
             store.import_table(table, note="factory")
-        seen = update([run], store_url=url, commit=False, output=place / f"{name}-out", html=False)[
-            "observability"
-        ]
+        seen = update([run], url, place / f"{name}-out", commit=False)["observability"]
         for k, axis in enumerate(AXES):
             ratio = seen[axis]["sigma_after_deg_h"] / seen[axis]["sigma_before_deg_h"]
             ax.barh(

@@ -20,7 +20,7 @@ SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob
 MODULES_IN_A_FOLDER = 15
 FRONT_DOOR = "recal/__init__.py"  # the one package file with code
 
-UNTYPED_RESULTS = 293  # `dict[str, Any]` in the product; the goal is 60
+UNTYPED_RESULTS = 226  # `dict[str, Any]` in the product; the goal is 60
 NAMES_WITH_SEVERAL_VALUES = 143  # constants; the goal is 40
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*(degC)?")
 

@@ -15,7 +15,7 @@ from result_keys import documents
 import trajectories.runs.schema as run_schema
 from infield.table import file as table_file
 from ins import twin_file
-from recal.service import config
+from recal.service.inputs import config
 from simreal.effects.catalogue import catalogue
 from simreal.effects.words import FREE_WORDS, WORDS, EffectWords
 from trajectories.readers.rows import column_map

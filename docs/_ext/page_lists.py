@@ -4,7 +4,7 @@ none must be there.
 
 from pathlib import Path
 
-OF_INDEX = ("index", "quickstart", "concepts", "theory")  # named in index.md itself
+OF_INDEX = ("index", "quickstart", "tutorial", "concepts", "theory")  # named in index.md itself
 GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve")
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),

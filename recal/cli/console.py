@@ -3,7 +3,6 @@ codes.
 """
 
 import errno
-import json
 import os
 import sys
 from pathlib import Path
@@ -11,6 +10,8 @@ from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
+
+from recal.service.results.text import Document, result_text
 
 DONE, FAILED, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 1, 2, 3, 4, 5
 EXIT_CODES = {
@@ -76,6 +77,10 @@ class Command(TyperCommand):
                 given.insert(k + 1, OPTIONAL_VALUE[given[k]])
         return super().parse_args(ctx, given)
 
+    def get_short_help_str(self, limit: int = 0) -> str:
+        """The first paragraph of the help, whole."""
+        return " ".join((self.help or "").split("\n\n")[0].split())
+
     def invoke(self, ctx: Any) -> Any:
         """As typer does; InputError also where the operating system refuses a file that nobody else
         asked about.
@@ -108,9 +113,9 @@ class Command(TyperCommand):
             raise InputError(line) from error
 
 
-def finish(result: dict[str, Any]) -> None:
+def finish(verdict: str) -> None:
     """Ends a command with the exit code of its result's verdict."""
-    raise typer.Exit(EXIT_CODES[result["verdict"]])
+    raise typer.Exit(EXIT_CODES[verdict])
 
 
 def login_name() -> str:
@@ -129,7 +134,7 @@ def say(text: str, *, quiet: bool = False) -> None:
         print(text, file=sys.stderr)
 
 
-def answer(result: dict[str, Any], *, as_json: bool, verbose: bool) -> bool:
+def answer(result: Document, *, as_json: bool, verbose: bool) -> bool:
     """The result as -v (standard error) and --json (standard output) ask for it; whether --json
     did.
     """
@@ -140,23 +145,6 @@ def answer(result: dict[str, Any], *, as_json: bool, verbose: bool) -> bool:
     return as_json
 
 
-def emit_json(result: dict[str, Any]) -> None:
+def emit_json(result: Document) -> None:
     """The result and nothing else, on standard output; numbers that are not finite become null."""
     sys.stdout.write(result_text(result))
-
-
-def result_text(result: dict[str, Any]) -> str:
-    """The one JSON form of a result, in files and on standard output."""
-    return json.dumps(_finite(result), indent=1, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    if hasattr(value, "tolist"):
-        return _finite(value.tolist())
-    if (isinstance(value, float) and value != value) or value in (float("inf"), float("-inf")):
-        return None
-    return value

@@ -25,7 +25,9 @@ from recal.cli.console import (
 if TYPE_CHECKING:
     from recal.fleet.records import RunOutcome
 
-app = typer.Typer(no_args_is_help=True, help="Many runs of many units in one call.")
+app = typer.Typer(
+    rich_markup_mode=None, no_args_is_help=True, help="Many runs of many units in one call."
+)
 
 
 class Pages(StrEnum):
@@ -90,6 +92,7 @@ def update(
     call goes on.
 
     Example: recal fleet update /data/runs --store sqlite:///recal.db --workers 2 --commit
+
     On a cluster: recal fleet update runs.csv --store postgresql://host/recal --cluster
     tcp://host:8786 --commit
     """
@@ -102,7 +105,7 @@ def update(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
     from recal.fleet.update import FleetRequest, update_fleet
-    from recal.service.config import read_config
+    from recal.service.inputs.config import read_config
 
     read_config(config)
     request = FleetRequest(
@@ -131,7 +134,7 @@ def update(
     answer(document, as_json=as_json, verbose=verbose)
     for line in summary(document, request.output, verbose=verbose):
         say(line, quiet=quiet)
-    finish(document)
+    finish(document["verdict"])
 
 
 def cores() -> int:

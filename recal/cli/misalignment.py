@@ -15,14 +15,11 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    result_text,
     say,
 )
 
 if TYPE_CHECKING:
-    from infield.misalignment.azimuth_biases import KnownAzimuths
-    from infield.misalignment.study import AzimuthSettings, AzimuthStudy
-
+    from recal.service.misalignment import KnownAzimuths
 
 Inputs = Annotated[
     list[Path],
@@ -104,7 +101,7 @@ def command(
     Example: recal misalignment run-0 run-90 run-180 run-270 --heading-deg 0,90,180,270 --twin-out
     twin.json
     """
-    from infield.misalignment.study import AzimuthSettings
+    from recal.service.misalignment import AzimuthSettings, misalignment, misalignment_of_table
 
     settings = AzimuthSettings(
         shortest_s=_size(shortest_s, "--shortest-s"),
@@ -118,22 +115,26 @@ def command(
                 "a table has its azimuths in a column; --heading-deg and --north-to-west-deg are"
                 " for runs"
             )
-        study = study_of_table(
-            inputs[0], lat_deg, _size(sigma_deg_h, "--sigma-deg-h"), twin, settings
+        if lat_deg is None or not abs(lat_deg) < 89.0:
+            raise typer.BadParameter(
+                "a table of biases needs --lat-deg, within +-89: the level Earth rate depends on it"
+            )
+        sigma = _size(sigma_deg_h, "--sigma-deg-h")
+        found = misalignment_of_table(
+            inputs[0], lat_deg=lat_deg, sigma_deg_h=sigma, twin=twin, settings=settings
         )
     else:
         sigmas = (
             _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec"),
             _size(sigma_north_arcsec, "--sigma-north-arcsec"),
         )
-        study = study_of_runs(
-            inputs, known_azimuths(heading_deg, north_to_west_deg, sigmas), store, twin, settings
-        )
-    document = write_results(study, output, twin_out)
-    answer(document, as_json=as_json, verbose=verbose)
-    for line in summary(document):
+        known = given_azimuths(heading_deg, north_to_west_deg, sigmas)
+        found = misalignment(inputs, twin, known=known, settings=settings, store=store)
+    found.write(output, twin_out=twin_out)
+    answer(found.document, as_json=as_json, verbose=verbose)
+    for line in found.lines():
         say(line, quiet=quiet)
-    finish(document)
+    finish(found.verdict)
 
 
 def is_table(inputs: list[Path]) -> bool:
@@ -148,16 +149,13 @@ def _size(value: Any, name: str) -> Any:
     return value
 
 
-def known_azimuths(
+def given_azimuths(
     heading_deg: str | None, north_to_west_deg: str | None, sigmas_arcsec: tuple[float, float]
 ) -> "KnownAzimuths | None":
     """The given headings, None where there are none; typer.BadParameter where they are no list of
     numbers.
     """
-    import numpy as np
-
-    from infield.misalignment.azimuth_biases import KnownAzimuths
-    from ins.units import ARCSEC, DEG
+    from recal.service.misalignment import known_azimuths
 
     text = heading_deg or north_to_west_deg
     if text is None:
@@ -165,115 +163,13 @@ def known_azimuths(
     if heading_deg and north_to_west_deg:
         raise typer.BadParameter("--heading-deg and --north-to-west-deg are both given, needed one")
     try:
-        angle = np.array([float(part) for part in text.split(",")])
+        angles = [float(part) for part in text.split(",")]
     except ValueError:
-        angle = np.array([np.nan])
-    if not np.all(np.abs(angle) <= 360.0):
+        angles = [float("nan")]
+    if not all(abs(angle) <= 360.0 for angle in angles):
         raise typer.BadParameter(
             f"azimuths {text[:60]!r}, needed numbers within +-360 with commas between them"
         )
-    heading = np.mod((angle if heading_deg else -angle) * DEG, 2 * np.pi)
-    stop, north = (sigma * ARCSEC for sigma in sigmas_arcsec)
-    return KnownAzimuths(heading_rad=heading, sigma_stop_rad=stop, sigma_north_rad=north)
-
-
-def study_of_runs(
-    paths: list[Path],
-    known: "KnownAzimuths | None",
-    store_url: str,
-    twin: Path | None,
-    settings: "AzimuthSettings",
-) -> "AzimuthStudy":
-    """The study of runs, with the table and the noise model of their unit."""
-    from infield.misalignment.study import study_runs
-    from infield.session.log import with_applied_table_undone
-    from recal.service.unit_inputs import open_store, unit_inputs
-    from trajectories.runs.directory import read_run
-
-    database = open_store(store_url)
-    undo = (lambda sha256: database.by_sha256(sha256).table) if database else None
-    runs = [with_applied_table_undone(read_run(path), undo) for path in paths]
-    unit = unit_inputs(runs[0], database, twin)
-    return study_runs(runs, unit.table, unit.twin, known=known, settings=settings)
-
-
-def study_of_table(
-    path: Path,
-    lat_deg: float | None,
-    sigma_deg_h: float | None,
-    twin: Path | None,
-    settings: "AzimuthSettings",
-) -> "AzimuthStudy":
-    """The study of a table of biases; its latitude must be given, its unit is the twin's."""
-    from infield.misalignment.azimuth_table import read_azimuth_table
-    from infield.misalignment.study import study_table
-    from ins.twin_file import default_twin, read_twin
-    from ins.units import DEG
-
-    if lat_deg is None or not abs(lat_deg) < 89.0:
-        raise typer.BadParameter(
-            "a table of biases needs --lat-deg, within +-89: the level Earth rate depends on it"
-        )
-    table = read_azimuth_table(path, sigma_deg_h=sigma_deg_h)
-    unit = read_twin(twin) if twin else default_twin("fog")
-    return study_table(
-        table.heading_rad,
-        table.bias_deg_h,
-        table.sigma_deg_h,
-        lat_rad=lat_deg * DEG,
-        twin=unit,
-        source=str(path),
-        settings=settings,
-    )
-
-
-def write_results(
-    study: "AzimuthStudy", output: Path | None, twin_out: Path | None
-) -> dict[str, Any]:
-    """misalignment.json, misalignment.html and, where asked for and measured, the twin; returns the
-    document.
-    """
-    from infield.misalignment.reasons import MisalignmentVerdict
-    from infield.misalignment.study import corrected_twin
-    from infield.reports.documents.misalignment import misalignment_document
-    from infield.reports.misalignment_page import render
-    from ins.twin_file import twin_to_dict
-    from ins.verdicts import plain
-    from recal.service.output import output_directory, program_version, write_files
-
-    found = misalignment_document(study, version=program_version())
-    document = plain(found)
-    directory = output_directory(output, "misalignment")
-    files = {
-        directory / "misalignment.json": result_text(document),
-        directory / "misalignment.html": render(found),
-    }
-    if twin_out is not None and document["verdict"] == MisalignmentVerdict.MEASURED:
-        files[twin_out] = result_text(twin_to_dict(corrected_twin(study)))
-    write_files(files)
-    return document
-
-
-def summary(document: dict[str, Any]) -> list[str]:
-    """The result in a few lines for people."""
-    from ins.verdicts import Observability
-
-    lines = [f"{document['imu_serial'] or document['source']}: {document['verdict']}"]
-    lines += [f"  because {reason}" for reason in document["reasons"]]
-    lines += [f"  {note}" for note in document["notes"]]
-    for c in document["couplings"]:
-        if c["verdict"] == Observability.NOT_OBSERVABLE:
-            continue
-        value = round(c["value_arcsec"], 1) + 0.0  # no -0.0
-        lines.append(
-            f"  {c['entry']:6s}{value:+9.1f} +- {c['sigma_arcsec']:.1f} arcsec ({c['verdict']})"
-        )
-    if document["redundancy"]:
-        r = document["redundancy"]
-        lines.append(
-            f"  redundancy: chi-square {r['chi2']:.1f} of {r['dof']}, limit {r['limit_999']:.1f}"
-        )
-    lines += [
-        f"  not observable: {row['what']}: {row['why']}" for row in document["not_observable"]
-    ]
-    return lines
+    headings = angles if heading_deg else [-angle for angle in angles]
+    stop, north = sigmas_arcsec
+    return known_azimuths(headings, sigma_stop_arcsec=stop, sigma_north_arcsec=north)

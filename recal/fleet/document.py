@@ -12,14 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from infield.reports.documents.update import NM_H_PER_DEG_H
-from infield.store.database import store_name
-from infield.store.rows import UnitKey
-from infield.store.table_store import TableStore, store_exists
 from recal.fleet.records import MERGED, OUTCOMES, FleetOutcome, RunOutcome
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
-from recal.service.output import program_version
+from recal.service.results.files import program_version
+from recal.service.results.pages import NM_H_PER_DEG_H
+from recal.service.store import TableStore, UnitKey, store_exists, store_name
 
 MAX_POINTS = 2000
 VERDICTS = ("committed", "proposed", "up_to_date", "inconsistent", "refused", "bad_input", "failed")

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import (
+from recal.fleet.records import OUTCOMES
+from recal.service.results.pages import (
     BLUE,
     GREEN,
     GREY,
@@ -21,7 +22,6 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
-from recal.fleet.records import OUTCOMES
 
 OUTCOME_COLOURS = {
     "committed": BLUE,

@@ -6,9 +6,8 @@ import hashlib
 import re
 from datetime import UTC
 
-from infield.session.disagreement import utc
-from infield.store.rows import UnitKey
 from recal.fleet.records import PlannedRun
+from recal.service.store import UnitKey, moment
 
 LONGEST = 80  # characters kept of a name
 
@@ -20,7 +19,7 @@ def unit_folder(key: UnitKey) -> str:
 
 def run_folder(run: PlannedRun) -> str:
     """A folder name for a run's report, in time order among those of its unit."""
-    stamp = utc(run.start_utc).astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
+    stamp = moment(run.start_utc).astimezone(UTC).strftime("%Y%m%dT%H%M%SZ")
     return f"{stamp}-{_safe(run.run_id)}-{hashlib.sha256(run.path.encode()).hexdigest()[:6]}"
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ins.json_file import StrictModel, parse, read_small_text, read_toml
 from ins.records import InputError
+from recal.service.inputs.listings import StrictModel, parse, read_small_text, read_toml
 
 ENDINGS = ("imu.parquet", "imu.csv", "imu.csv.gz")
 

@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from infield.session.disagreement import utc
-from infield.store.rows import UnitKey
-from ins.json_file import read_json_object
 from ins.records import InputError, RunHeader
 from recal.fleet.manifest import Listed
 from recal.fleet.records import PlannedRun, RunOutcome, outcome_of
-from trajectories.runs.schema import header_from_json
+from recal.service.inputs.listings import read_header
+from recal.service.store import UnitKey, moment
 
 CLOCK_FROM = datetime(1990, 1, 1, tzinfo=UTC)  # older than any log: the clock was never set
 CLOCK_AHEAD = timedelta(days=1)
@@ -69,7 +67,7 @@ def plan_fleet(listed: Sequence[Listed], now: datetime) -> FleetPlan:
 
 def wrong_clock(start_utc: str, now: datetime) -> str:
     """Why a start cannot be right, empty where it may be: order and ageing rest on it."""
-    start = utc(start_utc)
+    start = moment(start_utc)
     if CLOCK_FROM <= start <= now + CLOCK_AHEAD:
         return ""
     why = "the clock was not set" if start < CLOCK_FROM else "in the future"
@@ -84,21 +82,16 @@ def _header(run: Listed) -> RunHeader:
         raise InputError(run.wrong)
     if not run.path.is_dir():
         raise InputError(f"{run.path}: no such run directory")
-    header, errors, _ = header_from_json(
-        read_json_object(run.path / "run.json"), name=f"{run.path}/run.json"
-    )
-    if header is None:
-        raise InputError(errors[0])
-    return header
+    return read_header(run.path)
 
 
 def _ordered(runs: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
     """In time order; two power-ons of one unit cannot start together, so a tie is said."""
-    ordered = sorted(runs, key=lambda run: (utc(run.start_utc), run.run_id, run.path))
-    starts = Counter(utc(run.start_utc) for run in ordered)
+    ordered = sorted(runs, key=lambda run: (moment(run.start_utc), run.run_id, run.path))
+    starts = Counter(moment(run.start_utc) for run in ordered)
     note = "starts at the same time as another run of this unit: taken in the order of run_id"
     return tuple(
-        replace(run, notes=(*run.notes, note)) if starts[utc(run.start_utc)] > 1 else run
+        replace(run, notes=(*run.notes, note)) if starts[moment(run.start_utc)] > 1 else run
         for run in ordered
     )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
-from infield.store.rows import UnitKey
+from recal.service.store import UnitKey
 
 
 class FleetOutcome(StrEnum):

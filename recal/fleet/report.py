@@ -5,10 +5,9 @@ from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 
-from infield.reports import page as report_page
-from infield.reports.page import decimals_for
 from recal.fleet import figures
 from recal.fleet.records import OUTCOMES
+from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
 VERDICTS = {  # verdict: word, look, symbol, what it means
@@ -92,7 +91,7 @@ def _name(unit: dict[str, Any]) -> str:
 
 @lru_cache(maxsize=1)
 def _environment() -> Environment:
-    shared = report_page._environment()
+    shared = page_environment()
     assert shared.loader is not None
     return shared.overlay(
         loader=ChoiceLoader([PackageLoader("recal.fleet", "templates"), shared.loader])

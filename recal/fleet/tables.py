@@ -5,9 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
-from infield.session.disagreement import utc
-from infield.store.table_store import TableStore, UnitRecord
+from recal.service.inputs.unit_inputs import UNKNOWN_BIAS_DEG_H
+from recal.service.store import TableStore, UnitRecord, moment
 
 STALE_DAYS = 365.0
 STALE_SHARE = 0.5  # of the sigma of a unit without a table
@@ -33,7 +32,7 @@ def table_facts(store: TableStore, record: UnitRecord, now: datetime) -> dict[st
         "sha256": revision.sha256,
         "created_utc": table.created_utc,
         "stored_utc": revision.created_utc,
-        "age_days": round((now - utc(table.created_utc)).total_seconds() / 86400.0, 1),
+        "age_days": round((now - moment(table.created_utc)).total_seconds() / 86400.0, 1),
         "sigma_deg_h": float(np.sqrt(np.mean(sigma**2))),
         "contradictions": len(against),
         "contradicted_by": [evidence.run_id for evidence in against[-5:]],

@@ -13,17 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.reports.documents.update import level_change
-from infield.reports.update_page import update_html
-from infield.reports.words.sentences import sentence
-from infield.session.reasons import SessionReason
-from infield.table.file import table_from_dict
-from infield.table.thermal_table import ThermalTable
-from ins.json_file import read_json_object
 from ins.records import InputError
-from ins.verdicts import Outcome, because
+from ins.verdicts import Outcome
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
-from recal.service.output import write_text
+from recal.service.inputs.listings import read_json_object
+from recal.service.inputs.records import ThermalTable, table_of
+from recal.service.results.files import write_text
+from recal.service.results.pages import level_change, step_words, update_html
 
 LEVEL = ("x", "y")
 # pages of a unit: the last of each kind of outcome, of every run, none
@@ -45,7 +41,7 @@ def summarise_unit(task: UnitTask) -> dict[str, Any]:
             [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
         ),
         "steps": steps,
-        "step_words": [sentence(because(SessionReason.TABLE_DISAGREES, **s)) for s in steps],
+        "step_words": [step_words(step) for step in steps],
         "pages": _draw(task, seen),
     }
 
@@ -80,8 +76,8 @@ def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
     """
     if not merged or merged[-1]["table_after"]["gyro_technology"] == "mems":
         return None
-    before = table_from_dict(merged[0]["table_before"], name="table_before")
-    after = table_from_dict(merged[-1]["table_after"], name="table_after")
+    before = table_of(merged[0]["table_before"])[0]
+    after = table_of(merged[-1]["table_after"])[0]
     T = _visited(merged)
     change = level_change(before, after, T)
     expected = [_gained(before, after, k, t) for k, t in enumerate(T)]

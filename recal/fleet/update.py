@@ -15,10 +15,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from infield.store.database import store_name
-from infield.store.rows import UnitKey
-from infield.store.table_store import TableStore, store_exists
-from recal.cli.console import result_text
 from recal.fleet.document import Timing, fleet_document
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
@@ -28,8 +24,9 @@ from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import LocalPool, Pool
 from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome, RunTask, outcome_of
 from recal.fleet.report import fleet_html
-from recal.fleet.store_url import absolute_store
-from recal.service.output import output_directory, program_version, write_files
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.text import result_text
+from recal.service.store import TableStore, UnitKey, absolute_store, store_exists, store_name
 
 HELD = (FleetOutcome.COMMITTED, FleetOutcome.TAKEN_OUT)  # that the store held once
 MODES = ("commit", "propose", "dry")  # into the table; kept in the store for review; nothing stored

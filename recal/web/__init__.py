@@ -2,6 +2,6 @@
 reject, roll back.
 
 Reading order: `settings` (who may come in), `guard` (what every request must pass), `door` (tokens,
-sessions, form tokens), `app` (the pieces together), `pages` (what is read), `actions` (what is
-written). Needs the extra `web`.
+sessions, form tokens), `site` (what the routes share), `pages` (what is read), `actions` (what is
+written), `app` (the pieces together). Needs the extra `web`.
 """

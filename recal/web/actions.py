@@ -8,14 +8,14 @@ from urllib.parse import parse_qs, urlsplit
 from fastapi import FastAPI, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
-from infield.store.proposals import signed_note
 from ins.records import InputError
-from recal.cli.table.stored_tables import change_between
+from recal.service.store import signed_note
+from recal.service.tables import change_between
 from recal.web import views
-from recal.web.app import SignInFirst, Site
 from recal.web.door import SESSION_S, Session, same
 from recal.web.guard import BODY, Refused
 from recal.web.pages import Number
+from recal.web.site import SignInFirst, Site
 
 MAX_FIELDS = 12
 OTHER_PAGE = (

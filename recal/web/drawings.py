@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from infield.reports.figures import (
+from ins.records import AXES
+from recal.service.inputs.records import ThermalTable
+from recal.service.results.pages import (
     GREY,
     NEW,
     OLD,
@@ -25,8 +27,6 @@ from infield.reports.figures import (
     robust_limits,
     svg_text,
 )
-from infield.table.thermal_table import ThermalTable
-from ins.records import AXES
 
 MOST_KEPT = 64
 LINES = {

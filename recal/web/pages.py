@@ -6,15 +6,15 @@ from typing import Annotated, Any, Literal
 from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
-from infield.reports.update_page import update_html
-from infield.store.table_store import FullProposal, Revision, TableStore
 from ins.records import InputError
-from recal.cli.table.stored_tables import change_between
+from recal.service.results.pages import diagnosis_lines, update_html
+from recal.service.store import FullProposal, Revision, TableStore
+from recal.service.tables import change_between
 from recal.web import views
-from recal.web.app import Site
 from recal.web.drawings import Line
 from recal.web.guard import Refused
 from recal.web.reports import DOCUMENT, PAGE
+from recal.web.site import Site
 
 Sort = Literal["serial", "technology", "changed", "proposals", "contradictions"]
 Number = Annotated[int, Query(ge=1, le=10**9)]
@@ -279,12 +279,8 @@ def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
 
 
 def _summary(document: dict[str, Any]) -> list[str]:
-    from ins.verdicts import record_of
-    from simreal.report.diagnosis_document import summary
-    from simreal.report.diagnosis_records import DiagnosisRecord
-
     try:
-        return summary(record_of(DiagnosisRecord, document)) if document else []
+        return diagnosis_lines(document) if document else []
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         return [f"This version cannot read the document ({type(error).__name__})."]
 

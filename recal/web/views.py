@@ -2,17 +2,17 @@
 decides nothing.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote, urlencode
 
 import numpy as np
 
-from infield.reports.page import decimals_for
-from infield.session.disagreement import SessionEvidence
-from infield.store.table_store import Proposal, Revision, UnitKey, UnitSummary
-from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
+from recal.service.inputs.records import ThermalTable
+from recal.service.results.pages import decimals_for
+from recal.service.results.text import Document
+from recal.service.store import Proposal, Revision, SessionEvidence, UnitKey, UnitSummary
 
 SORTS = ("serial", "technology", "changed", "proposals", "contradictions")
 PAGE_ROWS = 200
@@ -59,7 +59,7 @@ def table_rows(table: ThermalTable) -> dict[str, Any]:
     return {"axes": axes, "decimals": decimals_for(sigmas)}
 
 
-def change_rows(change: dict[str, dict[str, Any]]) -> dict[str, Any]:
+def change_rows(change: Mapping[str, Document]) -> dict[str, Any]:
     """Per gyro the rows of `stored_tables.change_between`: T, before, U, after, U, change."""
     axes = {}
     for axis, c in change.items():

@@ -7,7 +7,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from recal.cli.check import check, command
+from recal.cli.check import command
+from tests.recal.verbs import check
 from tests.trajectories.run_cases import (
     csv_run,
     edit_json,

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 import recal
 from ins.records import InputError
-from recal.cli.app import COMMANDS, app
+from recal.cli.app import COMMANDS, GROUPS, app
 from recal.cli.console import EXIT_CODES
-from recal.service.output import write_files
+from recal.service.results.files import write_files
 
 ROOT = Path(recal.__file__).parent.parent
 TABLE = get_command(app).commands["table"].commands
@@ -42,7 +42,6 @@ HEAVY = {
 HELPS = """
 import json, os, sys
 import recal.cli.app  # what all commands share, once
-import typer.rich_utils  # and what prints the help of each
 from recal.__main__ import main
 for words in json.loads(sys.argv[1]):
     sys.stdout.flush()
@@ -97,6 +96,14 @@ def test_the_help_of_a_command_loads_no_heavy_library_and_shows_an_example(helps
     assert "Example: recal " + " ".join(words) in " ".join(said.split()) or words == ["table"]
 
 
+def test_recal_help_loads_no_command_and_no_rich(helps):
+    """The lines of the program's help are those of the commands, without loading them."""
+    commands = get_command(app).commands
+    for name, line in {**COMMANDS, **GROUPS}.items():
+        assert commands[name].get_short_help_str() == line
+    assert "rich" not in helps[""][2:]
+
+
 @pytest.mark.parametrize("words", ALL, ids=" ".join)
 def test_every_command_has_the_common_flags(words):
     command = get_command(app)
@@ -145,7 +152,7 @@ def test_bad_input_is_one_line_exit_3_and_one_json_object(words, tmp_path, monke
 
 
 def test_a_disk_that_the_system_refuses_is_bad_input(monkeypatch, tmp_path):
-    from recal.cli import check
+    from recal.service import check
 
     def full(*arguments, **options):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), "run/imu.parquet")

@@ -16,8 +16,8 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.json_file import read_toml
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
-from recal.cli.check import check
 from recal.cli.convert import command
+from tests.recal.verbs import check
 from tests.trajectories.run_cases import F_B, W_B, csv_run, full_run
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.directory import read_reference, read_run

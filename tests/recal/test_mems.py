@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from recal.cli.align import align
-from recal.cli.update import summary, update
+from recal.service.results.update_words import summary
 from tests.infield.mems_flights import flight
+from tests.recal.verbs import align, update
 from trajectories.readers.conversion import convert_log
 from trajectories.runs.directory import write_run
 from trajectories.simulator.scenario import read_scenario, simulate_scenario

@@ -422,7 +422,7 @@ def test_a_fault_shows_no_trace_and_no_secret(tmp_path, monkeypatch):
 def test_no_page_names_the_database_password(tmp_path):
     """A PostgreSQL that is not there: what the driver says is shown without address or password."""
     pytest.importorskip("psycopg")
-    from recal.web.app import Site
+    from recal.web.site import Site
 
     with pytest.raises(InputError) as refused:
         Site(ServeSettings(store_url="postgresql://user:hunter2@127.0.0.1:1/db", tokens=TOKENS))

@@ -10,7 +10,7 @@ import pytest
 
 from infield.table.file import read_table_dict
 from ins.records import InputError
-from recal.cli.simulate import simulate
+from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_reference, read_run
 
 SCENARIO = """

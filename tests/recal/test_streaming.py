@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.streaming_memory import LIMIT_MB, make_run, measure
 from infield.store.table_store import TableStore
-from recal.cli import align, check, replay, update
 from recal.cli.console import result_text
 from tests.infield.sessions import TAXI, factory_dict, simulated
+from tests.recal import verbs
 from trajectories.runs import directory as run_module
 from trajectories.runs import stream_files
 from trajectories.runs.directory import read_run, write_run
@@ -34,10 +34,10 @@ def folder(tmp_path, monkeypatch, undrawn):
 def documents(folder) -> list[str]:
     path, store = folder / "run", "sqlite:///recal.db"
     made = [
-        check.check(path),
-        align.align(path, store_url=store),
-        replay.replay(path, store_url=store),
-        update.update([path], store_url=store, commit=False),
+        verbs.check(path),
+        verbs.align(path, store_url=store),
+        verbs.replay(path, store_url=store),
+        verbs.update([path], store_url=store, commit=False),
     ]
     assert made[3].pop("issued_utc")
     return [result_text(document) for document in made] + [

@@ -10,8 +10,8 @@ from infield.table.file import table_to_dict
 from infield.table.thermal_table import default_table
 from ins.records import InputError
 from recal.cli.app import app
-from recal.cli.update import update
 from tests.infield.sessions import factory_dict, simulated
+from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
@@ -128,7 +128,7 @@ def test_a_proposal_is_written_as_files(folder, monkeypatch):
     from infield.reports import update_page as report
 
     monkeypatch.setattr(report, "update_html", lambda document: f"proposal {document['proposal']}")
-    monkeypatch.setattr("recal.cli.update.summary", lambda document: [])
+    monkeypatch.setattr("recal.service.results.update_words.summary", lambda document: [])
     put_forward()
     assert run("table", "proposals", 1, "-o", "again").exit_code == 0
     assert json.loads((folder / "again/update.json").read_text()) == {

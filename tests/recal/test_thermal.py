@@ -16,7 +16,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import InputError
 from ins.twin_file import default_twin
 from recal.cli.app import app
-from recal.cli.simulate import simulate
+from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
 

@@ -13,7 +13,7 @@ from infield.thermal.gradient_runs import gradient_lines, gradient_run
 from ins.records import InputError, TemperatureLog
 from ins.twin_file import default_twin
 from recal.cli.app import app
-from recal.cli.simulate import simulate
+from tests.recal.verbs import simulate
 from trajectories.runs.directory import read_run, write_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit
 from trajectories.simulator.thermal import first_order_rise

@@ -29,10 +29,10 @@ from ins.units import DEG_PER_HOUR
 from ins.verdicts import plain
 from recal.cli.app import app
 from recal.cli.console import result_text
-from recal.cli.simulate import simulate
 from tests.infield.gradient_cases import TWIN, Unit, three_runs
 from tests.infield.ramp_cases import TWIN as FOG_TWIN
 from tests.infield.ramp_cases import Truth, ramp
+from tests.recal.verbs import simulate
 from tests.undrawn import figures_left_out
 from trajectories.runs.directory import read_run
 from trajectories.simulator.scenario import read_scenario, scenario_unit

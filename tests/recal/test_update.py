@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from ins.records import InputError
-from recal.cli import update as update_command
 from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
+from tests.recal import verbs
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
@@ -99,7 +99,7 @@ def test_where_the_report_cannot_be_written_nothing_is_committed(folder):
 
 
 def test_without_html_the_document_alone_is_written(folder):
-    document = update_command.update(
+    document = verbs.update(
         [folder / "run"], store_url=URL, commit=True, output=folder / "out", html=False
     )
     assert document == report(folder) and [p.name for p in (folder / "out").iterdir()] == [

@@ -24,10 +24,11 @@ from ins.json_file import MAX_DEPTH, MAX_TEXT_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
 from recal.cli import check as check_module
-from recal.cli.check import check, report_lines
 from recal.cli.console import result_text
 from recal.cli.diagnose import command as diagnose_command
-from recal.service.unit_inputs import TwinModel
+from recal.service.check import report_lines
+from recal.service.inputs.unit_inputs import TwinModel
+from tests.recal.verbs import check
 from tests.trajectories.readers import damage
 from tests.trajectories.run_cases import csv_run, full_run, imu_log, reference_log
 from trajectories.runs import text_rows

@@ -24,23 +24,17 @@ from recal.cli.console import (
 )
 from recal.cli.table import verify as table_verify
 from recal.cli.table.files import export, import_
-from recal.cli.table.stored_tables import (
+from recal.cli.table.options import (
     ModeOption,
     NoteOption,
     RevisionOption,
     SerialOption,
     TechnologyOption,
-    about,
-    change_between,
-    find_revision,
-    key_of,
-    line_of,
-    need,
-    open_tables,
-    revision_number,
 )
 
-app = typer.Typer(no_args_is_help=True, help="The stored thermal tables and their history.")
+app = typer.Typer(
+    rich_markup_mode=None, no_args_is_help=True, help="The stored thermal tables and their history."
+)
 
 
 @app.command("list", cls=Command)
@@ -56,6 +50,8 @@ def list_(
 
     Example: recal table list --store sqlite:///recal.db
     """
+    from recal.service.tables import about, key_of, line_of, need, open_tables
+
     with open_tables(store) as opened:
         units = [u for u in opened.units() if serial in (None, u.unit.imu_serial)]
         histories = [opened.history(*key_of(u.active)) for u in units]
@@ -104,6 +100,8 @@ def show(
 
     Example: recal table show --serial SN-0042
     """
+    from recal.service.tables import find_revision, line_of, open_tables
+
     with open_tables(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
     if answer(found.table_dict, as_json=as_json, verbose=verbose) or quiet:
@@ -142,6 +140,8 @@ def diff(
 
     Example: recal table diff --serial SN-0042 --from factory
     """
+    from recal.service.tables import about, change_between, find_revision, line_of, open_tables
+
     with open_tables(store) as opened:
         before = find_revision(opened, from_, serial, technology, mode)
         after = find_revision(opened, to, serial, technology, mode)
@@ -176,8 +176,9 @@ def rollback(
 
     Example: recal table rollback --serial SN-0042 --to factory
     """
-    from infield.store.table_store import StoreConflict
     from ins.records import InputError
+    from recal.service.store import StoreConflict
+    from recal.service.tables import about, line_of, open_tables, revision_number
 
     try:
         with open_tables(store, any_clock=any_clock) as opened:

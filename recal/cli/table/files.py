@@ -4,11 +4,9 @@ parameters among them.
 
 from __future__ import annotations
 
-import hashlib
-from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -25,23 +23,17 @@ from recal.cli.console import (
     answer,
     say,
 )
-from recal.cli.table.stored_tables import (
+from recal.cli.table.options import (
     ModeOption,
     NoteOption,
     RevisionOption,
     SerialOption,
     TechnologyOption,
-    about,
-    find_revision,
-    line_of,
-    need,
-    open_tables,
-    other_technology,
 )
 
 if TYPE_CHECKING:
-    from infield.store.table_store import Revision
-    from infield.table.autopilot_table import CubicExport
+    from recal.service.table_files import CubicRequest, TableFile
+    from recal.service.tables import Revision
 
 
 class Form(StrEnum):
@@ -97,6 +89,9 @@ def export(
     For an autopilot: recal table export --to px4 --device-id 3670026 -o unit.params,
     or recal table export --to ardupilot --imu 1 -o unit.parm
     """
+    from recal.service.table_files import CubicRequest, write_table
+    from recal.service.tables import about, find_revision, line_of, open_tables
+
     form = _form(output, to)
     assert output is not None
     if form in (Form.json, Form.csv):
@@ -106,22 +101,17 @@ def export(
     with open_tables(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
     if form in (Form.px4, Form.ardupilot):
-        number = _number(form, imu, device_id)
-        _export_cubic(
-            found,
-            output,
-            form,
-            number,
-            device_id or 0,
-            range_,
-            fit_limit,
-            force,
-            as_json,
-            quiet,
-            verbose,
+        request = CubicRequest(
+            autopilot=form.value,
+            number=_number(form, imu, device_id),
+            device_id=device_id or 0,
+            span_degC=range_,
+            limit_sigmas=fit_limit,
+            force=force,
         )
+        _export_cubic(found, output, request, as_json=as_json, quiet=quiet, verbose=verbose)
         return
-    _write(output, _text(found, form))
+    write_table(found, output, form.value)
     answer({"output": str(output), **about(found)}, as_json=as_json, verbose=verbose)
     say(
         f"{output}: {line_of(found)}{' (covariance is not in a CSV)' if form == Form.csv else ''}",
@@ -166,25 +156,22 @@ def import_(
 
     From an autopilot: recal table import tcal.parm --serial SN-0042-imu1 --technology mems
     """
-    from infield.store.table_store import StoreConflict, TableStore, require_same_unit
-    from ins.records import InputError
-    from ins.twin_file import read_twin
+    from recal.service.table_files import TableFile, import_table
+    from recal.service.tables import about, line_of
 
-    data, said = _read(table, serial, technology, mode, from_, imu, sigma)
-    record = None if twin is None else read_twin(twin)
-    require_same_unit(data, record)
-    note = "; ".join(filter(None, (note, *said)))
-    try:
-        with TableStore.open(store, create=True, any_clock=any_clock) as opened:
-            if (conflict := other_technology(opened, data)) is not None:
-                need(
-                    override_technology,
-                    f"{table}: {conflict} (--override-technology imports it all the same)",
-                )
-                note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
-            found = opened.import_table(data, twin=record, note=note)
-    except StoreConflict as error:
-        raise InputError(str(error)) from None
+    given = TableFile(
+        path=table,
+        serial=serial,
+        technology=technology,
+        mode=mode,
+        autopilot=from_.value if from_ else None,
+        number=imu,
+        sigma_deg_h=sigma,
+    )
+    _check_options(given)
+    found, said = import_table(
+        given, store, twin, note=note, override=override_technology, any_clock=any_clock
+    )
     answer(about(found), as_json=as_json, verbose=verbose)
     say(f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}", quiet=quiet)
     for line in said:
@@ -193,7 +180,7 @@ def import_(
 
 def _form(output: Path | None, to: Form | None) -> Form:
     """What to write, from --to or the ending, which must not contradict each other."""
-    from infield.table.autopilot_params import ENDINGS
+    from recal.service.table_files import ENDINGS
 
     endings = {
         Form.json: (".json",),
@@ -225,7 +212,7 @@ def _number(form: Form, imu: int | None, device_id: int | None) -> int:
     """The number in the parameter names; PX4 finds a calibration by its sensor's id, so that is
     needed.
     """
-    from infield.table.autopilot_params import MAX_DEVICE_ID, NUMBERS
+    from recal.service.table_files import MAX_DEVICE_ID, NUMBERS
 
     allowed = NUMBERS[form]
     if imu is not None and imu not in allowed:
@@ -244,28 +231,11 @@ def _number(form: Form, imu: int | None, device_id: int | None) -> int:
     return allowed[0] if imu is None else imu
 
 
-def _text(found: Revision, form: Form) -> str:
-    from infield.table.file import csv_text, json_text
-
-    return csv_text(found.table) if form == Form.csv else json_text(found.table_dict) + "\n"
-
-
-def _write(output: Path, text: str) -> None:
-    from recal.service.output import output_directory, write_text
-
-    output_directory(output.parent, "")
-    write_text(output, text)
-
-
 def _export_cubic(
     found: Revision,
     output: Path,
-    form: Form,
-    number: int,
-    device_id: int,
-    span: tuple[float, float] | None,
-    limit: float,
-    force: bool,
+    request: CubicRequest,
+    *,
     as_json: bool,
     quiet: bool,
     verbose: bool,
@@ -273,30 +243,14 @@ def _export_cubic(
     """Fit, judge, write; a cubic that is too stiff for the table is refused (exit code 4) unless
     forced.
     """
-    from infield.table.autopilot_table import export_cubic
+    from recal.service.table_files import export_cubic_table
+    from recal.service.tables import line_of
 
-    made: CubicExport = export_cubic(
-        found.table,
-        form.value,
-        number=number,
-        device_id=device_id,
-        span_degC=span,
-        limit_sigmas=limit,
-    )
-    refused = bool(made.too_stiff) and not force
-    if not refused:
-        _write(output, made.text(unit=str(found.unit), revision=found.number, sha256=found.sha256))
-    result = {
-        "schema": "recal.export/1",
-        "verdict": "refused" if refused else "exported",
-        "reasons": list(made.too_stiff),
-        "output": None if refused else str(output),
-        **about(found),
-        **made.fit_document(),
-    }
-    answer(result, as_json=as_json, verbose=verbose)
+    made = export_cubic_table(found, output, request)
+    refused = made.refused
+    answer(made.document, as_json=as_json, verbose=verbose)
     say(f"{output}: {'refused' if refused else line_of(found)}", quiet=quiet)
-    for reason in made.too_stiff:
+    for reason in made.reasons:
         say(
             f"  {'because' if refused else 'although'} the cubic is too stiff: {reason}",
             quiet=quiet,
@@ -308,90 +262,18 @@ def _export_cubic(
             quiet=quiet,
         )
         raise typer.Exit(REFUSED)
-    for line in made.fit_lines():
+    for line in made.lines():
         say(f"  {line}", quiet=quiet)
 
 
-def _read(
-    path: Path,
-    serial: str | None,
-    technology: str | None,
-    mode: str | None,
-    from_: Autopilot | None,
-    imu: int | None,
-    sigma: float | None,
-) -> tuple[dict[str, Any], list[str]]:
-    """The table of a file as a dict, and notes on what was assumed for it."""
-    from infield.table.autopilot_params import ENDINGS
-    from infield.table.file import read_table_csv, read_table_dict
-
-    cubic = from_ is not None or path.suffix in (end for ends in ENDINGS.values() for end in ends)
-    if not cubic:
-        for name, option in (("--imu", imu), ("--sigma", sigma)):
+def _check_options(given: TableFile) -> None:
+    """typer.BadParameter for options that do not go with the file, or are missing for it."""
+    if not given.is_cubic:
+        for name, option in (("--imu", given.number), ("--sigma", given.sigma_deg_h)):
             if option is not None:
                 raise typer.BadParameter("goes with an autopilot's parameter file", param_hint=name)
-    if path.suffix != ".csv" and not cubic:
-        data = read_table_dict(path)
-        for name, key, given in (
-            ("--serial", "imu_serial", serial),
-            ("--technology", "gyro_technology", technology),
-            ("--mode", "gyro_mode", mode),
-        ):
-            in_file = data.get(key, "")
-            need(
-                given in (None, in_file),
-                f"{path}: {key} {in_file!r}, needed {given!r} as {name} says",
-            )
-        return data, []
-    if serial is None or technology is None:
-        form = "a parameter file" if cubic else "a CSV table"
+    if given.names_its_unit:
+        return
+    if given.serial is None or given.technology is None:
+        form = "a parameter file" if given.is_cubic else "a CSV table"
         raise typer.BadParameter(f"{form} needs --serial and --technology", param_hint="TABLE")
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-    if not cubic:
-        return (
-            read_table_csv(
-                path,
-                imu_serial=serial,
-                gyro_technology=technology,
-                gyro_mode=mode or "",
-                created_utc=now,
-            ),
-            [],
-        )
-    return _read_cubic(path, serial, technology, mode, from_, imu, sigma, now)
-
-
-def _read_cubic(
-    path: Path,
-    serial: str,
-    technology: str,
-    mode: str | None,
-    from_: Autopilot | None,
-    imu: int | None,
-    sigma: float | None,
-    now: str,
-) -> tuple[dict[str, Any], list[str]]:
-    from infield.table.autopilot_params import read_cubic
-    from infield.table.autopilot_table import table_of_cubic
-    from infield.table.file import table_to_dict
-    from ins.records import GYRO_TECHNOLOGIES
-
-    need(
-        technology in GYRO_TECHNOLOGIES,
-        f"--technology {technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}",
-    )
-    found = read_cubic(path, autopilot=from_.value if from_ else None, number=imu)
-    made, notes = table_of_cubic(
-        found,
-        imu_serial=serial,
-        gyro_technology=technology,
-        gyro_mode=mode or "",
-        created_utc=now,
-        sigma_deg_h=sigma,
-        file=path.name,
-        file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
-    )
-    which = (
-        f"{found.autopilot} IMU {found.number}, {found.low_degC:.1f} to {found.high_degC:.1f} degC"
-    )
-    return table_to_dict(made), [f"{path.name}: {which}", *notes]

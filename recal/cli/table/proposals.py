@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,15 +21,14 @@ from recal.cli.console import (
     answer,
     finish,
     login_name,
-    result_text,
     say,
 )
-from recal.cli.table.app import ModeOption, SerialOption, TechnologyOption
+from recal.cli.table.options import ModeOption, SerialOption, TechnologyOption
 
 if TYPE_CHECKING:
-    from infield.store.table_store import FullProposal, Proposal
+    from recal.service.store import FullProposal, Proposal
 
-app = typer.Typer()
+app = typer.Typer(rich_markup_mode=None)
 
 NumberArgument = Annotated[
     int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)
@@ -65,7 +64,8 @@ def proposals(
 
     Example: recal table proposals 3 --serial SN-0042 -o review
     """
-    from infield.store.table_store import TableStore
+    from recal.service.store import TableStore
+    from recal.service.tables import about_proposal
 
     if state not in (None, *STATES):
         raise typer.BadParameter(
@@ -79,7 +79,7 @@ def proposals(
             _show(full, output, as_json=as_json, verbose=verbose, quiet=quiet)
             return
         found = opened.proposals(serial, technology, mode, state=state)
-    result = {"store": opened.name, "proposals": [_about(p) for p in found]}
+    result = {"store": opened.name, "proposals": [about_proposal(p) for p in found]}
     if answer(result, as_json=as_json, verbose=verbose) or quiet:
         return
     for k, p in enumerate(found):
@@ -163,31 +163,13 @@ def _decide(
     verbose: bool,
     quiet: bool,
 ) -> None:
-    from infield.store.errors import StoreRefused
-    from infield.store.proposal_rows import Decided
-    from infield.store.table_store import TableStore
-    from ins.verdicts import Outcome
+    from recal.service.store import Decided
+    from recal.service.tables import decide
 
-    with TableStore.open(url) as opened:
-        try:
-            decided = opened.decide(
-                number, verdict, *unit, by=login_name() if by is None else by, reason=reason
-            )
-            result: dict[str, Any] = {
-                "schema": "recal.decision/1",
-                "verdict": verdict,
-                "reasons": [],
-                **_about(decided),
-            }
-        except StoreRefused as error:
-            result = {
-                "schema": "recal.decision/1",
-                "verdict": "refused",
-                "reasons": [str(error)],
-                "reason_codes": [str(error.code)],
-            }
+    signed = login_name() if by is None else by
+    result, decided = decide(url, (number, verdict), unit, signed, reason)
     answer(result, as_json=as_json, verbose=verbose)
-    if result["verdict"] == Outcome.REFUSED:
+    if decided is None:
         say(f"refused: {result['reasons'][0]}", quiet=quiet)
     else:
         became = (
@@ -196,52 +178,23 @@ def _decide(
             else ""
         )
         say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)
-    finish(result)
+    finish(result["verdict"])
 
 
 def _show(
     full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
 ) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
-    from infield.reports.update_page import update_html
-    from recal.cli.update import summary
-    from recal.service.output import output_directory, write_files
+    from recal.service.results.update_words import summary
+    from recal.service.tables import about_proposal, proposed_document, write_proposal
 
-    document = {**full.report, "proposal": full.number}
+    document = proposed_document(full)
     if output is not None:
-        directory = output_directory(output, "table")
-        texts = {"update.json": result_text(document), "update.html": update_html(document)}
-        write_files({directory / name: text for name, text in texts.items()})
-    if answer({**_about(full), "report": document}, as_json=as_json, verbose=verbose) or quiet:
+        write_proposal(full, output)
+    shown = {**about_proposal(full), "report": document}
+    if answer(shown, as_json=as_json, verbose=verbose) or quiet:
         return
     print("\n".join([str(full.unit), *_lines(full), *summary(document)]))
-
-
-def _about(p: Proposal) -> dict[str, Any]:
-    """A proposal without its texts."""
-    decided = p.decision
-    return {
-        **vars(p.unit),
-        "proposal": p.number,
-        "state": p.state,
-        "proposed_utc": p.proposed_utc,
-        "proposed_by": p.proposed_by,
-        "parent_sha256": p.parent_sha256,
-        "sha256": p.sha256,
-        "note": p.note,
-        "runs": [vars(run) for run in p.runs],
-        "decision": (
-            None
-            if decided is None
-            else {
-                "verdict": decided.verdict,
-                "decided_utc": decided.decided_utc,
-                "by": decided.decided_by,
-                "reason": decided.reason,
-                "revision": decided.revision_number,
-            }
-        ),
-    }
 
 
 def _lines(p: Proposal) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,7 +19,7 @@ from recal.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from infield.store.verify import StoreCheck
+    from recal.service.results.text import Document
 
 HEAD_DIGITS = 16  # printed; enough to find it again
 
@@ -49,44 +49,17 @@ def command(
     Reads only. Example: recal table verify --store sqlite:///recal.db --report
     recal-update/update.json
     """
-    from infield.store.table_store import TableStore
-    from infield.store.verify import StoreVerdict
-    from ins.json_file import read_json_object
+    from recal.service.tables import StoreVerdict, verify
 
-    reports = {str(path): read_json_object(path) for path in report or ()}
-    with TableStore.open(store) as opened:
-        result = document(opened.verify(head or (), reports), opened.name)
+    result = verify(store, head or (), report or ())
     if not answer(result, as_json=as_json, verbose=verbose):
         for line in lines(result):
             if not quiet or result["verdict"] == StoreVerdict.BROKEN:
                 print(line)
-    finish(result)
+    finish(result["verdict"])
 
 
-def document(check: StoreCheck, store: str) -> dict[str, Any]:
-    """The result; `faults` by unit, and those of no unit."""
-    units = [
-        {
-            **vars(u.unit),
-            "revisions": u.revisions,
-            "head_sha256": u.head_sha256,
-            "faults": list(u.faults),
-        }
-        for u in check.units
-    ]
-    reasons = [f"{u.unit}: {fault}" for u in check.units for fault in u.faults]
-    return {
-        "schema": "recal.verify/1",
-        "store": store,
-        "verdict": check.verdict.value,
-        "reasons": [*check.faults, *reasons],
-        "faults": list(check.faults),
-        "units": units,
-        "revisions": {str(u.unit): u.revisions for u in check.units},
-    }
-
-
-def lines(result: dict[str, Any]) -> list[str]:
+def lines(result: Document) -> list[str]:
     """A line for each unit, and for each fault that belongs to none."""
     said = [f"{result['store']}: BROKEN: {fault}" for fault in result["faults"]]
     for name, unit in zip(result["revisions"], result["units"]):

@@ -10,7 +10,9 @@ from recal.cli.thermal import fog as thermal_fog
 from recal.cli.thermal import rlg as thermal_rlg
 from recal.cli.thermal.inputs import ManyRuns
 
-app = typer.Typer(no_args_is_help=True, help="Thermal coefficients from chamber runs.")
+app = typer.Typer(
+    rich_markup_mode=None, no_args_is_help=True, help="Thermal coefficients from chamber runs."
+)
 app.command("rlg", cls=ManyRuns)(thermal_rlg.command)
 app.command("fog", cls=ManyRuns)(thermal_fog.command)
 app.command("apply", cls=Command)(thermal_apply.command)

@@ -18,7 +18,7 @@ from ins.records import InputError
 from recal.fleet.pools.local_pool import Done, Lost
 from recal.fleet.pools.work import perform
 from recal.fleet.records import Task
-from recal.service.output import program_version
+from recal.service.results.files import program_version
 
 CONNECT_S, WORKERS_S, LOOK_S = 10.0, 30.0, 5.0
 

@@ -16,11 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from infield.store.errors import WORTH_ANOTHER_TRY, StoreConflict, StoreError, StoreRefused
-from infield.store.table_store import TableStore, store_exists
 from ins.records import InputError
 from ins.verdicts import Outcome
-from recal.cli.update import update
 from recal.fleet.records import (
     MERGED,
     FleetOutcome,
@@ -31,7 +28,17 @@ from recal.fleet.records import (
     outcome_of,
 )
 from recal.fleet.unit_summary import summarise_unit
-from recal.service.output import write_text
+from recal.service.results.files import write_text
+from recal.service.results.text import Document
+from recal.service.store import (
+    WORTH_ANOTHER_TRY,
+    StoreConflict,
+    StoreError,
+    StoreRefused,
+    TableStore,
+    store_exists,
+)
+from recal.service.update import UpdateRequest, update_in_store
 
 WORTH_A_TRY = [[str(code)] for code in WORTH_ANOTHER_TRY]  # the only reason of a document
 # what becomes of the runs of an update that are merged, by its verdict
@@ -143,12 +150,12 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
     )
 
 
-def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
+def _update(task: RunTask, runs: Sequence[Pair]) -> Document:
     """The update document; tried again where another writer was faster on this unit."""
     first = runs[0][0]
     for attempt in range(CONFLICT_TRIES):
-        document = update(
-            [Path(run.path) for run, _ in runs],
+        request = UpdateRequest(
+            runs=[Path(run.path) for run, _ in runs],
             store_url=task.store_url,
             commit=task.commit,
             propose=task.propose,
@@ -157,17 +164,18 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> dict[str, Any]:
             config=None if task.config is None else Path(task.config),
             output=Path(runs[0][1]),
         )
+        document = update_in_store(request).document
         if not _conflicted(document):
             return document
         time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
     raise StoreConflict(document["reasons"][0])
 
 
-def _conflicted(document: dict[str, Any]) -> bool:
+def _conflicted(document: Document) -> bool:
     return document["verdict"] == Outcome.REFUSED and document.get("reason_codes") in WORTH_A_TRY
 
 
-def _told(task: RunTask, runs: Sequence[Pair], document: dict[str, Any]) -> Iterator[RunOutcome]:
+def _told(task: RunTask, runs: Sequence[Pair], document: Document) -> Iterator[RunOutcome]:
     """The document's sessions as outcomes, one a run; AGAIN for those that only stand beside one
     that contradicts.
     """

@@ -13,11 +13,12 @@ from typer.testing import CliRunner
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict, table_to_dict
 from recal.cli.app import app
-from recal.cli.update import update
 from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
+from recal.service.update import update_in_store
 from tests.infield.sessions import factory_dict, shifted
 from tests.recal.fleet.made_fleet import SERIALS, UPDATES, history, run_of
+from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
 URL = "sqlite:///recal.db"
@@ -208,12 +209,12 @@ def test_a_dead_worker_costs_a_try_and_three_cost_the_run(fleet, inline):
 
 
 def test_a_crash_is_kept_apart_with_its_traceback(fleet, inline, monkeypatch):
-    def broken(runs, **options):
-        if "SN-B" in str(runs[0]):
+    def broken(request):
+        if "SN-B" in str(request.runs[0]):
             raise ZeroDivisionError("by a bug")
-        return update(runs, **options)
+        return update_in_store(request)
 
-    monkeypatch.setattr(work, "update", broken)
+    monkeypatch.setattr(work, "update_in_store", broken)
     document = call()
     assert document["counts"]["crashed"] == 2 and document["counts"]["committed"] == 4
     run = next(r for r in document["runs"] if r["outcome"] == "crashed")
@@ -227,7 +228,7 @@ def test_another_writer_in_between_is_waited_out(fleet, inline, monkeypatch):
     """
     told = []
 
-    def update_beside(runs, **options):
+    def update_beside(request):
         if not told:
             table = factory_dict()
             table["axes"]["x"]["bias_deg_h"][0] += 0.001
@@ -241,9 +242,9 @@ def test_another_writer_in_between_is_waited_out(fleet, inline, monkeypatch):
                 return real(self, *arguments, **more)
 
             monkeypatch.setattr(TableStore, "commit_update", commit)
-        return update(runs, **options)
+        return update_in_store(request)
 
-    monkeypatch.setattr(work, "update", update_beside)
+    monkeypatch.setattr(work, "update_in_store", update_beside)
     assert call()["counts"]["committed"] == UPDATES
     assert [r.kind for r in history(fleet, "SN-A")] == ["factory", "import", "update", "update"]
 

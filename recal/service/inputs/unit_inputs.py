@@ -1,11 +1,8 @@
-"""Table and noise model of a unit: from the command line, from the store, or from the technology's
-defaults.
-"""
+"""Table and noise model of a unit: given, from the store, or from the technology's defaults."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from alignment import coarse, gyrocompass
 from infield.reports.documents.thermal_use import use_document
@@ -22,28 +19,45 @@ from infield.thermal.stored_model import (
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TwinModel
-from ins.twin_file import default_twin, read_twin
+from ins.twin_file import default_twin
 from ins.verdicts import plain
+from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
+from recal.service.results.text import Document
+
+# of a gyro without a table, by technology
+UNKNOWN_BIAS_DEG_H = gyrocompass.UNKNOWN_BIAS_DEG_H
 
 
 @dataclass(frozen=True)
 class UnitInputs:
     """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the
-    unit, at `revision`.
+    unit, at `revision`, or its table is `given`.
     """
 
     table: ThermalTable
-    table_dict: dict[str, Any]
+    table_dict: Document
     twin: TwinModel
     known: bool
     revision: int = 0
+    given: bool = False
 
 
-def unit_inputs(run: Run, store: TableStore | None, twin_path: Path | None) -> UnitInputs:
-    """What is believed of the unit that made this run."""
+def given_unit(
+    run: Run, table: AnyTable | None, twin: AnyTwin | None, store: TableStore | str | None
+) -> UnitInputs:
+    """What is believed of the unit that made this run: the table given, else the store's."""
+    found = unit_inputs(run, opened(store), twin)
+    if table is None:
+        return found
+    record, data = table_of(table)
+    return replace(found, table=record, table_dict=data, known=True, given=True, revision=0)
+
+
+def unit_inputs(run: Run, store: TableStore | None, given_twin: AnyTwin | None) -> UnitInputs:
+    """What is believed of the unit that made this run, by the store."""
     header = run.header
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
-    twin = read_twin(twin_path) if twin_path else None
+    twin = None if given_twin is None else twin_of(given_twin)
     if store is not None:
         try:
             revision = store.active(*key)
@@ -91,7 +105,7 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
 
 def with_thermal_model(
     unit: UnitInputs, runs: list[Run], path: Path | None
-) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], dict[str, Any] | None]]:
+) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], Document | None]]:
     """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of
     it beside a table.
     """
@@ -110,6 +124,11 @@ def with_thermal_model(
         table = seeded_table(unit.table, stored)
         unit = replace(unit, table=table, table_dict=table_to_dict(table))
     return unit, runs, lambda table: plain(use_document(stored, removed, table))
+
+
+def opened(store: TableStore | str | None) -> TableStore | None:
+    """The store that was given, or opened to read; None where there is none."""
+    return open_store(store) if isinstance(store, str) else store
 
 
 def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> TableStore | None:

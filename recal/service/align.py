@@ -1,0 +1,147 @@
+"""`align`: attitude and heading with sigma from the parked part of a run."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from alignment.gyrocompass import align as align_log
+from alignment.reasons import AlignmentReason, AlignmentVerdict
+from infield.reports.documents.alignment import alignment_document
+from infield.session.log import compensated_imu
+from infield.session.parked.zero_rate import mean_zero_rate
+from infield.session.settings import SessionSettings
+from infield.thermometer.gyro_temperature import gyro_temperature
+from ins.records import Phase, Run
+from ins.verdicts import Reason, because, plain
+from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
+from recal.service.inputs.unit_inputs import UnitInputs, given_unit
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Aligned(Result):
+    """Attitude at the end of the parked time; angles in degrees, NaN where not found.
+
+    Parameters
+    ----------
+    phases : tuple of Phase
+        The phases given or found, in s from the run's start.
+    """
+
+    phases: tuple[Phase, ...] = ()
+
+    @property
+    def roll_deg(self) -> float:
+        return self._angle("roll_deg")
+
+    @property
+    def pitch_deg(self) -> float:
+        return self._angle("pitch_deg")
+
+    @property
+    def heading_deg(self) -> float:
+        """In [0, 360)."""
+        return self._angle("heading_deg")
+
+    @property
+    def sigma_heading_deg(self) -> float:
+        """One standard deviation."""
+        return self._angle("sigma_heading_deg")
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, angles with one sigma, phases."""
+        return summary(self.document)
+
+    def _angle(self, name: str) -> float:
+        value = self.document[name]
+        return float("nan") if value is None else float(value)
+
+
+def align(
+    run: AnyRun, table: AnyTable | None = None, twin: AnyTwin | None = None, *, store: Any = None
+) -> Aligned:
+    """Level, gyrocompass and find the phases of one run.
+
+    Parameters
+    ----------
+    run : Run or path
+        One power-on session.
+    table : ThermalTable or path, optional
+        Gyro bias [deg/h] against temperature; else the store's, else bias 0 with the sigma of the
+        technology.
+    twin : TwinModel or path, optional
+        Noise model; else the store's, else the defaults of the technology.
+    store : str or TableStore, optional
+        SQLAlchemy URL, or a store that is open.
+
+    Returns
+    -------
+    Aligned
+        Roll, pitch and heading [deg] with one sigma, phases, verdict `aligned`, `level_only` or
+        `refused`, with reasons.
+
+    Raises
+    ------
+    InputError
+        Where run, table or twin cannot be read, or are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("parked_only", seed=7, rate_hz=10)
+    >>> aligned = recal.align(simulated.run, simulated.table, simulated.twin)
+    >>> aligned.verdict, aligned.sigma_heading_deg < 0.2
+    ('aligned', True)
+    """
+    (read,) = runs_of(run)
+    unit = given_unit(read, table, twin, store)
+    sigma, temperature = None, None
+    if unit.known and read.temperature is not None:
+        temperature = gyro_temperature(read.temperature)
+        T = temperature.temperature_degC[0]
+        sigma = np.array([unit.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
+        sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
+    imu = compensated_imu(read, unit.table, temperature, unit.twin)
+    result = align_log(imu, read.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=read.phases)
+    if not unit.known:
+        result = replace(result, reasons=(*result.reasons, _no_table(unit, read)))
+    document = alignment_document(result, read)
+    if result.verdict is AlignmentVerdict.LEVEL_ONLY and read.header.gyro_technology == "mems":
+        document["zero_rate"] = plain(mean_zero_rate(read, unit.twin, SessionSettings()))
+    phases = tuple(
+        Phase(phase=p["phase"], start_s=p["start_s"], end_s=p["end_s"]) for p in document["phases"]
+    )
+    return Aligned(document, phases=phases)
+
+
+def _no_table(unit: UnitInputs, run: Run) -> Reason:
+    return because(
+        AlignmentReason.NO_TABLE,
+        imu_serial=run.header.imu_serial,
+        sigma_deg_h=float(np.max(unit.table.sigma_deg_h(0, np.zeros(1)))),
+    )
+
+
+def summary(document: Document) -> list[str]:
+    """The result in a few lines for people."""
+    lines = [f"{document['run_id']}: {document['verdict']}"]
+    word = "note:" if document["verdict"] == AlignmentVerdict.ALIGNED else "because"
+    lines += [f"  {word} {reason}" for reason in document["reasons"]]
+    for name in ("roll", "pitch", "heading"):
+        value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
+        if value is not None and value == value:
+            lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
+    if document.get("zero_rate"):
+        seen = document["zero_rate"]
+        lines += [
+            f"  gyro {axis} zero rate {found['bias_deg_h']:+.1f} +- {found['sigma_deg_h']:.1f}"
+            " deg/h, less vertical Earth"
+            f" rate{'' if seen['heading_known'] else ', heading unknown'} ({seen['start_s']:.0f} to"
+            f" {seen['end_s']:.0f} s)"
+            for axis, found in seen["gyro"].items()
+        ]
+    for phase in document["phases"]:
+        lines.append(f"  {phase['phase']:20s}{phase['start_s']:9.1f} to {phase['end_s']:9.1f} s")
+    return lines

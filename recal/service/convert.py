@@ -1,0 +1,153 @@
+"""`convert`: a flight log of a known format, or by a column map, to a run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from ins.json_file import read_toml
+from ins.records import ReferenceLog, Run
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+from trajectories.readers.conversion import Conversion, convert_log
+from trajectories.runs.directory import write_run
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Converted(Result):
+    """A run made from a log, and all that was dropped or repaired.
+
+    Parameters
+    ----------
+    conversion : Conversion
+        The run, the log's own solution as reference, the record of what was done.
+    """
+
+    conversion: Conversion
+
+    @property
+    def run(self) -> Run:
+        """The run."""
+        return self.conversion.run
+
+    @property
+    def reference(self) -> ReferenceLog | None:
+        """The log's own solution, None where it has none."""
+        return self.conversion.reference
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Notes, repairs, problems, and what the run holds."""
+        return report_lines(self.document)
+
+
+def convert(
+    log: AnyPath,
+    output: AnyPath | None = None,
+    *,
+    map_file: AnyPath | None = None,
+    gnss: AnyPath | None = None,
+    header: Mapping[str, str | float | None] | None = None,
+    options: Document | None = None,
+) -> Converted:
+    """Convert a flight log to a run.
+
+    Parameters
+    ----------
+    log : str or path
+        A flight log.
+    output : str or path, optional
+        The run directory to write; without it, nothing is written.
+    map_file : str or path, optional
+        TOML map of a table: columns, units, axes, rate.
+    gnss : str or path, optional
+        Fixes that are in a file of their own.
+    header : mapping, optional
+        What the log does not say: imu_serial, gyro_technology, lat_deg, lon_deg, height_m, tail,
+        start_utc, run_id.
+    options : mapping, optional
+        format, imu (its number), from_s and to_s (by the log's own clock).
+
+    Returns
+    -------
+    Converted
+        The run, notes on what was assumed, dropped and repaired.
+
+    Raises
+    ------
+    InputError
+        Where the log's format is not known or a value is missing, and which.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.convert("nothing.bin")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nothing.bin: no such file
+    """
+    chosen = {key: value for key, value in (options or {}).items() if value is not None}
+    keys: Document = {**(read_toml(Path(map_file)) if map_file else {}), **chosen}
+    if gnss is not None:
+        keys = with_gnss_file(keys, Path(gnss))
+    conversion = convert_log(Path(log), dict(keys), dict(header or {}))
+    if output is not None:
+        write_run(
+            Path(output),
+            conversion.run,
+            reference=conversion.reference,
+            conversion=conversion.record,
+        )
+    return Converted(summary(conversion, output), conversion=conversion)
+
+
+def with_gnss_file(options: Document, gnss: Path) -> Document:
+    """The map with the file of its [gnss] named; a key that is no table is left to the reader to
+    refuse.
+    """
+    keys = options.get("gnss", {})
+    return {
+        **options,
+        "gnss": {**keys, "file": str(gnss.absolute())} if isinstance(keys, dict) else keys,
+    }
+
+
+def summary(conversion: Conversion, output: AnyPath | None) -> Document:
+    """The result `recal.convert/1`."""
+    run, record = conversion.run, conversion.record
+    return {
+        "schema": "recal.convert/1",
+        "run": None if output is None else str(output),
+        "run_id": run.header.run_id,
+        "sha256": run.sha256,
+        "format": record.format,
+        "rows": run.imu.rows,
+        "rate_hz": run.imu.rate_hz,
+        "duration_s": run.imu.end_s,
+        "time_shift_s": record.time_shift_s,
+        "notes": list(record.notes),
+        "repaired": [
+            {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in run.faults
+        ],
+        "streams": (
+            [k for k in ("temperature", "gnss", "odometer") if getattr(run, k) is not None]
+            + (["reference"] if conversion.reference is not None else [])
+        ),
+        "problems": [{"level": f.level, "text": f.text} for f in conversion.findings],
+    }
+
+
+def report_lines(result: Document) -> list[str]:
+    """The result for people."""
+    lines = [f"note: {note}" for note in result["notes"]]
+    lines += [
+        f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}"
+        for s in result["repaired"]
+    ]
+    lines += [f"{p['level']}: {p['text']}" for p in result["problems"]]
+    beside = f" (with {', '.join(result['streams'])})" if result["streams"] else ""
+    lines.append(
+        f"{result['run'] or result['run_id']}: {result['rows']} rows, {result['rate_hz']:.4g} Hz,"
+        f" {result['duration_s']:.3f} s{beside}; log time {result['time_shift_s']:.6f} s is run"
+        " time 0"
+    )
+    return lines

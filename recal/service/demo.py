@@ -1,0 +1,111 @@
+"""`demo`: the main job on an embedded default."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from infield.store.table_store import TableStore
+from infield.table.thermal_table import ThermalTable
+from recal.service.results.files import output_directory, write_text
+from recal.service.results.result import Result
+from recal.service.update import Update, UpdateRequest, update_in_store
+from trajectories.runs.directory import write_run
+from trajectories.simulator.scenario import read_scenario, simulate_scenario
+from trajectories.simulator.unit_truth import UnitTruth
+
+SESSIONS = ("cold_parked_taxi", "ambient_parked_taxi", "hot_parked_taxi")
+STARTS_UTC = ("2026-03-01T05:00:00Z", "2026-04-12T06:30:00Z", "2026-06-20T11:00:00Z")
+HEADINGS_DEG = (0.0, 120.0, 250.0)
+SCORED_TEMPERATURES = 50
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Demonstrated(Result):
+    """An update of a simulated unit, and its error before and after.
+
+    Parameters
+    ----------
+    update : Update
+        The update over three sessions.
+    """
+
+    update: Update
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """The error against the simulated truth, and where the report is."""
+        error = self.document["table_error_deg_h"]
+        return [
+            (
+                f"level gyros against the simulated truth: {error['table_before']:.4f} ->"
+                f" {error['table_after']:.4f} deg/h RMS"
+            ),
+            f"report: {self.document['report']}",
+        ]
+
+
+def demo(
+    output: Path | None,
+    *,
+    seed: int,
+    rate_hz: float,
+    told: Callable[[str], None] = lambda line: None,
+) -> Demonstrated:
+    """Three simulated sessions (cold, ambient, hot start), one update over them, and the error
+    before and after.
+    """
+    directory = output_directory(output, "demo")
+    runs, unit = _simulate(directory, seed, rate_hz)
+    url = f"sqlite:///{directory / 'recal.db'}"
+    (directory / "recal.db").unlink(missing_ok=True)
+    with TableStore.open(url, create=True) as store:
+        store.import_table(unit.factory_table(), note="factory table of the demo unit")
+    result = update_in_store(UpdateRequest(runs=runs, store_url=url, commit=True, output=directory))
+    for line in result.lines():
+        told(line)
+    document = {
+        "schema": "recal.demo/1",
+        "seed": seed,
+        "runs": [str(r) for r in runs],
+        "store": url,
+        "verdict": result.verdict,
+        "report": str(directory / "update.html"),
+        "table_error_deg_h": {
+            "table_before": _error(unit, result.table_before, result),
+            "table_after": _error(unit, result.table, result),
+        },
+    }
+    shown = Demonstrated(document, page=result.page, update=result)
+    write_text(directory / "demo.json", shown.to_json())
+    return shown
+
+
+def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], UnitTruth]:
+    """One aged unit, three power-ons; returns the run directories and the true unit."""
+    units, runs = [], []
+    for k, (name, start_utc, heading_deg) in enumerate(zip(SESSIONS, STARTS_UTC, HEADINGS_DEG)):
+        plan = read_scenario(name)
+        plan = replace(
+            plan,
+            imu=replace(plan.imu, rate_hz=rate_hz),
+            unit=replace(plan.unit, ageing_seed=seed),
+            run=replace(plan.run, start_utc=start_utc),
+            attitude=replace(plan.attitude, heading_deg=heading_deg),
+        )
+        simulated, unit = simulate_scenario(plan, seed=seed + k)
+        units.append(unit)
+        path = directory / f"run-{k + 1}-{name}"
+        write_run(path, simulated.run, reference=simulated.reference)
+        runs.append(path)
+    return runs, units[-1]
+
+
+def _error(unit: UnitTruth, table: ThermalTable, result: Update) -> float:
+    """RMS error of a table against the true unit at the temperatures visited, level gyros
+    [deg/h].
+    """
+    visited = [point.temperature_degC for point in result.points]
+    T = np.linspace(min(visited), max(visited), SCORED_TEMPERATURES)
+    error = [table.bias_deg_h(axis, T) - unit.bias_deg_h(axis, T) for axis in ("x", "y")]
+    return float(np.sqrt(np.mean(np.concatenate(error) ** 2)))

@@ -1,0 +1,232 @@
+"""`diagnose`: where simulator and logs disagree, which effect causes it, how the gap shrinks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from infield.table.file import json_text
+from infield.table.thermal_table import ThermalTable
+from ins.records import InputError, Run, TwinModel
+from ins.twin_file import read_twin
+from ins.verdicts import plain
+from recal.service.inputs.twin_table import TwinTable, twin_table
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import result_text
+from simreal.evidence.overlap import overlapping
+from simreal.evidence.run_view import view_run
+from simreal.inference import diagnosis as core
+from simreal.inference.diagnosis import Diagnosis
+from simreal.inference.user_level import user_level
+from simreal.plan.record_next import record_next
+from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
+from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
+from simreal.report.diagnosis_page import diagnosis_html
+from simreal.report.diagnosis_records import DiagnosisRecord
+from simreal.twin.write_back import TABLE_NAME, twin_with_causes
+from trajectories.runs import directory
+from trajectories.runs.stream_files import HELD_ROWS
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that the logs show: its probability, and the share of the excess that goes with it
+    on data it was not fitted to.
+    """
+
+    effect: str
+    target: str
+    probability: float
+    shrink: float
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Diagnosed(Result):
+    """The gap between simulator and logs.
+
+    Parameters
+    ----------
+    record : DiagnosisRecord
+        The diagnosis, typed.
+    files : Mapping
+        Texts by file name: diagnosis.json, diagnosis.html, twin.json and its table.
+    """
+
+    record: DiagnosisRecord
+    files: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def gap_score(self) -> float:
+        """Mean squared normalised residual over what the twin predicts; 1.0 is no gap."""
+        return float(self.document["gap"]["score"])
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """The effects found, the most probable first."""
+        return tuple(
+            Cause(c["effect"], c["target"], c["probability"], c["shrink"]["fraction"])
+            for c in self.document["causes"]
+        )
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, where the gap lies, its causes."""
+        return summary(self.record)
+
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write all files to a directory (made if need be; else `recal-diagnose`); returns it."""
+        directory = output_directory(None if output is None else Path(output), "diagnose")
+        write_files({directory / name: text for name, text in self.files.items()})
+        return directory
+
+
+def diagnose(
+    runs: AnyPath | Sequence[AnyPath],
+    twin: AnyPath,
+    *,
+    hold_out: Sequence[str] = (),
+    alpha: float = 0.01,
+    seed: int = 0,
+    told: Callable[[str], None] = lambda words: None,
+) -> Diagnosed:
+    """Where simulator and logs disagree, which effect causes it, how far the gap shrinks with it.
+
+    Parameters
+    ----------
+    runs : path or several
+        Run directories of one unit.
+    twin : path
+        Twin file: what the simulator believes; its table lies beside it.
+    hold_out : sequence of str
+        Runs (id or directory) that only judge the shrink.
+    alpha : float
+        False alarms per diagnosis, 1e-4 to 0.5.
+    seed : int
+        Of the random generator.
+    told : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Diagnosed
+        Verdict `no_gap`, `explained`, `partly_explained`, `unexplained` or `refused`; where the
+        gap lies; causes with probability; `.write(folder)` also gives the twin with them.
+
+    Raises
+    ------
+    InputError
+        Where runs or twin cannot be read, or are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.diagnose("nowhere", "nowhere.json")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere.json: no such file
+    """
+    twin_path = Path(twin)
+    paths = [Path(runs)] if isinstance(runs, AnyPath) else [Path(run) for run in runs]
+    believed = read_twin(twin_path)
+    beside = twin_table(twin_path, believed)
+    told("reading the runs")
+    rows = HELD_ROWS // len(paths)
+    read = [
+        overlapping(directory.read_run(path, held_rows=rows, dead_columns=True)) for path in paths
+    ]
+    loaded = [run for run, _ in read]
+    notes = [note for _, left_out in read for note in left_out]
+    _distinct(paths, loaded)
+    held = [_run_id(name, paths, loaded) for name in hold_out]
+    told("comparing with the twin")
+    asked = Asked(
+        version=program_version(),
+        seed=seed,
+        table_sha256=beside.sha256,
+        hold_out=tuple(held),
+        notes=tuple(notes),
+    )
+    try:
+        settings = core.DiagnosisSettings(alpha=alpha, seed=seed, hold_out=held)
+        found = core.diagnose(loaded, believed, beside.table, settings, table_sha256=beside.sha256)
+    except InputError:
+        reasons = _unfit(loaded, believed, beside.table, beside.sha256)
+        if reasons is None:
+            raise
+        record = refused_document(
+            reasons, loaded, believed, version=program_version(), alpha=alpha, seed=seed
+        )
+        return _made(record, diagnosis_html(record), {})
+    told("writing the report")
+    return _results(found, loaded, beside, asked)
+
+
+def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked) -> Diagnosed:
+    """The diagnosis, and all files by name."""
+    users = [
+        user_level(v, fitted_trace(found, k), beside.table, found.twin, known=known_trace(found, k))
+        for k, v in enumerate(found.views)
+    ]
+    record = diagnosis_document(
+        found,
+        runs,
+        asked,
+        users=[u for u in users if u is not None],
+        record_next=record_next(found, beside.table),
+    )
+    with_table = beside.data is not None
+    names = [v.name for v in found.views]
+    twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)
+    files = {"twin.json": result_text(twin)}
+    if beside.data is not None:
+        files[TABLE_NAME] = json_text(dict(beside.data)) + "\n"
+    return _made(record, diagnosis_html(record, overlays(found)), files)
+
+
+def _made(record: DiagnosisRecord, page: str, files: dict[str, str]) -> Diagnosed:
+    document = plain(record)
+    own = {"diagnosis.json": result_text(document), "diagnosis.html": page}
+    return Diagnosed(document, page=lambda: page, record=record, files=own | files)
+
+
+def _distinct(paths: list[Path], runs: list[Run]) -> None:
+    """InputError where two runs go by one id: events and held-out runs are told by it."""
+    seen: dict[str, Path] = {}
+    for path, run in zip(paths, runs):
+        if run.header.run_id in seen:
+            raise InputError(
+                f"{path}: run_id {run.header.run_id} is that of {seen[run.header.run_id]} too,"
+                " needed one each"
+            )
+        seen[run.header.run_id] = path
+
+
+def _run_id(name: str, paths: list[Path], runs: list[Run]) -> str:
+    """The id of a run to hold out, given by id or directory."""
+    for path, run in zip(paths, runs):
+        if name == run.header.run_id or Path(name).resolve() == path.resolve():
+            return str(run.header.run_id)
+    raise InputError(
+        f"--hold-out {name}: not among the runs {', '.join(r.header.run_id for r in runs)}"
+    )
+
+
+def _unfit(
+    runs: list[Run], twin: TwinModel, table: ThermalTable | None, sha256: str
+) -> list[tuple[str, str]] | None:
+    """Why no run can be looked at, by run id; None where one can, or is of another unit: then the
+    input is bad.
+    """
+    reasons = []
+    for k, run in enumerate(runs):
+        header = run.header
+        if (twin.imu_serial or header.imu_serial, twin.gyro_technology) != (
+            header.imu_serial,
+            header.gyro_technology,
+        ):
+            return None
+        view = view_run(run, k, table, twin, table_sha256=sha256)
+        if not isinstance(view, str):
+            return None
+        reasons.append((header.run_id, view))
+    return reasons

@@ -1,0 +1,140 @@
+"""Runs, tables and twins as records: given, or read from the path that is given."""
+
+from collections.abc import Sequence
+from os import PathLike
+from pathlib import Path
+
+from infield.table.file import read_table_dict, table_from_dict, table_to_dict
+from infield.table.thermal_table import ThermalTable
+from ins.records import InputError, Run, TwinModel
+from ins.twin_file import read_twin as read_twin_file
+from recal.service.results.paths import AnyPath
+from recal.service.results.text import Document
+from trajectories.runs import directory
+from trajectories.runs.stream_files import HELD_ROWS
+
+AnyRun = Run | AnyPath
+AnyTable = ThermalTable | Document | AnyPath
+AnyTwin = TwinModel | AnyPath
+
+
+def read_run(path: AnyPath) -> Run:
+    """One power-on session from its directory, without its truth.
+
+    Parameters
+    ----------
+    path : str or path
+        A run directory (run.json and its streams).
+
+    Returns
+    -------
+    Run
+        Header, IMU increments [rad, m/s], temperatures [degC], aiding, phases; times in s from the
+        run's start. `Run.faults` lists what was repaired or dropped.
+
+    Raises
+    ------
+    InputError
+        Names file, row or key, what was got and what was needed.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.read_run("nowhere")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere: no such run directory
+    """
+    return directory.read_run(Path(path))
+
+
+def read_table(path: AnyPath) -> ThermalTable:
+    """A thermal bias table from its JSON file.
+
+    Parameters
+    ----------
+    path : str or path
+        A file of schema `recal.table/1`.
+
+    Returns
+    -------
+    ThermalTable
+        Gyro bias [deg/h] against temperature [degC] per axis, what the gyro reads above the truth,
+        with its covariance.
+
+    Raises
+    ------
+    InputError
+        Names the file and the key.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.read_table("nowhere.json")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere.json: no such file
+    """
+    return table_from_dict(read_table_dict(Path(path)), name=str(path))
+
+
+def read_twin(path: AnyPath) -> TwinModel:
+    """A twin: the noise model of one installation, from its JSON file.
+
+    Parameters
+    ----------
+    path : str or path
+        A file of schema `recal.twin/1`.
+
+    Returns
+    -------
+    TwinModel
+        Noise terms in the units of their names (deg/sqrt(h), deg/h, micro-g ...).
+
+    Raises
+    ------
+    InputError
+        Names the file and the key.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.read_twin("nowhere.json")
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere.json: no such file
+    """
+    return read_twin_file(Path(path))
+
+
+def runs_of(runs: AnyRun | Sequence[AnyRun]) -> list[Run]:
+    """One run or several, each a record or a path, as records; long ones stay in their files."""
+    given = [runs] if isinstance(runs, Run | str | PathLike) else list(runs)
+    if not given:
+        raise InputError("runs: none was given, needed at least one")
+    rows = HELD_ROWS // len(given)
+    return [
+        run if isinstance(run, Run) else directory.read_run(Path(run), held_rows=rows)
+        for run in given
+    ]
+
+
+def read_one(run: AnyRun) -> Run:
+    """A run, a record or a path, as record."""
+    return run if isinstance(run, Run) else read_run(run)
+
+
+def table_of(table: AnyTable) -> tuple[ThermalTable, Document]:
+    """A table as record and as its JSON holds it, whose hash is the table's."""
+    if isinstance(table, ThermalTable):
+        return table, table_to_dict(table)
+    if isinstance(table, str | PathLike):
+        data = read_table_dict(Path(table))
+        return table_from_dict(data, name=str(table)), data
+    data = dict(table)
+    return table_from_dict(data, name="table"), data
+
+
+def twin_of(twin: AnyTwin) -> TwinModel:
+    """A twin as record."""
+    return twin if isinstance(twin, TwinModel) else read_twin(twin)

@@ -1,0 +1,161 @@
+"""`plan`: which recordings would separate rival effects, and how large an effect must be to be
+seen.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from infield.table.file import read_table_dict, table_from_dict, table_sha256
+from ins.records import InputError, Run, Site, TwinModel
+from ins.twin_file import default_twin, read_twin, table_path
+from ins.units import DEG
+from ins.verdicts import plain
+from recal.service.inputs.records import AnyRun, runs_of
+from recal.service.inputs.twin_table import TwinTable
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from simreal.evidence.run_view import RunView, view_run
+from simreal.plan.pairs import CLASSICAL, read_pair
+from simreal.plan.study import PlanSettings, study
+from simreal.report.plan_document import plan_document, summary
+from simreal.report.plan_page import plan_html
+from simreal.report.plan_records import PlanRecord
+
+DEFAULT_LAT_DEG = 45.0
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Planned(Result):
+    """Recordings that would separate rival effects.
+
+    Parameters
+    ----------
+    record : PlanRecord
+        The plan, typed.
+    """
+
+    record: PlanRecord
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Pair by pair what to record, and what would be seen."""
+        return summary(self.record)
+
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write plan.json and plan.html to a directory (else `recal-plan`); returns it."""
+        assert self.page is not None
+        directory = output_directory(None if output is None else Path(output), "plan")
+        write_files({directory / "plan.json": self.to_json(), directory / "plan.html": self.page()})
+        return directory
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlanRequest:
+    """What is to be separated, and what there is to do it with.
+
+    separate: pairs of effects "A,B", A@gyro_y sets the channel; without: of gnss, odometer, taxi,
+    gradient; technology: of the default twin; lat_deg: that of the runs, else 45; most: new
+    recordings at most.
+    """
+
+    twin: AnyPath | None = None
+    technology: str = "rlg"
+    separate: Sequence[str] = ()
+    without: Sequence[str] = ()
+    lat_deg: float | None = None
+    most: int = 6
+    seed: int = 0
+
+
+def plan(
+    runs: AnyRun | Sequence[AnyRun] = (),
+    request: PlanRequest | None = None,
+    *,
+    told: Callable[[str], None] = lambda words: None,
+) -> Planned:
+    """Which recordings would separate rival effects, and from which size each effect is seen.
+
+    Parameters
+    ----------
+    runs : Run or path, or several
+        Recordings at hand; none: plan from nothing.
+    request : PlanRequest, optional
+        What is to be separated, and what there is to do it with.
+    told : callable
+        Told what is being done.
+
+    Returns
+    -------
+    Planned
+        For each pair the recordings that separate it, and the smallest size seen.
+
+    Raises
+    ------
+    InputError
+        Where a pair names no effect, or twin and runs are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.plan(request=recal.PlanRequest(separate=["nothing,gyro_thermal_linear"]))
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: ...
+    """
+    wanted = request or PlanRequest()
+    pairs = [read_pair(text) for text in wanted.separate or CLASSICAL]
+    read = runs_of(runs) if isinstance(runs, Run | AnyPath) or runs else []
+    twin, beside = _unit(wanted, read)
+    lat_deg = wanted.lat_deg
+    if lat_deg is None:
+        lat_deg = read[0].header.site.lat_rad / DEG if read else DEFAULT_LAT_DEG
+    height_m = read[0].header.site.height_m if read else 0.0
+    found = study(
+        pairs,
+        twin,
+        beside.table,
+        Site(lat_rad=lat_deg * DEG, lon_rad=0.0, height_m=height_m),
+        PlanSettings(seed=wanted.seed, without=tuple(wanted.without), most=wanted.most),
+        given=_views(read, twin, beside),
+        progress=told,
+    )
+    record = plan_document(
+        found, lat_deg=lat_deg, without=wanted.without, version=program_version()
+    )
+    return Planned(plain(record), page=lambda: plan_html(record), record=record)
+
+
+def _unit(request: PlanRequest, runs: list[Run]) -> tuple[TwinModel, TwinTable]:
+    """The twin with its table, read beside the twin file."""
+    if request.twin is None:
+        technology = runs[0].header.gyro_technology if runs else request.technology
+        return default_twin(technology), TwinTable()
+    twin_path = Path(request.twin)
+    twin = read_twin(twin_path)
+    for run in runs:
+        if (twin.imu_serial or run.header.imu_serial) != run.header.imu_serial:
+            raise InputError(
+                f"twin {twin_path}: imu_serial {twin.imu_serial}, run {run.header.run_id} is of"
+                f" {run.header.imu_serial}"
+            )
+        if twin.gyro_technology != run.header.gyro_technology:
+            raise InputError(
+                f"twin {twin_path}: gyro_technology {twin.gyro_technology}, run {run.header.run_id}"
+                f" is of {run.header.gyro_technology}"
+            )
+    path = table_path(twin, twin_path.parent)
+    if path is None:
+        return twin, TwinTable()
+    data = read_table_dict(path)
+    return twin, TwinTable(data, table_from_dict(data, name=str(path)), table_sha256(data))
+
+
+def _views(runs: list[Run], twin: TwinModel, beside: TwinTable) -> list[RunView]:
+    views = []
+    for k, run in enumerate(runs):
+        view = view_run(run, k, beside.table, twin, table_sha256=beside.sha256)
+        if isinstance(view, str):
+            raise InputError(f"run {run.header.run_id}: {view}")
+        views.append(view)
+    return views

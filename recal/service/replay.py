@@ -1,0 +1,291 @@
+"""`replay`: navigate a log with the stored table and with the one before it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from infield.replay.free_inertial import ReplayResult, TableChoice
+from infield.replay.free_inertial import replay as replay_run
+from infield.reports.documents.aided import aided_columns
+from infield.reports.documents.replay import replay_document
+from infield.reports.replay_page import render
+from infield.reports.track_kml import track_kml
+from infield.store.table_store import TableStore
+from ins.attitude import euler_from_dcm
+from ins.records import Run
+from ins.units import DEG
+from ins.verdicts import plain
+from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
+from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+from trajectories.runs.directory import read_reference
+from trajectories.runs.stream_files import write_columns
+
+NAVIGATION = ("roll_deg", "pitch_deg", "heading_deg")
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Replayed(Result):
+    """A log flown again, with each table.
+
+    Parameters
+    ----------
+    flown : ReplayResult
+        The solutions.
+    """
+
+    flown: ReplayResult
+
+    @property
+    def drift_nm_h(self) -> dict[str, float]:
+        """Parked drift of the free-inertial solution [NM/h], by the table's role."""
+        tables = [t for t in self.document["tables"] if t["parked"] is not None]
+        return {t["role"]: float(t["parked"]["rate_nm_h"]) for t in tables}
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, drift with each table, the aided solution."""
+        return summary(self.document)
+
+    def write(self, output: AnyPath | None = None, *, kml: bool = False, csv: bool = False) -> Path:
+        """Write replay.json, replay.html, navigation.parquet and navigation_aided.parquet.
+
+        Parameters
+        ----------
+        output : str or path, optional
+            A directory, made if need be; else `recal-replay`.
+        kml : bool
+            Also track.kml, for a globe.
+        csv : bool
+            Also the navigation files as CSV.
+
+        Returns
+        -------
+        Path
+            The directory.
+        """
+        assert self.page is not None
+        directory = output_directory(None if output is None else Path(output), "replay")
+        texts = {directory / "replay.json": self.to_json(), directory / "replay.html": self.page()}
+        write_files(texts | ({directory / "track.kml": track_kml(self.flown)} if kml else {}))
+        for ending in (".parquet", ".csv") if csv else (".parquet",):
+            _write_navigation(directory / f"navigation{ending}", self.flown)
+            _write_aided(directory / f"navigation_aided{ending}", self.flown)
+        return directory
+
+
+def replay(
+    run: AnyRun,
+    table: AnyTable | None = None,
+    twin: AnyTwin | None = None,
+    *,
+    store: TableStore | str | None = None,
+    thermal_model: AnyPath | None = None,
+    aided: bool = True,
+) -> Replayed:
+    """Navigate a run again, free-inertial and with its GNSS.
+
+    Parameters
+    ----------
+    run : Run or path
+        One power-on session; only a directory has a reference to score with.
+    table : ThermalTable or path, optional
+        The table to fly with; else the store's active and previous one, else bias 0.
+    twin : TwinModel or path, optional
+        Noise model; else the store's, else the defaults of the technology.
+    store : str or TableStore, optional
+        SQLAlchemy URL, or a store that is open.
+    thermal_model : path, optional
+        A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
+    aided : bool
+        Also navigate with the run's GNSS, where it has one.
+
+    Returns
+    -------
+    Replayed
+        Drift [NM/h] with each table, the aided solution; `.write(folder)` writes all files.
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read, or the inputs are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("parked_only", seed=7, rate_hz=10)
+    >>> flown = recal.replay(simulated.run, simulated.table, simulated.twin)
+    >>> flown.verdict, list(flown.drift_nm_h)
+    ('replayed', ['active'])
+    """
+    reference = None if isinstance(run, Run) else read_reference(Path(run))
+    (read,) = runs_of(run)
+    database = opened(store)
+    model = None if thermal_model is None else Path(thermal_model)
+    unit, (read,), use = with_thermal_model(given_unit(read, table, twin, database), [read], model)
+    tables, notes = _choices(read, unit, database)
+    result = replay_run(
+        read,
+        tables,
+        unit.twin,
+        reference=reference,
+        aided=aided,
+        applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
+    )
+    said = use(tables[0].table) if tables[0].table is not None else None
+    found = replay_document(
+        result,
+        unit.twin,
+        store=database.name if database else None,
+        version=program_version(),
+        notes=(*notes, *(said["text"] if said else ())),
+        thermal_model=None if said is None else dict(said),
+        reference=reference,
+    )
+    return Replayed(plain(found), page=lambda: render(found), flown=result)
+
+
+def _choices(
+    run: Run, unit: UnitInputs, database: TableStore | None
+) -> tuple[list[TableChoice], tuple[str, ...]]:
+    """The tables to fly with, active first, and what there is to say of them."""
+    if unit.given:
+        return [TableChoice(role="active", table=unit.table, origin="the table given")], ()
+    header = run.header
+    if database is None or not unit.known:
+        why = (
+            "no store there"
+            if database is None
+            else f"the store does not know unit {header.imu_serial}"
+        )
+        seeded = "thermal_model_sha256" in unit.table.provenance  # unit_inputs.with_thermal_model
+        origin = (
+            "settled part of the thermal model"
+            if seeded
+            else f"default of a {header.gyro_technology} unit (bias 0)"
+        )
+        return [TableChoice(role="active", table=unit.table, origin=origin)], (
+            f"{why}: its table is the {origin}",
+        )
+    key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
+    found = [("active", database.active(*key)), ("previous", database.previous(*key))]
+    tables = [
+        TableChoice(
+            role=role,
+            table=r.table,
+            origin=f"revision {r.number} ({r.kind})",
+            sha256=r.sha256,
+            revision=r.number,
+        )
+        for role, r in found
+        if r is not None
+    ]
+    only = f"the store holds one revision of unit {header.imu_serial}: nothing to compare it with"
+    return tables, () if len(tables) == 2 else (only,)
+
+
+def _write_navigation(path: Path, result: ReplayResult) -> None:
+    """The solutions at 1 Hz, one below the other; a file of an earlier replay goes where nothing
+    was flown.
+    """
+    flown = [t for t in result.tables if t.history is not None]
+    if not flown:
+        path.unlink(missing_ok=True)
+        return
+    parts = []
+    for t in flown:
+        h = t.history
+        assert h is not None
+        attitude = dict(zip(NAVIGATION, (angle / DEG for angle in euler_from_dcm(h.C_nb))))
+        velocity = dict(zip(("vn_m_s", "ve_m_s", "vd_m_s"), h.v_n_m_s.T))
+        parts.append(
+            {
+                "time_s": h.time_s,
+                "lat_deg": h.lat_rad / DEG,
+                "lon_deg": h.lon_rad / DEG,
+                "height_m": h.height_m,
+                **velocity,
+                **attitude,
+                "table": np.full(h.time_s.size, t.choice.role),
+            }
+        )
+    write_columns(path, {name: np.concatenate([part[name] for part in parts]) for name in parts[0]})
+
+
+def _write_aided(path: Path, result: ReplayResult) -> None:
+    """The aided solution with its sigmas at 1 Hz; an earlier file goes where there is none."""
+    if result.aided is None or result.aided.history is None:
+        path.unlink(missing_ok=True)
+        return
+    write_columns(path, aided_columns(result.aided))
+
+
+def summary(document: Document) -> list[str]:
+    """The result in a few lines for people."""
+    lines = [f"{document['run_id']}: {document['verdict']}"]
+    lines += [f"  because {reason}" for reason in document["reasons"]]
+    lines += [f"  {note}" for note in document["notes"]]
+    for t in document["tables"]:
+        drift, predicted = t["parked"], t["predicted"]
+        line = f"  {t['role']:9s}{t['origin']}: "
+        if drift is None:
+            lines.append(line + f"alignment {t['alignment']['verdict']}, no parked drift")
+            continue
+        expected = f" (predicted 1 sigma {predicted['sigma_nm_h']:.3f})" if predicted else ""
+        lines.append(
+            line + f"{drift['rate_nm_h']:.3f} NM/h{expected}, RMS rate {drift['rms_rate_nm_h']:.3f}"
+            " NM/h, "
+            f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{_realign(t)}"
+        )
+        if (schuler := t["schuler"]) and not schuler["reason"]:
+            lines.append(
+                f"           Schuler period {schuler['period_min']:.1f} +-"
+                f" {schuler['sigma_period_min']:.1f} min"
+            )
+    difference = document["difference"]
+    if difference and difference["rate_nm_h"]:
+        rate = difference["rate_nm_h"]
+        lines.append(
+            f"  previous to active: {rate['previous']:.3f} -> {rate['active']:.3f} NM/h, "
+            f"heading {difference['heading_mrad']:+.2f} mrad"
+        )
+    return lines + _aided_lines(document["aided"])
+
+
+def _realign(table: Document) -> str:
+    if not table["realign"]:
+        return ""
+    return ", REALIGN" + (
+        " by a stop that the IMU alone sees" if table["realign_at"] == ["imu"] else ""
+    )
+
+
+def _aided_lines(aided: Document | None) -> list[str]:
+    """The aided solution in a few lines."""
+    if aided is None:
+        return []
+    head = [
+        f"  aided: {aided['verdict']}",
+        *(f"    because {reason}" for reason in aided["reasons"]),
+    ]
+    head += [f"    {note}" for note in aided["notes"]]
+    if "end" not in aided:
+        return head
+    start, end, nis, fixes = aided["start"], aided["end"], aided["consistency"], aided["fixes"]
+    level = max(end["sigma_north_m"], end["sigma_east_m"])
+    return head + [
+        (
+            f"    from {start['time_s']:.1f} s by {start['method']}; {fixes['used_position']} fixes"
+            f" used, {fixes['rejected_position']} positions and {fixes['rejected_velocity']}"
+            " velocities rejected"
+        ),
+        (
+            f"    NIS position {nis['position']['nis_mean']:.2f}, velocity"
+            f" {nis['velocity']['nis_mean']:.2f}; at the end 1 sigma {level:.3g} m level, roll"
+            f" {end['sigma_roll_deg']:.3g}, pitch {end['sigma_pitch_deg']:.3g}, heading"
+            f" {end['sigma_heading_deg']:.3g} deg"
+        ),
+    ]

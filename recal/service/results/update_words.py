@@ -1,0 +1,124 @@
+"""What an update document says: per axis, bias points, and the lines for people."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
+
+from infield.reports.documents.parked import effect_words, stretch_words
+from infield.session.hysteresis import ACTED_ON
+from infield.session.reasons import ThermalAction
+from recal.service.results.text import Document
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+# what is said of heating and cooling without -v
+SHOWN = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
+
+
+@dataclass(frozen=True)
+class AxisChange:
+    """What the session adds to one gyro: sigma of its mean bias before and after [deg/h].
+
+    verdict: `observed`, `weak` or `not_observable`; advice: what would show more.
+    """
+
+    sigma_before_deg_h: float
+    sigma_after_deg_h: float
+    verdict: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class BiasPoint:
+    """A gyro's total bias at a temperature, comparable with the table; `time_s` is its centre."""
+
+    axis: str
+    time_s: float
+    temperature_degC: float
+    bias_deg_h: float
+    sigma_deg_h: float
+    duration_s: float
+    run_id: str
+
+
+@dataclass(frozen=True)
+class Points:
+    """Bias points of all runs."""
+
+    rows: tuple[BiasPoint, ...]
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __iter__(self) -> Iterator[BiasPoint]:
+        return iter(self.rows)
+
+    def of(self, axis: str) -> tuple[BiasPoint, ...]:
+        """Those of one gyro, "x", "y" or "z"."""
+        return tuple(point for point in self.rows if point.axis == axis)
+
+    def to_frame(self) -> "DataFrame":
+        """The points as a pandas DataFrame, a row each, units in the column names."""
+        from pandas import DataFrame
+
+        columns = [f.name for f in fields(BiasPoint)]
+        return DataFrame([vars(point) for point in self.rows], columns=columns)
+
+    def __repr__(self) -> str:
+        return f"{len(self.rows)} bias points; .to_frame() shows them"
+
+
+def axes_of(document: Document) -> dict[str, AxisChange]:
+    """Per gyro what the document says of it."""
+    names = [f.name for f in fields(AxisChange)]
+    found = document["observability"].items()
+    return {axis: AxisChange(**{name: seen[name] for name in names}) for axis, seen in found}
+
+
+def points_of(document: Document) -> Points:
+    """The bias points of the document."""
+    names = [f.name for f in fields(BiasPoint)]
+    return Points(
+        tuple(BiasPoint(**{name: row[name] for name in names}) for row in document["points"])
+    )
+
+
+def summary(document: Document, *, verbose: bool = False) -> list[str]:
+    """The result in a few lines for people."""
+    kept = (
+        f", kept for review as proposal {document['proposal']}" if document.get("proposal") else ""
+    )
+    lines = [f"{document['imu_serial']}: {document['verdict']}{kept}"]
+    lines += [f"  because {reason}" for reason in document["reasons"]]
+    if conflicts := len(document.get("conflicts", ())):
+        lines.append(f"  estimated {conflicts + 1} times, as other writers were faster")
+    lines += [f"  {document['remembered']}"] if document.get("remembered") else []
+    lines += [
+        f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in SHOWN
+    ]
+    lines += [f"  {line}" for line in document.get("thermal_model", {}).get("text", [])]
+    for axis, seen in document["observability"].items():
+        lines.append(
+            f"  gyro {axis}: sigma {seen['sigma_before_deg_h']:.4f} ->"
+            f" {seen['sigma_after_deg_h']:.4f} deg/h, {seen['verdict']}"
+            + (f"; {seen['advice']}" if seen["advice"] and verbose else "")
+        )
+    heading = document["heading_error"]
+    if heading["value_mrad"] is not None:
+        lines.append(
+            f"  heading error of the alignment {heading['value_mrad']:+.2f} +-"
+            f" {heading['sigma_mrad']:.2f} mrad, from {heading['source']}"
+        )
+    if document.get("zero_rate_effect"):
+        lines.append(f"  {effect_words(document['zero_rate_effect'])}")
+    for session in document["sessions"]:
+        if session.get("zero_rate"):
+            lines += [
+                f"  {session['run_id']} {line}" for line in stretch_words(session["zero_rate"])
+            ]
+    effect = document["predicted_effect"]
+    if effect:
+        change, drift = effect["level_change_deg_h"], effect["drift_removed_nm_h"]
+        lines.append(f"  level gyros change by {change:.4f} deg/h, about {drift:.2f} NM/h")
+    return lines

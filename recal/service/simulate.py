@@ -1,0 +1,218 @@
+"""`simulate`: a power-on session from a scenario and a twin, with its truth."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from infield.table.file import json_text, table_from_dict
+from infield.table.thermal_table import ThermalTable
+from ins.records import ReferenceLog, Run, TwinModel
+from recal.service.inputs.records import AnyTable, table_of
+from recal.service.results.files import write_text
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+from simreal.declared.declared_noise import without_excess
+from simreal.declared.twin_effects import parse_effects
+from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
+from trajectories.runs.directory import write_run
+from trajectories.simulator.scenario import (
+    Scenario,
+    read_scenario,
+    scenario_truth,
+    simulate_scenario,
+)
+from trajectories.simulator.session import SimulatedRun
+from trajectories.simulator.truth_file import departure
+from trajectories.simulator.unit_truth import UnitTruth
+
+EFFECTS_STREAM = 1  # of the seed: what effects draw
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Simulation(Result):
+    """A simulated session and what only a simulator knows.
+
+    Parameters
+    ----------
+    simulated : SimulatedRun
+        The run, its reference, the true biases.
+    unit : UnitTruth
+        The aged unit.
+    table_dict : Mapping
+        Its factory table, as JSON holds it.
+    twin : TwinModel
+        The noise that was simulated.
+    """
+
+    simulated: SimulatedRun
+    unit: UnitTruth
+    table_dict: Document
+    twin: TwinModel
+
+    @property
+    def run(self) -> Run:
+        """What the recorder of the unit would hold."""
+        return self.simulated.run
+
+    @property
+    def reference(self) -> ReferenceLog | None:
+        """The true motion."""
+        return self.simulated.reference
+
+    @property
+    def table(self) -> ThermalTable:
+        """The factory table of the unit."""
+        return table_from_dict(dict(self.table_dict), name="table")
+
+    def write(
+        self, path: AnyPath, *, table: AnyPath | None = None, truth: AnyPath | None = None
+    ) -> "Simulation":
+        """Write the run with its reference as a run directory.
+
+        Parameters
+        ----------
+        path : str or path
+            The run directory, made anew.
+        table : str or path, optional
+            Where to put the factory table (JSON).
+        truth : str or path, optional
+            Where to put the true biases [deg/h, micro-g] and temperatures [degC] at 1 Hz (CSV).
+
+        Returns
+        -------
+        Simulation
+            The same, its document naming the run directory.
+        """
+        write_run(Path(path), self.run, reference=self.reference)
+        if table is not None:
+            write_text(Path(table), json_text(dict(self.table_dict)))
+        if truth is not None:
+            write_text(Path(truth), truth_csv(self.simulated))
+        return replace(self, document={**self.document, "run": str(path)})
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """How long it is, and how far it departs from a given truth."""
+        d = self.document
+        lines = [
+            f"{d['run'] or d['run_id']}: {d['duration_s']:.0f} s at {d['rate_hz']:g} Hz, seed"
+            f" {d['seed']}"
+        ]
+        if d["truth"] is not None:
+            off = "{position_m:.2g} m, {velocity_m_s:.2g} m/s, {attitude_deg:.2g} deg".format(
+                **d["truth"]
+            )
+            lines.append(f"  follows {d['truth']['file']} within {off}")
+        return lines
+
+
+def simulate(
+    scenario: AnyPath = "cold_parked_taxi",
+    *,
+    seed: int | None = None,
+    twin: AnyPath | None = None,
+    table: AnyTable | None = None,
+    rate_hz: float | None = None,
+) -> Simulation:
+    """Simulate one power-on session of an aged unit.
+
+    Parameters
+    ----------
+    scenario : str or path
+        The name of a packaged scenario, or a scenario file (TOML).
+    seed : int, optional
+        Of the random generator; else the scenario's.
+    twin : path, optional
+        Twin file, instead of the scenario's.
+    table : ThermalTable or path, optional
+        Factory table of the unit, instead of the scenario's or a drawn one.
+    rate_hz : float, optional
+        IMU rate [Hz], instead of the scenario's.
+
+    Returns
+    -------
+    Simulation
+        `.run`, `.reference` (the truth), `.table` (the factory table), `.twin`; `.write(path)`
+        writes a run directory.
+
+    Raises
+    ------
+    InputError
+        Names the scenario's file and key.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("parked_only", seed=7, rate_hz=10)
+    >>> simulated.run.header.imu_serial, simulated.run.imu.rows
+    ('SN-0042', 42000)
+    """
+    source = scenario if isinstance(scenario, str) else Path(scenario)
+    plan = read_scenario(source, twin_path=None if twin is None else Path(twin))
+    if rate_hz is not None:
+        plan = replace(plan, imu=replace(plan.imu, rate_hz=rate_hz))
+    given = table if table is not None else plan.table_path
+    factory = None if given is None else dict(table_of(given)[1])
+    simulated, unit = _session(plan, seed, factory)
+    header, imu = simulated.run.header, simulated.run.imu
+    document = {
+        "schema": "recal.simulate/1",
+        "run": None,
+        "run_id": header.run_id,
+        "imu_serial": header.imu_serial,
+        "seed": plan.seed if seed is None else seed,
+        "duration_s": imu.end_s,
+        "rate_hz": imu.rate_hz,
+        "twin": plan.twin.source,
+        "table": str(given) if isinstance(given, str | Path) else None,
+        "phases": [vars(phase) for phase in simulated.run.phases],
+        "truth": _truth(plan),
+    }
+    return Simulation(
+        document,
+        simulated=simulated,
+        unit=unit,
+        table_dict=factory or unit.factory_table(),
+        twin=plan.twin,
+    )
+
+
+def _truth(plan: Scenario) -> Document | None:
+    """The truth file and how far the run departs from its rows; None where the scenario has
+    none.
+    """
+    if plan.profile is None:
+        return None
+    return {"file": plan.profile.source, **vars(departure(scenario_truth(plan), plan.profile))}
+
+
+def _session(
+    plan: Scenario, seed: int | None, factory: dict | None
+) -> tuple[SimulatedRun, UnitTruth]:
+    """The session of a scenario, with the effects that its twin lists.
+
+    They are drawn from a stream of their own: the rest of the run is the same with and without
+    them.
+    """
+    if not plan.twin.effects:
+        return simulate_scenario(plan, seed=seed, table=factory)
+    seed = plan.seed if seed is None else seed
+    run_id = plan.run.run_id or f"{plan.name}-{seed}"
+    twin, effects = without_excess(plan.twin, parse_effects(plan.twin), run_id)
+    simulated, unit = simulate_scenario(replace(plan, twin=twin), seed=seed, table=factory)
+    table = table_from_dict(factory or unit.factory_table(), name="table")
+    telemetry = telemetry_of_simulated(simulated, plan.thermal, table)
+    rng = np.random.default_rng([seed, EFFECTS_STREAM])
+    return inject_simulated(simulated, telemetry, effects, rng, vehicle=twin.vehicle), unit
+
+
+def truth_csv(simulated: SimulatedRun) -> str:
+    """The true total biases and gyro temperatures at 1 Hz."""
+    columns = {"time_s": simulated.bias_time_s}
+    for k, axis in enumerate("xyz"):
+        columns[f"gyro_{axis}_bias_deg_h"] = simulated.gyro_bias_true_deg_h[:, k]
+        columns[f"accel_{axis}_bias_ug"] = simulated.accel_bias_true_ug[:, k]
+        columns[f"gyro_{axis}_degC"] = simulated.temperature_true_degC[:, k]
+    rows = [",".join(map(repr, row)) for row in np.stack(list(columns.values()), axis=-1).tolist()]
+    return "\n".join([",".join(columns), *rows]) + "\n"

@@ -1,0 +1,142 @@
+"""The table store of the front door: everything of `TableStore`, and `commit` of a result.
+
+Fleet and web take the store's records and errors from here.
+"""
+
+import os
+from datetime import datetime
+
+from infield.session.disagreement import SessionEvidence, utc
+from infield.store.database import parsed_url, require_folder, store_name
+from infield.store.errors import (
+    WORTH_ANOTHER_TRY,
+    StoreConflict,
+    StoreError,
+    StoreRefused,
+    UnknownUnit,
+)
+from infield.store.proposal_rows import Decided
+from infield.store.proposals import signed_note
+from infield.store.table_store import (
+    FullProposal,
+    MergedRun,
+    Proposal,
+    Revision,
+    TableStore,
+    UnitKey,
+    UnitRecord,
+    UnitSummary,
+    store_exists,
+)
+from ins.records import InputError
+from ins.verdicts import Outcome
+from recal.service.update import Update, commit_update
+
+__all__ = [
+    "WORTH_ANOTHER_TRY",
+    "Decided",
+    "FullProposal",
+    "MergedRun",
+    "Proposal",
+    "Revision",
+    "SessionEvidence",
+    "Store",
+    "StoreConflict",
+    "StoreError",
+    "StoreRefused",
+    "TableStore",
+    "UnitKey",
+    "UnitRecord",
+    "UnitSummary",
+    "UnknownUnit",
+    "absolute_store",
+    "moment",
+    "open_store",
+    "require_folder",
+    "signed_note",
+    "store_exists",
+    "store_name",
+]
+
+
+class Store(TableStore):
+    """Thermal tables by unit, append-only; a context manager that closes it."""
+
+    def commit(self, result: Update, *, by: str, note: str = "") -> Revision:
+        """Make the table of an update the active one, in one transaction or not at all.
+
+        Parameters
+        ----------
+        result : Update
+            One whose verdict is `proposed`.
+        by : str
+            Who answers for it; kept with the revision.
+        note : str
+            Kept with the revision.
+
+        Returns
+        -------
+        Revision
+            The active revision; a unit that the store did not hold begins with the table before.
+
+        Raises
+        ------
+        InputError
+            Where the update was refused or is inconsistent, or nobody signs.
+        StoreConflict
+            Where another table is active by now.
+        StoreRefused
+            Where the table holds one of the runs.
+        """
+        if result.verdict != Outcome.PROPOSED:
+            raise InputError(f"commit: the update is {result.verdict}, needed proposed")
+        document = {**result.document, "verdict": Outcome.COMMITTED.value, "store": self.name}
+        signed = signed_note(by, note or "committed from Python", "by ")
+        return commit_update(self, result.estimate, result.unit, document, signed)
+
+
+def open_store(url: str, *, create: bool = True) -> Store:
+    """The table store at an SQLAlchemy URL.
+
+    Parameters
+    ----------
+    url : str
+        Such as `sqlite:///recal.db` or `postgresql+psycopg://host/recal`.
+    create : bool
+        Make the store, or migrate it, if need be; else InputError where it is missing.
+
+    Returns
+    -------
+    Store
+        A context manager; `.commit(result, by="...")` makes an update's table the active one.
+
+    Raises
+    ------
+    InputError
+        Where the store cannot be opened.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.open_store("sqlite:///nowhere.db", create=False)
+    Traceback (most recent call last):
+        ...
+    infield.store.errors.NoStore: no store at sqlite:///nowhere.db
+    """
+    opened = Store.open(url, create=create)
+    assert isinstance(opened, Store)
+    return opened
+
+
+def absolute_store(url: str) -> tuple[str, str | None]:
+    """The URL with the absolute path of an SQLite file, and that path; None for a server."""
+    parsed = parsed_url(url)
+    if parsed.get_backend_name() != "sqlite":
+        return url, None
+    path = os.path.abspath(str(parsed.database))
+    return parsed.set(database=path).render_as_string(hide_password=False), path
+
+
+def moment(utc_text: str) -> datetime:
+    """A time of run.json or a table as datetime."""
+    return utc(utc_text)

@@ -1,0 +1,203 @@
+"""`recal table import` and `export`: tables from and to files, autopilot parameters too."""
+
+import hashlib
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from infield.store.errors import StoreConflict
+from infield.store.table_store import Revision, TableStore, require_same_unit
+from infield.table.autopilot_params import ENDINGS, MAX_DEVICE_ID, NUMBERS, read_cubic
+from infield.table.autopilot_table import CubicExport, export_cubic, table_of_cubic
+from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
+from ins.records import GYRO_TECHNOLOGIES, InputError
+from ins.twin_file import read_twin
+from recal.service.results.files import output_directory, write_text
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+from recal.service.tables import about, need, other_technology
+
+__all__ = [
+    "ENDINGS",
+    "MAX_DEVICE_ID",
+    "NUMBERS",
+    "CubicRequest",
+    "Exported",
+    "TableFile",
+    "export_cubic_table",
+    "import_table",
+    "write_table",
+]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableFile:
+    """A table in a file, and what was said of it. autopilot, number: whose parameters, where a file
+    has several; sigma_deg_h: of an autopilot's cubic.
+    """
+
+    path: Path
+    serial: str | None = None
+    technology: str | None = None
+    mode: str | None = None
+    autopilot: str | None = None
+    number: int | None = None
+    sigma_deg_h: float | None = None
+
+    @property
+    def is_cubic(self) -> bool:
+        """Whether it holds an autopilot's parameters."""
+        endings = {end for ends in ENDINGS.values() for end in ends}
+        return self.autopilot is not None or self.path.suffix in endings
+
+    @property
+    def names_its_unit(self) -> bool:
+        """Whether serial and technology are in the file."""
+        return self.path.suffix != ".csv" and not self.is_cubic
+
+
+@dataclass(frozen=True, kw_only=True)
+class CubicRequest:
+    """A cubic for an autopilot: whose, under which number, over which temperatures [degC], how far
+    off the table [its sigma], and whether it is written although it is further off.
+    """
+
+    autopilot: str
+    number: int
+    device_id: int = 0
+    span_degC: tuple[float, float] | None = None
+    limit_sigmas: float = 1.0
+    force: bool = False
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Exported(Result):
+    """A cubic that was written, or refused as too stiff.
+
+    Parameters
+    ----------
+    cubic : CubicExport
+        The fit.
+    refused : bool
+        Whether it is too stiff for the table and was not written.
+    """
+
+    cubic: CubicExport
+    refused: bool = False
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """How well it fits, per gyro."""
+        return list(self.cubic.fit_lines())
+
+
+def write_table(found: Revision, output: Path, form: str) -> None:
+    """A stored table as JSON, or as CSV where `form` is "csv"."""
+    text = csv_text(found.table) if form == "csv" else json_text(found.table_dict) + "\n"
+    _write(output, text)
+
+
+def export_cubic_table(found: Revision, output: Path, request: CubicRequest) -> Exported:
+    """Fit, judge, write; a cubic that is too stiff for the table is refused unless forced."""
+    made = export_cubic(
+        found.table,
+        request.autopilot,
+        number=request.number,
+        device_id=request.device_id,
+        span_degC=request.span_degC,
+        limit_sigmas=request.limit_sigmas,
+    )
+    refused = bool(made.too_stiff) and not request.force
+    if not refused:
+        _write(output, made.text(unit=str(found.unit), revision=found.number, sha256=found.sha256))
+    document = {
+        "schema": "recal.export/1",
+        "verdict": "refused" if refused else "exported",
+        "reasons": list(made.too_stiff),
+        "output": None if refused else str(output),
+        **about(found),
+        **made.fit_document(),
+    }
+    return Exported(document, cubic=made, refused=refused)
+
+
+def import_table(
+    given: TableFile,
+    url: str,
+    twin: Path | None,
+    *,
+    note: str = "",
+    override: bool = False,
+    any_clock: bool = False,
+) -> tuple[Revision, list[str]]:
+    """The table of a file becomes the active one; what was assumed for it. override: although the
+    store knows the serial as another technology.
+    """
+    data, said = _read(given)
+    record = None if twin is None else read_twin(twin)
+    require_same_unit(dict(data), record)
+    note = "; ".join(filter(None, (note, *said)))
+    try:
+        with TableStore.open(url, create=True, any_clock=any_clock) as opened:
+            if (conflict := other_technology(opened, data)) is not None:
+                need(
+                    override,
+                    f"{given.path}: {conflict} (--override-technology imports it all the same)",
+                )
+                note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
+            return opened.import_table(dict(data), twin=record, note=note), said
+    except StoreConflict as error:
+        raise InputError(str(error)) from None
+
+
+def _write(output: Path, text: str) -> None:
+    output_directory(output.parent, "")
+    write_text(output, text)
+
+
+def _read(given: TableFile) -> tuple[Document, list[str]]:
+    """The table of a file, and notes on what was assumed for it."""
+    path = given.path
+    if given.names_its_unit:
+        data = read_table_dict(path)
+        for name, key, wanted in (
+            ("--serial", "imu_serial", given.serial),
+            ("--technology", "gyro_technology", given.technology),
+            ("--mode", "gyro_mode", given.mode),
+        ):
+            in_file = data.get(key, "")
+            need(
+                wanted in (None, in_file),
+                f"{path}: {key} {in_file!r}, needed {wanted!r} as {name} says",
+            )
+        return data, []
+    if given.serial is None or given.technology is None:
+        raise InputError(f"{path}: serial and technology are not in it, needed both")
+    unit = {
+        "imu_serial": given.serial,
+        "gyro_technology": given.technology,
+        "gyro_mode": given.mode or "",
+        "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+    }
+    if not given.is_cubic:
+        return read_table_csv(path, **unit), []
+    return _read_cubic(given, unit)
+
+
+def _read_cubic(given: TableFile, unit: dict[str, str]) -> tuple[Document, list[str]]:
+    path = given.path
+    need(
+        given.technology in GYRO_TECHNOLOGIES,
+        f"--technology {given.technology!r}, needed one of {', '.join(GYRO_TECHNOLOGIES)}",
+    )
+    found = read_cubic(path, autopilot=given.autopilot, number=given.number)
+    made, notes = table_of_cubic(
+        found,
+        **unit,
+        sigma_deg_h=given.sigma_deg_h,
+        file=path.name,
+        file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+    )
+    which = (
+        f"{found.autopilot} IMU {found.number}, {found.low_degC:.1f} to {found.high_degC:.1f} degC"
+    )
+    return table_to_dict(made), [f"{path.name}: {which}", *notes]

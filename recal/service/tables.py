@@ -1,0 +1,220 @@
+"""`recal table`: stored tables as they are found, compared, decided on and told of."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from infield.reports import update_page
+from infield.store.errors import StoreRefused
+from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
+from infield.store.verify import StoreCheck, StoreVerdict
+from ins.json_file import read_json_object
+from ins.records import InputError
+from ins.verdicts import Outcome
+from recal.service.results.files import output_directory, write_files
+from recal.service.results.text import Document, result_text
+
+__all__ = [
+    "Revision",
+    "StoreVerdict",
+    "about",
+    "about_proposal",
+    "change_between",
+    "check_document",
+    "decide",
+    "find_revision",
+    "key_of",
+    "line_of",
+    "need",
+    "open_tables",
+    "other_technology",
+    "proposed_document",
+    "revision_number",
+    "verify",
+    "write_proposal",
+]
+
+MAX_DIGITS = 10  # of a revision number
+
+
+def open_tables(url: str, *, any_clock: bool = False) -> TableStore:
+    return TableStore.open(url, any_clock=any_clock)
+
+
+def other_technology(opened: TableStore, table: Document) -> str | None:
+    """What speaks against this table's gyro_technology: the store knows its serial as another."""
+    serial, technology = table["imu_serial"], table["gyro_technology"]
+    held = [u.unit for u in opened.units() if u.unit.imu_serial == serial]
+    if not held or any(unit.gyro_technology == technology for unit in held):
+        return None
+    return (
+        f"gyro_technology {technology}, the store holds {', '.join(map(str, held))}: another unit?"
+    )
+
+
+def find_revision(
+    opened: TableStore, name: str, serial: str | None, technology: str | None, mode: str | None
+) -> Revision:
+    """A revision by number or tag; InputError where there is none."""
+    key = key_of(opened.active(serial, technology, mode))
+    if name == "previous":
+        found = opened.previous(*key)
+        if found is None:
+            raise InputError(f"serial {key[0]}: revision 1 is active, there is none before it")
+        return found
+    if name in ("active", "factory"):
+        record = next(u for u in opened.units() if key_of(u.active) == key)
+        return opened.revision(
+            {"active": record.active.number, "factory": record.factory_number}[name], *key
+        )
+    return opened.revision(revision_number(name), *key)
+
+
+def revision_number(name: str) -> int:
+    need(
+        name.isdecimal() and len(name) < MAX_DIGITS,
+        f"revision {name[:40]!r}, needed a number, factory, previous or active",
+    )
+    return int(name)
+
+
+def change_between(before: Revision, after: Revision, axis: str) -> Document:
+    """Both tables at the nodes of either, one axis."""
+    old, new, k = before.table, after.table, "xyz".index(axis)
+    T = np.union1d(old.temperature_degC[k], new.temperature_degC[k])
+    return {
+        "temperature_degC": T,
+        "before_deg_h": old.bias_deg_h(axis, T),
+        "after_deg_h": new.bias_deg_h(axis, T),
+        "change_deg_h": new.bias_deg_h(axis, T) - old.bias_deg_h(axis, T),
+        "sigma_before_deg_h": old.sigma_deg_h(axis, T),
+        "sigma_after_deg_h": new.sigma_deg_h(axis, T),
+    }
+
+
+def key_of(revision: Revision) -> tuple[str, str, str]:
+    unit = revision.unit
+    return unit.imu_serial, unit.gyro_technology, unit.gyro_mode
+
+
+def about(r: Revision) -> Document:
+    """A revision without its table."""
+    return {
+        **vars(r.unit),
+        "revision": r.number,
+        "kind": r.kind,
+        "created_utc": r.created_utc,
+        "sha256": r.sha256,
+        "parent_sha256": r.parent_sha256,
+        "restored_revision": r.restored_number,
+        "note": r.note,
+        "runs": [vars(run) for run in r.runs],
+    }
+
+
+def line_of(r: Revision) -> str:
+    runs = f"  {len(r.runs)} run{'s' if len(r.runs) > 1 else ''}" if r.runs else ""
+    return f"revision {r.number}  {r.kind:8}  {r.created_utc}  {r.sha256[:12]}{runs}"
+
+
+def need(condition: object, otherwise: str) -> None:
+    if not condition:
+        raise InputError(otherwise)
+
+
+def verify(url: str, heads: Sequence[str], reports: Sequence[Path]) -> Document:
+    """`recal.verify/1`: whether everything in the store is as it was written."""
+    given = {str(path): read_json_object(path) for path in reports}
+    with TableStore.open(url) as opened:
+        return check_document(opened.verify(heads, given), opened.name)
+
+
+def check_document(check: StoreCheck, store: str) -> Document:
+    """The result; `faults` by unit, and those of no unit."""
+    units = [
+        {
+            **vars(u.unit),
+            "revisions": u.revisions,
+            "head_sha256": u.head_sha256,
+            "faults": list(u.faults),
+        }
+        for u in check.units
+    ]
+    reasons = [f"{u.unit}: {fault}" for u in check.units for fault in u.faults]
+    return {
+        "schema": "recal.verify/1",
+        "store": store,
+        "verdict": check.verdict.value,
+        "reasons": [*check.faults, *reasons],
+        "faults": list(check.faults),
+        "units": units,
+        "revisions": {str(u.unit): u.revisions for u in check.units},
+    }
+
+
+def decide(
+    url: str,
+    decision: tuple[int, str],
+    unit: tuple[str | None, str | None, str | None],
+    by: str,
+    reason: str,
+) -> tuple[Document, Proposal | None]:
+    """`recal.decision/1` on a proposal, (its number, "approved" or "rejected"); None where the
+    store refused it.
+    """
+    number, verdict = decision
+    with TableStore.open(url) as opened:
+        try:
+            decided = opened.decide(number, verdict, *unit, by=by, reason=reason)
+        except StoreRefused as error:
+            return {
+                "schema": "recal.decision/1",
+                "verdict": Outcome.REFUSED.value,
+                "reasons": [str(error)],
+                "reason_codes": [str(error.code)],
+            }, None
+    head = {"schema": "recal.decision/1", "verdict": verdict, "reasons": []}
+    return {**head, **about_proposal(decided)}, decided
+
+
+def proposed_document(full: FullProposal) -> Document:
+    """The update document of a proposal, with its number."""
+    return {**full.report, "proposal": full.number}
+
+
+def write_proposal(full: FullProposal, output: Path) -> None:
+    """The proposal's update.json and update.html, in a directory."""
+    directory, document = output_directory(output, "table"), proposed_document(full)
+    texts = {
+        "update.json": result_text(document),
+        "update.html": update_page.update_html(dict(document)),
+    }
+    write_files({directory / name: text for name, text in texts.items()})
+
+
+def about_proposal(p: Proposal) -> Document:
+    """A proposal without its texts."""
+    decided = p.decision
+    return {
+        **vars(p.unit),
+        "proposal": p.number,
+        "state": p.state,
+        "proposed_utc": p.proposed_utc,
+        "proposed_by": p.proposed_by,
+        "parent_sha256": p.parent_sha256,
+        "sha256": p.sha256,
+        "note": p.note,
+        "runs": [vars(run) for run in p.runs],
+        "decision": (
+            None
+            if decided is None
+            else {
+                "verdict": decided.verdict,
+                "decided_utc": decided.decided_utc,
+                "by": decided.decided_by,
+                "reason": decided.reason,
+                "revision": decided.revision_number,
+            }
+        ),
+    }

@@ -1,0 +1,268 @@
+"""`fit_fog`, `fit_rlg`: thermal coefficients from chamber runs; `take_out`: a fitted model out of a
+run.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from infield.reports import fog_page, rlg_page
+from infield.reports.documents.fog import fit_models, fixed_tables, fog_document, worst_rounding
+from infield.reports.documents.rlg import rlg_document
+from infield.store.table_store import TableStore
+from infield.thermal.fog.fixed_point import to_c_header, to_csv
+from infield.thermal.fog.model import held_out
+from infield.thermal.fog.ramps import separate
+from infield.thermal.gradient_runs import gradient_run
+from infield.thermal.ramp_runs import ramp_run
+from infield.thermal.rlg.gradients import fit_gradients
+from infield.thermal.rlg.held_out import held_out_run
+from infield.thermal.rlg.model import model_from_document
+from infield.thermal.stored_model import check_usable, read_thermal_model, removed_from
+from ins.records import InputError, Run
+from ins.verdicts import plain
+from recal.service.inputs.chamber_runs import reduced_groups
+from recal.service.inputs.records import AnyRun, AnyTwin, read_one
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import Document
+from recal.service.results.thermal_words import fog_summary, rlg_summary
+from trajectories.runs.directory import write_run
+
+NEEDED_INSTABILITY_DEG_H = 0.001  # what a gradient term may be where the twin states no instability
+PARTS = ("all", "rates")
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class ThermalFit(Result):
+    """Fitted thermal coefficients of one unit.
+
+    Parameters
+    ----------
+    files : dict
+        Texts by file name, the report left out.
+    name : str
+        Of the result: `thermal_rlg` or `thermal_fog`.
+    """
+
+    files: dict[str, str] = field(default_factory=dict)
+    name: str = ""
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, coefficients per gyro, what is left on the runs to test on."""
+        words = fog_summary if self.name == "thermal_fog" else rlg_summary
+        return words(self.document)
+
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write JSON, page and tables to a directory (else `recal-thermal`); returns it."""
+        assert self.page is not None
+        directory = output_directory(None if output is None else Path(output), "thermal")
+        texts = {
+            directory / f"{self.name}.json": self.to_json(),
+            directory / f"{self.name}.html": self.page(),
+        }
+        write_files(texts | {directory / name: text for name, text in self.files.items()})
+        return directory
+
+
+@dataclass(frozen=True, kw_only=True)
+class FogRequest:
+    """How ramps are taken apart. allowed_deg_h: gradient term that a slow ramp may have, else the
+    twin's bias instability; word_bits: of the exported fixed-point tables; remounted: the unit was
+    moved between the runs; one_sided: accept ramps of one direction at two rates.
+    """
+
+    allowed_deg_h: float | None = None
+    word_bits: int = 16
+    remounted: bool = False
+    one_sided: bool = False
+
+
+def fit_fog(
+    fast: Sequence[AnyRun],
+    slow: Sequence[AnyRun] = (),
+    check: Sequence[AnyRun] = (),
+    *,
+    twin: AnyTwin | None = None,
+    store: TableStore | str | None = None,
+    request: FogRequest | None = None,
+) -> ThermalFit:
+    """Fibre-optic gyro: K_T and K_delta of b = K_T(T) + K_delta(T) dT/dt from temperature ramps.
+
+    Parameters
+    ----------
+    fast, slow : sequences of Run or path
+        Runs with the fast ramp, up and down, and with the slow one; no slow one: up/down pair.
+    check : sequence of Run or path
+        Runs to test on, not fitted to.
+    twin : TwinModel or path, optional
+        Noise model; else the store's, else the defaults of the technology.
+    store : str or TableStore, optional
+        Looked in for the noise model.
+    request : FogRequest, optional
+        How the ramps are taken apart.
+
+    Returns
+    -------
+    ThermalFit
+        K_T [deg/h] and K_delta [deg/h per degC/min] over temperature, per gyro, with sigma.
+
+    Raises
+    ------
+    InputError
+        Where a run cannot be read or is of another unit or technology.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.fit_fog(["nowhere"])
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere: no such run directory
+    """
+    asked = request or FogRequest()
+    if asked.allowed_deg_h is not None and not 0 < asked.allowed_deg_h < float("inf"):
+        raise InputError(f"--allowed-deg-h: got {asked.allowed_deg_h:g}, needed more than 0")
+    groups, noise = reduced_groups((fast, slow, check), "fog", ramp_run, store, twin)
+    study = separate(
+        groups[0], groups[1], noise, remounted=asked.remounted, one_sided=asked.one_sided
+    )
+    pairs, model = fit_models(study)
+    tested = zip(check, groups[2]) if study.axes else ()
+    checks = [held_out(read_one(given), run, model, noise) for given, run in tested]
+    found = fog_document(
+        study,
+        pairs,
+        model,
+        checks=checks,
+        allowed_deg_h=asked.allowed_deg_h
+        or noise.gyro.bias_instability_deg_h
+        or NEEDED_INSTABILITY_DEG_H,
+        word_bits=asked.word_bits,
+        version=program_version(),
+    )
+    document = plain(found)
+    files = {}
+    if study.axes:
+        tables = fixed_tables(model, asked.word_bits)
+        worst = worst_rounding(model, tables, max(run.rate for run in study.fast))
+        header = to_c_header(tables, worst, serial=document["imu_serial"])
+        files = {"thermal_fog.h": header, "thermal_fog.csv": to_csv(tables)}
+    return ThermalFit(
+        document, page=lambda: fog_page.render(found), files=files, name="thermal_fog"
+    )
+
+
+def fit_rlg(
+    runs: Sequence[AnyRun],
+    check: Sequence[AnyRun] = (),
+    *,
+    twin: AnyTwin | None = None,
+    store: TableStore | str | None = None,
+    remounted: bool = False,
+) -> ThermalFit:
+    """Ring-laser gyro: K1..K6 of b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6 Tdiff.
+
+    Parameters
+    ----------
+    runs : sequence of Run or path
+        Runs of one unit at rest, warmed and cooled.
+    check : sequence of Run or path
+        Runs to test on, not fitted to.
+    twin : TwinModel or path, optional
+        Noise model; else the store's, else the defaults of the technology.
+    store : str or TableStore, optional
+        Looked in for the noise model.
+    remounted : bool
+        The unit was moved between the runs.
+
+    Returns
+    -------
+    ThermalFit
+        Coefficients per gyro (deg/h, degC, min), with sigma.
+
+    Raises
+    ------
+    InputError
+        Where a run cannot be read or is of another unit or technology.
+
+    Examples
+    --------
+    >>> import recal
+    >>> recal.fit_rlg(["nowhere"])
+    Traceback (most recent call last):
+        ...
+    ins.records.InputError: nowhere: no such run directory
+    """
+    groups, noise = reduced_groups((runs, check), "rlg", gradient_run, store, twin)
+    study = fit_gradients(groups[0], noise, remounted=remounted)
+    found = rlg_document(study, version=program_version())
+    if study.axes and check:
+        model = model_from_document(plain(found))
+        checks = [held_out_run(read_one(run), model, study.axes, noise) for run in check]
+        found = rlg_document(study, checks=checks, version=program_version())
+    return ThermalFit(plain(found), page=lambda: rlg_page.render(found), name="thermal_rlg")
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class TakenOut(Result):
+    """A run without what a thermal model says of its gyros.
+
+    Parameters
+    ----------
+    run : Run
+        The compensated run.
+    """
+
+    run: Run
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """How much of the run the model knows."""
+        d = self.document
+        return [
+            f"{d['run']}: {d['run_id']}, {d['share_inside']:.0%} of it inside the fitted"
+            " temperatures"
+        ]
+
+
+def take_out(
+    model: AnyPath, run: AnyRun, output: AnyPath, *, part: str = "all", batch: bool = False
+) -> TakenOut:
+    """Take a fitted thermal model out of a run's gyro output, and write the run.
+
+    Parameters
+    ----------
+    model : str or path
+        A thermal_rlg.json or thermal_fog.json that was fitted.
+    run : Run or path
+        Raw gyro output.
+    output : str or path
+        The compensated run to write.
+    part : str
+        "all", or "rates": leave in what a settled unit has, for a thermal table.
+    batch : bool
+        Smoothed temperatures instead of real-time order.
+    """
+    if part not in PARTS:
+        raise InputError(f"--part: got {part!r}, needed all or rates")
+    stored = read_thermal_model(Path(model))
+    read = read_one(run)
+    check_usable(read, stored)
+    left = removed_from(read, stored, part=part, batch=batch)
+    header = replace(left.header, run_id=f"{read.header.run_id}-compensated")
+    left = replace(left, header=header, sha256="")
+    write_run(Path(output), left)
+    assert read.temperature is not None
+    document: Document = {
+        "schema": "recal.thermal_apply/1",
+        "run": str(output),
+        "run_id": left.header.run_id,
+        "model": str(model),
+        "model_sha256": stored.sha256,
+        "part": part,
+        "order": "batch" if batch else "real time",
+        "axes": list(stored.model.axes),
+        "share_inside": float(stored.model.inside(read.temperature.gyro_degC).all(axis=1).mean()),
+    }
+    return TakenOut(document, run=left)

@@ -1,0 +1,439 @@
+"""`update`: recalibrate a unit's thermal table from its runs, from memory alone or with a store.
+
+`update` gives a result and stores nothing. `update_in_store` is what `recal update` and a fleet do:
+table and report together or neither.
+"""
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+from infield.reports import update_page
+from infield.reports.documents.update import update_document
+from infield.reports.words.sentences import sentence
+from infield.session.pipeline import update_calibration
+from infield.session.reasons import SessionReason
+from infield.session.results import UpdateResult
+from infield.session.settings import SessionSettings
+from infield.store.database import require_folder, store_name
+from infield.store.errors import StoreConflict, StoreRefused
+from infield.store.table_store import MergedRun, Revision, TableStore
+from infield.table.file import table_sha256
+from infield.table.thermal_table import AgeingModel, ThermalTable
+from ins.records import InputError, Run
+from ins.verdicts import Outcome, because
+from recal.service.inputs.config import read_config
+from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
+from recal.service.inputs.unit_inputs import (
+    UnitInputs,
+    given_unit,
+    open_store,
+    opened,
+    unit_inputs,
+    with_thermal_model,
+)
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import Document, result_text
+from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
+
+Files = Callable[[Document], dict[Path, str]]  # a document's files: JSON, and HTML where wanted
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class Update(Result):
+    """A judged update of one unit's table.
+
+    Parameters
+    ----------
+    estimate : UpdateResult
+        What the estimator found, session by session.
+    unit : UnitInputs
+        Table and noise model that it began with.
+    """
+
+    estimate: UpdateResult
+    unit: UnitInputs
+
+    @property
+    def table_before(self) -> ThermalTable:
+        """The table that the update began with."""
+        return self.estimate.before
+
+    @property
+    def table(self) -> ThermalTable:
+        """The recalibrated table; the one before where nothing was merged."""
+        return self.estimate.after
+
+    @property
+    def axes(self) -> dict[str, AxisChange]:
+        """Per gyro: sigma of the session's mean bias before and after [deg/h], and its verdict."""
+        return axes_of(self.document)
+
+    @property
+    def points(self) -> Points:
+        """The bias points; `.to_frame()` gives a pandas DataFrame."""
+        return points_of(self.document)
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Verdict, reasons, per axis sigma before and after, heading error, effect."""
+        return summary(self.document, verbose=verbose)
+
+    def plot(self):
+        """Bias against temperature per gyro: table before, table after, points.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Made without pyplot; `.savefig(path)` writes it.
+        """
+        from recal.service.results.update_plot import update_figure
+
+        return update_figure(self.table_before, self.table, self.points)
+
+
+def update(
+    runs: AnyRun | Sequence[AnyRun],
+    table: AnyTable | None = None,
+    twin: AnyTwin | None = None,
+    *,
+    store: TableStore | str | None = None,
+    config: AnyPath | None = None,
+    thermal_model: AnyPath | None = None,
+    accept_step: bool = False,
+) -> Update:
+    """Recalibrate one unit's thermal table from its runs; stores nothing.
+
+    Parameters
+    ----------
+    runs : Run or path, or several
+        Power-on sessions of one unit, taken in the order of their start.
+    table : ThermalTable or path, optional
+        The table to begin with, bias [deg/h] against temperature [degC] per axis; else the
+        store's, else bias 0 with the sigma of the technology.
+    twin : TwinModel or path, optional
+        Noise model; else the store's, else the defaults of the technology.
+    store : str or TableStore, optional
+        Looked in for the table, the noise model, and the runs that the table holds already.
+    config : path, optional
+        Settings (TOML), sections session and ageing.
+    thermal_model : path, optional
+        A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
+    accept_step : bool
+        Follow a step of the unit that several sessions agree on.
+
+    Returns
+    -------
+    Update
+        Verdict `proposed`, `refused` or `inconsistent` with reasons; table before and after; bias
+        points [deg/h]; per axis sigma before and after. A refusal is a result.
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read, or the inputs are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("parked_only", seed=7, rate_hz=10)
+    >>> result = recal.update(simulated.run, simulated.table, simulated.twin)
+    >>> result.verdict, sorted(result.axes)
+    ('proposed', ['x', 'y', 'z'])
+
+    Notes
+    -----
+    Source: US 5,527,003; what is estimated and judged stands in docs, theory.
+    """
+    settings, ageing = read_config(None if config is None else Path(config))
+    read = runs_of(runs)
+    database = opened(store)
+    given = given_unit(read[0], table, twin, database)
+    model = None if thermal_model is None else Path(thermal_model)
+    job = _Job(settings=settings, ageing=ageing, accept_step=accept_step, thermal_model=model)
+    result, unit, facts = _estimate(read, given, database, job)
+    name = database.name if database else None
+    return _made(result, unit, _document(result, facts, committed=False, store=name))
+
+
+@dataclass(frozen=True, kw_only=True)
+class UpdateRequest:
+    """An update with a store. propose: who proposes and their note; without it and `commit`,
+    nothing is stored.
+
+    retries: how often to estimate again where another writer was faster; html: whether to write
+    update.html; told: who is told of what happens on the way.
+    """
+
+    runs: Sequence[AnyRun]
+    store_url: str
+    commit: bool = False
+    propose: tuple[str, str] | None = None
+    accept_step: bool = False
+    twin: AnyTwin | None = None
+    config: Path | None = None
+    thermal_model: Path | None = None
+    output: Path | None = None
+    html: bool = True
+    retries: int = 0
+    any_clock: bool = False
+    told: Callable[[str], None] = field(default=lambda line: None)
+
+
+def update_in_store(request: UpdateRequest) -> Update:
+    """Read, estimate, judge, merge, report, commit or keep for review.
+
+    Where another writer commits while this estimates, it is estimated again from the runs and the
+    table that is active then, at most `retries` times; then it is refused.
+    """
+    require_folder(request.store_url)
+    settings, ageing = read_config(request.config)
+    job = _Job(
+        settings=settings,
+        ageing=ageing,
+        accept_step=request.accept_step,
+        thermal_model=request.thermal_model,
+    )
+    loaded = runs_of(list(request.runs))
+    files = partial(_files, output_directory(request.output, "update"), html=request.html)
+    lost: list[str] = []
+    while True:
+        try:
+            return _Try(request, job, files, tuple(lost)).run(loaded)
+        except StoreConflict as conflict:
+            lost.append(str(conflict))
+            request.told(
+                f"another writer was faster ({conflict}): estimating again, {len(lost)} of"
+                f" {request.retries}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Job:
+    """How to estimate."""
+
+    settings: SessionSettings
+    ageing: AgeingModel
+    accept_step: bool
+    thermal_model: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Facts:
+    """What a document needs beside the estimate. lost: conflicts with other writers so far."""
+
+    table_before: Document
+    thermal_model: Document | None
+    lost: tuple[str, ...] = ()
+
+
+def _estimate(
+    runs: list[Run], unit: UnitInputs, database: TableStore | None, job: _Job
+) -> tuple[UpdateResult, UnitInputs, _Facts]:
+    """One estimate against the unit's table as given."""
+    unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
+    serial = unit.table.imu_serial
+    result = update_calibration(
+        runs,
+        unit.table,
+        unit.twin,
+        parent_sha256=table_sha256(dict(unit.table_dict)),
+        settings=job.settings,
+        ageing=job.ageing,
+        already_merged=(
+            (lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False
+        ),
+        applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
+        remembered=database.contradictions(*_key(unit)) if database and unit.revision else (),
+        accept_step=job.accept_step,
+    )
+    facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after))
+    return result, unit, facts
+
+
+def _document(
+    result: UpdateResult, facts: _Facts, *, committed: bool, store: str | None
+) -> Document:
+    """The update document, and the conflicts with other writers on the way to it."""
+    document = update_document(
+        result,
+        committed=committed,
+        store=store,
+        version=program_version(),
+        table_before=dict(facts.table_before),
+        thermal_model=None if facts.thermal_model is None else dict(facts.thermal_model),
+    )
+    return {**document, "conflicts": list(facts.lost)} if facts.lost else document
+
+
+def _made(result: UpdateResult, unit: UnitInputs, document: Document) -> Update:
+    return Update(
+        document, page=lambda: update_page.update_html(dict(document)), estimate=result, unit=unit
+    )
+
+
+@dataclass(frozen=True)
+class _Try:
+    """One estimate against the table that is active now, and what becomes of it."""
+
+    request: UpdateRequest
+    job: _Job
+    files: Files
+    lost: tuple[str, ...]
+
+    def run(self, runs: list[Run]) -> Update:
+        """Raises StoreConflict where another writer beat the commit and tries are left."""
+        request = self.request
+        database = open_store(request.store_url)
+        unit = unit_inputs(runs[0], database, request.twin)
+        result, unit, facts = _estimate(runs, unit, database, self.job)
+        facts = replace(facts, lost=self.lost)
+        if request.commit and result.outcome is Outcome.ACCEPTED:
+            return _made(result, unit, self._commit(result, unit, facts))
+        if request.propose and result.outcome is Outcome.ACCEPTED:
+            return _made(result, unit, self._propose(result, unit, facts, request.propose))
+        name = database.name if database else None
+        document = _document(result, facts, committed=False, store=name)
+        stores = request.commit or request.propose
+        if stores and result.outcome is Outcome.INCONSISTENT and unit.revision and result.evidence:
+            document = {**document, "remembered": self._remember(result, unit)}
+        write_files(self.files(document))
+        return _made(result, unit, document)
+
+    def _remember(self, result: UpdateResult, unit: UnitInputs) -> str:
+        """Keep what the contradicting sessions said, the table untouched; where the store cannot be
+        written, say so.
+        """
+        try:
+            database = open_store(self.request.store_url, create=True)
+            assert database is not None
+            count = database.remember_contradictions(*_key(unit), result.evidence)
+        except (InputError, StoreConflict) as error:
+            return f"not remembered for the next update: {error}"
+        return (
+            f"{count} contradicting session{'s' if count != 1 else ''} remembered; the table is as"
+            " it was"
+        )
+
+    def _commit(self, result: UpdateResult, unit: UnitInputs, facts: _Facts) -> Document:
+        """Report and table together or neither: the report is staged, the store commits, the report
+        takes its place.
+
+        Where another writer (and no try is left) or an earlier merge stands in the way: refused,
+        with the reason. Where the store cannot be written the report stays, as a proposal that says
+        so, and InputError is raised.
+        """
+        url = self.request.store_url
+        name, made = store_name(url), list[Revision]()
+        try:
+            database = open_store(url, create=True, any_clock=self.request.any_clock)
+            assert database is not None
+            document = _document(result, facts, committed=True, store=name)
+            numbered = _numbered(document, unit, (unit.revision or 1) + 1)
+            write_files(
+                self.files(numbered),
+                commit=lambda: made.append(commit_update(database, result, unit, document)),
+            )
+            # somebody rolled back to the same table meanwhile
+            if made[0].number != numbered["revision"]:
+                numbered = _numbered(document, unit, made[0].number)
+                write_files(self.files(numbered))
+            return numbered
+        except StoreRefused as error:
+            if isinstance(error, StoreConflict) and len(self.lost) < self.request.retries:
+                raise
+            document = _document(result, facts, committed=False, store=name)
+            document = _turned_down(document, error)
+            write_files(self.files(document))
+            return document
+        except InputError as error:
+            if made:
+                self.request.told(f"committed as revision {made[0].number}, but {error}")
+                return _numbered(document, unit, made[0].number)
+            why = because(SessionReason.NOT_COMMITTED, fault=str(error))
+            said = {"reasons": [sentence(why)], "reason_codes": [str(why.code)]}
+            document = _document(result, facts, committed=False, store=name)
+            write_files(self.files({**document, **said}))
+            raise
+
+    def _propose(
+        self, result: UpdateResult, unit: UnitInputs, facts: _Facts, signed: tuple[str, str]
+    ) -> Document:
+        """Keep the update in the store for review, then write the report with its number; refused
+        where a commit would be.
+        """
+        database = open_store(self.request.store_url, create=True)
+        assert database is not None
+        document = _document(result, facts, committed=False, store=database.name)
+        try:
+            kept = database.propose(
+                document["table_before_sha256"],
+                result.after,
+                merged_runs(result),
+                result_text(document),
+                first_table=None if unit.revision else dict(unit.table_dict),
+                by=signed[0],
+                note=signed[1],
+            )
+            document = {**document, "proposal": kept.number}
+        except StoreRefused as error:
+            document = _turned_down(document, error)
+        write_files(self.files(document))
+        return document
+
+
+def _turned_down(document: Document, error: StoreRefused) -> Document:
+    """The document of an update that the store does not take, and why."""
+    codes = [str(error.code)]
+    return {
+        **document,
+        "verdict": Outcome.REFUSED.value,
+        "reasons": [str(error)],
+        "reason_codes": codes,
+    }
+
+
+def commit_update(
+    database: TableStore, result: UpdateResult, unit: UnitInputs, document: Document, note: str = ""
+) -> Revision:
+    """The merged table becomes the active one; a unit that the store does not hold begins with its
+    table before.
+    """
+    return database.commit_update(
+        document["table_before_sha256"],
+        result.after,
+        merged_runs(result),
+        result_text(document),
+        first_table=None if unit.revision else dict(unit.table_dict),
+        note=note,
+    )
+
+
+def merged_runs(result: UpdateResult) -> list[MergedRun]:
+    """The runs whose data are in the new table."""
+    return [MergedRun(run_id=run.header.run_id, sha256=run.sha256) for run in result.merged_runs]
+
+
+def _key(unit: UnitInputs) -> tuple[str, str, str]:
+    return unit.table.imu_serial, unit.table.gyro_technology, unit.table.gyro_mode
+
+
+def _numbered(document: Document, unit: UnitInputs, revision: int) -> Document:
+    """The document as committed under this number, and how to take it back."""
+    serial, technology, mode = (shlex.quote(name) for name in _key(unit))
+    # a server's password comes from the environment
+    store = shlex.quote(document["store"].replace(":***@", "@"))
+    back = f"recal table rollback --store {store} --serial {serial} --technology {technology}"
+    return {
+        **document,
+        "revision": revision,
+        "rollback_command": f"{back} --mode {mode} --to {revision - 1}",
+    }
+
+
+def _files(directory: Path, document: Document, *, html: bool) -> dict[Path, str]:
+    page = {directory / "update.html": update_page.update_html(dict(document))} if html else {}
+    return {directory / "update.json": result_text(document), **page}

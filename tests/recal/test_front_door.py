@@ -1,0 +1,161 @@
+"""`import recal`: what a notebook user finds, and that it does what its pages say."""
+
+import doctest
+import importlib
+import inspect
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import recal
+from infield.store.table_store import TableStore
+from ins.records import InputError
+from tests.infield.sessions import factory_dict, simulated
+from trajectories.runs.directory import write_run
+
+ROOT = Path(recal.__file__).parent.parent
+HEAVY = ("numpy", "scipy", "pandas", "pyarrow", "numba", "matplotlib", "sqlalchemy", "pydantic")
+VERBS = sorted(name for name in recal.__all__ if name[0].islower())
+URL = "sqlite:///recal.db"
+
+
+def block(page: str, *, of: str = "python") -> str:
+    """The first block of a language in a page."""
+    text = (ROOT / page).read_text()
+    return re.search(rf"```{of}\n(.*?)```", text, re.DOTALL)[1]
+
+
+def test_import_recal_loads_no_heavy_library_and_little_else():
+    code = (
+        "import sys, recal; dir(recal); "
+        f"print([name for name in {HEAVY} if name in sys.modules], len(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    assert done.stdout.startswith("[] ") and int(done.stdout.split()[-1]) < 150
+
+
+def test_the_front_door_has_about_fifteen_names():
+    assert 14 <= len(VERBS) <= 17 and dir(recal) == sorted(recal.__all__)
+    assert re.match(r"\d+\.\d+", recal.__version__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        getattr(recal, "no" + "thing")
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_says_shapes_units_errors_and_an_example(name):
+    said = inspect.getdoc(getattr(recal, name))
+    for heading in ("Parameters", "Returns", "Raises", "Examples"):
+        assert f"{heading}\n{'-' * len(heading)}\n" in said
+    assert ">>> import recal" in said
+    for argument in inspect.signature(getattr(recal, name)).parameters:
+        assert re.search(rf"^(\w+, )*{argument}(, \w+)* : ", said, re.MULTILINE), argument
+
+
+@pytest.mark.parametrize("module", sorted(set(recal._HOMES.values())))
+def test_the_examples_do_what_they_say(module, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    found = importlib.import_module(f"recal.service.{module}")
+    flags = doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
+    failed, tried = doctest.testmod(found, optionflags=flags)
+    assert tried and not failed
+
+
+def test_the_session_of_the_tutorial_runs_as_it_stands(tmp_path):
+    code, said = block("docs/tutorial.md"), block("docs/tutorial.md", of="")
+    assert len(code.splitlines()) <= 15
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={"PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"},
+    )
+    assert done.stdout == said
+    assert {p.name for p in tmp_path.iterdir()} == {"recal.db", "update.html", "update.svg"}
+
+
+def test_the_readme_shows_the_session_of_the_tutorial():
+    assert block("README.md") == block("docs/tutorial.md")
+    assert block("docs/tutorial.md", of="") in (ROOT / "README.md").read_text()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("front-door")
+    write_run(folder / "run", simulated(1).run)
+    (folder / "table.json").write_text(json.dumps(factory_dict()))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def result(folder):
+    return recal.update([str(folder / "run")], folder / "table.json")
+
+
+def test_paths_records_one_or_several_give_the_same(folder, result, monkeypatch):
+    monkeypatch.chdir(folder)
+    run, table = recal.read_run("run"), recal.read_table(Path("table.json"))
+    again = recal.update(run, table)
+    for one, other in zip(result.points, again.points, strict=True):
+        assert one == other
+    assert again.document["table_before_sha256"] == result.document["table_before_sha256"]
+
+
+def test_a_result_is_frozen_short_and_shows_itself(result, tmp_path):
+    with pytest.raises(AttributeError):
+        result.document = {}
+    lines = repr(result).splitlines()
+    assert lines[0].endswith(result.verdict) and 4 <= len(lines) <= 9
+    assert all(f"gyro {axis}: sigma" in repr(result) for axis in "xyz")
+    assert result._repr_html_().startswith("<pre>")
+    assert json.loads(result.to_json()) == result.to_dict()
+    assert "<html" in result.to_html(tmp_path / "update.html").read_text()
+    with pytest.raises(NotImplementedError, match="no report"):
+        recal.check("nowhere").to_html(tmp_path / "check.html")
+
+
+def test_points_become_a_frame_and_a_figure(result):
+    frame = result.points.to_frame()
+    assert len(frame) == len(result.points) and set(frame.axis) == set("xyz")
+    assert list(frame.columns[:5]) == [
+        "axis",
+        "time_s",
+        "temperature_degC",
+        "bias_deg_h",
+        "sigma_deg_h",
+    ]
+    figure = result.plot()
+    assert len(figure.axes) == 3 and "pyplot" not in type(figure.canvas).__module__
+
+
+def test_a_commit_is_the_table_and_is_signed(result, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with recal.open_store(URL) as store:
+        with pytest.raises(InputError, match="by"):
+            store.commit(result, by="")
+        done = store.commit(result, by="A. Engineer", note="first flight of the year")
+    assert (done.number, done.kind) == (2, "update") and "A. Engineer" in done.note
+    with TableStore.open(URL) as store:
+        held = store.active()
+        T = held.table.temperature_degC[0]
+        assert np.array_equal(held.table.bias_deg_h("x", T), result.table.bias_deg_h("x", T))
+        assert json.loads(held.report_json)["verdict"] == "committed"
+
+
+def test_a_refusal_is_a_result_that_no_store_takes(folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with recal.open_store(URL) as store:
+        store.import_table(factory_dict())
+        store.commit(recal.update(folder / "run", store=store), by="A. Engineer")
+        again = recal.update(folder / "run", store=URL)
+        assert again.verdict == "refused" and again.reasons
+        with pytest.raises(InputError, match="needed proposed"):
+            store.commit(again, by="A. Engineer")
