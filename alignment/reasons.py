@@ -32,3 +32,5 @@ class AlignmentReason(StrEnum):
     WRONG_LATITUDE = "wrong_latitude"
     EXCESS_RESIDUALS = "excess_residuals"
     NO_TABLE = "no_table"
+    SPEED_AT_REST = "speed_at_rest"
+    DEAD_ODOMETER = "dead_odometer"

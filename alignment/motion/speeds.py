@@ -15,10 +15,12 @@ from alignment.motion.inertial import Where, steady_seconds
 from alignment.motion.kinds import ROLLING, STILL
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.stillness import Motion
+from alignment.reasons import AlignmentReason
 from ins.earth import displacement_ned
 from ins.filters.aided_records import Fixes
 from ins.records import GnssLog, Run
 from ins.robust import runs_of_true
+from ins.verdicts import Reason, because
 
 SLOW_M_S = 0.5  # of a receiver while the vehicle stands, or four of its sigmas
 LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
@@ -144,11 +146,11 @@ def _goes_nowhere(time_s: NDArray, v_n_m_s: NDArray, start_s: float, end_s: floa
     return mean <= allowed
 
 
-def speed_disagreement(run: Run, motion: Motion) -> tuple[str, ...]:
+def speed_disagreement(run: Run, motion: Motion) -> tuple[Reason, ...]:
     """Reasons where GNSS or odometer contradict the motion found; empty where they agree or are not
     logged.
     """
-    found = []
+    found: list[Reason] = []
     if run.gnss is not None:
         speed = np.linalg.norm(run.gnss.v_n_m_s[:, :2], axis=1)
         found += _moving_at_rest("GNSS", run.gnss.time_s, speed, motion)
@@ -159,27 +161,26 @@ def speed_disagreement(run: Run, motion: Motion) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _moving_at_rest(name: str, time_s: NDArray, speed: NDArray, motion: Motion) -> list[str]:
+def _moving_at_rest(witness: str, time_s: NDArray, speed: NDArray, motion: Motion) -> list[Reason]:
     still = _kind_at(time_s, motion) == STILL
     seconds = _seconds(time_s, still & (speed > MOVING_M_S))
     if seconds < LASTING_S:
         return []
-    fastest = float(speed[still].max())
-    return [
-        f"{name} says up to {fastest:.1f} m/s for {seconds:.0f} s while the inertial solution"
-        " rests: a steady roll taken for rest, or a wrong stream"
-    ]
+    moves = because(
+        AlignmentReason.SPEED_AT_REST,
+        witness=witness,
+        fastest_m_s=float(speed[still].max()),
+        moving_s=seconds,
+    )
+    return [moves]
 
 
-def _dead(time_s: NDArray, speed: NDArray, motion: Motion) -> list[str]:
+def _dead(time_s: NDArray, speed: NDArray, motion: Motion) -> list[Reason]:
     rolling = _kind_at(time_s, motion) == ROLLING
     seconds = _seconds(time_s, rolling)
     if seconds < LASTING_S or np.median(speed[rolling]) > DEAD_M_S:
         return []
-    return [
-        f"the odometer reads zero while the inertial solution rolls for {seconds:.0f} s: a dead"
-        " encoder reads as parked"
-    ]
+    return [because(AlignmentReason.DEAD_ODOMETER, rolling_s=seconds)]
 
 
 def _kind_at(time_s: NDArray, motion: Motion) -> NDArray:

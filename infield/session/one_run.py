@@ -58,10 +58,7 @@ def take_run(
     )
     points = session_points(run, estimate)
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
-    against = [
-        because(SessionReason.SPEED_CONTRADICTS, told=told)
-        for told in speed_disagreement(run, estimate.motion)
-    ]
+    against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
     if not verdict.accepted:
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)

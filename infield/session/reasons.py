@@ -45,7 +45,6 @@ class SessionReason(StrEnum):
     LEVEL_REMOVED = "level_removed"
     TEMPERATURE_UNCOVERED = "temperature_uncovered"
     FILTER_LOST = "filter_lost"
-    SPEED_CONTRADICTS = "speed_contradicts"
     SHORT_REST = "short_rest"
     EXCESS_RESIDUALS = "excess_residuals"
     RATES_CHANGE = "rates_change"

@@ -7,7 +7,7 @@ import numpy as np
 from alignment.motion.speeds import speed_disagreement
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
-from infield.reports.words.sentences import sentence
+from infield.reports.words.sentences import sentence, sentences
 from infield.session.pipeline import update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
@@ -25,11 +25,11 @@ def test_dead_encoder_and_rolling_rest_are_named():
     run, motion = o.simulated.run, o.estimate.solution.motion
     t = run.odometer.time_s
     dead = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.zeros(t.size)))
-    assert any("dead encoder" in reason for reason in speed_disagreement(dead, motion))
+    assert any("dead encoder" in reason for reason in sentences(speed_disagreement(dead, motion)))
     rolling = replace(run, odometer=OdometerLog(time_s=t, speed_m_s=np.full(t.size, 9.0)))
     assert any(
         "while the inertial solution rests" in reason
-        for reason in speed_disagreement(rolling, motion)
+        for reason in sentences(speed_disagreement(rolling, motion))
     )
 
 

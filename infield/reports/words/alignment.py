@@ -51,4 +51,12 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "no table of {imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h,"
         " what it is beyond that goes into the heading"
     ),
+    AlignmentReason.SPEED_AT_REST: (
+        "{witness} says up to {fastest_m_s:.1f} m/s for {moving_s:.0f} s while the inertial"
+        " solution rests: a steady roll taken for rest, or a wrong stream"
+    ),
+    AlignmentReason.DEAD_ODOMETER: (
+        "the odometer reads zero while the inertial solution rolls for {rolling_s:.0f} s: a dead"
+        " encoder reads as parked"
+    ),
 }

@@ -134,7 +134,6 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " {needed_percent:.0f} %"
     ),
     SessionReason.FILTER_LOST: "the filter cannot follow this log: {fault}",
-    SessionReason.SPEED_CONTRADICTS: "{told}",
     SessionReason.SHORT_REST: (
         "{rest_s:.0f} s at rest, needed {needed_s:.0f} s; {dropped_s:.0f} s were dropped for motion"
         " (listed as excluded)"
