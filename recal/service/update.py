@@ -117,7 +117,8 @@ def update(
     twin : TwinModel or path, optional
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
-        Looked in for the table, the noise model, and the runs that the table holds already.
+        Looked in for the table, the noise model, and the runs that the table holds already; give it
+        where the result is to be committed to a store that knows the unit.
     config : path, optional
         Settings (TOML), sections session and ageing.
     thermal_model : path, optional

@@ -50,6 +50,8 @@ def given_unit(
     if table is None:
         return found
     record, data = table_of(table)
+    if found.known and table_to_dict(found.table) == table_to_dict(record):
+        return found  # with the stored text, whose hash an update is committed to
     return replace(found, table=record, table_dict=data, known=True, given=True, revision=0)
 
 
