@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from os import PathLike
 from pathlib import Path
 
 from infield.table.file import json_text
@@ -126,7 +127,7 @@ def diagnose(
     ins.records.InputError: nowhere.json: no such file
     """
     twin_path = Path(twin)
-    paths = [Path(runs)] if isinstance(runs, AnyPath) else [Path(run) for run in runs]
+    paths = [Path(runs)] if isinstance(runs, str | PathLike) else [Path(run) for run in runs]
     believed = read_twin(twin_path)
     beside = twin_table(twin_path, believed)
     told("reading the runs")

@@ -4,6 +4,7 @@ seen.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 
 from infield.table.file import read_table_dict, table_from_dict, table_sha256
@@ -105,7 +106,7 @@ def plan(
     """
     wanted = request or PlanRequest()
     pairs = [read_pair(text) for text in wanted.separate or CLASSICAL]
-    read = runs_of(runs) if isinstance(runs, Run | AnyPath) or runs else []
+    read = runs_of(runs) if isinstance(runs, Run | str | PathLike) or runs else []
     twin, beside = _unit(wanted, read)
     lat_deg = wanted.lat_deg
     if lat_deg is None:
