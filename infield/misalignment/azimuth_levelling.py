@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_square
 
 from infield.misalignment.azimuth_runs import Stop
+from infield.table.least_squares import fit_rows
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
 from ins.units import HOUR, MICRO_G
@@ -66,15 +67,13 @@ def level_offsets(
     steady = accel.bias_instability_ug**2 + FLOOR_UG**2
     own = steady + accel.rate_random_walk_ug_sqrt_h**2 * hours + accel.vrw_ug_sqrt_hz**2 / used
     R = np.kron(np.eye(2), accel.turn_on_ug**2 * same_run + np.diag(own))
-    W = np.linalg.inv(np.linalg.cholesky(R))
-    P = np.linalg.inv(A.T @ W.T @ W @ A)
-    x = P @ A.T @ W.T @ W @ f
-    left = W @ (f - A @ x)
+    root = np.linalg.cholesky(R)
+    fit = fit_rows(np.linalg.solve(root, A), np.linalg.solve(root, f))
     g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
     return LevelOffsets(
-        offset_ug=x[:2] + np.asarray(accel.bias_ug)[:2],
-        sigma_ug=np.sqrt(np.diag(P)[:2]),
-        tilt_rad=x[2:] / g_ug,
-        chi2=float(left @ left),
-        dof=2 * m - 4,
+        offset_ug=fit.x[:2] + np.asarray(accel.bias_ug)[:2],
+        sigma_ug=np.sqrt(np.diag(fit.covariance)[:2]),
+        tilt_rad=fit.x[2:] / g_ug,
+        chi2=fit.chi2,
+        dof=fit.dof,
     )

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2 as chi_square
 
+from infield.table.least_squares import fit_rows
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import InputError, frozen_array
 from ins.units import DEG_PER_HOUR
@@ -147,25 +148,19 @@ def fit_azimuths(
     if own_axis_sigma_rad is not None:
         own = np.eye(A.shape[1])[[3 * gyro + column for gyro, column, _ in OWN_AXIS.values()]]
         A, y = np.vstack([A, own / own_axis_sigma_rad]), np.append(y, [0.0, 0.0])
-    size = np.linalg.norm(A, axis=0)
-    U, s, Vt = np.linalg.svd(A / size, full_matrices=True)
-    kept = int(np.sum(s > 1e-7 * s[0]))
-    back = Vt[:kept].T / size[:, None]
-    x = back @ ((U[:, :kept].T @ y) / s[:kept])
-    left = y - A @ x
-    null = Vt[kept:].T / size[:, None]
+    fit = fit_rows(A, y)
     return AzimuthFit(
         heading_rad=heading,
         bias_deg_h=bias,
         level_rate_deg_h=level_rate_deg_h,
-        parameters=x[:9].reshape(3, 3),
-        covariance=((back / s[:kept] ** 2) @ back.T)[:9, :9],
-        null=null / np.linalg.norm(null, axis=0),
-        unknowns=x[9:],
-        residual_deg_h=(root @ left[: 3 * m]).reshape(m, 3),
-        chi2=float(left @ left),
-        dof=len(y) - kept,
-        rank=kept,
+        parameters=fit.x[:9].reshape(3, 3),
+        covariance=fit.covariance[:9, :9],
+        null=fit.null,
+        unknowns=fit.x[9:],
+        residual_deg_h=(root @ fit.left[: 3 * m]).reshape(m, 3),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        rank=fit.rank,
     )
 
 

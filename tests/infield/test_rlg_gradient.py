@@ -10,9 +10,10 @@ from scipy.stats import chi2
 
 from infield.reports.documents.rlg import about_zero, rlg_document
 from infield.reports.words.sentences import sentence, sentences
+from infield.table.least_squares import condition_number
 from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.rlg.model import model_from_document
-from infield.thermal.rlg.terms import TERMS, Gram, columns, condition_number, hold_apart
+from infield.thermal.rlg.terms import TERMS, Gram, columns, hold_apart
 from ins.verdicts import plain
 from tests.infield.gradient_cases import NAMES, TWIN, Unit, case, three_runs
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.least_squares import condition_number
 from infield.table.merge import session_covariance
 from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
@@ -25,7 +26,6 @@ from infield.thermal.rlg.terms import (
     Collinear,
     Gram,
     columns,
-    condition_number,
     hold_apart,
     rest_nodes,
     term_sets,

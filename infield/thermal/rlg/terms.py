@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.least_squares import scaled, scaled_inverse
 from infield.thermal.reasons import ThermalNote
 from ins.verdicts import Reason, because
 
@@ -60,7 +61,7 @@ class Gram:
         prior = np.zeros(self.b.size)
         prior[len(TERMS) :] = rest_deg_h**-2.0 if rest_deg_h else 0.0
         at = np.flatnonzero(np.r_[use, np.full(self.b.size - len(TERMS), rest_deg_h > 0)])
-        P[np.ix_(at, at)] = _inverse(self.A[np.ix_(at, at)] + np.diag(prior[at]))
+        P[np.ix_(at, at)] = scaled_inverse(self.A[np.ix_(at, at)] + np.diag(prior[at]))
         theta[at] = P[np.ix_(at, at)] @ self.b[at]
         return theta, P
 
@@ -140,12 +141,6 @@ def term_sets(allowed: Sequence[str]) -> list[NDArray]:
     return sorted(found, key=lambda use: int(use.sum()))
 
 
-def condition_number(A: NDArray) -> float:
-    """Of the columns behind a Gram matrix, each scaled to length 1; infinite where one is zero."""
-    values = np.linalg.eigvalsh(_scaled(A)[0])
-    return float(np.sqrt(values[-1] / values[0])) if values[0] > 0 else float("inf")
-
-
 def hold_apart(
     A: NDArray, noise: NDArray, allowed: Sequence[str], own: str
 ) -> tuple[list[str], list[Collinear]]:
@@ -169,11 +164,11 @@ def hold_apart(
 def _collinear(A: NDArray, noise: NDArray, names: list[str]) -> Collinear | None:
     """What is against the last of some terms, None where it stands apart from the others."""
     at = [TERMS.index(name) for name in names]
-    scaled, length = _scaled(A[np.ix_(at, at)])
-    values = np.linalg.eigvalsh(scaled)
+    unit, length = scaled(A[np.ix_(at, at)])
+    values = np.linalg.eigvalsh(unit)
     condition = float(np.sqrt(values[-1] / max(values[0], 1e-30)))
-    on_others = np.linalg.lstsq(scaled[:-1, :-1], scaled[:-1, -1])[0]
-    own = max(1.0 - float(scaled[:-1, -1] @ on_others), 1e-30)  # of its length 1
+    on_others = np.linalg.lstsq(unit[:-1, :-1], unit[:-1, -1])[0]
+    own = max(1.0 - float(unit[:-1, -1] @ on_others), 1e-30)  # of its length 1
     of_noise = float(np.r_[on_others, 1.0] ** 2 @ (noise[at] / length**2)) / own
     if condition <= COLLINEAR and of_noise <= NOISY:
         return None
@@ -183,15 +178,3 @@ def _collinear(A: NDArray, noise: NDArray, names: list[str]) -> Collinear | None
         condition,
         of_noise,
     )
-
-
-def _scaled(A: NDArray) -> tuple[NDArray, NDArray]:
-    length = np.sqrt(np.maximum(np.diag(A), 1e-300))
-    return A / np.outer(length, length), length
-
-
-def _inverse(A: NDArray) -> NDArray:
-    """Of a positive matrix, scaled first."""
-    scaled, length = _scaled(A)
-    P = np.linalg.inv(scaled) / np.outer(length, length)
-    return np.asarray(0.5 * (P + P.T))
