@@ -2,7 +2,8 @@
 curve needs.
 """
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from markupsafe import Markup
@@ -97,7 +98,7 @@ def _points(
     document: MisalignmentDocument,
     k: int,
     value_deg_h: list[float],
-    style: dict[str, str],
+    style: Mapping[str, Any],
 ) -> None:
     """Values of gyro k over the headings of the stops, with their sigmas."""
     heading = [s.heading_deg for s in document.stops]

@@ -262,10 +262,10 @@ def _stops(study: AzimuthStudy) -> list[StopDocument]:
                 sigma_deg_h=sigma[j].tolist(),
                 sigma_apart_deg_h=scatter[j].tolist(),
                 compensated_deg_h=after[j].tolist(),
-                run_id=stop and study.runs[stop.run].header.run_id,
-                start_s=stop and stop.start_s,
-                end_s=stop and stop.end_s,
-                used_s=stop and stop.used_s,
+                run_id=None if stop is None else study.runs[stop.run].header.run_id,
+                start_s=None if stop is None else stop.start_s,
+                end_s=None if stop is None else stop.end_s,
+                used_s=None if stop is None else stop.used_s,
                 temperature_degC=T,
             )
         )
