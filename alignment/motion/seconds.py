@@ -24,6 +24,7 @@ SECOND_SIGMAS = 8.0
 LOST_S = 0.15
 SAME = 1e-7  # relative: compensation leaves the rows of a saturated sensor that much alike
 SHORTEST_JUDGED = 60  # seconds: below, there is no quiet level to judge by
+HALF_S = 0.5  # of rows at either end of a log are counted to the second beside them
 EDGE_ROWS = 1.5  # a second may lack so many rows at the start of a stretch and still count
 
 
@@ -129,7 +130,41 @@ def read_seconds(imu: ImuSource) -> LogSeconds:
     origin_s = float(np.floor(imu.start_s - 0.5 / imu.rate_hz))
     parts = [_reduced(rows, origin_s) for rows in _whole_seconds(imu, origin_s)]
     columns = {name: np.concatenate([part[name] for part in parts], axis=0) for name in parts[0]}
-    return LogSeconds(rate_hz=imu.rate_hz, **columns)
+    found = LogSeconds(rate_hz=imu.rate_hz, **columns)
+    if found.end_s.size > 1 and found.dt_s[-1] < HALF_S:
+        found = _joined(found, -2)
+    if found.end_s.size > 1 and found.dt_s[0] < HALF_S:
+        found = _joined(found, 0)
+    return found
+
+
+def _joined(log: LogSeconds, k: int) -> LogSeconds:
+    """The seconds with k (0 or -2) and the one after it as one: a few rows alone scatter more than
+    a second does.
+    """
+    pair = slice(k, k + 2 or None)
+    whole = {
+        "start_s": log.start_s[pair][0],
+        "end_s": log.end_s[pair][1],
+        "first_s": log.first_s[pair][0],
+        "longest_s": log.longest_s[pair].max(),
+        "high": log.high[pair].max(axis=0),
+        "low": log.low[pair].min(axis=0),
+        "at_high": log.at_high[pair].any(axis=0),
+        "at_low": log.at_low[pair].any(axis=0),
+    }
+    for name in ("dt_s", "rows", "sums", "scatter"):
+        whole[name] = getattr(log, name)[pair].sum(axis=0)
+    columns = {}
+    for name, value in whole.items():
+        column = getattr(log, name)
+        parts = (
+            [np.asarray(value)[None], column[2:]]
+            if k == 0
+            else [column[:-2], np.asarray(value)[None]]
+        )
+        columns[name] = np.concatenate(parts)
+    return replace(log, **columns)
 
 
 def _whole_seconds(imu: ImuSource, origin_s: float) -> Iterator[tuple[NDArray, NDArray, NDArray]]:

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from alignment import coarse
 from alignment.motion import kinds, stillness
 from alignment.motion.imu_faults import ImuFault, repair
+from alignment.motion.parked_seconds import parked_places
+from alignment.motion.seconds import LogSeconds
 from alignment.motion.seconds import seconds_of as seconds_of_log
 from infield.reports.words.sentences import sentence
 from infield.session.log import (
@@ -111,7 +113,7 @@ def view_run(
     )
     log = compensated_seconds(run, table, temperature, twin)
     seconds = _without(seconds_of(log), dead, fill)
-    rest = find_rest(run) if knows_north else _longest_rest(run)
+    rest = find_rest(run) if knows_north else _longest_rest(run, log)
     shortest = SHORTEST_PARK_S if knows_north else SHORTEST_LEVEL_S
     if rest is None:
         return (
@@ -276,10 +278,15 @@ def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
             kind[own] = PARKED
 
 
-def _longest_rest(run: Run) -> tuple[float, float] | None:
-    """The longest rest of a unit that drifts too fast for a rest to be told from its rates."""
-    found = find_rests(run).stretches
-    return max(found, key=lambda rest: rest[1] - rest[0], default=None)
+def _longest_rest(run: Run, log: LogSeconds) -> tuple[float, float] | None:
+    """The longest rest, on one heading and level, of a unit that drifts too fast for a rest to be
+    told from its rates.
+    """
+    spans = []
+    for stretch in find_rests(run, shortest_s=SHORTEST_LEVEL_S).stretches:
+        places = parked_places(log, *stretch)
+        spans += [(float(p.start_s[0]), float(p.end_s[-1])) for p in places] or [stretch]
+    return max(spans, key=lambda rest: rest[1] - rest[0], default=None)
 
 
 def _navigation(imu: ImuSource, run: Run, start_s: float, C_nb: NDArray) -> NavHistory:

@@ -43,7 +43,7 @@ def seconds_of(log: LogSeconds) -> Seconds:
         raise InputError(
             f"imu: {log.end_s[-1] - log.first_s[0]:.0f} s, needed at least {SHORTEST_S:.0f} s"
         )
-    at = np.ceil(log.end_s - start_s - 1e-6).astype(int) - 1
+    at = np.maximum(np.rint(log.start_s - start_s), 0).astype(int)
     known = log.where(at < count)
     at = at[at < count]
     rows = np.zeros(count, int)

@@ -36,16 +36,16 @@ class Rests:
     from_first: bool
 
 
-def find_rests(run: Run) -> Rests:
-    """Every rest of MIN_PARKED_S or more."""
+def find_rests(run: Run, *, shortest_s: float = MIN_PARKED_S) -> Rests:
+    """Every rest of `shortest_s` or more."""
     log = seconds_of(run.imu)
     windows = parked_windows(run)
     quiet = [(window, quiet_stretches(log.between(*window))) for window in windows]
     found = [stretch for _, stretches in quiet for stretch in stretches]
-    long = [s for s in found if s[1] - s[0] >= MIN_PARKED_S]
+    long = [s for s in found if s[1] - s[0] >= shortest_s]
     said = {s: _moves(run, *s) for s in long}
     kept = tuple(s for s in long if said[s] is None)
-    short = [_short(a, b) for a, b in found if SHORT_S <= b - a < MIN_PARKED_S]
+    short = [_short(a, b) for a, b in found if SHORT_S <= b - a < shortest_s]
     moving = [LeftOut(start_s=a, end_s=b, reason=why) for (a, b), why in said.items() if why]
     named = any(p.phase in PARKED_PHASES for p in run.phases)
     lost = [
