@@ -9,6 +9,7 @@ import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,15 +156,10 @@ def _joined(log: LogSeconds, k: int) -> LogSeconds:
     }
     for name in ("dt_s", "rows", "sums", "scatter"):
         whole[name] = getattr(log, name)[pair].sum(axis=0)
-    columns = {}
+    columns: dict[str, Any] = {}
     for name, value in whole.items():
-        column = getattr(log, name)
-        parts = (
-            [np.asarray(value)[None], column[2:]]
-            if k == 0
-            else [column[:-2], np.asarray(value)[None]]
-        )
-        columns[name] = np.concatenate(parts)
+        column, one = getattr(log, name), np.asarray(value)[None]
+        columns[name] = np.concatenate([one, column[2:]] if k == 0 else [column[:-2], one])
     return replace(log, **columns)
 
 
