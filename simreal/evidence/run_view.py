@@ -125,7 +125,7 @@ def view_run(
     whole = compensated_imu(replace(run, imu=mended), table, temperature, twin)
     kind = _kinds(run, whole, faults, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
-    edge_s = BLIND_EDGE_S if dead.any() else EDGE_S
+    edge_s = _edge_s(dead, knows_north)
     end_s = (
         float(seconds.end_s[moves[0]] - 1.0 - edge_s) if moves.size else float(seconds.end_s[-1])
     )
@@ -159,6 +159,15 @@ def view_run(
         temperature,
         tuple(notes),
     )
+
+
+def _edge_s(dead: NDArray, knows_north: bool) -> float:
+    """What is taken off the parked stretch before the first movement [s]. The rest of a unit that
+    finds no north ends where its own rows stop being quiet: nothing more is.
+    """
+    if dead.any():
+        return BLIND_EDGE_S
+    return EDGE_S if knows_north else 0.0
 
 
 def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
@@ -247,7 +256,8 @@ def _kinds(
         kind[0] = kind[1]
         _trust_phases(run, seconds, kind)
     else:
-        kind[seconds.end_s > rest[1]] = ROLLING  # nothing is made of what follows
+        # nothing is made of what follows; a rest ends with a row, near a full second
+        kind[seconds.end_s > rest[1] + 0.5] = ROLLING
     return kind
 
 
