@@ -24,7 +24,7 @@ from infield.session.disagreement import find_steps
 from infield.session.hysteresis import SessionLikelihood, joint_posterior
 from infield.session.joint_update import with_thermal_terms
 from infield.session.pipeline import update_calibration
-from infield.session.reasons import SessionReason, ThermalAction
+from infield.session.reasons import SessionReason, ThermalAction, ThermalKind
 from infield.session.results import SessionResult
 from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
 from infield.table.file import table_to_dict
@@ -220,6 +220,7 @@ def split(runs: int, *, kind: str, split_deg_h: float = 0.0, sigmas: float = 0.0
     term.
     """
     named = found = right = 0
+    kind = ThermalKind(kind)
     normalised = []
     for seed in range(runs):
         rng = np.random.default_rng([seed, 17])

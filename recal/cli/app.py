@@ -62,7 +62,7 @@ class _Loaded(MutableMapping[str, Any]):
     """Commands by name, in the order of the help, each loaded when it is first asked for."""
 
     def __init__(self) -> None:
-        self._found: dict[str, Any] = {}
+        self._found: dict[str, object] = {}
         self._names = [*COMMANDS, *GROUPS]
 
     def __getitem__(self, name: str) -> Any:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ins.records import ImuSource, InputError, TemperatureLog
+from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
 from ins.units import DEG_PER_HOUR
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
@@ -86,7 +86,14 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
         text = f"run.json: imu_serial {seen.header.imu_serial!r}, needed {serial!r}"
         problems.append(Finding(level="error", text=text))
     problems.sort(key=lambda problem: LEVELS.index(problem.level))
-    document = {
+    return Check(_document(path, seen, reference, problems), problems=tuple(problems))
+
+
+def _document(
+    path: Path, seen: Inspection, reference: ReferenceLog | None, problems: list[Finding]
+) -> Document:
+    """What `--json` prints."""
+    return {
         "schema": "recal.check/1",
         "run": str(path),
         "verdict": _verdict(problems),
@@ -99,7 +106,6 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
             {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in seen.faults
         ],
     }
-    return Check(document, problems=tuple(problems))
 
 
 def _verdict(problems: list[Finding]) -> str:

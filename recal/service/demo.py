@@ -10,6 +10,7 @@ from infield.store.table_store import TableStore
 from infield.table.thermal_table import ThermalTable
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
+from recal.service.results.text import Document
 from recal.service.update import Update, UpdateRequest, update_in_store
 from trajectories.runs.directory import write_run
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
@@ -57,18 +58,32 @@ def demo(
     """
     directory = output_directory(output, "demo")
     runs, unit = _simulate(directory, seed, rate_hz)
-    url = f"sqlite:///{directory / 'recal.db'}"
+    url = _store_url(directory)
     (directory / "recal.db").unlink(missing_ok=True)
     with TableStore.open(url, create=True) as store:
         store.import_table(unit.factory_table(), note="factory table of the demo unit")
     result = update_in_store(UpdateRequest(runs=runs, store_url=url, commit=True, output=directory))
     for line in result.lines():
         told(line)
-    document = {
+    document = _document(seed, runs, directory, unit, result)
+    shown = Demonstrated(document, page=result.page, update=result)
+    write_text(directory / "demo.json", shown.to_json())
+    return shown
+
+
+def _store_url(directory: Path) -> str:
+    return f"sqlite:///{directory / 'recal.db'}"
+
+
+def _document(
+    seed: int, runs: list[Path], directory: Path, unit: UnitTruth, result: Update
+) -> Document:
+    """What `--json` prints and demo.json holds."""
+    return {
         "schema": "recal.demo/1",
         "seed": seed,
-        "runs": [str(r) for r in runs],
-        "store": url,
+        "runs": [str(run) for run in runs],
+        "store": _store_url(directory),
         "verdict": result.verdict,
         "report": str(directory / "update.html"),
         "table_error_deg_h": {
@@ -76,9 +91,6 @@ def demo(
             "table_after": _error(unit, result.table, result),
         },
     }
-    shown = Demonstrated(document, page=result.page, update=result)
-    write_text(directory / "demo.json", shown.to_json())
-    return shown
 
 
 def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], UnitTruth]:

@@ -7,7 +7,7 @@ import pytest
 
 from alignment.motion import seconds
 from infield.session.pipeline import update_calibration
-from recal.service import unit_inputs
+from recal.service.inputs import unit_inputs
 from tests.infield.sessions import TAXI, TWIN, factory, simulated
 
 MOST = 8.0  # times the rows of the log: one reading by seconds, solve's passes, the claim chain

@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from alignment import gyrocompass
+from alignment.reasons import AlignmentReason
 from infield.session.log import find_rest, session_end
 from infield.session.navigated.estimator import estimate_session
 from infield.session.points import mean_rows
@@ -49,7 +50,7 @@ def latitude_found(seed: int, offset_deg: float, twin: TwinModel) -> tuple[bool,
         bias_sigma_deg_h=np.full(3, sigma),
     )
     named = result.verdict == "inconsistent" and any(
-        "latitude entered" in r for r in result.reasons
+        reason.code is AlignmentReason.WRONG_LATITUDE for reason in result.reasons
     )
     return named, result.verdict != "aligned"
 
