@@ -1,4 +1,4 @@
-"""Requirements R6 to R11 over seeded sessions: 6 runs in the normal suite, 200 marked slow.
+"""Requirements R6 to R11 over seeded sessions: 12 runs in the normal suite, 200 marked slow.
 
 Bounds are two-sided chi-square at 99.9 % for the number of runs at hand; sigmas against
 requirements.md and the covariance table of physics.md 6.7.
@@ -27,7 +27,7 @@ from tests.scenarios.study import (
 )
 
 CONFIDENCE = 0.999
-RUNS = [pytest.param(6, id="6"), pytest.param(200, id="200", marks=pytest.mark.slow)]
+RUNS = [pytest.param(12, id="12"), pytest.param(200, id="200", marks=pytest.mark.slow)]
 
 
 def vehicle(**changes):
@@ -102,7 +102,7 @@ def test_r6_verdict_and_sigma_in_every_row_of_6_7(name, runs):
     swapped = "m90" in name
     assert_sigma(found, 1 if swapped else 0, north)
     assert_sigma(found, 0 if swapped else 1, east)
-    if runs >= 6:
+    if runs >= 12:
         for k in range(3):
             assert_honest(axis(found, k), f"{name}, axis {k}")
 
