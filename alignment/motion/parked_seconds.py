@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import QUIET_S
-from alignment.motion.kinds import DISTURBED, STILL
+from alignment.motion.kinds import DISTURBED, STILL, Cause
 from alignment.motion.seconds import LogSeconds, Seconds, judged
 from alignment.motion.stillness import Motion
 from ins.robust import robust_scatter
@@ -21,7 +21,7 @@ from ins.robust import robust_scatter
 GUARD_S = 2.0
 BESIDE_S = 20  # seconds on either side of a disturbance, for level and rate before and after it
 NEW_PLACE_RAD = 0.02  # turned or tilted by more: what follows stands on another heading
-BUMP, PLACE = "bump", "stands elsewhere"
+PLACE = "stands elsewhere"
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ParkedSeconds:
     def motion(self) -> Motion:
         """The stretch as the epochs of a motion, bumps DISTURBED."""
         kind = np.where(np.append(True, self.still), STILL, DISTURBED)
-        cause = np.where(kind == DISTURBED, BUMP, "").astype(object)
+        cause = np.where(kind == DISTURBED, Cause.BUMP, "").astype(object)
         return Motion(
             np.append(self.start_s[0], self.end_s), kind, np.zeros(kind.size), float("nan"), cause
         )

@@ -121,8 +121,12 @@ def view_run(
         )
     start_s = float(np.ceil(rest[0] - 1e-6))
     C_nb = _attitude(imu, rest)
-    mended, faults = repair(run.imu, seconds_of_log(run.imu), rest[0], run.imu.end_s)
-    whole = compensated_imu(replace(run, imu=mended), table, temperature, twin)
+    whole = imu
+    faults: tuple[ImuFault, ...] = ()
+    if knows_north:
+        mended, faults = repair(run.imu, seconds_of_log(run.imu), rest[0], run.imu.end_s)
+        if mended is not run.imu:
+            whole = compensated_imu(replace(run, imu=mended), table, temperature, twin)
     kind = _kinds(run, whole, faults, rest, C_nb, seconds, navigable=knows_north)
     moves = np.flatnonzero((kind != PARKED) & (seconds.end_s > start_s))
     edge_s = _edge_s(dead, knows_north)
