@@ -14,13 +14,11 @@ from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.navigation_filter import (
     Aid,
+    FilterPass,
     ParkedConstraint,
     bin_of,
-    diffuse_heading_rad,
     heading_error_row,
-    new_filter,
     plan_steps,
-    sweep,
     views_of,
 )
 from alignment.reasons import AlignmentReason, AlignmentVerdict
@@ -120,17 +118,23 @@ def solve(
         )
         if not plan.kind.size:
             raise NothingStands(rest[1] - rest[0], twin.source)
-        flt = new_filter(twin, sigma0 or {}, -applied.ravel(), prior.covariance, level_rate)
-        flt.x[em.ACCEL] = -applied_accel[:2]
         parked = ParkedConstraint(
             displacement_sigma_m=jitter,
             hold_heading=hold_heading,
             yaw_jitter_rad=max(yaw_jitter, SMALLEST_YAW_JITTER_RAD),
         )
-        sweep(history, plan, flt, parked, aids=aids, clone_at_s=clone_at_s)
-        flt.withdraw_prior(
-            em.THETA_START.stop - 1, diffuse_heading_rad(prior.covariance, level_rate)
+        last = FilterPass(
+            history=history,
+            plan=plan,
+            twin=twin,
+            parked=parked,
+            bias_covariance=prior.covariance,
+            applied_rad_s=applied,
+            applied_accel_m_s2=applied_accel.copy(),
+            level_earth_rate_rad_s=level_rate,
+            clone_at_s=clone_at_s,
         )
+        flt = last.run(sigma0 or {}, aids)
         correction = flt.x[em.THETA_START]
         if (
             number > 0
@@ -143,7 +147,7 @@ def solve(
             C_nb = dcm_from_rotation_vector(-correction) @ C_nb
             applied = applied + flt.bias[0].reshape(-1, 3)
             applied_accel[:2] += flt.x[em.ACCEL]
-    return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter)
+    return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter, last)
 
 
 def _less_found(

@@ -8,7 +8,7 @@ odometer, GNSS: `infield.session.navigated.taxi_heading`). All of it is laid dow
 `FilterProgram` first, with numpy over the whole run, and worked through in one go.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -228,7 +228,7 @@ def diffuse_heading_rad(bias_covariance: NDArray, level_earth_rate_rad_s: float)
 
 def new_filter(
     twin: TwinModel,
-    sigma0: dict[str, float],
+    sigma0: Mapping[str, float],
     bias_mean: NDArray,
     bias_covariance: NDArray,
     level_earth_rate_rad_s: float,
@@ -291,6 +291,45 @@ def sweep(
         np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE
     )
     flt.run(program)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FilterPass:
+    """All of one pass of the filter but what aids it: the solution that it is linearised about and
+    what was taken off before. It can be run again under other aids on the same solution.
+
+    applied_rad_s (N, 3): gyro biases taken off over the bias bins; applied_accel_m_s2 (3,).
+    """
+
+    history: NavHistory
+    plan: StepPlan
+    twin: TwinModel
+    parked: ParkedConstraint
+    bias_covariance: NDArray
+    applied_rad_s: NDArray
+    applied_accel_m_s2: NDArray
+    level_earth_rate_rad_s: float
+    clone_at_s: float
+
+    def run(self, sigma0: Mapping[str, float], aids: Sequence[Aid]) -> ErrorFilter:
+        """The filter after its sweep, the heading prior withdrawn.
+
+        sigma0: prior sigmas of nuisance states by their names in `ins.filters.states`.
+        """
+        flt = new_filter(
+            self.twin,
+            sigma0,
+            -self.applied_rad_s.ravel(),
+            self.bias_covariance,
+            self.level_earth_rate_rad_s,
+        )
+        flt.x[em.ACCEL] = -self.applied_accel_m_s2[:2]
+        sweep(self.history, self.plan, flt, self.parked, aids=aids, clone_at_s=self.clone_at_s)
+        flt.withdraw_prior(
+            em.THETA_START.stop - 1,
+            diffuse_heading_rad(self.bias_covariance, self.level_earth_rate_rad_s),
+        )
+        return flt
 
 
 def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from numpy.typing import NDArray
 
 from alignment.motion.stillness import Motion
-from alignment.navigation_filter import StepPlan
+from alignment.navigation_filter import FilterPass, StepPlan
 from alignment.reasons import AlignmentVerdict
 from ins.filters.error_filter import ErrorFilter
 from ins.records import NavHistory, Phase, Span
@@ -28,7 +28,7 @@ class Solution:
     """A navigation solution linearised about itself, and the filter's last state of its errors.
 
     applied_bias_rad_s (N, 3): what the last pass had subtracted beyond the table. `clone_s`: the
-    time of the theta clone.
+    time of the theta clone. last: that pass, which can be run again under other aids.
     """
 
     history: NavHistory
@@ -39,6 +39,7 @@ class Solution:
     applied_bias_rad_s: NDArray
     clone_s: float
     displacement_sigma_m: float
+    last: FilterPass
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:
