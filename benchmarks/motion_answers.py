@@ -22,7 +22,8 @@ import numpy as np
 
 from alignment import gyrocompass
 from alignment.motion import imu_faults, inertial, kinds, parked_seconds, stillness
-from alignment.motion.seconds import LogSeconds, seconds_of
+from alignment.motion.seconds import LogSeconds
+from alignment.motion.speeds import watched_seconds
 from benchmarks.motion_runs import DATA, LEFT_OUT, RECORDED, ROOT, SIMULATED, Case, Named
 from infield.misalignment import azimuth_runs
 from infield.replay import free_inertial as replay
@@ -46,6 +47,7 @@ KINDS = {
     kinds.DISTURBED: "disturbed",
     kinds.ROLLING: "rolling",
     kinds.AIRBORNE: "airborne",
+    kinds.UNKNOWN: "unknown",
 }
 VIEW_KINDS = {
     telemetry.PARKED: "parked",
@@ -59,7 +61,7 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 def first_rest(case: Case) -> Any:
     """The stretch that a gyrocompass starts on, from the whole log."""
-    return span_of(inertial.first_rest(seconds_of(case.run.imu)))
+    return span_of(inertial.first_rest(watched_seconds(case.run)))
 
 
 def quiet_start(case: Case) -> Any:
@@ -70,7 +72,7 @@ def quiet_start(case: Case) -> Any:
 
 def repairs(case: Case) -> Any:
     """Clipping, shocks and dropouts of the parked time, and shakes that were recorded rightly."""
-    seconds = seconds_of(case.run.imu)
+    seconds = watched_seconds(case.run)
     rest = inertial.first_rest(seconds)
     if rest is None:
         return None
@@ -86,6 +88,7 @@ def alignment(case: Case) -> Any:
         case.twin,
         bias_sigma_deg_h=first_sigma_deg_h(case),
         phases=case.run.phases,
+        log=compensated_seconds(case),
     )
     return {
         "verdict": found.verdict,

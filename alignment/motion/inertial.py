@@ -44,7 +44,8 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     min of it.
 
     Judged on 10 s block means against their median over the stretch; three bad blocks in a row end
-    it, single ones (somebody boards) do not. None: the log never rests.
+    it, single ones (somebody boards) do not. A block that moves by the word of a receiver or the
+    wheels is bad however quiet it is. None: the log never rests.
     """
     if not seconds.end_s.size:
         return None
@@ -53,7 +54,8 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     omega = blocks.dtheta_rad / blocks.seconds[:, None]
     for i in range(len(f) - REST_BLOCKS + 1):
         reference = slice(i, i + REST_BLOCKS)
-        good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
+        good = ~blocks.moves & _near(f, reference, REST_FORCE_M_S2)
+        good &= _near(omega, reference, REST_RATE_RAD_S)
         if not good[reference].all():
             continue
         last = i + REST_BLOCKS - 1

@@ -1,15 +1,22 @@
-"""What a vehicle does, and what disturbs it while it stands."""
+"""What a vehicle does, what disturbs it while it stands, and what a witness says of that."""
 
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
 
 
 class Kind(IntEnum):
-    """What the vehicle does in an epoch; what is larger moves more."""
+    """What the vehicle does in an epoch. It stands up to DISTURBED; from ROLLING on nothing may be
+    made of it as of a standing one, UNKNOWN (no witness speaks) included.
+    """
 
     STILL = 0
     DISTURBED = 1
     ROLLING = 2
     AIRBORNE = 3
+    UNKNOWN = 4
 
 
 class Cause(StrEnum):
@@ -25,4 +32,41 @@ class Cause(StrEnum):
     DROPOUT = "dropout"
 
 
-STILL, DISTURBED, ROLLING, AIRBORNE = Kind
+class Witness(StrEnum):
+    """Who sees a vehicle stand or move."""
+
+    ROWS = "rows"
+    NAVIGATION = "navigation"
+    GNSS = "gnss"
+    WHEELS = "odometer"
+    PHASES = "phases"
+
+
+class Says(IntEnum):
+    """What a witness says of an epoch or a stretch."""
+
+    SILENT = 0
+    STANDS = 1
+    MOVES = 2
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one witness says of each epoch (k,), as codes of `Says`.
+
+    seen (k,): a speed [m/s], of the inertial rows a rate of turn [rad/s]; NaN where it sees
+    nothing; allowed: what a standing vehicle may show of it.
+    """
+
+    witness: Witness
+    says: NDArray
+    seen: NDArray
+    allowed: float
+
+    @property
+    def strength(self) -> NDArray:
+        """What is seen over what is allowed: above 1 it is movement, if it lasts."""
+        return np.asarray(self.seen / self.allowed)
+
+
+STILL, DISTURBED, ROLLING, AIRBORNE, UNKNOWN = Kind

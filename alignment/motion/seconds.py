@@ -37,7 +37,8 @@ class LogSeconds:
     dt_s: seconds that its rows cover; longest_s: its longest row; rows: how many. Columns (m, 6)
     are dv x, y, z [m/s], then dtheta x, y, z [rad]: sums; high, low, of the rows' rates; at_high,
     at_low: three rows on end read that rate; scatter: sum of squares of the rows' rates about the
-    second's mean.
+    second's mean. moves (m,): a receiver or the wheels say that the vehicle moves
+    (`alignment.motion.speeds.watched_seconds`); False where nobody was asked.
     """
 
     start_s: NDArray
@@ -52,6 +53,7 @@ class LogSeconds:
     at_high: NDArray
     at_low: NDArray
     scatter: NDArray
+    moves: NDArray
     rate_hz: float
 
     @property
@@ -96,13 +98,14 @@ class LogSeconds:
             seconds=np.add.reduceat(self.dt_s, first),
             dv_m_s=np.add.reduceat(self.sums[:, :3], first),
             dtheta_rad=np.add.reduceat(self.sums[:, 3:], first),
+            moves=np.logical_or.reduceat(self.moves, first),
         )
 
 
 @dataclass(frozen=True)
 class Blocks:
     """Blocks (n) of ten seconds: times of their first and last rows, the seconds that the rows
-    cover, sums dv_m_s and dtheta_rad (n, 3).
+    cover, sums dv_m_s and dtheta_rad (n, 3); moves (n,): a second of it does.
     """
 
     begin_s: NDArray
@@ -110,6 +113,7 @@ class Blocks:
     seconds: NDArray
     dv_m_s: NDArray
     dtheta_rad: NDArray
+    moves: NDArray
 
 
 _READ: dict[int, tuple[weakref.ref, LogSeconds]] = {}  # by identity, while the log lives
@@ -153,6 +157,7 @@ def _joined(log: LogSeconds, k: int) -> LogSeconds:
         "low": log.low[pair].min(axis=0),
         "at_high": log.at_high[pair].any(axis=0),
         "at_low": log.at_low[pair].any(axis=0),
+        "moves": log.moves[pair].any(),
     }
     for name in ("dt_s", "rows", "sums", "scatter"):
         whole[name] = getattr(log, name)[pair].sum(axis=0)
@@ -208,6 +213,7 @@ def _reduced(rows: tuple[NDArray, NDArray, NDArray], origin_s: float) -> dict[st
         "at_high": _three_on_end(np.abs(rate - np.repeat(high, count, axis=0)) <= width, first),
         "at_low": _three_on_end(np.abs(rate - np.repeat(low, count, axis=0)) <= width, first),
         "scatter": np.add.reduceat(off**2, first),
+        "moves": np.zeros(first.size, dtype=bool),
     }
 
 

@@ -5,20 +5,19 @@ rest to a receiver, a dead wheel encoder like parking: a vehicle stands where no
 otherwise.
 """
 
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.inertial import Where, steady_seconds
-from alignment.motion.kinds import ROLLING, STILL
-from alignment.motion.seconds import LogSeconds
+from alignment.motion.inertial import Where, first_rest, steady_seconds
+from alignment.motion.kinds import ROLLING, STILL, Evidence, Says, Witness
+from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.motion.stillness import Motion
 from alignment.reasons import AlignmentReason
 from ins.earth import displacement_ned
 from ins.filters.aided_records import Fixes
-from ins.records import GnssLog, Run
+from ins.records import GnssLog, OdometerLog, Run
 from ins.robust import runs_of_true
 from ins.verdicts import Reason, because
 
@@ -33,18 +32,13 @@ POSITION_CREEP_M_S = 1.0
 MOVING_M_S = 1.0  # a logged speed above this is movement
 WHEELS_STAND_M_S = 0.5  # an odometer below this stands
 DEAD_M_S = 0.05  # an odometer below this reads zero
+# a log of speeds is silent where its nearest row is farther than so many rows, and than this
+GAP_ROWS, SHORTEST_GAP_S = 5.0, 2.0
+NAMES = {Witness.GNSS: "GNSS", Witness.WHEELS: "the odometer"}  # as reasons name them
 LASTING_S = 20.0  # for so long before two sensors are said to disagree
 
 SHORTEST_S = 5.0  # of a stand in a flight
 EDGE_S = 4.0  # taken off either end: a receiver sees a slow start late
-
-
-class Said(StrEnum):
-    """What a witness says of a stretch."""
-
-    STANDS = "stands"
-    MOVES = "moves"
-    NOTHING = "nothing"
 
 
 @dataclass(frozen=True)
@@ -55,49 +49,146 @@ class Testimony:
     allowed_m_s: the speed of its mean velocity, and what that may be at rest.
     """
 
-    said: Said
+    said: Says
     fastest_m_s: float = 0.0
     moving_s: float = 0.0
     mean_m_s: float = 0.0
     allowed_m_s: float = 0.0
 
 
+def watched_seconds(run: Run) -> LogSeconds:
+    """The seconds of a run's log, with what its receiver and its wheels say of each."""
+    log = seconds_of(run.imu)
+    heard = (gnss_evidence(run.gnss, log.end_s), wheel_evidence(run.odometer, log.end_s))
+    moves = np.any([seen.says == Says.MOVES for seen in heard], axis=0)
+    return replace(log, moves=moves)
+
+
+def steady_roll(run: Run) -> Reason | None:
+    """Why what looks like rest to a log's inertial rows is none; None where they never rest, or
+    where nobody contradicts them.
+    """
+    log = seconds_of(run.imu)
+    rest = first_rest(log)
+    if rest is None:
+        return None
+    log = log.between(*rest)
+    for heard in (gnss_evidence(run.gnss, log.end_s), wheel_evidence(run.odometer, log.end_s)):
+        moves = heard.says == Says.MOVES
+        if moves.any():
+            return because(
+                AlignmentReason.SPEED_AT_REST,
+                witness=NAMES[heard.witness],
+                fastest_m_s=float(heard.seen[moves].max()),
+                moving_s=float(log.dt_s[moves].sum()),
+            )
+    return None
+
+
+def gnss_evidence(gnss: GnssLog | None, end_s: NDArray) -> Evidence:
+    """What a receiver's velocities, else its positions, say of the epochs that end at these times
+    (k,).
+    """
+    if gnss is None or gnss.time_s.size < FEWEST_ROWS:
+        return _silent(Witness.GNSS, end_s)
+    seen = np.isfinite(gnss.v_n_m_s).all(axis=1)
+    if np.count_nonzero(seen) < FEWEST_ROWS:
+        time_s, speed = _way_speed(gnss)
+        return _by_speed(Witness.GNSS, (time_s, speed), POSITION_CREEP_M_S, end_s)
+    speed = np.linalg.norm(gnss.v_n_m_s[seen, :2], axis=1)
+    return _by_speed(Witness.GNSS, (gnss.time_s[seen], speed), slow_m_s(gnss, seen), end_s)
+
+
+def wheel_evidence(odometer: OdometerLog | None, end_s: NDArray) -> Evidence:
+    """What the wheels say of the epochs that end at these times (k,)."""
+    if odometer is None or odometer.time_s.size < FEWEST_ROWS:
+        return _silent(Witness.WHEELS, end_s)
+    speed = np.abs(odometer.speed_m_s)
+    return _by_speed(Witness.WHEELS, (odometer.time_s, speed), WHEELS_STAND_M_S, end_s)
+
+
+def slow_m_s(gnss: GnssLog, seen: NDArray) -> float:
+    """Speed that a receiver may give of a standing vehicle, by its fixes `seen`."""
+    declared = gnss.sigma_velocity_m_s
+    sigma = 0.0 if declared is None else float(np.nanmedian(declared[seen]))
+    return max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
+
+
+def _silent(witness: Witness, end_s: NDArray) -> Evidence:
+    return Evidence(witness, np.full(end_s.size, Says.SILENT), np.full(end_s.size, np.nan), 1.0)
+
+
+def _by_speed(
+    witness: Witness, logged: tuple[NDArray, NDArray], allowed_m_s: float, end_s: NDArray
+) -> Evidence:
+    """Epochs by the speed (n,) logged nearest to each: beyond what is allowed for LASTING_S it is
+    movement, for less nobody knows; silent in gaps of the log.
+    """
+    time_s, speed = logged
+    gap_s = max(GAP_ROWS * float(np.median(np.diff(time_s))), SHORTEST_GAP_S)
+    after = np.clip(np.searchsorted(time_s, end_s), 1, time_s.size - 1)
+    nearest = after - (end_s - time_s[after - 1] < time_s[after] - end_s)
+    seen = np.where(np.abs(time_s[nearest] - end_s) <= gap_s, speed[nearest], np.nan)
+    says = np.where(seen <= allowed_m_s, Says.STANDS, Says.SILENT)
+    for a, b in runs_of_true(seen > allowed_m_s):
+        if end_s[b - 1] - end_s[a] >= LASTING_S - 1.0:
+            says[a:b] = Says.MOVES
+    return Evidence(witness, says, seen, allowed_m_s)
+
+
+def _way_speed(gnss: GnssLog) -> tuple[NDArray, NDArray]:
+    """Times and level speeds (n,) of a receiver without velocities, from its positions LASTING_S
+    apart.
+    """
+    rows = np.flatnonzero(np.isfinite(gnss.lat_rad) & np.isfinite(gnss.lon_rad))
+    if rows.size < FEWEST_ROWS:
+        return gnss.time_s, np.full(gnss.time_s.size, np.nan)
+    time_s, way = gnss.time_s[rows], _way_m(gnss, rows)
+    ends = [np.clip(time_s + s, time_s[0], time_s[-1]) for s in (-LASTING_S / 2, LASTING_S / 2)]
+    before, after = (np.stack([np.interp(t, time_s, w) for w in way.T], axis=1) for t in ends)
+    return time_s, np.linalg.norm(after - before, axis=1) / np.maximum(ends[1] - ends[0], 1.0)
+
+
+def _way_m(gnss: GnssLog, rows: NDArray) -> NDArray:
+    """Level way (n, 2) from the first of some rows."""
+    first = rows[0]
+    way = displacement_ned(
+        gnss.lat_rad[rows],
+        gnss.lon_rad[rows],
+        lat0_rad=float(gnss.lat_rad[first]),
+        lon0_rad=float(gnss.lon_rad[first]),
+        height0_m=float(gnss.height_m[first]),
+    )
+    return np.asarray(way)
+
+
 def receiver_says(gnss: GnssLog | None, start_s: float, end_s: float) -> Testimony:
     """Whether a receiver's velocities, else its positions, say that the vehicle stands."""
     if gnss is None:
-        return Testimony(Said.NOTHING)
+        return Testimony(Says.SILENT)
     inside = (gnss.time_s >= start_s) & (gnss.time_s <= end_s)
     seen = inside & np.isfinite(gnss.v_n_m_s).all(axis=1)
     if np.count_nonzero(seen) < FEWEST_ROWS:
         return _positions_say(gnss, inside)
-    v, declared = gnss.v_n_m_s[seen], gnss.sigma_velocity_m_s
-    sigma = 0.0 if declared is None else float(np.nanmedian(declared[seen]))
-    slow = max(SLOW_M_S, min(4.0 * sigma, LOOSE_M_S) if np.isfinite(sigma) else 0.0)
+    v, slow = gnss.v_n_m_s[seen], slow_m_s(gnss, seen)
     speed = np.linalg.norm(v[:, :2], axis=1)
     step_s = float(np.median(np.diff(gnss.time_s[seen])))
     moving_s = float(np.count_nonzero(speed > slow) * step_s)
     mean, allowed = mean_speed(v, end_s - start_s)
     moves = moving_s >= LASTING_S or mean > allowed
     return Testimony(
-        Said.MOVES if moves else Said.STANDS, float(speed.max()), moving_s, mean, allowed
+        Says.MOVES if moves else Says.STANDS, float(speed.max()), moving_s, mean, allowed
     )
 
 
 def _positions_say(gnss: GnssLog, inside: NDArray) -> Testimony:
     rows = np.flatnonzero(inside & np.isfinite(gnss.lat_rad) & np.isfinite(gnss.lon_rad))
     if rows.size < FEWEST_ROWS:
-        return Testimony(Said.NOTHING)
-    lat, lon = gnss.lat_rad[rows], gnss.lon_rad[rows]
-    way = displacement_ned(
-        lat,
-        lon,
-        lat0_rad=float(lat[0]),
-        lon0_rad=float(lon[0]),
-        height0_m=float(gnss.height_m[rows[0]]),
-    )
+        return Testimony(Says.SILENT)
+    way = _way_m(gnss, rows)
     since_s = gnss.time_s[rows] - gnss.time_s[rows[0]]
     creep = float(np.linalg.norm(np.polynomial.polynomial.polyfit(since_s, way, 1)[1]))
-    said = Said.STANDS if creep <= POSITION_CREEP_M_S else Said.MOVES
+    said = Says.STANDS if creep <= POSITION_CREEP_M_S else Says.MOVES
     return Testimony(said, mean_m_s=creep, allowed_m_s=POSITION_CREEP_M_S)
 
 
@@ -153,10 +244,10 @@ def speed_disagreement(run: Run, motion: Motion) -> tuple[Reason, ...]:
     found: list[Reason] = []
     if run.gnss is not None:
         speed = np.linalg.norm(run.gnss.v_n_m_s[:, :2], axis=1)
-        found += _moving_at_rest("GNSS", run.gnss.time_s, speed, motion)
+        found += _moving_at_rest(NAMES[Witness.GNSS], run.gnss.time_s, speed, motion)
     if run.odometer is not None:
         speed = np.abs(run.odometer.speed_m_s)
-        found += _moving_at_rest("the odometer", run.odometer.time_s, speed, motion)
+        found += _moving_at_rest(NAMES[Witness.WHEELS], run.odometer.time_s, speed, motion)
         found += _dead(run.odometer.time_s, speed, motion)
     return tuple(found)
 

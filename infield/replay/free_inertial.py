@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from alignment import gyrocompass
 from alignment.motion import stillness
+from alignment.motion.speeds import steady_roll
 from alignment.reasons import WITH_HEADING, AlignmentVerdict
 from alignment.result import Alignment
 from infield.replay.aided.flight import AidedResult, navigate_aided
@@ -153,7 +154,7 @@ def replay(
         result = ReplayResult(
             run=run,
             verdict=ReplayVerdict.REFUSED,
-            reasons=(because(ReplayReason.NEVER_RESTS),),
+            reasons=(steady_roll(raw) or because(ReplayReason.NEVER_RESTS),),
             notes=notes,
             vertical=damping,
         )

@@ -11,7 +11,8 @@ from enum import StrEnum
 import numpy as np
 
 from alignment.motion import excursions, kinds, stillness
-from alignment.motion.speeds import WHEELS_STAND_M_S, Said, receiver_says
+from alignment.motion.kinds import Says
+from alignment.motion.speeds import WHEELS_STAND_M_S, receiver_says
 from infield.replay.drift import REALIGN_M_S
 from ins.records import NavHistory, Run
 from ins.robust import runs_of_true
@@ -95,13 +96,13 @@ def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple
     for a, b in runs_of_true(stands):
         start_s, end_s = float(t[a]), float(t[b - 1])
         received = receiver_says(run.gnss, start_s + BRAKING_S, end_s).said
-        if b - a < width or received is Said.MOVES:
+        if b - a < width or received is Says.MOVES:
             continue
         rolled = run.odometer is not None and bool(
             ((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any()
         )
         without_receiver = Witness.ODOMETER if rolled else Witness.IMU
-        seen_by = Witness.GNSS if received is Said.STANDS else without_receiver
+        seen_by = Witness.GNSS if received is Says.STANDS else without_receiver
         found.append(Stop(start_s, end_s, seen_by))
     return tuple(found)
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.motion.kinds import AIRBORNE
+from alignment.motion.kinds import UNKNOWN
 from alignment.motion.parked_seconds import ParkedSeconds
 from alignment.motion.stillness import Motion
 from alignment.motion.turn_between import Turn
@@ -67,12 +67,12 @@ class ParkedEvidence:
 
     @property
     def motion(self) -> Motion:
-        """The stretches as one motion; what lies between them counts as movement."""
+        """The stretches as one motion; nobody says what lies between them."""
         first, *others = (s.seconds.motion for s in self.stretches)
         time_s, kind, cause = [first.time_s], [first.kind], [first.cause]
         for other in others:
             time_s.append(other.time_s)
-            kind.append(np.append(AIRBORNE, other.kind[1:]))
+            kind.append(np.append(UNKNOWN, other.kind[1:]))
             cause.append(other.cause)
         together = np.concatenate(kind)
         return Motion(

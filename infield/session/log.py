@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment.motion.inertial import first_rest
-from alignment.motion.seconds import LogSeconds, seconds_of
+from alignment.motion.seconds import LogSeconds
+from alignment.motion.speeds import watched_seconds
 from alignment.motion.stillness import ALIGNMENT_S
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
@@ -31,7 +32,7 @@ def compensated_seconds(
     run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
 ) -> LogSeconds:
     """The seconds of `compensated_imu`, from the log's own: no row is read again."""
-    return seconds_of(run.imu).corrected(_correction(run, table, temperature, twin))
+    return watched_seconds(run).corrected(_correction(run, table, temperature, twin))
 
 
 def _correction(
@@ -83,7 +84,7 @@ def alignment_end(run: Run, start_s: float) -> float:
 
 def find_rest(run: Run) -> tuple[float, float] | None:
     """The first rest: within the logged alignment phase where there is one."""
-    log = seconds_of(run.imu)
+    log = watched_seconds(run)
     logged = [p for p in run.phases if p.phase in PARKED_PHASES]
     return first_rest(log.between(logged[0].start_s, logged[0].end_s) if logged else log)
 

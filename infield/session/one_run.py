@@ -3,7 +3,7 @@
 import numpy as np
 
 from alignment.motion.inertial import Where
-from alignment.motion.speeds import speed_disagreement
+from alignment.motion.speeds import speed_disagreement, steady_roll
 from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
@@ -124,7 +124,9 @@ def _first_rest(run: Run, rests: Rests | None) -> tuple[Where | None, Reason | N
     if rests is not None:
         return (rests.stretches[0] if rests.stretches else None), rests.why
     rest = find_rest(run)
-    return rest, because(SessionReason.NEVER_RESTS) if rest is None else None
+    if rest is not None:
+        return rest, None
+    return None, steady_roll(run) or because(SessionReason.NEVER_RESTS)
 
 
 def _claim_chain(

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from alignment.gyrocompass import align as align_log
+from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from infield.reports.documents.alignment import alignment_document
-from infield.session.log import compensated_imu
+from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.zero_rate import mean_zero_rate
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -104,7 +105,17 @@ def align(
         sigma = np.array([unit.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
         sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
     imu = compensated_imu(read, unit.table, temperature, unit.twin)
-    result = align_log(imu, read.header.site, unit.twin, bias_sigma_deg_h=sigma, phases=read.phases)
+    result = align_log(
+        imu,
+        read.header.site,
+        unit.twin,
+        bias_sigma_deg_h=sigma,
+        phases=read.phases,
+        log=compensated_seconds(read, unit.table, temperature, unit.twin),
+    )
+    rolls = steady_roll(read) if result.verdict is AlignmentVerdict.REFUSED else None
+    if rolls is not None:
+        result = replace(result, reasons=(*result.reasons, rolls))
     if not unit.known:
         result = replace(result, reasons=(*result.reasons, _no_table(unit, read)))
     document = alignment_document(result, read)

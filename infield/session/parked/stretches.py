@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from alignment.motion.inertial import Where, quiet_stretches
+from alignment.motion.kinds import Says
 from alignment.motion.seconds import seconds_of
-from alignment.motion.speeds import LASTING_S, Said, joined, receiver_says
+from alignment.motion.speeds import LASTING_S, joined, receiver_says
 from infield.session.log import session_end
 from infield.session.reasons import ParkedReason
 from ins.records import PARKED_PHASES, Run
@@ -87,7 +88,7 @@ def _moves(run: Run, start_s: float, end_s: float) -> Reason | None:
     logged.
     """
     heard = receiver_says(run.gnss, start_s, end_s)
-    if heard.said is not Said.MOVES:
+    if heard.said is not Says.MOVES:
         return None
     if heard.moving_s >= LASTING_S:
         return because(
