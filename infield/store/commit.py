@@ -1,6 +1,7 @@
 """A recalibrated table becomes a unit's active one: the rows, inside the caller's transaction."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from sqlalchemy import Connection
@@ -8,6 +9,7 @@ from sqlalchemy import Connection
 from infield.store.errors import RunAlreadyMerged, TableMoved
 from infield.store.rows import (
     MergedRun,
+    NewRevision,
     Revision,
     append_revision,
     key_of,
@@ -18,45 +20,40 @@ from infield.store.rows import (
 )
 
 
-def commit_revision(
-    c: Connection,
-    row: Any,
-    *,
-    parent_sha256: str,
-    table_json: str,
-    runs: Sequence[MergedRun],
-    report_json: str,
-    first_table_json: str | None = None,
-    note: str = "",
-    now_utc: str | None = None,
-) -> Revision:
-    """Append the update of a locked unit and make it active; a unit without revisions begins with
-    `first_table_json`.
+@dataclass(frozen=True, kw_only=True)
+class TableUpdate:
+    """What a commit needs of an update. first_table_json: the table that a unit without revisions
+    begins with; its hash is the parent's.
+    """
+
+    parent_sha256: str
+    table_json: str
+    runs: Sequence[MergedRun]
+    report_json: str
+    first_table_json: str | None = None
+
+
+def commit_revision(c: Connection, row: Any, update: TableUpdate, *, note: str = "") -> Revision:
+    """Append the update of a locked unit and make it active.
 
     Raises as `require_mergeable` does.
     """
-    if last_number(c, row) == 0 and first_table_json is not None:
-        append_revision(
-            c,
-            row,
-            kind="factory",
-            table_json=first_table_json,
-            note="technology default",
-            now_utc=now_utc,
+    if last_number(c, row) == 0 and update.first_table_json is not None:
+        first = NewRevision(
+            kind="factory", table_json=update.first_table_json, note="technology default"
         )
-    require_mergeable(c, row, parent_sha256, runs)
+        append_revision(c, row, first)
+    require_mergeable(c, row, update.parent_sha256, update.runs)
     held = runs_held(c, row)
-    append_revision(
-        c,
-        row,
+    new = NewRevision(
         kind="update",
-        table_json=table_json,
-        runs=runs,
-        report_json=report_json,
+        table_json=update.table_json,
+        runs=update.runs,
+        report_json=update.report_json,
         note=note,
-        now_utc=now_utc,
     )
-    set_runs(c, row, held | {run.sha256 for run in runs})
+    append_revision(c, row, new)
+    set_runs(c, row, held | {run.sha256 for run in update.runs})
     return tagged(c, row, "active")
 
 

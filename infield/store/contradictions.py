@@ -13,7 +13,7 @@ from sqlalchemy import Connection, insert, inspect, select
 from infield.session.disagreement import SessionEvidence
 from infield.store.database import store_name
 from infield.store.errors import RowFault
-from infield.store.rows import key_of, row_sha256, runs_held, utc_now
+from infield.store.rows import key_of, now_of, row_sha256, runs_held
 from infield.store.schema import contradiction
 
 ARRAYS = ("temperature_degC", "bias_deg_h", "bend_deg_h", "covariance")
@@ -33,7 +33,7 @@ def append_contradictions(
     for e in new.values():
         values = {
             "run_sha256": e.run_sha256,
-            "recorded_utc": utc_now(),
+            "recorded_utc": now_of(c),
             "table_sha256": table_sha256,
             "evidence_json": _to_json(e),
         }

@@ -14,6 +14,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import quote
@@ -39,16 +40,25 @@ _ONE_MIGRATION = threading.Lock()  # Alembic's context is one per process
 T = TypeVar("T")
 
 
+def utc_now() -> str:
+    """The time of this machine, ISO 8601 in UTC."""
+    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
 class Database:
-    """One store by its URL; nothing is created unless `create`. any_clock: a clock behind the
-    newest row may write.
+    """One store by its URL; nothing is created unless `create`.
+
+    any_clock: a clock behind the newest row may write. clock: tells the time that rows get, ISO
+    8601 in UTC.
     """
 
-    def __init__(self, url: str, *, create: bool, any_clock: bool = False) -> None:
+    def __init__(
+        self, url: str, *, create: bool, any_clock: bool = False, clock: Callable[[], str] = utc_now
+    ) -> None:
         self._engine, self.name = _engine(url, create=create)
         # no connection outlives its store, also where nobody closes it
         weakref.finalize(self, self._engine.dispose)
-        self._writer = self._engine.execution_options(writes=True, any_clock=any_clock)
+        self._writer = self._engine.execution_options(writes=True, any_clock=any_clock, clock=clock)
         if create:
             self.write(_migrate)
         else:

@@ -12,7 +12,7 @@ from typing import Any
 
 from sqlalchemy import Connection, insert
 
-from infield.store.commit import commit_revision, require_mergeable
+from infield.store.commit import TableUpdate, commit_revision, require_mergeable
 from infield.store.database import Database
 from infield.store.errors import AlreadyRejected, UnknownUnit
 from infield.store.proposal_rows import (
@@ -32,9 +32,9 @@ from infield.store.rows import (
     key_of,
     last_number,
     lock_unit,
+    now_of,
     text_sha256,
     unit_of_table,
-    utc_now,
 )
 from infield.store.schema import decision, proposal
 from infield.table.file import canonical_json, table_to_dict
@@ -63,7 +63,6 @@ class ProposalStore:
         first_table: dict[str, Any] | None = None,
         by: str = "",
         note: str = "",
-        now_utc: str | None = None,
     ) -> Proposal:
         """Keep an update for review; arguments as for `TableStore.commit_update`. The active table
         stays as it is.
@@ -81,7 +80,6 @@ class ProposalStore:
             raise ValueError("the first table is not the parent that the update is proposed for")
         text = canonical_json(table_to_dict(table))
         values: dict[str, Any] = {
-            "proposed_utc": now_utc or utc_now(),
             "proposed_by": _one_line(by, "by", needed=False),
             "parent_sha256": parent_sha256,
             "sha256": text_sha256(text),
@@ -104,7 +102,7 @@ class ProposalStore:
                 "report_json": report_json,
                 "first_table_json": None if known else first,
             }
-            numbered = {**values, "number": number, "unit_id": row.id}
+            numbered = {**values, "proposed_utc": now_of(c), "number": number, "unit_id": row.id}
             record = record_of_proposal(
                 key_of(row), numbered, before[-1].record_sha256 if before else ""
             )
@@ -156,7 +154,6 @@ class ProposalStore:
         *,
         by: str,
         reason: str,
-        now_utc: str | None = None,
     ) -> Proposal:
         """Approve or reject a proposal, once; `verdict` is "approved" or "rejected". Approved, it
         becomes active.
@@ -181,13 +178,11 @@ class ProposalStore:
                 "number": full.decisions_before + 1,
                 "proposal_number": number,
                 "verdict": verdict,
-                "decided_utc": now_utc or utc_now(),
+                "decided_utc": now_of(c),
                 "decided_by": by,
                 "reason": reason,
                 "revision_number": (
-                    _commit(c, row, full, by, reason, now_utc)
-                    if verdict == Decided.APPROVED
-                    else None
+                    _commit(c, row, full, by, reason) if verdict == Decided.APPROVED else None
                 ),
             }
             record = record_of_decision(
@@ -206,27 +201,20 @@ def signed_note(by: str, reason: str, what: str = "") -> str:
     return f"{what}{_one_line(by, 'by')}: {_text(reason, 'reason')}"
 
 
-def _commit(
-    c: Connection, row: Any, full: FullProposal, by: str, reason: str, now_utc: str | None
-) -> int:
+def _commit(c: Connection, row: Any, full: FullProposal, by: str, reason: str) -> int:
     """The proposal becomes the active table; the number of its revision."""
     report = json.loads(full.report_json)
     signed = {"proposal": full.number, "approved_by": by, "approved_because": reason}
-    done = commit_revision(
-        c,
-        row,
+    committed = {**report, "verdict": Outcome.COMMITTED.value, **signed}
+    approved = TableUpdate(
         parent_sha256=full.parent_sha256,
         table_json=full.table_json,
         runs=full.runs,
-        report_json=json.dumps(
-            {**report, "verdict": Outcome.COMMITTED.value, **signed}, indent=1, allow_nan=False
-        )
-        + "\n",
+        report_json=json.dumps(committed, indent=1, allow_nan=False) + "\n",
         first_table_json=full.first_table_json,
-        note=signed_note(by, reason, f"proposal {full.number} approved by "),
-        now_utc=now_utc,
     )
-    return done.number
+    note = signed_note(by, reason, f"proposal {full.number} approved by ")
+    return commit_revision(c, row, approved, note=note).number
 
 
 def _the_same(before: Sequence[Proposal], values: dict[str, Any]) -> Proposal | None:

@@ -8,7 +8,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import Connection, Select, Table, and_, delete, func, insert, select, update
@@ -75,6 +75,18 @@ class Revision:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NewRevision:
+    """What a unit's next revision is to hold; the fields are those of `Revision`."""
+
+    kind: str
+    table_json: str
+    runs: Sequence[MergedRun] = ()
+    restored_number: int | None = None
+    report_json: str | None = None
+    note: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class UnitRecord:
     """A unit at a glance."""
 
@@ -84,38 +96,27 @@ class UnitRecord:
     has_twin: bool
 
 
-def append_revision(
-    c: Connection,
-    row: Any,
-    *,
-    kind: str,
-    table_json: str,
-    runs: Sequence[MergedRun] = (),
-    restored_number: int | None = None,
-    report_json: str | None = None,
-    note: str = "",
-    now_utc: str | None = None,
-) -> None:
+def append_revision(c: Connection, row: Any, new: NewRevision) -> None:
     """The next revision of a unit, chained to the last, tagged `active` (the first also
     `factory`).
     """
     last = last_number(c, row)
     before = tagged(c, row, "active") if last else None
-    now_utc = now_utc or utc_now()
+    now_utc = now_of(c)
     if before is not None and not c.get_execution_options().get("any_clock"):
         _require_later(before, now_utc)
     values: dict[str, Any] = {
         "unit_id": row.id,
         "number": last + 1,
-        "kind": kind,
-        "sha256": text_sha256(table_json),
+        "kind": new.kind,
+        "sha256": text_sha256(new.table_json),
         "created_utc": now_utc,
         "parent_sha256": before.sha256 if before else None,
-        "table_json": table_json,
-        "runs_json": json.dumps([[run.run_id, run.sha256] for run in runs]),
-        "restored_number": restored_number,
-        "report_json": report_json,
-        "note": note,
+        "table_json": new.table_json,
+        "runs_json": json.dumps([[run.run_id, run.sha256] for run in new.runs]),
+        "restored_number": new.restored_number,
+        "report_json": new.report_json,
+        "note": new.note,
     }
     values["record_sha256"] = record_sha256(key_of(row), values, _record_before(c, row, last + 1))
     c.execute(insert(revision).values(**values))
@@ -327,9 +328,9 @@ def provenance_runs(table: dict[str, Any]) -> set[str]:
     }
 
 
-def utc_now() -> str:
-    """The time written into rows."""
-    return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+def now_of(c: Connection) -> str:
+    """The time written into rows: the store's clock, ISO 8601 in UTC."""
+    return str(c.get_execution_options()["clock"]())
 
 
 def row_sha256(content: Any) -> str:

@@ -8,15 +8,15 @@ checked on every read.
 
 import itertools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from sqlalchemy import Connection, select, update
 
 from infield.session.disagreement import SessionEvidence
-from infield.store.commit import commit_revision
+from infield.store.commit import TableUpdate, commit_revision
 from infield.store.contradictions import append_contradictions, read_contradictions
-from infield.store.database import Database, store_exists
+from infield.store.database import Database, store_exists, utc_now
 from infield.store.errors import (
     RevisionMoved,
     RowFault,
@@ -29,6 +29,7 @@ from infield.store.overview import UnitSummary, read_overview
 from infield.store.proposals import FullProposal, Proposal, ProposalStore
 from infield.store.rows import (
     MergedRun,
+    NewRevision,
     Revision,
     UnitKey,
     UnitRecord,
@@ -78,13 +79,21 @@ class TableStore(ProposalStore):
     """
 
     @classmethod
-    def open(cls, url: str, create: bool = False, *, any_clock: bool = False) -> "TableStore":
+    def open(
+        cls,
+        url: str,
+        create: bool = False,
+        *,
+        any_clock: bool = False,
+        clock: Callable[[], str] = utc_now,
+    ) -> "TableStore":
         """The store at an SQLAlchemy URL; with `create` made, or migrated, if need be, else
         InputError if missing.
 
         A clock more than 300 s behind a unit's newest revision writes nothing, unless `any_clock`.
+        clock: tells the time that rows get, ISO 8601 in UTC.
         """
-        return cls(Database(url, create=create, any_clock=any_clock))
+        return cls(Database(url, create=create, any_clock=any_clock, clock=clock))
 
     def close(self) -> None:
         self._database.close()
@@ -228,12 +237,7 @@ class TableStore(ProposalStore):
         return twin_from_dict(json.loads(row.twin_json), source=where, name=where)
 
     def import_table(
-        self,
-        table: dict[str, Any],
-        *,
-        twin: TwinModel | None = None,
-        note: str = "",
-        now_utc: str | None = None,
+        self, table: dict[str, Any], *, twin: TwinModel | None = None, note: str = ""
     ) -> Revision:
         """A table from outside becomes active; the first is tagged `factory`. The active one again:
         no new revision.
@@ -261,14 +265,8 @@ class TableStore(ProposalStore):
                 )
             if last and (active := tagged(c, row, "active")).sha256 == text_sha256(text):
                 return active
-            append_revision(
-                c,
-                row,
-                kind="import" if last else "factory",
-                table_json=text,
-                note=note,
-                now_utc=now_utc,
-            )
+            kind = "import" if last else "factory"
+            append_revision(c, row, NewRevision(kind=kind, table_json=text, note=note))
             set_runs(c, row, provenance_runs(table))
             return tagged(c, row, "active")
 
@@ -283,7 +281,6 @@ class TableStore(ProposalStore):
         *,
         first_table: dict[str, Any] | None = None,
         note: str = "",
-        now_utc: str | None = None,
     ) -> Revision:
         """A recalibrated table becomes active, in one transaction or not at all.
 
@@ -300,18 +297,16 @@ class TableStore(ProposalStore):
                 "provenance.parent_sha256 is not the parent that the update is committed to"
             )
 
+        new = TableUpdate(
+            parent_sha256=parent_sha256,
+            table_json=text,
+            runs=runs,
+            report_json=report_json,
+            first_table_json=None if first_table is None else canonical_json(first_table),
+        )
+
         def work(c: Connection) -> Revision:
-            return commit_revision(
-                c,
-                lock_unit(c, unit_of_table(table)),
-                parent_sha256=parent_sha256,
-                table_json=text,
-                runs=runs,
-                report_json=report_json,
-                note=note,
-                now_utc=now_utc,
-                first_table_json=None if first_table is None else canonical_json(first_table),
-            )
+            return commit_revision(c, lock_unit(c, unit_of_table(table)), new, note=note)
 
         return self._database.write(work)
 
@@ -346,7 +341,6 @@ class TableStore(ProposalStore):
         *,
         active_number: int | None = None,
         note: str = "",
-        now_utc: str | None = None,
     ) -> Revision:
         """A new revision with the bits of an old one: its number, "factory" or "previous".
 
@@ -368,15 +362,10 @@ class TableStore(ProposalStore):
                     f"{key_of(row)}: revision {number} is the active one, nothing to roll back"
                 )
             target = read_revision(c, row, number)
-            append_revision(
-                c,
-                row,
-                kind="rollback",
-                table_json=target.table_json,
-                restored_number=number,
-                note=note,
-                now_utc=now_utc,
+            restored = NewRevision(
+                kind="rollback", table_json=target.table_json, restored_number=number, note=note
             )
+            append_revision(c, row, restored)
             set_runs(c, row, runs_of(c, row, target))
             return tagged(c, row, "active")
 

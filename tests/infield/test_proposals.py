@@ -60,9 +60,10 @@ def decide(store, number, verdict="approved", **more):
     )
 
 
-def test_a_proposal_changes_no_table(store):
+def test_a_proposal_changes_no_table(store, url):
     first = store.import_table(table_to_dict(table()))
-    kept = propose(store, first, by="fleet", note="night of 1 March", now_utc=UTC)
+    with TableStore.open(url, clock=lambda: UTC) as earlier:
+        kept = propose(earlier, first, by="fleet", note="night of 1 March")
     assert store.active() == first and len(store.history()) == 1 and not store.has_run("run-1")
     assert (kept.number, kept.state, kept.proposed_by) == (1, "open", "fleet")
     assert (kept.note, kept.proposed_utc) == ("night of 1 March", UTC)
@@ -79,10 +80,11 @@ def test_a_proposal_changes_no_table(store):
     )
 
 
-def test_approval_commits_what_was_proposed_and_says_who(store):
+def test_approval_commits_what_was_proposed_and_says_who(store, url):
     first = store.import_table(table_to_dict(table()))
     kept = propose(store, first)
-    done = decide(store, 1, now_utc=LATER)
+    with TableStore.open(url, clock=lambda: LATER) as later:
+        done = decide(later, 1)
     active = store.active()
     assert (active.number, active.kind, active.sha256, active.parent_sha256) == (
         2,

@@ -144,9 +144,8 @@ def test_a_file_that_is_locked_altogether_is_named(file_url, tmp_path, monkeypat
 
 def test_a_clock_that_jumped_backwards_writes_nothing(store, url):
     first = factory(store)
-    second = store.commit_update(
-        first.sha256, updated(first), [], "{}", now_utc="2031-01-01T00:00:00Z"
-    )
+    with TableStore.open(url, clock=lambda: "2031-01-01T00:00:00Z") as ahead:
+        second = ahead.commit_update(first.sha256, updated(first), [], "{}")
     for write in (
         lambda: commit(store, second),
         lambda: store.rollback(),
@@ -159,6 +158,7 @@ def test_a_clock_that_jumped_backwards_writes_nothing(store, url):
             write()
         assert one_line(raised) and store.active() == second
     # clocks of two machines
-    store.commit_update(second.sha256, updated(second), [], "{}", now_utc="2030-12-31T23:56:00Z")
+    with TableStore.open(url, clock=lambda: "2030-12-31T23:56:00Z") as behind:
+        behind.commit_update(second.sha256, updated(second), [], "{}")
     with TableStore.open(url, any_clock=True) as trusting:
         assert commit(trusting, trusting.active()).number == 4
