@@ -110,7 +110,7 @@ def session_rest(case: Case) -> Any:
 
 def update(case: Case) -> Any:
     """`recal update` of this run alone: its motion, phases, stretches and the chain's windows."""
-    result = pipeline.update_calibration([case.run], case.table, case.twin, parent_sha256=None)
+    result = pipeline.update_calibration([case.run], case.table, case.twin)
     found = result.sessions[0]
     answer = {"outcome": found.verdict.outcome, "reasons": words(found.verdict.reasons)}
     estimate = found.estimate

@@ -25,7 +25,7 @@ from benchmarks.exact_merge import Evidence, exact_merge, posterior
 from benchmarks.free_inertial import Flown, Hour
 from infield.reports.words.sentences import sentences
 from infield.session.bins import BIN_FLOOR_DEG_H
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import measurement_information
 from infield.session.results import SessionResult, UpdateResult
 from infield.table.file import table_from_dict, table_sha256, table_to_dict
@@ -203,7 +203,9 @@ def _session(
         plan=SessionPlan(run_id=run_id),
     )
     parent = table_sha256(table_to_dict(table))
-    return update_calibration([simulated.run], table, twin, parent_sha256=parent)
+    return update_calibration(
+        [simulated.run], table, twin, history=UnitHistory(parent_sha256=parent)
+    )
 
 
 def _visited(thermal: ThermalHistory) -> NDArray:

@@ -23,14 +23,14 @@ from benchmarks.thermal_sessions import (
 from infield.session.disagreement import find_steps
 from infield.session.hysteresis import SessionLikelihood, joint_posterior
 from infield.session.joint_update import with_thermal_terms
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason, ThermalAction, ThermalKind
 from infield.session.results import SessionResult
 from infield.store.table_store import MergedRun, RunAlreadyMerged, TableStore
 from infield.table.file import table_to_dict
 from infield.table.merge import SessionPoints, merge_points, session_covariance
 from infield.table.prior import prior_covariance
-from infield.table.thermal_table import ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
 from ins.records import AXES
 from ins.verdicts import Outcome
 
@@ -89,7 +89,7 @@ def far_nodes(runs: int, *, same_mean: bool, lengths: float = 1.0) -> Count:
             imu_serial="S",
             gyro_technology="rlg",
             created_utc="2026-01-01T00:00:00Z",
-            spacing_degC=rng.choice([5.0, 10.0]),
+            span=EvenNodes(spacing_degC=rng.choice([5.0, 10.0])),
         )
         nodes = table.temperature_degC
         P = prior_covariance(
@@ -292,8 +292,7 @@ def same_run_twice(runs: int) -> Count:
                 again,
                 revision.table,
                 TWIN,
-                parent_sha256=revision.sha256,
-                already_merged=store.has_run,
+                history=UnitHistory(parent_sha256=revision.sha256, already_merged=store.has_run),
             )
             held = [r.values["reason"].code for r in result.reasons]
             refused = result.outcome is Outcome.REFUSED and all(

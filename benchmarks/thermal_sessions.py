@@ -25,7 +25,7 @@ from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
 from infield.table.merge import merge_posterior
 from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
 from ins.records import Site, TwinModel
 from ins.units import DEG
 from trajectories.simulator.motions import reference_motion
@@ -57,7 +57,7 @@ def templates() -> tuple[SessionResult, ...]:
             10.0,
         )
         run = simulate_run(ideal, thermal_history(start, rng=rng), unit, TWIN, rng=rng).run
-        result = update_calibration([run], aged_table(sigma=0.1), TWIN, parent_sha256=None)
+        result = update_calibration([run], aged_table(sigma=0.1), TWIN)
         found.append(result.sessions[0])
     return tuple(found)
 
@@ -70,8 +70,7 @@ def aged_table(*, sigma: float | None = None, values: NDArray | None = None) -> 
         imu_serial="SN-0042",
         gyro_technology="rlg",
         created_utc="2025-01-01T00:00:00Z",
-        low_degC=NODES_DEGC[0],
-        high_degC=NODES_DEGC[-1],
+        span=EvenNodes(low_degC=NODES_DEGC[0], high_degC=NODES_DEGC[-1]),
         sigma_deg_h=sigma,
     )
     if sigma is None:

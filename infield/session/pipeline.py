@@ -29,6 +29,21 @@ from ins.records import InputError, Run, TwinModel
 from ins.verdicts import Outcome, Reason, because
 
 
+@dataclass(frozen=True, kw_only=True)
+class UnitHistory:
+    """What is on record of a unit before an update.
+
+    parent_sha256: hash of the stored table. already_merged(run_sha256) tells whether the table
+    holds a run; applied_table(sha256) gives the table that a unit had subtracted (InputError where
+    unknown). remembered: earlier sessions that contradicted the table.
+    """
+
+    parent_sha256: str | None = None
+    already_merged: Callable[[str], bool] = lambda sha256: False
+    applied_table: Callable[[str], ThermalTable] | None = None
+    remembered: Sequence[SessionEvidence] = ()
+
+
 @dataclass(frozen=True)
 class _Taken:
     """Runs taken one after the other: their results, the table after them, those merged."""
@@ -44,38 +59,38 @@ def update_calibration(
     table: ThermalTable,
     twin: TwinModel,
     *,
-    parent_sha256: str | None,
+    history: UnitHistory | None = None,
     settings: SessionSettings | None = None,
     ageing: AgeingModel | None = None,
-    already_merged: Callable[[str], bool] = lambda sha256: False,
-    applied_table: Callable[[str], ThermalTable] | None = None,
-    remembered: Sequence[SessionEvidence] = (),
     accept_step: bool = False,
 ) -> UpdateResult:
     """Recalibrate one unit's table from its runs, taken in the order of their start.
 
-    already_merged(run_sha256) tells whether the table holds a run; applied_table(sha256) gives the
-    table that a unit had subtracted (InputError where unknown). A run that contradicts model or
-    table makes the whole update inconsistent; a refused run is left out with its reasons.
-    remembered: earlier sessions that contradicted the table. With accept_step, a step that at least
-    two sessions agree on is followed: the table is widened for it and the runs are taken again.
+    A run that contradicts model or table makes the whole update inconsistent; a refused run is left
+    out with its reasons. With accept_step, a step that at least two sessions agree on is followed:
+    the table is widened for it and the runs are taken again.
     """
-    settings, ageing = settings or SessionSettings(), ageing or AgeingModel()
+    history = history or UnitHistory()
+    settings = settings or SessionSettings()
+    ageing = ageing or AgeingModel()
     _check_unit(runs, table, twin)
 
     def take(steps: tuple[Step, ...]) -> _Taken:
-        return _take(runs, table, twin, settings, ageing, already_merged, applied_table, steps)
+        return _take(runs, table, twin, settings, ageing, history, steps)
 
     taken = take(())
     evidence = _evidence(taken)
-    steps = find_steps(taken.table, [*remembered, *evidence])
+    steps = find_steps(taken.table, [*history.remembered, *evidence])
     accepted = accept_step and bool(steps)
     if accepted:
         taken = take(steps)
     outcome, reasons = _overall(taken.sessions)
     after, merged_runs = table, []
     if outcome is Outcome.ACCEPTED:
-        after, merged_runs = _with_provenance(taken, table, parent_sha256, steps), taken.merged_runs
+        after, merged_runs = (
+            _with_provenance(taken, table, history.parent_sha256, steps),
+            taken.merged_runs,
+        )
     else:
         reasons = (*reasons, *(step.reason for step in steps))
     if accept_step and not steps:
@@ -103,8 +118,7 @@ def _take(
     twin: TwinModel,
     settings: SessionSettings,
     ageing: AgeingModel,
-    already_merged: Callable[[str], bool],
-    applied_table: Callable[[str], ThermalTable] | None,
+    history: UnitHistory,
     steps: tuple[Step, ...],
 ) -> _Taken:
     """One run after the other; the table is widened before the first run at or after each step's
@@ -116,8 +130,10 @@ def _take(
     for run in sorted(runs, key=lambda r: utc(r.header.start_utc)):
         due = [step for step in waiting if utc(step.since_utc) <= utc(run.header.start_utc)]
         current, waiting = widened_for(current, due), [step for step in waiting if step not in due]
-        repeated = already_merged(run.sha256) or any(run.sha256 == m.sha256 for m in merged_runs)
-        raw = with_applied_table_undone(run, applied_table)
+        repeated = history.already_merged(run.sha256) or any(
+            run.sha256 == m.sha256 for m in merged_runs
+        )
+        raw = with_applied_table_undone(run, history.applied_table)
         result = take_run(
             raw,
             current.aged(_days_between(current.created_utc, run.header.start_utc), ageing),

@@ -178,6 +178,14 @@ def _shared_nodes(table: ThermalTable) -> tuple[float, float]:
     )
 
 
+@dataclass(frozen=True)
+class ParameterFile:
+    """The file that parameters came from, as the table's provenance names it."""
+
+    name: str = ""
+    sha256: str = ""
+
+
 def table_of_cubic(
     cubic: AutopilotCubic,
     *,
@@ -186,8 +194,7 @@ def table_of_cubic(
     created_utc: str,
     gyro_mode: str = "",
     sigma_deg_h: float | None = None,
-    file: str = "",
-    file_sha256: str = "",
+    file: ParameterFile | None = None,
 ) -> tuple[ThermalTable, list[str]]:
     """The parameters as a Hermite table (a cubic needs no more), and notes on its sigma.
 
@@ -221,12 +228,13 @@ def table_of_cubic(
             ),
         ]
     notes += _stated(cubic, own)
+    file = file or ParameterFile()
     origin = {
         "autopilot": cubic.autopilot,
         "imu": cubic.number,
         "device_id": cubic.device_id,
-        "file": file,
-        "file_sha256": file_sha256,
+        "file": file.name,
+        "file_sha256": file.sha256,
         "relative": relative,
     }
     table = ThermalTable(

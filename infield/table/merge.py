@@ -132,16 +132,8 @@ def merge_points(
     left = np.eye(table.n_parameters) - gain @ H
     P_plus = left @ P @ left.T + gain @ R @ gain.T
     z = W @ innovation
-    return _judged(
-        table,
-        innovation,
-        S,
-        gain,
-        change=gain @ innovation,
-        P_plus=P_plus,
-        nis=float(z @ z),
-        dof=z.size,
-    )
+    news = _News(innovation, S, gain, nis=float(z @ z), dof=z.size)
+    return _judged(table, news, gain @ innovation, P_plus)
 
 
 def merge_posterior(
@@ -186,16 +178,10 @@ def merge_posterior(
     delta = U @ innovation
     shrunk = G * np.sqrt(share)
     change, P_plus = hold_common(table, held_axes, G @ delta, table.covariance - shrunk @ shrunk.T)
-    return _judged(
-        table,
-        innovation,
-        reduction,
-        gain,
-        change=change,
-        P_plus=P_plus,
-        nis=float(np.sum(delta**2 / share)),
-        dof=int(seen.sum()),
+    news = _News(
+        innovation, reduction, gain, nis=float(np.sum(delta**2 / share)), dof=int(seen.sum())
     )
+    return _judged(table, news, change, P_plus)
 
 
 def hold_common(
@@ -267,17 +253,20 @@ def bin_edges(time_s: ArrayLike, duration_s: ArrayLike) -> tuple[NDArray, NDArra
     return centre - half, centre + half
 
 
-def _judged(
-    table: ThermalTable,
-    innovation: NDArray,
-    S: NDArray,
-    gain: NDArray,
-    *,
-    change: NDArray,
-    P_plus: NDArray,
-    nis: float,
-    dof: int,
-) -> MergeResult:
+@dataclass(frozen=True)
+class _News:
+    """What a session says beyond the table: innovation, its covariance S and gain, and how they
+    agree.
+    """
+
+    innovation: NDArray
+    S: NDArray
+    gain: NDArray
+    nis: float
+    dof: int
+
+
+def _judged(table: ThermalTable, news: _News, change: NDArray, P_plus: NDArray) -> MergeResult:
     """The result, merged only where neither NIS nor the shift of any axis is beyond its 99.9 %
     bound.
 
@@ -285,17 +274,19 @@ def _judged(
     sigma says.
     """
     candidate = table.replaced(parameters=table.parameters + change, covariance=_symmetric(P_plus))
-    band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], dof)) if dof else (0.0, 0.0)
+    band = (0.0, 0.0)
+    if news.dof:
+        band = tuple(chi2.ppf([0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2], news.dof))
     axis_z = _axis_shifts(table, change, table.covariance - candidate.covariance)
-    consistent = bool(nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
+    consistent = bool(news.nis <= band[1] and np.max(np.abs(axis_z)) <= AXIS_Z_LIMIT)
     return MergeResult(
         table=candidate if consistent else table,
         candidate=candidate,
-        innovation_deg_h=innovation,
-        innovation_covariance=S,
-        gain=gain,
-        nis=nis,
-        dof=dof,
+        innovation_deg_h=news.innovation,
+        innovation_covariance=news.S,
+        gain=news.gain,
+        nis=news.nis,
+        dof=news.dof,
         band=(float(band[0]), float(band[1])),
         axis_z=axis_z,
         consistent=consistent,

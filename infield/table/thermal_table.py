@@ -281,14 +281,27 @@ class ThermalTable:
         Q[np.ix_(rows, rows)] = self._variance_beyond(axis) * (B @ kernel @ B.T)
 
 
+@dataclass(frozen=True, kw_only=True)
+class EvenNodes:
+    """Temperatures a spacing apart, whole multiples of it, that cover low to high."""
+
+    low_degC: float = -40.0
+    high_degC: float = 70.0
+    spacing_degC: float = 10.0
+
+    def temperature_degC(self) -> NDArray:
+        """The nodes, shape (n,), n at least 2."""
+        first = self.spacing_degC * np.floor(self.low_degC / self.spacing_degC)
+        steps = int(np.ceil((self.high_degC - first) / self.spacing_degC))
+        return np.asarray(first + self.spacing_degC * np.arange(max(2, steps + 1)))
+
+
 def default_table(
     *,
     imu_serial: str,
     gyro_technology: str,
     created_utc: str,
-    low_degC: float = -40.0,
-    high_degC: float = 70.0,
-    spacing_degC: float = 10.0,
+    span: EvenNodes | None = None,
     sigma_deg_h: float | None = None,
     interpolation: str = "linear",
     gyro_mode: str = "",
@@ -298,10 +311,7 @@ def default_table(
     """
     _check_one_of("gyro_technology", gyro_technology, GYRO_TECHNOLOGIES)
     sigma = DEFAULT_SIGMA_deg_h[gyro_technology] if sigma_deg_h is None else sigma_deg_h
-    first = spacing_degC * np.floor(low_degC / spacing_degC)
-    nodes = first + spacing_degC * np.arange(
-        max(2, int(np.ceil((high_degC - first) / spacing_degC)) + 1)
-    )
+    nodes = (span or EvenNodes()).temperature_degC()
     hermite = interpolation == "hermite"
     sigmas = np.full(nodes.size, sigma)
     return ThermalTable(

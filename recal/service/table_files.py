@@ -8,7 +8,7 @@ from pathlib import Path
 from infield.store.errors import StoreConflict
 from infield.store.table_store import Revision, TableStore, require_same_unit
 from infield.table.autopilot_params import ENDINGS, MAX_DEVICE_ID, NUMBERS, read_cubic
-from infield.table.autopilot_table import CubicExport, export_cubic, table_of_cubic
+from infield.table.autopilot_table import CubicExport, ParameterFile, export_cubic, table_of_cubic
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
 from ins.records import GYRO_TECHNOLOGIES, InputError
 from ins.twin_file import read_twin
@@ -194,8 +194,7 @@ def _read_cubic(given: TableFile, unit: dict[str, str]) -> tuple[Document, list[
         found,
         **unit,
         sigma_deg_h=given.sigma_deg_h,
-        file=path.name,
-        file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+        file=ParameterFile(path.name, hashlib.sha256(path.read_bytes()).hexdigest()),
     )
     which = (
         f"{found.autopilot} IMU {found.number}, {found.low_degC:.1f} to {found.high_degC:.1f} degC"

@@ -13,7 +13,7 @@ from pathlib import Path
 from infield.reports import update_page
 from infield.reports.documents.update import update_document
 from infield.reports.words.sentences import sentence
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
 from infield.session.results import UpdateResult
 from infield.session.settings import SessionSettings
@@ -236,23 +236,31 @@ def _estimate(
 ) -> tuple[UpdateResult, UnitInputs, _Facts]:
     """One estimate against the unit's table as given."""
     unit, runs, use = with_thermal_model(unit, runs, job.thermal_model)
-    serial = unit.table.imu_serial
     result = update_calibration(
         runs,
         unit.table,
         unit.twin,
-        parent_sha256=table_sha256(dict(unit.table_dict)),
+        history=_history(unit, database),
         settings=job.settings,
         ageing=job.ageing,
-        already_merged=(
-            (lambda sha256: database.has_run(sha256, serial)) if database else lambda sha256: False
-        ),
-        applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
-        remembered=database.contradictions(*_key(unit)) if database and unit.revision else (),
         accept_step=job.accept_step,
     )
     facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after))
     return result, unit, facts
+
+
+def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
+    """What the store, where there is one, has on record of a unit."""
+    parent = table_sha256(dict(unit.table_dict))
+    if database is None:
+        return UnitHistory(parent_sha256=parent)
+    serial = unit.table.imu_serial
+    return UnitHistory(
+        parent_sha256=parent,
+        already_merged=lambda sha256: database.has_run(sha256, serial),
+        applied_table=lambda sha256: database.by_sha256(sha256).table,
+        remembered=database.contradictions(*_key(unit)) if unit.revision else (),
+    )
 
 
 def _document(

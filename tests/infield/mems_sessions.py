@@ -95,7 +95,7 @@ def session(seed, number=0, *, heading_deg=None, thermal=WARM_UP, twin=TWIN, **o
 
 
 def updated(runs, table=None, twin=TWIN, **options):
-    return update_calibration(runs, table or blank(), twin, parent_sha256=None, **options)
+    return update_calibration(runs, table or blank(), twin, **options)
 
 
 def squared_error(table, truth, temperature_degC=(22.0, 32.0, 43.0)):

@@ -17,7 +17,7 @@ from sqlalchemy.schema import CreateSchema, DropSchema
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 
 UTC = "2026-03-01T05:00:00Z"
 DATABASES = ("sqlite", "postgresql")
@@ -97,8 +97,7 @@ def table(serial="SN-1", technology="rlg", mode="", high=20.0):
         gyro_technology=technology,
         gyro_mode=mode,
         created_utc=UTC,
-        low_degC=0,
-        high_degC=high,
+        span=EvenNodes(low_degC=0, high_degC=high),
     )
 
 

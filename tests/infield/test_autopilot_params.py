@@ -14,7 +14,7 @@ from infield.table.autopilot_params import read_cubic, read_parameters
 from infield.table.autopilot_table import FREE_LEVEL_DEG_H, export_cubic, table_of_cubic
 from infield.table.cubic_fit import fit_cubics, valid_range
 from infield.table.prior import prior_covariance
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 from ins.units import DEG_PER_HOUR
 
@@ -30,9 +30,7 @@ def table(curve, sigma=10.0, low=-10.0, high=60.0):
         imu_serial="SN-1",
         gyro_technology="mems",
         created_utc=UTC,
-        low_degC=low,
-        high_degC=high,
-        spacing_degC=5.0,
+        span=EvenNodes(low_degC=low, high_degC=high, spacing_degC=5.0),
     )
     T = found.temperature_degC[0]
     P = prior_covariance((T,) * 3, (np.full(T.size, sigma),) * 3)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from infield.reports.documents.update import update_document
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.units import MILLIRADIAN
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, simulated
@@ -23,7 +23,9 @@ def result_of(segments=None, temperature=True):
         from dataclasses import replace
 
         run = replace(run, temperature=None)
-    return update_calibration([run], factory(), TWIN, parent_sha256=table_sha256(factory_dict()))
+    return update_calibration(
+        [run], factory(), TWIN, history=UnitHistory(parent_sha256=table_sha256(factory_dict()))
+    )
 
 
 def document_of(result, committed=False):

@@ -17,7 +17,7 @@ from infield.table.merge import (
     session_covariance,
 )
 from infield.table.prior import prior_covariance
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.noise import flicker_covariance, random_walk_covariance
 from ins.records import GyroNoise, InputError
 
@@ -31,8 +31,7 @@ def table_with(sigma=0.0072, interpolation="linear", **prior):
         imu_serial="S",
         gyro_technology="rlg",
         created_utc=UTC,
-        low_degC=-20,
-        high_degC=50,
+        span=EvenNodes(low_degC=-20, high_degC=50),
         interpolation=interpolation,
     )
     nodes, sigmas = table.temperature_degC, (np.full(8, sigma),) * 3
@@ -99,7 +98,10 @@ def filtered(table, points, own, M=None, y=None, R=None):
 
 def test_one_point_is_inverse_variance_weighting():
     table = default_table(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=10
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        span=EvenNodes(low_degC=0, high_degC=10),
     )
     table = table.replaced(covariance=np.diag(np.full(6, 0.01**2)))
     points = SessionPoints(

@@ -12,7 +12,7 @@ import pytest
 
 from infield.table.merge import SessionPoints, merge_points, merge_posterior, session_covariance
 from infield.table.prior import smooth_kernel
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import GyroNoise
 
 UTC = "2026-03-01T05:00:00Z"
@@ -31,9 +31,7 @@ def aged_table(nodes):
         imu_serial="S",
         gyro_technology="rlg",
         created_utc=UTC,
-        low_degC=nodes[0],
-        high_degC=nodes[-1],
-        spacing_degC=nodes[1] - nodes[0],
+        span=EvenNodes(low_degC=nodes[0], high_degC=nodes[-1], spacing_degC=nodes[1] - nodes[0]),
     )
     return table.replaced(covariance=np.kron(np.eye(3), ageing_kernel(nodes)))
 

@@ -16,7 +16,7 @@ from infield.reports.misalignment_page import render
 from infield.reports.words.sentences import sentences
 from infield.session.log import find_rest, session_end
 from infield.session.navigated.estimator import estimate_session
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.settings import SessionSettings, misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
 from infield.thermometer.gyro_temperature import gyro_temperature
@@ -119,7 +119,8 @@ def test_the_table_merge_takes_both_headings_after_it_and_neither_before():
     runs = [parked_run(heading).run for heading in (45.0, 225.0)]
     parent = table_sha256(table_to_dict(table()))
     before, after = (
-        update_calibration(runs, table(), twin, parent_sha256=parent) for twin in (TWIN, corrected)
+        update_calibration(runs, table(), twin, history=UnitHistory(parent_sha256=parent))
+        for twin in (TWIN, corrected)
     )
     assert before.outcome == "inconsistent" and after.outcome == "accepted", (
         before.reasons,

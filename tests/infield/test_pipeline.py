@@ -8,7 +8,7 @@ import pytest
 
 from infield.reports.words.sentences import sentence, sentences
 from infield.session.acceptance import judge_estimate
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.points import observability
 from infield.table.file import table_sha256
 from ins.compensation import compensate
@@ -34,8 +34,11 @@ from trajectories.simulator.thermal import thermal_history
 PARENT = table_sha256(factory_dict())
 
 
-def update(runs, table=None, **options):
-    return update_calibration(list(runs), table or factory(), TWIN, parent_sha256=PARENT, **options)
+def update(runs, table=None, *, accept_step=False, **known):
+    history = UnitHistory(parent_sha256=PARENT, **known)
+    return update_calibration(
+        list(runs), table or factory(), TWIN, history=history, accept_step=accept_step
+    )
 
 
 @lru_cache(maxsize=1)
@@ -114,13 +117,9 @@ def test_another_unit_is_bad_input(changes):
 
 def test_a_twin_of_another_unit_is_bad_input():
     with pytest.raises(InputError, match="SN-9999"):
-        update_calibration(
-            [simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"), parent_sha256=None
-        )
+        update_calibration([simulated(1).run], factory(), replace(TWIN, imu_serial="SN-9999"))
     with pytest.raises(InputError, match="fog"):
-        update_calibration(
-            [simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"), parent_sha256=None
-        )
+        update_calibration([simulated(1).run], factory(), replace(TWIN, gyro_technology="fog"))
 
 
 def refused(run, **options):

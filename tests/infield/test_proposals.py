@@ -17,7 +17,7 @@ from infield.store.table_store import (
     UnknownUnit,
 )
 from infield.table.file import canonical_json, table_sha256, table_to_dict
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 from tests.infield import stores
 from tests.infield.stores import tamper
@@ -31,7 +31,10 @@ REPORT = '{"verdict": "proposed", "nis": 1.0000000000000002}'
 
 def table(serial="SN-1"):
     return default_table(
-        imu_serial=serial, gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=20.0
+        imu_serial=serial,
+        gyro_technology="rlg",
+        created_utc=UTC,
+        span=EvenNodes(low_degC=0, high_degC=20.0),
     )
 
 

@@ -237,7 +237,7 @@ def test_update_drifts_less_and_the_true_table_least():
         ageing=0.012,
     )
     old = prior_table(0.012)
-    update = update_calibration([session.run], old, QUIET, parent_sha256=None)
+    update = update_calibration([session.run], old, QUIET)
     assert update.outcome == "accepted"
     true = true_table(session, old, unit.bias_deg_h)
     rates: dict[str, list[float]] = {"old": [], "new": [], "true": []}

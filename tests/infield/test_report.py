@@ -31,7 +31,7 @@ from infield.reports.figures import (
     thinned,
 )
 from infield.reports.update_page import update_html
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.records import TwinModel
 from tests.undrawn import figures_left_out
@@ -73,7 +73,9 @@ def _simulated(seed, *, start_utc="2026-03-01T05:00:00Z", heading_deg=0.0):
 
 def _document(runs, table, *, committed=False, **facts):
     parsed, twin = table_from_dict(table, name="table"), TwinModel(source="defaults of rlg")
-    result = update_calibration(runs, parsed, twin, parent_sha256=table_sha256(table))
+    result = update_calibration(
+        runs, parsed, twin, history=UnitHistory(parent_sha256=table_sha256(table))
+    )
     facts = {"store": "sqlite:///recal.db", "version": "9.8.7", **facts}
     return update_document(result, committed=committed, table_before=table, **facts)
 

@@ -8,7 +8,7 @@ from alignment.motion.speeds import speed_disagreement
 from infield.reports.documents.update import update_document
 from infield.reports.update_page import update_html
 from infield.reports.words.sentences import sentence, sentences
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from ins.records import OdometerLog, TemperatureLog
 from tests.scenarios.study import REFERENCE_TWIN, prior_table, session
@@ -43,7 +43,9 @@ def test_a_dead_encoder_refuses_the_update_with_a_full_report():
         ),
     )
     table, data = prior_table(), table_to_dict(prior_table())
-    result = update_calibration([dead], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
+    result = update_calibration(
+        [dead], table, REFERENCE_TWIN, history=UnitHistory(parent_sha256=table_sha256(data))
+    )
     assert result.outcome == "refused" and "dead encoder" in sentence(result.reasons[0])
     document = update_document(
         result, committed=False, store=None, version="test", table_before=data
@@ -59,7 +61,9 @@ def test_a_stuck_thermometer_teaches_its_axis_nothing():
     gyro[:, 0] = 0.0
     stuck = replace(run, temperature=TemperatureLog(time_s=run.temperature.time_s, gyro_degC=gyro))
     table, data = prior_table(), table_to_dict(prior_table())
-    result = update_calibration([stuck], table, REFERENCE_TWIN, parent_sha256=table_sha256(data))
+    result = update_calibration(
+        [stuck], table, REFERENCE_TWIN, history=UnitHistory(parent_sha256=table_sha256(data))
+    )
     assert result.outcome == "accepted"
     x, y = table.values_of("x"), table.values_of("y")
     assert np.array_equal(result.after.parameters[x], table.parameters[x])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicHermiteSpline
 
 from infield.table.prior import prior_covariance, smooth_kernel
-from infield.table.thermal_table import AgeingModel, ThermalTable, default_table
+from infield.table.thermal_table import AgeingModel, EvenNodes, ThermalTable, default_table
 from ins.records import InputError
 
 UTC = "2026-03-01T05:00:00Z"
@@ -98,7 +98,10 @@ def test_draws_of_the_hermite_prior_are_smooth_curves():
 @pytest.mark.parametrize("technology, sigma", [("rlg", 0.01), ("fog", 0.05), ("mems", 30.0)])
 def test_default_table_is_the_contract(technology, sigma):
     table = default_table(
-        imu_serial="S", gyro_technology=technology, created_utc=UTC, low_degC=-37, high_degC=52
+        imu_serial="S",
+        gyro_technology=technology,
+        created_utc=UTC,
+        span=EvenNodes(low_degC=-37, high_degC=52),
     )
     nodes = table.temperature_degC[2]
     assert nodes[0] == -40 and nodes[-1] == 60 and np.all(np.diff(nodes) == 10)
@@ -113,8 +116,7 @@ def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
         imu_serial="S",
         gyro_technology="rlg",
         created_utc=UTC,
-        low_degC=0,
-        high_degC=40,
+        span=EvenNodes(low_degC=0, high_degC=40),
         interpolation=interpolation,
     )
     table = table.replaced(parameters=rng.standard_normal(table.n_parameters) * 1e-3)
@@ -139,7 +141,10 @@ def test_extension_keeps_bits_and_says_what_sigma_says(interpolation):
 
 def test_in_range():
     table = default_table(
-        imu_serial="S", gyro_technology="rlg", created_utc=UTC, low_degC=0, high_degC=40
+        imu_serial="S",
+        gyro_technology="rlg",
+        created_utc=UTC,
+        span=EvenNodes(low_degC=0, high_degC=40),
     )
     assert table.in_range("x", [-0.1, 0.0, 40.0, 40.1]).tolist() == [False, True, True, False]
 

@@ -22,7 +22,7 @@ from infield.table.file import (
     table_sha256,
     table_to_dict,
 )
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 
 UTC = "2026-03-01T05:00:00Z"
@@ -70,7 +70,7 @@ def test_export_import_export_keeps_every_bit(scale, seed, interpolation):
         gyro_technology="fog",
         created_utc=UTC,
         interpolation=interpolation,
-        high_degC=0,
+        span=EvenNodes(high_degC=0),
         gyro_mode="m",
     )
     root = rng.standard_normal((table.n_parameters, table.n_parameters)) * scale

@@ -45,7 +45,7 @@ def counted():
 
 
 def test_an_update_goes_over_the_log_at_most_eight_times(counted):
-    found = update_calibration([counted], factory(), TWIN, parent_sha256=None)
+    found = update_calibration([counted], factory(), TWIN)
     assert found.sessions[0].estimate is not None
     assert counted.imu.handed_out <= MOST * counted.imu.rows
 
@@ -60,5 +60,5 @@ def test_a_unit_without_a_table_is_read_by_seconds_once(counted, monkeypatch):
 
     monkeypatch.setattr(seconds, "read_seconds", counting)
     table = unit_inputs.table_of_unknown_unit(counted, TWIN)
-    update_calibration([counted], table, TWIN, parent_sha256=None)
+    update_calibration([counted], table, TWIN)
     assert read[id(counted.imu)] == 1

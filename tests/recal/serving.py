@@ -14,7 +14,7 @@ import uvicorn
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from recal.web.app import build_app
 from recal.web.settings import ServeSettings, token_of
 
@@ -84,8 +84,7 @@ def put_unit(
             gyro_technology=technology,
             gyro_mode=mode,
             created_utc="2026-03-01T05:00:00Z",
-            low_degC=0,
-            high_degC=20,
+            span=EvenNodes(low_degC=0, high_degC=20),
         )
         active = store.import_table(table_to_dict(old), note=note)
         for k in range(updates):

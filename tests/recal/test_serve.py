@@ -8,6 +8,8 @@ import re
 
 import pytest
 
+from infield.table.thermal_table import EvenNodes
+
 pytest.importorskip("fastapi")
 
 from infield.store.table_store import TableStore
@@ -358,7 +360,10 @@ def test_a_first_table_waits_without_one_in_use(tmp_path):
 
     url = f"sqlite:///{tmp_path}/recal.db"
     old = default_table(
-        imu_serial="NEW", gyro_technology="rlg", created_utc="2026-03-01T05:00:00Z", high_degC=20
+        imu_serial="NEW",
+        gyro_technology="rlg",
+        created_utc="2026-03-01T05:00:00Z",
+        span=EvenNodes(high_degC=20),
     )
     first = table_to_dict(old)
     said = {"parent_sha256": table_sha256(first), "runs": []}

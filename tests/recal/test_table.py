@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import json_text, table_sha256, table_to_dict
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError, TwinModel
 from ins.twin_file import twin_to_dict
 from recal.cli.table.app import app
@@ -26,7 +26,10 @@ def folder(tmp_path, monkeypatch):
 def table_file(folder, serial="SN-1", technology="rlg", name="table.json"):
     data = table_to_dict(
         default_table(
-            imu_serial=serial, gyro_technology=technology, created_utc=UTC, low_degC=0, high_degC=20
+            imu_serial=serial,
+            gyro_technology=technology,
+            created_utc=UTC,
+            span=EvenNodes(low_degC=0, high_degC=20),
         )
     )
     data["axes"]["y"]["bias_deg_h"] = [0.1 + 0.2, 1e-17, -3]

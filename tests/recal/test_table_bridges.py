@@ -7,7 +7,7 @@ import pytest
 
 from infield.table.file import json_text, table_to_dict
 from infield.table.prior import prior_covariance
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from recal.cli.console import REFUSED
 from tests.recal.test_table import ok, refused, run
 
@@ -23,9 +23,7 @@ def stored(folder, sigma=10.0):
         imu_serial="SN-1",
         gyro_technology="mems",
         created_utc="2026-03-01T05:00:00Z",
-        low_degC=0,
-        high_degC=60,
-        spacing_degC=5,
+        span=EvenNodes(low_degC=0, high_degC=60, spacing_degC=5),
     )
     T = table.temperature_degC[0]
     P = prior_covariance((T,) * 3, (np.full(T.size, sigma),) * 3)

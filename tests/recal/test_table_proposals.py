@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
-from infield.table.thermal_table import default_table
+from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 from recal.cli.app import app
 from tests.infield.sessions import factory_dict, simulated
@@ -41,7 +41,7 @@ def put_forward(serials=("SN-1",), *, shift_deg_h=0.001, run_id="run-1"):
                 imu_serial=serial,
                 gyro_technology="rlg",
                 created_utc="2026-03-01T05:00:00Z",
-                high_degC=20,
+                span=EvenNodes(high_degC=20),
             )
             first = store.import_table(table_to_dict(old))
             said = {"parent_sha256": first.sha256, "runs": []}

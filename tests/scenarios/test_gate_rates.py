@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from infield.reports.words.sentences import sentences
-from infield.session.pipeline import update_calibration
+from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_sha256, table_to_dict
 from tests.infield.sessions import PARKED, ideal_of, unit
 from tests.scenarios.gate_study import KINDS, gate
@@ -69,7 +69,7 @@ def test_a_run_with_nothing_left_is_refused_with_the_seconds():
     ).run
     data = table_to_dict(prior_table())
     result = update_calibration(
-        [run], prior_table(), DEFAULT_TWIN, parent_sha256=table_sha256(data)
+        [run], prior_table(), DEFAULT_TWIN, history=UnitHistory(parent_sha256=table_sha256(data))
     )
     assert result.outcome == "refused"
     assert any("s were dropped" in reason for reason in sentences(result.reasons)), result.reasons

@@ -31,7 +31,7 @@ from benchmarks.recalibration_unit import (
     true_prior,
 )
 from infield.table.merge import merge_posterior
-from infield.table.thermal_table import ThermalTable, default_table
+from infield.table.thermal_table import EvenNodes, ThermalTable, default_table
 from ins.earth import EARTH_RATE_RAD_S, ecef_from_geodetic, radii_of_curvature
 from ins.records import AccelNoise, GyroNoise, ImuLog, NavState, VehicleNoise
 from ins.strapdown.mechanization import VerticalChannel, navigate
@@ -47,8 +47,7 @@ def flat_table(value: float = 0.0) -> ThermalTable:
         imu_serial="S",
         gyro_technology="rlg",
         created_utc="2026-01-01T00:00:00Z",
-        low_degC=-10.0,
-        high_degC=50.0,
+        span=EvenNodes(low_degC=-10.0, high_degC=50.0),
     )
     return table.replaced(parameters=np.full(table.n_parameters, value))
 

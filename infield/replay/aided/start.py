@@ -39,6 +39,15 @@ PLACE_M = 10.0  # position prior beside a fix; without one while parked, SITE_M
 SITE_M = 1000.0
 
 
+@dataclass(frozen=True)
+class _RateBefore:
+    """Gyro bias (3,) and its sigma [rad/s] before a start; means: of the stand that showed it."""
+
+    bias_rad_s: NDArray
+    sigma_rad_s: NDArray
+    means: coarse.RestMeans | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class FoundStart:
     """A start, how it was found and the stretch of log it was found on."""
@@ -110,7 +119,7 @@ def moving_start(
     """
     best: float | None = None
     for first_s in _candidates(imu, fixes):
-        bias, sigma, means = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
+        gyro = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
         for window_s in np.arange(WINDOW_S, LONGEST_S + 1.0, WINDOW_S):
             if (
                 first_s + window_s > imu.end_s
@@ -122,15 +131,15 @@ def moving_start(
                 log,
                 fixes,
                 lever_arm_m=lever_arm_m,
-                gyro_bias_rad_s=bias,
-                sigma_gyro_rad_s=float(sigma.max()),
+                gyro_bias_rad_s=gyro.bias_rad_s,
+                sigma_gyro_rad_s=float(gyro.sigma_rad_s.max()),
             )
             if found is None:
                 continue
             best = min(best or np.inf, found.sigma_heading_rad)
             last = _last_fix(fixes, log)
             if found.sigma_heading_rad <= HEADING_LIMIT_RAD and last is not None:
-                return _started(found, log, fixes, last, lever_arm_m, bias, sigma, twin, means)
+                return _started(found, log, fixes, last, lever_arm_m, gyro, twin)
     if best is None:
         return because(
             AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_S
@@ -169,14 +178,14 @@ def _bias_before(
     first_s: float,
     twin: TwinModel,
     gyro_sigma_deg_h: NDArray,
-) -> tuple[NDArray, NDArray, coarse.RestMeans | None]:
-    """Gyro bias and its sigma [rad/s] at a time, from the last stand before it; Earth rate is
+) -> _RateBefore:
+    """What is known of the gyros at a time, from the last stand before it; Earth rate is
     within the sigma.
     """
     unknown = gyro_sigma_deg_h * DEG_PER_HOUR
     before = [(a, min(b, first_s)) for a, b in stands if min(b, first_s) - a >= 10.0]
     if not before or float(unknown.max()) < EARTH_RATE_RAD_S:
-        return np.zeros(3), unknown, None
+        return _RateBefore(np.zeros(3), unknown)
     start, end = before[-1]
     log = imu.between(max(start, end - REST_S), end)
     seconds = float(log.dt_s.sum())
@@ -186,7 +195,8 @@ def _bias_before(
     walk *= DEG_PER_HOUR
     late = np.sqrt(max(first_s - end, 0.0) / 3600.0)
     sigma = float(np.sqrt(EARTH_RATE_RAD_S**2 + noise**2 + (walk * late) ** 2))
-    return log.dtheta_rad.sum(axis=0) / seconds, np.full(3, sigma), coarse.rest_means(log)
+    mean = log.dtheta_rad.sum(axis=0) / seconds
+    return _RateBefore(mean, np.full(3, sigma), coarse.rest_means(log))
 
 
 def _last_fix(fixes: Fixes, log: ImuLog) -> int | None:
@@ -206,10 +216,8 @@ def _started(
     fixes: Fixes,
     fix: int,
     lever_arm_m: NDArray,
-    bias: NDArray,
-    sigma: NDArray,
+    gyro: _RateBefore,
     twin: TwinModel,
-    means: coarse.RestMeans | None,
 ) -> FoundStart:
     """At the end of the log: the last fix brought to its time at its own velocity, antenna to
     unit.
@@ -232,21 +240,23 @@ def _started(
         3.0 * fixes.sigma_position_m[fix] + late_s * late_v + 1.0,
         float(3.0 * fixes.sigma_velocity_m_s[fix].max() + late_v),
         theta,
-        sigma,
+        gyro.sigma_rad_s,
         twin,
-        means,
+        gyro.means,
         gravity=gravity,
     )
     state = NavState(
         time_s=float(log.time_s[-1]), site=site, v_n_m_s=v_n, C_nb=_orthonormal(found.C_nb)
     )
-    start = AidedStart(state=state, gyro_bias_rad_s=bias, accel_bias_m_s2=np.zeros(3), covariance=P)
+    start = AidedStart(
+        state=state, gyro_bias_rad_s=gyro.bias_rad_s, accel_bias_m_s2=np.zeros(3), covariance=P
+    )
     return FoundStart(
         start=start,
         method=StartMethod.MATCHING,
         span=(float(log.time_s[0]), float(log.time_s[-1])),
         sigma_heading_rad=float(np.sqrt(theta[2, 2])),
-        gyro_sigma_rad_s=sigma,
+        gyro_sigma_rad_s=gyro.sigma_rad_s,
     )
 
 
