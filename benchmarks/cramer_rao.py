@@ -283,40 +283,19 @@ def _sensor_noise(gamma: NDArray, twin: TwinModel, dt: float) -> NDArray:
     return loaded @ loaded.T
 
 
+@lru_cache(maxsize=4096)
 def _vehicle_step(
     vehicle: VehicleNoise, level: tuple[float, float, float, float], fade: float, dt: float
 ) -> tuple[NDArray, NDArray]:
-    """Transition and noise (7, 7) of sway, side velocity and the body way they make; `level` is
-    C_nb[:2, :2] by rows.
-    """
-    return _exact_step(
-        vehicle.sway_m_s,
-        vehicle.sway_hz,
-        vehicle.sway_damping,
-        vehicle.lateral_noise_m_s,
-        *level,
-        fade,
-        dt,
-    )
+    """Transition and noise (7, 7) of sway, side velocity and the body way they make, exact over dt
+    for constant coefficients; `level` is C_nb[:2, :2] by rows.
 
-
-@lru_cache(maxsize=4096)
-def _exact_step(
-    sway: float,
-    hertz: float,
-    damping: float,
-    side: float,
-    nx: float,
-    ny: float,
-    ex: float,
-    ey: float,
-    fade: float,
-    dt: float,
-) -> tuple[NDArray, NDArray]:
-    """Exact over dt for constant coefficients.  Source: Van Loan, IEEE Trans. Automatic Control
-    23(3), 1978.
+    Source: Van Loan, IEEE Trans. Automatic Control 23(3), 1978.
     """
-    w, A, q = 2 * np.pi * hertz, np.zeros((7, 7)), np.zeros(7)
+    nx, ny, ex, ey = level
+    sway, damping = vehicle.sway_m_s, vehicle.sway_damping
+    side = vehicle.lateral_noise_m_s
+    w, A, q = 2 * np.pi * vehicle.sway_hz, np.zeros((7, 7)), np.zeros(7)
     for x in (0, 2):
         A[x, x + 1], A[x + 1, x], A[x + 1, x + 1] = 1.0, -(w**2), -2 * damping * w
         q[x + 1] = 4 * damping * w * sway**2

@@ -73,6 +73,16 @@ class Flown:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Sortie:
+    """Where, on which heading, from which thermal start and along which profile a unit flies."""
+
+    profile: str
+    lat_deg: float
+    heading_deg: float
+    start: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class Hour:
     """Position error at the end, north and east [m]; radial error, mean over the hour [m]; heading
     error of the alignment.
@@ -97,21 +107,18 @@ def fly(
     unit: UnitTruth,
     twin: TwinModel,
     tables: dict[str, Flown],
+    sortie: Sortie,
     *,
     rng: np.random.Generator,
-    profile: str,
-    lat_deg: float,
-    heading_deg: float,
-    start: str,
 ) -> dict[str, Hour]:
     """One new power-on, flown with each table; a refused alignment gives NaN errors."""
     simulated = simulate_run(
-        ideal(profile, lat_deg, heading_deg),
-        thermal_history(start, rng=rng),
+        ideal(sortie.profile, sortie.lat_deg, sortie.heading_deg),
+        thermal_history(sortie.start, rng=rng),
         unit,
         twin,
         rng=rng,
-        plan=SessionPlan(run_id=f"hour-{profile}"),
+        plan=SessionPlan(run_id=f"hour-{sortie.profile}"),
     )
     return {name: _fly_with(table, simulated, twin) for name, table in tables.items()}
 

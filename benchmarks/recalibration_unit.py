@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from benchmarks import free_inertial
 from benchmarks.baselines import BASELINES, IndependentVariance, Points
 from benchmarks.exact_merge import Evidence, exact_merge, posterior
-from benchmarks.free_inertial import Flown, Hour
+from benchmarks.free_inertial import Flown, Hour, Sortie
 from infield.reports.words.sentences import sentences
 from infield.session.bins import BIN_FLOOR_DEG_H
 from infield.session.pipeline import UnitHistory, update_calibration
@@ -383,13 +383,7 @@ def _hour(
     }
     certain = ours.replaced(covariance=np.zeros_like(ours.covariance))
     tables[PERFECT] = Flown(lambda axis, T: unit.bias_deg_h(AXES[axis], T), certain)
-    return free_inertial.fly(
-        unit,
-        twin,
-        tables,
-        rng=rng,
-        profile=profile,
-        lat_deg=visit.lat_deg,
-        heading_deg=visit.heading_deg,
-        start=visit.start,
+    sortie = Sortie(
+        profile=profile, lat_deg=visit.lat_deg, heading_deg=visit.heading_deg, start=visit.start
     )
+    return free_inertial.fly(unit, twin, tables, sortie, rng=rng)

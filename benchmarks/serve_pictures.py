@@ -75,7 +75,7 @@ def fill(folder: Path) -> str:
         technology = ("rlg", "fog")[k % 3 == 2]
         serial = f"{'ABCD'[k % 4]}-{1207 + 37 * k}"
         put_unit(
-            url, serial, technology=technology, updates=k % 4, proposals=k % 5 == 1, run=serial
+            url, serial, kind=(technology, ""), updates=k % 4, proposals=k % 5 == 1, run=serial
         )
     return url
 

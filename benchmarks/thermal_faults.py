@@ -81,7 +81,7 @@ def with_fault(
 ) -> tuple[Thermometers, str]:
     """The unit with one fault, on one random gyro or on all; the column that has it."""
     n, name = unit.time_s.size, f"gyro_{rng.choice(list(AXES))}_degC"
-    columns, v, time_s = dict(unit.columns), unit.columns[name].copy(), unit.time_s
+    columns, time_s = dict(unit.columns), unit.time_s
     a = int(rng.integers(20, n - 60))
     sign = rng.choice([-1.0, 1.0])
     if fault.endswith(", all gyros"):
@@ -95,6 +95,13 @@ def with_fault(
         kept = (time_s < time_s[a]) | (time_s > time_s[a] + 300.0)
         cut = {k: c[kept] for k, c in columns.items()}
         return Thermometers(time_s[kept], cut, unit.step_degC, unit.sees_the_unit), "temperature"
+    columns[name] = _spoilt(fault, unit.columns[name].copy(), rng, a, sign)
+    return Thermometers(time_s, columns, unit.step_degC, unit.sees_the_unit), name
+
+
+def _spoilt(fault: str, v: NDArray, rng: np.random.Generator, a: int, sign: float) -> NDArray:
+    """Readings of one thermometer with a fault that begins at row `a`."""
+    n = v.size
     if fault in SCALES:
         v = SCALES[fault](v)
     elif fault == "stuck from the start":
@@ -113,8 +120,7 @@ def with_fault(
         v[a : a + int(rng.integers(5, 60))] = 0.0
     elif fault == "zero throughout":
         v[:] = 0.0
-    columns[name] = v
-    return Thermometers(time_s, columns, unit.step_degC, unit.sees_the_unit), name
+    return v
 
 
 def matters(fault: str, before: Thermometers, after: Thermometers, name: str) -> bool:

@@ -44,10 +44,11 @@ def main() -> None:
             plan=arguments.plan,
             effects=arguments.effects,
             names=arguments.effect,
-            sizes=arguments.size,
             source=arguments.source,
             with_gnss=not arguments.no_gnss,
         )
+        if arguments.size is not None:
+            trial = trial.with_sizes(arguments.size)
     write_trial(trial, arguments.output)
 
 

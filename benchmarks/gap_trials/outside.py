@@ -49,19 +49,14 @@ def base_runs(
     table: dict[str, Any],
     twin: TwinModel,
     unit_twin: TwinModel | None = None,
-    parked_s: float = runs.PARKED_S,
-    with_gnss: bool = True,
 ) -> tuple[Base, ...]:
     """As `runs.base_runs`, by pyins. InputError with what to install where it is missing."""
     bases = []
     for number, (start, heading_deg) in enumerate(zip(plan.starts, plan.headings_deg)):
         rng = np.random.default_rng([seed, 5, number])
-        seen, lon_rad = _seen(
-            rng, start, heading_deg, plan, parked_s, number=number, twin=twin, table=table
-        )
-        bases.append(
-            Base(_run(rng, seen, lon_rad, unit_twin or twin, seed=seed, with_gnss=with_gnss), seen)
-        )
+        seen, lon_rad = _seen(rng, start, heading_deg, plan, number=number, twin=twin, table=table)
+        run = _run(rng, seen, lon_rad, unit_twin or twin, seed=seed, with_gnss=plan.with_gnss)
+        bases.append(Base(run, seen))
     return tuple(bases)
 
 
@@ -70,13 +65,12 @@ def _seen(
     start: str,
     heading_deg: float,
     plan: Plan,
-    parked_s: float,
     *,
     number: int,
     twin: TwinModel,
     table: dict[str, Any],
 ) -> tuple[Seen, NDArray]:
-    path = ideal_path(heading_deg, int(rng.integers(runs.VARIANTS)), parked_s, plan.taxi)
+    path = ideal_path(heading_deg, int(rng.integers(runs.VARIANTS)), plan.parked_s, plan.taxi)
     warm = temperatures(rng, start, path.time_s)
     truth = {key: value for key, value in vars(path).items() if key != "lon_rad"}
     return (

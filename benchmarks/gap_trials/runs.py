@@ -33,13 +33,15 @@ NODES_DEGC = np.arange(-40.0, 91.0, 5.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Thermal starts, one a run, their nominal headings, and whether the vehicle taxis after the
-    parked hour.
+    """Thermal starts, one a run, their nominal headings, how long the vehicle parks, whether it
+    taxis then, and whether it hears satellites.
     """
 
     starts: tuple[str, ...]
     headings_deg: tuple[float, ...]
     taxi: bool
+    parked_s: float = PARKED_S
+    with_gnss: bool = True
 
 
 PLANS = {
@@ -178,9 +180,6 @@ def base_runs(
     table: dict[str, Any],
     twin: TwinModel,
     unit_twin: TwinModel | None = None,
-    parked_s: float = PARKED_S,
-    with_gnss: bool = True,
-    with_odometer: bool = True,
 ) -> tuple[Base, ...]:
     """The runs of a plan without effect. unit_twin: the noise that the unit really has (None: as
     declared).
@@ -197,7 +196,7 @@ def base_runs(
         rng = np.random.default_rng([seed, 1, number])
         variant = int(rng.integers(VARIANTS))
         thermal = thermal_history(start, rng=rng)
-        ideal = ideal_run(heading_deg, variant, parked_s, plan.taxi)
+        ideal = ideal_run(heading_deg, variant, plan.parked_s, plan.taxi)
         simulated = simulate_run(
             ideal,
             thermal,
@@ -205,8 +204,8 @@ def base_runs(
             unit_twin or twin,
             rng=rng,
             plan=SessionPlan(
-                with_gnss=with_gnss,
-                with_odometer=with_odometer,
+                with_gnss=plan.with_gnss,
+                with_odometer=True,
                 run_id=f"trial-{seed:05d}-{number + 1}",
                 tail="TRIAL",
                 start_utc=f"2026-03-{number + 1:02d}T05:00:00Z",

@@ -86,27 +86,22 @@ def draw_trial(
     plan: str = "four",
     effects: int = 1,
     names: Sequence[str] | None = None,
-    sizes: Sequence[float] | None = None,
     source: str = "trajectories",
     with_gnss: bool = True,
     parked_s: float = runs.PARKED_S,
 ) -> Trial:
-    """A trial with so many effects (0: none), drawn from `names` or from all that the plan can
-    show.
+    """A trial with so many effects (0: none) of their usual sizes, drawn from `names` or from all
+    that the plan can show.
 
     Two effects have different targets. source: "trajectories", or "pyins" for ideal sensors, noise
     and temperatures that share no code with the project. InputError on an unknown plan, name or
     source, or where too few effects are possible.
     """
-    chosen = runs.plan_named(plan)
-    if sizes is not None and len(sizes) != effects:
-        raise InputError(f"trial {seed}: {len(sizes)} sizes, needed {effects}")
-    table, twin, bases = _bases(seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s)
+    chosen = replace(runs.plan_named(plan), with_gnss=with_gnss, parked_s=parked_s)
+    table, twin, bases = _bases(seed, chosen, source)
     rng = np.random.default_rng([seed, 2])
-    candidates = possible(_has(chosen, with_gnss), names)
-    truth = _draw_effects(
-        rng, candidates, effects, tuple(base.seen for base in bases), sizes or [1.0] * effects
-    )
+    candidates = possible(_has(chosen), names)
+    truth = _draw_effects(rng, candidates, effects, tuple(base.seen for base in bases))
     return Trial(
         seed=seed,
         plan=plan,
@@ -139,12 +134,9 @@ def draw_noise_trial(
         str(rng.choice(sorted(WRONG_NOISE))),
         1 + off * (1.0 if rng.random() < 0.5 else -1.0),
     )
-    chosen = runs.plan_named(plan)
-    table, twin, without = _bases(seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s)
-    unit_twin = noisier(twin, which, factor)
-    _, _, bases = _bases(
-        seed, chosen, source, with_gnss=with_gnss, parked_s=parked_s, unit_twin=unit_twin
-    )
+    chosen = replace(runs.plan_named(plan), with_gnss=with_gnss, parked_s=parked_s)
+    table, twin, without = _bases(seed, chosen, source)
+    _, _, bases = _bases(seed, chosen, source, unit_twin=noisier(twin, which, factor))
     targets = [
         f"{sensor}_{axis}"
         for sensor in ("gyro", "accel")
@@ -194,45 +186,27 @@ def lay_over(base: Base, truth: Sequence[Planted]) -> Run:
 
 
 def _bases(
-    seed: int,
-    plan: Plan,
-    source: str,
-    *,
-    with_gnss: bool,
-    parked_s: float,
-    unit_twin: TwinModel | None = None,
+    seed: int, plan: Plan, source: str, *, unit_twin: TwinModel | None = None
 ) -> tuple[dict[str, Any], TwinModel, tuple[Base, ...]]:
     if source not in SOURCES:
         raise InputError(f"trial source {source!r}, needed one of {', '.join(SOURCES)}")
     table, twin = runs.draw_table(np.random.default_rng([seed, 0])), runs.rlg_twin()
-    bases = SOURCES[source](
-        seed,
-        plan,
-        table=table,
-        twin=twin,
-        unit_twin=unit_twin,
-        parked_s=parked_s,
-        with_gnss=with_gnss,
-    )
+    bases = SOURCES[source](seed, plan, table=table, twin=twin, unit_twin=unit_twin)
     return table, twin, bases
 
 
-def _has(plan: Plan, with_gnss: bool) -> frozenset[str]:
-    have = {"odometer"} | ({"gnss"} if with_gnss else set())
+def _has(plan: Plan) -> frozenset[str]:
+    have = {"odometer"} | ({"gnss"} if plan.with_gnss else set())
     return frozenset(
         have | ({"taxi"} if plan.taxi else set()) | ({"runs"} if len(plan.starts) > 1 else set())
     )
 
 
 def _draw_effects(
-    rng: np.random.Generator,
-    candidates: tuple[Effect, ...],
-    count: int,
-    seen: tuple[Seen, ...],
-    sizes: Sequence[float],
+    rng: np.random.Generator, candidates: tuple[Effect, ...], count: int, seen: tuple[Seen, ...]
 ) -> tuple[Planted, ...]:
     planted: list[Planted] = []
-    for size in sizes:
+    for _ in range(count):
         taken = {p.target for p in planted}
         pairs = [(e, target) for e in candidates for target in e.targets if target not in taken]
         if not pairs:
@@ -246,7 +220,7 @@ def _draw_effects(
                 effect=name,
                 target=target,
                 parameters=effect.draw(rng, seen),
-                size=float(size),
+                size=1.0,
                 answers=effect.right_answers,
                 targets=(target, *(t for t in effect.accepted if t != target)),
                 confounded=effect.confounded,

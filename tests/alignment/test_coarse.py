@@ -19,18 +19,11 @@ from trajectories.simulator.vehicle import Boarding, Bump, Gust
 
 
 def resting(
-    lat_deg,
-    *,
-    roll=0.0,
-    pitch=0.0,
-    heading=0.0,
-    gyro=(0, 0, 0),
-    accel=(0, 0, 0),
-    seconds=120.0,
-    dt=0.1,
+    lat_deg, *, roll=0.0, pitch=0.0, heading=0.0, gyro=(0, 0, 0), accel=(0, 0, 0), rows=(1200, 0.1)
 ):
-    """True C_nb and the log of a resting unit with sensor errors."""
-    C_nb, n = dcm_from_euler(roll, pitch, heading), round(seconds / dt)
+    """True C_nb and the log of a resting unit with sensor errors; rows: their count and dt [s]."""
+    n, dt = rows
+    C_nb = dcm_from_euler(roll, pitch, heading)
     rate = C_nb.T @ omega_ie_n(lat_deg * DEG) + gyro
     force = C_nb.T @ [0.0, 0.0, -float(gravity_magnitude(lat_deg * DEG, 0.0))] + accel
     time_s = dt * np.arange(1, n + 1)
@@ -95,7 +88,7 @@ def test_one_spoilt_block_does_not_move_the_means():
     """Somebody steps in for 8 s of a minute: the plain mean is off by 2 mrad, the block median by
     nothing.
     """
-    _, log = resting(45.0, seconds=120.0)
+    _, log = resting(45.0)
     dv = log.dv_m_s.copy()
     dv[615:695] += [0.03, 0.0, 0.0]
     spoilt = ImuLog(time_s=log.time_s, dt_s=log.dt_s, dtheta_rad=log.dtheta_rad, dv_m_s=dv)
@@ -107,7 +100,7 @@ def test_sigma_of_the_mean_rate_is_honest():
     """ARW alone over ten minutes, 20 runs: error over sigma in its 99.9 % chi-square band (60
     degrees of freedom).
     """
-    _, log = resting(45.0, seconds=600.0)
+    _, log = resting(45.0, rows=(6000, 0.1))
     arw, normalised = 0.002 / 60 * DEG, []
     for seed in range(20):
         noise = (

@@ -2,6 +2,8 @@
 recursion, drift by recursion.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from infield.thermal.gradient_runs import GradientRun
@@ -57,27 +59,33 @@ class Unit:
         )
 
 
-def temperatures(
-    *,
-    rate=1.0,
-    low=-15.0,
-    high=40.0,
-    soak=25,
-    heater=4.0,
-    period=80,
-    side=(0.8, -0.3, 0.2),
-    back=True,
-):
-    """Chamber air up and down; block, gyros and lines each a lag of it, minute by minute: T, rate
-    and lines (n, 3).
+@dataclass(frozen=True, kw_only=True)
+class Chamber:
+    """Air of a chamber: up at a rate [degC/min] between soaks [min], and back; a heater [degC] on
+    one side of the unit that switches with a period [min].
     """
-    up = np.arange(low, high, rate)
-    air = np.r_[
-        np.full(soak, low),
-        up,
-        np.full(soak, high),
-        *((up[::-1], np.full(soak, low)) if back else ()),
-    ]
+
+    rate: float = 1.0
+    low: float = -15.0
+    high: float = 40.0
+    soak: int = 25
+    heater: float = 4.0
+    period: int = 80
+    side: tuple[float, float, float] = (0.8, -0.3, 0.2)
+    back: bool = True
+
+    def air(self):
+        """Its temperature, minute by minute."""
+        up = np.arange(self.low, self.high, self.rate)
+        cold, warm = np.full(self.soak, self.low), np.full(self.soak, self.high)
+        return np.r_[cold, up, warm, *((up[::-1], cold) if self.back else ())]
+
+
+def temperatures(chamber):
+    """Block, gyros and lines each a lag of the chamber's air, minute by minute: T, rate and lines
+    (n, 3).
+    """
+    air, side = chamber.air(), np.array(chamber.side)
     n, steps = air.size, 10
     block, hot, gyro = air[0], 0.0, np.full(3, air[0])
     T, lines = np.empty((n, 3)), np.empty((n, 3))
@@ -85,9 +93,10 @@ def temperatures(
     for i in range(n):
         for _ in range(steps):
             block += (air[i] - block) / (8.0 * steps)
-            hot += ((heater if (i // (period // 2)) % 2 == 0 else 0.0) - hot) / (12.0 * steps)
+            on = (i // (chamber.period // 2)) % 2 == 0
+            hot += ((chamber.heater if on else 0.0) - hot) / (12.0 * steps)
             gyro = gyro + (block - gyro) / (tau * steps)
-        T[i], lines[i] = gyro + 0.1 * hot, share * (block - gyro) + np.array(side) * hot
+        T[i], lines[i] = gyro + 0.1 * hot, share * (block - gyro) + side * hot
     return T, np.gradient(T, axis=0), lines
 
 
@@ -99,14 +108,14 @@ def case(
     run_id="run",
     noise=1.0,
     with_lines=True,
-    roll_rad=0.0,
     turned=0.0,
-    twin=TWIN,
-    **profile,
+    **chamber,
 ):
-    """One power-on: minute blocks with white noise, turn-on, random walk and flicker."""
-    T, rate, lines = temperatures(**profile)
-    n, g = len(T), twin.gyro
+    """One power-on in a `Chamber` with these changes: minute blocks with white noise, turn-on,
+    random walk and flicker.
+    """
+    T, rate, lines = temperatures(Chamber(**chamber))
+    n, g = len(T), TWIN.gyro
     white = g.arw_deg_sqrt_h * np.sqrt(60.0)
     bias = np.empty((n, 3))
     for k in range(3):
@@ -136,7 +145,7 @@ def case(
         legs=(),
         excluded=(),
         unusable=(),
-        roll_pitch_rad=(roll_rad, 0.0),
+        roll_pitch_rad=(0.0, 0.0),
         heading_known=False,
         turned_rad=turned,
     )

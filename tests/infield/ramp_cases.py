@@ -2,6 +2,8 @@
 recursion.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.signal import lfilter
 
@@ -29,30 +31,34 @@ class Truth:
         return self.size[k] * (1.0 + 0.5 * np.tanh((T - self.centre[k]) / 9.0))
 
 
-def ramp(
-    rng,
-    truth,
-    *,
-    rates=(0.5, -0.5),
-    low=-20.0,
-    high=40.0,
-    twin=TWIN,
-    earth=(0.0, 0.0, 0.0),
-    run_id="run",
-    noise=1.0,
-    roll_rad=0.0,
-):
-    """One power-on: legs at these rates [degC/min], minute blocks; white noise, turn-on, random
-    walk and flicker.
+@dataclass(frozen=True, kw_only=True)
+class Ramp:
+    """One power-on in the chamber: legs at `rates` [degC/min] between two temperatures; earth: what
+    of Earth's rate is in the gyros [deg/h]; noise: this many times the twin's.
     """
+
+    rates: tuple[float, ...] = (0.5, -0.5)
+    low: float = -20.0
+    high: float = 40.0
+    earth: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    run_id: str = "run"
+    noise: float = 1.0
+    roll_rad: float = 0.0
+
+
+def ramp(rng, truth, **changes):
+    """Minute blocks of a `Ramp` with these changes; white noise, turn-on, random walk and
+    flicker.
+    """
+    of = Ramp(**changes)
     T, rate, legs = [], [], []
-    for r in rates:
-        minutes = int((high - low) / abs(r))
-        leg = (low if r > 0 else high) + r * (np.arange(minutes) + 0.5)
+    for r in of.rates:
+        minutes = int((of.high - of.low) / abs(r))
+        leg = (of.low if r > 0 else of.high) + r * (np.arange(minutes) + 0.5)
         legs.append(Leg(len(T), len(T) + minutes, float(leg.min()), float(leg.max()), r))
         T, rate = [*T, *leg], [*rate, *np.full(minutes, r)]
     T, rate = np.array(T), np.array(rate)
-    n, g = T.size, twin.gyro
+    n, g = T.size, TWIN.gyro
     white = g.arw_deg_sqrt_h * np.sqrt(60.0)
     bias = np.empty((n, 3))
     for k in range(3):
@@ -65,11 +71,11 @@ def ramp(
         bias[:, k] = (
             truth.K_T(k, T)
             + truth.K_delta(k, T) * rate
-            + earth[k]
-            + noise * (drift + white * rng.standard_normal(n))
+            + of.earth[k]
+            + of.noise * (drift + white * rng.standard_normal(n))
         )
     return RampRun(
-        run_id=run_id,
+        run_id=of.run_id,
         sha256="",
         imu_serial="SN-1",
         gyro_technology="fog",
@@ -83,7 +89,7 @@ def ramp(
         legs=tuple(legs),
         excluded=(),
         unusable=(),
-        roll_pitch_rad=(roll_rad, 0.0),
+        roll_pitch_rad=(of.roll_rad, 0.0),
         heading_known=False,
     )
 

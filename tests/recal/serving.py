@@ -74,15 +74,15 @@ class Visitor(httpx.Client):
         )
 
 
-def put_unit(
-    url, serial="SN-1", *, technology="rlg", mode="", updates=1, proposals=1, note="", run="run"
-):
-    """A unit with a factory table, so many updates and so many open proposals."""
+def put_unit(url, serial="SN-1", *, kind=("rlg", ""), updates=1, proposals=1, note="", run="run"):
+    """A unit with a factory table, so many updates and so many open proposals; kind: technology
+    and mode of its gyros.
+    """
     with TableStore.open(url, create=True) as store:
         old = default_table(
             imu_serial=serial,
-            gyro_technology=technology,
-            gyro_mode=mode,
+            gyro_technology=kind[0],
+            gyro_mode=kind[1],
             created_utc="2026-03-01T05:00:00Z",
             span=EvenNodes(low_degC=0, high_degC=20),
         )

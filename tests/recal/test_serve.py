@@ -27,7 +27,7 @@ def site(tmp_path_factory):
     folder = tmp_path_factory.mktemp("site")
     url = f"sqlite:///{folder}/recal.db"
     put_unit(url, "SN-1")
-    put_unit(url, "SN-2", technology="fog", mode="dithered", updates=0, proposals=0)
+    put_unit(url, "SN-2", kind=("fog", "dithered"), updates=0, proposals=0)
     put_unit(url, HOSTILE, note="<img src=x onerror=alert(2)>", updates=0, run="<b>run</b>")
     for name, serial in (("2026/march", "SN-1"), ("april", HOSTILE)):
         (folder / "reports" / name).mkdir(parents=True)

@@ -101,12 +101,11 @@ def session(
     start: str = "ambient",
     believed: TwinModel | None = None,
     settings: SessionSettings | None = None,
-    base: IdealSensors | None = None,
     **simulate: object,
 ) -> Outcome:
     """One seeded session, simulated and estimated."""
     made = simulated_session(
-        base or ideal(name), seed, twin=twin, sigma_deg_h=sigma_deg_h, start=start, **simulate
+        ideal(name), seed, twin=twin, sigma_deg_h=sigma_deg_h, start=start, **simulate
     )
     return estimated(made, made.run, believed or twin, sigma_deg_h=sigma_deg_h, settings=settings)
 

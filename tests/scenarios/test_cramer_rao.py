@@ -17,7 +17,7 @@ from infield.session.settings import SessionSettings
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G
-from tests.scenarios.study import REFERENCE_TWIN, ideal, session
+from tests.scenarios.study import REFERENCE_TWIN, estimated, ideal, session, simulated_session
 from trajectories.simulator.motions import Park, Stop, Straight, Turn, lay
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.thermal import thermal_history
@@ -249,7 +249,9 @@ def test_the_filter_claims_what_the_bound_allows_and_nearly_all_of_it(name, gnss
     least = bound(
         name, REFERENCE_TWIN, REFERENCE, Sights(gnss=gnss, hold_heading=hold), lat_deg=lat_deg
     )
-    found = session(name, 0, with_gnss=gnss, settings=SessionSettings(hold_heading=hold), base=base)
+    made = simulated_session(base, 0, twin=REFERENCE_TWIN, with_gnss=gnss)
+    settings = SessionSettings(hold_heading=hold)
+    found = estimated(made, made.run, REFERENCE_TWIN, settings=settings)
     assert np.all(least.sigma_deg_h < 1.02 * found.sigma_deg_h)
     assert np.all(found.sigma_deg_h < 1.15 * least.sigma_deg_h)
 

@@ -21,14 +21,9 @@ NAMES = (
 
 @lru_cache(maxsize=8)
 def trial(name="gyro_thermal_rate", size=8.0, seed=4, plan="four_parked", effects=1):
-    return draw_trial(
-        seed,
-        plan=plan,
-        effects=effects,
-        names=[name] if name else None,
-        sizes=[size] * effects,
-        parked_s=1800.0,
-    )
+    names = [name] if name else None
+    drawn = draw_trial(seed, plan=plan, effects=effects, names=names, parked_s=1800.0)
+    return drawn.with_sizes([size] * effects)
 
 
 @lru_cache(maxsize=8)

@@ -6,6 +6,7 @@ on z, a nose that points up reads + on x, a left side that points up + on y, and
 - about z.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,63 +25,70 @@ def f_flu() -> np.ndarray:
     return G * np.array([np.sin(PITCH), np.cos(PITCH) * np.sin(ROLL), np.cos(PITCH) * np.cos(ROLL)])
 
 
-def messages(
-    *,
-    imu_topics=("/imu/data",),
-    stamps=None,
-    temperature_topics=("/imu/temperature",),
-    frame="imu_link",
-    velocity_frame="gps",
-    twist="TwistWithCovarianceStamped",
-    with_fix=True,
-    flu=None,
-    start_ns=START_NS,
-    rows=ROWS,
-    unknown_covariance=False,
-) -> list[tuple]:
-    """(topic, type, receive time [ns], fields): in the order of receiving. `stamps` (rows,): other
-    header stamps [ns].
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What a bag holds. stamps (rows,): other header stamps [ns]; flu: specific force (3,) as the
+    IMU says it.
     """
+
+    imu_topics: tuple[str, ...] = ("/imu/data",)
+    stamps: np.ndarray | None = None
+    temperature_topics: tuple[str, ...] = ("/imu/temperature",)
+    frame: str = "imu_link"
+    velocity_frame: str = "gps"
+    twist: str = "TwistWithCovarianceStamped"
+    with_fix: bool = True
+    flu: np.ndarray | None = None
+    start_ns: int = START_NS
+    rows: int = ROWS
+    unknown_covariance: bool = False
+
+
+def messages(**changes) -> list[tuple]:
+    """(topic, type, receive time [ns], fields) in the order of receiving, of what `Recorded` says
+    after these changes.
+    """
+    of = Recorded(**changes)
     out: list[tuple] = []
     w_turn = np.array([0.0, 0.0, -TURN])
-    for k in range(rows):
-        stamp = start_ns + k * 10**9 // RATE_HZ if stamps is None else int(stamps[k])
-        received = start_ns + k * 10**9 // RATE_HZ + 3_000_000 + 100_000 * (k % 7)
+    for k in range(of.rows):
+        stamp = of.start_ns + k * 10**9 // RATE_HZ if of.stamps is None else int(of.stamps[k])
+        received = of.start_ns + k * 10**9 // RATE_HZ + 3_000_000 + 100_000 * (k % 7)
         w = w_turn * (k >= PARKED_S * RATE_HZ)
-        for i, topic in enumerate(imu_topics):
+        for i, topic in enumerate(of.imu_topics):
             out.append(
                 (
                     topic,
                     "sensor_msgs/msg/Imu",
                     received + i,
-                    (stamp, frame, w * (i + 1), f_flu() if flu is None else flu),
+                    (stamp, of.frame, w * (i + 1), f_flu() if of.flu is None else of.flu),
                 )
             )
         if k % 50 == 0:
-            for i, topic in enumerate(temperature_topics):
+            for i, topic in enumerate(of.temperature_topics):
                 out.append(
                     (
                         topic,
                         "sensor_msgs/msg/Temperature",
                         received + 10,
-                        (stamp, frame, 30.0 + 10 * i + k / 1000),
+                        (stamp, of.frame, 30.0 + 10 * i + k / 1000),
                     )
                 )
-        if k % 20 == 5 and with_fix:
+        if k % 20 == 5 and of.with_fix:
             out.append(
                 (
                     "/fix",
                     "sensor_msgs/msg/NavSatFix",
                     received + 20,
-                    (stamp, "gps", 2 * (not unknown_covariance)),
+                    (stamp, "gps", 2 * (not of.unknown_covariance)),
                 )
             )
             out.append(
                 (
                     "/vel",
-                    f"geometry_msgs/msg/{twist}",
+                    f"geometry_msgs/msg/{of.twist}",
                     received + 30,
-                    (stamp + 10**7, velocity_frame),
+                    (stamp + 10**7, of.velocity_frame),
                 )
             )
     return out
