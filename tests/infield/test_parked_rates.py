@@ -16,6 +16,7 @@ from infield.reports.words.sentences import sentence, sentences
 from infield.session.parked.rates import no_heading
 from infield.session.parked.stretches import find_rests
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
+from infield.session.pipeline import UnitHistory
 from infield.session.settings import SessionSettings
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.thermal_table import default_table
@@ -148,9 +149,8 @@ def test_a_log_that_was_compensated_already_is_named():
     assert result.outcome == "inconsistent"
     assert any("applied_table_sha256" in reason for reason in sentences(result.reasons))
     sha256 = table_sha256(table_to_dict(held))
-    again = updated(
-        [with_header(run, applied_table_sha256=sha256)], held, applied_table=lambda s: held
-    )
+    history = UnitHistory(applied_table=lambda s: held)
+    again = updated([with_header(run, applied_table_sha256=sha256)], held, history=history)
     assert again.outcome == "accepted"
 
 
