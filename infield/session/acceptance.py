@@ -1,5 +1,6 @@
 """Gates: may a session change the table? A verdict with reasons, never a bare yes or no."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from scipy.stats import chi2
@@ -10,6 +11,7 @@ from alignment.reasons import AlignmentVerdict
 from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability
 from infield.session.reasons import SessionReason
+from infield.session.wrong_facts import Suspicion
 from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES
 from ins.verdicts import Observability, Outcome, Reason, because
@@ -105,13 +107,17 @@ def _judge_gain(seen: tuple[AxisObservability, ...]) -> Verdict:
     return Verdict(Outcome.ACCEPTED)
 
 
-def judge_merge(merged: MergeResult, estimate: SessionEstimate | None = None) -> Verdict:
+def judge_merge(
+    merged: MergeResult,
+    estimate: SessionEstimate | None = None,
+    suspected: Sequence[Suspicion] = (),
+) -> Verdict:
     """Does the session agree with the stored table? Where it would if the log had it subtracted
-    already, that is said.
+    already, that is said; so is the wrong fact that it resembles most.
     """
-    if merged.consistent:
+    found = [suspicion.reason for suspicion in suspected[:1] if suspicion.convicts]
+    if merged.consistent and not found:
         return Verdict(Outcome.ACCEPTED)
-    found = []
     if merged.nis > merged.band[1]:
         found.append(
             because(

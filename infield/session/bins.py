@@ -5,7 +5,7 @@ The bins' prior is the table's own uncertainty at their temperatures plus what a
 counted twice.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +31,8 @@ class SessionBins:
     table_deg_h (3N,): the table there; prior (3N, 3N) [(deg/h)^2] = H P H' + T. own: T, what the
     session adds; thermometer: the part of T that the temperatures' own errors make, their
     covariance times the table's slope. tied (N, 3): the bin has a temperature; where not, its row
-    of H is zero.
+    of H is zero. doubt: the part of T that wrong facts may add (`infield.session.wrong_facts`),
+    None: none is suspected.
     """
 
     start_s: NDArray
@@ -47,6 +48,7 @@ class SessionBins:
     sigma_temperature_degC: NDArray
     sigma_rate_degC_min: NDArray
     gradient_degC: NDArray | None = None
+    doubt: NDArray | None = None
 
     @property
     def edges_s(self) -> NDArray:
@@ -80,6 +82,18 @@ class SessionBins:
             self.sigma_temperature_degC[kept],
             self.sigma_rate_degC_min[kept],
             None if self.gradient_degC is None else self.gradient_degC[kept],
+            None if self.doubt is None else self.doubt[np.ix_(k, k)],
+        )
+
+    def doubted(self, doubt: NDArray | None) -> "SessionBins":
+        """The bins with `doubt` (3N, 3N) [(deg/h)^2] more of what the session adds."""
+        if doubt is None:
+            return self
+        return replace(
+            self,
+            prior=self.prior + doubt,
+            own=self.own + doubt,
+            doubt=doubt if self.doubt is None else self.doubt + doubt,
         )
 
 
@@ -112,9 +126,8 @@ def rebinned(
 ) -> SessionBins:
     """The same bins on another table."""
     edges = np.unique(np.concatenate([bins.start_s, bins.end_s]))
-    return bins_between(table, temperature, twin, settings, edges).only(
-        np.isin(edges[:-1], bins.start_s)
-    )
+    again = bins_between(table, temperature, twin, settings, edges)
+    return again.only(np.isin(edges[:-1], bins.start_s)).doubted(bins.doubt)
 
 
 def bins_between(

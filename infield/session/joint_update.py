@@ -24,6 +24,7 @@ from infield.session.points import measurement_information
 from infield.session.reasons import ThermalAction, ThermalKind
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
+from infield.session.wrong_facts import Learnt, suspicions
 from infield.table.merge import hold_common, merge_posterior
 from infield.table.thermal_table import DEFAULT_SIGMA_deg_h, ThermalTable
 from ins.records import AXES, TwinModel
@@ -145,7 +146,11 @@ def _merged_again(
         data = likelihood_of(session, current, twin, settings)
         m0, C, m1, P1 = posterior_with(data, *with_terms(data, terms))
         merged = merge_posterior(current, data.bins.H, m0, C, m1, P1, held_axes=held)
-        again.append(replace(session, merged=merged, verdict=judge_merge(merged, session.estimate)))
+        estimate = session.estimate
+        assert estimate is not None
+        suspected = suspicions(estimate, Learnt(C, m1 - m0, P1))
+        verdict = judge_merge(merged, estimate, suspected)
+        again.append(replace(session, merged=merged, verdict=verdict))
         current = merged.table
         joint.append(_with_widened(likelihood_of(session, table, twin, settings), terms))
     fitted = [term.action is ThermalAction.RATE_TERM_FITTED for term in terms]

@@ -16,6 +16,7 @@ from infield.session.points import observability, session_points
 from infield.session.reasons import SessionReason
 from infield.session.results import SessionResult
 from infield.session.settings import SessionSettings
+from infield.session.wrong_facts import force_off_gravity, suspicions, with_doubt
 from infield.table.merge import merge_posterior
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import (
@@ -27,7 +28,7 @@ from infield.thermometer.gyro_temperature import (
     too_short,
 )
 from ins.records import Run, TwinModel
-from ins.verdicts import Observability, Reason, because
+from ins.verdicts import Observability, Outcome, Reason, because
 
 LEAST_COVERED = 0.1  # of a session that needs a gyro temperature
 
@@ -60,8 +61,12 @@ def take_run(
     chain = _claim_chain(run, table, temperature, twin, estimate, end_s)
     against = speed_disagreement(run, estimate.motion)
     verdict = acceptance.refuse(*against) if against else acceptance.judge_estimate(estimate, seen)
+    off = force_off_gravity(run, twin, estimate)
+    if off is not None and verdict.outcome is not Outcome.REFUSED:
+        verdict = acceptance.contradict(off, *verdict.reasons)
     if not verdict.accepted:
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
+    estimate, doubted = with_doubt(estimate)
     bins = estimate.bins
     merged = merge_posterior(
         table,
@@ -74,13 +79,14 @@ def take_run(
     )
     return SessionResult(
         run,
-        acceptance.judge_merge(merged, estimate),
+        acceptance.judge_merge(merged, estimate, suspicions(estimate)),
         temperature,
         estimate,
         seen,
         points,
         merged,
         chain,
+        doubted,
     )
 
 

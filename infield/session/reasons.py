@@ -58,6 +58,18 @@ class SessionReason(StrEnum):
     TABLE_DISAGREES = "table_disagrees"
     NO_STEP = "no_step"
     NOT_COMMITTED = "not_committed"
+    LIKE_A_WRONG_FACT = "like_a_wrong_fact"
+    FORCE_OFF_GRAVITY = "force_off_gravity"
+
+
+class WrongFact(StrEnum):
+    """What a session takes for granted and may be wrong."""
+
+    LATITUDE = "latitude"
+    TIME_BASE = "time_base"
+    GYRO_SCALE = "gyro_scale"
+    GYRO_AXES = "gyro_axes"
+    GYRO_STEP = "gyro_step"
 
 
 class ParkedReason(StrEnum):

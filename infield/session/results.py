@@ -9,6 +9,7 @@ from infield.session.hysteresis import ThermalTerm
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.points import AxisObservability
 from infield.session.settings import SessionSettings
+from infield.session.wrong_facts import Suspicion
 from infield.table.merge import MergeResult, SessionPoints
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature
@@ -19,7 +20,7 @@ from ins.verdicts import Outcome, Reason
 @dataclass(frozen=True)
 class SessionResult:
     """One run's part in an update; `estimate` and what follows are None where it was refused
-    before.
+    before. doubted: wrong facts that it resembles, but not beyond doubt.
     """
 
     run: Run
@@ -30,6 +31,7 @@ class SessionResult:
     points: SessionPoints | None = None
     merged: MergeResult | None = None
     chain: ClaimChain | None = None
+    doubted: tuple[Suspicion, ...] = ()
 
 
 @dataclass(frozen=True)

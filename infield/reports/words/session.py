@@ -11,6 +11,7 @@ from infield.session.reasons import (
     SessionReason,
     ThermalAction,
     ThermalKind,
+    WrongFact,
 )
 
 DECISION_RULE = (
@@ -42,6 +43,29 @@ def _table_disagrees(
         f" {shift_deg_h:+.4f} +- {sigma_deg_h:.4f} deg/h; {len(run_ids)} sessions agree"
         f" ({', '.join(run_ids)}); if the site is entered right and the unit is this one, recal"
         " update with these runs and --accept-step follows it"
+    )
+
+
+_WRONG_FACTS: Mapping[WrongFact, str] = {
+    WrongFact.LATITUDE: "the entered latitude were off by {size:+.3f} +- {sigma:.3f} deg",
+    WrongFact.TIME_BASE: "the clock of the log ran fast by {size:+.2%} +- {sigma:.2%}",
+    WrongFact.GYRO_SCALE: "the scale of gyro {axis} were off by {size:+.2%} +- {sigma:.2%}",
+    WrongFact.GYRO_AXES: (
+        "the gyros were turned by {size:+.2f} +- {sigma:.2f} mrad about {axis} against the"
+        " accelerometers"
+    ),
+    WrongFact.GYRO_STEP: (
+        "gyro {axis} had stepped by {size:+.4f} +- {sigma:.4f} deg/h at about {at_s:.0f} s"
+    ),
+}
+
+
+def wrong_fact(*, fact: str, sigmas: float, limit_sigmas: float, **of_fact: object) -> str:
+    """What a session looks like, and how clearly."""
+    like = _WRONG_FACTS[WrongFact(fact)].format(**of_fact)
+    return (
+        f"it looks as if {like}: {abs(sigmas):.1f} sigma, 99.9 % of sound sessions lie within"
+        f" {limit_sigmas:.1f}"
     )
 
 
@@ -174,6 +198,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "no step to accept: at least two sessions must agree with each other against the table"
     ),
     SessionReason.NOT_COMMITTED: "not committed: {fault}",
+    SessionReason.LIKE_A_WRONG_FACT: wrong_fact,
+    SessionReason.FORCE_OFF_GRAVITY: (
+        "the specific force at rest is {excess_ug:+.0f} micro-g ({share_percent:+.3f} %) off"
+        " gravity at this site, needed within {limit_ug:.0f}: a wrong time base, scale, or height"
+    ),
     ParkedReason.NO_HEADING: (
         "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"
         " rate: no heading at rest, and no gyro bias by gyrocompass; zero-rate biases against"

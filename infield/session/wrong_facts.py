@@ -1,0 +1,279 @@
+"""What a session would look like if something taken for granted were wrong: latitude, clock, a
+scale, an axis, a gyro that steps.
+
+Such a fact changes every bin's bias by a known pattern times an unknown size. The chi-square of a
+whole session (some 48 degrees of freedom) hardly feels one pattern; along the pattern itself its
+size and sigma come in closed form from what the filter learnt. With the bins' prior N(0, C) and
+posterior N(m, P), the evidence about b -> b + s x is
+
+    g = C^-1 m,   M = C^-1 - C^-1 P C^-1,   x = s'g / s'M s,   sigma_x = 1 / sqrt(s'M s)
+
+(information form; Bar-Shalom (2001), section 5.2). A session that resembles a wrong fact beyond the
+99.9 % bound is not merged. One that resembles it beyond the 98 % bound is merged with that pattern
+as one more uncertainty of its own: the table is taught nothing along it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from infield.session.bins import SessionBins
+from infield.session.estimate import SessionEstimate
+from infield.session.log import compensated_seconds
+from infield.session.reasons import SessionReason, WrongFact
+from infield.table.merge import CONFIDENCE
+from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
+from ins.records import AXES, Run, TwinModel
+from ins.units import DEG, DEG_PER_HOUR, MICRO_G, MILLIRADIAN, STANDARD_GRAVITY
+from ins.verdicts import Reason, because
+
+# of sound sessions that any pattern of one kind may widen: the quiet ones are to lose nothing
+WIDENED_SHARE = 0.02
+MOST_WIDENED = 3  # patterns that one session may be widened along; the ninth adds nothing new
+# What a bias may do with temperature, of which no step is told: a slope of 0.003 deg/h per degC
+# and 0.02 deg/h per degC/min, five times the factory curves' slope and the usual rate term
+FREE_SLOPE, FREE_RATE = 0.003, 0.02
+
+# Of the specific force at rest against gravity [micro-g]: normal gravity leaves out anomalies of
+# some 50 mGal, a height entered above the geoid instead of the ellipsoid is 50 m off (15 micro-g),
+# and the scale of an accelerometer repeats within 100 ppm; a MEMS one within 0.5 %
+ANOMALY_ug, HEIGHT_ug = 50.0, 15.0
+ACCEL_SCALE_ug = {"rlg": 100.0, "fog": 100.0, "mems": 5000.0}
+FORCE_SIGMAS = 5.0  # what is not Gaussian in these: no sound unit lies beyond
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A wrong fact that a session resembles: its size and sigma in the fact's own unit.
+
+    axis: of the gyro, "" where the fact concerns all; at_s: when a gyro steps, NaN for the rest;
+    pattern (3N,): change of the bins' biases [deg/h] per unit; limit_sigmas: of one sound session
+    in a thousand; convicts: the session is not merged.
+    """
+
+    fact: WrongFact
+    axis: str
+    at_s: float
+    size: float
+    sigma: float
+    limit_sigmas: float
+    convicts: bool
+    pattern: NDArray
+
+    @property
+    def sigmas(self) -> float:
+        return self.size / self.sigma
+
+    @property
+    def reason(self) -> Reason:
+        return because(
+            SessionReason.LIKE_A_WRONG_FACT,
+            fact=self.fact,
+            axis=self.axis,
+            at_s=self.at_s,
+            size=self.size,
+            sigma=self.sigma,
+            sigmas=self.sigmas,
+            limit_sigmas=self.limit_sigmas,
+        )
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What a session learnt of its bins' biases beyond the table: prior (3N, 3N), posterior mean
+    (3N,) and covariance (3N, 3N) [deg/h].
+    """
+
+    prior: NDArray
+    mean: NDArray
+    covariance: NDArray
+
+    def evidence(self) -> tuple[NDArray, NDArray]:
+        """g (3N,) and M (3N, 3N) of this module's head."""
+        inverse = np.linalg.inv(self.prior)
+        return inverse @ self.mean, inverse - inverse @ self.covariance @ inverse
+
+    def widened(self, doubt: NDArray) -> "Learnt":
+        """The same measurements under a prior that is wider by `doubt` (3N, 3N)."""
+        before = np.linalg.inv(self.prior)
+        after = np.linalg.inv(self.covariance)
+        prior = self.prior + doubt
+        covariance = np.linalg.inv(after - before + np.linalg.inv(prior))
+        covariance = 0.5 * (covariance + covariance.T)
+        return Learnt(prior, covariance @ (after @ self.mean), covariance)
+
+
+@dataclass(frozen=True)
+class _Pattern:
+    """What a fact of size 1 does to the bins (N, 3) [deg/h]."""
+
+    fact: WrongFact
+    axis: str
+    at_s: float
+    bias_deg_h: NDArray
+
+
+def learnt_of(estimate: SessionEstimate) -> Learnt:
+    """What a session's estimate says of its bins."""
+    return Learnt(estimate.bins.prior, estimate.mean_deg_h, estimate.covariance)
+
+
+def suspicions(estimate: SessionEstimate, learnt: Learnt | None = None) -> tuple[Suspicion, ...]:
+    """The wrong facts that a navigated session resembles beyond chance, the clearest first.
+
+    learnt: of the same bins where more is known of them than the estimate did (a rate term).
+    A unit that finds no heading is not asked: its level and Earth rate are free already.
+    """
+    if estimate.solution is None:
+        return ()
+    learnt = learnt or learnt_of(estimate)
+    of_temperature = learnt.widened(_of_temperature(estimate.bins))
+    found = [
+        *_beyond_chance(_of_earth_rate(estimate), learnt, learnt),
+        *_beyond_chance(_steps(estimate.bins), learnt, of_temperature),
+    ]
+    return tuple(sorted(found, key=_clearest))
+
+
+def _clearest(suspicion: Suspicion) -> tuple[bool, float]:
+    return not suspicion.convicts, -abs(suspicion.sigmas) / suspicion.limit_sigmas
+
+
+def force_off_gravity(run: Run, twin: TwinModel, estimate: SessionEstimate) -> Reason | None:
+    """A reason where the specific force at rest is not gravity: a clock that runs wrong by a
+    thousandth changes it by 1,000 micro-g, and Earth rate by 0.015 deg/h; None where it is.
+    """
+    if estimate.solution is None:
+        return None
+    parked = float(estimate.solution.history.time_s[0]), estimate.alignment.time_s
+    seconds = compensated_seconds(run, None, None, twin).between(*parked)
+    if not seconds.end_s.size:
+        return None
+    blocks = seconds.blocks()
+    force = np.linalg.norm(blocks.dv_m_s / blocks.seconds[:, None], axis=1)
+    site = run.header.site
+    gravity = float(gravity_magnitude(site.lat_rad, site.height_m))
+    excess_ug = float(np.median(force) - gravity) / MICRO_G
+    scale_ug = ACCEL_SCALE_ug[run.header.gyro_technology]
+    sigma_ug = float(np.linalg.norm([twin.accel.turn_on_ug, ANOMALY_ug, HEIGHT_ug, scale_ug]))
+    if abs(excess_ug) <= FORCE_SIGMAS * sigma_ug:
+        return None
+    return because(
+        SessionReason.FORCE_OFF_GRAVITY,
+        excess_ug=excess_ug,
+        limit_ug=FORCE_SIGMAS * sigma_ug,
+        share_percent=100.0 * excess_ug * MICRO_G / STANDARD_GRAVITY,
+    )
+
+
+def with_doubt(estimate: SessionEstimate) -> tuple[SessionEstimate, tuple[Suspicion, ...]]:
+    """The estimate with what it resembles, but not beyond doubt, among its own uncertainties; and
+    what that is.
+
+    A convicted session comes back as it is: nothing of it is merged.
+    """
+    doubted: list[Suspicion] = []
+    for _ in range(MOST_WIDENED):
+        found = suspicions(estimate)
+        if not found or found[0].convicts:
+            break
+        doubted.append(found[0])
+        estimate = _widened(estimate, found[0])
+    return estimate, tuple(doubted)
+
+
+def _widened(estimate: SessionEstimate, suspicion: Suspicion) -> SessionEstimate:
+    pattern = suspicion.size * suspicion.pattern
+    doubt = np.outer(pattern, pattern)
+    learnt = learnt_of(estimate).widened(doubt)
+    return replace(
+        estimate,
+        bins=estimate.bins.doubted(doubt),
+        mean_deg_h=learnt.mean,
+        covariance=learnt.covariance,
+    )
+
+
+def _beyond_chance(
+    patterns: Sequence[_Pattern], learnt: Learnt, on_trial: Learnt
+) -> list[Suspicion]:
+    """Those of one kind of patterns that more than the share of sound sessions resemble.
+
+    on_trial: under the prior that a conviction needs, where other causes look alike.
+    """
+    S = np.array([p.bias_deg_h.ravel() for p in patterns])
+    size, sigma = _sizes(S, learnt)
+    tried, sigma_tried = _sizes(S, on_trial)
+    worth = norm.isf(WIDENED_SHARE / 2.0 / len(patterns))
+    limit = float(norm.isf((1.0 - CONFIDENCE) / 2.0 / len(patterns)))
+    convicts = np.abs(tried) > limit * sigma_tried
+    return [
+        Suspicion(
+            p.fact, p.axis, p.at_s, float(size[k]), float(sigma[k]), limit, bool(convicts[k]), S[k]
+        )
+        for k, p in enumerate(patterns)
+        if convicts[k] or abs(size[k]) > worth * sigma[k]
+    ]
+
+
+def _sizes(S: NDArray, learnt: Learnt) -> tuple[NDArray, NDArray]:
+    """Size and sigma (K,) of patterns (K, 3N), each taken alone; sigma is inf where nothing shows."""
+    g, M = learnt.evidence()
+    information = np.einsum("ki,ij,kj->k", S, M, S)
+    shown = information > 0.0
+    size = np.divide(S @ g, information, out=np.zeros(len(S)), where=shown)
+    return size, np.sqrt(np.divide(1.0, information, out=np.full(len(S), np.inf), where=shown))
+
+
+def _of_earth_rate(estimate: SessionEstimate) -> list[_Pattern]:
+    """Facts that change how Earth rate is taken out of the gyros, on the headings of this session.
+
+    A latitude wrong by dL (computed less true) leaves -d(omega)/dL of Earth rate in the gyros; a
+    clock that runs fast by a share leaves that share of it missing.
+    """
+    bins, history = estimate.bins, estimate.navigated.history
+    lat = float(history.lat_rad[0])
+    spans = np.searchsorted(history.time_s, [bins.start_s, bins.end_s])
+    C_bn = np.array(
+        [history.C_nb[a : max(b, a + 1)].mean(axis=0).T for a, b in zip(spans[0], spans[1])]
+    )
+    earth_n = np.array([np.cos(lat), 0.0, -np.sin(lat)]) * EARTH_RATE_RAD_S / DEG_PER_HOUR
+    by_lat_n = np.array([-np.sin(lat), 0.0, -np.cos(lat)]) * EARTH_RATE_RAD_S / DEG_PER_HOUR
+    earth_b, by_lat_b = C_bn @ earth_n, C_bn @ by_lat_n
+    nan = float("nan")
+    patterns = [
+        _Pattern(WrongFact.LATITUDE, "", nan, -DEG * by_lat_b),
+        _Pattern(WrongFact.TIME_BASE, "", nan, -earth_b),
+    ]
+    for k, axis in enumerate(AXES):
+        unit = np.eye(3)[k]
+        patterns.append(_Pattern(WrongFact.GYRO_SCALE, axis, nan, earth_b * unit))
+        turned = -MILLIRADIAN * np.cross(unit, earth_b)
+        patterns.append(_Pattern(WrongFact.GYRO_AXES, axis, nan, turned))
+    return patterns
+
+
+def _steps(bins: SessionBins) -> list[_Pattern]:
+    """A gyro's bias that steps between two bins."""
+    patterns = []
+    for k, axis in enumerate(AXES):
+        for later in range(1, len(bins.centre_s)):
+            step = np.zeros((len(bins.centre_s), 3))
+            step[later:, k] = 1.0
+            at_s = float(bins.start_s[later])
+            patterns.append(_Pattern(WrongFact.GYRO_STEP, axis, at_s, step))
+    return patterns
+
+
+def _of_temperature(bins: SessionBins) -> NDArray:
+    """Covariance (3N, 3N) [(deg/h)^2] of a bias that is any line of temperature and of its rate."""
+    count = len(bins.centre_s)
+    covariance = np.zeros((3 * count, 3 * count))
+    for k in range(3):
+        T = bins.temperature_degC[:, k] - bins.temperature_degC[:, k].mean()
+        slope, rate = FREE_SLOPE * T, FREE_RATE * bins.rate_degC_min[:, k]
+        covariance[k::3, k::3] = np.outer(slope, slope) + np.outer(rate, rate)
+    return covariance
