@@ -24,6 +24,7 @@ TRANSIENT_S = 900.0  # a jump that comes back within this leaves the rest of the
 STUCK_S, LONG_STUCK_S = 120.0, 600.0
 HOLE_S = 60.0
 OTHER_SCALE_degC = 12.0  # no two thermometers of one unit differ by more for long
+LAST_SHARE = 0.25  # of a log: by then a unit that came in cold has warmed up
 SAME_SCALE_degC = 5.0  # a guessed scale that brings them so near is named
 ALIVE_SHARE = 0.2  # of rows that change: a thermometer fine enough to flicker
 SPIKE_ROWS = 11  # window of the running median: bursts of up to five rows are spikes
@@ -399,6 +400,7 @@ def _scales(judge: _Judge, plausible_degC: tuple[float, float]) -> None:
     if len(unit) > 1:
         values = np.array([np.where(judge.valid[n], judge.columns[n], np.nan) for n in unit])
         _odd_ones(judge, unit, gyros, values)
+    _colder_than_ambient(judge, [name for name in gyros if judge.valid[name].any()])
     for name in gyros:
         rows = judge.rows(name)
         if not rows.size:
@@ -442,7 +444,9 @@ def _odd_ones(judge: _Judge, unit: list[str], gyros: list[str], values: NDArray)
 
 def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDArray) -> NDArray:
     """Where all gyros stand against one other column: that one is the measure if a scale of the
-    gyros explains it.
+    gyros explains it, or if it moves. Three gyros that agree may share a fault; a thermometer of
+    the block that lives and lies elsewhere says that one of the two is wrong, and a bias without a
+    temperature is better than one at a wrong temperature.
     """
     others = [k for k, n in enumerate(unit) if n not in gyros]
     if len(others) != 1:
@@ -453,4 +457,23 @@ def _against_one(unit: list[str], gyros: list[str], values: NDArray, middle: NDA
         np.nanpercentile(np.abs(scale(of_gyros) - other), 80) < SAME_SCALE_degC
         for _, scale in SCALES
     )
-    return other if explained else middle
+    lives = np.nanmax(other) - np.nanmin(other) > JUMP_degC
+    return other if explained or lives else middle
+
+
+def _colder_than_ambient(judge: _Judge, gyros: list[str]) -> None:
+    """A powered unit heats itself: at the end of a log it is not colder than the air around it."""
+    name = "ambient_degC"
+    if name not in judge.columns or not judge.valid[name].any() or not gyros:
+        return
+    late = judge.t >= judge.t[-1] - LAST_SHARE * (judge.t[-1] - judge.t[0])
+    air = judge.columns[name][judge.valid[name] & late]
+    inside = [judge.columns[g][judge.valid[g] & late] for g in gyros]
+    if not air.size or not all(v.size for v in inside):
+        return
+    colder = float(np.median(air) - max(np.median(v) for v in inside))
+    if colder <= OTHER_SCALE_degC:
+        return
+    for g in gyros:
+        text = f"is {colder:.0f} degC colder than the ambient air at the end of the log"
+        judge.drop(g, FaultKind.SCALE, judge.rows(g), f"{text}: wrong offset?")

@@ -100,6 +100,13 @@ def _compensated_before(estimate: SessionEstimate) -> tuple[Reason, ...]:
     return (before,)
 
 
+def with_likeness(verdict: Verdict, suspected: Sequence[Suspicion]) -> Verdict:
+    """A contradiction with the wrong fact that the session resembles most, where there is one."""
+    if verdict.outcome is not Outcome.INCONSISTENT:
+        return verdict
+    return contradict(*verdict.reasons, *(s.reason for s in suspected[:1] if s.convicts))
+
+
 def _judge_gain(seen: tuple[AxisObservability, ...]) -> Verdict:
     if all(axis.verdict is Observability.NOT_OBSERVABLE for axis in seen):
         best = min(axis.sigma_after_deg_h / axis.sigma_before_deg_h for axis in seen)

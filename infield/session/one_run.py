@@ -65,6 +65,7 @@ def take_run(
     if off is not None and verdict.outcome is not Outcome.REFUSED:
         verdict = acceptance.contradict(off, *verdict.reasons)
     if not verdict.accepted:
+        verdict = acceptance.with_likeness(verdict, suspicions(estimate))
         return SessionResult(run, verdict, temperature, estimate, seen, points, None, chain)
     estimate, doubted = with_doubt(estimate)
     bins = estimate.bins

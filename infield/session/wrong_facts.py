@@ -204,6 +204,8 @@ def _beyond_chance(
 
     on_trial: under the prior that a conviction needs, where other causes look alike.
     """
+    if not patterns:
+        return []
     S = np.array([p.bias_deg_h.ravel() for p in patterns])
     size, sigma = _sizes(S, learnt)
     tried, sigma_tried = _sizes(S, on_trial)
@@ -220,7 +222,7 @@ def _beyond_chance(
 
 
 def _sizes(S: NDArray, learnt: Learnt) -> tuple[NDArray, NDArray]:
-    """Size and sigma (K,) of patterns (K, 3N), each taken alone; sigma is inf where nothing shows."""
+    """Size and sigma (K,) of patterns (K, 3N), each alone; sigma is inf where nothing shows."""
     g, M = learnt.evidence()
     information = np.einsum("ki,ij,kj->k", S, M, S)
     shown = information > 0.0

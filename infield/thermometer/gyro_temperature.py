@@ -201,6 +201,8 @@ def _columns(log: TemperatureLog) -> dict[str, NDArray]:
         columns |= {f"accel_{axis}_degC": log.accel_degC[:, k] for k, axis in enumerate(AXES)}
     if log.block_degC is not None:
         columns["block_degC"] = log.block_degC
+    if log.ambient_degC is not None:
+        columns["ambient_degC"] = log.ambient_degC
     return columns
 
 

@@ -123,3 +123,30 @@ def test_one_row_is_held():
     assert "1 row over 0 s, needed at least 10 rows over 60 s" in sentence(
         too_short(log_of(np.ones((1, 3)), np.array([5.0])))
     )
+
+
+def with_others(gyro_off_degC, **others):
+    """Gyros off by so much beside the thermometers named, which read the truth."""
+    at = thermal_history("cold").at(HOUR)
+    true = {"block_degC": at.block_degC, "ambient_degC": at.ambient_degC}
+    kept = {name: true[name] for name, wanted in others.items() if wanted}
+    return TemperatureLog(time_s=HOUR, gyro_degC=at.gyro_degC + gyro_off_degC, **kept)
+
+
+@pytest.mark.parametrize("off_degC", [-20.0, 20.0])
+def test_gyros_that_agree_with_each_other_and_not_with_the_block_are_not_believed(off_degC):
+    found = gyro_temperature(with_others(off_degC, block_degC=True))
+    assert found.unusable == ("x", "y", "z")
+    assert gyro_temperature(with_others(0.0, block_degC=True)).unusable == ()
+
+
+def test_a_block_that_does_not_live_speaks_against_nobody():
+    log = with_others(20.0, block_degC=True)
+    dead = TemperatureLog(time_s=HOUR, gyro_degC=log.gyro_degC, block_degC=np.full(HOUR.size, 20.0))
+    assert gyro_temperature(dead).unusable == ()
+
+
+def test_gyros_colder_than_the_air_at_the_end_are_not_believed():
+    """The unit settles at 34 degC in air of -5 degC: 55 degC too low is colder than the air."""
+    assert gyro_temperature(with_others(-55.0, ambient_degC=True)).unusable == ("x", "y", "z")
+    assert gyro_temperature(with_others(-20.0, ambient_degC=True)).unusable == ()

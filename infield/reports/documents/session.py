@@ -108,6 +108,7 @@ def _estimated(
         velocity=None if parked else _velocity(e),
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
+        doubted=sentences(s.reason for s in session.doubted) or None,
     )
 
 

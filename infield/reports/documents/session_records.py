@@ -200,7 +200,11 @@ class SessionDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class EstimatedDocument(SessionDocument):
-    """The same of a run that was estimated; what only a navigated session has is None."""
+    """The same of a run that was estimated; what only a navigated session has is None.
+
+    doubted: wrong facts that the session resembles, so that its table was taught nothing along
+    them; left out where there are none.
+    """
 
     alignment: SessionAlignment
     heading_error: HeadingError
@@ -216,3 +220,4 @@ class EstimatedDocument(SessionDocument):
     velocity: VelocityDocument | None
     claim_chain: ChainDocument | None
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
+    doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)

@@ -60,9 +60,18 @@ _WRONG_FACTS: Mapping[WrongFact, str] = {
 }
 
 
-def wrong_fact(*, fact: str, sigmas: float, limit_sigmas: float, **of_fact: object) -> str:
+def _wrong_fact(
+    *,
+    fact: str,
+    axis: str,
+    at_s: float,
+    size: float,
+    sigma: float,
+    sigmas: float,
+    limit_sigmas: float,
+) -> str:
     """What a session looks like, and how clearly."""
-    like = _WRONG_FACTS[WrongFact(fact)].format(**of_fact)
+    like = _WRONG_FACTS[WrongFact(fact)].format(axis=axis, at_s=at_s, size=size, sigma=sigma)
     return (
         f"it looks as if {like}: {abs(sigmas):.1f} sigma, 99.9 % of sound sessions lie within"
         f" {limit_sigmas:.1f}"
@@ -198,7 +207,7 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "no step to accept: at least two sessions must agree with each other against the table"
     ),
     SessionReason.NOT_COMMITTED: "not committed: {fault}",
-    SessionReason.LIKE_A_WRONG_FACT: wrong_fact,
+    SessionReason.LIKE_A_WRONG_FACT: _wrong_fact,
     SessionReason.FORCE_OFF_GRAVITY: (
         "the specific force at rest is {excess_ug:+.0f} micro-g ({share_percent:+.3f} %) off"
         " gravity at this site, needed within {limit_ug:.0f}: a wrong time base, scale, or height"

@@ -1,0 +1,144 @@
+"""Wrong facts: the closed form against the full computation, chance, and whole sessions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from infield.session.one_run import take_run
+from infield.session.reasons import SessionReason, WrongFact
+from infield.session.wrong_facts import Learnt, force_off_gravity, suspicions, with_doubt
+from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
+from ins.verdicts import Outcome
+from tests.infield.sessions import SETTINGS, TWIN, estimate, estimate_of, factory, simulated
+
+SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
+
+
+def measured(rng, prior, noise, pattern, size):
+    """A session drawn from its prior with a wrong fact in it, and what a filter makes of it."""
+    n = len(prior)
+    bias = rng.multivariate_normal(np.zeros(n), prior)
+    seen = bias + size * pattern + rng.multivariate_normal(np.zeros(n), noise)
+    gain = prior @ np.linalg.inv(prior + noise)
+    return Learnt(prior, gain @ seen, prior - gain @ prior)
+
+
+def cases():
+    rng = np.random.default_rng(5)
+    A, B = rng.standard_normal((2, 9, 9))
+    return rng, A @ A.T / 9 + 0.1 * np.eye(9), 0.3 * B @ B.T / 9 + 0.2 * np.eye(9)
+
+
+def test_evidence_is_that_of_the_measurement_itself():
+    """g and M are S^-1 y and S^-1 of the innovation y with S = C + R, which the filter never forms
+    here.
+    """
+    rng, prior, noise = cases()
+    learnt = measured(rng, prior, noise, np.ones(9), 2.0)
+    g, M = learnt.evidence()
+    S = prior + noise
+    assert pytest.approx(np.linalg.inv(S), abs=1e-10) == M
+    seen = np.linalg.solve(prior @ np.linalg.inv(S), learnt.mean)
+    assert g == pytest.approx(np.linalg.solve(S, seen), abs=1e-10)
+
+
+def test_widening_is_the_filter_run_again_under_the_wider_prior():
+    rng, prior, noise = cases()
+    learnt = measured(rng, prior, noise, np.ones(9), 0.0)
+    doubt = np.outer(np.arange(9.0), np.arange(9.0))
+    seen = np.linalg.solve(prior @ np.linalg.inv(prior + noise), learnt.mean)
+    wider = prior + doubt
+    gain = wider @ np.linalg.inv(wider + noise)
+    found = learnt.widened(doubt)
+    assert found.mean == pytest.approx(gain @ seen, abs=1e-9)
+    assert found.covariance == pytest.approx(wider - gain @ wider, abs=1e-9)
+
+
+def test_size_over_sigma_is_standard_normal_where_nothing_is_wrong():
+    rng, prior, noise = cases()
+    pattern, count = rng.standard_normal(9), 400
+    z = []
+    for _ in range(count):
+        g, M = measured(rng, prior, noise, pattern, 0.0).evidence()
+        z.append(pattern @ g / np.sqrt(pattern @ M @ pattern))
+    low, high = chi2.ppf([0.001, 0.999], count)
+    assert low < np.sum(np.square(z)) < high
+
+
+def wrong(name):
+    """A sound session with one fact made wrong, and the sign of its size."""
+    run = simulated(seed=3).run
+    site, imu = run.header.site, run.imu
+    if name is WrongFact.LATITUDE:
+        entered = replace(site, lat_rad=site.lat_rad + 0.4 * DEG)
+        return replace(run, header=replace(run.header, site=entered))
+    dtheta = imu.dtheta_rad.copy()
+    if name is WrongFact.GYRO_SCALE:
+        dtheta[:, 0] *= 1.0 + SCALE
+    if name is WrongFact.GYRO_STEP:
+        late = imu.time_s > 900.0
+        dtheta[late, 1] += STEP_deg_h * DEG_PER_HOUR * imu.dt_s[late]
+    if name is WrongFact.GYRO_AXES:
+        dtheta -= np.cross([0.0, 8.0 * MILLIRADIAN, 0.0], dtheta)
+    return replace(run, imu=replace(imu, dtheta_rad=dtheta))
+
+
+@pytest.mark.parametrize(
+    ("fact", "axis", "size"),
+    [
+        (WrongFact.LATITUDE, "", 0.4),
+        (WrongFact.GYRO_SCALE, "x", SCALE),
+        (WrongFact.GYRO_STEP, "y", STEP_deg_h),
+        (WrongFact.GYRO_AXES, "y", 8.0),
+    ],
+)
+def test_a_wrong_fact_is_found_with_its_size(fact, axis, size):
+    """Far beyond doubt: the fact itself is among those convicted, and its size is right."""
+    found = suspicions(estimate_of(wrong(fact)))
+    own = [s for s in found if s.fact is fact and s.axis == axis and s.convicts]
+    assert own, [(s.fact, s.axis, s.size, s.sigma) for s in found]
+    best = max(own, key=lambda s: abs(s.sigmas))
+    assert best.size == pytest.approx(size, abs=max(5.0 * best.sigma, 0.15 * abs(size)))
+    if fact is WrongFact.GYRO_STEP:
+        assert best.at_s == pytest.approx(900.0, abs=SETTINGS.bin_s)
+
+
+def test_a_sound_session_is_not_convicted():
+    assert not [s for s in suspicions(estimate()) if s.convicts]
+
+
+def test_a_convicted_session_changes_nothing_and_says_why():
+    result = take_run(wrong(WrongFact.GYRO_STEP), factory(), TWIN, SETTINGS, repeated=False)
+    assert result.verdict.outcome is Outcome.INCONSISTENT
+    assert any(r.code is SessionReason.LIKE_A_WRONG_FACT for r in result.verdict.reasons)
+    assert result.merged is None
+
+
+def test_a_doubted_session_teaches_less_along_the_fact_alone():
+    """A step below the bound: sigma grows for the gyro that may have stepped, and for no other."""
+    run = simulated(seed=3).run
+    dtheta = run.imu.dtheta_rad.copy()
+    late = run.imu.time_s > 900.0
+    before = estimate_of(run)
+    for step in np.arange(0.01, 0.15, 0.005):
+        stepped = dtheta.copy()
+        stepped[late, 1] += step * DEG_PER_HOUR * run.imu.dt_s[late]
+        plain = estimate_of(replace(run, imu=replace(run.imu, dtheta_rad=stepped)))
+        after, doubted = with_doubt(plain)
+        if doubted:
+            break
+    assert doubted and doubted[0].fact is WrongFact.GYRO_STEP
+    own, other = after.covariance - before.covariance, slice(0, None, 3)
+    assert np.diag(own)[1::3].max() > 0.0
+    assert np.abs(np.diag(own)[other]).max() < 0.05 * np.diag(before.covariance)[other].max()
+
+
+def test_a_clock_that_runs_fast_shows_in_gravity():
+    run, at_rest = simulated(seed=3).run, estimate()
+    assert force_off_gravity(run, TWIN, at_rest) is None
+    fast = replace(run.imu, dt_s=run.imu.dt_s * (1.0 + CLOCK))
+    reason = force_off_gravity(replace(run, imu=fast), TWIN, at_rest)
+    assert reason is not None and reason.code is SessionReason.FORCE_OFF_GRAVITY
+    assert reason.values["excess_ug"] == pytest.approx(-1e6 * CLOCK, rel=0.15)
