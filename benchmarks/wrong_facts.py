@@ -7,7 +7,7 @@ session that changes the table by a wrong fact is committed wrong where the tabl
 temperatures visited, over its sigma, exceeds four on any level gyro.
 
     python -m benchmarks.wrong_facts --units 10 --out facts.jsonl
-    python -m benchmarks.wrong_facts --page facts.jsonl > docs/wrong_facts.md
+    python -m benchmarks.wrong_facts --page facts.jsonl > page.md
 """
 
 import argparse
@@ -250,7 +250,8 @@ def main() -> None:
                 if options.out:
                     with options.out.open("a") as out:
                         out.write(json.dumps(records[-1]) + "\n")
-            print(summary(records)[-1], file=sys.stderr, flush=True)
+            done = [r for r in records if r["fact"] == name and r["size"] == size]
+            print(summary(done)[-1], file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
