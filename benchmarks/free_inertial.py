@@ -10,9 +10,9 @@ makes the alignment find, but for its change over temperature since; the north g
 alignment and flight.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,10 @@ from infield.replay.drift import drift_against
 from infield.session.bins import make_bins
 from infield.session.log import compensated_imu
 from infield.session.settings import SessionSettings
+from infield.table.temperature_model import SettledCurve, TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import gyro_temperature
-from ins.records import NavState, Site, TwinModel
+from ins.records import AXES, NavState, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG, MILLIRADIAN
 from trajectories.simulator.motions import lay
@@ -63,13 +64,20 @@ PROFILES: dict[str, tuple[Segment, ...]] = {
 
 
 @dataclass(frozen=True)
-class Flown:
+class Flown(TemperatureModel):
     """A table to fly with: bias(axis, T) [deg/h], and the table whose sigma the alignment is to
     expect of it.
     """
 
     bias_deg_h: Callable[[int, NDArray], NDArray]
     believed: ThermalTable
+
+    @property
+    def curves(self) -> Mapping[str, SettledCurve]:
+        return {
+            axis: SettledCurve((-np.inf, np.inf), partial(self.bias_deg_h, k))
+            for k, axis in enumerate(AXES)
+        }
 
 
 @dataclass(frozen=True, kw_only=True)

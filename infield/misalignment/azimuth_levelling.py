@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2 as chi_square
 
 from infield.misalignment.azimuth_runs import Stop
-from infield.table.least_squares import fit_rows
+from infield.table.least_squares import fit_correlated
 from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
 from ins.units import HOUR, MICRO_G
@@ -67,8 +67,7 @@ def level_offsets(
     steady = accel.bias_instability_ug**2 + FLOOR_UG**2
     own = steady + accel.rate_random_walk_ug_sqrt_h**2 * hours + accel.vrw_ug_sqrt_hz**2 / used
     R = np.kron(np.eye(2), accel.turn_on_ug**2 * same_run + np.diag(own))
-    root = np.linalg.cholesky(R)
-    fit = fit_rows(np.linalg.solve(root, A), np.linalg.solve(root, f))
+    fit = fit_correlated(A, f, R)
     g_ug = float(gravity_magnitude(site.lat_rad, site.height_m)) / MICRO_G
     return LevelOffsets(
         offset_ug=fit.x[:2] + np.asarray(accel.bias_ug)[:2],

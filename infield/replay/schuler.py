@@ -16,6 +16,7 @@ from scipy.optimize import minimize_scalar
 
 from infield.replay.drift import Drift
 from infield.replay.reasons import SchulerReason
+from infield.table.least_squares import fit_rows
 from ins.earth import gravity_magnitude, radii_of_curvature
 from ins.records import Site
 from ins.verdicts import Reason, because
@@ -108,9 +109,8 @@ def _columns(w: float, t: NDArray) -> NDArray:
 
 def _solved(w: float, t: NDArray, v: NDArray, root: NDArray) -> tuple[NDArray, float]:
     """Coefficients (4, 2) and sum of whitened squares of the fit at one frequency."""
-    A, b = root @ _columns(w, t), root @ v
-    found = np.linalg.lstsq(A, b, rcond=None)[0]
-    return found, float(np.sum((b - A @ found) ** 2))
+    fit = fit_rows(root @ _columns(w, t), root @ v)
+    return fit.x, fit.chi2
 
 
 def _whitening(left: NDArray) -> NDArray:
@@ -137,5 +137,6 @@ def _spread(w: float, t: NDArray, v: NDArray, root: NDArray) -> tuple[float, flo
         root @ (t * (found[3, k] * np.cos(w * t) - found[2, k] * np.sin(w * t))) for k in range(2)
     ]
     J = np.block([[A, none, slope[0][:, None]], [none, A, slope[1][:, None]]])
+    variance = fit_rows(J, (root @ v).T.ravel()).covariance[-1, -1]
     scale = max(cost / max(2 * len(t) - 9, 1), 1.0)
-    return float(np.linalg.norm(found[2:])), float(np.sqrt(scale * np.linalg.pinv(J.T @ J)[-1, -1]))
+    return float(np.linalg.norm(found[2:])), float(np.sqrt(scale * variance))

@@ -10,6 +10,7 @@ from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.speeds import watched_seconds
 from alignment.motion.stillness import ALIGNMENT_S
+from infield.table.temperature_model import TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
 from ins.compensation import compensate, corrected
@@ -18,7 +19,7 @@ from ins.units import DEG_PER_HOUR, MICRO_G
 
 
 def compensated_imu(
-    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+    run: Run, table: TemperatureModel | None, temperature: GyroTemperature | None, twin: TwinModel
 ) -> ImuSource:
     """The log less the table at each row's temperature, less the twin's nominal scale, misalignment
     and biases.
@@ -29,14 +30,14 @@ def compensated_imu(
 
 
 def compensated_seconds(
-    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+    run: Run, table: TemperatureModel | None, temperature: GyroTemperature | None, twin: TwinModel
 ) -> LogSeconds:
     """The seconds of `compensated_imu`, from the log's own: no row is read again."""
     return watched_seconds(run).corrected(_correction(run, table, temperature, twin))
 
 
 def _correction(
-    run: Run, table: ThermalTable | None, temperature: GyroTemperature | None, twin: TwinModel
+    run: Run, table: TemperatureModel | None, temperature: GyroTemperature | None, twin: TwinModel
 ) -> Callable[[ImuLog], ImuLog]:
     bias_at = None
     if table is not None and temperature is not None:
@@ -67,13 +68,15 @@ def refuse_without_settled_part(run: Run) -> None:
         )
 
 
-def table_series(table: ThermalTable, temperature: GyroTemperature) -> Callable[[NDArray], NDArray]:
+def table_series(
+    table: TemperatureModel, temperature: GyroTemperature
+) -> Callable[[NDArray], NDArray]:
     """Table bias (k, 3) [deg/h] at any times: the table at the smoothed temperature's nodes,
     straight lines in between.
     """
     nodes_s, T = temperature.time_s, temperature.temperature_degC
-    bias = [table.bias_deg_h(axis, T[:, axis]) for axis in range(3)]
-    return lambda time_s: np.stack([np.interp(time_s, nodes_s, b) for b in bias], axis=1)
+    bias = table.settled_deg_h(T)
+    return lambda time_s: np.stack([np.interp(time_s, nodes_s, b) for b in bias.T], axis=1)
 
 
 def alignment_end(run: Run, start_s: float) -> float:

@@ -15,12 +15,14 @@ libraries/AP_InertialSensor/AP_InertialSensor_tempcal.cpp, Tools/scripts/tempcal
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.cubic_fit import stated_fit
+from infield.table.temperature_model import SettledCurve, TemperatureModel
 from ins.records import AXES, InputError
 from ins.units import DEG_PER_HOUR
 
@@ -34,7 +36,7 @@ MAX_BYTES = 5_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class AutopilotCubic:
+class AutopilotCubic(TemperatureModel):
     """Thermal parameters of one IMU as an autopilot holds them, in recal's units.
 
     coefficients (3, 4): x, y, z; constant first [deg/h per degC^k] about reference_degC; ArduPilot:
@@ -70,12 +72,19 @@ class AutopilotCubic:
         on_board = np.polynomial.polynomial.polyval(x, coefficients.T).T
         return float(np.max(np.abs(on_board / DEG_PER_HOUR - self.offset_deg_h(T))))
 
+    @property
+    def curves(self) -> Mapping[str, SettledCurve]:
+        """What the autopilot subtracts of each gyro; ArduPilot's less its value at Tcal."""
+        span = (self.low_degC, self.high_degC)
+        return {axis: SettledCurve(span, partial(self._value, k)) for k, axis in enumerate(AXES)}
+
     def offset_deg_h(self, temperature_degC: NDArray) -> NDArray:
-        """What the autopilot subtracts at temperatures (k,), shape (k, 3); ArduPilot's less its
-        value at Tcal.
-        """
+        """What the autopilot subtracts, shape (k, 3), at temperatures (k,) of all three gyros."""
+        return self.settled_deg_h(np.repeat(np.asarray(temperature_degC)[:, None], len(AXES), 1))
+
+    def _value(self, gyro: int, temperature_degC: NDArray) -> NDArray:
         x = np.clip(temperature_degC, self.low_degC, self.high_degC) - self.reference_degC
-        return np.polynomial.polynomial.polyval(x, self.coefficients.T).T
+        return np.asarray(np.polynomial.polynomial.polyval(x, self.coefficients[gyro]))
 
 
 def parameters(cubic: AutopilotCubic) -> dict[str, float]:

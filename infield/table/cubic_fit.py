@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.least_squares import fit_correlated
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, InputError
 
@@ -184,8 +185,7 @@ def _fit(
     span = max(abs(T[0] - reference_degC), abs(T[-1] - reference_degC))
     A = np.vander((T - reference_degC) / span, 4, increasing=True)
     S = P + np.diag(MISFIT * np.diag(P) + LEAST_DEG_H**2)
-    L = np.linalg.cholesky(S)
-    scaled = np.linalg.lstsq(np.linalg.solve(L, A), np.linalg.solve(L, bias), rcond=None)[0]
+    scaled = fit_correlated(A, bias, S).x
     scaled = np.where(np.abs(scaled) > ROUNDING * np.abs(scaled).max(), scaled, 0.0)
     error = A @ scaled - bias
     if not constant:

@@ -1,4 +1,5 @@
-"""Least squares that say what they do not see.
+"""Weighted least squares: of rows, which say what they do not see, and of normal equations, which
+add and take a prior.
 
 Rows are whitened by the root of their covariance, columns scaled to length 1 before anything is
 compared with anything, so that a unit never decides what is collinear.
@@ -18,7 +19,7 @@ class RowFit:
     """Parameters x (p,) with covariance (p, p), the smallest where the rows do not see them all.
 
     null (p, r): directions that the rows do not see, as unit columns; left (n,): whitened
-    residuals.
+    residuals. Several right-hand sides at once have x (p, k) and left (n, k).
     """
 
     x: NDArray
@@ -28,24 +29,33 @@ class RowFit:
 
     @property
     def rank(self) -> int:
-        return self.x.size - self.null.shape[1]
+        return len(self.x) - self.null.shape[1]
 
     @property
     def chi2(self) -> float:
-        return float(self.left @ self.left)
+        return float(np.sum(self.left**2))
 
     @property
     def dof(self) -> int:
-        return self.left.size - self.rank
+        return self.left.size - self.rank * (self.left.size // len(self.left))
+
+
+def fit_correlated(A: NDArray, y: NDArray, covariance: NDArray) -> RowFit:
+    """Least squares of rows A (n, p), y (n,) whose errors have a covariance (n, n); LinAlgError
+    where that is not positive definite.
+    """
+    root = np.linalg.cholesky(covariance)
+    return fit_rows(np.linalg.solve(root, A), np.linalg.solve(root, y))
 
 
 def fit_rows(A: NDArray, y: NDArray) -> RowFit:
-    """Least squares of whitened rows A (n, p), y (n,)."""
+    """Least squares of whitened rows A (n, p), y (n,) or (n, k)."""
     size = np.linalg.norm(A, axis=0)
-    U, s, Vt = np.linalg.svd(A / size, full_matrices=True)
+    # all of Vt is needed, for what is not seen; of U only what is
+    U, s, Vt = np.linalg.svd(A / size, full_matrices=len(A) < A.shape[1])
     kept = int(np.sum(s > SEEN * s[0]))
     back = Vt[:kept].T / size[:, None]
-    x = back @ ((U[:, :kept].T @ y) / s[:kept])
+    x = (back / s[:kept]) @ (U[:, :kept].T @ y)
     null = Vt[kept:].T / size[:, None]
     return RowFit(
         x=x,
@@ -61,11 +71,52 @@ def scaled(A: NDArray) -> tuple[NDArray, NDArray]:
     return A / np.outer(length, length), length
 
 
-def scaled_inverse(A: NDArray) -> NDArray:
-    """Of a positive matrix, scaled first."""
-    unit, length = scaled(A)
-    P = np.linalg.inv(unit) / np.outer(length, length)
-    return np.asarray(0.5 * (P + P.T))
+@dataclass(frozen=True)
+class Solution:
+    """Parameters x (p,) with covariance (p, p). log_evidence: of the rows, less the constant that
+    the prior's own normalisation and the number of rows give.
+    """
+
+    x: NDArray
+    covariance: NDArray
+    log_evidence: float
+
+
+@dataclass(frozen=True)
+class NormalEquations:
+    """Rows X (n, p), y (n,) of precision M, summed: A = X'MX, b = X'My, c = y'My, and how many."""
+
+    A: NDArray
+    b: NDArray
+    c: float
+    rows: int
+
+    def __add__(self, other: "NormalEquations") -> "NormalEquations":
+        return NormalEquations(
+            self.A + other.A, self.b + other.b, self.c + other.c, self.rows + other.rows
+        )
+
+    def of(self, columns: NDArray) -> "NormalEquations":
+        """Those of some columns (k,) alone."""
+        return NormalEquations(self.A[np.ix_(columns, columns)], self.b[columns], self.c, self.rows)
+
+    def solve(self, precision: NDArray | None = None) -> Solution:
+        """With a prior N(0, precision^-1), precision (p, p), improper where it is singular; None:
+        with none.
+
+        log_evidence = (b'x - c - log det(A + precision)) / 2.
+        """
+        unit, length = scaled(self.A if precision is None else self.A + precision)
+        root = np.linalg.cholesky(unit)
+        back = np.linalg.inv(root) / length
+        P = back.T @ back
+        x = P @ self.b
+        log_det = 2.0 * float(np.log(np.diag(root) * length).sum())
+        return Solution(x, P, 0.5 * (float(self.b @ x) - self.c - log_det))
+
+    def misfit(self, x: NDArray) -> float:
+        """(y - X x)' M (y - X x)."""
+        return float(self.c - 2.0 * self.b @ x + x @ self.A @ x)
 
 
 def condition_number(A: NDArray) -> float:

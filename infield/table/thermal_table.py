@@ -12,12 +12,14 @@ excludes the turn-on bias of any one session. Parameters beta: values of x, y, z
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from infield.table.prior import COMMON_FRACTION, KERNEL_LENGTH_degC, prior_covariance, smooth_kernel
+from infield.table.temperature_model import SettledCurve, TemperatureModel
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")
@@ -42,7 +44,7 @@ class AgeingModel:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ThermalTable:
+class ThermalTable(TemperatureModel):
     """Node values (and slopes) over temperature for gyros x, y, z of one unit; immutable.
 
     Parameters
@@ -88,6 +90,14 @@ class ThermalTable:
         object.__setattr__(self, "parameters", beta)
         object.__setattr__(self, "covariance", _checked_covariance(self.covariance, n))
         object.__setattr__(self, "provenance", dict(self.provenance))
+
+    @property
+    def curves(self) -> Mapping[str, SettledCurve]:
+        """Each gyro's bias over temperature, its ends held."""
+        return {
+            axis: SettledCurve((float(t[0]), float(t[-1])), partial(self.bias_deg_h, axis))
+            for axis, t in zip(AXES, self.temperature_degC)
+        }
 
     @property
     def n_parameters(self) -> int:

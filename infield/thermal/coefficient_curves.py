@@ -11,7 +11,7 @@ section 6.2); any other basis goes unpenalised. A level common to all rows belon
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 from scipy.linalg import cho_factor, cho_solve
 
+from infield.table.least_squares import NormalEquations, Solution
 from infield.thermal.blocks import AxisBlocks
 
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
@@ -28,7 +29,6 @@ STEPS = np.arange(-3.0, 2.51, 0.5)  # log10 of a difference over the smallest si
 FLAT = 1e-12  # relative precision added so that a null space of the penalty has a factor
 NEGLIGIBLE = 3.0  # log evidence below the best by more than this has no share
 Basis = Callable[[NDArray], NDArray]
-Solved = tuple[float, NDArray, NDArray]  # log evidence, mean, covariance
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,16 @@ class Reduced:
             self._factor, self._binned(B)
         )
 
+    def normal(self, X: NDArray) -> NormalEquations:
+        """Normal equations of the blocks' bias on columns X (n, p)."""
+        y = self.blocks.bias_deg_h[:, None]
+        return NormalEquations(
+            self.product(X, X),
+            self.product(X, y)[:, 0],
+            float(self.product(y, y)[0, 0]),
+            self.weight.size,
+        )
+
     def design(self, bases: Sequence[Basis]) -> NDArray:
         """Rows of the model: the first basis for K_T, the second, where there is one, times the
         rate for K_delta.
@@ -99,29 +109,28 @@ class Reduced:
         """Least squares with given penalties, their weights from the evidence; None: that curve is
         free.
         """
-        X, y = self.design(bases), self.blocks.bias_deg_h[:, None]
-        A, b, c = self.product(X, X), self.product(X, y)[:, 0], float(self.product(y, y)[0, 0])
+        X = self.design(bases)
+        normal = self.normal(X)
         sizes = tuple(basis(self.blocks.temperature_degC[:1]).shape[1] for basis in bases)
         penalties = [*penalties, *[None] * (len(sizes) - len(penalties))]
-        solve = partial(_solve, A, b, c, sizes, penalties)
+        solve = partial(_solve, normal, sizes, penalties)
         scale = float(self.blocks.sigma_deg_h.min())
         weight, found = _weighed(
             lambda at: solve([(scale * 10.0 ** STEPS[k]) ** -2.0 for k in at]), penalties
         )
-        theta = np.einsum("k,ki->i", weight, np.array([mean for _, mean, _ in found]))
+        theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
         P = sum(
-            w * (cov + np.outer(mean - theta, mean - theta))
-            for w, (_, mean, cov) in zip(weight, found)
+            w * (one.covariance + np.outer(one.x - theta, one.x - theta))
+            for w, one in zip(weight, found)
         )
-        chi2 = c - 2.0 * float(b @ theta) + float(theta @ A @ theta)
         return CurveFit(
             bases=tuple(bases),
             sizes=sizes,
             theta=theta,
             covariance=P,
-            chi2=chi2,
+            chi2=normal.misfit(theta),
             rows=self.weight.size,
-            effective=float(np.trace(P @ A)),
+            effective=float(np.trace(P @ normal.A)),
         )
 
     def _binned(self, A: NDArray) -> NDArray:
@@ -202,35 +211,26 @@ def derivative_rows(basis: Basis, temperature_degC: NDArray, order: int) -> NDAr
 
 
 def _solve(
-    A: NDArray,
-    b: NDArray,
-    c: float,
+    normal: NormalEquations,
     sizes: tuple[int, ...],
     penalties: Sequence[NDArray | None],
     weights: list[float],
-) -> Solved:
-    """Log evidence, mean and covariance; Bayesian regression with precision weight x penalty
-    (improper in its null space).
-    """
-    H, start, rank_terms = A.copy(), 0, 0.0
+) -> Solution:
+    """Bayesian regression with precision weight x penalty (improper in its null space)."""
+    precision, start, rank_terms = np.zeros_like(normal.A), 0, 0.0
     for size, penalty, weight in zip(sizes, penalties, weights):
         if penalty is not None:
-            H[start : start + size, start : start + size] += weight * penalty
+            precision[start : start + size, start : start + size] += weight * penalty
             rank_terms += 0.5 * np.linalg.matrix_rank(penalty) * np.log(weight)
         start += size
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    Hs = H * np.outer(scale, scale)
-    Hs[np.diag_indices_from(Hs)] += FLAT
-    factor = cho_factor(Hs, lower=True)
-    P = cho_solve(factor, np.eye(H.shape[0])) * np.outer(scale, scale)
-    theta = P @ b
-    log_det = 2.0 * float(np.sum(np.log(np.diag(factor[0])))) - 2.0 * float(np.sum(np.log(scale)))
-    return 0.5 * float(b @ theta) - 0.5 * c - 0.5 * log_det + rank_terms, theta, 0.5 * (P + P.T)
+    flat = FLAT * (np.diag(normal.A) + np.diag(precision))
+    found = normal.solve(precision + np.diag(flat))
+    return replace(found, log_evidence=found.log_evidence + rank_terms)
 
 
 def _weighed(
-    solve: Callable[[Sequence[int]], Solved], penalties: Sequence[NDArray | None]
-) -> tuple[NDArray, list[Solved]]:
+    solve: Callable[[Sequence[int]], Solution], penalties: Sequence[NDArray | None]
+) -> tuple[NDArray, list[Solution]]:
     """Solutions around the best steps of the penalties, each with its share of the evidence.
 
     A single best step takes the smoothness for known: the intervals of 200 simulated units were
@@ -238,7 +238,7 @@ def _weighed(
     """
     free = [which for which, penalty in enumerate(penalties) if penalty is not None]
     at = (len(STEPS) // 2,) * len(penalties)
-    tried: dict[tuple[int, ...], Solved] = {at: solve(at)}
+    tried: dict[tuple[int, ...], Solution] = {at: solve(at)}
 
     def neighbours(at: tuple[int, ...]) -> list[tuple[int, ...]]:
         near = [
@@ -250,17 +250,17 @@ def _weighed(
 
     while True:  # climb
         tried.update({key: solve(key) for key in neighbours(at) if key not in tried})
-        top = max(tried, key=lambda key: tried[key][0])
+        top = max(tried, key=lambda key: tried[key].log_evidence)
         if top == at:
             break
         at = top
-    best, todo, seen = tried[at][0], [at], {at}
+    best, todo, seen = tried[at].log_evidence, [at], {at}
     while todo:  # and look around
         for key in neighbours(todo.pop()):
             if key not in seen:
                 seen.add(key)
                 tried.setdefault(key, solve(key))
-                todo += [key] if tried[key][0] > best - NEGLIGIBLE else []
-    kept = [found for found in tried.values() if found[0] >= best - NEGLIGIBLE]
-    weight = np.exp([found[0] - best for found in kept])
+                todo += [key] if tried[key].log_evidence > best - NEGLIGIBLE else []
+    kept = [found for found in tried.values() if found.log_evidence >= best - NEGLIGIBLE]
+    weight = np.exp([found.log_evidence - best for found in kept])
     return weight / weight.sum(), kept

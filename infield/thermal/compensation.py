@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.temperature_model import TemperatureModel
 from infield.thermal.gradient_runs import gradient_lines
-from infield.thermal.temperature_model import TemperatureModel
 from infield.thermometer.causal_rate import causal_rates
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature
 from ins.compensation import compensate, corrected

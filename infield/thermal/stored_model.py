@@ -20,13 +20,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.temperature_model import TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermal.compensation import BiasSeries, batch_series, causal_series, less
 from infield.thermal.fog import model as fog
 from infield.thermal.gradient_runs import gradient_lines
 from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg import model as rlg
-from infield.thermal.temperature_model import TemperatureModel
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.json_file import read_json_object
 from ins.records import AXES, InputError, RemovedModel, Run, TwinModel
@@ -257,5 +257,5 @@ def residual_table(stored: StoredModel, table: ThermalTable) -> dict[str, tuple[
     found = {}
     for axis, curves in stored.model.curves.items():
         T = table.temperature_degC[AXES.index(axis)]
-        found[axis] = T, table.bias_deg_h(axis, T) - curves.settled_deg_h(T)
+        found[axis] = T, table.curves[axis].settled_deg_h(T) - curves.settled_deg_h(T)
     return found

@@ -2,15 +2,15 @@
 kind of gyro.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from infield.thermal.ramp_runs import RampRun
 from infield.thermal.reasons import Moves, ThermalNote, ThermalReason, ThermalVerdict
-from ins.records import AXES, TwinModel
+from ins.records import AXES, InputError, TwinModel
 from ins.verdicts import Reason, because
 
 TURNED_RAD = 2e-3  # 0.03 deg/h of Earth rate on another axis: the unit did not rest
@@ -18,6 +18,8 @@ CONTRADICTS = 25.0  # chi2 per degree of freedom beyond which this is not the mo
 NOTED = 1.5  # the same, above which the notes say so
 SAME_LEVEL_RAD = 1e-3  # runs whose levels differ by more were mounted anew
 INFLATE_ABOVE = 1.0  # chi2 per degree of freedom above which sigmas are widened by its root
+
+TOLD = 60  # characters of what a document holds in the place of what is needed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,3 +103,11 @@ def contradicted(axes: Iterable[Fitted], moves: Moves) -> tuple[Reason, ...]:
         for a in axes
         if a.scatter > CONTRADICTS
     )
+
+
+def check_fitted(document: Mapping[str, Any], schema: str, name: str) -> None:
+    """InputError where a document is no fitted model of a schema."""
+    for key, needed in (("schema", schema), ("verdict", ThermalVerdict.FITTED.value)):
+        if document.get(key) != needed:
+            got = str(document.get(key))[:TOLD]
+            raise InputError(f"{name}: {key}: got {got!r}, needed {needed!r}")

@@ -233,9 +233,7 @@ def _thermal(
     out = {**vars(true), "temperature_degC": true.gyro_degC, "temperature_rate_degC_min": rate}
     del out["gyro_degC"]
     if table is not None:
-        out["table_deg_h"] = np.stack(
-            [table.bias_deg_h(k, true.gyro_degC[:, k]) for k in range(3)], axis=1
-        )
+        out["table_deg_h"] = table.settled_deg_h(true.gyro_degC)
     return out
 
 

@@ -10,10 +10,10 @@ from scipy.stats import chi2
 
 from infield.reports.documents.rlg import about_zero, rlg_document
 from infield.reports.words.sentences import sentence, sentences
-from infield.table.least_squares import condition_number
+from infield.table.least_squares import NormalEquations, condition_number
 from infield.thermal.rlg.gradients import fit_gradients
 from infield.thermal.rlg.model import model_from_document
-from infield.thermal.rlg.terms import TERMS, Gram, columns, hold_apart
+from infield.thermal.rlg.terms import TERMS, columns, hold_apart, solve_terms
 from ins.verdicts import plain
 from tests.infield.gradient_cases import NAMES, TWIN, Unit, case, three_runs
 
@@ -37,9 +37,8 @@ def test_least_squares_by_hand_and_the_condition_number_of_two_columns():
     c = 0.99
     A = np.eye(8)
     A[0, 3] = A[3, 0] = c
-    theta, P = Gram(A, A[:, 0] * 2.0, 4.0, 10).solve(
-        np.array([name in ("K1", "K4") for name in TERMS])
-    )
+    normal = NormalEquations(A, A[:, 0] * 2.0, 4.0, 10)
+    theta, P = solve_terms(normal, np.array([name in ("K1", "K4") for name in TERMS]))
     np.testing.assert_allclose(theta, [2.0, 0, 0, 0, 0, 0, 0, 0], atol=1e-12)
     np.testing.assert_allclose(P[0, 0], 1.0 / (1.0 - c**2))
     assert condition_number(A[np.ix_([0, 3], [0, 3])]) == pytest.approx(np.sqrt((1 + c) / (1 - c)))

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.temperature_model import TemperatureModel
 from infield.thermal.compensation import both_ways
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise
 from infield.thermal.ramp_runs import RampRun, ramp_run
-from infield.thermal.temperature_model import TemperatureModel, check_fitted
+from infield.thermal.study import check_fitted
 from ins.records import InputError, Run, TwinModel
 
 SCHEMA = "recal.thermal_fog/1"

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.least_squares import condition_number
+from infield.table.least_squares import NormalEquations, condition_number
 from infield.table.merge import session_covariance
 from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
@@ -24,10 +24,10 @@ from infield.thermal.rlg.terms import (
     REST_OF_TURN_ON,
     TERMS,
     Collinear,
-    Gram,
     columns,
     hold_apart,
     rest_nodes,
+    solve_terms,
     term_sets,
 )
 from infield.thermal.study import INFLATE_ABOVE
@@ -155,10 +155,10 @@ class AxisFit:
             _choose(folds, [n for n in kept if n in TEMPERATURE_ONLY], rests), key=lambda c: c.chi2
         )
         bare = replace(best, rest_deg_h=0.0)
-        self.extra = self._reading_errors(whole.solve(best.mask, best.rest_deg_h)[0])
+        self.extra = self._reading_errors(solve_terms(whole, best.mask, best.rest_deg_h)[0])
         whole = self._sum(self.all)
-        theta, _ = whole.solve(best.mask, best.rest_deg_h)
-        _, P = whole.solve(np.array([name in kept for name in TERMS]), best.rest_deg_h)
+        theta, _ = solve_terms(whole, best.mask, best.rest_deg_h)
+        _, P = solve_terms(whole, np.array([name in kept for name in TERMS]), best.rest_deg_h)
         scatter = whole.misfit(theta) / max(whole.rows - len(best.used), 1)
         P *= max(scatter, INFLATE_ABOVE)
         level = float(max(run.blocks.level_sigma_deg_h[self.k] for run in self.runs))
@@ -177,7 +177,7 @@ class AxisFit:
             orders=orders,
             collinear=tuple(dropped),
             not_better=tuple(name for name in kept if name not in best.used),
-            temperature_only=whole.solve(plain.mask, plain.rest_deg_h)[0],
+            temperature_only=solve_terms(whole, plain.mask, plain.rest_deg_h)[0],
             condition=condition_number(whole.A[np.ix_(used, used)]),
             condition_all=self._condition(whole, allowed),
             condition_uncentred=self._condition(self._sum(self.all, 0.0), allowed),
@@ -190,7 +190,7 @@ class AxisFit:
         )
 
     @staticmethod
-    def _condition(gram: Gram, allowed: NDArray) -> float:
+    def _condition(gram: NormalEquations, allowed: NDArray) -> float:
         at = np.flatnonzero(allowed)
         return condition_number(gram.A[np.ix_(at, at)])
 
@@ -210,7 +210,7 @@ class AxisFit:
         parts = [Part(j, rows, j) for j, rows in self.all]
         return self._held_out(parts, choices) if len(parts) > 1 else None
 
-    def _folds(self, parts: list[Part]) -> list[Gram]:
+    def _folds(self, parts: list[Part]) -> list[NormalEquations]:
         """Normal equations of each fold."""
         grams = [self._gram(part.run, part.rows, self.reference) for part in parts]
         names = sorted({part.fold for part in parts})
@@ -228,17 +228,12 @@ class AxisFit:
             b.temperature_degC[rows, k], b.rate_degC_min[rows, k], lines, reference, self.nodes
         )
 
-    def _gram(self, j: int, rows: NDArray, reference: float) -> Gram:
-        reduced, X = Reduced(self._blocks(j, rows)), self._columns(j, rows, reference)
-        y = reduced.blocks.bias_deg_h[:, None]
-        return Gram(
-            reduced.product(X, X),
-            reduced.product(X, y)[:, 0],
-            float(reduced.product(y, y)[0, 0]),
-            rows.size,
-        )
+    def _gram(self, j: int, rows: NDArray, reference: float) -> NormalEquations:
+        return Reduced(self._blocks(j, rows)).normal(self._columns(j, rows, reference))
 
-    def _sum(self, parts: list[tuple[int, NDArray]], reference: float | None = None) -> Gram:
+    def _sum(
+        self, parts: list[tuple[int, NDArray]], reference: float | None = None
+    ) -> NormalEquations:
         grams = [
             self._gram(j, rows, self.reference if reference is None else reference)
             for j, rows in parts
@@ -288,7 +283,9 @@ class AxisFit:
                 self._columns(part.run, part.rows, self.reference),
             )
             y = self.runs[part.run].blocks.bias_deg_h[part.rows, self.k]
-            foretold = [X @ train.solve(choice.mask, choice.rest_deg_h)[0] for choice in choices]
+            foretold = [
+                X @ solve_terms(train, choice.mask, choice.rest_deg_h)[0] for choice in choices
+            ]
             left[part.run].append(np.stack([y, *(y - value for value in foretold)], axis=1))
         squares, floor, count = np.zeros(len(choices) + 1), 0.0, 0
         for j, run in enumerate(self.runs):
@@ -338,7 +335,9 @@ def _shortest(orders: Sequence[Choice], rows: int) -> Choice:
     return next(choice for choice in orders if (choice.chi2 - least) * rows <= CHANCE)
 
 
-def _choose(folds: list[Gram], kept: Sequence[str], rests: Sequence[float]) -> tuple[Choice, ...]:
+def _choose(
+    folds: list[NormalEquations], kept: Sequence[str], rests: Sequence[float]
+) -> tuple[Choice, ...]:
     """Of each number of terms the choice that foretells held-out folds best, fewest first."""
     rows = sum(gram.rows for gram in folds)
     others = [[gram for g, gram in enumerate(folds) if g != f] for f in range(len(folds))]
@@ -348,7 +347,9 @@ def _choose(folds: list[Gram], kept: Sequence[str], rests: Sequence[float]) -> t
         names = tuple(name for name, yes in zip(TERMS, use) if yes)
         for rest in rests:
             chi2 = (
-                sum(held.misfit(gram.solve(use, rest)[0]) for held, gram in zip(folds, train))
+                sum(
+                    held.misfit(solve_terms(gram, use, rest)[0]) for held, gram in zip(folds, train)
+                )
                 / rows
             )
             if len(names) not in best or chi2 < best[len(names)].chi2:

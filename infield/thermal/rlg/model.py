@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.table.temperature_model import TemperatureModel
 from infield.thermal.rlg.terms import LINES, TERMS, columns, rest_columns
-from infield.thermal.temperature_model import TemperatureModel, check_fitted
+from infield.thermal.study import check_fitted
 from ins.records import AXES, InputError
 
 SCHEMA = "recal.thermal_rlg/1"

@@ -17,7 +17,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.table.least_squares import scaled, scaled_inverse
+from infield.table.least_squares import NormalEquations, scaled
 from infield.thermal.reasons import ThermalNote
 from ins.verdicts import Reason, because
 
@@ -41,33 +41,21 @@ REST_OF_TURN_ON = (1.0, 2.0, 4.0)
 NOISY = 0.05  # share of what a column has of its own that may be noise of the thermometers
 
 
-@dataclass(frozen=True)
-class Gram:
-    """Normal equations of one set of blocks: A (p, p), b (p,), c, and how many rows."""
-
-    A: NDArray
-    b: NDArray
-    c: float
-    rows: int
-
-    def __add__(self, other: "Gram") -> "Gram":
-        return Gram(self.A + other.A, self.b + other.b, self.c + other.c, self.rows + other.rows)
-
-    def solve(self, use: NDArray, rest_deg_h: float = 0.0) -> tuple[NDArray, NDArray]:
-        """Coefficients (p,), 0 for terms not used, and their covariance (p, p); rest_deg_h: s of
-        the nodes, 0: none.
-        """
-        P, theta = np.zeros_like(self.A), np.zeros(self.b.size)
-        prior = np.zeros(self.b.size)
-        prior[len(TERMS) :] = rest_deg_h**-2.0 if rest_deg_h else 0.0
-        at = np.flatnonzero(np.r_[use, np.full(self.b.size - len(TERMS), rest_deg_h > 0)])
-        P[np.ix_(at, at)] = scaled_inverse(self.A[np.ix_(at, at)] + np.diag(prior[at]))
-        theta[at] = P[np.ix_(at, at)] @ self.b[at]
-        return theta, P
-
-    def misfit(self, theta: NDArray) -> float:
-        """(y - X theta)' M (y - X theta)."""
-        return float(self.c - 2.0 * self.b @ theta + theta @ self.A @ theta)
+def solve_terms(
+    normal: NormalEquations, use: NDArray, rest_deg_h: float = 0.0
+) -> tuple[NDArray, NDArray]:
+    """Coefficients (p,), 0 for terms not used, and their covariance (p, p); rest_deg_h: s of the
+    nodes, 0: none.
+    """
+    count = normal.b.size
+    prior = np.zeros(count)
+    prior[len(TERMS) :] = rest_deg_h**-2.0 if rest_deg_h else 0.0
+    at = np.flatnonzero(np.r_[use, np.full(count - len(TERMS), rest_deg_h > 0)])
+    found = normal.of(at).solve(np.diag(prior[at]))
+    theta, P = np.zeros(count), np.zeros((count, count))
+    theta[at] = found.x
+    P[np.ix_(at, at)] = found.covariance
+    return theta, P
 
 
 @dataclass(frozen=True)

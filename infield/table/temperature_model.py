@@ -1,20 +1,19 @@
-"""A fitted temperature model of a unit, whatever it was fitted with: what each gyro has at a
-temperature, and what rates and gradients add.
+"""A temperature model of a unit, whatever it was fitted with: what each gyro has at a temperature,
+and what rates and gradients add.
 
-The first part, of a settled unit, is what a thermal table holds as well.
+A thermal table and an autopilot's cubics hold the first part alone, that of a settled unit; a FOG's
+curves and a ring laser's terms hold both.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.reasons import ThermalVerdict
-from ins.records import AXES, InputError
-
-TOLD = 60  # characters of what a document holds in the place of what is needed
+from ins.records import AXES
 
 
 class GyroCurves(Protocol):
@@ -38,6 +37,27 @@ class GyroCurves(Protocol):
     ) -> NDArray:
         """What is not known of `rates_deg_h`, 1 sigma."""
         ...
+
+
+@dataclass(frozen=True)
+class SettledCurve:
+    """One gyro whose bias follows its temperature alone: rates and gradients add nothing."""
+
+    range_degC: tuple[float, float]
+    value_deg_h: Callable[[NDArray], NDArray]
+
+    def settled_deg_h(self, T: NDArray) -> NDArray:
+        return self.value_deg_h(T)
+
+    def rates_deg_h(self, T: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray) -> NDArray:
+        """None."""
+        return np.zeros(np.shape(T))
+
+    def rates_sigma_deg_h(
+        self, T: NDArray, rate_degC_min: NDArray, gradient_degC: NDArray
+    ) -> NDArray:
+        """None."""
+        return np.zeros(np.shape(T))
 
 
 class TemperatureModel(ABC):
@@ -98,11 +118,3 @@ class TemperatureModel(ABC):
             k = AXES.index(axis)
             out[:, k] = value(curves, k)
         return out
-
-
-def check_fitted(document: Mapping[str, Any], schema: str, name: str) -> None:
-    """InputError where a document is no fitted model of a schema."""
-    for key, needed in (("schema", schema), ("verdict", ThermalVerdict.FITTED.value)):
-        if document.get(key) != needed:
-            got = str(document.get(key))[:TOLD]
-            raise InputError(f"{name}: {key}: got {got!r}, needed {needed!r}")
