@@ -24,7 +24,7 @@ from scipy.stats import beta
 from benchmarks.recalibration_unit import OFFSET_DEG_H, SERIAL, SHAPE_DEG_H, TWINS, taxi
 from infield.session.pipeline import update_calibration
 from infield.session.results import UpdateResult
-from infield.table.file import table_from_dict, table_sha256, table_to_dict
+from infield.table.file import table_from_dict
 from ins.records import AXES, ImuLog, Run, TemperatureLog
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from trajectories.simulator.session import SessionPlan, simulate_run
@@ -92,6 +92,12 @@ def all_gyro_thermometers(run: Run, size: float, axis: int) -> Run:
     return replace(run, temperature=replace(log, gyro_degC=log.gyro_degC + size))
 
 
+def gyro_thermometers_beside_the_block(run: Run, size: float, axis: int) -> Run:
+    """The same where the block's thermometer is the only other one."""
+    log = _temperature(all_gyro_thermometers(run, size, axis))
+    return replace(run, temperature=replace(log, accel_degC=None))
+
+
 def one_gyro_thermometer(run: Run, size: float, axis: int) -> Run:
     log = _temperature(run)
     gyro = log.gyro_degC.copy()
@@ -130,6 +136,9 @@ FACTS = {
     "gyro axes turned": Fact(wrong_gyro_axes, "mrad", (0.3, 1.0, 3.0)),
     "step of one gyro": Fact(gyro_step, "deg/h", (0.01, 0.03, 0.1)),
     "all gyro thermometers off": Fact(all_gyro_thermometers, "degC", (3.0, 10.0, 20.0)),
+    "gyro thermometers off, block logged": Fact(
+        gyro_thermometers_beside_the_block, "degC", (10.0, 20.0)
+    ),
     "one gyro thermometer off": Fact(one_gyro_thermometer, "degC", (3.0, 10.0)),
     "drifting thermometer": Fact(drifting_thermometer, "degC", (1.0, 3.0, 10.0)),
     "another unit": Fact(wrong_unit, "", (1.0,)),
@@ -151,8 +160,7 @@ def trial(name: str, size: float, seed: int) -> dict:
         taxi(lat, heading), thermal, told, twin, rng=rng, plan=SessionPlan(run_id=f"{name}-{seed}")
     )
     wrong = FACTS[name].change(simulated.run, size, seed % 3)
-    parent = table_sha256(table_to_dict(table))
-    result = update_calibration([wrong], table, twin, parent_sha256=parent)
+    result = update_calibration([wrong], table, twin)
     T = thermal.at(np.arange(0.0, simulated.bias_time_s[-1], SCORED_EVERY_S)).gyro_degC
     return {
         "fact": name,
