@@ -20,6 +20,7 @@ from simreal.effects.catalogue import catalogue
 from simreal.effects.words import FREE_WORDS, WORDS, EffectWords
 from trajectories.readers.rows import column_map
 from trajectories.simulator import scenario
+from trajectories.simulator.environments.kinds import Environment, EnvironmentKind
 from trajectories.simulator.segments import SEGMENTS
 from trajectories.simulator.thermal import ThermalHistory
 from trajectories.simulator.truth_file import TruthSection
@@ -177,6 +178,9 @@ def _scenario() -> str:
         "",
     ]
     lines += [*HEAD, *_record_rows(TruthSection)]
+    lines += ["", "## [environment] or [[environment]]", "", *_doc(Environment)]
+    lines += ["`kind`: " + _names([kind.value for kind in EnvironmentKind]) + ".", ""]
+    lines += [*HEAD, *_record_rows(Environment)]
     for title, kinds, key in (
         ("[[motion]]", SEGMENTS, "segment"),
         ("[[disturbance]]", EVENTS, "event"),

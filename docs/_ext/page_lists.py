@@ -5,7 +5,7 @@ none must be there.
 from pathlib import Path
 
 OF_INDEX = ("index", "quickstart", "tutorial", "concepts", "theory")  # named in index.md itself
-GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve")
+GUIDES = ("log_formats", "mems", "replay", "bridges", "store", "fleet", "serve", "environments")
 TEXTS = {
     "guides": ("Formats, stores and services", "Pages of single parts of the program."),
     "studies": (

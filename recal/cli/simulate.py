@@ -25,6 +25,13 @@ def command(
     table_out: Annotated[
         Path | None, typer.Option("--table-out", help="Where to put the unit's table.")
     ] = None,
+    environment: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--environment",
+            help="What the parked vehicle goes through: KIND or KIND:STRENGTH, repeatable.",
+        ),
+    ] = None,
     seed: Seed = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -32,11 +39,13 @@ def command(
 ) -> None:
     """Simulate one power-on session from a scenario and write it as a run with its reference.
 
-    Example: recal simulate cold_parked_taxi -o run --seed 7 --table-out table.json
+    Example: recal simulate cold_parked_taxi -o run --seed 7 --environment boarding:1.5
     """
     from recal.service.simulate import simulate
 
-    simulated = simulate(scenario, seed=seed, twin=twin, table=table)
+    simulated = simulate(
+        scenario, seed=seed, twin=twin, table=table, environments=environment or None
+    )
     simulated = simulated.write(output, table=table_out, truth=truth)
     answer(simulated.document, as_json=as_json, verbose=verbose)
     for line in simulated.lines():

@@ -1,5 +1,6 @@
 """`simulate`: a power-on session from a scenario and a twin, with its truth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from simreal.declared.declared_noise import without_excess
 from simreal.declared.twin_effects import parse_effects
 from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
 from trajectories.runs.directory import write_run
+from trajectories.simulator.environments.kinds import environment_of
 from trajectories.simulator.scenario import (
     Scenario,
     read_scenario,
@@ -114,6 +116,7 @@ def simulate(
     twin: AnyPath | None = None,
     table: AnyTable | None = None,
     rate_hz: float | None = None,
+    environments: Sequence[str] | None = None,
 ) -> Simulation:
     """Simulate one power-on session of an aged unit.
 
@@ -129,6 +132,9 @@ def simulate(
         Factory table of the unit, instead of the scenario's or a drawn one.
     rate_hz : float, optional
         IMU rate [Hz], instead of the scenario's.
+    environments : sequence of str, optional
+        What the parked vehicle goes through, instead of the scenario's: `KIND` or `KIND:STRENGTH`
+        (1 is the usual), such as `boarding` or `gusty:1.5`.
 
     Returns
     -------
@@ -152,6 +158,8 @@ def simulate(
     plan = read_scenario(source, twin_path=None if twin is None else Path(twin))
     if rate_hz is not None:
         plan = replace(plan, imu=replace(plan.imu, rate_hz=rate_hz))
+    if environments is not None:
+        plan = replace(plan, environments=tuple(environment_of(text) for text in environments))
     given = table if table is not None else plan.table_path
     factory = None if given is None else dict(table_of(given)[1])
     simulated, unit = _session(plan, seed, factory)
@@ -166,6 +174,7 @@ def simulate(
         "rate_hz": imu.rate_hz,
         "twin": plan.twin.source,
         "table": str(given) if isinstance(given, str | Path) else None,
+        "environments": [vars(environment) for environment in plan.environments],
         "phases": [vars(phase) for phase in simulated.run.phases],
         "truth": _truth(plan),
     }

@@ -3,7 +3,8 @@ that names it.
 
 Sections: top level (schema, seed, alignment_s), run, site, attitude, imu, motion (list), thermal,
 unit, twin (inline) or twin_file, streams, lever_arms_m, survey, disturbance (list); truth (a
-profile) instead of site, attitude and motion. Ready ones are packaged in `scenarios/`.
+profile) instead of site, attitude and motion; environment (one, or a list). Ready ones are packaged
+in `scenarios/`.
 """
 
 from dataclasses import MISSING, dataclass, field, fields
@@ -19,6 +20,7 @@ from ins.records import InputError, Site, Survey, TwinModel
 from ins.twin_file import default_twin, read_twin, table_path, twin_from_dict
 from ins.units import DEG
 from trajectories.simulator.chamber import ChamberProfile
+from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.motions import lay
 from trajectories.simulator.segments import SEGMENTS, Segment
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
@@ -32,6 +34,7 @@ from trajectories.simulator.vehicle import EVENTS, Event
 SCENARIO_SCHEMA = "recal.scenario/1"
 MAX_BYTES = 1_000_000
 Triple = tuple[float, float, float]
+Around = dict[str, str | float]  # an environment as the file has it
 ZERO: Triple = (0.0, 0.0, 0.0)
 
 
@@ -141,6 +144,7 @@ class Scenario:
     lever_arms_m: LeverArmSection = field(default_factory=LeverArmSection)
     survey: SurveySection = field(default_factory=SurveySection)
     events: tuple[Event, ...] = ()
+    environments: tuple[Environment, ...] = ()
     profile: TruthProfile | None = None
 
 
@@ -212,6 +216,7 @@ def scenario_from_dict(
             _one_of(EVENTS, "event", e, f"{name}: disturbance[{k}]")
             for k, e in enumerate(head.disturbance)
         ),
+        environments=_environments(head.environment, name),
         thermal=_thermal(head.thermal, f"{name}: thermal"),
         profile=profile,
         **sections,
@@ -261,6 +266,7 @@ def simulate_scenario(
             with_odometer=scenario.streams.odometer,
             with_phases=scenario.streams.phases,
             events=scenario.events,
+            environments=scenario.environments,
             gnss_lever_arm_m=scenario.lever_arms_m.gnss,
             run_id=run.run_id or f"{scenario.name}-{seed}",
             tail=run.tail,
@@ -364,6 +370,7 @@ class _Head:
     twin: dict[str, Any] | None = None
     twin_file: str | None = None
     disturbance: list[dict[str, Any]] = field(default_factory=list)
+    environment: Around | list[Around] = field(default_factory=list)
 
 
 def _twin(
@@ -389,6 +396,20 @@ def _one_of(kinds: dict[str, type], key: str, item: dict[str, Any], name: str) -
     if kind not in kinds:
         raise InputError(f"{name}: {key}: got {str(kind)[:60]!r}, needed one of {', '.join(kinds)}")
     return fill(kinds[kind], {k: v for k, v in item.items() if k != key}, name=f"{name} {kind}")
+
+
+def _environments(data: Around | list[Around], name: str) -> tuple[Environment, ...]:
+    """What [environment] or each [[environment]] says."""
+    listed = data if isinstance(data, list) else [data]
+    found = []
+    for k, item in enumerate(listed):
+        where = f"{name}: environment[{k}]" if isinstance(data, list) else f"{name}: environment"
+        try:
+            found.append(fill(Environment, item, name=where))
+        except InputError as error:
+            line = str(error)
+            raise InputError(line if line.startswith(name) else f"{where}: {line}") from None
+    return tuple(found)
 
 
 def _thermal(data: dict[str, Any], name: str) -> ThermalHistory | ChamberProfile:

@@ -34,7 +34,8 @@ class IdealSensors:
     dtheta_rad, dv_m_s (n, 3) over the 1/rate_hz that ends at time_s; lat_rad, lon_rad, height_m
     (n,), v_n_m_s, euler_rad (roll, pitch, heading; heading not wrapped) (n, 3), C_nb (n, 3, 3): of
     the IMU, without disturbances. speed_m_s: of P along body x; on_wheels: 1 on the ground, 0 in
-    the air; at_rest: the sample lies wholly at rest.
+    the air; at_rest: the sample lies wholly at rest. swing_rad_s (n, 3): rate that an environment
+    adds to the body's, at the ends, body axes; None where there is none.
     """
 
     truth: Truth
@@ -51,6 +52,7 @@ class IdealSensors:
     speed_m_s: NDArray
     on_wheels: NDArray
     at_rest: NDArray
+    swing_rad_s: NDArray | None = None
 
     @property
     def dt_s(self) -> float:

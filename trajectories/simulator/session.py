@@ -28,6 +28,8 @@ from ins.records import (
 from trajectories.runs.directory import run_sha256
 from trajectories.simulator import imperfections
 from trajectories.simulator.chamber import ChamberProfile
+from trajectories.simulator.environments.kinds import Environment
+from trajectories.simulator.environments.laying import lay_environments
 from trajectories.simulator.sensors import IdealSensors
 from trajectories.simulator.thermal import ThermalHistory
 from trajectories.simulator.truth import rate_from_euler
@@ -68,13 +70,15 @@ class SimulatedRun:
 class SessionPlan:
     """What a session records beside the imu, what happens to the vehicle, and what run.json says.
 
-    events: what moves the parked vehicle; gnss_lever_arm_m: from the IMU to the antenna, body axes.
+    events, environments: what moves the parked vehicle; gnss_lever_arm_m: from the IMU to the
+    antenna, body axes.
     """
 
     with_gnss: bool = False
     with_odometer: bool = False
     with_phases: bool = True
     events: Sequence[Event] = ()
+    environments: Sequence[Environment] = ()
     gnss_lever_arm_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     run_id: str = "simulated"
     tail: str = "SIM"
@@ -101,6 +105,8 @@ def simulate_run(
             " make"
         )
     plan = plan or SessionPlan()
+    if plan.environments:  # from a stream of their own: all else is the same with and without
+        ideal = lay_environments(ideal, plan.environments, rng.spawn(1)[0])
     moved = disturb(ideal, twin.vehicle, plan.events, rng)
     slow_s, gyro_bias, accel_bias = _biases(ideal, thermal, unit, twin, rng)
     temperature, temperature_true = _temperatures(ideal, thermal, twin, rng)
@@ -219,6 +225,8 @@ def _gnss(
     antenna = geodetic_from_ecef(ecef_from_geodetic(lat, lon, ideal.height_m[rows]) + arm_e)
     point = ideal.truth.kinematics(ideal.time_s[rows])
     spin_b = rate_from_euler(point.euler_rad, point.euler_rate_rad_s)
+    if ideal.swing_rad_s is not None:
+        spin_b = spin_b + ideal.swing_rad_s[rows]
     v_n = moved.v_n_m_s[rows] + np.einsum("nij,nj->ni", moved.C_nb[rows], np.cross(spin_b, lever))
     true = GnssLog(
         time_s=ideal.time_s[rows],

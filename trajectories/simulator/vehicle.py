@@ -135,13 +135,13 @@ def disturb(
     dlat = _running_integral(dv_n[:, 0] / (meridian + ideal.height_m), dt)
     dlon = _running_integral(dv_n[:, 1] / ((transverse + ideal.height_m) * cos_lat), dt)
     rho_n = np.stack([cos_lat * dlon, -dlat, -np.sin(ideal.lat_rad) * dlon], axis=-1)
-    turned_b = q_b + _turn_back(ideal.C_nb, rho_n)
+    turned_b = q_b + turn_back(ideal.C_nb, rho_n)
     before = _shifted(turned_b)
     dtheta = _turned_by(0.5 * (turned_b + before), ideal.dtheta_rad)
     dtheta += turned_b - before - 0.5 * np.cross(before, turned_b)
     middle = 0.5 * (ideal.C_nb + np.concatenate([ideal.C_nb[:1], ideal.C_nb[:-1]]))
     coriolis_n = np.cross(2 * omega_ie_n(ideal.lat_rad), 0.5 * (dv_n + _shifted(dv_n)))
-    dv_b = ideal.dv_m_s + _turn_back(middle, dv_n - _shifted(dv_n) + coriolis_n * dt)
+    dv_b = ideal.dv_m_s + turn_back(middle, dv_n - _shifted(dv_n) + coriolis_n * dt)
     return Disturbed(
         dtheta_rad=dtheta,
         dv_m_s=_turned_by(0.5 * (q_b + _shifted(q_b)), dv_b),
@@ -206,9 +206,7 @@ def _body_rotation(
             q_b += size * _ringing_step(ideal.time_s - event.time_s, event.settle_s)[:, None]
         elif isinstance(event, Push):
             q_b[:, 2] += (
-                event.turn_deg
-                * DEG
-                * _smooth_step((ideal.time_s - event.time_s) / event.duration_s)
+                event.turn_deg * DEG * smooth_step((ideal.time_s - event.time_s) / event.duration_s)
             )
     return q_b
 
@@ -235,13 +233,13 @@ def _side_velocity_n(
     for axis in range(2):
         dv_n[:, axis] = sway_velocity(rng, n, rms_m_s=vehicle.sway_m_s, **oscillator)
     low, high = ROLLING_M_S
-    rolling = _smooth_step((ideal.speed_m_s - low) / (high - low))
+    rolling = smooth_step((ideal.speed_m_s - low) / (high - low))
     side = gauss_markov(rng, n, rms=vehicle.lateral_noise_m_s, tau_s=SIDE_NOISE_TAU_S, rate_hz=rate)
     dv_b[:, 1] = rolling * side - ideal.speed_m_s * np.tan(vehicle.crab_mrad * MILLIRADIAN)
     for event in events:
         if isinstance(event, Gust):
             u = (t - event.time_s) / event.duration_s
-            envelope = _smooth_step(10 * u) * _smooth_step(10 * (1 - u))
+            envelope = smooth_step(10 * u) * smooth_step(10 * (1 - u))
             for axis in range(2):
                 dv_n[:, axis] += envelope * sway_velocity(
                     rng, n, rms_m_s=event.sway_m_s, **oscillator
@@ -253,15 +251,15 @@ def _side_velocity_n(
             dv_b[:, 1] += np.sin(event.direction_deg * DEG) * to_and_fro
         elif isinstance(event, Push):
             since, steady = t - event.time_s, event.distance_m / (event.duration_s - event.ramp_s)
-            stopping = _smooth_step((since - event.duration_s + event.ramp_s) / event.ramp_s)
-            dv_b[:, 0] += steady * (_smooth_step(since / event.ramp_s) - stopping)
+            stopping = smooth_step((since - event.duration_s + event.ramp_s) / event.ramp_s)
+            dv_b[:, 0] += steady * (smooth_step(since / event.ramp_s) - stopping)
         elif isinstance(event, Boarding) and event.sink_mm:
             sunk_m = 1e-3 * event.sink_mm * _ringing_step(t - event.time_s, event.settle_s)
             dv_n[:, 2] += np.diff(sunk_m, prepend=0.0) * rate
-    return ideal.on_wheels[:, None] * (dv_n + _turn(ideal.C_nb, dv_b))
+    return ideal.on_wheels[:, None] * (dv_n + turn(ideal.C_nb, dv_b))
 
 
-def _smooth_step(u: NDArray) -> NDArray:
+def smooth_step(u: NDArray) -> NDArray:
     u = np.clip(u, 0.0, 1.0)
     return u * u * u * (10 - 15 * u + 6 * u * u)
 
@@ -272,11 +270,11 @@ def _turned_by(q_b: NDArray, vector: NDArray) -> NDArray:
     return vector - once + 0.5 * np.cross(q_b, once)
 
 
-def _turn(C: NDArray, vector: NDArray) -> NDArray:
+def turn(C: NDArray, vector: NDArray) -> NDArray:
     return np.einsum("nij,nj->ni", C, vector)
 
 
-def _turn_back(C: NDArray, vector: NDArray) -> NDArray:
+def turn_back(C: NDArray, vector: NDArray) -> NDArray:
     return np.einsum("nji,nj->ni", C, vector)
 
 
