@@ -5,11 +5,12 @@ it is shown, from its code (`infield.reports.words.sentences`). A result is a fr
 `plain` turns it into what JSON holds.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from enum import Enum, StrEnum
-from types import NoneType
-from typing import Any, get_args, get_origin, get_type_hints
+from functools import lru_cache
+from types import NoneType, UnionType
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
@@ -17,6 +18,16 @@ import numpy as np
 # drawn from); under another key, where the key is no name in Python.
 OMIT_NONE = {"omit_none": True}
 UNWRITTEN = {"unwritten": True}
+AS_READ = (float, int, str, bool)  # kinds whose values JSON holds as they are
+
+
+class Null(Enum):
+    """A value that stands in the file as null, where None means that its key is left out."""
+
+    NULL = None
+
+    def __bool__(self) -> bool:
+        return False
 
 
 def written_as(key: str) -> dict[str, str]:
@@ -188,8 +199,8 @@ def record_of(kind: Any, value: Any) -> Any:
     Parameters
     ----------
     kind : type
-        A dataclass whose fields are records, enums, plain values, tuples of one kind or mappings
-        from text, each of them or None.
+        A dataclass whose fields are records, enums, plain values, tuples or sequences of one kind,
+        mappings from text, or one of several of these: then the first that holds the value.
     value : Any
         From JSON. A key that no field has is passed over.
 
@@ -211,22 +222,42 @@ def record_of(kind: Any, value: Any) -> Any:
     >>> record_of(Point, {"axis": "x", "span_s": [0.0, 900.0]})
     Point(axis='x', span_s=(0.0, 900.0))
     """
+    origin, arguments = get_origin(kind), get_args(kind)
+    if origin in (Union, UnionType):
+        return _one_of(arguments, value)
     if value is None:
         return None
-    arguments = [a for a in get_args(kind) if a is not NoneType]
-    if get_origin(kind) is tuple:
-        return tuple(record_of(arguments[0], item) for item in value)
-    if get_origin(kind) is Mapping:
+    if origin in (tuple, Sequence):
+        of = arguments[0]
+        return tuple(value) if of in AS_READ else tuple(record_of(of, item) for item in value)
+    if origin is Mapping:
         return {key: record_of(arguments[1], item) for key, item in value.items()}
-    if arguments:  # one kind or None, or an enum or text
-        return record_of(arguments[0], value)
     if is_dataclass(kind) and isinstance(kind, type):
-        kinds = get_type_hints(kind)
+        kinds = _kinds(kind)
         known = [f for f in fields(kind) if _key(f) in value]
         return kind(**{f.name: record_of(kinds[f.name], value[_key(f)]) for f in known})
     if isinstance(kind, type) and issubclass(kind, Enum):
         return kind(value)
     return value
+
+
+def _one_of(kinds: Sequence[Any], value: Any) -> Any:
+    """The value as the first of some kinds that holds it; the last one says what is wrong."""
+    if value is None:
+        return Null.NULL if Null in kinds else None
+    held = [kind for kind in kinds if kind not in (Null, NoneType)]
+    for kind in held[:-1]:
+        try:
+            return record_of(kind, value)
+        except (TypeError, ValueError, AttributeError):
+            continue
+    return record_of(held[-1], value)
+
+
+@lru_cache(maxsize=256)
+def _kinds(kind: Any) -> Mapping[str, Any]:
+    """The kinds of a record's fields, looked up once."""
+    return get_type_hints(kind)
 
 
 def _key(f: Field) -> str:

@@ -7,7 +7,7 @@ imported inside functions only, and never pyplot.
 
 import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -134,7 +134,7 @@ def _slim(svg: str, label: str) -> str:
     return re.sub(r"\n\s*", "\n", head + svg[svg.index(">") + 1 :]).strip()
 
 
-def thinned(*columns: ArrayLike) -> tuple[NDArray, ...]:
+def thinned(*columns: ArrayLike | Sequence[float | None]) -> tuple[NDArray, ...]:
     """Columns of equal length with at most MAX_POINTS rows kept, evenly, first and last among them;
     null is NaN.
     """

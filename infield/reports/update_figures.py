@@ -2,12 +2,25 @@
 section 5).
 """
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from infield.reports.documents.session_records import (
+    ChainRow,
+    EstimatedDocument,
+    PhaseDocument,
+    SessionDocument,
+    TemperatureDocument,
+    VelocityDocument,
+)
+from infield.reports.documents.spans import SpanDocument
+from infield.reports.documents.update_records import PointDocument, UpdateDocument
 from infield.reports.figures import (
     AXIS_COLOURS,
     AXIS_LINES,
@@ -51,24 +64,20 @@ PHASE_COLOURS = {
 MINUTE = 60.0
 
 
-def seen_points(document: dict[str, Any], axis: str) -> list[dict[str, Any]]:
+def seen_points(document: UpdateDocument, axis: str) -> list[PointDocument]:
     """The points of an axis that carry something of their own: not those of a run that did not
     observe it.
     """
     return [
         p
-        for p in document["points"]
-        if p["axis"] == axis and p.get("observability") != Observability.NOT_OBSERVABLE
+        for p in document.points
+        if p.axis == axis and p.observability != Observability.NOT_OBSERVABLE
     ]
 
 
 @in_style
 def bias_drawing(
-    document: dict[str, Any],
-    axis: str,
-    before: ThermalTable,
-    after: ThermalTable | None,
-    run_ids: list[str],
+    document: UpdateDocument, axis: str, before: ThermalTable, after: ThermalTable | None
 ) -> Markup:
     """Bias against temperature of one gyro: the stored table, the new one (None: unchanged), the
     points.
@@ -89,7 +98,7 @@ def bias_drawing(
         ax.plot(nodes, table.bias_deg_h(axis, nodes), "s", color=colour, markersize=2.8)
         inner.append(bias)
         outer += [bias - 2 * sigma, bias + 2 * sigma]
-    inner.append(_draw_points(ax, points, run_ids))
+    inner.append(_draw_points(ax, points, document.run_ids))
     if not points:
         inner += outer  # nothing but the bands to show: all of them
     ax.set_ylim(*robust_limits(np.concatenate(inner), np.concatenate(outer), spans=0.8))
@@ -105,18 +114,20 @@ def bias_drawing(
     )
 
 
-def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -> NDArray:
+def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]) -> NDArray:
     """Points with 1 sigma; up-triangles heating, down-triangles cooling, circles settled. Returns
     what must be seen.
     """
     if not points:
         return np.empty(0)
     T, bias, sigma = thinned(
-        *([p[k] for p in points] for k in ("temperature_degC", "bias_deg_h", "sigma_deg_h"))
+        [p.temperature_degC for p in points],
+        [p.bias_deg_h for p in points],
+        [p.sigma_deg_h for p in points],
     )
     run, rate = thinned(
-        [run_ids.index(p["run_id"]) if p.get("run_id") in run_ids else 0 for p in points],
-        [p.get("temperature_rate_degC_min") or 0.0 for p in points],
+        [run_ids.index(p.run_id) if p.run_id in run_ids else 0 for p in points],
+        [p.temperature_rate_degC_min or 0.0 for p in points],
     )
     way = np.where(np.abs(rate) < SETTLED_DEG_C_MIN, 0, np.sign(rate))
     for number in np.unique(run):
@@ -137,38 +148,54 @@ def _draw_points(ax: "Axes", points: list[dict[str, Any]], run_ids: list[str]) -
     return np.concatenate([(bias - sigma)[sure], (bias + sigma)[sure]])
 
 
+@dataclass(frozen=True)
+class _Ratios:
+    """A line of the drawing: NIS per degree of freedom with the bands it is tested against."""
+
+    name: str
+    values: Sequence[float | None]
+    band_95: Sequence[float] | None = None
+    band_999: Sequence[float] | None = None
+
+    @property
+    def numbers(self) -> list[float]:
+        """All that the axis must show."""
+        found = [*self.values, *(self.band_95 or ()), *(self.band_999 or ())]
+        return [value for value in found if value is not None]
+
+
+def _tested(document: UpdateDocument) -> list[_Ratios]:
+    """What is tested against a band: all measurements, and each merge."""
+    seen, run_ids = document.consistency, document.run_ids
+    rows = [_Ratios("all measurements", [seen.nis_mean], seen.band_95, seen.band_999)]
+    for merge in seen.merge:
+        several = len(run_ids) > 1 and merge.run_id in run_ids
+        run = f", run {run_ids.index(merge.run_id) + 1}" if several else ""
+        band = [limit / merge.dof for limit in merge.band_999]
+        rows.append(_Ratios(f"against the table{run}", [merge.nis / merge.dof], None, band))
+    return rows
+
+
+def _kinds(document: UpdateDocument) -> list[_Ratios]:
+    """The kinds of measurement, a dot a run."""
+    kinds: dict[str, list[float]] = {}
+    for session in document.sessions:
+        if isinstance(session, EstimatedDocument):
+            for kind, found in session.measurements.items():
+                kinds.setdefault(kind, []).append(found.nis_mean)
+    return [_Ratios(_plain(kind), values) for kind, values in sorted(kinds.items())]
+
+
 @in_style
-def agreement_drawing(document: dict[str, Any]) -> Markup:
+def agreement_drawing(document: UpdateDocument) -> Markup:
     """NIS per degree of freedom: the whole filter and each merge in their bands, each kind of
     measurement as dots.
     """
-    consistency = document["consistency"]
-    rows: list[tuple[str, list[float], Any, Any]] = [
-        (
-            "all measurements",
-            [consistency["nis_mean"]],
-            consistency["band_95"],
-            consistency.get("band_999"),
-        )
-    ]
-    run_ids = [s["run_id"] for s in document.get("sessions", [])]
-    for merge in consistency.get("merge", []):
-        band = [b / merge["dof"] for b in merge["band_999"]]
-        run = (
-            f", run {run_ids.index(merge['run_id']) + 1}"
-            if len(run_ids) > 1 and merge["run_id"] in run_ids
-            else ""
-        )
-        rows.append((f"against the table{run}", [merge["nis"] / merge["dof"]], None, band))
-    kinds: dict[str, list[float]] = {}
-    for session in document.get("sessions", []):
-        for kind, found in session.get("measurements", {}).items():
-            kinds.setdefault(kind, []).append(found["nis_mean"])
-    rows += [(_plain(kind), values, None, None) for kind, values in sorted(kinds.items())]
+    rows = [*_tested(document), *_kinds(document)]
     figure, axes = new_figure(height=0.75 + 0.27 * len(rows))
     ax = axes[0, 0]
-    for y, (_, values, band_95, band_999) in enumerate(rows):
-        for band, alpha in ((band_999, 0.22), (band_95, 0.45)):
+    for y, row in enumerate(rows):
+        for band, alpha in ((row.band_999, 0.22), (row.band_95, 0.45)):
             if band:
                 ax.barh(
                     y,
@@ -180,15 +207,15 @@ def agreement_drawing(document: dict[str, Any]) -> Markup:
                     linewidth=0,
                 )
         ax.plot(
-            values,
-            [y] * len(values),
-            "D" if band_999 else "o",
-            color=BLACK if band_999 else GREY,
+            row.values,
+            [y] * len(row.values),
+            "D" if row.band_999 else "o",
+            color=BLACK if row.band_999 else GREY,
             markersize=5,
         )
-    _ratio_axis(ax, [v for _, *numbers in rows for some in numbers for v in some or ()])
+    _ratio_axis(ax, [value for row in rows for value in row.numbers])
     ax.axvline(1.0, color=GREY, linewidth=0.9)
-    ax.set_yticks(range(len(rows)), [row[0] for row in rows])
+    ax.set_yticks(range(len(rows)), [row.name for row in rows])
     ax.set_ylim(len(rows) - 0.4, -0.6)
     axis_text(
         ax, x="normalised innovation squared per degree of freedom (1: the noise model is right)"
@@ -215,55 +242,61 @@ def _plain(text: str, longest: int = 32) -> str:
 
 
 @in_style
-def timeline_drawing(session: dict[str, Any], spans: list[dict[str, Any]]) -> Markup | None:
+def timeline_drawing(session: SessionDocument, spans: Sequence[SpanDocument]) -> Markup | None:
     """Phases and excluded spans, gyro temperatures, heading and velocity over the run; None where
     there is nothing.
     """
-    temperature, velocity = session.get("temperature"), session.get("velocity")
-    phases = session.get("phases") or []
-    if not (temperature or velocity or phases or spans):
+    temperature = session.temperature
+    velocity = session.velocity if isinstance(session, EstimatedDocument) else None
+    phases = session.phases if isinstance(session, EstimatedDocument) else ()
+    parts: list[tuple[Callable[[Axes], None], float]] = []
+    if temperature:
+        parts.append((partial(_draw_temperature, temperature=temperature), 1.3))
+    if velocity:
+        parts.append((partial(_draw_heading, velocity=velocity), 1.0))
+        parts.append((partial(_draw_velocity, velocity=velocity), 1.0))
+    parts = [(partial(_over_spans, spans=spans, draw=draw), height) for draw, height in parts]
+    if phases or spans:
+        parts.insert(0, (partial(_draw_strip, phases=phases, spans=spans), 0.55))
+    if not parts:
         return None
-    parts = [("strip", 0.55)] if phases or spans else []
-    parts += [("temperature", 1.3)] if temperature else []
-    parts += [("heading", 1.0), ("velocity", 1.0)] if velocity else []
+    heights = [height for _, height in parts]
     figure, axes = new_figure(
         len(parts),
         1,
-        height=0.8 + 1.35 * sum(h for _, h in parts),
+        height=0.8 + 1.35 * sum(heights),
         sharex=True,
-        gridspec_kw={"height_ratios": [h for _, h in parts]},
+        gridspec_kw={"height_ratios": heights},
     )
-    for ax, (name, _) in zip(axes[:, 0], parts):
-        if name == "strip":
-            _draw_strip(ax, phases, spans)
-        else:
-            for span in spans:
-                ax.axvspan(span["start_s"] / MINUTE, span["end_s"] / MINUTE, color=PALE, alpha=0.6)
-            {
-                "temperature": _draw_temperature,
-                "heading": _draw_heading,
-                "velocity": _draw_velocity,
-            }[name](ax, session)
+    for ax, (draw, _) in zip(axes[:, 0], parts):
+        draw(ax)
     axes[-1, 0].set_xlabel("time since the start of the run [min]")
-    axes[-1, 0].set_xlim(0.0, max((session.get("duration_s") or 0.0) / MINUTE, 1e-3))
+    axes[-1, 0].set_xlim(0.0, max((session.duration_s or 0.0) / MINUTE, 1e-3))
     figure.align_ylabels(axes[:, 0])
     return svg_text(figure, "Timeline: phases, excluded spans, temperature, heading and velocity")
 
 
-def _draw_strip(ax: "Axes", phases: list[dict[str, Any]], spans: list[dict[str, Any]]) -> None:
-    for name in dict.fromkeys(p["phase"] for p in phases):
-        bars = [
-            (p["start_s"] / MINUTE, (p["end_s"] - p["start_s"]) / MINUTE)
-            for p in phases
-            if p["phase"] == name
-        ]
+def _over_spans(
+    ax: "Axes", *, spans: Sequence[SpanDocument], draw: Callable[["Axes"], None]
+) -> None:
+    """A curve above the excluded spans."""
+    for span in spans:
+        ax.axvspan(span.start_s / MINUTE, span.end_s / MINUTE, color=PALE, alpha=0.6)
+    draw(ax)
+
+
+def _draw_strip(
+    ax: "Axes", *, phases: Sequence[PhaseDocument], spans: Sequence[SpanDocument]
+) -> None:
+    for name in dict.fromkeys(p.phase for p in phases):
+        bars = [_bar(p) for p in phases if p.phase == name]
         ax.broken_barh(
             bars,
             (0.6, 0.8),
             color=PHASE_COLOURS.get(name, GREY),
             label=_plain(name).replace("_", " "),
         )
-    bars = [(s["start_s"] / MINUTE, (s["end_s"] - s["start_s"]) / MINUTE) for s in spans]
+    bars = [_bar(s) for s in spans]
     if bars:
         ax.broken_barh(bars, (-0.4, 0.8), facecolor=BLACK, edgecolor=BLACK, linewidth=1.2)
     ax.set_yticks([0, 1], ["excluded", "phases"])
@@ -273,10 +306,14 @@ def _draw_strip(ax: "Axes", phases: list[dict[str, Any]], spans: list[dict[str, 
         _legend_beside(ax)
 
 
-def _draw_temperature(ax: "Axes", session: dict[str, Any]) -> None:
-    T = session["temperature"]
+def _bar(span: PhaseDocument | SpanDocument) -> tuple[float, float]:
+    """Start and length [min]."""
+    return span.start_s / MINUTE, (span.end_s - span.start_s) / MINUTE
+
+
+def _draw_temperature(ax: "Axes", *, temperature: TemperatureDocument) -> None:
     for k, axis in enumerate(AXES):
-        t, value = thinned(T["time_s"], [row[k] for row in T["gyro_degC"]])
+        t, value = thinned(temperature.time_s, [row[k] for row in temperature.gyro_degC])
         ax.plot(
             t / MINUTE,
             value,
@@ -289,11 +326,11 @@ def _draw_temperature(ax: "Axes", session: dict[str, Any]) -> None:
     _legend_beside(ax)
 
 
-def _draw_heading(ax: "Axes", session: dict[str, Any]) -> None:
+def _draw_heading(ax: "Axes", *, velocity: VelocityDocument) -> None:
     """Drawn without a jump at north; the labels are in [0, 360)."""
     from matplotlib.ticker import FuncFormatter, MaxNLocator
 
-    t, heading = thinned(session["velocity"]["time_s"], session["velocity"]["heading_deg"])
+    t, heading = thinned(velocity.time_s, velocity.heading_deg)
     good = np.isfinite(heading)
     heading[good] = np.unwrap(heading[good], period=360.0)
     heading -= 360.0 * np.round(np.mean(heading[good]) / 360.0) if good.any() else 0.0
@@ -307,11 +344,11 @@ def _draw_heading(ax: "Axes", session: dict[str, Any]) -> None:
     axis_text(ax, y="heading [deg]")
 
 
-def _draw_velocity(ax: "Axes", session: dict[str, Any]) -> None:
-    v = session["velocity"]
-    for key, colour, line in (("north_m_s", BLACK, "-"), ("east_m_s", ORANGE, "--")):
-        t, value = thinned(v["time_s"], v[key])
-        ax.plot(t / MINUTE, value, line, color=colour, label=key[:-4], linewidth=1.3)
+def _draw_velocity(ax: "Axes", *, velocity: VelocityDocument) -> None:
+    curves = (("north", velocity.north_m_s, BLACK, "-"), ("east", velocity.east_m_s, ORANGE, "--"))
+    for name, v_m_s, colour, line in curves:
+        t, value = thinned(velocity.time_s, v_m_s)
+        ax.plot(t / MINUTE, value, line, color=colour, label=name, linewidth=1.3)
     axis_text(ax, y="velocity [m/s]")
     _legend_beside(ax)
 
@@ -321,19 +358,21 @@ def _legend_beside(ax: "Axes") -> None:
 
 
 @in_style
-def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
+def residual_drawing(session: SessionDocument, axis: str) -> Markup | None:
     """Points of one run less the table before and after, over time, with the points' own sigma;
     None without points.
     """
-    rows = [r for r in session.get("residuals", []) if r["axis"] == axis]
-    if (
-        not rows
-        or session.get("observability", {}).get(axis, {}).get("verdict")
-        == Observability.NOT_OBSERVABLE
-    ):
+    if not isinstance(session, EstimatedDocument):
+        return None
+    rows = [r for r in session.residuals if r.axis == axis]
+    seen = session.observability.get(axis)
+    if not rows or (seen is not None and seen.verdict == Observability.NOT_OBSERVABLE):
         return None
     t, old, new, sigma = thinned(
-        *([r[k] for r in rows] for k in ("time_s", "before_deg_h", "after_deg_h", "sigma_deg_h"))
+        [r.time_s for r in rows],
+        [r.before_deg_h for r in rows],
+        [r.after_deg_h for r in rows],
+        [r.sigma_deg_h for r in rows],
     )
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
     ax = axes[0, 0]
@@ -349,19 +388,18 @@ def residual_drawing(session: dict[str, Any], axis: str) -> Markup | None:
 
 
 @in_style
-def coverage_drawing(session: dict[str, Any]) -> Markup | None:
+def coverage_drawing(session: SessionDocument) -> Markup | None:
     """Minutes of the run in each 5 degC band, the three gyros side by side; None where not
     known.
     """
-    rows = session.get("coverage") or []
-    if not rows:
+    if not isinstance(session, EstimatedDocument) or not session.coverage:
         return None
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
     ax = axes[0, 0]
     for k, axis in enumerate(AXES):
-        mine = [r for r in rows if r["axis"] == axis]
+        mine = [r for r in session.coverage if r.axis == axis]
         centre, time_s = thinned(
-            [0.5 * (r["low_degC"] + r["high_degC"]) for r in mine], [r["seconds"] for r in mine]
+            [0.5 * (r.low_degC + r.high_degC) for r in mine], [r.seconds for r in mine]
         )
         ax.bar(
             centre + 1.4 * (k - 1),
@@ -374,33 +412,22 @@ def coverage_drawing(session: dict[str, Any]) -> Markup | None:
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=3, handlelength=1.0)
     axis_text(ax, title="Time in each 5 °C band", x="gyro temperature [°C]", y="time [s]")
     return svg_text(
-        figure, f"Seconds of run {session.get('run_id')} in each 5 degC band of gyro temperature"
+        figure, f"Seconds of run {session.run_id} in each 5 degC band of gyro temperature"
     )
 
 
 @in_style
-def chain_drawing(session: dict[str, Any], direction: str) -> Markup | None:
+def chain_drawing(session: SessionDocument, direction: str) -> Markup | None:
     """The patent's chain beside the filter along `north` or `east` of the parked heading; None
     without points.
     """
-    chain = session.get("claim_chain")
-    if not chain or not chain["points"]:
+    chain = session.claim_chain if isinstance(session, EstimatedDocument) else None
+    if not chain or not chain.points:
         return None
-    known = direction == "north" or chain["heading_error_mrad"] is not None
-    key = (
-        "north_deg_h" if direction == "north" else "east_deg_h" if known else "east_relative_deg_h"
-    )
-    relative = "north_deg_h" if direction == "north" else "east_relative_deg_h"
-    names = (
-        "time_s",
-        key,
-        "sigma_deg_h",
-        f"filter_{direction}_deg_h",
-        relative,
-        f"bracket_{relative}",
-    )
+    known = direction == "north" or chain.heading_error_mrad is not None
+    curves = _north if direction == "north" else partial(_east, known=known)
     t, value, sigma, by_filter, from_alignment, bracket = thinned(
-        *([p[k] for p in chain["points"]] for k in names)
+        *zip(*(curves(row) for row in chain.points))
     )
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.6)
     ax = axes[0, 0]
@@ -426,3 +453,29 @@ def chain_drawing(session: dict[str, Any], direction: str) -> Markup | None:
         y="bias [deg/h]",
     )
     return svg_text(figure, f"Claim chain beside the filter, {direction}")
+
+
+def _north(row: ChainRow) -> tuple[float | None, ...]:
+    """Time; the chain, its sigma, the filter [deg/h]; the chain from the alignment and the bracket
+    [deg/h].
+    """
+    return (
+        row.time_s,
+        row.north_deg_h,
+        row.sigma_deg_h,
+        row.filter_north_deg_h,
+        row.north_deg_h,
+        row.bracket_north_deg_h,
+    )
+
+
+def _east(row: ChainRow, *, known: bool) -> tuple[float | None, ...]:
+    """The same along east; relative where the heading error is not known."""
+    return (
+        row.time_s,
+        row.east_deg_h if known else row.east_relative_deg_h,
+        row.sigma_deg_h,
+        row.filter_east_deg_h,
+        row.east_relative_deg_h,
+        row.bracket_east_relative_deg_h,
+    )

@@ -8,6 +8,8 @@ scope).
 """
 
 import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import count, cycle
 from typing import Any
 
@@ -15,49 +17,120 @@ from markupsafe import Markup
 
 from infield.reports import update_figures as figures
 from infield.reports import zero_rate_figures
+from infield.reports.documents.session_records import (
+    EstimatedDocument,
+    SessionDocument,
+    TemperatureDocument,
+)
+from infield.reports.documents.spans import SpanDocument
+from infield.reports.documents.update_records import (
+    ChangeDocument,
+    ConsistencyDocument,
+    HysteresisDocument,
+    ObservedDocument,
+    UpdateDocument,
+)
 from infield.reports.page import decimals_for, number, render_page
+from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 from ins.verdicts import Observability, Outcome
 
-VERDICTS = {  # verdict: word, look, symbol
-    "committed": ("Committed", "good", "\u2714"),
-    "proposed": ("Proposed", "fair", "\u25c6"),
-    "refused": ("Refused", "none", "\u25a0"),
-    "inconsistent": ("Inconsistent", "bad", "\u2716"),
+VERDICTS: dict[str, tuple[str, str, str]] = {  # verdict: word, look, symbol
+    Outcome.COMMITTED: ("Committed", "good", "\u2714"),
+    Outcome.PROPOSED: ("Proposed", "fair", "\u25c6"),
+    Outcome.REFUSED: ("Refused", "none", "\u25a0"),
+    Outcome.INCONSISTENT: ("Inconsistent", "bad", "\u2716"),
 }
-BADGES = {
-    "observed": ("observed", "good"),
-    "weak": ("weak", "fair"),
-    "not_observable": ("not observable", "none"),
+BADGES: dict[str, tuple[str, str]] = {
+    Observability.OBSERVED: ("observed", "good"),
+    Observability.WEAK: ("weak", "fair"),
+    Observability.NOT_OBSERVABLE: ("not observable", "none"),
 }
 SOURCES = {
-    "turns": "turns in the taxi",
-    "stops": "stops on another heading",
-    "gnss": "the GNSS track",
-    "odometer": "the odometer",
-    "survey": "a surveyed heading",
-    "combined": "several sources together",
+    HeadingSource.TURNS: "turns in the taxi",
+    HeadingSource.STOPS: "stops on another heading",
+    HeadingSource.GNSS: "the GNSS track",
+    HeadingSource.ODOMETER: "the odometer",
+    HeadingSource.SURVEY: "a surveyed heading",
+    HeadingSource.COMBINED: "several sources together",
 }
 OUTCOMES = {
-    "accepted": ("merged", "good"),
-    "refused": ("left out", "none"),
-    "inconsistent": ("inconsistent", "bad"),
+    Outcome.ACCEPTED: ("merged", "good"),
+    Outcome.REFUSED: ("left out", "none"),
+    Outcome.INCONSISTENT: ("inconsistent", "bad"),
 }
 
 
-def update_html(document: dict[str, Any]) -> str:
+@dataclass(frozen=True)
+class Statement:
+    """Why the verdict is what it is, and what to do with it, a sentence each."""
+
+    why: str
+    use: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxisView:
+    """What the first card says of one gyro."""
+
+    axis: str
+    seen: ObservedDocument | None
+    word: str
+    look: str
+    help: str
+    largest: ChangeDocument | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionView:
+    """One run with its drawings; excluded spans go to the first run of an id.
+
+    span_totals: reason, how many spans, seconds; residual_drawings: by axis.
+    """
+
+    run: SessionDocument
+    number: int
+    spans: Sequence[SpanDocument]
+    span_totals: Sequence[tuple[str, int, float]]
+    timeline: Markup | None
+    residual_drawings: Sequence[tuple[str, Markup | None]]
+    coverage_drawing: Markup | None
+    chain_drawings: Sequence[Markup]
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """A term, and for each gyro its sigma [deg/h] with its share of the longest bar [%]."""
+
+    term: str
+    cells: Sequence[tuple[float | None, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Commands:
+    """What a reader may copy."""
+
+    rollback: str
+    history: str
+    approve: str
+    reproduce: str
+    export: str
+
+
+def update_html(document: UpdateDocument) -> str:
     """The report of an update (`update.json`, formats.md section 5): committed, proposed, refused
     or inconsistent.
     """
-    before, after = _table(document, "table_before"), _table(document, "table_after")
-    sessions = [_session(document, k) for k in range(len(document.get("sessions", [])))]
-    changes = document.get("changes") or []
+    before = _table(document.table_before, "table_before")
+    after = _table(document.table_after, "table_after")
+    sessions = [_session(document, k) for k in range(len(document.sessions))]
+    estimated = estimated_of(document)
     return render_page(
         "update.html.j2",
         d=document,
-        verdict=VERDICTS.get(document["verdict"], (str(document["verdict"]), "none", "\u25a0")),
+        verdict=VERDICTS.get(document.verdict, (str(document.verdict), "none", "\u25a0")),
         statement=_statement(document),
         axes=[_axis(document, axis) for axis in AXES],
         decimals=_decimals(document),
@@ -66,13 +139,13 @@ def update_html(document: dict[str, Any]) -> str:
         shape_drawings=_shape_drawings(document, before, after),
         has_points=any(figures.seen_points(document, axis) for axis in AXES),
         run_key=_run_key(document),
-        changes={axis: [row for row in changes if row["axis"] == axis] for axis in AXES},
+        changes={axis: _changes(document, axis) for axis in AXES},
         agreement=(
             figures.agreement_drawing(document)
-            if document["consistency"].get("nis_mean") is not None
+            if document.consistency.nis_mean is not None
             else None
         ),
-        kinds=sorted({kind for s in sessions for kind in s.get("measurements", {})}),
+        kinds=sorted({kind for s in estimated for kind in s.measurements}),
         sessions=sessions,
         budget=_budget(document),
         noise=_noise(document),
@@ -86,123 +159,128 @@ def update_html(document: dict[str, Any]) -> str:
     )
 
 
-def _table(document: dict[str, Any], key: str) -> ThermalTable | None:
-    return table_from_dict(document[key], name=key) if document.get(key) else None
+def estimated_of(document: UpdateDocument) -> list[EstimatedDocument]:
+    """The sessions that were estimated."""
+    return [s for s in document.sessions if isinstance(s, EstimatedDocument)]
 
 
-def _changed(document: dict[str, Any]) -> bool:
+def _table(data: Mapping[str, Any] | None, name: str) -> ThermalTable | None:
+    return table_from_dict(dict(data), name=name) if data else None
+
+
+def _changed(document: UpdateDocument) -> bool:
     """Does the document hold a table that differs from the stored one (also where it was not
     committed)?
     """
-    return bool(document.get("table_after")) and document["table_after"] != document.get(
-        "table_before"
-    )
+    return bool(document.table_after) and document.table_after != document.table_before
 
 
-def _decimals(document: dict[str, Any]) -> int:
+def _changes(document: UpdateDocument, axis: str) -> list[ChangeDocument]:
+    return [row for row in document.changes if row.axis == axis]
+
+
+def _decimals(document: UpdateDocument) -> int:
     """Decimals for deg/h that give the smallest uncertainty of the page two digits."""
-    sigmas = [seen["sigma_after_deg_h"] for seen in document["observability"].values()]
-    return decimals_for(sigmas + [row["U_after_k2_deg_h"] for row in document.get("changes") or []])
+    sigmas: list[float | None] = [s.sigma_after_deg_h for s in document.observability.values()]
+    return decimals_for(sigmas + [row.U_after_k2_deg_h for row in document.changes])
 
 
-def _statement(document: dict[str, Any]) -> dict[str, str]:
+def _statement(document: UpdateDocument) -> Statement:
     """One sentence of why and one of what to do with it."""
-    sessions = document.get("sessions", [])
-    merged = sum(s["outcome"] == Outcome.ACCEPTED for s in sessions)
+    reasons = document.reasons or ["no reason is on record"]
+    match document.verdict:
+        case Outcome.COMMITTED | Outcome.PROPOSED:
+            return _statement_of_change(document)
+        case Outcome.REFUSED:
+            several = "Nothing can be merged, for these reasons:"
+            return Statement(
+                why=reasons[0] if len(reasons) == 1 else several,
+                use="Keep using the stored table: nothing was written to it.",
+            )
+        case Outcome.INCONSISTENT:
+            several = "The data contradict the model or the stored table:"
+            return Statement(
+                why=reasons[0] if len(reasons) == 1 else several,
+                use=(
+                    "Do not use: the data contradict the model or the stored table. Nothing was"
+                    " committed."
+                ),
+            )
+    return Statement(why="; ".join(reasons), use="Unknown verdict: do not use.")
+
+
+def _statement_of_change(document: UpdateDocument) -> Statement:
+    """Of an update that the rule accepted."""
+    sessions = document.sessions
+    merged = sum(s.outcome == Outcome.ACCEPTED for s in sessions)
     runs = "The run" if len(sessions) == 1 else f"{merged} of {len(sessions)} runs"
-    reasons = document["reasons"] or ["no reason is on record"]
-    refused = reasons[0] if len(reasons) == 1 else "Nothing can be merged, for these reasons:"
-    contrary = (
-        reasons[0] if len(reasons) == 1 else "The data contradict the model or the stored table:"
-    )
     partly = ", ".join(
         axis
-        for axis, seen in document["observability"].items()
-        if seen["verdict"] == Observability.NOT_OBSERVABLE
+        for axis, seen in document.observability.items()
+        if seen.verdict == Observability.NOT_OBSERVABLE
     )
     limits = f" Gyro {partly}: not observable, it rests on its prior." if partly else ""
-    revision = (
-        f" as revision {document['revision']}" if document.get("revision") is not None else ""
+    passed = f"{runs} passed every gate of the decision rule"
+    if document.verdict == Outcome.PROPOSED:
+        return Statement(why=f"{passed}.{limits}", use=_use_of_proposal(document))
+    revision = f" as revision {document.revision}" if document.revision is not None else ""
+    return Statement(
+        why=f"{passed} and changed the table.{limits}",
+        use=(
+            f"In use: the new table is stored{revision}. The command that takes it back ends this"
+            " page."
+        ),
     )
-    return {
-        "committed": {
-            "why": f"{runs} passed every gate of the decision rule and changed the table.{limits}",
-            "use": (
-                f"In use: the new table is stored{revision}. The command that takes it back ends"
-                " this page."
-            ),
-        },
-        "proposed": {
-            "why": f"{runs} passed every gate of the decision rule.{limits}",
-            "use": _use_of_proposal(document),
-        },
-        "refused": {
-            "why": refused,
-            "use": "Keep using the stored table: nothing was written to it.",
-        },
-        "inconsistent": {
-            "why": contrary,
-            "use": (
-                "Do not use: the data contradict the model or the stored table. Nothing was"
-                " committed."
-            ),
-        },
-    }.get(document["verdict"], {"why": "; ".join(reasons), "use": "Unknown verdict: do not use."})
 
 
-def _use_of_proposal(document: dict[str, Any]) -> str:
+def _use_of_proposal(document: UpdateDocument) -> str:
     """What to do with an update that no store holds, or that one keeps for review."""
-    if document.get("proposal") is None:
+    if document.proposal is None:
         return (
             "Not in use yet: nothing was stored. Read this page, then run the same command with"
             " --commit."
         )
     return (
-        f"Not in use yet: it waits as proposal {document['proposal']} to be approved or rejected."
+        f"Not in use yet: it waits as proposal {document.proposal} to be approved or rejected."
         " Read this page first."
     )
 
 
-def _axis(document: dict[str, Any], axis: str) -> dict[str, Any]:
-    """What the first card says of one gyro."""
-    seen = document["observability"].get(axis)
-    rows = [row for row in document.get("changes") or [] if row["axis"] == axis]
-    word, look = (
-        BADGES.get(seen["verdict"], (str(seen["verdict"]), "none"))
-        if seen
-        else ("not estimated", "none")
+def _axis(document: UpdateDocument, axis: str) -> AxisView:
+    seen = document.observability.get(axis)
+    word, look = "not estimated", "none"
+    if seen is not None:
+        word, look = BADGES.get(seen.verdict, (str(seen.verdict), "none"))
+    return AxisView(
+        axis=axis,
+        seen=seen,
+        word=word,
+        look=look,
+        help=_help(document, seen),
+        largest=max(_changes(document, axis), key=lambda row: abs(row.change_deg_h), default=None),
     )
-    return {
-        "axis": axis,
-        "seen": seen,
-        "word": word,
-        "look": look,
-        "help": _help(document, seen),
-        "largest": max(rows, key=lambda row: abs(row["change_deg_h"]), default=None),
-    }
 
 
-def _help(document: dict[str, Any], seen: dict[str, Any] | None) -> str:
+def _help(document: UpdateDocument, seen: ObservedDocument | None) -> str:
     """What would make this gyro better known."""
-    if document["verdict"] == Outcome.INCONSISTENT:
+    if document.verdict == Outcome.INCONSISTENT:
         return "explain the contradiction first"
     if seen is None:
         return "see the reason above"
-    return seen["advice"] or "nothing more needed"
+    return seen.advice or "nothing more needed"
 
 
 def _bias_drawings(
-    document: dict[str, Any], before: ThermalTable | None, after: ThermalTable | None
+    document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
 ) -> list[tuple[str, Markup, bool]]:
     """Per gyro: its name, the drawing and whether it shows points."""
     if before is None:
         return []
-    run_ids = [s["run_id"] for s in document.get("sessions", [])]
     new = after if _changed(document) else None
     return [
         (
             axis,
-            figures.bias_drawing(document, axis, before, new, run_ids),
+            figures.bias_drawing(document, axis, before, new),
             bool(figures.seen_points(document, axis)),
         )
         for axis in AXES
@@ -210,74 +288,72 @@ def _bias_drawings(
 
 
 def _shape_drawings(
-    document: dict[str, Any], before: ThermalTable | None, after: ThermalTable | None
+    document: UpdateDocument, before: ThermalTable | None, after: ThermalTable | None
 ) -> list[Markup]:
     """Of sessions without a heading: the shapes alone, which the levels of their power-ons would
     hide.
     """
-    if before is None or not any("zero_rate" in s for s in document.get("sessions", [])):
+    if before is None or all(s.zero_rate is None for s in estimated_of(document)):
         return []
     new = after if _changed(document) else None
-    return [
-        d
-        for d in (zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES)
-        if d
-    ]
+    drawn = [zero_rate_figures.shape_drawing(document, axis, before, new) for axis in AXES]
+    return [d for d in drawn if d]
 
 
-def _run_key(document: dict[str, Any]) -> list[tuple[int, str, str]]:
+def _run_key(document: UpdateDocument) -> list[tuple[int, str, str]]:
     """Number, id and colour of each run with points; empty where there is one run."""
-    run_ids = [s["run_id"] for s in document.get("sessions", [])]
-    drawn = {p.get("run_id") for axis in AXES for p in figures.seen_points(document, axis)}
+    run_ids = document.run_ids
+    drawn: set[str | None] = set()
+    for axis in AXES:
+        drawn |= {p.run_id for p in figures.seen_points(document, axis)}
     key = zip(count(1), run_ids, cycle(figures.SESSION_COLOURS))
     return [row for row in key if row[1] in drawn] if len(run_ids) > 1 else []
 
 
-def _session(document: dict[str, Any], k: int) -> dict[str, Any]:
-    """One run of the document with its drawings; excluded spans go to the first run of that id."""
-    session = document["sessions"][k]
-    first = all(s["run_id"] != session["run_id"] for s in document["sessions"][:k])
-    spans = [
-        s
-        for s in document["excluded"]
-        if first and s.get("run_id", session["run_id"]) == session["run_id"]
-    ]
+def _session(document: UpdateDocument, k: int) -> SessionView:
+    session = document.sessions[k]
+    spans = _spans(document, k)
     reasons: dict[str, list[float]] = {}
     for span in spans:
-        reasons.setdefault(span["reason"], []).append(span["end_s"] - span["start_s"])
-    return {
-        **session,
-        "number": k + 1,
-        "spans": spans,
-        "span_totals": [
-            (reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()
-        ],
-        "timeline": figures.timeline_drawing(session, spans),
-        "residual_drawings": [(axis, figures.residual_drawing(session, axis)) for axis in AXES],
-        "coverage_drawing": figures.coverage_drawing(session),
-        "chain_drawings": [
-            d for d in (figures.chain_drawing(session, way) for way in ("north", "east")) if d
-        ],
-    }
+        reasons.setdefault(span.reason, []).append(span.end_s - span.start_s)
+    chains = [figures.chain_drawing(session, way) for way in ("north", "east")]
+    return SessionView(
+        run=session,
+        number=k + 1,
+        spans=spans,
+        span_totals=[(reason, len(lengths), sum(lengths)) for reason, lengths in reasons.items()],
+        timeline=figures.timeline_drawing(session, spans),
+        residual_drawings=[(axis, figures.residual_drawing(session, axis)) for axis in AXES],
+        coverage_drawing=figures.coverage_drawing(session),
+        chain_drawings=[d for d in chains if d],
+    )
 
 
-def _budget(document: dict[str, Any]) -> list[dict[str, Any]]:
+def _spans(document: UpdateDocument, k: int) -> list[SpanDocument]:
+    """What was excluded of the run, told at the first run of its id."""
+    run_id = document.sessions[k].run_id
+    if any(s.run_id == run_id for s in document.sessions[:k]):
+        return []
+    return [s for s in document.excluded if s.run_id in (None, run_id)]
+
+
+def _budget(document: UpdateDocument) -> list[BudgetRow]:
     """Terms in rows, gyros in columns, each with its share of the longest bar."""
-    entries = document["uncertainty_budget"]
-    longest = max((e["sigma_deg_h"] for e in entries), default=1.0) or 1.0
+    entries = document.uncertainty_budget
+    longest = max((e.sigma_deg_h for e in entries), default=1.0) or 1.0
     rows = []
-    for term in dict.fromkeys(e["term"] for e in entries):
-        found = {e.get("axis", "x"): e["sigma_deg_h"] for e in entries if e["term"] == term}
+    for term in dict.fromkeys(e.term for e in entries):
+        found = {e.axis: e.sigma_deg_h for e in entries if e.term == term}
         cells = [(found.get(axis), 100.0 * found.get(axis, 0.0) / longest) for axis in AXES]
-        rows.append({"term": term, "cells": cells})
+        rows.append(BudgetRow(term, cells))
     return rows
 
 
-def _noise(document: dict[str, Any]) -> list[tuple[str, str, str]]:
+def _noise(document: UpdateDocument) -> list[tuple[str, str, str]]:
     """The noise model as rows: group, key with its unit, value."""
     rows = []
-    for group, values in (document.get("noise_model") or {}).items():
-        for key, value in values.items() if isinstance(values, dict) else ():
+    for group, values in (document.noise_model or {}).items():
+        for key, value in values.items() if isinstance(values, Mapping) else ():
             text = (
                 ", ".join(f"{v:g}" for v in value)
                 if isinstance(value, list | tuple)
@@ -287,33 +363,34 @@ def _noise(document: dict[str, Any]) -> list[tuple[str, str, str]]:
     return rows
 
 
-def _commands(document: dict[str, Any]) -> dict[str, str]:
+def _commands(document: UpdateDocument) -> Commands:
     """Commands that a reader may copy; texts from files are quoted for the shell."""
-    store = f" --store {shlex.quote(document['store'])}" if document.get("store") else ""
-    serial = f" --serial {shlex.quote(document['imu_serial'])}"
-    commit = " --commit" if document["verdict"] == Outcome.COMMITTED else ""
-    used = document.get("thermal_model")
-    model = f" --thermal-model {shlex.quote(used['file'])}" if used else ""
-    return {
-        "rollback": (
-            document.get("rollback_command") or f"recal table rollback{store}{serial} --to previous"
+    store = f" --store {shlex.quote(document.store)}" if document.store else ""
+    serial = f" --serial {shlex.quote(document.imu_serial)}"
+    commit = " --commit" if document.verdict == Outcome.COMMITTED else ""
+    used = document.thermal_model
+    model = f" --thermal-model {shlex.quote(used.file)}" if used else ""
+    runs = "RUN ..." if len(document.runs) > 1 else "RUN"
+    return Commands(
+        rollback=(
+            document.rollback_command or f"recal table rollback{store}{serial} --to previous"
         ),
-        "history": f"recal table list{store}{serial}",
-        "approve": f"recal table approve {document.get('proposal')}{store}{serial} --reason WHY",
-        "reproduce": (
-            f"recal update RUN{' ...' if len(document['runs']) > 1 else ''}{store}{model}{commit}"
-        ),
-        "export": f"recal table export{store}{serial} -o table.json",
-    }
+        history=f"recal table list{store}{serial}",
+        approve=f"recal table approve {document.proposal}{store}{serial} --reason WHY",
+        reproduce=f"recal update {runs}{store}{model}{commit}",
+        export=f"recal table export{store}{serial} -o table.json",
+    )
 
 
-def _band(band: list[float] | None, decimals: int) -> str:
+def _band(band: Sequence[float] | None, decimals: int) -> str:
     return f"{number(band[0], decimals)} to {number(band[1], decimals)}" if band else ""
 
 
-def _nis_words(consistency: dict[str, Any]) -> str:
+def _nis_words(consistency: ConsistencyDocument) -> str:
     """Where the mean NIS lies, in words."""
-    nis, band_95, band_999 = (consistency.get(k) for k in ("nis_mean", "band_95", "band_999"))
+    nis, band_95, band_999 = consistency.nis_mean, consistency.band_95, consistency.band_999
+    if nis is None:
+        return ""
     if band_95 and band_95[0] <= nis <= band_95[1]:
         return f"Inside its 95 % band ({_band(band_95, 2)}): the noise model describes the data."
     if band_999 and band_999[0] <= nis <= band_999[1]:
@@ -326,10 +403,10 @@ def _nis_words(consistency: dict[str, Any]) -> str:
     return f"Below its bands (95 %: {_band(band_95, 2)}): quieter than the noise model says."
 
 
-def _temperature_words(temperature: dict[str, Any]) -> str:
+def _temperature_words(temperature: TemperatureDocument) -> str:
     """Range per gyro, and what is wrong with the thermometers."""
-    ranges = zip(temperature["min_degC"], temperature["max_degC"])
-    faults = "; ".join(temperature.get("faults") or [])
+    ranges = zip(temperature.min_degC, temperature.max_degC)
+    faults = "; ".join(temperature.faults)
     return (
         "; ".join(f"{number(low, 1)} to {number(high, 1)}" for low, high in ranges)
         + " \u00b0C"
@@ -337,10 +414,8 @@ def _temperature_words(temperature: dict[str, Any]) -> str:
     )
 
 
-def _hysteresis_words(terms: list[dict[str, Any]]) -> str:
+def _hysteresis_words(terms: Sequence[HysteresisDocument]) -> str:
     """Was a difference between heating and cooling looked for, and what was done about it?"""
     return (
-        "; ".join(term["text"] for term in terms) + "."
-        if terms
-        else "not tested: no run was merged."
+        "; ".join(term.text for term in terms) + "." if terms else "not tested: no run was merged."
     )

@@ -5,12 +5,15 @@ A MEMS gyro starts with another level each time, hundreds of times what it chang
 warm-up: beside the levels the shape, which is what a table is for, would not be seen.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from infield.reports.documents.session_records import EstimatedDocument
+from infield.reports.documents.update_records import PointDocument, UpdateDocument
 from infield.reports.figures import (
     NEW,
     OLD,
@@ -26,12 +29,15 @@ from infield.reports.update_figures import SESSION_COLOURS, seen_points
 from infield.table.thermal_table import ThermalTable
 from ins.records import AXES
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 MARGIN_DEGC = 3.0  # beside the visited temperatures
 
 
 @in_style
 def shape_drawing(
-    document: dict[str, Any], axis: str, before: ThermalTable, after: ThermalTable | None
+    document: UpdateDocument, axis: str, before: ThermalTable, after: ThermalTable | None
 ) -> Markup | None:
     """Bias of one gyro less each run's own level, with the tables less theirs; None without
     points.
@@ -39,7 +45,7 @@ def shape_drawing(
     points = seen_points(document, axis)
     if not points:
         return None
-    T_all = np.array([p["temperature_degC"] for p in points])
+    T_all = np.array([p.temperature_degC for p in points])
     reference = float(np.median(T_all))
     figure, axes = new_figure(width=PANEL_WIDTH, height=3.3)
     ax, inner, outer = axes[0, 0], [], []
@@ -78,9 +84,9 @@ def _less_level(
 
 
 def _draw_runs(
-    ax: Any,
-    document: dict[str, Any],
-    points: list[dict[str, Any]],
+    ax: "Axes",
+    document: UpdateDocument,
+    points: Sequence[PointDocument],
     axis: str,
     table: ThermalTable,
     reference_degC: float,
@@ -89,16 +95,19 @@ def _draw_runs(
     sigma.
     """
     drawn = []
-    for number, session in enumerate(document.get("sessions", [])):
-        mine = [p for p in points if p["run_id"] == session["run_id"]]
-        if not mine or "zero_rate" not in session:
+    for number, session in enumerate(document.sessions):
+        mine = [p for p in points if p.run_id == session.run_id]
+        zero_rate = session.zero_rate if isinstance(session, EstimatedDocument) else None
+        if not mine or zero_rate is None:
             continue
         T, bias, duration = thinned(
-            *([p[k] for p in mine] for k in ("temperature_degC", "bias_deg_h", "duration_s"))
+            [p.temperature_degC for p in mine],
+            [p.bias_deg_h for p in mine],
+            [p.duration_s for p in mine],
         )
         shape = _less_level(table, axis, T, reference_degC)[0]
         y = bias - np.mean(bias - shape)
-        walk = session["zero_rate"]["angle_random_walk_deg_sqrt_h"][AXES.index(axis)]
+        walk = zero_rate.angle_random_walk_deg_sqrt_h[AXES.index(axis)]
         sigma, colour = (
             walk / np.sqrt(duration / 3600.0),
             SESSION_COLOURS[number % len(SESSION_COLOURS)],

@@ -9,6 +9,7 @@ import hashlib
 import io
 import json
 import re
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any, Literal
@@ -54,14 +55,14 @@ class _Table(StrictModel):
     provenance: dict[str, Any] = Field(default_factory=dict)
 
 
-def table_sha256(table: dict[str, Any]) -> str:
+def table_sha256(table: Mapping[str, Any]) -> str:
     """SHA-256 of a table's content: canonical JSON, every number as float (formats.md, section
     2).
     """
     return hashlib.sha256(canonical_json(table).encode()).hexdigest()
 
 
-def canonical_json(table: dict[str, Any]) -> str:
+def canonical_json(table: Mapping[str, Any]) -> str:
     """The one text of a table that is hashed and stored."""
     return json.dumps(_floats(table), sort_keys=True, separators=(",", ":"))
 
@@ -299,7 +300,7 @@ def _add_row(
 
 def _floats(value: Any) -> Any:
     """The same tree with every int a float; bools, text and null as they are."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {k: _floats(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
         return [_floats(v) for v in value]

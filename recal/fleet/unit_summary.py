@@ -14,12 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from ins.verdicts import Outcome
+from ins.verdicts import Outcome, plain
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
 from recal.service.inputs.listings import read_json_object
 from recal.service.inputs.records import ThermalTable, table_of
 from recal.service.results.files import write_text
-from recal.service.results.pages import level_change, step_words, update_html
+from recal.service.results.pages import (
+    UpdateDocument,
+    estimated_of,
+    level_change,
+    sentence,
+    update_html,
+    update_of,
+)
 
 LEVEL = ("x", "y")
 # pages of a unit: the last of each kind of outcome, of every run, none
@@ -33,31 +40,32 @@ def summarise_unit(task: UnitTask) -> dict[str, Any]:
     seen = [(o, document) for o in task.outcomes if (document := _document(o)) is not None]
     merged = [document for o, document in _one_a_folder(seen) if o.outcome in MERGED]
     contrary = [document for o, document in seen if o.outcome == Outcome.INCONSISTENT]
-    steps = contrary[-1]["disagreement"]["steps"] if contrary else []
+    disagreement = contrary[-1].disagreement if contrary else None
+    steps = disagreement.steps if disagreement else ()
     return {
         "of": task.identity,
         "drift": _drift(merged),
         "coverage": _coverage(
             [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
         ),
-        "steps": steps,
-        "step_words": [step_words(step) for step in steps],
+        "steps": [plain(step) for step in steps],
+        "step_words": [sentence(step.reason) for step in steps],
         "pages": _draw(task, seen),
     }
 
 
-def _document(outcome: RunOutcome) -> dict[str, Any] | None:
+def _document(outcome: RunOutcome) -> UpdateDocument | None:
     """The run's update.json; None where it has none (bad input), or it was lost."""
     path = Path(outcome.folder) / "update.json"
     try:
-        return read_json_object(path) if outcome.folder and path.exists() else None
+        return update_of(read_json_object(path)) if outcome.folder and path.exists() else None
     except InputError:
         return None
 
 
 def _one_a_folder(
-    seen: Sequence[tuple[RunOutcome, dict[str, Any]]],
-) -> list[tuple[RunOutcome, dict[str, Any]]]:
+    seen: Sequence[tuple[RunOutcome, UpdateDocument]],
+) -> list[tuple[RunOutcome, UpdateDocument]]:
     """A joint update tells of several runs in one document."""
     best = sorted(seen, key=lambda pair: pair[0].outcome not in MERGED)
     first = {outcome.folder: (outcome, document) for outcome, document in reversed(best)}
@@ -68,16 +76,16 @@ def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
     return {o.sha256 for o in outcomes if o.outcome in MERGED}
 
 
-def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+def _drift(merged: Sequence[UpdateDocument]) -> dict[str, Any] | None:
     """The level gyros' change from the first merge's old table to the last one's new, at the
     temperatures of the points.
 
     None without a merge, and for MEMS: gyros that find no heading do not navigate free-inertially.
     """
-    if not merged or merged[-1]["table_after"]["gyro_technology"] == "mems":
+    if not merged or merged[-1].table_after["gyro_technology"] == "mems":
         return None
-    before = table_of(merged[0]["table_before"])[0]
-    after = table_of(merged[-1]["table_after"])[0]
+    before = table_of(merged[0].table_before)[0]
+    after = table_of(merged[-1].table_after)[0]
     T = _visited(merged)
     change = level_change(before, after, T)
     expected = [_gained(before, after, k, t) for k, t in enumerate(T)]
@@ -92,21 +100,21 @@ def _drift(merged: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
         "sigma_after_deg_h": _rms([after.sigma_deg_h(k, t) for k, t in enumerate(T)]),
         "largest_deg_h": float(max((abs(m).max() for m in moved), default=0.0)),
         "temperature_degC": [float(min(t.min() for t in T)), float(max(t.max() for t in T))],
-        "table_before_sha256": merged[0]["table_before_sha256"],
-        "table_after_sha256": merged[-1]["table_after_sha256"],
+        "table_before_sha256": merged[0].table_before_sha256,
+        "table_after_sha256": merged[-1].table_after_sha256,
         "since_utc": before.created_utc,
         "until_utc": after.created_utc,
     }
 
 
-def _visited(documents: Sequence[dict[str, Any]]) -> tuple[NDArray, NDArray]:
+def _visited(documents: Sequence[UpdateDocument]) -> tuple[NDArray, NDArray]:
     """Temperatures of the points of gyros x and y (n,), those of merged runs."""
     T: dict[str, list[float]] = {axis: [] for axis in LEVEL}
     for document in documents:
-        accepted = {s["sha256"] for s in document["sessions"] if s["outcome"] == Outcome.ACCEPTED}
-        for point in document["points"]:
-            if point["axis"] in LEVEL and point["run_sha256"] in accepted:
-                T[point["axis"]].append(point["temperature_degC"])
+        accepted = {s.sha256 for s in document.sessions if s.outcome == Outcome.ACCEPTED}
+        for point in document.points:
+            if point.axis in LEVEL and point.run_sha256 in accepted:
+                T[point.axis].append(point.temperature_degC)
     return np.array(T["x"]), np.array(T["y"])
 
 
@@ -122,24 +130,24 @@ def _rms(sigmas: Sequence[NDArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(sigmas) ** 2)))
 
 
-def _coverage(documents: Sequence[dict[str, Any]], merged: set[str]) -> list[dict[str, float]]:
+def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[dict[str, float]]:
     """Seconds of the merged runs in each 5 degC band, the mean over the gyros."""
     seconds: dict[float, float] = defaultdict(float)
     for document in documents:
-        for session in document["sessions"]:
-            for band in session.get("coverage", []) if session["sha256"] in merged else []:
-                seconds[band["low_degC"]] += band["seconds"] / 3.0
+        for session in estimated_of(document):
+            for band in session.coverage if session.sha256 in merged else ():
+                seconds[band.low_degC] += band.seconds / 3.0
     return [
         {"low_degC": low, "high_degC": low + 5.0, "seconds": round(seconds[low], 1)}
         for low in sorted(seconds)
     ]
 
 
-def _draw(task: UnitTask, seen: Sequence[tuple[RunOutcome, dict[str, Any]]]) -> list[str]:
+def _draw(task: UnitTask, seen: Sequence[tuple[RunOutcome, UpdateDocument]]) -> list[str]:
     """Draws update.html where it is wanted and not there yet; the folders that have one, the newest
     last.
     """
-    wanted: dict[str, dict[str, Any]] = {}
+    wanted: dict[str, UpdateDocument] = {}
     for kind in dict.fromkeys(outcome.outcome for outcome, _ in seen):
         of_kind = [(o.folder, document) for o, document in seen if o.outcome == kind]
         count = DRAWN[task.pages]

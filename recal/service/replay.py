@@ -141,8 +141,8 @@ def replay(
         unit.twin,
         store=database.name if database else None,
         version=program_version(),
-        notes=(*notes, *(said["text"] if said else ())),
-        thermal_model=None if said is None else dict(said),
+        notes=(*notes, *(said.text if said else ())),
+        thermal_model=said,
         reference=reference,
     )
     return Replayed(plain(found), page=lambda: render(found), flown=result)

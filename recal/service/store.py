@@ -4,6 +4,7 @@ Fleet and web take the store's records and errors from here.
 """
 
 import os
+from dataclasses import replace
 from datetime import datetime
 
 from infield.session.disagreement import SessionEvidence, utc
@@ -90,7 +91,7 @@ class Store(TableStore):
         """
         if result.verdict != Outcome.PROPOSED:
             raise InputError(f"commit: the update is {result.verdict}, needed proposed")
-        document = {**result.document, "verdict": Outcome.COMMITTED.value, "store": self.name}
+        document = replace(result.record, verdict=Outcome.COMMITTED, store=self.name)
         signed = signed_note(by, note or "committed from Python", "by ")
         return commit_update(self, result.estimate, result.unit, document, signed)
 

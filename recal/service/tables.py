@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from infield.reports import update_page
+from infield.reports.documents.update_records import update_of
 from infield.store.errors import StoreRefused
 from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict
@@ -188,7 +189,7 @@ def write_proposal(full: FullProposal, output: Path) -> None:
     directory, document = output_directory(output, "table"), proposed_document(full)
     texts = {
         "update.json": result_text(document),
-        "update.html": update_page.update_html(dict(document)),
+        "update.html": update_page.update_html(update_of(document)),
     }
     write_files({directory / name: text for name, text in texts.items()})
 

@@ -11,7 +11,9 @@ from functools import partial
 from pathlib import Path
 
 from infield.reports import update_page
-from infield.reports.documents.update import update_document
+from infield.reports.documents.thermal_use import ThermalUseDocument
+from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import UpdateDocument
 from infield.reports.words.sentences import sentence
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
@@ -23,7 +25,7 @@ from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run
-from ins.verdicts import Outcome, because
+from ins.verdicts import Outcome, because, plain
 from recal.service.inputs.config import read_config
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import (
@@ -40,7 +42,7 @@ from recal.service.results.result import Result
 from recal.service.results.text import Document, result_text
 from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
 
-Files = Callable[[Document], dict[Path, str]]  # a document's files: JSON, and HTML where wanted
+Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where wanted
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -53,8 +55,11 @@ class Update(Result):
         What the estimator found, session by session.
     unit : UnitInputs
         Table and noise model that it began with.
+    record : UpdateDocument
+        What update.json holds, typed.
     """
 
+    record: UpdateDocument
     estimate: UpdateResult
     unit: UnitInputs
 
@@ -71,16 +76,16 @@ class Update(Result):
     @property
     def axes(self) -> dict[str, AxisChange]:
         """Per gyro: sigma of the session's mean bias before and after [deg/h], and its verdict."""
-        return axes_of(self.document)
+        return axes_of(self.record)
 
     @property
     def points(self) -> Points:
         """The bias points; `.to_frame()` gives a pandas DataFrame."""
-        return points_of(self.document)
+        return points_of(self.record)
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, reasons, per axis sigma before and after, heading error, effect."""
-        return summary(self.document, verbose=verbose)
+        return summary(self.record, verbose=verbose)
 
     def plot(self):
         """Bias against temperature per gyro: table before, table after, points.
@@ -156,8 +161,8 @@ def update(
     model = None if thermal_model is None else Path(thermal_model)
     job = _Job(settings=settings, ageing=ageing, accept_step=accept_step, thermal_model=model)
     result, unit, facts = _estimate(read, given, database, job)
-    name = database.name if database else None
-    return _made(result, unit, _document(result, facts, committed=False, store=name))
+    kept = Kept(store=database.name if database else None)
+    return _made(result, unit, _document(result, facts, kept))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -227,7 +232,7 @@ class _Facts:
     """What a document needs beside the estimate. lost: conflicts with other writers so far."""
 
     table_before: Document
-    thermal_model: Document | None
+    thermal_model: ThermalUseDocument | None
     lost: tuple[str, ...] = ()
 
 
@@ -263,24 +268,25 @@ def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
     )
 
 
-def _document(
-    result: UpdateResult, facts: _Facts, *, committed: bool, store: str | None
-) -> Document:
+def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument:
     """The update document, and the conflicts with other writers on the way to it."""
     document = update_document(
         result,
-        committed=committed,
-        store=store,
+        kept,
         version=program_version(),
-        table_before=dict(facts.table_before),
-        thermal_model=None if facts.thermal_model is None else dict(facts.thermal_model),
+        table_before=facts.table_before,
+        thermal_model=facts.thermal_model,
     )
-    return {**document, "conflicts": list(facts.lost)} if facts.lost else document
+    return replace(document, conflicts=facts.lost or None)
 
 
-def _made(result: UpdateResult, unit: UnitInputs, document: Document) -> Update:
+def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:
     return Update(
-        document, page=lambda: update_page.update_html(dict(document)), estimate=result, unit=unit
+        plain(document),
+        page=lambda: update_page.update_html(document),
+        record=document,
+        estimate=result,
+        unit=unit,
     )
 
 
@@ -304,11 +310,10 @@ class _Try:
             return _made(result, unit, self._commit(result, unit, facts))
         if request.propose and result.outcome is Outcome.ACCEPTED:
             return _made(result, unit, self._propose(result, unit, facts, request.propose))
-        name = database.name if database else None
-        document = _document(result, facts, committed=False, store=name)
+        document = _document(result, facts, Kept(store=database.name if database else None))
         stores = request.commit or request.propose
         if stores and result.outcome is Outcome.INCONSISTENT and unit.revision and result.evidence:
-            document = {**document, "remembered": self._remember(result, unit)}
+            document = replace(document, remembered=self._remember(result, unit))
         write_files(self.files(document))
         return _made(result, unit, document)
 
@@ -327,7 +332,7 @@ class _Try:
             " it was"
         )
 
-    def _commit(self, result: UpdateResult, unit: UnitInputs, facts: _Facts) -> Document:
+    def _commit(self, result: UpdateResult, unit: UnitInputs, facts: _Facts) -> UpdateDocument:
         """Report and table together or neither: the report is staged, the store commits, the report
         takes its place.
 
@@ -340,22 +345,21 @@ class _Try:
         try:
             database = open_store(url, create=True, any_clock=self.request.any_clock)
             assert database is not None
-            document = _document(result, facts, committed=True, store=name)
+            document = _document(result, facts, Kept(store=name, committed=True))
             numbered = _numbered(document, unit, (unit.revision or 1) + 1)
             write_files(
                 self.files(numbered),
                 commit=lambda: made.append(commit_update(database, result, unit, document)),
             )
             # somebody rolled back to the same table meanwhile
-            if made[0].number != numbered["revision"]:
+            if made[0].number != numbered.revision:
                 numbered = _numbered(document, unit, made[0].number)
                 write_files(self.files(numbered))
             return numbered
         except StoreRefused as error:
             if isinstance(error, StoreConflict) and len(self.lost) < self.request.retries:
                 raise
-            document = _document(result, facts, committed=False, store=name)
-            document = _turned_down(document, error)
+            document = _turned_down(_document(result, facts, Kept(store=name)), error)
             write_files(self.files(document))
             return document
         except InputError as error:
@@ -363,59 +367,59 @@ class _Try:
                 self.request.told(f"committed as revision {made[0].number}, but {error}")
                 return _numbered(document, unit, made[0].number)
             why = because(SessionReason.NOT_COMMITTED, fault=str(error))
-            said = {"reasons": [sentence(why)], "reason_codes": [str(why.code)]}
-            document = _document(result, facts, committed=False, store=name)
-            write_files(self.files({**document, **said}))
+            document = _document(result, facts, Kept(store=name))
+            said = replace(document, reasons=[sentence(why)], reason_codes=[str(why.code)])
+            write_files(self.files(said))
             raise
 
     def _propose(
         self, result: UpdateResult, unit: UnitInputs, facts: _Facts, signed: tuple[str, str]
-    ) -> Document:
+    ) -> UpdateDocument:
         """Keep the update in the store for review, then write the report with its number; refused
         where a commit would be.
         """
         database = open_store(self.request.store_url, create=True)
         assert database is not None
-        document = _document(result, facts, committed=False, store=database.name)
+        document = _document(result, facts, Kept(store=database.name))
         try:
             kept = database.propose(
-                document["table_before_sha256"],
+                table_sha256(dict(unit.table_dict)),
                 result.after,
                 merged_runs(result),
-                result_text(document),
+                result_text(plain(document)),
                 first_table=None if unit.revision else dict(unit.table_dict),
                 by=signed[0],
                 note=signed[1],
             )
-            document = {**document, "proposal": kept.number}
+            document = replace(document, proposal=kept.number)
         except StoreRefused as error:
             document = _turned_down(document, error)
         write_files(self.files(document))
         return document
 
 
-def _turned_down(document: Document, error: StoreRefused) -> Document:
+def _turned_down(document: UpdateDocument, error: StoreRefused) -> UpdateDocument:
     """The document of an update that the store does not take, and why."""
-    codes = [str(error.code)]
-    return {
-        **document,
-        "verdict": Outcome.REFUSED.value,
-        "reasons": [str(error)],
-        "reason_codes": codes,
-    }
+    return replace(
+        document, verdict=Outcome.REFUSED, reasons=[str(error)], reason_codes=[str(error.code)]
+    )
 
 
 def commit_update(
-    database: TableStore, result: UpdateResult, unit: UnitInputs, document: Document, note: str = ""
+    database: TableStore,
+    result: UpdateResult,
+    unit: UnitInputs,
+    document: UpdateDocument,
+    note: str = "",
 ) -> Revision:
     """The merged table becomes the active one; a unit that the store does not hold begins with its
     table before.
     """
     return database.commit_update(
-        document["table_before_sha256"],
+        table_sha256(dict(unit.table_dict)),
         result.after,
         merged_runs(result),
-        result_text(document),
+        result_text(plain(document)),
         first_table=None if unit.revision else dict(unit.table_dict),
         note=note,
     )
@@ -430,19 +434,17 @@ def _key(unit: UnitInputs) -> tuple[str, str, str]:
     return unit.table.imu_serial, unit.table.gyro_technology, unit.table.gyro_mode
 
 
-def _numbered(document: Document, unit: UnitInputs, revision: int) -> Document:
+def _numbered(document: UpdateDocument, unit: UnitInputs, revision: int) -> UpdateDocument:
     """The document as committed under this number, and how to take it back."""
     serial, technology, mode = (shlex.quote(name) for name in _key(unit))
     # a server's password comes from the environment
-    store = shlex.quote(document["store"].replace(":***@", "@"))
+    store = shlex.quote((document.store or "").replace(":***@", "@"))
     back = f"recal table rollback --store {store} --serial {serial} --technology {technology}"
-    return {
-        **document,
-        "revision": revision,
-        "rollback_command": f"{back} --mode {mode} --to {revision - 1}",
-    }
+    return replace(
+        document, revision=revision, rollback_command=f"{back} --mode {mode} --to {revision - 1}"
+    )
 
 
-def _files(directory: Path, document: Document, *, html: bool) -> dict[Path, str]:
-    page = {directory / "update.html": update_page.update_html(dict(document))} if html else {}
-    return {directory / "update.json": result_text(document), **page}
+def _files(directory: Path, document: UpdateDocument, *, html: bool) -> dict[Path, str]:
+    page = {directory / "update.html": update_page.update_html(document)} if html else {}
+    return {directory / "update.json": result_text(plain(document)), **page}

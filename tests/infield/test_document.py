@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from infield.reports.documents.update import update_document
+from infield.reports.documents.update import Kept, update_document
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.units import MILLIRADIAN
+from ins.verdicts import plain
 from tests.infield.sessions import PARKED, TWIN, factory, factory_dict, simulated
 
 CONTRACT = Path(__file__).parents[2].parent / "shared" / "formats.md"
@@ -29,9 +30,8 @@ def result_of(segments=None, temperature=True):
 
 
 def document_of(result, committed=False):
-    return update_document(
-        result, committed=committed, store=None, version="0", table_before=factory_dict()
-    )
+    kept = Kept(committed=committed)
+    return plain(update_document(result, kept, version="0", table_before=factory_dict()))
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 from alignment.motion.parked_seconds import ParkedSeconds
-from infield.reports.documents.update import update_document
+from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.reports.words.sentences import sentence, sentences
 from infield.session.parked.rates import no_heading
@@ -25,6 +26,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import Survey
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR
+from ins.verdicts import plain
 from tests.infield.mems_sessions import (
     TWIN,
     blank,
@@ -62,7 +64,7 @@ def first():
 
 def document_of(result):
     before = table_to_dict(result.before)
-    return update_document(result, committed=False, store=None, version="test", table_before=before)
+    return plain(update_document(result, Kept(), version="test", table_before=before))
 
 
 def test_an_unknown_heading_leaves_its_part_of_earth_rate_and_no_more():
@@ -127,7 +129,7 @@ def test_the_report_speaks_of_zero_rates():
     zero_rate = found["sessions"][0]["zero_rate"]
     assert zero_rate["bins"] == 40 and zero_rate["noise_over_model"] == pytest.approx(1.0, abs=0.15)
     with figures_left_out():
-        page = update_html(found)
+        page = update_html(update_of(found))
     assert (
         "not sought" in page
         and "NM/h" not in page

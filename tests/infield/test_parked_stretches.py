@@ -10,7 +10,8 @@ import pytest
 from scipy.stats import chi2
 
 from alignment.motion import turn_between
-from infield.reports.documents.update import update_document
+from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import update_of
 from infield.reports.update_page import update_html
 from infield.reports.words.sentences import sentence
 from infield.session.bins import make_bins
@@ -23,6 +24,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
 from ins.records import GnssLog, Phase, Survey
 from ins.units import DEG, DEG_PER_HOUR
+from ins.verdicts import plain
 from tests.infield.mems_flights import COLD_S, WARM_S, flight, landed
 from tests.infield.mems_sessions import TWIN, blank, session, squared_error, unit, updated
 from tests.infield.sessions import with_header
@@ -43,12 +45,8 @@ def estimate_of(run, **options):
 
 
 def document_of(result):
-    return update_document(
-        result,
-        committed=False,
-        store=None,
-        version="test",
-        table_before=table_to_dict(result.before),
+    return plain(
+        update_document(result, Kept(), version="test", table_before=table_to_dict(result.before))
     )
 
 
@@ -329,7 +327,7 @@ def test_the_report_lists_each_stretch():
     # a quarter turn between 3 and 2 min
     assert heading["x"] == pytest.approx(LEVEL / np.sqrt(2) * 0.72, rel=0.1)
     with figures_left_out():
-        page = update_html(found)
+        page = update_html(update_of(found))
     assert "2 stretches of rest" in page and "deg, by the gyros" in page
 
 

@@ -19,8 +19,9 @@ import numpy as np
 import pytest
 
 from infield.reports import page as report_page
-from infield.reports import update_figures
-from infield.reports.documents.update import update_document
+from infield.reports import update_figures, update_page
+from infield.reports.documents.update import Kept, update_document
+from infield.reports.documents.update_records import update_of
 from infield.reports.figures import (
     MAX_POINTS,
     PANEL_WIDTH,
@@ -30,10 +31,10 @@ from infield.reports.figures import (
     svg_text,
     thinned,
 )
-from infield.reports.update_page import update_html
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.table.file import table_from_dict, table_sha256
 from ins.records import TwinModel
+from ins.verdicts import plain
 from tests.undrawn import figures_left_out
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.segments import Park
@@ -76,8 +77,13 @@ def _document(runs, table, *, committed=False, **facts):
     result = update_calibration(
         runs, parsed, twin, history=UnitHistory(parent_sha256=table_sha256(table))
     )
-    facts = {"store": "sqlite:///recal.db", "version": "9.8.7", **facts}
-    return update_document(result, committed=committed, table_before=table, **facts)
+    kept = Kept(**{"store": "sqlite:///recal.db", "committed": committed, **facts})
+    return plain(update_document(result, kept, version="9.8.7", table_before=table))
+
+
+def update_html(document):
+    """The page of a document as JSON."""
+    return update_page.update_html(update_of(document))
 
 
 @pytest.fixture(scope="module")
@@ -275,10 +281,7 @@ def test_an_unobservable_gyro_is_said_in_words_and_its_points_are_not_drawn(docu
     ):
         assert words in text
     table = table_from_dict(d["table_before"], name="table")
-    marks = {
-        a: _markers(update_figures.bias_drawing(d, a, table, None, [d["runs"][0]["run_id"]]))
-        for a in "xy"
-    }
+    marks = {a: _markers(update_figures.bias_drawing(update_of(d), a, table, None)) for a in "xy"}
     assert marks["x"] - marks["y"] == sum(p["axis"] == "x" for p in d["points"])
 
 
@@ -367,7 +370,7 @@ def test_no_curve_has_more_points_than_allowed(documents):
         "east_m_s": wild.tolist(),
         "heading_deg": (90.0 + wild).tolist(),
     }
-    drawing = update_figures.timeline_drawing(d["sessions"][0], []) or ""
+    drawing = update_figures.timeline_drawing(update_of(d).sessions[0], []) or ""
     vertices = [len(re.findall(r"[ML] ", path)) for path in re.findall(r' d="([^"]*)"', drawing)]
     assert 0.5 * MAX_POINTS < max(vertices) <= MAX_POINTS
 

@@ -3,7 +3,6 @@ budget, assumptions, effect.
 """
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,34 +96,31 @@ def phases(e: SessionEstimate) -> tuple[Phase, ...]:
     return tuple(Phase(phase=name, start_s=a, end_s=b) for name, (a, b) in zip(names, spans))
 
 
-def stretch_words(zero_rate: Mapping[str, Any]) -> list[str]:
+def stretch_words(zero_rate: ZeroRateDocument) -> list[str]:
     """The stretches of one run and what was left out, a line each; none for a run of one stretch
     and nothing else.
     """
     lines = []
-    for k, s in enumerate(zero_rate.get("stretches", [])):
-        low, high = s["temperature_degC"]
-        turned = (
-            ""
-            if s["turned_deg"] is None
-            else (
-                f"; turned by {s['turned_deg']:+.0f} +- {s['sigma_turned_deg']:.0f} deg since the"
-                " one before"
-                if s["turn_told"]
-                else (
-                    "; how far it was turned is not known (+-"
-                    f" {min(s['sigma_turned_deg'], 180.0):.0f} deg)"
-                )
-            )
-        )
+    for k, s in enumerate(zero_rate.stretches or ()):
+        low, high = s.temperature_degC
         lines.append(
-            f"stretch {k + 1}: {s['duration_s']:.0f} s from {s['start_s']:.0f} s on, {low:.1f} to"
-            f" {high:.1f} degC{turned}"
+            f"stretch {k + 1}: {s.duration_s:.0f} s from {s.start_s:.0f} s on, {low:.1f} to"
+            f" {high:.1f} degC{_turn_words(s)}"
         )
     return lines + [
-        f"left out: {s['start_s']:.0f} to {s['end_s']:.0f} s: {s['reason']}"
-        for s in zero_rate.get("left_out", [])
+        f"left out: {s.start_s:.0f} to {s.end_s:.0f} s: {s.reason}"
+        for s in zero_rate.left_out or ()
     ]
+
+
+def _turn_words(stretch: StretchDocument) -> str:
+    """How far the unit was turned since the stretch before; empty for the first."""
+    turned, sigma = stretch.turned_deg, stretch.sigma_turned_deg
+    if turned is None or sigma is None:
+        return ""
+    if stretch.turn_told:
+        return f"; turned by {turned:+.0f} +- {sigma:.0f} deg since the one before"
+    return f"; how far it was turned is not known (+- {min(sigma, 180.0):.0f} deg)"
 
 
 def budget_terms(session: SessionResult, result: UpdateResult) -> list[Mapping[str, float]]:
@@ -232,13 +228,13 @@ def effect(result: UpdateResult) -> ZeroRateEffect | None:
     )
 
 
-def effect_words(found: Mapping[str, Any]) -> str:
+def effect_words(found: ZeroRateEffect) -> str:
     """One line of it for people."""
-    low, high = found["temperature_degC"]
+    low, high = found.temperature_degC
     return (
         f"over {low:.0f} to {high:.0f} degC the table's level moves by"
-        f" {found['level_change_deg_h']:.3g} deg/h (left: {found['level_left_sigma_deg_h']:.3g}),"
-        f" its shape by {found['shape_change_deg_h']:.3g} deg/h (left:"
-        f" {found['shape_left_sigma_deg_h']:.3g}), RMS over the gyros; each start adds its turn-on"
-        f" of {found['turn_on_deg_h']:g}"
+        f" {found.level_change_deg_h:.3g} deg/h (left: {found.level_left_sigma_deg_h:.3g}),"
+        f" its shape by {found.shape_change_deg_h:.3g} deg/h (left:"
+        f" {found.shape_left_sigma_deg_h:.3g}), RMS over the gyros; each start adds its turn-on"
+        f" of {found.turn_on_deg_h:g}"
     )

@@ -51,6 +51,7 @@ from infield.replay.schuler import fit_schuler
 from infield.replay.stops import StopSpeed, Witness
 from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
 from infield.reports.documents.alignment import alignment_document
+from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.words.sentences import codes, sentence, sentences
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import twin_to_dict
@@ -234,7 +235,7 @@ class ReplayDocument:
     difference: DifferenceDocument | None
     aided: AidedDocument | None
     definitions: Mapping[str, str]
-    thermal_model: Mapping[str, Any] | None = field(default=None, metadata=OMIT_NONE)
+    thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
     result: ReplayResult = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 
@@ -245,7 +246,7 @@ def replay_document(
     store: str | None,
     version: str,
     notes: tuple[Reason | str, ...] = (),
-    thermal_model: Mapping[str, Any] | None = None,
+    thermal_model: ThermalUseDocument | None = None,
     reference: ReferenceLog | None = None,
 ) -> ReplayDocument:
     """The document; `notes` are what the caller knows of the tables, and come first; thermal_model:

@@ -3,10 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
-from ins.records import Phase
-from ins.verdicts import OMIT_NONE
+from infield.session.reasons import HeadingSource
+from ins.verdicts import OMIT_NONE, Observability, Outcome
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,7 +35,7 @@ class TemperatureDocument:
 class SessionAlignment:
     """The session's alignment; angles not found are NaN."""
 
-    verdict: str
+    verdict: AlignmentVerdict | str
     time_s: float
     roll_deg: float
     pitch_deg: float
@@ -44,7 +45,7 @@ class SessionAlignment:
     latitude_found_deg: float
     sigma_latitude_deg: float
     reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    reason_codes: Sequence[str | None] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +54,7 @@ class HeadingError:
 
     value_mrad: float | None
     sigma_mrad: float | None
-    source: str | None
+    source: HeadingSource | str | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,8 +64,17 @@ class SeenDocument:
     axis: str
     sigma_before_deg_h: float
     sigma_after_deg_h: float
-    verdict: str
-    advice: str
+    verdict: Observability | str
+    advice: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseDocument:
+    """A phase of the run, as logged or detected."""
+
+    phase: str
+    start_s: float
+    end_s: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,9 +200,9 @@ class SessionDocument:
     tail: str
     start_utc: str
     site: SiteDocument
-    outcome: str
+    outcome: Outcome | str
     reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    reason_codes: Sequence[str | None] = ()
     duration_s: float
     streams: Sequence[str]
     temperature: TemperatureDocument | None = field(default=None, metadata=OMIT_NONE)
@@ -209,15 +219,15 @@ class EstimatedDocument(SessionDocument):
     alignment: SessionAlignment
     heading_error: HeadingError
     observability: Mapping[str, SeenDocument]
-    phases: Sequence[Phase]
-    points_covariance_deg_h2: Sequence[Sequence[float]] | None
-    coverage: Sequence[CoverageDocument]
-    residuals: Sequence[ResidualDocument]
-    heating_cooling: Sequence[HeatingCooling]
-    measurements: Mapping[str, MeasurementDocument]
-    parked_jitter_m: float | None
-    smoothing: Mapping[str, SmoothingDocument]
-    velocity: VelocityDocument | None
-    claim_chain: ChainDocument | None
+    phases: Sequence[PhaseDocument] = ()
+    points_covariance_deg_h2: Sequence[Sequence[float]] | None = None
+    coverage: Sequence[CoverageDocument] = ()
+    residuals: Sequence[ResidualDocument] = ()
+    heating_cooling: Sequence[HeatingCooling] = ()
+    measurements: Mapping[str, MeasurementDocument] = field(default_factory=dict)
+    parked_jitter_m: float | None = None
+    smoothing: Mapping[str, SmoothingDocument] = field(default_factory=dict)
+    velocity: VelocityDocument | None = None
+    claim_chain: ChainDocument | None = None
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
     doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)

@@ -17,6 +17,7 @@ from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
 from infield.reports.documents.session import advice_words, heading_error, session_document
 from infield.reports.documents.spans import SpanDocument, span_document
+from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.documents.update_records import (
     BudgetDocument,
     ChangeDocument,
@@ -25,7 +26,6 @@ from infield.reports.documents.update_records import (
     HysteresisDocument,
     MergeDocument,
     MethodDocument,
-    Null,
     ObservedDocument,
     PointDocument,
     PredictedEffect,
@@ -48,7 +48,7 @@ from ins.noise import FLICKER_FLOOR, random_walk_covariance
 from ins.records import AXES, Span
 from ins.twin_file import twin_to_dict
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, MILLIRADIAN
-from ins.verdicts import LeftOut, Observability, Outcome, plain
+from ins.verdicts import LeftOut, Null, Observability, Outcome
 
 SCHEMA = "recal.update/1"
 # mean radial drift of a level gyro bias: R u = 60 NM/h per deg/h (physics.md 6.3)
@@ -59,70 +59,74 @@ METHOD = (
 )
 
 
+@dataclass(frozen=True, kw_only=True)
+class Kept:
+    """Where an update is kept: the store that was opened, and once committed the revision and the
+    command that takes it back.
+    """
+
+    store: str | None = None
+    committed: bool = False
+    revision: int | None = None
+    rollback_command: str | None = None
+
+
 def update_document(
     result: UpdateResult,
+    kept: Kept,
     *,
-    committed: bool,
-    store: str | None,
     version: str,
-    table_before: dict[str, Any],
-    revision: int | None = None,
-    rollback_command: str | None = None,
-    thermal_model: dict[str, Any] | None = None,
-) -> dict[str, Any]:
-    """update.json. table_before: the dict as stored, so that its hash is the stored one.
-
-    thermal_model: what `thermal_use.use_document` says of the model that left the log before the
-    table.
+    table_before: Mapping[str, Any],
+    thermal_model: ThermalUseDocument | None = None,
+) -> UpdateDocument:
+    """update.json. table_before: the dict as stored, so that its hash is the stored one;
+    thermal_model: of the model that left the log before the table.
     """
     verdict = result.outcome
     if verdict is Outcome.ACCEPTED:
-        verdict = Outcome.COMMITTED if committed else Outcome.PROPOSED
+        verdict = Outcome.COMMITTED if kept.committed else Outcome.PROPOSED
     estimated = [s for s in result.sessions if s.estimate is not None]
     best = estimated[-1] if estimated else None
     without_heading = parked_document.parked_sessions(result)
     parked = len(without_heading) == len(estimated) and result.before.gyro_technology == "mems"
     after = table_to_dict(result.after) if result.merged_runs else table_before
-    return plain(
-        UpdateDocument(
-            schema=SCHEMA,
-            verdict=verdict,
-            reasons=sentences(result.reasons),
-            reason_codes=codes(result.reasons),
-            imu_serial=result.before.imu_serial,
-            gyro_technology=result.before.gyro_technology,
-            runs=[
-                RunDocument(run_id=s.run.header.run_id, sha256=s.run.sha256)
-                for s in result.sessions
-            ],
-            heading_error=heading_error(best),
-            observability=_observability(estimated),
-            points=[point for s in estimated for point in _points(s)],
-            excluded=[span for s in result.sessions for span in _excluded(s)],
-            consistency=_consistency(estimated),
-            table_before=table_before,
-            table_after=after,
-            uncertainty_budget=_budget(best, result) if best else [],
-            table_before_sha256=table_sha256(table_before),
-            table_after_sha256=table_sha256(after),
-            method=MethodDocument(
-                name=parked_document.METHOD if parked else METHOD, program="recal", version=version
-            ),
-            issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-            store=store,
-            revision=revision,
-            rollback_command=rollback_command,
-            decision_rule=PARKED_RULE if parked else DECISION_RULE,
-            noise_model={"source": result.twin.source, **twin_to_dict(result.twin)},
-            assumptions=parked_document.assumptions(result) if parked else _assumptions(result),
-            predicted_effect=None if parked else _predicted_effect(result),
-            zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
-            changes=_changes(result.before, result.after),
-            hysteresis=[_hysteresis(term) for term in result.terms],
-            disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
-            sessions=[session_document(s) for s in result.sessions],
-            thermal_model=thermal_model,
-        )
+    return UpdateDocument(
+        schema=SCHEMA,
+        verdict=verdict,
+        reasons=sentences(result.reasons),
+        reason_codes=codes(result.reasons),
+        imu_serial=result.before.imu_serial,
+        gyro_technology=result.before.gyro_technology,
+        runs=[
+            RunDocument(run_id=s.run.header.run_id, sha256=s.run.sha256) for s in result.sessions
+        ],
+        heading_error=heading_error(best),
+        observability=_observability(estimated),
+        points=[point for s in estimated for point in _points(s)],
+        excluded=[span for s in result.sessions for span in _excluded(s)],
+        consistency=_consistency(estimated),
+        table_before=table_before,
+        table_after=after,
+        uncertainty_budget=_budget(best, result) if best else [],
+        table_before_sha256=table_sha256(table_before),
+        table_after_sha256=table_sha256(after),
+        method=MethodDocument(
+            name=parked_document.METHOD if parked else METHOD, program="recal", version=version
+        ),
+        issued_utc=datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        store=kept.store,
+        revision=kept.revision,
+        rollback_command=kept.rollback_command,
+        decision_rule=PARKED_RULE if parked else DECISION_RULE,
+        noise_model={"source": result.twin.source, **twin_to_dict(result.twin)},
+        assumptions=parked_document.assumptions(result) if parked else _assumptions(result),
+        predicted_effect=None if parked else _predicted_effect(result),
+        zero_rate_effect=(parked_document.effect(result) or Null.NULL) if parked else None,
+        changes=_changes(result.before, result.after),
+        hysteresis=[_hysteresis(term) for term in result.terms],
+        disagreement=DisagreementDocument(steps=result.steps, accepted=result.step_accepted),
+        sessions=[session_document(s) for s in result.sessions],
+        thermal_model=thermal_model,
     )
 
 

@@ -1,20 +1,23 @@
-"""What `update.json` (formats.md, section 5) holds, as records; `documents.update` fills them."""
+"""What `update.json` (formats.md, section 5) holds, as records; `documents.update` fills them.
+
+What formats.md does not promise of a file may be missing from an older one: it has a default here.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import Enum
 from typing import Any
 
-from infield.reports.documents.session_records import HeadingError, SessionDocument
+from infield.reports.documents.session_records import (
+    EstimatedDocument,
+    HeadingError,
+    SessionDocument,
+)
 from infield.reports.documents.spans import SpanDocument
+from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.session.disagreement import Step
-from ins.verdicts import OMIT_NONE
-
-
-class Null(Enum):
-    """A value that stands in the file as null, where None means that its key is left out."""
-
-    NULL = None
+from infield.session.reasons import ThermalAction, ThermalKind
+from ins.records import InputError
+from ins.verdicts import OMIT_NONE, Null, Observability, Outcome, record_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,8 +34,8 @@ class ObservedDocument:
 
     sigma_before_deg_h: float
     sigma_after_deg_h: float
-    verdict: str
-    advice: str
+    verdict: Observability | str
+    advice: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,16 +47,16 @@ class PointDocument:
     temperature_degC: float
     bias_deg_h: float
     sigma_deg_h: float
-    temperature_rate_degC_min: float
-    start_s: float
-    duration_s: float
-    gradient_degC: float | None
-    sigma_temperature_degC: float | None
-    sigma_temperature_rate_degC_min: float | None
-    run_id: str
-    run_sha256: str
-    applied_table_sha256: str | None
-    observability: str
+    temperature_rate_degC_min: float = 0.0
+    start_s: float | None = None
+    duration_s: float | None = None
+    gradient_degC: float | None = None
+    sigma_temperature_degC: float | None = None
+    sigma_temperature_rate_degC_min: float | None = None
+    run_id: str | None = None
+    run_sha256: str | None = None
+    applied_table_sha256: str | None = None
+    observability: Observability | str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,8 +78,8 @@ class ConsistencyDocument:
     nis_mean: float | None
     dof: int
     band_95: Sequence[float] | None
-    band_999: Sequence[float] | None
-    merge: Sequence[MergeDocument]
+    band_999: Sequence[float] | None = None
+    merge: Sequence[MergeDocument] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,11 +145,11 @@ class HysteresisDocument:
     """Heating against cooling on one axis."""
 
     axis: str
-    kind: str
+    kind: ThermalKind | str
     value: float
     sigma: float
     z: float
-    action: str
+    action: ThermalAction | str
     unit: str
     text: str
 
@@ -161,14 +164,18 @@ class DisagreementDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class UpdateDocument:
-    """The whole file. Tables and noise model stand as formats.md writes them."""
+    """The whole file. Tables and noise model stand as formats.md writes them.
+
+    conflicts: with other writers, before the table was estimated against the active one;
+    remembered: what became of contradicting sessions; proposal: under which number it is kept.
+    """
 
     schema: str
-    verdict: str
+    verdict: Outcome | str
     reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
+    reason_codes: Sequence[str | None] = ()
     imu_serial: str
-    gyro_technology: str
+    gyro_technology: str | None = None
     runs: Sequence[RunDocument]
     heading_error: HeadingError
     observability: Mapping[str, ObservedDocument]
@@ -178,20 +185,52 @@ class UpdateDocument:
     table_before: Mapping[str, Any]
     table_after: Mapping[str, Any]
     uncertainty_budget: Sequence[BudgetDocument]
-    table_before_sha256: str
-    table_after_sha256: str
-    method: MethodDocument
-    issued_utc: str
-    store: str | None
-    revision: int | None
-    rollback_command: str | None
-    decision_rule: str
-    noise_model: Mapping[str, Any]
-    assumptions: Sequence[str]
-    predicted_effect: PredictedEffect | None
+    table_before_sha256: str | None = None
+    table_after_sha256: str | None = None
+    method: MethodDocument | None = None
+    issued_utc: str | None = None
+    store: str | None = None
+    revision: int | None = None
+    rollback_command: str | None = None
+    decision_rule: str | None = None
+    noise_model: Mapping[str, Any] | None = None
+    assumptions: Sequence[str] = ()
+    predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
-    changes: Sequence[ChangeDocument]
-    hysteresis: Sequence[HysteresisDocument]
-    disagreement: DisagreementDocument
-    sessions: Sequence[SessionDocument]
-    thermal_model: Mapping[str, Any] | None = field(default=None, metadata=OMIT_NONE)
+    changes: Sequence[ChangeDocument] = ()
+    hysteresis: Sequence[HysteresisDocument] = ()
+    disagreement: DisagreementDocument | None = None
+    sessions: Sequence[EstimatedDocument | SessionDocument] = ()
+    thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
+    conflicts: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
+    remembered: str | None = field(default=None, metadata=OMIT_NONE)
+    proposal: int | None = field(default=None, metadata=OMIT_NONE)
+
+    @property
+    def run_ids(self) -> list[str]:
+        """Of the sessions, in their order."""
+        return [session.run_id for session in self.sessions]
+
+
+def update_of(data: Mapping[str, Any]) -> UpdateDocument:
+    """The update that an `update.json` holds, of this version or an older one.
+
+    Parameters
+    ----------
+    data : Mapping
+        From JSON.
+
+    Returns
+    -------
+    document : UpdateDocument
+
+    Raises
+    ------
+    InputError
+        Where it is none.
+    """
+    try:
+        document: UpdateDocument = record_of(UpdateDocument, data)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise InputError(f"not an update document of this version or an older one: {error}") from None
+    return document

@@ -185,7 +185,7 @@ def _show(
     full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
 ) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
-    from recal.service.results.update_words import summary
+    from recal.service.results.update_words import stored_summary
     from recal.service.tables import about_proposal, proposed_document, write_proposal
 
     document = proposed_document(full)
@@ -194,7 +194,7 @@ def _show(
     shown = {**about_proposal(full), "report": document}
     if answer(shown, as_json=as_json, verbose=verbose) or quiet:
         return
-    print("\n".join([str(full.unit), *_lines(full), *summary(document)]))
+    print("\n".join([str(full.unit), *_lines(full), *stored_summary(document)]))
 
 
 def _lines(p: Proposal) -> list[str]:

@@ -29,7 +29,7 @@ from recal.fleet.records import (
 )
 from recal.fleet.unit_summary import summarise_unit
 from recal.service.results.files import write_text
-from recal.service.results.text import Document
+from recal.service.results.pages import UpdateDocument
 from recal.service.store import (
     WORTH_ANOTHER_TRY,
     StoreConflict,
@@ -42,7 +42,7 @@ from recal.service.update import UpdateRequest, update_in_store
 
 WORTH_A_TRY = [[str(code)] for code in WORTH_ANOTHER_TRY]  # the only reason of a document
 # what becomes of the runs of an update that are merged, by its verdict
-REST = {
+REST: dict[str, FleetOutcome] = {
     Outcome.COMMITTED: FleetOutcome.COMMITTED,
     Outcome.PROPOSED: FleetOutcome.PROPOSED,
     Outcome.INCONSISTENT: FleetOutcome.AGAIN,
@@ -150,7 +150,7 @@ def _failed(pair: Pair, error: Exception) -> RunOutcome:
     )
 
 
-def _update(task: RunTask, runs: Sequence[Pair]) -> Document:
+def _update(task: RunTask, runs: Sequence[Pair]) -> UpdateDocument:
     """The update document; tried again where another writer was faster on this unit."""
     first = runs[0][0]
     for attempt in range(CONFLICT_TRIES):
@@ -164,38 +164,38 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> Document:
             config=None if task.config is None else Path(task.config),
             output=Path(runs[0][1]),
         )
-        document = update_in_store(request).document
+        document = update_in_store(request).record
         if not _conflicted(document):
             return document
         time.sleep((1.0 + os.getpid() % 8 / 8.0) * 0.1 * 2**attempt)  # not in step with the others
-    raise StoreConflict(document["reasons"][0])
+    raise StoreConflict(document.reasons[0])
 
 
-def _conflicted(document: Document) -> bool:
-    return document["verdict"] == Outcome.REFUSED and document.get("reason_codes") in WORTH_A_TRY
+def _conflicted(document: UpdateDocument) -> bool:
+    return document.verdict == Outcome.REFUSED and list(document.reason_codes) in WORTH_A_TRY
 
 
-def _told(task: RunTask, runs: Sequence[Pair], document: Document) -> Iterator[RunOutcome]:
+def _told(task: RunTask, runs: Sequence[Pair], document: UpdateDocument) -> Iterator[RunOutcome]:
     """The document's sessions as outcomes, one a run; AGAIN for those that only stand beside one
     that contradicts.
     """
-    verdict, merged = document["verdict"], dict(task.merged)
-    rest = REST.get(verdict, FleetOutcome.REFUSED)
-    remembered = document.get("remembered", "")
-    for (run, _), session in zip(runs, document["sessions"], strict=True):
-        outcome = _outcome(session["outcome"], rest)
+    merged = dict(task.merged)
+    rest = REST.get(document.verdict, FleetOutcome.REFUSED)
+    remembered = document.remembered
+    for (run, _), session in zip(runs, document.sessions, strict=True):
+        outcome = _outcome(session.outcome, rest)
         contradicts = outcome is FleetOutcome.INCONSISTENT
         notes = (*run.notes, remembered) if contradicts and remembered else run.notes
         refused = outcome is FleetOutcome.REFUSED
         told = outcome_of(
             run,
             outcome,
-            *(session["reasons"] or (document["reasons"] if refused else ())),
+            *(session.reasons or (document.reasons if refused else ())),
             notes=notes,
-            sha256=session["sha256"],
+            sha256=session.sha256,
             folder=runs[0][1],
-            revision=document["revision"] if outcome is FleetOutcome.COMMITTED else None,
-            proposal=document.get("proposal") if outcome is FleetOutcome.PROPOSED else None,
+            revision=document.revision if outcome is FleetOutcome.COMMITTED else None,
+            proposal=document.proposal if outcome is FleetOutcome.PROPOSED else None,
         )
         told = _if_held(task, told, merged.get(told.sha256)) if refused else told
         if told.outcome in MERGED:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from alignment import coarse, gyrocompass
-from infield.reports.documents.thermal_use import use_document
+from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
@@ -20,7 +20,6 @@ from infield.thermal.stored_model import (
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin
-from ins.verdicts import plain
 from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
 from recal.service.results.text import Document
 
@@ -107,7 +106,7 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
 
 def with_thermal_model(
     unit: UnitInputs, runs: list[Run], path: Path | None
-) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], Document | None]]:
+) -> tuple[UnitInputs, list[Run], Callable[[ThermalTable], ThermalUseDocument | None]]:
     """Unit and runs as a thermal model leaves them (without one: as they are), and what to say of
     it beside a table.
     """
@@ -125,7 +124,7 @@ def with_thermal_model(
     if not unit.known:
         table = seeded_table(unit.table, stored)
         unit = replace(unit, table=table, table_dict=table_to_dict(table))
-    return unit, runs, lambda table: plain(use_document(stored, removed, table))
+    return unit, runs, lambda table: use_document(stored, removed, table)
 
 
 def opened(store: TableStore | str | None) -> TableStore | None:

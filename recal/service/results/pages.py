@@ -1,6 +1,7 @@
 """The drawing tools and the page environment that reports, fleet and web share."""
 
 from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
+from infield.reports.documents.update_records import UpdateDocument, update_of
 from infield.reports.figures import (
     BLUE,
     GREEN,
@@ -20,10 +21,9 @@ from infield.reports.figures import (
 )
 from infield.reports.page import _environment as page_environment
 from infield.reports.page import decimals_for
-from infield.reports.update_page import update_html
+from infield.reports.update_page import estimated_of, update_html
 from infield.reports.words.sentences import sentence
-from infield.session.reasons import SessionReason
-from ins.verdicts import because, record_of
+from ins.verdicts import record_of
 from recal.service.results.text import Document
 from simreal.report.diagnosis_document import summary
 from simreal.report.diagnosis_records import DiagnosisRecord
@@ -39,24 +39,22 @@ __all__ = [
     "PALE",
     "PANEL_WIDTH",
     "VERMILLION",
+    "UpdateDocument",
     "axis_text",
     "decimals_for",
     "diagnosis_lines",
+    "estimated_of",
     "in_style",
     "level_change",
     "new_figure",
     "page_environment",
     "robust_limits",
-    "step_words",
+    "sentence",
     "svg_text",
     "thinned",
     "update_html",
+    "update_of",
 ]
-
-
-def step_words(step: Document) -> str:
-    """The sentence of a step of update.json that the table does not follow."""
-    return sentence(because(SessionReason.TABLE_DISAGREES, **step))
 
 
 def diagnosis_lines(document: Document) -> list[str]:

@@ -5,6 +5,8 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING
 
 from infield.reports.documents.parked import effect_words, stretch_words
+from infield.reports.documents.session_records import EstimatedDocument
+from infield.reports.documents.update_records import UpdateDocument, ZeroRateEffect, update_of
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
 from recal.service.results.text import Document
@@ -69,56 +71,71 @@ class Points:
         return f"{len(self.rows)} bias points; .to_frame() shows them"
 
 
-def axes_of(document: Document) -> dict[str, AxisChange]:
+def axes_of(document: UpdateDocument) -> dict[str, AxisChange]:
     """Per gyro what the document says of it."""
-    names = [f.name for f in fields(AxisChange)]
-    found = document["observability"].items()
-    return {axis: AxisChange(**{name: seen[name] for name in names}) for axis, seen in found}
+    return {
+        axis: AxisChange(
+            sigma_before_deg_h=seen.sigma_before_deg_h,
+            sigma_after_deg_h=seen.sigma_after_deg_h,
+            verdict=seen.verdict,
+            advice=seen.advice,
+        )
+        for axis, seen in document.observability.items()
+    }
 
 
-def points_of(document: Document) -> Points:
+def points_of(document: UpdateDocument) -> Points:
     """The bias points of the document."""
     names = [f.name for f in fields(BiasPoint)]
     return Points(
-        tuple(BiasPoint(**{name: row[name] for name in names}) for row in document["points"])
+        tuple(BiasPoint(**{name: getattr(p, name) for name in names}) for p in document.points)
     )
 
 
-def summary(document: Document, *, verbose: bool = False) -> list[str]:
+def stored_summary(document: Document) -> list[str]:
+    """A stored update.json in a few lines for people."""
+    return summary(update_of(document))
+
+
+def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
-    kept = (
-        f", kept for review as proposal {document['proposal']}" if document.get("proposal") else ""
-    )
-    lines = [f"{document['imu_serial']}: {document['verdict']}{kept}"]
-    lines += [f"  because {reason}" for reason in document["reasons"]]
-    if conflicts := len(document.get("conflicts", ())):
-        lines.append(f"  estimated {conflicts + 1} times, as other writers were faster")
-    lines += [f"  {document['remembered']}"] if document.get("remembered") else []
-    lines += [
-        f"  {term['text']}" for term in document["hysteresis"] if verbose or term["action"] in SHOWN
-    ]
-    lines += [f"  {line}" for line in document.get("thermal_model", {}).get("text", [])]
-    for axis, seen in document["observability"].items():
+    kept = f", kept for review as proposal {document.proposal}" if document.proposal else ""
+    lines = [f"{document.imu_serial}: {document.verdict}{kept}"]
+    lines += [f"  because {reason}" for reason in document.reasons]
+    if document.conflicts:
+        tries = len(document.conflicts) + 1
+        lines.append(f"  estimated {tries} times, as other writers were faster")
+    lines += [f"  {document.remembered}"] if document.remembered else []
+    shown = [term for term in document.hysteresis if verbose or term.action in SHOWN]
+    lines += [f"  {term.text}" for term in shown]
+    lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []
+    for axis, seen in document.observability.items():
         lines.append(
-            f"  gyro {axis}: sigma {seen['sigma_before_deg_h']:.4f} ->"
-            f" {seen['sigma_after_deg_h']:.4f} deg/h, {seen['verdict']}"
-            + (f"; {seen['advice']}" if seen["advice"] and verbose else "")
+            f"  gyro {axis}: sigma {seen.sigma_before_deg_h:.4f} ->"
+            f" {seen.sigma_after_deg_h:.4f} deg/h, {seen.verdict}"
+            + (f"; {seen.advice}" if seen.advice and verbose else "")
         )
-    heading = document["heading_error"]
-    if heading["value_mrad"] is not None:
+    heading = document.heading_error
+    if heading.value_mrad is not None:
         lines.append(
-            f"  heading error of the alignment {heading['value_mrad']:+.2f} +-"
-            f" {heading['sigma_mrad']:.2f} mrad, from {heading['source']}"
+            f"  heading error of the alignment {heading.value_mrad:+.2f} +-"
+            f" {heading.sigma_mrad:.2f} mrad, from {heading.source}"
         )
-    if document.get("zero_rate_effect"):
-        lines.append(f"  {effect_words(document['zero_rate_effect'])}")
-    for session in document["sessions"]:
-        if session.get("zero_rate"):
-            lines += [
-                f"  {session['run_id']} {line}" for line in stretch_words(session["zero_rate"])
-            ]
-    effect = document["predicted_effect"]
+    return [*lines, *_effects(document)]
+
+
+def _effects(document: UpdateDocument) -> list[str]:
+    """What the change of the table means."""
+    lines = []
+    if isinstance(document.zero_rate_effect, ZeroRateEffect):
+        lines.append(f"  {effect_words(document.zero_rate_effect)}")
+    for session in document.sessions:
+        if isinstance(session, EstimatedDocument) and session.zero_rate:
+            lines += [f"  {session.run_id} {line}" for line in stretch_words(session.zero_rate)]
+    effect = document.predicted_effect
     if effect:
-        change, drift = effect["level_change_deg_h"], effect["drift_removed_nm_h"]
-        lines.append(f"  level gyros change by {change:.4f} deg/h, about {drift:.2f} NM/h")
+        lines.append(
+            f"  level gyros change by {effect.level_change_deg_h:.4f} deg/h, about"
+            f" {effect.drift_removed_nm_h:.2f} NM/h"
+        )
     return lines
