@@ -23,6 +23,7 @@ from recal.cli.console import (
 )
 
 if TYPE_CHECKING:
+    from recal.fleet.document_records import FleetDocument
     from recal.fleet.records import RunOutcome
 
 app = typer.Typer(
@@ -104,6 +105,7 @@ def update(
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
         )
+    from ins.verdicts import plain
     from recal.fleet.update import FleetRequest, update_fleet
     from recal.service.inputs.config import read_config
 
@@ -131,10 +133,10 @@ def update(
                 quiet=quiet,
             )
             raise
-    answer(document, as_json=as_json, verbose=verbose)
+    answer(plain(document), as_json=as_json, verbose=verbose)
     for line in summary(document, request.output, verbose=verbose):
         say(line, quiet=quiet)
-    finish(document["verdict"])
+    finish(document.verdict)
 
 
 def cores() -> int:
@@ -142,25 +144,22 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summary(document: dict[str, Any], output: Path, *, verbose: bool = False) -> list[str]:
+def summary(document: "FleetDocument", output: Path, *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
-    units = len(document["units"])
+    units = len(document.units)
     lines = [
-        f"{document['verdict']}: {sum(document['counts'].values())} runs of {units}"
+        f"{document.verdict}: {sum(document.counts.values())} runs of {units}"
         f" unit{'s' * (units != 1)}"
     ]
-    lines += [f"  {reason}" for reason in document["reasons"]]
-    ranked = [u for u in document["units"] if u["drift"]]
-    for u in ranked[: None if verbose else 5]:
-        lines.append(
-            f"  {u['imu_serial']}: drift {u['drift']['nm_h']:.2f} +- {u['drift']['sigma_nm_h']:.2f}"
-            " NM/h removed"
-        )
-    stepped = [u["imu_serial"] for u in document["units"] if u["step_words"]]
+    lines += [f"  {reason}" for reason in document.reasons]
+    ranked = [(u.imu_serial, u.drift) for u in document.units if u.drift]
+    for serial, drift in ranked[: None if verbose else 5]:
+        lines.append(f"  {serial}: drift {drift.nm_h:.2f} +- {drift.sigma_nm_h:.2f} NM/h removed")
+    stepped = [u.imu_serial for u in document.units if u.step_words]
     lines += [f"  disagree with their table: {', '.join(stepped[:10])}"] if stepped else []
-    groups = document["left_out"]
+    groups = document.left_out
     for group in groups[: None if verbose else 8]:
-        lines.append(f"  {group['count']} {group['outcome']}: {group['example']['reason'][:200]}")
+        lines.append(f"  {group.count} {group.outcome}: {group.example.reason[:200]}")
     lines += (
         [f"  and {len(groups) - 8} more reasons in fleet.json"]
         if len(groups) > 8 and not verbose

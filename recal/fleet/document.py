@@ -4,23 +4,52 @@ what was refused and why.
 
 import re
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from recal.fleet.records import MERGED, OUTCOMES, FleetOutcome, RunOutcome
+from recal.fleet.document_records import (
+    Example,
+    FleetBand,
+    FleetDocument,
+    FleetTiming,
+    LeftOutGroup,
+    NoteGroup,
+    RunRow,
+    Spread,
+    StaleRow,
+    StepDrift,
+    TableFacts,
+    TimingDocument,
+    UnitRow,
+    UnitSummary,
+)
+from recal.fleet.records import (
+    MERGED,
+    OUTCOMES,
+    FleetOutcome,
+    FleetRequest,
+    FleetVerdict,
+    RunOutcome,
+)
 from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.results.files import program_version
-from recal.service.results.pages import NM_H_PER_DEG_H
+from recal.service.results.pages import NM_H_PER_DEG_H, MethodDocument, Step
 from recal.service.store import TableStore, UnitKey, store_exists, store_name
 
 MAX_POINTS = 2000
-VERDICTS = ("committed", "proposed", "up_to_date", "inconsistent", "refused", "bad_input", "failed")
+WORST = {  # the verdict where nothing was merged: of the first of these that there is
+    FleetOutcome.INCONSISTENT: FleetVerdict.INCONSISTENT,
+    FleetOutcome.REFUSED: FleetVerdict.REFUSED,
+    FleetOutcome.BAD_INPUT: FleetVerdict.BAD_INPUT,
+    FleetOutcome.CRASHED: FleetVerdict.FAILED,
+}
 LONGEST_REASON = 220
 METHOD = (
     (
@@ -44,7 +73,7 @@ class Timing:
         self._ends_s.append((datetime.now(UTC) - self._began).total_seconds())
         self._spent.append((outcome.seconds, outcome.cpu_s))
 
-    def to_json(self, seconds: float) -> dict[str, Any]:
+    def document(self, seconds: float) -> TimingDocument:
         n = len(self._ends_s)
         rows = (
             np.unique(np.linspace(0, n - 1, min(n, MAX_POINTS)).round().astype(int))
@@ -52,91 +81,84 @@ class Timing:
             else np.arange(0)
         )
         wall, cpu = np.array(self._spent).reshape(-1, 2).T
-        return {
-            "began_utc": self._began.strftime("%Y-%m-%dT%H:%M:%SZ"),
-            "seconds": round(seconds, 2),
-            "runs": n,
-            "workers": self.workers,
-            "where": self.where,
-            "runs_per_hour": 3600.0 * n / seconds if n else None,
-            "run_s": _spread(wall),
-            "run_cpu_s": _spread(cpu),
-            "cpu_s": round(float(cpu.sum()), 1),
-            "curve": [[round(self._ends_s[k], 2), int(k) + 1] for k in rows],
-        }
+        return TimingDocument(
+            began_utc=self._began.strftime("%Y-%m-%dT%H:%M:%SZ"),
+            seconds=round(seconds, 2),
+            runs=n,
+            workers=self.workers,
+            where=self.where,
+            runs_per_hour=3600.0 * n / seconds if n else None,
+            run_s=_spread(wall),
+            run_cpu_s=_spread(cpu),
+            cpu_s=round(float(cpu.sum()), 1),
+            curve=[(round(self._ends_s[k], 2), int(k) + 1) for k in rows],
+        )
 
 
-def _spread(values: Any) -> dict[str, float] | None:
+def _spread(values: NDArray) -> Spread | None:
     if not len(values):
         return None
     median, late, most = np.quantile(values, [0.5, 0.95, 1.0])
-    return {"median": float(median), "p95": float(late), "max": float(most)}
+    return Spread(median=float(median), p95=float(late), max=float(most))
 
 
 def fleet_document(
+    request: FleetRequest,
     outcomes: Sequence[RunOutcome],
-    summaries: dict[UnitKey, dict[str, Any]],
-    *,
-    store_url: str,
-    mode: str,
-    joint: bool,
-    output: Path,
-    timing: dict[str, Any],
-    earlier: Sequence[dict[str, Any]],
-) -> dict[str, Any]:
+    summaries: Mapping[UnitKey, UnitSummary],
+    timing: FleetTiming,
+) -> FleetDocument:
     """outcomes: of all runs; summaries: of the units that have some; both of this call and those
     that it goes on from.
     """
     now = datetime.now(UTC)
     counts = Counter(o.outcome for o in outcomes)
-    tables = _tables(store_url, now)
+    tables = _tables(request.store_url, now)
     units = [
-        _unit(key, summary, outcomes, tables.get(key), output) for key, summary in summaries.items()
+        _unit(key, summary, outcomes, tables.get(key), request.output)
+        for key, summary in summaries.items()
     ]
     ranks = count(1)
-    units.sort(key=lambda u: -u["ranked_nm_h"])
-    return {
-        "schema": "recal.fleet/1",
-        "verdict": fleet_verdict(counts),
-        "reasons": [
+    units.sort(key=lambda u: -u.ranked_nm_h)
+    return FleetDocument(
+        verdict=fleet_verdict(counts),
+        reasons=[
             f"{counts[name]} {name}: {meaning}"
             for name, meaning in OUTCOMES.items()
             if counts[name]
         ],
-        "store": store_name(store_url),
-        "mode": mode,
-        "issued_utc": now.strftime("%Y-%m-%dT%H:%M:%SZ"),
-        "method": {"name": METHOD[joint], "program": "recal", "version": program_version()},
-        "counts": {name: counts[name] for name in OUTCOMES},
-        "units": [{**u, "rank": next(ranks) if u["drift"] else None} for u in units],
-        "stale": _stale(tables, summaries),
-        "left_out": _groups(outcomes),
-        "noted": _notes(outcomes),
-        "coverage": _coverage(summaries),
-        "criteria": CRITERIA,
-        "timing": {**timing, "earlier_calls": list(earlier)},
-        "runs": [_run(o, output) for o in outcomes],
-    }
+        store=store_name(request.store_url),
+        mode=request.mode,
+        issued_utc=now.strftime("%Y-%m-%dT%H:%M:%SZ"),
+        method=MethodDocument(
+            name=METHOD[request.jointly], program="recal", version=program_version()
+        ),
+        counts={name: counts[name] for name in OUTCOMES},
+        units=[replace(u, rank=next(ranks)) if u.drift else u for u in units],
+        stale=_stale(tables, summaries),
+        left_out=_groups(outcomes),
+        noted=_notes(outcomes),
+        coverage=_coverage(summaries),
+        criteria=CRITERIA,
+        timing=timing,
+        runs=[_run(o, request.output) for o in outcomes],
+    )
 
 
-def fleet_verdict(counts: Counter[str]) -> str:
+def fleet_verdict(counts: Counter[FleetOutcome]) -> FleetVerdict:
     """One verdict: what was done if anything was; else nothing new; else the worst reason why
     not.
     """
     if any(counts[name] for name in MERGED):
-        return "committed" if counts["committed"] else "proposed"
-    if counts["already"] and not any(
-        counts[n] for n in ("inconsistent", "refused", "bad_input", "crashed")
-    ):
-        return "up_to_date"
-    found = next(
-        (name for name in ("inconsistent", "refused", "bad_input", "crashed") if counts[name]),
-        "refused",
-    )
-    return {"crashed": "failed"}.get(found, found)
+        committed = counts[FleetOutcome.COMMITTED]
+        return FleetVerdict.COMMITTED if committed else FleetVerdict.PROPOSED
+    found = next((verdict for name, verdict in WORST.items() if counts[name]), None)
+    if found is None and counts[FleetOutcome.ALREADY]:
+        return FleetVerdict.UP_TO_DATE
+    return found or FleetVerdict.REFUSED
 
 
-def _tables(store_url: str, now: datetime) -> dict[UnitKey, dict[str, Any]]:
+def _tables(store_url: str, now: datetime) -> dict[UnitKey, TableFacts]:
     """Facts of every table in the store."""
     if not store_exists(store_url):
         return {}
@@ -146,86 +168,85 @@ def _tables(store_url: str, now: datetime) -> dict[UnitKey, dict[str, Any]]:
 
 def _unit(
     key: UnitKey,
-    summary: dict[str, Any],
+    summary: UnitSummary,
     outcomes: Sequence[RunOutcome],
-    table: dict[str, Any] | None,
+    table: TableFacts | None,
     output: Path,
-) -> dict[str, Any]:
+) -> UnitRow:
     """A row of the fleet."""
     mine = [o for o in outcomes if o.unit == key]
-    pages = [str(Path(page).relative_to(output)) for page in summary.get("pages", [])]
+    pages = [str(Path(page).relative_to(output)) for page in summary.pages]
     best = [o.folder for o in mine if o.outcome in MERGED] + [o.folder for o in mine]
     shown = [page for folder in reversed(best) for page in pages if str(output / page) == folder]
-    drift, step = summary.get("drift"), _step_drift(summary.get("steps", []))
-    return {
+    step = _step_drift(summary.steps)
+    sizes = [found.nm_h for found in (summary.drift, step) if found is not None]
+    return UnitRow(
         **vars(key),
-        "runs": dict(Counter(o.outcome for o in mine)),
-        "drift": drift,
-        "step_drift": step,
-        "ranked_nm_h": max(found["nm_h"] if found else -1.0 for found in (drift, step)),
-        "coverage": summary.get("coverage", []),
-        "steps": summary.get("steps", []),
-        "step_words": summary.get("step_words", []),
-        "table": table,
-        "page": f"{shown[0]}/update.html" if shown else None,
-        "pages": [f"{page}/update.html" for page in pages],
-        "proposal": next((o.proposal for o in mine if o.proposal is not None), None),
-    }
+        runs=dict(Counter(o.outcome for o in mine)),
+        drift=summary.drift,
+        step_drift=step,
+        ranked_nm_h=max(sizes, default=-1.0),
+        coverage=summary.coverage,
+        steps=summary.steps,
+        step_words=summary.step_words,
+        table=table,
+        page=f"{shown[0]}/update.html" if shown else None,
+        pages=[f"{page}/update.html" for page in pages],
+        proposal=next((o.proposal for o in mine if o.proposal is not None), None),
+    )
 
 
-def _step_drift(steps: Sequence[dict[str, Any]]) -> dict[str, float] | None:
+def _step_drift(steps: Sequence[Step]) -> StepDrift | None:
     """What a step of the level gyros that the table does not follow makes of a solution; None
     without one.
     """
-    level = [(s["shift_deg_h"], s["sigma_deg_h"]) for s in steps if s["axis"] in LEVEL]
+    level = [(s.shift_deg_h, s.sigma_deg_h) for s in steps if s.axis in LEVEL]
     if not level:
         return None
     shift, sigma = np.array(level).T
     size = float(np.linalg.norm(shift))
-    return {
-        "nm_h": NM_H_PER_DEG_H * size,
-        "sigma_nm_h": NM_H_PER_DEG_H * float(np.linalg.norm(shift / size * sigma)),
-    }
+    return StepDrift(
+        nm_h=NM_H_PER_DEG_H * size,
+        sigma_nm_h=NM_H_PER_DEG_H * float(np.linalg.norm(shift / size * sigma)),
+    )
 
 
-def _stale(
-    tables: dict[UnitKey, dict[str, Any]], visited: dict[UnitKey, Any]
-) -> list[dict[str, Any]]:
+def _stale(tables: Mapping[UnitKey, TableFacts], visited: Collection[UnitKey]) -> list[StaleRow]:
     """Tables that need somebody's attention, the contradicted first, then the oldest; those without
     a run among them.
     """
     rows = [
-        {
+        StaleRow(
             **vars(key),
-            "reasons": table["stale"],
-            "contradictions": table["contradictions"],
-            "age_days": table["age_days"],
-            "in_this_update": key in visited,
-        }
+            reasons=table.stale,
+            contradictions=table.contradictions,
+            age_days=table.age_days,
+            in_this_update=key in visited,
+        )
         for key, table in tables.items()
-        if table["stale"]
+        if table.stale
     ]
-    return sorted(rows, key=lambda row: (-row["contradictions"], -row["age_days"]))
+    return sorted(rows, key=lambda row: (-row.contradictions, -row.age_days))
 
 
-def _groups(outcomes: Sequence[RunOutcome]) -> list[dict[str, Any]]:
+def _groups(outcomes: Sequence[RunOutcome]) -> list[LeftOutGroup]:
     """Runs left out, by outcome and reason; a reason with its numbers and names taken out."""
-    groups: dict[tuple[str, str], list[RunOutcome]] = defaultdict(list)
+    groups: dict[tuple[FleetOutcome, str], list[RunOutcome]] = defaultdict(list)
     for o in outcomes:
         if o.outcome not in MERGED and o.outcome != FleetOutcome.ALREADY:
             groups[o.outcome, plain_reason(o)].append(o)
     rows = [
-        {
-            "outcome": outcome,
-            "reason": reason,
-            "count": len(runs),
-            "units": len({o.unit for o in runs if o.unit}),
-            "example": {"path": runs[0].path, "reason": (runs[0].reasons or ("",))[0]},
-        }
+        LeftOutGroup(
+            outcome=outcome,
+            reason=reason,
+            count=len(runs),
+            units=len({o.unit for o in runs if o.unit}),
+            example=Example(runs[0].path, (runs[0].reasons or ("",))[0]),
+        )
         for (outcome, reason), runs in groups.items()
     ]
     order = list(OUTCOMES)
-    return sorted(rows, key=lambda row: (order.index(row["outcome"]), -row["count"]))
+    return sorted(rows, key=lambda row: (order.index(row.outcome), -row.count))
 
 
 def plain_reason(outcome: RunOutcome) -> str:
@@ -236,42 +257,35 @@ def plain_reason(outcome: RunOutcome) -> str:
     return re.sub(r"(?<![\w#])[-+]?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?", "#", text)[:LONGEST_REASON]
 
 
-def _notes(outcomes: Sequence[RunOutcome]) -> list[dict[str, Any]]:
+def _notes(outcomes: Sequence[RunOutcome]) -> list[NoteGroup]:
     """What was noted of runs, whatever became of them."""
     found: dict[str, list[str]] = defaultdict(list)
     for o in outcomes:
         for note in o.notes:
             found[note].append(o.path)
-    return [
-        {"note": note, "count": len(paths), "example": paths[0]}
-        for note, paths in sorted(found.items())
-    ]
+    return [NoteGroup(note, len(paths), paths[0]) for note, paths in sorted(found.items())]
 
 
-def _coverage(summaries: dict[UnitKey, dict[str, Any]]) -> list[dict[str, Any]]:
+def _coverage(summaries: Mapping[UnitKey, UnitSummary]) -> list[FleetBand]:
     """In each 5 degC band: how many units were seen there, and for how long."""
     bands: dict[float, list[float]] = defaultdict(list)
     for summary in summaries.values():
-        for band in summary.get("coverage", []):
-            bands[band["low_degC"]].append(band["seconds"])
+        for band in summary.coverage:
+            bands[band.low_degC].append(band.seconds)
     return [
-        {
-            "low_degC": low,
-            "high_degC": low + 5.0,
-            "units": len(bands[low]),
-            "seconds": round(sum(bands[low]), 1),
-        }
+        FleetBand(
+            low_degC=low,
+            high_degC=low + 5.0,
+            units=len(bands[low]),
+            seconds=round(sum(bands[low]), 1),
+        )
         for low in sorted(bands)
     ]
 
 
-def _run(o: RunOutcome, output: Path) -> dict[str, Any]:
+def _run(o: RunOutcome, output: Path) -> RunRow:
     """A run's line; `report` is relative to the output folder."""
-    known = o.to_json()
-    folder = known.pop("folder")
-    known.pop("signature")
-    inside = bool(folder) and Path(folder).is_relative_to(output)
-    return {
-        **known,
-        "report": f"{Path(folder).relative_to(output)}/update.json" if inside else None,
-    }
+    shared = {f.name: getattr(o, f.name) for f in fields(RunRow) if f.name != "report"}
+    inside = bool(o.folder) and Path(o.folder).is_relative_to(output)
+    report = f"{Path(o.folder).relative_to(output)}/update.json" if inside else None
+    return RunRow(**shared, report=report)

@@ -2,12 +2,13 @@
 MAX_POINTS points.
 """
 
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
 
-from recal.fleet.records import OUTCOMES
+from recal.fleet.document_records import Band, FleetDocument, TimingDocument
+from recal.fleet.records import OUTCOMES, FleetOutcome
 from recal.service.results.pages import (
     BLUE,
     GREEN,
@@ -24,30 +25,30 @@ from recal.service.results.pages import (
 )
 
 OUTCOME_COLOURS = {
-    "committed": BLUE,
-    "proposed": BLUE,
-    "already": PALE,
-    "inconsistent": VERMILLION,
-    "refused": ORANGE,
-    "bad_input": GREY,
-    "taken_out": PALE,
-    "crashed": "#000000",
+    FleetOutcome.COMMITTED: BLUE,
+    FleetOutcome.PROPOSED: BLUE,
+    FleetOutcome.ALREADY: PALE,
+    FleetOutcome.INCONSISTENT: VERMILLION,
+    FleetOutcome.REFUSED: ORANGE,
+    FleetOutcome.BAD_INPUT: GREY,
+    FleetOutcome.TAKEN_OUT: PALE,
+    FleetOutcome.CRASHED: "#000000",
 }
 HIGHEST = 2.2  # times the 90th percentile: above it the ranking's axis is cut
 STRIP_DEGC = (-40.0, 80.0)  # of a unit's coverage strip
 
 
 @in_style
-def ranking_drawing(document: dict[str, Any]) -> Markup | None:
+def ranking_drawing(document: FleetDocument) -> Markup | None:
     """Predicted drift of every unit, the largest first, with what the new table leaves (1
     sigma).
     """
     from matplotlib.ticker import MaxNLocator
 
     drifts = [
-        (u["rank"], u["drift"]["nm_h"], u["drift"]["sigma_nm_h"], u["drift"]["surprise_sigmas"])
-        for u in document["units"]
-        if u["drift"]
+        (u.rank, u.drift.nm_h, u.drift.sigma_nm_h, u.drift.surprise_sigmas)
+        for u in document.units
+        if u.drift
     ]
     if not drifts:
         return None
@@ -55,7 +56,7 @@ def ranking_drawing(document: dict[str, Any]) -> Markup | None:
     figure, axes = new_figure(height=3.0)
     ax = axes[0, 0]
     top = max(HIGHEST * float(np.quantile(nm_h, 0.9)), 1.05 * float(np.median(nm_h + sigma)), 1e-6)
-    far = surprise > document["criteria"]["surprise_sigmas"]
+    far = surprise > document.criteria.surprise_sigmas
     for mask, colour, mark, name in (
         (~far, BLUE, "o", "within what its table said"),
         (far, VERMILLION, "D", "beyond it"),
@@ -72,11 +73,7 @@ def ranking_drawing(document: dict[str, Any]) -> Markup | None:
                 elinewidth=1.0,
                 label=name,
             )
-    steps = [
-        (u["rank"], u["step_drift"]["nm_h"])
-        for u in document["units"]
-        if u["drift"] and u["step_drift"]
-    ]
+    steps = [(u.rank, u.step_drift.nm_h) for u in document.units if u.drift and u.step_drift]
     if steps:
         rank_of_step, size = thinned(*zip(*steps))
         ax.plot(
@@ -99,16 +96,14 @@ def ranking_drawing(document: dict[str, Any]) -> Markup | None:
 
 
 @in_style
-def coverage_drawing(document: dict[str, Any]) -> Markup | None:
+def coverage_drawing(document: FleetDocument) -> Markup | None:
     """How many units were seen in each band of temperature."""
-    bands = document["coverage"]
+    bands = document.coverage
     if not bands:
         return None
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
     ax = axes[0, 0]
-    ax.bar(
-        [b["low_degC"] + 2.5 for b in bands], [b["units"] for b in bands], width=4.6, color=GREEN
-    )
+    ax.bar([b.low_degC + 2.5 for b in bands], [b.units for b in bands], width=4.6, color=GREEN)
     axis_text(ax, title="Units seen at a temperature", x="gyro temperature [°C]", y="units")
     return svg_text(
         figure, "Number of units with merged data in each 5 degC band of gyro temperature"
@@ -116,13 +111,14 @@ def coverage_drawing(document: dict[str, Any]) -> Markup | None:
 
 
 @in_style
-def tables_drawing(document: dict[str, Any]) -> Markup | None:
+def tables_drawing(document: FleetDocument) -> Markup | None:
     """Age and sigma of the tables in the store."""
-    tables = [u["table"] for u in document["units"] if u["table"]]
+    tables = [u.table for u in document.units if u.table]
     if not tables:
         return None
-    against = np.array([t["contradictions"] > 0 for t in tables])
-    age, sigma = (np.array([t[key] for t in tables]) for key in ("age_days", "sigma_deg_h"))
+    against = np.array([t.contradictions > 0 for t in tables])
+    age = np.array([t.age_days for t in tables])
+    sigma = np.array([t.sigma_deg_h for t in tables])
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
     ax = axes[0, 0]
     for mask, colour, mark, name in (
@@ -142,9 +138,9 @@ def tables_drawing(document: dict[str, Any]) -> Markup | None:
 
 
 @in_style
-def progress_drawing(document: dict[str, Any]) -> Markup | None:
+def progress_drawing(timing: TimingDocument) -> Markup | None:
     """Runs through against time, of this call."""
-    curve = document["timing"]["curve"]
+    curve = timing.curve
     if len(curve) < 2:
         return None
     figure, axes = new_figure(width=PANEL_WIDTH, height=2.7)
@@ -156,7 +152,7 @@ def progress_drawing(document: dict[str, Any]) -> Markup | None:
     return svg_text(figure, "Number of runs that are through against time")
 
 
-def outcome_bar(counts: dict[str, int]) -> list[tuple[str, int, float, str]]:
+def outcome_bar(counts: Mapping[str, int]) -> list[tuple[str, int, float, str]]:
     """Name, number, share [%] and colour of each outcome that there is."""
     total = sum(counts.values()) or 1
     return [
@@ -166,19 +162,19 @@ def outcome_bar(counts: dict[str, int]) -> list[tuple[str, int, float, str]]:
     ]
 
 
-def coverage_strip(bands: list[dict[str, float]]) -> Markup | None:
+def coverage_strip(bands: Sequence[Band]) -> Markup | None:
     """A unit's temperatures as a small strip: the darker, the longer it was there."""
     if not bands:
         return None
     low, high = STRIP_DEGC
-    most = max(b["seconds"] for b in bands) or 1.0
+    most = max(b.seconds for b in bands) or 1.0
     cells = [
-        f'<rect x="{b["low_degC"] - low:g}" width="5" height="10" fill="{GREEN}" '
-        f'fill-opacity="{0.25 + 0.75 * b["seconds"] / most:.2f}"/>'
+        f'<rect x="{b.low_degC - low:g}" width="5" height="10" fill="{GREEN}" '
+        f'fill-opacity="{0.25 + 0.75 * b.seconds / most:.2f}"/>'
         for b in bands
-        if low <= b["low_degC"] < high
+        if low <= b.low_degC < high
     ]
-    words = f"{bands[0]['low_degC']:.0f} to {bands[-1]['high_degC']:.0f} degC"
+    words = f"{bands[0].low_degC:.0f} to {bands[-1].high_degC:.0f} degC"
     return Markup(
         f'<svg class="strip" viewBox="0 0 {high - low:g} 10" preserveAspectRatio="none" role="img"'
         f' aria-label="{words}"><rect width="{high - low:g}" height="10"'

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ins.records import InputError, RunHeader
 from recal.fleet.manifest import Listed
-from recal.fleet.records import PlannedRun, RunOutcome, outcome_of
+from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome, outcome_of
 from recal.service.inputs.listings import read_header
 from recal.service.store import UnitKey, moment
 
@@ -39,7 +39,9 @@ def plan_fleet(listed: Sequence[Listed], now: datetime) -> FleetPlan:
             header = _header(run)
         except InputError as error:
             set_aside.append(
-                RunOutcome(path=str(run.path), outcome="bad_input", reasons=(str(error),))
+                RunOutcome(
+                    path=str(run.path), outcome=FleetOutcome.BAD_INPUT, reasons=(str(error),)
+                )
             )
             continue
         key = UnitKey(
@@ -57,7 +59,9 @@ def plan_fleet(listed: Sequence[Listed], now: datetime) -> FleetPlan:
         )
         wrong = wrong_clock(header.start_utc, now)
         if wrong:
-            set_aside.append(outcome_of(planned, "bad_input", f"{run.path}/run.json: {wrong}"))
+            set_aside.append(
+                outcome_of(planned, FleetOutcome.BAD_INPUT, f"{run.path}/run.json: {wrong}")
+            )
         else:
             units[key].append(planned)
     return FleetPlan(

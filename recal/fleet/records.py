@@ -4,6 +4,7 @@ import hashlib
 import json
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any
 
 from recal.service.store import UnitKey
@@ -23,8 +24,20 @@ class FleetOutcome(StrEnum):
     AGAIN = "again"  # not told yet: to be taken again without the runs that are
 
 
+class FleetVerdict(StrEnum):
+    """What became of a fleet (docs, results)."""
+
+    COMMITTED = "committed"
+    PROPOSED = "proposed"
+    UP_TO_DATE = "up_to_date"
+    INCONSISTENT = "inconsistent"
+    REFUSED = "refused"
+    BAD_INPUT = "bad_input"
+    FAILED = "failed"
+
+
 MERGED = (FleetOutcome.COMMITTED, FleetOutcome.PROPOSED)
-OUTCOMES: dict[str, str] = {  # outcome of a run: what it means, in the order of the report
+OUTCOMES = {  # outcome of a run: what it means, in the order of the report
     FleetOutcome.COMMITTED: "merged into the stored table",
     FleetOutcome.PROPOSED: "would be merged; nothing was stored in the table",
     FleetOutcome.ALREADY: "the table held this run before",
@@ -36,6 +49,44 @@ OUTCOMES: dict[str, str] = {  # outcome of a run: what it means, in the order of
         "the program, its worker or the store broke down on it; the same command tries again"
     ),
 }
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleetRequest:
+    """What was asked for. mode: one of MODES; by, note: kept with proposals.
+
+    cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or
+    none.
+    """
+
+    source: Path
+    store_url: str
+    output: Path
+    mode: str = "propose"
+    by: str = ""
+    note: str = ""
+    joint: bool = False
+    known_only: bool = False
+    workers: int = 1
+    cluster: str = ""
+    config: Path | None = None
+    pages: str = "last"
+
+    @property
+    def jointly(self) -> bool:
+        """All runs of a unit as one update; a proposal must stand on the active table."""
+        return self.joint or self.mode != "commit"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CallSettings:
+    """What makes two calls the same piece of work; config: its hash."""
+
+    store: str
+    mode: str
+    joint: bool
+    config: str | None
+    version: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +111,7 @@ class RunOutcome:
     """
 
     path: str
-    outcome: str
+    outcome: FleetOutcome
     reasons: tuple[str, ...] = ()
     signature: str = ""
     imu_serial: str = ""
@@ -88,18 +139,8 @@ class RunOutcome:
             gyro_mode=self.gyro_mode,
         )
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            key: list(value) if isinstance(value, tuple) else value
-            for key, value in vars(self).items()
-        }
 
-
-def outcome_from_json(data: dict[str, Any]) -> RunOutcome:
-    return RunOutcome(**{**data, "reasons": tuple(data["reasons"]), "notes": tuple(data["notes"])})
-
-
-def outcome_of(run: PlannedRun, outcome: str, *reasons: str, **more: Any) -> RunOutcome:
+def outcome_of(run: PlannedRun, outcome: FleetOutcome, *reasons: str, **more: Any) -> RunOutcome:
     """An outcome with what is known of the run."""
     return RunOutcome(
         path=run.path,

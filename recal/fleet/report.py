@@ -1,33 +1,45 @@
 """fleet.html: the fleet document as one page that fetches nothing. Computes nothing."""
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader
+from markupsafe import Markup
 
 from recal.fleet import figures
-from recal.fleet.records import OUTCOMES
+from recal.fleet.document_records import FleetDocument, StaleRow, UnitRow
+from recal.fleet.records import OUTCOMES, FleetOutcome, FleetVerdict
 from recal.service.results.pages import decimals_for, page_environment
 
 SHOWN_UNITS = 25  # rows of the ranking before the rest is folded
 VERDICTS = {  # verdict: word, look, symbol, what it means
-    "committed": ("Committed", "good", "✔", "Tables in the store were updated."),
-    "proposed": (
+    FleetVerdict.COMMITTED: ("Committed", "good", "✔", "Tables in the store were updated."),
+    FleetVerdict.PROPOSED: (
         "Proposed",
         "fair",
         "◆",
         "The tables in the store are as they were; proposals wait for a decision.",
     ),
-    "up_to_date": ("Up to date", "good", "✔", "Every run was in its unit's table before."),
-    "inconsistent": (
+    FleetVerdict.UP_TO_DATE: (
+        "Up to date",
+        "good",
+        "✔",
+        "Every run was in its unit's table before.",
+    ),
+    FleetVerdict.INCONSISTENT: (
         "Inconsistent",
         "bad",
         "✖",
         "Nothing was merged: data contradict the model or the stored tables.",
     ),
-    "refused": ("Refused", "none", "■", "Nothing was merged: no run had anything to gain from."),
-    "bad_input": ("Bad input", "none", "■", "Nothing was merged: no run could be read."),
-    "failed": (
+    FleetVerdict.REFUSED: (
+        "Refused",
+        "none",
+        "■",
+        "Nothing was merged: no run had anything to gain from.",
+    ),
+    FleetVerdict.BAD_INPUT: ("Bad input", "none", "■", "Nothing was merged: no run could be read."),
+    FleetVerdict.FAILED: (
         "Failed",
         "bad",
         "✖",
@@ -35,58 +47,62 @@ VERDICTS = {  # verdict: word, look, symbol, what it means
     ),
 }
 LOOKS = {
-    "committed": "good",
-    "proposed": "fair",
-    "already": "good",
-    "inconsistent": "bad",
-    "refused": "none",
-    "bad_input": "none",
-    "taken_out": "none",
-    "crashed": "bad",
+    FleetOutcome.COMMITTED: "good",
+    FleetOutcome.PROPOSED: "fair",
+    FleetOutcome.ALREADY: "good",
+    FleetOutcome.INCONSISTENT: "bad",
+    FleetOutcome.REFUSED: "none",
+    FleetOutcome.BAD_INPUT: "none",
+    FleetOutcome.TAKEN_OUT: "none",
+    FleetOutcome.CRASHED: "bad",
 }
 
 
-def fleet_html(document: dict[str, Any]) -> str:
+@dataclass(frozen=True)
+class UnitView:
+    """A unit's row with its name for people and the strip of its temperatures."""
+
+    row: UnitRow
+    name: str
+    strip: Markup | None
+
+
+def fleet_html(document: FleetDocument) -> str:
     """The page of a document made by `fleet_document`."""
-    units = [
-        {**u, "name": _name(u), "strip": figures.coverage_strip(u["coverage"])}
-        for u in document["units"]
-    ]
-    ranked = [u for u in units if u["drift"]]
+    units = [UnitView(u, _name(u), figures.coverage_strip(u.coverage)) for u in document.units]
+    ranked = [view for view in units if view.row.drift]
+    drifts = [u.drift for u in document.units if u.drift]
+    most = document.criteria.surprise_sigmas
     return (
         _environment()
         .get_template("fleet.html.j2")
         .render(
             d=document,
-            verdict=VERDICTS[document["verdict"]],
+            verdict=VERDICTS[document.verdict],
             looks=LOOKS,
             meanings=OUTCOMES,
-            bar=figures.outcome_bar(document["counts"]),
-            total=sum(document["counts"].values()),
+            bar=figures.outcome_bar(document.counts),
+            total=sum(document.counts.values()),
             first=ranked[:SHOWN_UNITS],
             rest=ranked[SHOWN_UNITS:],
-            unranked=[u for u in units if not u["drift"]],
-            surprising=[
-                u
-                for u in ranked
-                if u["drift"]["surprise_sigmas"] > document["criteria"]["surprise_sigmas"]
-            ],
-            stepped=[u for u in units if u["step_words"]],
-            decimals=decimals_for([u["drift"]["sigma_after_deg_h"] for u in ranked]),
+            unranked=[view for view in units if not view.row.drift],
+            surprising=[drift for drift in drifts if drift.surprise_sigmas > most],
+            stepped=[view for view in units if view.row.step_words],
+            decimals=decimals_for([drift.sigma_after_deg_h for drift in drifts]),
             ranking=figures.ranking_drawing(document),
             coverage=figures.coverage_drawing(document),
             tables=figures.tables_drawing(document),
-            progress=figures.progress_drawing(document),
+            progress=figures.progress_drawing(document.timing),
             name=_name,
         )
     )
 
 
-def _name(unit: dict[str, Any]) -> str:
+def _name(unit: UnitRow | StaleRow) -> str:
     """A unit for people: the technology and the mode only where there is more to say than the
     serial.
     """
-    return " ".join(filter(None, (unit["imu_serial"], unit["gyro_mode"])))
+    return " ".join(filter(None, (unit.imu_serial, unit.gyro_mode)))
 
 
 @lru_cache(maxsize=1)

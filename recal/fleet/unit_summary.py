@@ -8,13 +8,13 @@ Everything comes from the update documents that the runs left in their folders (
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
-from ins.verdicts import Outcome, plain
+from ins.verdicts import Outcome
+from recal.fleet.document_records import Band, Drift, UnitSummary
 from recal.fleet.records import MERGED, RunOutcome, UnitTask
 from recal.service.inputs.listings import read_json_object
 from recal.service.inputs.records import ThermalTable, table_of
@@ -33,7 +33,7 @@ LEVEL = ("x", "y")
 DRAWN = {"last": 1, "all": None, "none": 0}
 
 
-def summarise_unit(task: UnitTask) -> dict[str, Any]:
+def summarise_unit(task: UnitTask) -> UnitSummary:
     """What the fleet report says of a unit (keys of `units` in fleet.json that come from its
     runs).
     """
@@ -42,16 +42,16 @@ def summarise_unit(task: UnitTask) -> dict[str, Any]:
     contrary = [document for o, document in seen if o.outcome == Outcome.INCONSISTENT]
     disagreement = contrary[-1].disagreement if contrary else None
     steps = disagreement.steps if disagreement else ()
-    return {
-        "of": task.identity,
-        "drift": _drift(merged),
-        "coverage": _coverage(
+    return UnitSummary(
+        of=task.identity,
+        drift=_drift(merged),
+        coverage=_coverage(
             [document for o, document in _one_a_folder(seen)], _merged_hashes(task.outcomes)
         ),
-        "steps": [plain(step) for step in steps],
-        "step_words": [sentence(step.reason) for step in steps],
-        "pages": _draw(task, seen),
-    }
+        steps=steps,
+        step_words=[sentence(step.reason) for step in steps],
+        pages=_draw(task, seen),
+    )
 
 
 def _document(outcome: RunOutcome) -> UpdateDocument | None:
@@ -76,7 +76,7 @@ def _merged_hashes(outcomes: Sequence[RunOutcome]) -> set[str]:
     return {o.sha256 for o in outcomes if o.outcome in MERGED}
 
 
-def _drift(merged: Sequence[UpdateDocument]) -> dict[str, Any] | None:
+def _drift(merged: Sequence[UpdateDocument]) -> Drift | None:
     """The level gyros' change from the first merge's old table to the last one's new, at the
     temperatures of the points.
 
@@ -91,20 +91,20 @@ def _drift(merged: Sequence[UpdateDocument]) -> dict[str, Any] | None:
     expected = [_gained(before, after, k, t) for k, t in enumerate(T)]
     moved = [after.bias_deg_h(k, t) - before.bias_deg_h(k, t) for k, t in enumerate(T)]
     z = np.sqrt(np.mean(np.concatenate([m**2 / e for m, e in zip(moved, expected)])))
-    return {
-        "level_change_deg_h": change.level_deg_h,
-        "nm_h": change.drift_removed_nm_h,
-        "sigma_nm_h": change.drift_left_nm_h,
-        "surprise_sigmas": float(z),
-        "sigma_before_deg_h": _rms([before.sigma_deg_h(k, t) for k, t in enumerate(T)]),
-        "sigma_after_deg_h": _rms([after.sigma_deg_h(k, t) for k, t in enumerate(T)]),
-        "largest_deg_h": float(max((abs(m).max() for m in moved), default=0.0)),
-        "temperature_degC": [float(min(t.min() for t in T)), float(max(t.max() for t in T))],
-        "table_before_sha256": merged[0].table_before_sha256,
-        "table_after_sha256": merged[-1].table_after_sha256,
-        "since_utc": before.created_utc,
-        "until_utc": after.created_utc,
-    }
+    return Drift(
+        level_change_deg_h=change.level_deg_h,
+        nm_h=change.drift_removed_nm_h,
+        sigma_nm_h=change.drift_left_nm_h,
+        surprise_sigmas=float(z),
+        sigma_before_deg_h=_rms([before.sigma_deg_h(k, t) for k, t in enumerate(T)]),
+        sigma_after_deg_h=_rms([after.sigma_deg_h(k, t) for k, t in enumerate(T)]),
+        largest_deg_h=float(max((abs(m).max() for m in moved), default=0.0)),
+        temperature_degC=(float(min(t.min() for t in T)), float(max(t.max() for t in T))),
+        table_before_sha256=merged[0].table_before_sha256,
+        table_after_sha256=merged[-1].table_after_sha256,
+        since_utc=before.created_utc,
+        until_utc=after.created_utc,
+    )
 
 
 def _visited(documents: Sequence[UpdateDocument]) -> tuple[NDArray, NDArray]:
@@ -130,7 +130,7 @@ def _rms(sigmas: Sequence[NDArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(sigmas) ** 2)))
 
 
-def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[dict[str, float]]:
+def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[Band]:
     """Seconds of the merged runs in each 5 degC band, the mean over the gyros."""
     seconds: dict[float, float] = defaultdict(float)
     for document in documents:
@@ -138,7 +138,7 @@ def _coverage(documents: Sequence[UpdateDocument], merged: set[str]) -> list[dic
             for band in session.coverage if session.sha256 in merged else ():
                 seconds[band.low_degC] += band.seconds / 3.0
     return [
-        {"low_degC": low, "high_degC": low + 5.0, "seconds": round(seconds[low], 1)}
+        Band(low_degC=low, high_degC=low + 5.0, seconds=round(seconds[low], 1))
         for low in sorted(seconds)
     ]
 

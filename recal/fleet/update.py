@@ -12,46 +12,31 @@ import time
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from pathlib import Path
-from typing import Any
 
+from ins.verdicts import plain
 from recal.fleet.document import Timing, fleet_document
+from recal.fleet.document_records import FleetDocument, FleetTiming, TimingDocument, UnitSummary
 from recal.fleet.folders import run_folder, unit_folder
 from recal.fleet.manifest import listed_runs
 from recal.fleet.plan import plan_fleet
 from recal.fleet.pools.dispatch import UnitQueue, run_all
 from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import LocalPool, Pool
-from recal.fleet.records import FleetOutcome, PlannedRun, RunOutcome, RunTask, outcome_of
+from recal.fleet.records import (
+    CallSettings,
+    FleetOutcome,
+    FleetRequest,
+    PlannedRun,
+    RunOutcome,
+    RunTask,
+    outcome_of,
+)
 from recal.fleet.report import fleet_html
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.text import result_text
 from recal.service.store import TableStore, UnitKey, absolute_store, store_exists, store_name
 
 HELD = (FleetOutcome.COMMITTED, FleetOutcome.TAKEN_OUT)  # that the store held once
-MODES = ("commit", "propose", "dry")  # into the table; kept in the store for review; nothing stored
-
-
-@dataclass(frozen=True, kw_only=True)
-class FleetRequest:
-    """What was asked for. mode: one of MODES; by, note: kept with proposals.
-
-    cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or
-    none.
-    """
-
-    source: Path
-    store_url: str
-    output: Path
-    mode: str = "propose"
-    by: str = ""
-    note: str = ""
-    joint: bool = False
-    known_only: bool = False
-    workers: int = 1
-    cluster: str = ""
-    config: Path | None = None
-    pages: str = "last"
 
 
 @dataclass(frozen=True)
@@ -64,7 +49,7 @@ class Watcher:
     told: Callable[[RunOutcome], None] = lambda outcome: None
 
 
-def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> dict[str, Any]:
+def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> FleetDocument:
     """Update every unit from its runs; writes fleet.json and fleet.html and returns the document
     (recal.fleet/1).
     """
@@ -93,14 +78,13 @@ def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> dict[
         timing = Timing()
         if queues:
             _work(request, queues, journal, timing, watcher, store_file)
-        journal.end(timing.to_json(time.perf_counter() - started))
-        document = _document(
-            request, journal, units, set_aside, timing, time.perf_counter() - started
-        )
+        journal.end(timing.document(time.perf_counter() - started))
+        spent = timing.document(time.perf_counter() - started)
+        document = _document(request, journal, units, set_aside, spent)
     finally:
         journal.close()
     pages = {
-        request.output / "fleet.json": result_text(document),
+        request.output / "fleet.json": result_text(plain(document)),
         request.output / "fleet.html": fleet_html(document),
     }
     write_files(pages)
@@ -151,20 +135,15 @@ def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
         return {record.unit: record.active.number for record in store.units()}
 
 
-def _settings(request: FleetRequest) -> dict[str, Any]:
-    """What makes two calls the same piece of work."""
+def _settings(request: FleetRequest) -> CallSettings:
     config = hashlib.sha256(request.config.read_bytes()).hexdigest() if request.config else None
-    return {
-        "store": store_name(request.store_url),
-        "mode": request.mode,
-        "joint": _jointly(request),
-        "config": config,
-        "version": program_version(),
-    }
-
-
-def _jointly(request: FleetRequest) -> bool:
-    return request.joint or request.mode != "commit"
+    return CallSettings(
+        store=store_name(request.store_url),
+        mode=request.mode,
+        joint=request.jointly,
+        config=config,
+        version=program_version(),
+    )
 
 
 def _without_table(
@@ -175,7 +154,7 @@ def _without_table(
         return []
     words = "the store holds no table of this unit, and --known-only was given"
     return [
-        outcome_of(run, "refused", words)
+        outcome_of(run, FleetOutcome.REFUSED, words)
         for key, runs in units.items()
         if key not in known
         for run in runs
@@ -202,7 +181,7 @@ def _look_again(journal: Journal, store_url: str) -> None:
                 journal.add_run(
                     replace(
                         o,
-                        outcome="committed" if held else "taken_out",
+                        outcome=FleetOutcome.COMMITTED if held else FleetOutcome.TAKEN_OUT,
                         reasons=() if held else (words,),
                     )
                 )
@@ -217,22 +196,25 @@ def _queue(
         run.path: o for run in runs if (o := journal.runs.get(run.path)) and _still_holds(o, run)
     }
     left = [run for run in runs if run.path not in done]
-    if left and _jointly(request):
+    if left and request.jointly:
         left, done = list(runs), {}
     folders = [str(request.output / "units" / name / run_folder(run)) for run in left]
-    common: dict[str, Any] = {
-        "store_url": request.store_url,
-        "commit": request.mode == "commit",
-        "head": journal.heads.get(str(key), 0),
-        "propose": (request.by, request.note) if request.mode == "propose" else None,
-        "config": str(request.config.absolute()) if request.config else None,
-    }
-    if _jointly(request):
+    everything = RunTask(
+        runs=tuple(left),
+        folders=tuple(folders),
+        store_url=request.store_url,
+        commit=request.mode == "commit",
+        head=journal.heads.get(str(key), 0),
+        propose=(request.by, request.note) if request.mode == "propose" else None,
+        config=str(request.config.absolute()) if request.config else None,
+    )
+    if request.jointly:
         joint = str(request.output / "units" / name / "joint")
-        tasks = [RunTask(runs=tuple(left), folders=(joint,) * len(left), **common)] if left else []
+        tasks = [replace(everything, folders=(joint,) * len(left))] if left else []
     else:
         tasks = [
-            RunTask(runs=(run,), folders=(folder,), **common) for run, folder in zip(left, folders)
+            replace(everything, runs=(run,), folders=(folder,))
+            for run, folder in zip(left, folders)
         ]
     queue = UnitQueue(name, tasks, list(done.values()), request.pages)
     return None if not tasks and queue.is_summed(journal.units.get(name)) else queue
@@ -251,18 +233,10 @@ def _document(
     journal: Journal,
     units: dict[UnitKey, tuple[PlannedRun, ...]],
     set_aside: Sequence[RunOutcome],
-    timing: Timing,
-    seconds: float,
-) -> dict[str, Any]:
+    timing: TimingDocument,
+) -> FleetDocument:
     outcomes = [*(journal.runs[run.path] for runs in units.values() for run in runs), *set_aside]
-    summaries = {key: journal.units.get(unit_folder(key), {}) for key in units}
+    summaries = {key: journal.units.get(unit_folder(key), UnitSummary()) for key in units}
     return fleet_document(
-        outcomes,
-        summaries,
-        store_url=request.store_url,
-        mode=request.mode,
-        joint=_jointly(request),
-        output=request.output,
-        timing=timing.to_json(seconds),
-        earlier=journal.calls,
+        request, outcomes, summaries, FleetTiming(**vars(timing), earlier_calls=journal.calls)
     )

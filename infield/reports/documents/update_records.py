@@ -232,5 +232,5 @@ def update_of(data: Mapping[str, Any]) -> UpdateDocument:
     try:
         document: UpdateDocument = record_of(UpdateDocument, data)
     except (TypeError, ValueError, AttributeError) as error:
-        raise InputError(f"not an update document of this version or an older one: {error}") from None
+        raise InputError(f"not an update document: {error}") from None
     return document

@@ -11,6 +11,7 @@ import queue
 import socket
 import uuid
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -92,16 +93,25 @@ class DaskPool:
         self._client.close(timeout=2)
 
 
-def probe(paths: Sequence[str]) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """What a worker sees: its host and version, which paths are missing there, and whether it may
+    write to the first.
+    """
+
+    host: str
+    missing: Sequence[str]
+    writable: bool
+    version: str
+
+
+def probe(paths: Sequence[str]) -> Sight:
     """What a worker sees, told by itself."""
     missing = [path for path in paths if not os.path.exists(path)]
     writable = all(os.access(path, os.W_OK) for path in paths[:1] if path not in missing)
-    return {
-        "host": socket.gethostname(),
-        "missing": missing,
-        "writable": writable,
-        "version": program_version(),
-    }
+    return Sight(
+        host=socket.gethostname(), missing=missing, writable=writable, version=program_version()
+    )
 
 
 def _connect(address: str) -> Any:
@@ -118,19 +128,19 @@ def _connect(address: str) -> Any:
         ) from None
 
 
-def _wrong(worker: str, facts: dict[str, Any], sqlite: bool) -> str:
+def _wrong(worker: str, facts: Sight, sqlite: bool) -> str:
     """Why a worker cannot take part, empty if it can."""
-    where = f"worker {worker} on {facts['host']}"
-    if facts["missing"]:
+    where = f"worker {worker} on {facts.host}"
+    if facts.missing:
         return (
-            f"{where} does not see {facts['missing'][0]}: runs, store and output must be reachable"
+            f"{where} does not see {facts.missing[0]}: runs, store and output must be reachable"
             " by the same paths there"
         )
-    if not facts["writable"]:
+    if not facts.writable:
         return f"{where} cannot write to the output folder"
-    if facts["version"] != program_version():
-        return f"{where} has recal {facts['version']}, here is {program_version()}"
-    if sqlite and facts["host"] != socket.gethostname():
+    if facts.version != program_version():
+        return f"{where} has recal {facts.version}, here is {program_version()}"
+    if sqlite and facts.host != socket.gethostname():
         return (
             f"{where}: a SQLite store takes no writers from other machines; use PostgreSQL (--store"
             " postgresql://...)"

@@ -5,8 +5,8 @@ left once more.
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Any
 
+from recal.fleet.document_records import UnitSummary
 from recal.fleet.pools.journal import Journal
 from recal.fleet.pools.local_pool import Done, Lost, Pool
 from recal.fleet.records import (
@@ -50,9 +50,9 @@ class UnitQueue:
         assert unit is not None
         return UnitTask(unit=unit, outcomes=tuple(ordered), pages=self.pages)
 
-    def is_summed(self, summary: dict[str, Any] | None) -> bool:
+    def is_summed(self, summary: UnitSummary | None) -> bool:
         """Whether an earlier summary tells of the same outcomes and pages."""
-        return summary is not None and summary["of"] == self.summary_task().identity
+        return summary is not None and summary.of == self.summary_task().identity
 
 
 def run_all(
@@ -108,7 +108,8 @@ def _settle(
         event.result
         if isinstance(event, Done)
         else [
-            outcome_of(run, "crashed", why, attempts=event.task.attempt) for run in event.task.runs
+            outcome_of(run, FleetOutcome.CRASHED, why, attempts=event.task.attempt)
+            for run in event.task.runs
         ]
     )
     for outcome in outcomes:

@@ -10,14 +10,43 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from ins.records import InputError
-from recal.fleet.records import RunOutcome, outcome_from_json
+from ins.verdicts import plain, record_of
+from recal.fleet.document_records import EarlierCall, TimingDocument, UnitSummary
+from recal.fleet.records import CallSettings, RunOutcome
 
 NAME = "journal.jsonl"
+
+
+class Event(StrEnum):
+    """What a line tells of."""
+
+    CALL = "call"
+    RUN = "run"
+    UNIT = "unit"
+    END = "end"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    """A line of the file; a call has heads, a run its outcome, a unit its summary, an end its
+    timing.
+    """
+
+    event: Event
+    call: str
+    utc: str = ""
+    heads: Mapping[str, int] = field(default_factory=dict)
+    run: RunOutcome | None = None
+    unit: str = ""
+    summary: UnitSummary | None = None
+    timing: TimingDocument | None = None
 
 
 class Journal:
@@ -28,12 +57,13 @@ class Journal:
     there had no table.
     """
 
-    def __init__(self, folder: Path, settings: dict[str, Any], heads: Mapping[str, int]) -> None:
+    def __init__(self, folder: Path, settings: CallSettings, heads: Mapping[str, int]) -> None:
         self.path = folder / NAME
-        self.call = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()[:16]
+        said = plain(settings)
+        self.call = hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()[:16]
         self.runs: dict[str, RunOutcome] = {}
-        self.units: dict[str, dict[str, Any]] = {}
-        self.calls: list[dict[str, Any]] = []
+        self.units: dict[str, UnitSummary] = {}
+        self.calls: list[EarlierCall] = []
         try:
             self._stream: BinaryIO = open(self.path, "ab+")
         except OSError as error:
@@ -45,27 +75,28 @@ class Journal:
             self.close()
             raise
         now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-        self.heads: dict[str, int] = self.calls[0]["heads"] if self.calls else dict(heads)
-        self._append({"event": "call", "utc": now, "settings": settings, "heads": dict(heads)})
+        self.heads: Mapping[str, int] = self.calls[0].heads if self.calls else dict(heads)
+        self._append(Event.CALL, utc=now, settings=said, heads=dict(heads))
 
     def add_run(self, outcome: RunOutcome) -> None:
         self.runs[outcome.path] = outcome
-        self._append({"event": "run", "run": outcome.to_json()})
+        self._append(Event.RUN, run=plain(outcome))
 
-    def add_unit(self, name: str, summary: dict[str, Any]) -> None:
+    def add_unit(self, name: str, summary: UnitSummary) -> None:
         self.units[name] = summary
-        self._append({"event": "unit", "unit": name, "summary": summary})
+        self._append(Event.UNIT, unit=name, summary=plain(summary))
 
-    def end(self, timing: dict[str, Any]) -> None:
+    def end(self, timing: TimingDocument) -> None:
         """The call is through, or was stopped."""
-        self._append({"event": "end", "timing": timing})
+        self._append(Event.END, timing=plain(timing))
 
     def close(self) -> None:
         self._stream.close()
 
-    def _append(self, line: dict[str, Any]) -> None:
+    def _append(self, event: Event, **what: object) -> None:
+        line = json.dumps({"event": event, **what, "call": self.call}) + "\n"
         try:
-            self._stream.write((json.dumps({**line, "call": self.call}) + "\n").encode())
+            self._stream.write(line.encode())
             self._stream.flush()
             os.fsync(self._stream.fileno())
         except OSError as error:
@@ -81,22 +112,21 @@ class Journal:
             try:
                 line = json.loads(text)
                 if line["call"] == self.call:
-                    self._take(line)
-            except (ValueError, KeyError, TypeError):
+                    self._take(record_of(_Line, line))
+            except (ValueError, KeyError, TypeError, AttributeError):
                 raise InputError(
                     f"{self.path}: line {number} is damaged; move the file away to begin anew"
                 ) from None
 
-    def _take(self, line: dict[str, Any]) -> None:
-        if line["event"] == "call":
-            self.calls.append({"utc": line["utc"], "heads": line["heads"]})
-        elif line["event"] == "run":
-            outcome = outcome_from_json(line["run"])
-            self.runs[outcome.path] = outcome
-        elif line["event"] == "unit":
-            self.units[line["unit"]] = line["summary"]
-        elif line["event"] == "end":
-            self.calls[-1]["timing"] = line["timing"]
+    def _take(self, line: "_Line") -> None:
+        if line.event is Event.CALL:
+            self.calls.append(EarlierCall(utc=line.utc, heads=line.heads))
+        elif line.event is Event.END:
+            self.calls[-1] = replace(self.calls[-1], timing=line.timing)
+        elif line.run is not None:
+            self.runs[line.run.path] = line.run
+        elif line.summary is not None:
+            self.units[line.unit] = line.summary
 
 
 def _lock(stream: BinaryIO, folder: Path) -> None:

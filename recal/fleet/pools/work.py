@@ -14,10 +14,10 @@ import traceback
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from ins.records import InputError
 from ins.verdicts import Outcome
+from recal.fleet.document_records import UnitSummary
 from recal.fleet.records import (
     MERGED,
     FleetOutcome,
@@ -53,7 +53,7 @@ Pair = tuple[PlannedRun, str]  # a run and the folder of its report
 _ONE_AT_A_TIME = threading.Lock()
 
 
-def perform(task: Task) -> Any:
+def perform(task: Task) -> tuple[RunOutcome, ...] | UnitSummary:
     """RunTask: the outcomes of its runs, in order. UnitTask: the unit's summary."""
     with _ONE_AT_A_TIME:
         return take_runs(task) if isinstance(task, RunTask) else summarise_unit(task)
@@ -70,13 +70,18 @@ def take_runs(task: RunTask) -> tuple[RunOutcome, ...]:
     started, cpu = time.perf_counter(), time.process_time()
     found = dict(_outcomes(task, list(zip(task.runs, task.folders))))
     share = len(task.runs)
-    spent: dict[str, Any] = {
-        "seconds": round((time.perf_counter() - started) / share, 4),
-        "cpu_s": round((time.process_time() - cpu) / share, 4),
-        "worker": worker_name(),
-        "attempts": task.attempt,
-    }
-    return tuple(replace(found[run.path], **spent) for run in task.runs)
+    seconds = round((time.perf_counter() - started) / share, 4)
+    cpu_s = round((time.process_time() - cpu) / share, 4)
+    return tuple(
+        replace(
+            found[run.path],
+            seconds=seconds,
+            cpu_s=cpu_s,
+            worker=worker_name(),
+            attempts=task.attempt,
+        )
+        for run in task.runs
+    )
 
 
 def _outcomes(task: RunTask, runs: list[Pair]) -> Iterator[tuple[str, RunOutcome]]:

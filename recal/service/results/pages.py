@@ -1,7 +1,7 @@
 """The drawing tools and the page environment that reports, fleet and web share."""
 
 from infield.reports.documents.update import NM_H_PER_DEG_H, level_change
-from infield.reports.documents.update_records import UpdateDocument, update_of
+from infield.reports.documents.update_records import MethodDocument, UpdateDocument, update_of
 from infield.reports.figures import (
     BLUE,
     GREEN,
@@ -23,6 +23,7 @@ from infield.reports.page import _environment as page_environment
 from infield.reports.page import decimals_for
 from infield.reports.update_page import estimated_of, update_html
 from infield.reports.words.sentences import sentence
+from infield.session.disagreement import Step
 from ins.verdicts import record_of
 from recal.service.results.text import Document
 from simreal.report.diagnosis_document import summary
@@ -39,6 +40,8 @@ __all__ = [
     "PALE",
     "PANEL_WIDTH",
     "VERMILLION",
+    "MethodDocument",
+    "Step",
     "UpdateDocument",
     "axis_text",
     "decimals_for",

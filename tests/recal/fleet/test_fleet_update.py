@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
 from infield.table.file import table_from_dict, table_to_dict
+from ins.verdicts import plain
 from recal.cli.app import app
 from recal.fleet.pools import work
 from recal.fleet.update import FleetRequest, update_fleet
@@ -26,11 +27,10 @@ MISSING = "runs/SN-A/flight-9"
 
 
 def call(mode="commit", source="runs", output="out", **more):
-    return update_fleet(
-        FleetRequest(
-            source=Path(source), store_url=URL, output=Path(output), mode=mode, pages="none", **more
-        )
+    request = FleetRequest(
+        source=Path(source), store_url=URL, output=Path(output), mode=mode, pages="none", **more
     )
+    return plain(update_fleet(request))
 
 
 def outcomes(document):

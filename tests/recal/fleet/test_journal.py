@@ -2,13 +2,20 @@
 settings.
 """
 
+from dataclasses import replace
+
 import pytest
 
 from ins.records import InputError
+from recal.fleet.document import Timing
+from recal.fleet.document_records import Band, UnitSummary
 from recal.fleet.pools.journal import Journal
-from recal.fleet.records import RunOutcome
+from recal.fleet.records import CallSettings, RunOutcome
 
-SETTINGS = {"store": "sqlite:///a.db", "mode": "commit"}
+SETTINGS = CallSettings(
+    store="sqlite:///a.db", mode="commit", joint=False, config=None, version="1"
+)
+SUMMARY = UnitSummary(of="x", coverage=(Band(low_degC=0.0, high_degC=5.0, seconds=9.0),))
 RUNS = [
     RunOutcome(path=f"/r{k}", outcome="committed", reasons=("why",), revision=k) for k in (1, 2)
 ]
@@ -18,8 +25,8 @@ def written(folder, settings=SETTINGS):
     journal = Journal(folder, settings, {"SN-1 (rlg)": 3})
     for run in RUNS:
         journal.add_run(run)
-    journal.add_unit("SN-1", {"of": "x"})
-    journal.end({"seconds": 1.0})
+    journal.add_unit("SN-1", SUMMARY)
+    journal.end(Timing().document(1.0))
     journal.close()
     return journal
 
@@ -27,12 +34,10 @@ def written(folder, settings=SETTINGS):
 def test_what_was_written_is_read_by_a_call_like_it_only(tmp_path):
     first = written(tmp_path)
     again = Journal(tmp_path, SETTINGS, {"SN-1 (rlg)": 9})
-    assert again.runs == {run.path: run for run in RUNS} and again.units == {"SN-1": {"of": "x"}}
-    assert again.heads == first.heads == {"SN-1 (rlg)": 3} and again.calls[0]["timing"] == {
-        "seconds": 1.0
-    }
+    assert again.runs == {run.path: run for run in RUNS} and again.units == {"SN-1": SUMMARY}
+    assert again.heads == first.heads == {"SN-1 (rlg)": 3} and again.calls[0].timing.seconds == 1.0
     again.close()
-    other = Journal(tmp_path, {**SETTINGS, "mode": "propose"}, {})
+    other = Journal(tmp_path, replace(SETTINGS, mode="propose"), {})
     assert not other.runs and not other.units
     other.close()
 

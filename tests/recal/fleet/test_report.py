@@ -4,56 +4,59 @@ groups of reasons.
 
 import re
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from infield.session.disagreement import Step
 from infield.store.rows import UnitKey
 from recal.cli.console import EXIT_CODES
-from recal.fleet.document import (
-    MAX_POINTS,
-    VERDICTS,
-    Timing,
-    fleet_document,
-    fleet_verdict,
-    plain_reason,
-)
+from recal.fleet.document import MAX_POINTS, Timing, fleet_document, fleet_verdict, plain_reason
+from recal.fleet.document_records import Band, Drift, FleetTiming, UnitSummary
 from recal.fleet.figures import progress_drawing
-from recal.fleet.records import RunOutcome
+from recal.fleet.records import FleetRequest, FleetVerdict, RunOutcome
 from recal.fleet.report import SHOWN_UNITS, fleet_html
 
 UNITS = 240
-STEPS = [
-    {"axis": "x", "shift_deg_h": 0.05, "sigma_deg_h": 0.003},
-    # no level gyro: no drift of the position
-    {"axis": "z", "shift_deg_h": 0.5, "sigma_deg_h": 0.003},
-]
+STEP = Step(
+    axis="x",
+    shift_deg_h=0.05,
+    sigma_deg_h=0.003,
+    since_utc="2026-03-01T05:00:00Z",
+    run_ids=("r1", "r2"),
+    run_sha256=("0", "1"),
+)
+STEPS = [STEP, replace(STEP, axis="z", shift_deg_h=0.5)]  # z: no level gyro, so no drift
 
 
 def summary(k):
-    return {
-        "of": "x",
-        "steps": STEPS if k == 7 else [],
-        "step_words": ["table disagrees with unit <since>"] if k == 7 else [],
-        "pages": [f"/out/units/U{k}/last"],
-        "coverage": [
-            {"low_degC": 5.0 * (k % 7), "high_degC": 5.0 * (k % 7) + 5.0, "seconds": 600.0}
-        ],
-        "drift": (
-            {
-                "level_change_deg_h": 0.001 * k,
-                "nm_h": 0.06 * (k % 50),
-                "sigma_nm_h": 0.2,
-                "surprise_sigmas": 4.0 if k == 9 else 1.0,
-                "sigma_before_deg_h": 0.0072,
-                "sigma_after_deg_h": 0.0024,
-                "largest_deg_h": 0.01,
-                "temperature_degC": [1.0, 50.0],
-            }
-            if k
-            else None
-        ),
-    }
+    low_degC = 5.0 * (k % 7)
+    return UnitSummary(
+        of="x",
+        steps=STEPS if k == 7 else (),
+        step_words=["table disagrees with unit <since>"] if k == 7 else (),
+        pages=[f"/out/units/U{k}/last"],
+        coverage=[Band(low_degC=low_degC, high_degC=low_degC + 5.0, seconds=600.0)],
+        drift=drift(k) if k else None,
+    )
+
+
+def drift(k):
+    return Drift(
+        level_change_deg_h=0.001 * k,
+        nm_h=0.06 * (k % 50),
+        sigma_nm_h=0.2,
+        surprise_sigmas=4.0 if k == 9 else 1.0,
+        sigma_before_deg_h=0.0072,
+        sigma_after_deg_h=0.0024,
+        largest_deg_h=0.01,
+        temperature_degC=(1.0, 50.0),
+        table_before_sha256="0",
+        table_after_sha256="1",
+        since_utc="2026-03-01T05:00:00Z",
+        until_utc="2026-04-01T05:00:00Z",
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,27 +76,27 @@ def document():
     timing = Timing()
     for outcome in outcomes:
         timing.tell(outcome)
+    request = FleetRequest(
+        source=Path("/r"), store_url="sqlite:////nowhere/a.db", output=Path("/out"), mode="commit"
+    )
     return fleet_document(
+        request,
         outcomes,
         {key: summary(k) for k, key in enumerate(units)},
-        store_url="sqlite:////nowhere/a.db",
-        mode="commit",
-        joint=False,
-        output=Path("/out"),
-        timing=timing.to_json(60.0),
-        earlier=[],
+        FleetTiming(**vars(timing.document(60.0)), earlier_calls=()),
     )
 
 
 def test_units_are_ranked_by_predicted_drift_a_step_counted(document):
-    first, *units = document["units"]
-    assert first["imu_serial"] == "<U7>" and first["rank"] == 1
+    first, *units = document.units
+    assert first.imu_serial == "<U7>" and first.rank == 1
     # 60 NM/h a deg/h
-    assert first["step_drift"] == {"nm_h": pytest.approx(3.0), "sigma_nm_h": pytest.approx(0.18)}
-    drifts = [u["drift"]["nm_h"] for u in units if u["drift"]]
+    assert first.step_drift.nm_h == pytest.approx(3.0)
+    assert first.step_drift.sigma_nm_h == pytest.approx(0.18)
+    drifts = [u.drift.nm_h for u in units if u.drift]
     assert drifts == sorted(drifts, reverse=True) and len(drifts) == UNITS - 2
-    assert [u["rank"] for u in document["units"]] == [*range(1, UNITS), None]
-    assert first["page"].startswith("units/U7/last") and first["page"].endswith("/last/update.html")
+    assert [u.rank for u in document.units] == [*range(1, UNITS), None]
+    assert first.page.startswith("units/U7/last") and first.page.endswith("/last/update.html")
 
 
 def test_the_page_is_whole_and_fetches_nothing(document):
@@ -113,14 +116,14 @@ def test_a_curve_of_many_runs_is_thinned(document):
     timing = Timing()
     for _ in range(3 * MAX_POINTS):
         timing.tell(RunOutcome(path="", outcome="committed", seconds=1.0))
-    told = timing.to_json(10.0)
-    assert len(told["curve"]) == MAX_POINTS and told["curve"][-1][1] == 3 * MAX_POINTS
-    drawing = str(progress_drawing({"timing": told}))
+    told = timing.document(10.0)
+    assert len(told.curve) == MAX_POINTS and told.curve[-1][1] == 3 * MAX_POINTS
+    drawing = str(progress_drawing(told))
     assert len(re.findall(r"[ML] [\d.]+ [\d.]+", drawing)) < MAX_POINTS + 200
 
 
 def test_verdicts_have_exit_codes_and_go_by_the_best_then_the_worst():
-    assert set(VERDICTS) <= set(EXIT_CODES)
+    assert set(FleetVerdict) <= set(EXIT_CODES)
     assert EXIT_CODES[fleet_verdict(Counter(committed=1, inconsistent=5, bad_input=3))] == 0
     assert fleet_verdict(Counter(already=3)) == "up_to_date" and EXIT_CODES["up_to_date"] == 0
     assert fleet_verdict(Counter(already=3, refused=1)) == "refused"
