@@ -11,7 +11,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, cycle
-from typing import Any
 
 from markupsafe import Markup
 
@@ -34,6 +33,7 @@ from infield.reports.page import decimals_for, number, render_page
 from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import AXES
 from ins.verdicts import Observability, Outcome
 
@@ -164,8 +164,8 @@ def estimated_of(document: UpdateDocument) -> list[EstimatedDocument]:
     return [s for s in document.sessions if isinstance(s, EstimatedDocument)]
 
 
-def _table(data: Mapping[str, Any] | None, name: str) -> ThermalTable | None:
-    return table_from_dict(dict(data), name=name) if data else None
+def _table(data: TableDocument, name: str) -> ThermalTable | None:
+    return table_from_dict(data, name=name) if data else None
 
 
 def _changed(document: UpdateDocument) -> bool:

@@ -16,6 +16,7 @@ from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha2
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError
 
 
@@ -90,9 +91,10 @@ class FullProposal(Proposal):
     last_decision_sha256: str
 
     @property
-    def table_dict(self) -> dict[str, Any]:
+    def table_dict(self) -> TableDocument:
         """The proposed table as formats.md section 2 writes it."""
-        return json.loads(self.table_json)
+        document: TableDocument = json.loads(self.table_json)
+        return document
 
     @property
     def table(self) -> ThermalTable:

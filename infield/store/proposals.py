@@ -39,6 +39,7 @@ from infield.store.rows import (
 from infield.store.schema import decision, proposal
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError
 from ins.verdicts import Outcome
 
@@ -60,7 +61,7 @@ class ProposalStore:
         runs: Sequence[MergedRun],
         report_json: str,
         *,
-        first_table: dict[str, Any] | None = None,
+        first_table: TableDocument | None = None,
         by: str = "",
         note: str = "",
     ) -> Proposal:

@@ -18,6 +18,7 @@ from infield.store.errors import RowFault, StoreError, UnknownUnit
 from infield.store.schema import merged_run, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError
 
 CLOCK_SLACK_S = 300.0
@@ -65,9 +66,10 @@ class Revision:
     note: str
 
     @property
-    def table_dict(self) -> dict[str, Any]:
+    def table_dict(self) -> TableDocument:
         """The table as formats.md section 2 writes it."""
-        return json.loads(self.table_json)
+        document: TableDocument = json.loads(self.table_json)
+        return document
 
     @property
     def table(self) -> ThermalTable:
@@ -318,7 +320,7 @@ def set_runs(c: Connection, row: Any, runs: set[str]) -> None:
         c.execute(insert(merged_run).values(unit_id=row.id, run_sha256=sha256))
 
 
-def provenance_runs(table: dict[str, Any]) -> set[str]:
+def provenance_runs(table: TableDocument) -> set[str]:
     """Content hashes in `provenance.runs`: plain, or under the key sha256."""
     runs = table.get("provenance", {}).get("runs") or []
     return {

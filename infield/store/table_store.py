@@ -53,6 +53,7 @@ from infield.store.schema import merged_run, revision, unit
 from infield.store.verify import StoreCheck, check_store, heads_missing, report_faults
 from infield.table.file import canonical_json, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
@@ -237,7 +238,7 @@ class TableStore(ProposalStore):
         return twin_from_dict(json.loads(row.twin_json), source=where, name=where)
 
     def import_table(
-        self, table: dict[str, Any], *, twin: TwinModel | None = None, note: str = ""
+        self, table: TableDocument, *, twin: TwinModel | None = None, note: str = ""
     ) -> Revision:
         """A table from outside becomes active; the first is tagged `factory`. The active one again:
         no new revision.
@@ -279,7 +280,7 @@ class TableStore(ProposalStore):
         runs: Sequence[MergedRun],
         report_json: str,
         *,
-        first_table: dict[str, Any] | None = None,
+        first_table: TableDocument | None = None,
         note: str = "",
     ) -> Revision:
         """A recalibrated table becomes active, in one transaction or not at all.
@@ -372,7 +373,7 @@ class TableStore(ProposalStore):
         return self._database.write(work)
 
 
-def require_same_unit(table: dict[str, Any], twin: TwinModel | None) -> None:
+def require_same_unit(table: TableDocument, twin: TwinModel | None) -> None:
     """InputError where a twin is of another technology, or names another serial, than the table it
     comes with.
     """

@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from pydantic import Field, ValidationError
 
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import ThermalTable
+from ins.documents import AxisDocument, TableDocument
 from ins.json_file import StrictModel, complaints, read_json_object, read_small_text, without_schema
 from ins.records import AXES, InputError
 
@@ -55,23 +56,23 @@ class _Table(StrictModel):
     provenance: dict[str, Any] = Field(default_factory=dict)
 
 
-def table_sha256(table: Mapping[str, Any]) -> str:
+def table_sha256(table: TableDocument) -> str:
     """SHA-256 of a table's content: canonical JSON, every number as float (formats.md, section
     2).
     """
     return hashlib.sha256(canonical_json(table).encode()).hexdigest()
 
 
-def canonical_json(table: Mapping[str, Any]) -> str:
+def canonical_json(table: TableDocument) -> str:
     """The one text of a table that is hashed and stored."""
     return json.dumps(_floats(table), sort_keys=True, separators=(",", ":"))
 
 
-def table_from_dict(data: dict[str, Any], *, name: str) -> ThermalTable:
+def table_from_dict(data: TableDocument, *, name: str) -> ThermalTable:
     """The table in a plain dict; `name` (its file) begins each error line.  InputError names the
     key.
     """
-    body = without_schema(data, SCHEMA, name=name)
+    body = without_schema(dict(data), SCHEMA, name=name)
     try:
         model = _Table.model_validate(body)
     except ValidationError as error:
@@ -85,12 +86,12 @@ def table_from_dict(data: dict[str, Any], *, name: str) -> ThermalTable:
         raise InputError(f"{name}: {error}") from None
 
 
-def table_to_dict(table: ThermalTable) -> dict[str, Any]:
+def table_to_dict(table: ThermalTable) -> TableDocument:
     """The plain dict of formats.md section 2, the covariance in full, sigma being the root of its
     diagonal.
     """
     sigma = np.sqrt(np.maximum(np.diag(table.covariance), 0.0))
-    axes: dict[str, Any] = {}
+    axes: dict[str, AxisDocument] = {}
     for axis, nodes in zip(AXES, table.temperature_degC):
         values = table.values_of(axis)
         axes[axis] = {
@@ -99,12 +100,12 @@ def table_to_dict(table: ThermalTable) -> dict[str, Any]:
             "sigma_deg_h": sigma[values].tolist(),
         }
         if table.interpolation == "hermite":
-            axes[axis][SLOPE_COLUMN] = table.parameters[table.slopes_of(axis)].tolist()
+            axes[axis]["slope_deg_h_degC"] = table.parameters[table.slopes_of(axis)].tolist()
     return {
         "schema": SCHEMA,
         "imu_serial": table.imu_serial,
         "gyro_technology": table.gyro_technology,
-        **({"gyro_mode": table.gyro_mode} if table.gyro_mode else {}),
+        **_mode(table.gyro_mode),
         "created_utc": table.created_utc,
         "interpolation": table.interpolation,
         "axes": axes,
@@ -113,21 +114,35 @@ def table_to_dict(table: ThermalTable) -> dict[str, Any]:
     }
 
 
-def read_table_dict(path: Path) -> dict[str, Any]:
-    """The dict of a JSON table file, checked, as written: hash this one. InputError names file and
-    key.
+class _Mode(TypedDict, total=False):
+    gyro_mode: str
+
+
+def _mode(gyro_mode: str) -> _Mode:
+    """The key of the mode, where there is one."""
+    return {"gyro_mode": gyro_mode} if gyro_mode else {}
+
+
+def checked_table(data: Mapping[str, Any], *, name: str) -> TableDocument:
+    """The table document that a plain object is, as written. InputError names the key."""
+    document = cast(TableDocument, data)
+    table_from_dict(document, name=name)
+    return document
+
+
+def read_table_dict(path: Path) -> TableDocument:
+    """The document of a JSON table file, checked, as written: hash this one. InputError names file
+    and key.
     """
-    data = read_json_object(Path(path))
-    table_from_dict(data, name=str(path))
-    return data
+    return checked_table(read_json_object(Path(path)), name=str(path))
 
 
 def read_table(path: Path) -> ThermalTable:
     """The table in a JSON file. InputError names file and key."""
-    return table_from_dict(read_json_object(Path(path)), name=str(path))
+    return table_from_dict(read_table_dict(path), name=str(path))
 
 
-def json_text(table: dict[str, Any]) -> str:
+def json_text(table: TableDocument) -> str:
     """A table's JSON for people and files: lists of numbers on one line."""
     text = json.dumps(_floats(table), indent=1)
     return re.sub(
@@ -144,16 +159,17 @@ def csv_text(table: ThermalTable) -> str:
     hermite, out = table.interpolation == "hermite", io.StringIO()
     rows = csv.writer(out, lineterminator="\n")
     rows.writerow([*CSV_COLUMNS, SLOPE_COLUMN] if hermite else CSV_COLUMNS)
-    for axis, columns in table_to_dict(table)["axes"].items():
-        keys = (*CSV_COLUMNS[1:], SLOPE_COLUMN) if hermite else CSV_COLUMNS[1:]
-        rows.writerows([axis, *map(repr, row)] for row in zip(*(columns[k] for k in keys)))
+    for axis, of_axis in table_to_dict(table)["axes"].items():
+        columns = [of_axis["temperature_degC"], of_axis["bias_deg_h"], of_axis["sigma_deg_h"]]
+        columns += [of_axis["slope_deg_h_degC"]] if hermite else []
+        rows.writerows([axis, *map(repr, row)] for row in zip(*columns))
     return out.getvalue()
 
 
 def read_table_csv(
     path: Path, *, imu_serial: str, gyro_technology: str, created_utc: str, gyro_mode: str = ""
-) -> dict[str, Any]:
-    """The dict (covariance null) of a CSV table. InputError names file, line and column."""
+) -> TableDocument:
+    """The document (covariance null) of a CSV table. InputError names file, line and column."""
     path = Path(path)
     try:
         lines = list(csv.reader(io.StringIO(read_small_text(path), newline="")))
@@ -175,19 +191,20 @@ def read_table_csv(
                 needed=columns,
                 where=f"{path}: line {number}",
             )
-    data: dict[str, Any] = {
-        "schema": SCHEMA,
-        "imu_serial": imu_serial,
-        "gyro_technology": gyro_technology,
-        **({"gyro_mode": gyro_mode} if gyro_mode else {}),
-        "created_utc": created_utc,
-        "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear",
-        "axes": axes,
-        "covariance": None,
-        "provenance": {"parent_sha256": None, "runs": []},
-    }
-    table_from_dict(data, name=str(path))
-    return data
+    return checked_table(
+        {
+            "schema": SCHEMA,
+            "imu_serial": imu_serial,
+            "gyro_technology": gyro_technology,
+            **_mode(gyro_mode),
+            "created_utc": created_utc,
+            "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear",
+            "axes": axes,
+            "covariance": None,
+            "provenance": {"parent_sha256": None, "runs": []},
+        },
+        name=str(path),
+    )
 
 
 def utc(text: str, *, name: str) -> datetime:
@@ -279,7 +296,12 @@ def _given_covariance(rows: list[list[float]], n: int, sigma: NDArray) -> NDArra
 
 
 def _add_row(
-    axes: dict, cells: dict[str, str], *, width: int, needed: tuple[str, ...], where: str
+    axes: dict[str, dict[str, list[float]]],
+    cells: dict[str, str],
+    *,
+    width: int,
+    needed: tuple[str, ...],
+    where: str,
 ) -> None:
     if width != len(needed):
         raise InputError(f"{where}: {width} cells, needed {len(needed)}")

@@ -180,7 +180,7 @@ def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked)
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)
     files = {"twin.json": result_text(twin)}
     if beside.data is not None:
-        files[TABLE_NAME] = json_text(dict(beside.data)) + "\n"
+        files[TABLE_NAME] = json_text(beside.data) + "\n"
     return _made(record, diagnosis_html(record, overlays(found)), files)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from infield.table.file import json_text, table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import ReferenceLog, Run, TwinModel
 from recal.service.inputs.records import AnyTable, table_of
 from recal.service.results.files import write_text
@@ -50,7 +51,7 @@ class Simulation(Result):
 
     simulated: SimulatedRun
     unit: UnitTruth
-    table_dict: Document
+    table_dict: TableDocument
     twin: TwinModel
 
     @property
@@ -66,7 +67,7 @@ class Simulation(Result):
     @property
     def table(self) -> ThermalTable:
         """The factory table of the unit."""
-        return table_from_dict(dict(self.table_dict), name="table")
+        return table_from_dict(self.table_dict, name="table")
 
     def write(
         self, path: AnyPath, *, table: AnyPath | None = None, truth: AnyPath | None = None
@@ -89,7 +90,7 @@ class Simulation(Result):
         """
         write_run(Path(path), self.run, reference=self.reference)
         if table is not None:
-            write_text(Path(table), json_text(dict(self.table_dict)))
+            write_text(Path(table), json_text(self.table_dict))
         if truth is not None:
             write_text(Path(truth), truth_csv(self.simulated))
         return replace(self, document={**self.document, "run": str(path)})
@@ -161,7 +162,7 @@ def simulate(
     if environments is not None:
         plan = replace(plan, environments=tuple(environment_of(text) for text in environments))
     given = table if table is not None else plan.table_path
-    factory = None if given is None else dict(table_of(given)[1])
+    factory = None if given is None else table_of(given)[1]
     simulated, unit = _session(plan, seed, factory)
     header, imu = simulated.run.header, simulated.run.imu
     document = {
@@ -197,7 +198,7 @@ def _truth(plan: Scenario) -> Document | None:
 
 
 def _session(
-    plan: Scenario, seed: int | None, factory: dict | None
+    plan: Scenario, seed: int | None, factory: TableDocument | None
 ) -> tuple[SimulatedRun, UnitTruth]:
     """The session of a scenario, with the effects that its twin lists.
 

@@ -10,11 +10,11 @@ from infield.store.table_store import Revision, TableStore, require_same_unit
 from infield.table.autopilot_params import ENDINGS, MAX_DEVICE_ID, NUMBERS, read_cubic
 from infield.table.autopilot_table import CubicExport, ParameterFile, export_cubic, table_of_cubic
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
+from ins.documents import TableDocument
 from ins.records import GYRO_TECHNOLOGIES, InputError
 from ins.twin_file import read_twin
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from recal.service.tables import about, need, other_technology
 
 __all__ = [
@@ -134,7 +134,7 @@ def import_table(
     """
     data, said = _read(given)
     record = None if twin is None else read_twin(twin)
-    require_same_unit(dict(data), record)
+    require_same_unit(data, record)
     note = "; ".join(filter(None, (note, *said)))
     try:
         with TableStore.open(url, create=True, any_clock=any_clock) as opened:
@@ -144,7 +144,7 @@ def import_table(
                     f"{given.path}: {conflict} (--override-technology imports it all the same)",
                 )
                 note = "; ".join(filter(None, (note, f"technology overridden: {conflict}")))
-            return opened.import_table(dict(data), twin=record, note=note), said
+            return opened.import_table(data, twin=record, note=note), said
     except StoreConflict as error:
         raise InputError(str(error)) from None
 
@@ -154,7 +154,7 @@ def _write(output: Path, text: str) -> None:
     write_text(output, text)
 
 
-def _read(given: TableFile) -> tuple[Document, list[str]]:
+def _read(given: TableFile) -> tuple[TableDocument, list[str]]:
     """The table of a file, and notes on what was assumed for it."""
     path = given.path
     if given.names_its_unit:
@@ -164,7 +164,7 @@ def _read(given: TableFile) -> tuple[Document, list[str]]:
             ("--technology", "gyro_technology", given.technology),
             ("--mode", "gyro_mode", given.mode),
         ):
-            in_file = data.get(key, "")
+            in_file = str(data.get(key, ""))
             need(
                 wanted in (None, in_file),
                 f"{path}: {key} {in_file!r}, needed {wanted!r} as {name} says",
@@ -183,7 +183,7 @@ def _read(given: TableFile) -> tuple[Document, list[str]]:
     return _read_cubic(given, unit)
 
 
-def _read_cubic(given: TableFile, unit: dict[str, str]) -> tuple[Document, list[str]]:
+def _read_cubic(given: TableFile, unit: dict[str, str]) -> tuple[TableDocument, list[str]]:
     path = given.path
     need(
         given.technology in GYRO_TECHNOLOGIES,

@@ -10,6 +10,7 @@ from infield.reports.documents.update_records import update_of
 from infield.store.errors import StoreRefused
 from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict
+from ins.documents import TableDocument
 from ins.json_file import read_json_object
 from ins.records import InputError
 from ins.verdicts import Outcome
@@ -43,7 +44,7 @@ def open_tables(url: str, *, any_clock: bool = False) -> TableStore:
     return TableStore.open(url, any_clock=any_clock)
 
 
-def other_technology(opened: TableStore, table: Document) -> str | None:
+def other_technology(opened: TableStore, table: TableDocument) -> str | None:
     """What speaks against this table's gyro_technology: the store knows its serial as another."""
     serial, technology = table["imu_serial"], table["gyro_technology"]
     held = [u.unit for u in opened.units() if u.unit.imu_serial == serial]

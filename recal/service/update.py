@@ -24,6 +24,7 @@ from infield.store.errors import StoreConflict, StoreRefused
 from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError, Run
 from ins.verdicts import Outcome, because, plain
 from recal.service.inputs.config import read_config
@@ -39,7 +40,7 @@ from recal.service.inputs.unit_inputs import (
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document, result_text
+from recal.service.results.text import result_text
 from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
 
 Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where wanted
@@ -231,7 +232,7 @@ class _Job:
 class _Facts:
     """What a document needs beside the estimate. lost: conflicts with other writers so far."""
 
-    table_before: Document
+    table_before: TableDocument
     thermal_model: ThermalUseDocument | None
     lost: tuple[str, ...] = ()
 
@@ -256,7 +257,7 @@ def _estimate(
 
 def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
     """What the store, where there is one, has on record of a unit."""
-    parent = table_sha256(dict(unit.table_dict))
+    parent = table_sha256(unit.table_dict)
     if database is None:
         return UnitHistory(parent_sha256=parent)
     serial = unit.table.imu_serial
@@ -383,11 +384,11 @@ class _Try:
         document = _document(result, facts, Kept(store=database.name))
         try:
             kept = database.propose(
-                table_sha256(dict(unit.table_dict)),
+                table_sha256(unit.table_dict),
                 result.after,
                 merged_runs(result),
                 result_text(plain(document)),
-                first_table=None if unit.revision else dict(unit.table_dict),
+                first_table=None if unit.revision else unit.table_dict,
                 by=signed[0],
                 note=signed[1],
             )
@@ -416,11 +417,11 @@ def commit_update(
     table before.
     """
     return database.commit_update(
-        table_sha256(dict(unit.table_dict)),
+        table_sha256(unit.table_dict),
         result.after,
         merged_runs(result),
         result_text(plain(document)),
-        first_table=None if unit.revision else dict(unit.table_dict),
+        first_table=None if unit.revision else unit.table_dict,
         note=note,
     )
 

@@ -9,7 +9,7 @@ from urllib.parse import quote, urlencode
 import numpy as np
 
 from ins.records import AXES
-from recal.service.inputs.records import ThermalTable
+from recal.service.inputs.records import TableDocument, ThermalTable
 from recal.service.results.pages import decimals_for
 from recal.service.results.text import Document
 from recal.service.store import Proposal, Revision, SessionEvidence, UnitKey, UnitSummary
@@ -90,7 +90,7 @@ def provenance_change(before: Revision, after: Revision) -> dict[str, Any]:
     }
 
 
-def _runs(table: dict[str, Any]) -> dict[str, tuple[str, str]]:
+def _runs(table: TableDocument) -> dict[str, tuple[str, str]]:
     """Runs in a table's provenance by content hash: id, hash."""
     listed = table.get("provenance", {}).get("runs") or []
     runs = [

@@ -15,6 +15,7 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from pydantic import Field, create_model
 
+from ins.documents import TableDocument
 from ins.json_file import StrictModel, parse, parse_toml, refuse_non_finite, without_schema
 from ins.records import InputError, Site, Survey, TwinModel
 from ins.twin_file import default_twin, read_twin, table_path, twin_from_dict
@@ -235,11 +236,11 @@ def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> Tr
             f"{name}: streams.odometer: got true, needed false with truth: it does not say what"
             " rolls"
         )
+    section = fill(TruthSection, head.truth, name=f"{name}: truth")
     try:
-        return read_profile(fill(TruthSection, head.truth, name=f"{name}: truth"), folder)
+        return read_profile(section, folder)
     except InputError as error:
-        line = str(error)
-        raise InputError(line if line.startswith(name) else f"{name}: {line}") from None
+        raise InputError(f"{name}: {error}") from None
 
 
 def _site_keys(site: Site) -> dict[str, float]:
@@ -247,7 +248,7 @@ def _site_keys(site: Site) -> dict[str, float]:
 
 
 def simulate_scenario(
-    scenario: Scenario, *, seed: int | None = None, table: dict[str, Any] | None = None
+    scenario: Scenario, *, seed: int | None = None, table: TableDocument | None = None
 ) -> tuple[SimulatedRun, UnitTruth]:
     """One session of the scenario's unit, and that unit; `table` (checked) is its factory table, at
     `table_path`.
@@ -302,20 +303,20 @@ def scenario_truth(scenario: Scenario) -> Truth:
     )
 
 
-def scenario_unit(scenario: Scenario, *, table: dict[str, Any] | None = None) -> UnitTruth:
+def scenario_unit(scenario: Scenario, *, table: TableDocument | None = None) -> UnitTruth:
     """The scenario's unit: serial and technology from its section, else the table, else the twin;
     they must agree.
     """
     section, twin = scenario.unit, scenario.twin
     serials = {
         "unit.imu_serial": section.imu_serial,
-        "table": (table or {}).get("imu_serial"),
+        "table": table["imu_serial"] if table else None,
         "twin": twin.imu_serial,
     }
     serial = _agreed(scenario.name, "imu_serial", serials) or "SN-0042"
     technologies = {
         "unit.gyro_technology": section.gyro_technology,
-        "table": (table or {}).get("gyro_technology"),
+        "table": table["gyro_technology"] if table else None,
         "twin": twin.gyro_technology,
     }
     return aged_unit(

@@ -6,13 +6,13 @@ and may also carry what a table does not model (lag, rate term, hysteresis).
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.signal import lfilter
 
+from ins.documents import AxisDocument, TableDocument
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError
 
 GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # random curves are cubic splines over this grid
@@ -102,10 +102,10 @@ class UnitTruth:
         )
         return np.asarray(self.shupe_deg_h_per_degC_min[k] * (1.0 + 0.5 * bend))
 
-    def factory_table(self, node_degC: ArrayLike = NODES_DEGC) -> dict[str, Any]:
+    def factory_table(self, node_degC: ArrayLike = NODES_DEGC) -> TableDocument:
         """The table the factory delivered (recal.table/1), its sigma that of the ageing since."""
         nodes = np.asarray(node_degC, dtype=float)
-        axes = {
+        axes: dict[str, AxisDocument] = {
             axis: {
                 "temperature_degC": nodes.tolist(),
                 "bias_deg_h": _value(self.factory_deg_h[k], nodes).tolist(),
@@ -135,7 +135,7 @@ def aged_unit(
     gyro_technology: str = "rlg",
     ageing_offset_deg_h: float = 0.006,
     ageing_shape_deg_h: float = 0.004,
-    table: dict[str, Any] | None = None,
+    table: TableDocument | None = None,
     shupe_lag_s: float = 0.0,
     **terms: Terms,
 ) -> UnitTruth:
@@ -174,7 +174,7 @@ def aged_unit(
     )
 
 
-def _table_curve(axis: dict[str, Any]) -> PPoly:
+def _table_curve(axis: AxisDocument) -> PPoly:
     """The curve of one axis of a table: straight between nodes, or cubic Hermite where it has
     slopes.
     """

@@ -7,7 +7,6 @@ Everything is computed here; `infield.reports.update_page` only draws it.
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +41,7 @@ from infield.session.settings import misalignment_sigma_mrad
 from infield.table.file import table_sha256, table_to_dict
 from infield.table.merge import AXIS_Z_LIMIT, MergeResult
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from ins.kalman import nis_band
 from ins.noise import FLICKER_FLOOR, random_walk_covariance
@@ -76,7 +76,7 @@ def update_document(
     kept: Kept,
     *,
     version: str,
-    table_before: Mapping[str, Any],
+    table_before: TableDocument,
     thermal_model: ThermalUseDocument | None = None,
 ) -> UpdateDocument:
     """update.json. table_before: the dict as stored, so that its hash is the stored one;

@@ -16,6 +16,7 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.session.disagreement import Step
 from infield.session.reasons import ThermalAction, ThermalKind
+from ins.documents import TableDocument
 from ins.records import InputError
 from ins.verdicts import OMIT_NONE, Null, Observability, Outcome, record_of
 
@@ -182,8 +183,8 @@ class UpdateDocument:
     points: Sequence[PointDocument]
     excluded: Sequence[SpanDocument]
     consistency: ConsistencyDocument
-    table_before: Mapping[str, Any]
-    table_after: Mapping[str, Any]
+    table_before: TableDocument
+    table_after: TableDocument
     uncertainty_budget: Sequence[BudgetDocument]
     table_before_sha256: str | None = None
     table_after_sha256: str | None = None

@@ -6,15 +6,15 @@ from pathlib import Path
 
 from infield.table.file import read_table_dict, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin as read_twin_file
 from recal.service.results.paths import AnyPath
-from recal.service.results.text import Document
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
 
 AnyRun = Run | AnyPath
-AnyTable = ThermalTable | Document | AnyPath
+AnyTable = ThermalTable | TableDocument | AnyPath
 AnyTwin = TwinModel | AnyPath
 
 
@@ -124,15 +124,14 @@ def read_one(run: AnyRun) -> Run:
     return run if isinstance(run, Run) else read_run(run)
 
 
-def table_of(table: AnyTable) -> tuple[ThermalTable, Document]:
+def table_of(table: AnyTable) -> tuple[ThermalTable, TableDocument]:
     """A table as record and as its JSON holds it, whose hash is the table's."""
     if isinstance(table, ThermalTable):
         return table, table_to_dict(table)
     if isinstance(table, str | PathLike):
         data = read_table_dict(Path(table))
         return table_from_dict(data, name=str(table)), data
-    data = dict(table)
-    return table_from_dict(data, name="table"), data
+    return table_from_dict(table, name="table"), table
 
 
 def twin_of(twin: AnyTwin) -> TwinModel:

@@ -5,16 +5,16 @@ from pathlib import Path
 
 from infield.table.file import read_table_dict, table_from_dict, table_sha256
 from infield.table.thermal_table import ThermalTable
+from ins.documents import TableDocument
 from ins.records import InputError, TwinModel
 from ins.twin_file import table_path
-from recal.service.results.text import Document
 
 
 @dataclass(frozen=True)
 class TwinTable:
     """The table as written, as record, and its hash; empty where the twin names none."""
 
-    data: Document | None = None
+    data: TableDocument | None = None
     table: ThermalTable | None = None
     sha256: str = ""
 

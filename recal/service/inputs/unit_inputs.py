@@ -18,10 +18,10 @@ from infield.thermal.stored_model import (
     with_model_sigma,
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
+from ins.documents import TableDocument
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import default_twin
 from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
-from recal.service.results.text import Document
 
 # of a gyro without a table, by technology
 UNKNOWN_BIAS_DEG_H = gyrocompass.UNKNOWN_BIAS_DEG_H
@@ -34,7 +34,7 @@ class UnitInputs:
     """
 
     table: ThermalTable
-    table_dict: Document
+    table_dict: TableDocument
     twin: TwinModel
     known: bool
     revision: int = 0
