@@ -6,7 +6,7 @@ Times are seconds from the run's start; SI units and radians unless the name say
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NotRequired, Protocol, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -878,3 +878,30 @@ class TwinModel:
     vehicle: VehicleNoise = field(default_factory=VehicleNoise)
     effects: tuple[dict[str, Any], ...] = ()
     source: str = "defaults"
+
+
+class AxisDocument(TypedDict):
+    """One gyro of a table as written; slopes with hermite interpolation only."""
+
+    temperature_degC: list[float]
+    bias_deg_h: list[float]
+    sigma_deg_h: list[float]
+    slope_deg_h_degC: NotRequired[list[float]]
+
+
+class TableDocument(TypedDict):
+    """A thermal table as written (recal.table/1), kept so that its hash stays what it was.
+
+    What is read of it becomes a record (`infield.table.file.table_from_dict`); provenance: what
+    whoever made it says of it.
+    """
+
+    schema: str
+    imu_serial: str
+    gyro_technology: str
+    gyro_mode: NotRequired[str]
+    created_utc: str
+    interpolation: str
+    axes: dict[str, AxisDocument]
+    covariance: NotRequired[list[list[float]] | None]
+    provenance: NotRequired[dict[str, Any]]

@@ -98,11 +98,11 @@ def recal(arguments: list[str]) -> None:
     main()
 
 
-def plain_page(document: dict) -> str:
+def plain_page(document) -> str:
     """A page in the place of `infield.reports.update_page.update_html`, of its size without its
     figures: they take 0.85 of an update.
     """
-    return f"<html>{document['verdict']}{' ' * 300_000}</html>"
+    return f"<html>{document.verdict}{' ' * 300_000}</html>"
 
 
 def recal_plain(arguments: list[str]) -> None:

@@ -33,8 +33,7 @@ from infield.reports.page import decimals_for, number, render_page
 from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import AXES
+from ins.records import AXES, TableDocument
 from ins.verdicts import Observability, Outcome
 
 VERDICTS: dict[str, tuple[str, str, str]] = {  # verdict: word, look, symbol

@@ -16,8 +16,7 @@ from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha2
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError
+from ins.records import InputError, TableDocument
 
 
 class Decided(StrEnum):

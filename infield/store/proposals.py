@@ -39,8 +39,7 @@ from infield.store.rows import (
 from infield.store.schema import decision, proposal
 from infield.table.file import canonical_json, table_to_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError
+from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
 
 LONGEST_NAME, LONGEST_REASON = 200, 4000  # characters

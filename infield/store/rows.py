@@ -18,8 +18,7 @@ from infield.store.errors import RowFault, StoreError, UnknownUnit
 from infield.store.schema import merged_run, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError
+from ins.records import InputError, TableDocument
 
 CLOCK_SLACK_S = 300.0
 

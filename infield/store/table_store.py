@@ -53,8 +53,7 @@ from infield.store.schema import merged_run, revision, unit
 from infield.store.verify import StoreCheck, check_store, heads_missing, report_faults
 from infield.table.file import canonical_json, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError, TwinModel
+from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
 __all__ = [

@@ -20,9 +20,8 @@ from pydantic import Field, ValidationError
 
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import ThermalTable
-from ins.documents import AxisDocument, TableDocument
 from ins.json_file import StrictModel, complaints, read_json_object, read_small_text, without_schema
-from ins.records import AXES, InputError
+from ins.records import AXES, AxisDocument, InputError, TableDocument
 
 SCHEMA = "recal.table/1"
 CSV_COLUMNS = ("axis", "temperature_degC", "bias_deg_h", "sigma_deg_h")

@@ -10,8 +10,7 @@ from infield.store.table_store import Revision, TableStore, require_same_unit
 from infield.table.autopilot_params import ENDINGS, MAX_DEVICE_ID, NUMBERS, read_cubic
 from infield.table.autopilot_table import CubicExport, ParameterFile, export_cubic, table_of_cubic
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
-from ins.documents import TableDocument
-from ins.records import GYRO_TECHNOLOGIES, InputError
+from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
 from ins.twin_file import read_twin
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result

@@ -10,9 +10,8 @@ from infield.reports.documents.update_records import update_of
 from infield.store.errors import StoreRefused
 from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
 from infield.store.verify import StoreCheck, StoreVerdict
-from ins.documents import TableDocument
 from ins.json_file import read_json_object
-from ins.records import InputError
+from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_files
 from recal.service.results.text import Document, result_text

@@ -24,8 +24,7 @@ from infield.store.errors import StoreConflict, StoreRefused
 from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError, Run
+from ins.records import InputError, Run, TableDocument
 from ins.verdicts import Outcome, because, plain
 from recal.service.inputs.config import read_config
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of

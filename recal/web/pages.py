@@ -7,7 +7,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
-from recal.service.results.pages import diagnosis_lines, update_html, update_of
+from recal.service.results.pages import diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore
 from recal.service.tables import change_between
 from recal.web import views
@@ -269,7 +269,7 @@ def _change(before: Any, after: Any) -> dict[str, Any]:
 def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
     """The report of a stored document; a Refused page where this version cannot draw it."""
     try:
-        return site.drawings.page(key, lambda: update_html(update_of(document)))
+        return site.drawings.page(key, lambda: stored_update_html(document))
     except Exception as error:  # whatever an old or damaged document makes of the template
         line = (
             f"This version cannot draw the stored report ({type(error).__name__}); its update.json"

@@ -201,7 +201,7 @@ def test_hostile_texts_stay_texts(visitor):
 def test_a_report_is_shown_alone_in_a_sandbox(visitor, monkeypatch):
     monkeypatch.setattr(
         pages,
-        "update_html",
+        "stored_update_html",
         lambda document: f"<p>report {document['proposal']} <script>1</script>",
     )
     page = visitor.get("/proposal?serial=SN-1&technology=rlg&number=1").text

@@ -49,7 +49,7 @@ def served(tmp_path_factory):
     (folder / "reports/a/diagnosis.json").write_text(json.dumps(said))
     (folder / "reports/a/diagnosis.html").write_text(HOSTILE)
     patch = pytest.MonkeyPatch()
-    patch.setattr(pages, "update_html", lambda document: HOSTILE)
+    patch.setattr(pages, "stored_update_html", lambda document: HOSTILE)
     with serving(url, reports=folder / "reports") as base:
         yield base, url
     patch.undo()

@@ -10,6 +10,7 @@ from sqlalchemy.pool import NullPool
 from typer.testing import CliRunner
 
 from infield.store.table_store import TableStore
+from ins.verdicts import plain
 from recal.cli.app import app
 from tests.forks import plain_page
 from tests.infield.sessions import PARKED, factory_dict, simulated
@@ -92,7 +93,7 @@ def test_a_store_that_works_and_one_that_takes_no_write(run, tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
         "infield.reports.update_page.update_html",
-        lambda document: plain_page(document) + json.dumps(document),
+        lambda document: plain_page(document) + json.dumps(plain(document)),
     )
     table = tmp_path / "table.json"
     table.write_text(json.dumps(factory_dict()))

@@ -15,9 +15,8 @@ from typing import Annotated, Any, get_type_hints
 import numpy as np
 from pydantic import Field, create_model
 
-from ins.documents import TableDocument
 from ins.json_file import StrictModel, parse, parse_toml, refuse_non_finite, without_schema
-from ins.records import InputError, Site, Survey, TwinModel
+from ins.records import InputError, Site, Survey, TableDocument, TwinModel
 from ins.twin_file import default_twin, read_twin, table_path, twin_from_dict
 from ins.units import DEG
 from trajectories.simulator.chamber import ChamberProfile

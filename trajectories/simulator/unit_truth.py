@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from scipy.signal import lfilter
 
-from ins.documents import AxisDocument, TableDocument
-from ins.records import AXES, GYRO_TECHNOLOGIES, InputError
+from ins.records import AXES, GYRO_TECHNOLOGIES, AxisDocument, InputError, TableDocument
 
 GRID_DEGC = np.arange(-60.0, 105.0, 5.0)  # random curves are cubic splines over this grid
 NODES_DEGC = np.arange(-10.0, 51.0, 10.0)

@@ -16,8 +16,7 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.session.disagreement import Step
 from infield.session.reasons import ThermalAction, ThermalKind
-from ins.documents import TableDocument
-from ins.records import InputError
+from ins.records import InputError, TableDocument
 from ins.verdicts import OMIT_NONE, Null, Observability, Outcome, record_of
 
 

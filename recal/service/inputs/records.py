@@ -6,8 +6,7 @@ from pathlib import Path
 
 from infield.table.file import read_table_dict, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError, Run, TwinModel
+from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import read_twin as read_twin_file
 from recal.service.results.paths import AnyPath
 from trajectories.runs import directory

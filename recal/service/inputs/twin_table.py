@@ -5,8 +5,7 @@ from pathlib import Path
 
 from infield.table.file import read_table_dict, table_from_dict, table_sha256
 from infield.table.thermal_table import ThermalTable
-from ins.documents import TableDocument
-from ins.records import InputError, TwinModel
+from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import table_path
 
 

@@ -18,8 +18,7 @@ from infield.thermal.stored_model import (
     with_model_sigma,
 )
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
-from ins.documents import TableDocument
-from ins.records import InputError, Run, TwinModel
+from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
 from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
 

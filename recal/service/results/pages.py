@@ -53,11 +53,17 @@ __all__ = [
     "page_environment",
     "robust_limits",
     "sentence",
+    "stored_update_html",
     "svg_text",
     "thinned",
     "update_html",
     "update_of",
 ]
+
+
+def stored_update_html(document: Document) -> str:
+    """The page of a stored update.json."""
+    return update_html(update_of(document))
 
 
 def diagnosis_lines(document: Document) -> list[str]:

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -171,9 +172,9 @@ def test_without_dask_the_extra_is_named(monkeypatch):
 def test_a_worker_must_see_the_files_and_may_not_share_sqlite_over_a_network(tmp_path):
     here = dask_pool.probe([str(tmp_path)])
     assert dask_pool._wrong("tcp://w", here, sqlite=True) == ""
-    elsewhere = {**here, "host": "another-machine"}
+    elsewhere = replace(here, host="another-machine")
     assert "PostgreSQL" in dask_pool._wrong("tcp://w", elsewhere, sqlite=True)
     assert dask_pool._wrong("tcp://w", elsewhere, sqlite=False) == ""
     blind = dask_pool.probe([str(tmp_path), "/no/such/runs"])
     assert "does not see /no/such/runs" in dask_pool._wrong("tcp://w", blind, sqlite=True)
-    assert "has recal 9.9" in dask_pool._wrong("tcp://w", {**here, "version": "9.9"}, sqlite=True)
+    assert "has recal 9.9" in dask_pool._wrong("tcp://w", replace(here, version="9.9"), sqlite=True)
