@@ -9,7 +9,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import ImuLog
 from ins.robust import robust_scatter
 
-BLOCK_S = 10.0  # a person who steps in spoils a block, not the mean
+COARSE_BLOCK_S = 10.0  # a person who steps in spoils a block, not the mean
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,13 @@ def rest_means(imu: ImuLog) -> RestMeans:
     """Block medians of a resting log; sigma_omega is that of the mean, from the scatter of the
     blocks.
     """
-    block = np.floor((imu.time_s - imu.time_s[0]) / BLOCK_S).astype(int)
+    block = np.floor((imu.time_s - imu.time_s[0]) / COARSE_BLOCK_S).astype(int)
     starts = np.flatnonzero(np.diff(block, prepend=-1))
     seconds = np.add.reduceat(imu.dt_s, starts)
     keep = (
-        seconds > 0.5 * BLOCK_S if np.any(seconds > 0.5 * BLOCK_S) else np.ones(len(starts), bool)
+        seconds > 0.5 * COARSE_BLOCK_S
+        if np.any(seconds > 0.5 * COARSE_BLOCK_S)
+        else np.ones(len(starts), bool)
     )
     f = np.add.reduceat(imu.dv_m_s, starts, axis=0)[keep] / seconds[keep, None]
     omega = np.add.reduceat(imu.dtheta_rad, starts, axis=0)[keep] / seconds[keep, None]

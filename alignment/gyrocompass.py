@@ -194,7 +194,7 @@ def align(
         )
     log = log or seconds_of(imu)
     rest = first_rest(log)
-    if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.BLOCK_S:
+    if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
         return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.rest_means(imu.between(*rest))
     arw = gyro_densities(twin.gyro).white

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import NavHistory
 
-WINDOW_S = 300.0
+RATE_WINDOW_S = 300.0
 # variance of a parabola's rate over ARW^2 / window: 6/5 for a random walk of the angle
 WALK_FACTOR = 1.2
 
@@ -40,7 +40,7 @@ def tilt_rates(
     *,
     arw: float,
     velocity_sigma_m_s: float,
-    window_s: float = WINDOW_S,
+    window_s: float = RATE_WINDOW_S,
 ) -> list[TiltRate]:
     """Tilt rates over successive windows of a parked solution, epochs that are not `still` left
     out.

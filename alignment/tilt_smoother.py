@@ -19,19 +19,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.tilt_rate import WINDOW_S, TiltRate, enough_still
+from alignment.tilt_rate import RATE_WINDOW_S, TiltRate, enough_still
 from ins import kalman
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, radii_of_curvature
 from ins.records import NavHistory
 from ins.units import DEG_PER_HOUR
 
-STEP_S = 10.0
+TILT_STEP_S = 10.0
 V, P, THETA, U, CLONE, WALK = (slice(k, k + 2) for k in range(0, 12, 2))
 SIZE = 12
 # of the states: m/s, m, rad, rad/s, rad, rad
-UNITS = np.repeat([1e-2, 1.0, 1e-5, 0.01 * DEG_PER_HOUR, 1e-5, 1e-5], 2)
+STATE_UNITS = np.repeat([1e-2, 1.0, 1e-5, 0.01 * DEG_PER_HOUR, 1e-5, 1e-5], 2)
 START_SIGMA = np.repeat([0.05, 1e-2, 1e-3, 1.0, 0.0, 1e-6], 2)  # SI; u and the clone are set below
-VAGUE = 10.0  # prior sigma of the rate over what is expected of it
+VAGUE_RATE = 10.0  # prior sigma of the rate over what is expected of it
 DRIFT_TIME_S = 1800.0  # time in which the rate changes by what is expected of it: a warm-up
 
 
@@ -52,7 +52,7 @@ def smoothed_tilt_rates(
     vrw: float,
     velocity_sigma_m_s: float,
     rate_sigma_rad_s: float,
-    window_s: float = WINDOW_S,
+    window_s: float = RATE_WINDOW_S,
 ) -> list[SmoothedTiltRate]:
     """Tilt rates over successive windows of a parked solution, epochs that are not `still` not
     measured.
@@ -63,9 +63,9 @@ def smoothed_tilt_rates(
     window. A window with less than three quarters of its epochs still is skipped. Left out: drift
     of the accelerometers, which counts as tilt rate (1 ug/min: 0.0034 deg/h).
     """
-    edges = np.arange(history.time_s[0], history.time_s[-1] + 0.5, STEP_S)
+    edges = np.arange(history.time_s[0], history.time_s[-1] + 0.5, TILT_STEP_S)
     rows = np.minimum(np.searchsorted(history.time_s, edges - 1e-6), len(history.time_s) - 1)
-    steps_a_window = round(window_s / STEP_S)
+    steps_a_window = round(window_s / TILT_STEP_S)
     # this step's clone is theta at its beginning
     starts = np.arange(len(edges)) % steps_a_window == 1
     F, Q = _steps(history, len(edges), starts, arw, vrw, rate_sigma_rad_s)
@@ -75,7 +75,7 @@ def smoothed_tilt_rates(
     x_s, cov_s = kalman.rts_smooth(x, cov, F, Q)
     turned, walked = np.zeros((2, SIZE)), np.zeros((2, SIZE))
     turned[:, THETA], turned[:, CLONE], walked[:, WALK] = np.eye(2), -np.eye(2), np.eye(2)
-    turned, walked = turned * UNITS, walked * UNITS
+    turned, walked = turned * STATE_UNITS, walked * STATE_UNITS
     found = []
     for end in range(steps_a_window, len(edges), steps_a_window):
         if not enough_still(history, still, float(edges[end] - window_s), window_s):
@@ -117,13 +117,15 @@ def _steps(
     A[P, V], A[THETA, U] = np.eye(2), np.eye(2)
     q = np.diag(np.repeat([vrw**2, 0.0, arw**2, rate_sigma**2 / DRIFT_TIME_S, 0.0, arw**2], 2))
     q[THETA, WALK] = q[WALK, THETA] = arw**2 * np.eye(2)
-    A, q = A * UNITS / UNITS[:, None], q / np.outer(UNITS, UNITS)
-    half, full = (_exponential(A * dt) for dt in (0.5 * STEP_S, STEP_S))
-    Q_step = STEP_S / 6.0 * (q + 4.0 * half @ q @ half.T + full @ q @ full.T)  # Simpson
+    A, q = A * STATE_UNITS / STATE_UNITS[:, None], q / np.outer(STATE_UNITS, STATE_UNITS)
+    half, full = (_exponential(A * dt) for dt in (0.5 * TILT_STEP_S, TILT_STEP_S))
+    Q_step = TILT_STEP_S / 6.0 * (q + 4.0 * half @ q @ half.T + full @ q @ full.T)  # Simpson
     F, Q = np.repeat(full[None], count, axis=0), np.repeat(Q_step[None], count, axis=0)
     F[starts, CLONE.start :] = 0.0
     for k in range(2):
-        F[starts, CLONE.start + k, THETA.start + k] = UNITS[THETA.start] / UNITS[CLONE.start]
+        F[starts, CLONE.start + k, THETA.start + k] = (
+            STATE_UNITS[THETA.start] / STATE_UNITS[CLONE.start]
+        )
     return F, Q
 
 
@@ -142,15 +144,15 @@ def _filter(
 ) -> tuple[NDArray, NDArray]:
     """Estimates and covariances after each step's update, in the units of the states."""
     start = START_SIGMA.copy()
-    start[U], start[CLONE] = VAGUE * rate_sigma, start[THETA]
-    x, cov = np.zeros(SIZE), np.diag((start / UNITS) ** 2)
+    start[U], start[CLONE] = VAGUE_RATE * rate_sigma, start[THETA]
+    x, cov = np.zeros(SIZE), np.diag((start / STATE_UNITS) ** 2)
     H = np.eye(SIZE)[V]
-    R = np.eye(2) * (velocity_sigma / UNITS[0]) ** 2
+    R = np.eye(2) * (velocity_sigma / STATE_UNITS[0]) ** 2
     kept_x, kept_cov = np.empty((len(still), SIZE)), np.empty((len(still), SIZE, SIZE))
     for k in range(len(still)):
         if k:
             x, cov = kalman.predict(x, cov, F[k], Q[k])
         if still[k]:
-            x, cov, _ = kalman.update(x, cov, v_n_m_s[k] / UNITS[V], H, R)
+            x, cov, _ = kalman.update(x, cov, v_n_m_s[k] / STATE_UNITS[V], H, R)
         kept_x[k], kept_cov[k] = x, cov
     return kept_x, kept_cov

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from infield.table.file import json_text
-from ins.columns import INCREMENTS
+from ins.columns import INCREMENT_COLUMNS
 from ins.records import ImuLog
 from trajectories.runs.directory import write_run
 from trajectories.simulator import imperfections
@@ -162,7 +162,7 @@ def write_imu(path: Path, pieces: Iterator[ImuLog]) -> None:
     import pyarrow.csv as arrow_csv
     import pyarrow.parquet as pq
 
-    names = ("time_s", *INCREMENTS)
+    names = ("time_s", *INCREMENT_COLUMNS)
     schema = pa.schema([(name, pa.float64()) for name in names])
     kind = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": list(names)}
     text = arrow_csv.WriteOptions(quoting_style="none", quoting_header="none")

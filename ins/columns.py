@@ -22,14 +22,14 @@ def _triple(pattern: str) -> tuple[str, ...]:
     return tuple(pattern.format(axis) for axis in AXES)
 
 
-INCREMENTS = _triple("dtheta_{}_rad") + _triple("dv_{}_m_s")
-RATES = _triple("gyro_{}_rad_s") + _triple("accel_{}_m_s2")
+INCREMENT_COLUMNS = _triple("dtheta_{}_rad") + _triple("dv_{}_m_s")
+RATE_COLUMNS = _triple("gyro_{}_rad_s") + _triple("accel_{}_m_s2")
 GYRO_DEGC = _triple("gyro_{}_degC")
 ACCEL_DEGC = _triple("accel_{}_degC")
 GRADIENT_DEGC = _triple("gradient_{}_degC")
 POSITION = ("lat_deg", "lon_deg", "height_m")
 VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
-SIGMAS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
+FIX_SIGMA_COLUMNS = ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s")
 ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 
 

@@ -26,7 +26,7 @@ try:
 except ImportError:  # the plain-Python path
     numba = None  # type: ignore[assignment]
 
-OPTIONS = {"nogil": True}
+JIT_OPTIONS = {"nogil": True}
 NEEDED_BYTES = 50_000_000  # a full disk would fail in the middle of a write
 KEPT_FOLDERS = 20  # compiled code of older sources, about 1 MB each
 
@@ -54,7 +54,7 @@ def jit(function: Callable | None = None, **options: Any) -> Any:
     config: Any = getattr(numba, "config", None)
     if config is None or config.DISABLE_JIT:
         return function
-    options = {**OPTIONS, **options}
+    options = {**JIT_OPTIONS, **options}
     source = Path(function.__code__.co_filename)
     # None: in a zip, or a .pyc alone
     folder = cache_folder(source.parent) if source.is_file() else None

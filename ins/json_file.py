@@ -17,12 +17,12 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ins.records import InputError
 
-MAX_TEXT_BYTES = 4_000_000  # a table with covariance is below 1 MB
+MAX_JSON_BYTES = 4_000_000  # a table with covariance is below 1 MB
 MAX_SHOWN = 60
 MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
 # no key: a kind that was tried
 UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")
-NEEDED = {
+NEEDED_WORDS = {
     "string_type": "text",
     "float_type": "a number",
     "int_type": "a whole number",
@@ -62,7 +62,7 @@ def read_json_object(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : Path
-        A file of at most MAX_TEXT_BYTES.
+        A file of at most MAX_JSON_BYTES.
 
     Returns
     -------
@@ -92,7 +92,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     Parameters
     ----------
     path : Path
-        A file of at most MAX_TEXT_BYTES.
+        A file of at most MAX_JSON_BYTES.
 
     Returns
     -------
@@ -139,7 +139,7 @@ def parse_toml(text: str, *, name: str) -> dict[str, Any]:
 
 
 def read_small_text(path: Path) -> str:
-    """The text of a file of at most MAX_TEXT_BYTES.
+    """The text of a file of at most MAX_JSON_BYTES.
 
     Parameters
     ----------
@@ -158,9 +158,9 @@ def read_small_text(path: Path) -> str:
     """
     try:
         with open(path, "rb") as stream:
-            data = stream.read(MAX_TEXT_BYTES + 1)
-        if len(data) > MAX_TEXT_BYTES:
-            raise InputError(f"{path}: more than {MAX_TEXT_BYTES} bytes, needed at most that")
+            data = stream.read(MAX_JSON_BYTES + 1)
+        if len(data) > MAX_JSON_BYTES:
+            raise InputError(f"{path}: more than {MAX_JSON_BYTES} bytes, needed at most that")
         return data.decode("utf-8-sig")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None
@@ -352,7 +352,7 @@ def _needed(kind: str, facts: dict[str, Any]) -> str:
         return str(facts["error"])
     if kind == "literal_error":
         return str(facts["expected"]).replace("'", "")
-    return NEEDED.get(kind, f"another value ({kind})").format(**facts)
+    return NEEDED_WORDS.get(kind, f"another value ({kind})").format(**facts)
 
 
 def _suggestion(loc: tuple, model: Any) -> str:

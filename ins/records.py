@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 from ins.columns import (
     ACCEL_DEGC,
     ATTITUDE,
+    FIX_SIGMA_COLUMNS,
     GRADIENT_DEGC,
     GYRO_DEGC,
-    INCREMENTS,
-    SIGMAS,
+    INCREMENT_COLUMNS,
     Stream,
     degrees_exact,
     given,
@@ -213,7 +213,7 @@ class ImuLog(Stream):
         columns : dict of ndarray, shape (n,)
         """
         increments = np.hstack([self.dtheta_rad, self.dv_m_s])
-        return {"time_s": self.time_s, **spread(INCREMENTS, increments)}
+        return {"time_s": self.time_s, **spread(INCREMENT_COLUMNS, increments)}
 
     def pieces(self, start_s: float = -np.inf, end_s: float = np.inf) -> Iterator["ImuLog"]:
         """The rows of `between` in logs of some ten thousand rows.
@@ -414,7 +414,7 @@ class GnssLog(Stream):
         return {
             "time_s": self.time_s,
             **place(self.lat_rad, self.lon_rad, self.height_m, self.v_n_m_s),
-            **given(**{name: getattr(self, name) for name in SIGMAS}),
+            **given(**{name: getattr(self, name) for name in FIX_SIGMA_COLUMNS}),
         }
 
 

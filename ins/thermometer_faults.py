@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 
 from ins.robust import runs_of_true, white_sigma
 
-PLAUSIBLE_degC = (-60.0, 70.0)  # of a run's median where no table says that the unit works beyond
+PLAUSIBLE_MEDIAN_degC = (
+    -60.0,
+    70.0,
+)  # of a run's median where no table says that the unit works beyond
 KELVIN_degC = 150.0  # a median above this is no Celsius
 COARSE_degC = 0.25  # steps at least so large are worth a remark
 FASTEST_degC_s = 0.05  # 3 degC/min: faster no housing changes
-JUMP_degC, JUMP_SIGMAS, JUMP_STEPS = 0.5, 10.0, 2.5
+JUMP_degC, READING_JUMP_SIGMAS, JUMP_STEPS = 0.5, 10.0, 2.5
 TRANSIENT_S = 900.0  # a jump that comes back within this leaves the rest of the log as it was
 STUCK_S, LONG_STUCK_S = 120.0, 600.0
 HOLE_S = 60.0
@@ -132,14 +135,14 @@ class _Judge:
     def limit(self, name: str, values: NDArray) -> float:
         """A change that noise and resolution do not explain."""
         noise = white_sigma(values) if values.size > 2 else 0.0
-        return float(max(JUMP_degC, JUMP_STEPS * self.step[name], JUMP_SIGMAS * noise))
+        return float(max(JUMP_degC, JUMP_STEPS * self.step[name], READING_JUMP_SIGMAS * noise))
 
 
 def check_thermometers(
     time_s: NDArray,
     columns: Mapping[str, NDArray],
     *,
-    plausible_degC: tuple[float, float] = PLAUSIBLE_degC,
+    plausible_degC: tuple[float, float] = PLAUSIBLE_MEDIAN_degC,
 ) -> ThermometerCheck:
     """Judge the thermometers of a run.
 

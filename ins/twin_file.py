@@ -21,7 +21,7 @@ from ins.records import (
 )
 
 SCHEMA = "recal.twin/1"
-SECTIONS = ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle")
+TWIN_SECTIONS = ("gyro", "accel", "temperature", "gnss", "odometer", "vehicle")
 # the rest are sizes, >= 0
 SIGNED = ("scale_factor_ppm", "misalignment_mrad", "bias_ug", "scale_ppm", "crab_mrad")
 
@@ -164,7 +164,7 @@ def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel
     given = model.model_dump(exclude_unset=True)
     default = default_twin(given["gyro_technology"])
     sections = {
-        s: replace(getattr(default, s), **_tuples(given[s])) for s in SECTIONS if s in given
+        s: replace(getattr(default, s), **_tuples(given[s])) for s in TWIN_SECTIONS if s in given
     }
     return replace(
         default,
@@ -198,7 +198,7 @@ def _twin_model() -> type[StrictModel]:
     """The pydantic model, built from the records so that names and defaults exist once."""
     twin = TwinModel()
     sections: dict[str, Any] = {
-        name: (_section_model(getattr(twin, name)), None) for name in SECTIONS
+        name: (_section_model(getattr(twin, name)), None) for name in TWIN_SECTIONS
     }
     head: dict[str, Any] = {
         "imu_serial": (str, ""),

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment.coarse import BLOCK_S
+from alignment.coarse import COARSE_BLOCK_S
 from ins.records import ImuLog, ImuSource
 from ins.robust import robust_sigmas
 
@@ -89,7 +89,7 @@ class LogSeconds:
 
     def blocks(self) -> "Blocks":
         """Ten seconds at a time since the first second."""
-        number = np.floor((self.end_s - self.end_s[0] + 0.5) / BLOCK_S).astype(int)
+        number = np.floor((self.end_s - self.end_s[0] + 0.5) / COARSE_BLOCK_S).astype(int)
         first = np.flatnonzero(np.diff(number, prepend=-1))
         last = np.append(first[1:], number.size) - 1
         return Blocks(

@@ -81,8 +81,8 @@ def _run() -> str:
         "| stream | columns | optional |",
         "|---|---|---|",
     ]
-    lines.append(f"| imu | {_names(('time_s', *run_schema.INCREMENTS))} (increments) | |")
-    lines.append(f"| imu | {_names(('time_s', *run_schema.RATES))} (rates) | |")
+    lines.append(f"| imu | {_names(('time_s', *run_schema.INCREMENT_COLUMNS))} (increments) | |")
+    lines.append(f"| imu | {_names(('time_s', *run_schema.RATE_COLUMNS))} (rates) | |")
     for stream, columns in run_schema.REQUIRED.items():
         lines.append(
             f"| {stream} | {_names(columns)} | {_names(run_schema.OPTIONAL.get(stream, ()))} |"
@@ -123,7 +123,7 @@ def _twin() -> str:
         f"| `{k}` | {getattr(nominal, k) or ''} | |"
         for k in ("imu_serial", "gyro_technology", "table")
     ]
-    for section in twin_file.SECTIONS:
+    for section in twin_file.TWIN_SECTIONS:
         a, b = getattr(nominal, section), getattr(mems, section)
         for f in dataclasses.fields(a):
             lines.append(

@@ -24,8 +24,8 @@ from ins.records import AXES, Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, PPM
 from ins.verdicts import Reason, because
 
-MAX_PASSES = 30
-CONVERGED_RAD = 1e-7
+MAX_ROUNDS = 30
+SETTLED_RAD = 1e-7
 NOTED_DEGC = 2.0
 # of a table's variance that a stop without temperature has for itself (formats.md section 2)
 UNTIED_SHARE = 0.3
@@ -234,7 +234,7 @@ def _found_headings(
     ]
     first = np.exp(1j * (coarse_headings(known, np.zeros(3)) - turn))
     heading = turn + member @ np.angle(member.T @ first)
-    for _ in range(MAX_PASSES):
+    for _ in range(MAX_ROUNDS):
         columns = azimuth_columns(heading, rate)
         excess = excess_rad_s(known, heading, site.lat_rad) / DEG_PER_HOUR
         R = covariance + columns @ of_azimuth @ columns.T
@@ -247,7 +247,7 @@ def _found_headings(
             own_axis_sigma_rad=own_axis_sigma_rad,
         ).unknowns
         heading = wrap_pi(heading - member @ off)
-        if np.max(np.abs(off)) < CONVERGED_RAD:
+        if np.max(np.abs(off)) < SETTLED_RAD:
             break
     return np.asarray(heading)
 

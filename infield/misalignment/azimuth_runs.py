@@ -22,7 +22,7 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import speed_disagreement
 from alignment.motion.stillness import PIVOT_RAD_S, classify
 from infield.misalignment.reasons import StopReason
-from infield.misalignment.settings import SHORTEST_S
+from infield.misalignment.settings import SHORTEST_STOP_S
 from infield.session.log import compensated_imu, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.compensation import compensate
@@ -34,10 +34,10 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG
 from ins.verdicts import Reason, because
 
-GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
+TURN_GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
 EDGE_SIGMAS = 6.0  # a 10 s block this far from the others at the edge of a stop belongs to the turn
-BLOCK_S = 10.0
-TURN_RAD = 5.0 * DEG  # a turn beyond this ends a stop
+STOP_BLOCK_S = 10.0
+STOP_TURN_RAD = 5.0 * DEG  # a turn beyond this ends a stop
 JOINED_S = 15  # parts of a turn this near belong together
 MAX_CREEP_RAD = 0.1 * DEG  # a stop that turns by more, slowly, is none
 
@@ -63,7 +63,7 @@ class Stop:
 
 
 def find_stops(
-    run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_S
+    run: Run, twin: TwinModel, *, index: int = 0, shortest_s: float = SHORTEST_STOP_S
 ) -> tuple[list[Stop], list[Reason]]:
     """Stops of at least `shortest_s` in a run, in order, and what was left out and why."""
     imu = compensated_imu(run, None, None, twin).between(-np.inf, session_end(run))
@@ -140,7 +140,7 @@ def between_turns(imu: ImuLog) -> list[tuple[float, float]]:
     begins_s = np.append(imu.time_s[0] - imu.dt_s[0], ends_s[:-1])
     edges = [float(begins_s[0])]
     for a, b in stretches(near):
-        if np.linalg.norm(angle[a : b + 1].sum(axis=0)) > TURN_RAD:
+        if np.linalg.norm(angle[a : b + 1].sum(axis=0)) > STOP_TURN_RAD:
             edges += [float(begins_s[a]), float(ends_s[b])]
     edges.append(float(ends_s[-1]))
     return [(a, b) for a, b in zip(edges[::2], edges[1::2]) if b > a]
@@ -236,7 +236,7 @@ def _without_edges(
     """The stretch of epochs without the slow start and end of a turn and a guard; at the ends of
     the log it stays whole.
     """
-    block = int(BLOCK_S)
+    block = int(STOP_BLOCK_S)
     count = (b - a) // block
     if count < 6:
         return a, a
@@ -249,8 +249,8 @@ def _without_edges(
         a + good[0] * block,
         min(a + (good[-1] + 1) * block, b) if good[-1] < count - 1 else b,
     )
-    first = first if history.time_s[a] <= log_s[0] + 1.0 else first + int(GUARD_S)
-    last = last if history.time_s[b] >= log_s[1] - 1.0 else last - int(GUARD_S)
+    first = first if history.time_s[a] <= log_s[0] + 1.0 else first + int(TURN_GUARD_S)
+    last = last if history.time_s[b] >= log_s[1] - 1.0 else last - int(TURN_GUARD_S)
     return (first, last) if last > first else (a, a)
 
 

@@ -22,7 +22,7 @@ from ins.records import AXES, InputError
 from ins.units import DEG
 
 BIASES = tuple(f"bias_{axis}_deg_h" for axis in AXES)
-SIGMAS = tuple(f"sigma_{axis}_deg_h" for axis in AXES)
+SIGMA_COLUMNS = tuple(f"sigma_{axis}_deg_h" for axis in AXES)
 AZIMUTHS = ("heading_deg", "north_to_west_deg")
 
 
@@ -52,12 +52,12 @@ def read_azimuth_table(path: Path, *, sigma_deg_h: float | None = None) -> Azimu
         raise InputError(
             f"{path}: {azimuth} up to {np.max(np.abs(columns[azimuth])):g}, needed within +-360 deg"
         )
-    if SIGMAS[0] in columns:
-        sigma = np.column_stack([columns[name] for name in SIGMAS])
+    if SIGMA_COLUMNS[0] in columns:
+        sigma = np.column_stack([columns[name] for name in SIGMA_COLUMNS])
         if np.min(sigma) <= 0:
             j, k = np.unravel_index(np.argmin(sigma), sigma.shape)
             raise InputError(
-                f"{path}: row {j + 1}: {SIGMAS[k]} = {sigma[j, k]:g}, needed more than 0"
+                f"{path}: row {j + 1}: {SIGMA_COLUMNS[k]} = {sigma[j, k]:g}, needed more than 0"
             )
     else:
         sigma = np.full((angle.size, 3), sigma_deg_h)
@@ -77,16 +77,16 @@ def _check_header(path: Path, names: list[str], sigma_deg_h: float | None) -> No
             f" {' and '.join(AZIMUTHS)}"
         )
     missing = [name for name in BIASES if name not in names]
-    given = [name for name in SIGMAS if name in names]
+    given = [name for name in SIGMA_COLUMNS if name in names]
     if missing or 0 < len(given) < 3:
-        raise InputError(
-            f"{path}: column {(missing or [n for n in SIGMAS if n not in given])[0]} is missing"
-        )
+        lacking = missing or [n for n in SIGMA_COLUMNS if n not in given]
+        raise InputError(f"{path}: column {lacking[0]} is missing")
     if not given and sigma_deg_h is None:
         raise InputError(
-            f"{path}: no sigma of the biases, needed columns {', '.join(SIGMAS)} or --sigma-deg-h"
+            f"{path}: no sigma of the biases, needed columns {', '.join(SIGMA_COLUMNS)} or"
+            " --sigma-deg-h"
         )
-    unknown = [name for name in names if name not in (*AZIMUTHS, *BIASES, *SIGMAS)]
+    unknown = [name for name in names if name not in (*AZIMUTHS, *BIASES, *SIGMA_COLUMNS)]
     if unknown or len(set(names)) < len(names):
         raise InputError(f"{path}: column {(unknown or names)[0]!r} is unknown or given twice")
 

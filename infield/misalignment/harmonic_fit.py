@@ -29,7 +29,7 @@ from ins.records import InputError, frozen_array
 from ins.units import DEG_PER_HOUR
 
 CONFIDENCE = 0.999  # of the redundancy check
-UNSEEN = 1e-6  # share of the null space in a combination that makes it unobservable
+UNSEEN_SHARE = 1e-6  # share of the null space in a combination that makes it unobservable
 # gyro, column, sign
 COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}
 OWN_AXIS = {"x": (0, 1, 1.0), "y": (1, 2, -1.0)}
@@ -73,7 +73,7 @@ class AzimuthFit:
         """
         c = np.asarray(weights, dtype=float)
         size = np.linalg.norm(c)
-        unseen = self.null.size and np.max(np.abs(c @ self.null[:9])) > UNSEEN * size
+        unseen = self.null.size and np.max(np.abs(c @ self.null[:9])) > UNSEEN_SHARE * size
         return float(c @ self.parameters.ravel()), float(
             "inf" if unseen else np.sqrt(c @ self.covariance @ c)
         )

@@ -6,7 +6,7 @@ MAX_OFF_DEG = 2.0  # of an azimuth from its nominal place (requirements R21)
 # what a coupling may be before it is measured, 1 sigma: 206 arcsec, a machined block
 PRIOR_MRAD = 1.0
 # a stop below this says less than the flicker of the gyro: ARW / sqrt(t) alone is 0.007 deg/h
-SHORTEST_S = 300.0
+SHORTEST_STOP_S = 300.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -16,7 +16,7 @@ class AzimuthSettings:
     turned about, None: not known.
     """
 
-    shortest_s: float = SHORTEST_S
+    shortest_s: float = SHORTEST_STOP_S
     max_off_deg: float = MAX_OFF_DEG
     prior_mrad: float = PRIOR_MRAD
     sigma_mounting_arcsec: float | None = None

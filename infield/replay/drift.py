@@ -25,7 +25,7 @@ from ins.records import GnssLog, NavHistory, ReferenceLog, Site
 from ins.units import HOUR, KNOT, NAUTICAL_MILE
 
 REALIGN_M_S = 5.0 * KNOT  # residual ground speed at the gate above which the crew realigns
-CLASSES = (("2T+2", 2.0, 2.0), ("3T+3", 3.0, 3.0))  # name, NM/h, NM
+DRIFT_CLASSES = (("2T+2", 2.0, 2.0), ("3T+3", 3.0, 3.0))  # name, NM/h, NM
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,10 +62,10 @@ class Drift:
 
     @property
     def drift_class(self) -> str:
-        for name, slope, offset in CLASSES:
+        for name, slope, offset in DRIFT_CLASSES:
             if np.all(self.radial_m <= (slope * self.time_s / HOUR + offset) * NAUTICAL_MILE):
                 return name
-        return f"beyond {CLASSES[-1][0]}"
+        return f"beyond {DRIFT_CLASSES[-1][0]}"
 
 
 def parked_drift(history: NavHistory, site: Site, until_s: float) -> Drift:

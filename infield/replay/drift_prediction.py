@@ -18,7 +18,7 @@ from ins.records import Site, TwinModel
 from ins.units import DEG_PER_HOUR, KNOT, MICRO_G
 
 NM_H_PER_DEG_H = 60.0  # mean drift of one level gyro's bias: R u, physics.md 6.3
-STEP_S = 10.0
+PREDICTION_STEP_S = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,7 +81,7 @@ def predict_parked(
     inputs = np.zeros((3 * count + 2, 3 * count + 2))
     inputs[: 3 * count, : 3 * count] = covariance
     inputs[3 * count :, 3 * count :] = (twin.accel.turn_on_ug * MICRO_G) ** 2 * np.eye(2)
-    times = np.append(np.arange(start_s, end_s - 1e-3, STEP_S), end_s)
+    times = np.append(np.arange(start_s, end_s - 1e-3, PREDICTION_STEP_S), end_s)
     variance = np.zeros((times.size, 2))  # of speed and position, both axes
     for k in range(1, times.size):
         Phi, Gamma, Q = _parked_step(site, C_nb, twin, float(times[k] - times[k - 1]))

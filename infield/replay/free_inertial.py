@@ -49,11 +49,11 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-SHORTEST_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
+SHORTEST_SPAN_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
 # before the start of navigation: holds the row before it (a run has no gap over 1 s)
 ROW_BEFORE_S = 2.0
 # a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
-SHORT_S = 1800.0
+EXTRAPOLATED_BELOW_S = 1800.0
 
 Where = tuple[float, float]  # start and end [s]
 
@@ -240,7 +240,7 @@ def _with_scores(
     motion = stillness.classify(first, raw.phases)
     parked_s, stops = first_roll(motion), find_stops(first, motion, raw)
     parked_for_s = parked_s - float(first.time_s[0])
-    short = SHORTEST_S <= parked_for_s < SHORT_S
+    short = SHORTEST_SPAN_S <= parked_for_s < EXTRAPOLATED_BELOW_S
     extrapolated = because(ReplayNote.EXTRAPOLATED, parked_s=parked_for_s)
     inconsistent = active.alignment.verdict is AlignmentVerdict.INCONSISTENT
     return replace(
@@ -271,8 +271,8 @@ def _fly(
     history, unflown = None, None
     C_nb, left_s = aligned.C_nb, imu.end_s - aligned.time_s
     if aligned.verdict in WITH_HEADING and C_nb is not None:
-        if left_s < SHORTEST_S:
-            unflown = because(ReplayReason.LOG_ENDS, left_s=left_s, needed_s=SHORTEST_S)
+        if left_s < SHORTEST_SPAN_S:
+            unflown = because(ReplayReason.LOG_ENDS, left_s=left_s, needed_s=SHORTEST_SPAN_S)
             aligned = replace(aligned, verdict=AlignmentVerdict.REFUSED)
         else:
             start = NavState(
@@ -343,7 +343,7 @@ def _scored(
     if history is None or aligned.C_nb is None:
         return flown
     parked = predicted = None
-    if parked_s - aligned.time_s >= SHORTEST_S:
+    if parked_s - aligned.time_s >= SHORTEST_SPAN_S:
         parked = parked_drift(history, run.header.site, parked_s)
         if flown.bins is not None:
             predicted = predict_parked(

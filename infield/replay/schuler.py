@@ -24,7 +24,7 @@ from ins.verdicts import Reason, because
 LEAST_PERIODS = 0.75  # of record, or a trend cannot be told from a swing
 RANGE_S = (30.0 * 60.0, 240.0 * 60.0)  # periods that are looked for
 LARGEST_SIGMA_S = 15.0 * 60.0
-BLOCK_S = 60.0
+SWING_MEAN_S = 60.0
 LEAST_SIGMAS = 4.0  # of the swing's amplitude above what is left of the fit
 
 
@@ -78,8 +78,8 @@ def fit_schuler(parked: Drift | None, site: Site) -> SchulerFit:
 
 
 def _minutes(parked: Drift) -> tuple[NDArray, NDArray]:
-    """Means over BLOCK_S of time (n,) and velocity (n, 2)."""
-    block = np.floor((parked.time_s - parked.time_s[0]) / BLOCK_S)
+    """Means over SWING_MEAN_S of time (n,) and velocity (n, 2)."""
+    block = np.floor((parked.time_s - parked.time_s[0]) / SWING_MEAN_S)
     first = np.flatnonzero(np.diff(block, prepend=-1.0))
     count = np.diff(np.append(first, block.size))
     return (

@@ -8,7 +8,7 @@ import numpy as np
 from markupsafe import Markup
 
 from alignment.reasons import WITH_HEADING
-from infield.replay.drift import CLASSES
+from infield.replay.drift import DRIFT_CLASSES
 from infield.replay.free_inertial import ReplayResult, TableReplay
 from infield.replay.reasons import ReplayVerdict
 from infield.reports.aided_figures import aided_figures, map_figure
@@ -159,7 +159,7 @@ def _draw_classes(ax: "Axes", top: float) -> None:
     """The 2T+2 and 3T+3 limits, where they lie within the drawing."""
     low, high = ax.get_xlim()
     x = np.array([max(low, 0.0), high])
-    for (name, slope, offset), line in zip(CLASSES, ("-.", "-")):
+    for (name, slope, offset), line in zip(DRIFT_CLASSES, ("-.", "-")):
         if offset < top:
             ax.plot(
                 x,

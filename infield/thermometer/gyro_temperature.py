@@ -22,7 +22,7 @@ from ins.thermometer_faults import (
     HOLE_S,
     OF_THE_COLUMN,
     FaultKind,
-    PLAUSIBLE_degC,
+    PLAUSIBLE_MEDIAN_degC,
     ThermometerFault,
     check_thermometers,
 )
@@ -138,7 +138,9 @@ def no_thermometer(temperature: GyroTemperature) -> tuple[Reason, ...]:
 def plausible_range(table: ThermalTable) -> tuple[float, float]:
     """Where a gyro may be: the usual range, or what the table of the unit covers."""
     nodes = np.concatenate(table.temperature_degC)
-    return min(PLAUSIBLE_degC[0], float(nodes.min())), max(PLAUSIBLE_degC[1], float(nodes.max()))
+    return min(PLAUSIBLE_MEDIAN_degC[0], float(nodes.min())), max(
+        PLAUSIBLE_MEDIAN_degC[1], float(nodes.max())
+    )
 
 
 def too_short(log: TemperatureLog | None) -> Reason | None:
@@ -158,7 +160,7 @@ def too_short(log: TemperatureLog | None) -> Reason | None:
 
 
 def gyro_temperature(
-    log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_degC
+    log: TemperatureLog, *, plausible_degC: tuple[float, float] = PLAUSIBLE_MEDIAN_degC
 ) -> GyroTemperature:
     """Check the thermometers and smooth what can be trusted; one row is held for ever."""
     checked = check_thermometers(log.time_s, _columns(log), plausible_degC=plausible_degC)

@@ -67,11 +67,11 @@ class AidedNavigator:
         options: AidedOptions = DEFAULTS,
     ) -> None:
         from ins.filters import aided_kernel as kernel
-        from ins.strapdown.kernel import BEFORE, COLUMNS, CORRECTION, STATE_SIZE, U
+        from ins.strapdown.kernel import BEFORE, CORRECTION, HISTORY_COLUMNS, STATE_SIZE, U
 
         check_initial(start.state)
         self._kernel, self._start, self._before = kernel, start.state, slice(BEFORE, U)
-        self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(COLUMNS)
+        self._state, self._opened = np.zeros(STATE_SIZE), np.zeros(HISTORY_COLUMNS)
         self._state[:CORRECTION] = earth_frame_state(start.state)
         self._bias = _taken_off(start, antenna)
         self._trail = np.zeros((kernel.TRAIL_ROWS, kernel.TRAIL))

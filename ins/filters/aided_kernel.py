@@ -30,15 +30,15 @@ from ins.earth import EARTH_RATE_RAD_S, SEMI_MAJOR_AXIS_M
 from ins.filters import states
 from ins.jit import jit
 from ins.strapdown.kernel import (
-    C_NB,
-    C_NB_DT,
-    COLUMNS,
+    C_NB_AT,
+    C_NB_DT_AT,
     COUNT,
+    HISTORY_COLUMNS,
     LIMIT,
+    LOOK_AHEAD_S,
     LOOK_ROWS,
-    LOOK_S,
     SUMS,
-    V_N,
+    V_N_AT,
     R,
     V,
     dcm_ne,
@@ -104,7 +104,7 @@ def transition(row, dt, Phi):
 
     row (36,): the strapdown output at its end, with what the step added up.
     """
-    lat, height, v = row[0], row[2], row[V_N : V_N + 3]
+    lat, height, v = row[0], row[2], row[V_N_AT : V_N_AT + 3]
     radius = SEMI_MAJOR_AXIS_M + height
     t = min(max(tan(lat), -POLE_TAN), POLE_TAN)
     s = t / sqrt(1.0 + t * t)
@@ -129,7 +129,7 @@ def transition(row, dt, Phi):
         Phi[P_ + i, P_ + i] += 0.5 * dt * dt * gradient
         Phi[V_ + i, V_ + i] += 0.5 * dt * dt * gradient
         for j in range(3):
-            C_dt = row[C_NB_DT + 3 * i + j]
+            C_dt = row[C_NB_DT_AT + 3 * i + j]
             Phi[T_ + i, G_ + j] = C_dt
             Phi[V_ + i, A_ + j] = C_dt
             Phi[P_ + i, A_ + j] = 0.5 * dt * C_dt
@@ -263,9 +263,9 @@ def rows_of_fix(row, rate_b, lever_b, H):
         H[i, P_ + i] = H[i, B_ + i] = 1.0
         H[3 + i, V_ + i] = H[3 + i, W_ + i] = 1.0
         for j in range(3):
-            arm[i] += row[C_NB + 3 * i + j] * lever_b[j]
-            swing[i] += row[C_NB + 3 * i + j] * spin[j]
-        cx, cy, cz = row[C_NB + 3 * i], row[C_NB + 3 * i + 1], row[C_NB + 3 * i + 2]
+            arm[i] += row[C_NB_AT + 3 * i + j] * lever_b[j]
+            swing[i] += row[C_NB_AT + 3 * i + j] * spin[j]
+        cx, cy, cz = row[C_NB_AT + 3 * i], row[C_NB_AT + 3 * i + 1], row[C_NB_AT + 3 * i + 2]
         H[3 + i, G_] = -(cy * lever_b[2] - cz * lever_b[1])  # eps x lever = -lever x eps
         H[3 + i, G_ + 1] = -(cz * lever_b[0] - cx * lever_b[2])
         H[3 + i, G_ + 2] = -(cx * lever_b[1] - cy * lever_b[0])
@@ -296,14 +296,14 @@ def leave_trail(trail, carry, row):
     carry[CLOCK] += carry[DT]
     trail[k, TRAIL_T] = carry[CLOCK]
     for i in range(3):
-        v, before = row[V_N + i], carry[V_BEFORE + i]
+        v, before = row[V_N_AT + i], carry[V_BEFORE + i]
         trail[last, TRAIL_V + i] = before  # as corrected where that step began
         trail[k, TRAIL_V + i] = v
         trail[k, TRAIL_DV + i] = trail[last, TRAIL_DV + i] + v - before
         trail[k, TRAIL_DR + i] = trail[last, TRAIL_DR + i] + 0.5 * (v + before) * carry[DT]
         trail[k, TRAIL_W + i] = 0.0
         for j in range(3):
-            trail[k, TRAIL_W + i] += row[C_NB + 3 * i + j] * carry[RATE + j]
+            trail[k, TRAIL_W + i] += row[C_NB_AT + 3 * i + j] * carry[RATE + j]
     carry[STEPS] += 1.0
 
 
@@ -348,8 +348,8 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         swung[i] = at_velocity[9 + j] * arm[k] - at_velocity[9 + k] * arm[j]
         for m in range(3):  # the lever arm turned at that rate
             H[3 + i, L_ + m] = (
-                at_velocity[9 + j] * row[C_NB + 3 * k + m]
-                - at_velocity[9 + k] * row[C_NB + 3 * j + m]
+                at_velocity[9 + j] * row[C_NB_AT + 3 * k + m]
+                - at_velocity[9 + k] * row[C_NB_AT + 3 * j + m]
             )
     C = dcm_ne(local_frame((state[R], state[R + 1], state[R + 2])))
     off, z = np.zeros(3), np.zeros(6)
@@ -360,8 +360,8 @@ def take_fix(state, row, fix, late_s, carry, trail, settings, x, P, bias, H, K, 
         z[i] += (
             arm[i] + bias[B_SLOW + i] - at_position[3 + i] - 0.5 * back_s * (swing[i] + swings[i])
         )
-        z[3 + i] = row[V_N + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
-        H[i, D_] = -(row[V_N + i] - at_position[i] + swings[i])
+        z[3 + i] = row[V_N_AT + i] - at_velocity[i] + swung[i] + bias[B_SLOW + 3 + i] - fix[3 + i]
+        H[i, D_] = -(row[V_N_AT + i] - at_position[i] + swings[i])
         H[3 + i, E_] = -at_velocity[6 + i]
     seen = np.zeros(6)
     lost = carry[REJECTED_SINCE] >= settings[RESET_S] and settings[RESET_S] > 0.0
@@ -415,7 +415,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
     for i in range(3):
         H[i, V_ + i] = 1.0
     nis, _ = update(
-        x, P, H[0:3], row[V_N : V_N + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_
+        x, P, H[0:3], row[V_N_AT : V_N_AT + 3].copy(), np.full(3, settings[STAND_SIGMA] ** 2), K, L_
     )
     if settings[STAND_RATE] > 0.0:
         ie, z = (
@@ -427,7 +427,7 @@ def stand(state, row, dt, noise, settings, x, P, bias, H, K):
             H[i, G_ + i] = 1.0
             z[i] = row[SUMS + 9 + i] / dt
             for j in range(3):
-                C_ji = row[C_NB + 3 * j + i]
+                C_ji = row[C_NB_AT + 3 * j + i]
                 z[i] -= C_ji * ie[j]
                 k, m = (j + 1) % 3, (j + 2) % 3  # row j of omega_ie x theta
                 H[i, T_ + m] -= C_ji * ie[k]
@@ -460,11 +460,11 @@ def emit(state, bias, P, out):
         frame[4],
     )
     for i in range(3):
-        out[V_N + i] = (
+        out[V_N_AT + i] = (
             C[3 * i] * state[V] + C[3 * i + 1] * state[V + 1] + C[3 * i + 2] * state[V + 2]
         )
         for j in range(3):
-            out[C_NB + 3 * i + j] = (
+            out[C_NB_AT + 3 * i + j] = (
                 C[3 * i] * B[j] + C[3 * i + 1] * B[3 + j] + C[3 * i + 2] * B[6 + j]
             )
     for i in range(6):
@@ -543,9 +543,9 @@ def run(
         Written where it is asked for.
     """
     Phi, M, H, K = np.zeros((MOTION, MOTION)), np.zeros((N, N)), np.zeros((6, N)), np.zeros(N)
-    out, end, none = np.zeros((2, COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
+    out, end, none = np.zeros((2, HISTORY_COLUMNS)), np.zeros(1, np.int64), np.zeros(0, np.int64)
     turned, pushed, flat = np.empty_like(dtheta), np.empty_like(dv), np.zeros(dt.size)
-    gains, look_s = (0.0, 0.0, 0.0), LOOK_S
+    gains, look_s = (0.0, 0.0, 0.0), LOOK_AHEAD_S
     first, written = 0, 0
     for k in range(ends.size + 1):
         last = ends[k] if k < ends.size else dt.size
@@ -557,7 +557,7 @@ def run(
                 turned[l, i] = dtheta[l, i] - bias[i] * dt[l]
                 pushed[l, i] = dv[l, i] - bias[3 + i] * dt[l]
                 carry[RATE + i] = turned[l, i] / dt[l]
-        for i in range(COLUMNS):
+        for i in range(HISTORY_COLUMNS):
             out[0, i], out[1, i] = opened[i], 0.0
         end[0] = last - first
         integrate(
@@ -574,7 +574,7 @@ def run(
         )
         first = last
         if k == ends.size:
-            for i in range(COLUMNS):
+            for i in range(HISTORY_COLUMNS):
                 opened[i] = out[0, i]
             break
         opened[:] = 0.0

@@ -36,7 +36,7 @@ from ins.strapdown.start import (
 )
 
 CHUNK_ROWS = 4096  # rows of own increments (noise, own logs) made at a time: 3 MB a thread
-STATES = 15  # columns of an epoch
+EPOCH_COLUMNS = 15  # columns of an epoch
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,7 +175,7 @@ class _Job:
             self.shared = replace(
                 log, dtheta_rad=np.zeros_like(log.dtheta_rad), dv_m_s=np.zeros_like(log.dv_m_s)
             )
-        self.states = np.empty((self.runs, self.ends.size + 1, STATES))
+        self.states = np.empty((self.runs, self.ends.size + 1, EPOCH_COLUMNS))
 
     def fly(self, tile: range) -> None:
         """Navigate the runs of one tile and write their states."""
@@ -225,10 +225,10 @@ class _Job:
         lanes = [min(tile[0] + lane, tile[-1]) for lane in range(kernel.TILE)]
         for lane, run in enumerate(lanes):
             start = self.starts[run % len(self.starts)]
-            self.states[run, 0] = initial_row(start)[0, :STATES]
+            self.states[run, 0] = initial_row(start)[0, :EPOCH_COLUMNS]
             F[: kernel.CORRECTION, lane] = earth_frame_state(start)
             F[kernel.BEFORE : kernel.U, lane] = self._interval_before(run, own[..., lane], begin)
-            F[kernel.MATRIX : kernel.HEIGHT, lane] = self.errors.matrices(run).ravel()
+            F[kernel.MATRIX_AT : kernel.HEIGHT, lane] = self.errors.matrices(run).ravel()
             F[kernel.HEIGHT, lane] = start.site.height_m if self.own_height else 0.0
         return F.ravel(), np.ascontiguousarray(
             np.stack([self.errors.biases(run) for run in lanes], axis=-1)

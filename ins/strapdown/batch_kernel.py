@@ -50,7 +50,7 @@ from ins.strapdown.kernel import (
 )
 
 TILE = 16
-INCREMENTS, BIAS, MATRIX, HEIGHT, TILE_SIZE = (
+INCREMENTS_AT, BIAS_AT, MATRIX_AT, HEIGHT, TILE_SIZE = (
     STATE_SIZE,
     STATE_SIZE + 6,
     STATE_SIZE + 12,
@@ -111,7 +111,7 @@ def restart_look_ahead(F, l):
 @part
 def step_lane(F, l, T, weights, height_ref, gains, small):
     """The state of lane l after one step; small: all lanes are known to turn less than 0.1 rad."""
-    theta, dv = lane_vector(F, INCREMENTS, l), lane_vector(F, INCREMENTS + 3, l)
+    theta, dv = lane_vector(F, INCREMENTS_AT, l), lane_vector(F, INCREMENTS_AT + 3, l)
     v, q = lane_vector(F, V, l), lane_quaternion(F, l)
     rotation, dv_start, scroll = compensate(
         theta, dv, lane_vector(F, BEFORE, l), lane_vector(F, BEFORE + 3, l), weights, small
@@ -155,24 +155,24 @@ def form_increments(F, dtheta, dv, T, own, k):
     shared_theta, shared_dv, largest = row(dtheta, k), row(dv, k), 0.0
     for l in range(TILE):
         theta = add(
-            add(shared_theta, rotate(lane_matrix(F, MATRIX, l), shared_theta), 1.0),
-            lane_vector(F, BIAS, l),
+            add(shared_theta, rotate(lane_matrix(F, MATRIX_AT, l), shared_theta), 1.0),
+            lane_vector(F, BIAS_AT, l),
             T,
         )
         force = add(
-            add(shared_dv, rotate(lane_matrix(F, MATRIX + 9, l), shared_dv), 1.0),
-            lane_vector(F, BIAS + 3, l),
+            add(shared_dv, rotate(lane_matrix(F, MATRIX_AT + 9, l), shared_dv), 1.0),
+            lane_vector(F, BIAS_AT + 3, l),
             T,
         )
-        set_lane_vector(F, INCREMENTS, l, theta)
-        set_lane_vector(F, INCREMENTS + 3, l, force)
+        set_lane_vector(F, INCREMENTS_AT, l, theta)
+        set_lane_vector(F, INCREMENTS_AT + 3, l, force)
     if own.size > 0:
         for c in range(6):
             for l in range(TILE):
-                F[at(INCREMENTS + c, l)] += own[k, c, l]
+                F[at(INCREMENTS_AT + c, l)] += own[k, c, l]
     for l in range(TILE):
         largest = max(
-            largest, square(lane_vector(F, INCREMENTS, l)), square(lane_vector(F, BEFORE, l))
+            largest, square(lane_vector(F, INCREMENTS_AT, l)), square(lane_vector(F, BEFORE, l))
         )
     return largest
 
@@ -216,7 +216,7 @@ def integrate_tile(
                 bin_now = bin_of_row[k]
                 for c in range(6):
                     for l in range(TILE):
-                        F[at(BIAS + c, l)] = bias[bin_now, c, l]
+                        F[at(BIAS_AT + c, l)] = bias[bin_now, c, l]
             T, height, weights = dt[k], height_ref[k], interval_weights(dt[k], T_before)
             if count >= limit or elapsed + T > look_s:
                 limit, count, elapsed = LOOK_ROWS if limit > 0 else 1, 0, 0.0

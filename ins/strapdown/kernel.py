@@ -34,7 +34,7 @@ MAX_INTERVAL_RATIO = 2.5  # an interval 2.5 times the one before (a gap) tells n
 
 # columns of an output row: latitude, longitude, height; v_n; C_nb in row order; then the sums over
 # the epoch: C_nb dt, and displacement_n, displacement_b, dv_f_n, dtheta_b
-V_N, C_NB, C_NB_DT, SUMS, COLUMNS = 3, 6, 15, 24, 36
+V_N_AT, C_NB_AT, C_NB_DT_AT, SUMS, HISTORY_COLUMNS = 3, 6, 15, 24, 36
 
 # State that a stream carries over: q, v, r, vertical correction; dtheta, dv, dt of the interval
 # before; then the look-ahead: u, s, a, f, a and f of the last step, rows and time since the
@@ -45,7 +45,7 @@ V, R, CORRECTION, BEFORE, DT_BEFORE, U, SEEN, A_USED, F_USED, A_LAST, F_LAST = n
     dtype=np.int64,
 )
 COUNT, ELAPSED, LIMIT, STATE_SIZE = 36, 37, 38, 39
-LOOK_ROWS, LOOK_S = 16, 0.16  # see strapdown_loop
+LOOK_ROWS, LOOK_AHEAD_S = 16, 0.16  # see strapdown_loop
 
 
 # no test of each division: none here can be by zero. A part is compiled into its callers: a loop
@@ -333,7 +333,7 @@ def record(out, j, C, v, r):
     v_n = rotate(C_ne, v)
     out[j, 0], out[j, 1], out[j, 2] = atan2(frame[0], frame[1]), atan2(frame[2], frame[3]), frame[4]
     for i in range(3):
-        out[j, V_N + i] = v_n[i]
-        out[j, C_NB + i], out[j, C_NB + 3 + i], out[j, C_NB + 6 + i] = rotate(
+        out[j, V_N_AT + i] = v_n[i]
+        out[j, C_NB_AT + i], out[j, C_NB_AT + 3 + i], out[j, C_NB_AT + 6 + i] = rotate(
             C_ne, (C[i], C[3 + i], C[6 + i])
         )

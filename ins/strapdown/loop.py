@@ -3,13 +3,13 @@ numba.
 
 The formulas are those of ins.strapdown.kernel; conventions as there. Only attitude, velocity and
 position hang on the row before; everything else is worked out for all rows of a block side by side,
-in one flat array, so that loops over them become vector instructions: element c of row l at (c S +
-l).
+in one flat array, so that loops over them become vector instructions: element c of row l at
+(c ROWS + l).
 
 Where gravity is looked up: at the middle of each row by a look-ahead that starts from the solution
-itself at most LOOK_ROWS rows or LOOK_S seconds before, and keeps gravity, Coriolis and damping as
-they were then. It is off by less than 1e-6 m (jerk of gravity at 300 m/s, 0.16 s), 2e-12 m/s^2 of
-gravity; at rows of 0.1 s and longer by nothing.
+itself at most LOOK_ROWS rows or LOOK_AHEAD_S seconds before, and keeps gravity, Coriolis and
+damping as they were then. It is off by less than 1e-6 m (jerk of gravity at 300 m/s, 0.16 s), 2e-12
+m/s^2 of gravity; at rows of 0.1 s and longer by nothing.
 """
 
 import numpy as np
@@ -18,7 +18,7 @@ from ins.strapdown.kernel import (
     A_LAST,
     A_USED,
     BEFORE,
-    C_NB_DT,
+    C_NB_DT_AT,
     CORRECTION,
     COUNT,
     DT_BEFORE,
@@ -53,12 +53,12 @@ from ins.strapdown.kernel import (
     unit,
 )
 
-ROWS = S = LOOK_ROWS
+ROWS = LOOK_ROWS
 # Columns of a block: the row as read and as the one before; state before and after it; what it does
 # in the body frame, in the Earth frame, where it looks gravity up; its shares of the sums. Columns
-# and ZERO are np.int64, since numba compiles a function anew for each Python integer that it is
-# given by name.
-ZERO = np.int64(0)
+# and INT64_ZERO are np.int64, since numba compiles a function anew for each Python integer that it
+# is given by name.
+INT64_ZERO = np.int64(0)
 (
     THETA,
     DV,
@@ -88,7 +88,7 @@ ZERO = np.int64(0)
     dtype=np.int64,
 )
 SHARES = 21
-ONE, TWO, THREE = np.uintp(S), np.uintp(2 * S), np.uintp(3 * S)  # columns on
+ONE, TWO, THREE = np.uintp(ROWS), np.uintp(2 * ROWS), np.uintp(3 * ROWS)  # columns on
 FAST_ANGLE_2 = 0.008  # increments below 0.09 rad: with coning still below the series' 0.1
 
 
@@ -97,7 +97,7 @@ def at(c, l):
     """Where element l of column c is. Unsigned, since numba would ask of any other index whether it
     is below zero.
     """
-    return np.uintp(c * S + l)
+    return np.uintp(c * ROWS + l)
 
 
 @part
@@ -215,10 +215,10 @@ def close_rows(F, out, ends, j, k, count):
     while a < count:
         b = min(count, ends[j] - k) if j < ends.size else count
         for c in range(SHARES):
-            total = out[j, C_NB_DT + c]
+            total = out[j, C_NB_DT_AT + c]
             for l in range(a, b):
                 total += F[at(SHARE + c, l)]
-            out[j, C_NB_DT + c] = total
+            out[j, C_NB_DT_AT + c] = total
         if j < ends.size and b == ends[j] - k:
             record(
                 out,
@@ -319,7 +319,7 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
     gains : (float, float, float)
         k1, k2, k3 of the vertical loop; all zero when free.
     look_s : float
-        The longest look-ahead: LOOK_S, or less where the vertical loop is fast.
+        The longest look-ahead: LOOK_AHEAD_S, or less where the vertical loop is fast.
     width : int
         Rows of a block that are worked out side by side: LOOK_ROWS.
     ends : ndarray of int64
@@ -330,7 +330,7 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
     out : ndarray, shape (ends.size + 1, COLUMNS)
         Its sums are set by the caller: zero, or in row 0 those of the part before.
     """
-    F = np.zeros((SHARE + SHARES) * S)
+    F = np.zeros((SHARE + SHARES) * ROWS)
     q, v, r = (state[0], state[1], state[2], state[3]), triple(state, V), triple(state, R)
     correction, count, elapsed, limit = (
         state[CORRECTION],
@@ -343,7 +343,7 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
     before = triple(state, BEFORE), triple(state, BEFORE + 3), state[DT_BEFORE]
     for l in range(width):  # unused rows are worked out as well
         put(F, MIDDLE, l, r)
-    k, j = ZERO, ZERO
+    k, j = INT64_ZERO, INT64_ZERO
     if ends.size > 0 and ends[0] == 0:
         record(out, j, dcm(q), v, r)
         j += 1
@@ -351,7 +351,7 @@ def integrate(dt, dtheta, dv, height_ref, gains, look_s, width, ends, state, out
         if count >= limit or elapsed + dt[k] > look_s:
             q, u, s, a, f = unit(q), v, r, a_last, f_last
             limit, count, elapsed = ROWS if limit > 0 else 1, 0, 0.0
-        rows = ZERO
+        rows = INT64_ZERO
         while (
             k + rows < dt.size
             and count < limit

@@ -113,9 +113,11 @@ class VerticalChannel:
     @property
     def look_s(self) -> float:
         """Longest time [s] over which the look-up of gravity takes the loop as constant."""
-        from ins.strapdown.kernel import LOOK_S
+        from ins.strapdown.kernel import LOOK_AHEAD_S
 
-        return LOOK_S if self.mode == "free" else min(LOOK_S, self.time_constant_s / 100.0)
+        return (
+            LOOK_AHEAD_S if self.mode == "free" else min(LOOK_AHEAD_S, self.time_constant_s / 100.0)
+        )
 
     def check_interval(self, dt_s: NDArray) -> None:
         """Refuse intervals that are too long for the loop.
@@ -249,7 +251,7 @@ class Navigator:
         self._vertical = vertical or VerticalChannel()
         self._state = np.zeros(kernel.STATE_SIZE)
         self._state[: kernel.CORRECTION] = earth_frame_state(initial)
-        self._open = np.zeros(kernel.COLUMNS)  # sums since the last epoch end
+        self._open = np.zeros(kernel.HISTORY_COLUMNS)  # sums since the last epoch end
         self._rows, self._times_s = [initial_row(initial)], [np.array([initial.time_s])]
         self._epochs, self._rows_used = EpochEnds(initial.time_s, epoch_s), False
         self._before: NDArray | None = None  # the interval before the first used
@@ -315,7 +317,7 @@ class Navigator:
         time_s, dt = imu.time_s[first:], imu.dt_s[first:]
         before_s = self._epochs.last_s
         ends = self._epochs.settle(time_s)
-        out = np.zeros((ends.size + 1, self._kernel.COLUMNS))
+        out = np.zeros((ends.size + 1, self._kernel.HISTORY_COLUMNS))
         out[0] = self._open
         height_ref = self._vertical.reference_height(time_s, dt, self._initial.site.height_m)
         self._integrate(dt, imu.dtheta_rad[first:], imu.dv_m_s[first:], height_ref, ends, out)
@@ -349,7 +351,7 @@ class Navigator:
 
 def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
     """The columns of the kernel's output rows by name."""
-    from ins.strapdown.kernel import C_NB, C_NB_DT, SUMS, V_N
+    from ins.strapdown.kernel import C_NB_AT, C_NB_DT_AT, SUMS, V_N_AT
 
     square = (-1, 3, 3)
     return NavHistory(
@@ -357,9 +359,9 @@ def _history(time_s: NDArray, rows: NDArray) -> NavHistory:
         lat_rad=rows[:, 0],
         lon_rad=rows[:, 1],
         height_m=rows[:, 2],
-        v_n_m_s=rows[:, V_N:C_NB],
-        C_nb=rows[:, C_NB:C_NB_DT].reshape(square),
-        C_nb_dt=rows[:, C_NB_DT:SUMS].reshape(square),
+        v_n_m_s=rows[:, V_N_AT:C_NB_AT],
+        C_nb=rows[:, C_NB_AT:C_NB_DT_AT].reshape(square),
+        C_nb_dt=rows[:, C_NB_DT_AT:SUMS].reshape(square),
         displacement_n_m=rows[:, SUMS : SUMS + 3],
         displacement_b_m=rows[:, SUMS + 3 : SUMS + 6],
         dv_f_n_m_s=rows[:, SUMS + 6 : SUMS + 9],

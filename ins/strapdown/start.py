@@ -113,8 +113,8 @@ def initial_row(initial: NavState) -> NDArray:
     """
     from ins.strapdown import kernel
 
-    row, site = np.zeros((1, kernel.COLUMNS)), initial.site
-    row[0, : kernel.C_NB_DT] = np.concatenate(
+    row, site = np.zeros((1, kernel.HISTORY_COLUMNS)), initial.site
+    row[0, : kernel.C_NB_DT_AT] = np.concatenate(
         [
             [site.lat_rad, wrap_pi(site.lon_rad), site.height_m],
             initial.v_n_m_s,

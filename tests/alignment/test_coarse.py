@@ -121,7 +121,7 @@ PARK = (Park(duration_s=900.0),)
 def test_first_rest_of_a_parked_log_is_its_first_ten_minutes():
     start_s, end_s = first_rest(seconds_of(simulate(ideal_of(PARK), 1).run.imu))
     assert start_s < 1.0
-    assert end_s == pytest.approx(LONGEST_COARSE_S, abs=2 * coarse.BLOCK_S)
+    assert end_s == pytest.approx(LONGEST_COARSE_S, abs=2 * coarse.COARSE_BLOCK_S)
 
 
 def test_first_rest_survives_people_and_a_bump():

@@ -40,7 +40,7 @@ def backquoted(text):
 @pytest.mark.parametrize("stream", run_schema.STREAMS)
 def test_columns_of_a_stream(stream):
     if stream == "imu":
-        needed = {"time_s", *run_schema.INCREMENTS, *run_schema.RATES}
+        needed = {"time_s", *run_schema.INCREMENT_COLUMNS, *run_schema.RATE_COLUMNS}
     else:
         needed = {*run_schema.REQUIRED[stream], *run_schema.OPTIONAL.get(stream, ())}
     named = backquoted(row(section(FORMATS, 1), stream))
@@ -59,7 +59,7 @@ def test_keys_of_run_json():
 def test_twin_with_the_defaults_of_a_ring_laser():
     block = json.loads(re.search(r"```json\n(.*?)```", section(FORMATS, 3), re.S)[1])
     default = twin_file.default_twin("rlg")
-    for name in twin_file.SECTIONS:
+    for name in twin_file.TWIN_SECTIONS:
         record = getattr(default, name)
         values = {f.name: getattr(record, f.name) for f in fields(record)}
         stated = {k: tuple(v) if isinstance(v, list) else v for k, v in block[name].items()}

@@ -10,7 +10,7 @@ import pytest
 
 from infield.replay.free_inertial import replay
 from infield.session.navigated.taxi_heading import GnssAid
-from ins.columns import SIGMAS
+from ins.columns import FIX_SIGMA_COLUMNS
 from ins.filters.aided_records import fixes_of
 from ins.records import InputError
 from tests.infield.aided_cases import flown, ideal, twin_of
@@ -20,7 +20,7 @@ from trajectories.runs.directory import inspect_run, read_run, write_run
 TWIN = twin_of("rlg")
 DECLARED = dict(
     zip(
-        SIGMAS,
+        FIX_SIGMA_COLUMNS,
         (TWIN.gnss.sigma_horizontal_m, TWIN.gnss.sigma_vertical_m, TWIN.gnss.sigma_velocity_m_s),
     )
 )
@@ -50,7 +50,8 @@ def with_sigmas(values) -> object:
     """The flight with `values` (a number for each kind) where sigmas are missing."""
     gnss, lost = logged().gnss, holes()
     changed = {
-        name: np.where(lost[k], values[name], getattr(gnss, name)) for k, name in enumerate(SIGMAS)
+        name: np.where(lost[k], values[name], getattr(gnss, name))
+        for k, name in enumerate(FIX_SIGMA_COLUMNS)
     }
     return replace(logged(), gnss=replace(gnss, **changed))
 
@@ -58,10 +59,10 @@ def with_sigmas(values) -> object:
 @pytest.mark.parametrize("fmt", ["parquet", "csv", "csv.gz"])
 def test_a_run_keeps_missing_sigmas(tmp_path, fmt):
     """Bit for bit through each kind of file, without a word, since nothing is wrong."""
-    run = with_sigmas(dict.fromkeys(SIGMAS, np.nan))
+    run = with_sigmas(dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan))
     write_run(tmp_path / "run", run, fmt=fmt)
     found = inspect_run(tmp_path / "run")
-    for k, name in enumerate(SIGMAS):
+    for k, name in enumerate(FIX_SIGMA_COLUMNS):
         np.testing.assert_array_equal(getattr(found.run.gnss, name), getattr(run.gnss, name))
         assert np.isnan(getattr(found.run.gnss, name)).sum() == holes()[k].sum()
     assert found.run.gnss.time_s.size == run.gnss.time_s.size
@@ -124,7 +125,7 @@ def test_a_missing_sigma_counts_with_the_declared_one():
     """In the aided filter and in the alignment's own aid: as if the declared value had been logged
     in those rows.
     """
-    missing, declared = with_sigmas(dict.fromkeys(SIGMAS, np.nan)), with_sigmas(DECLARED)
+    missing, declared = with_sigmas(dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan)), with_sigmas(DECLARED)
     noise = dict(zip(("horizontal_m", "vertical_m", "velocity_m_s"), DECLARED.values()))
     a, b = fixes_of(missing.gnss, **noise), fixes_of(declared.gnss, **noise)
     np.testing.assert_array_equal(a.sigma_position_m, b.sigma_position_m)
@@ -132,11 +133,17 @@ def test_a_missing_sigma_counts_with_the_declared_one():
     rows, lost = np.arange(missing.gnss.time_s.size), holes()
     for k, (sigma, name) in enumerate(
         zip(
-            (a.sigma_position_m[:, 0], a.sigma_position_m[:, 2], a.sigma_velocity_m_s[:, 1]), SIGMAS
+            (a.sigma_position_m[:, 0], a.sigma_position_m[:, 2], a.sigma_velocity_m_s[:, 1]),
+            FIX_SIGMA_COLUMNS,
         )
     ):
         np.testing.assert_array_equal(sigma, np.where(lost[k], DECLARED[name], 2 * DECLARED[name]))
-    aid = GnssAid(missing.gnss, (0.0, 0.0, 0.0), DECLARED[SIGMAS[0]], DECLARED[SIGMAS[2]])
+    aid = GnssAid(
+        missing.gnss,
+        (0.0, 0.0, 0.0),
+        DECLARED[FIX_SIGMA_COLUMNS[0]],
+        DECLARED[FIX_SIGMA_COLUMNS[2]],
+    )
     np.testing.assert_array_equal(
         aid._sigma(missing.gnss.sigma_horizontal_m, rows, aid.sigma_horizontal_m),
         a.sigma_position_m[:, 0],
@@ -148,7 +155,10 @@ def test_replay_with_missing_sigmas_is_aided(tmp_path):
     those rows.
     """
     found = []
-    for name, values in (("missing", dict.fromkeys(SIGMAS, np.nan)), ("declared", DECLARED)):
+    for name, values in (
+        ("missing", dict.fromkeys(FIX_SIGMA_COLUMNS, np.nan)),
+        ("declared", DECLARED),
+    ):
         write_run(tmp_path / name, with_sigmas(values), fmt="csv")
         found.append(replay(read_run(tmp_path / name), choices(flat()), TWIN).aided)
     missing, declared = found

@@ -6,7 +6,14 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import Field
 
-from ins.json_file import MAX_TEXT_BYTES, NEEDED, StrictModel, parse, read_json_object, read_toml
+from ins.json_file import (
+    MAX_JSON_BYTES,
+    NEEDED_WORDS,
+    StrictModel,
+    parse,
+    read_json_object,
+    read_toml,
+)
 from ins.records import InputError
 
 
@@ -68,7 +75,7 @@ def test_each_kind_of_fault(key, value, line):
 def test_words_are_keyed_by_kinds_that_pydantic_has():
     from pydantic_core.core_schema import ErrorType
 
-    assert set(NEEDED) <= set(typing.get_args(ErrorType))
+    assert set(NEEDED_WORDS) <= set(typing.get_args(ErrorType))
 
 
 @pytest.mark.parametrize(
@@ -78,7 +85,7 @@ def test_words_are_keyed_by_kinds_that_pydantic_has():
         (b"\xff\xfe", "not UTF-8 text (byte 0)"),
         (b"{", "not valid JSON"),
         (b"5", "holds 5, needed an object"),
-        (b" " * (MAX_TEXT_BYTES + 1), "needed at most"),
+        (b" " * (MAX_JSON_BYTES + 1), "needed at most"),
         (b"[" * 100_000, "nested too deeply"),
     ],
 )

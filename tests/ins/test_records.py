@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import ins
-from ins.columns import ATTITUDE, GYRO_DEGC, INCREMENTS, POSITION, VELOCITY
+from ins.columns import ATTITUDE, GYRO_DEGC, INCREMENT_COLUMNS, POSITION, VELOCITY
 from ins.records import (
     GnssLog,
     ImuLog,
@@ -148,7 +148,7 @@ def test_a_stream_is_shown_in_one_line():
 def test_frames_have_the_columns_of_the_files_and_seconds_as_index():
     run = made_run()
     frame = run.to_frame()
-    assert frame.index.name == "time_s" and tuple(frame.columns) == INCREMENTS
+    assert frame.index.name == "time_s" and tuple(frame.columns) == INCREMENT_COLUMNS
     np.testing.assert_array_equal(frame.index, run.imu.time_s)
     np.testing.assert_array_equal(frame.to_numpy()[:, 3:], run.imu.dv_m_s)
 

@@ -135,7 +135,7 @@ def test_looking_gravity_up_ahead_costs_less_than_a_micrometre(dt, monkeypatch):
     """
     imu, start = ideal_imu(flight, edges(600, dt)), true_state(flight, 0.0)
     ahead = navigate(imu, start, epoch_s=60.0)
-    monkeypatch.setattr(strapdown_kernel, "LOOK_S", 0.0)
+    monkeypatch.setattr(strapdown_kernel, "LOOK_AHEAD_S", 0.0)
     at_once = navigate(imu, start, epoch_s=60.0)
     assert not np.array_equal(ahead.lat_rad, at_once.lat_rad)
     off = [earth.ecef_from_geodetic(h.lat_rad, h.lon_rad, h.height_m) for h in (ahead, at_once)]

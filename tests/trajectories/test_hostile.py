@@ -20,7 +20,7 @@ import typer
 from typer.testing import CliRunner
 
 from infield.table.file import read_table_csv, read_table_dict
-from ins.json_file import MAX_DEPTH, MAX_TEXT_BYTES, read_json_object, read_toml
+from ins.json_file import MAX_DEPTH, MAX_JSON_BYTES, read_json_object, read_toml
 from ins.records import InputError
 from ins.twin_file import read_twin, table_path, twin_to_dict
 from recal.cli import check as check_module
@@ -223,7 +223,7 @@ def test_deep_toml(tmp_path, text):
         ("[1]", "needed an object"),
         ('"' + "a" * 10, "not valid JSON"),
         ("\x00", "not valid JSON"),
-        ('{"a": "' + "b" * MAX_TEXT_BYTES + '"}', f"more than {MAX_TEXT_BYTES} bytes"),
+        ('{"a": "' + "b" * MAX_JSON_BYTES + '"}', f"more than {MAX_JSON_BYTES} bytes"),
     ],
 )
 def test_odd_json(tmp_path, text, line):
@@ -331,8 +331,8 @@ def test_scenarios_with_anything_in_them(tmp_path):
 
 
 def test_a_table_as_csv_of_any_size(tmp_path):
-    (tmp_path / "a.csv").write_text("axis," * (MAX_TEXT_BYTES // 4))
-    with pytest.raises(InputError, match=f"a.csv: more than {MAX_TEXT_BYTES} bytes"):
+    (tmp_path / "a.csv").write_text("axis," * (MAX_JSON_BYTES // 4))
+    with pytest.raises(InputError, match=f"a.csv: more than {MAX_JSON_BYTES} bytes"):
         read_table_csv(
             tmp_path / "a.csv",
             imu_serial="S",

@@ -13,7 +13,7 @@ import pytest
 
 from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import seconds_of
-from ins.columns import INCREMENTS, RATES
+from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.compensation import CorrectedImu, compensate, corrected
 from ins.records import ImuLog, InputError
 from tests.trajectories.run_cases import csv_run, full_run, imu_log
@@ -40,7 +40,7 @@ def columns_of(kind: str = "increments", *, rows: int = ROWS) -> dict[str, np.nd
     keep = np.ones(rows, bool)
     keep[301:311] = keep[593:596] = keep[802] = keep[-3:-1] = False
     values = np.hstack([log.dtheta_rad, log.dv_m_s]) * (100.0 if kind == "rates" else 1.0)
-    names = RATES if kind == "rates" else INCREMENTS
+    names = RATE_COLUMNS if kind == "rates" else INCREMENT_COLUMNS
     return {"time_s": time_s[keep], **{name: values[keep, k] for k, name in enumerate(names)}}
 
 
@@ -146,7 +146,7 @@ def regular_columns(rows: int = ROWS) -> dict[str, np.ndarray]:
     log = imu_log(seconds=rows / 100)
     return dict(
         zip(
-            ("time_s", *INCREMENTS),
+            ("time_s", *INCREMENT_COLUMNS),
             [c.copy() for c in (log.time_s, *log.dtheta_rad.T, *log.dv_m_s.T)],
         )
     )
@@ -275,7 +275,7 @@ def test_text_says_the_same_in_blocks(tmp_path, change, packed):
 
 def test_a_line_without_end_is_refused(tmp_path):
     (tmp_path / "imu.csv").write_bytes(
-        b"time_s," + b",".join(n.encode() for n in INCREMENTS) + b"\n" + b"1" * 5_000_000
+        b"time_s," + b",".join(n.encode() for n in INCREMENT_COLUMNS) + b"\n" + b"1" * 5_000_000
     )
     _, _, lines = read_source(tmp_path / "imu.csv", block_bytes=1000)
     assert lines == ["imu.csv: a line of more than 1000000 bytes"]
@@ -286,7 +286,7 @@ def test_damaged_parquet_is_named(tmp_path):
     path = tmp_path / "imu.parquet"
     rng = np.random.default_rng(1)
     columns = {"time_s": imu_log().time_s} | {
-        name: rng.standard_normal(4000) for name in INCREMENTS
+        name: rng.standard_normal(4000) for name in INCREMENT_COLUMNS
     }
     pq.write_table(
         pa.table(columns), path, row_group_size=1000, compression="zstd", use_dictionary=False

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ins.columns import INCREMENTS, RATES, degrees_exact
+from ins.columns import INCREMENT_COLUMNS, RATE_COLUMNS, degrees_exact
 from ins.records import InputError, Phase, Run
 from ins.units import DEG
 from tests.trajectories.run_cases import (
@@ -113,7 +113,7 @@ def test_rates_are_means_over_the_interval_that_ends_at_their_time(tmp_path):
     path = csv_run(tmp_path / "run")
     rows = lines(path / "imu.csv")
     rates = [[row[0], *(repr(100.0 * float(v)) for v in row[1:])] for row in rows[1:]]
-    put_lines(path / "imu.csv", [["time_s", *RATES], *rates])
+    put_lines(path / "imu.csv", [["time_s", *RATE_COLUMNS], *rates])
     imu = read_run(path).imu
     assert imu.source == "rates"
     assert imu.dt_s[0] == pytest.approx(0.01)
@@ -124,7 +124,7 @@ def test_rates_are_means_over_the_interval_that_ends_at_their_time(tmp_path):
 def test_uneven_rates_are_integrated_with_the_logged_interval(tmp_path):
     rng = np.random.default_rng(2)
     time_s = np.cumsum(0.01 * (1 + 0.05 * rng.uniform(-1, 1, 4000)))
-    columns = {"time_s": time_s} | {n: np.full(4000, v) for n, v in zip(RATES, [*W_B, *F_B])}
+    columns = {"time_s": time_s} | {n: np.full(4000, v) for n, v in zip(RATE_COLUMNS, [*W_B, *F_B])}
     path = csv_run(tmp_path / "run")
     (path / "imu.csv").unlink()
     write_columns(path / "imu.parquet", columns)
@@ -265,7 +265,7 @@ def test_late_time_stamps_are_jitter_not_dropouts(tmp_path):
     time_s = imu_log().time_s.copy()
     time_s[500:3500:100] += 0.008  # a late stamp, the next on time
     imu = imu_log()
-    columns = dict(zip(("time_s", *INCREMENTS), [time_s, *imu.dtheta_rad.T, *imu.dv_m_s.T]))
+    columns = dict(zip(("time_s", *INCREMENT_COLUMNS), [time_s, *imu.dtheta_rad.T, *imu.dv_m_s.T]))
     path = csv_run(tmp_path / "run")
     (path / "imu.csv").unlink()
     write_columns(path / "imu.parquet", columns)

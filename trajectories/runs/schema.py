@@ -24,12 +24,12 @@ from pydantic import (
 from ins.columns import (
     ACCEL_DEGC,
     ATTITUDE,
+    FIX_SIGMA_COLUMNS,
     GRADIENT_DEGC,
     GYRO_DEGC,
-    INCREMENTS,
+    INCREMENT_COLUMNS,
     POSITION,
-    RATES,
-    SIGMAS,
+    RATE_COLUMNS,
     VELOCITY,
     degrees_exact,
 )
@@ -48,7 +48,7 @@ REQUIRED: dict[str, tuple[str, ...]] = {
 }
 OPTIONAL: dict[str, tuple[str, ...]] = {
     "temperature": (*ACCEL_DEGC, "block_degC", *GRADIENT_DEGC, "ambient_degC"),
-    "gnss": SIGMAS,
+    "gnss": FIX_SIGMA_COLUMNS,
 }
 STREAMS = ("imu", *REQUIRED)
 WHOLE_TRIPLES = (ACCEL_DEGC, GRADIENT_DEGC)  # all three axes or none
@@ -59,10 +59,10 @@ def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]
     required = imu_columns(names) if stream == "imu" else REQUIRED[stream]
     optional = OPTIONAL.get(stream, ())
     known = (*required, *optional)
-    if stream == "imu" and set(names) & set(INCREMENTS) and set(names) & set(RATES):
-        a, b = (next(n for n in names if n in group) for group in (INCREMENTS, RATES))
+    if stream == "imu" and set(names) & set(INCREMENT_COLUMNS) and set(names) & set(RATE_COLUMNS):
+        a, b = (next(n for n in names if n in group) for group in (INCREMENT_COLUMNS, RATE_COLUMNS))
         return [f"{where}: column {b} beside {a}: needed either increments or rates, not both"]
-    allowed = (*INCREMENTS, *RATES, "time_s") if stream == "imu" else known
+    allowed = (*INCREMENT_COLUMNS, *RATE_COLUMNS, "time_s") if stream == "imu" else known
     wrong = [_unknown(n, allowed) for n in names if n not in known]
     wrong += [f"column {n} appears twice" for n in dict.fromkeys(names) if list(names).count(n) > 1]
     wrong += [
@@ -80,10 +80,10 @@ def imu_columns(names: Iterable[str]) -> tuple[str, ...]:
     increments.
     """
     given = set(names)
-    rates = len(given & set(RATES)) > len(given & set(INCREMENTS)) or (
-        not given & set(INCREMENTS) and any(n.startswith(("gyro_", "accel_")) for n in given)
+    rates = len(given & set(RATE_COLUMNS)) > len(given & set(INCREMENT_COLUMNS)) or (
+        not given & set(INCREMENT_COLUMNS) and any(n.startswith(("gyro_", "accel_")) for n in given)
     )
-    return ("time_s", *(RATES if rates else INCREMENTS))
+    return ("time_s", *(RATE_COLUMNS if rates else INCREMENT_COLUMNS))
 
 
 def _unknown(name: str, known: Sequence[str]) -> str:

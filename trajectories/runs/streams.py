@@ -13,7 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ins.columns import ACCEL_DEGC, ATTITUDE, GRADIENT_DEGC, GYRO_DEGC, SIGMAS, VELOCITY, Stream
+from ins.columns import (
+    ACCEL_DEGC,
+    ATTITUDE,
+    FIX_SIGMA_COLUMNS,
+    GRADIENT_DEGC,
+    GYRO_DEGC,
+    VELOCITY,
+    Stream,
+)
 from ins.records import (
     GnssLog,
     ImuSource,
@@ -84,11 +92,14 @@ def load_gnss(stream: StreamFile, findings: Findings) -> Loaded:
     counts as absent.
     """
     kept, faults = _columns(
-        stream, [name for name in stream.names if name not in SIGMAS], findings, no_fix=True
+        stream,
+        [name for name in stream.names if name not in FIX_SIGMA_COLUMNS],
+        findings,
+        no_fix=True,
     )
     if kept is None or not _check_position(kept, findings):
         return None, faults
-    sigmas = {name: kept.columns[name] for name in SIGMAS if name in kept.columns}
+    sigmas = {name: kept.columns[name] for name in FIX_SIGMA_COLUMNS if name in kept.columns}
     for name, values in list(sigmas.items()):
         wrong = np.isinf(values) | (values <= 0)
         if np.isnan(values).all():

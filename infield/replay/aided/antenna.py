@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from infield.replay.aided.noise import (
-    COARSE,
-    FINE,
-    SLOW,
+    COARSE_FACTOR,
+    FINE_FACTOR,
+    SLOW_PARTS,
     Flown,
     Fly,
     Model,
@@ -34,7 +34,7 @@ from ins.filters.aided_records import AidedHistory, Antenna
 
 PRIOR_ARM_M = 2.0
 PRIOR_DELAY_S = 0.3
-GAIN_NATS = 7.0  # for each thing that is freed
+FREED_GAIN_NATS = 7.0  # for each thing that is freed
 PASSES = 4  # of a free flight, each begun where the last one ended
 SETTLED_S, SETTLED_M = 0.003, 0.1
 LEAST_DELAY_S = 0.01
@@ -53,8 +53,8 @@ class Freed(NamedTuple):
     delay: bool
 
 
-NOTHING, BOTH = Freed(arm=False, delay=False), Freed(arm=True, delay=True)
-CHOICES = (NOTHING, Freed(arm=False, delay=True), Freed(arm=True, delay=False), BOTH)
+NOTHING_FREED, BOTH = Freed(arm=False, delay=False), Freed(arm=True, delay=True)
+CHOICES = (NOTHING_FREED, Freed(arm=False, delay=True), Freed(arm=True, delay=False), BOTH)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +67,7 @@ class SeenAntenna:
     """
 
     antenna: Antenna
-    freed: Freed = NOTHING
+    freed: Freed = NOTHING_FREED
     seen: Antenna | None = None
     gain_nats: float = 0.0
 
@@ -100,7 +100,9 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
         return as_declared
     loud = misfits(found[0].history)
     scales = (
-        _all_noise(fly, first, found[0]) if loud else raised_noise(found[0], fly, SLOW).model.scales
+        _all_noise(fly, first, found[0])
+        if loud
+        else raised_noise(found[0], fly, SLOW_PARTS).model.scales
     )
     if scales.fitted:
         found = choose(fly, replace(first, scales=scales), sigma_position_m, refit=loud) or found
@@ -108,7 +110,7 @@ def fit_model(fly: Fly, antenna: Antenna, sigma_position_m: float) -> Fitted | N
     model = replace(best.model, antenna=seen.antenna)
     history = (
         declared
-        if model.scales == first.scales and seen.freed == NOTHING
+        if model.scales == first.scales and seen.freed == NOTHING_FREED
         else fly(model, whole=True)
     )
     if history is None:
@@ -126,11 +128,12 @@ def _all_noise(fly: Fly, first: Model, found: Flown) -> NoiseScales:
     """
     starts = found, _settled(fly, replace(first, scales=WIDE), BOTH)
     low, wide = (
-        None if start is None else raised_noise(start, fly, steps=(COARSE,)) for start in starts
+        None if start is None else raised_noise(start, fly, steps=(COARSE_FACTOR,))
+        for start in starts
     )
     assert low is not None
     better = wide if wide is not None and wide.over(low) > 0.0 else low
-    return raised_noise(better, fly, steps=(FINE,)).model.scales
+    return raised_noise(better, fly, steps=(FINE_FACTOR,)).model.scales
 
 
 def choose(
@@ -142,18 +145,18 @@ def choose(
     refit: satellite sigmas to each flight's own NIS.
     """
     flights = {freed: _settled(fly, base, freed, refit=refit) for freed in CHOICES}
-    none, every = flights[NOTHING], flights[BOTH]
+    none, every = flights[NOTHING_FREED], flights[BOTH]
     if none is None:
         return None
     seen = None if every is None else _floored(every, sigma_position_m, BOTH)
-    best, taken, lead = none, NOTHING, 0.0
+    best, taken, lead = none, NOTHING_FREED, 0.0
     for freed, flight in flights.items():
         if flight is None or not _material(flight, base.antenna, freed, sigma_position_m):
             continue
-        gain = flight.over(none) - GAIN_NATS * sum(freed)
+        gain = flight.over(none) - FREED_GAIN_NATS * sum(freed)
         if gain > lead:
             best, taken, lead = flight, freed, gain
-    antenna = base.antenna if taken == NOTHING else _floored(best, sigma_position_m, taken)
+    antenna = base.antenna if taken == NOTHING_FREED else _floored(best, sigma_position_m, taken)
     return best, SeenAntenna(antenna=antenna, freed=taken, seen=seen, gain_nats=best.over(none))
 
 

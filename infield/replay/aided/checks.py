@@ -16,10 +16,10 @@ from ins.records import Site
 from ins.units import DEG
 from ins.verdicts import Reason, because
 
-MOVING_M_S = 0.5  # faster than that no two good fixes are the same
+REPEATS_ABOVE_M_S = 0.5  # faster than that no two good fixes are the same
 ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
 OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
-SITE_M, SITE_SIGMAS = 30.0, 5.0
+SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0
 SOON_S = 60.0
 
 
@@ -29,7 +29,7 @@ def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:
     """
     r_e, speed = fixes.r_e_m, np.linalg.norm(fixes.v_n_m_s, axis=1)
     same = np.zeros(len(r_e), dtype=bool)
-    same[1:] = (r_e[1:] == r_e[:-1]).all(axis=1) & (speed[1:] > MOVING_M_S)
+    same[1:] = (r_e[1:] == r_e[:-1]).all(axis=1) & (speed[1:] > REPEATS_ABOVE_M_S)
     if not same.any():
         return fixes, ()
     rows = np.flatnonzero(same)
@@ -61,7 +61,7 @@ def site_note(
     )
     off_m = float(np.linalg.norm(off))
     sigma_m = float(np.linalg.norm(fixes.sigma_position_m[rows[0]]))
-    if off_m < max(SITE_M, SITE_SIGMAS * sigma_m):
+    if off_m < max(SITE_OFF_M, SITE_SIGMAS * sigma_m):
         return ()
     return (because(AidedNote.SITE_ELSEWHERE, off_m=off_m),)
 

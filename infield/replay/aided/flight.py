@@ -49,7 +49,7 @@ STAND_SIGMA_M_S = 0.01
 STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}
 # does better with what the gyros read)
 # a solution that rejects every position for so long is begun anew
-RESET_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}
+BEGIN_ANEW_S = {"mems": 10.0, "fog": 120.0, "rlg": 120.0}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -228,7 +228,7 @@ class _Flights:
                 stands=self.stands,
                 stand_sigma_m_s=STAND_SIGMA_M_S,
                 stand_rate_rad_s=STAND_RATE_RAD_S[self.technology],
-                reset_s=RESET_S[self.technology],
+                reset_s=BEGIN_ANEW_S[self.technology],
             ),
         )
         for piece in self._pieces(start_s, whole=whole):

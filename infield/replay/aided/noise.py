@@ -20,9 +20,9 @@ from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 
 MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
-GAIN_NATS = 5.0  # of likelihood that a change must bring
-COARSE, FINE = 4.0, 2.0  # steps of a factor
-LARGEST = {
+CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring
+COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor
+LARGEST_FACTORS = {
     "white": 1024.0,
     "walk": 1024.0,
     "slow": 64.0,
@@ -30,7 +30,7 @@ LARGEST = {
     "slow_velocity": 64.0,
     "slow_velocity_s": 48.0,
 }
-LEAST = {
+LEAST_FACTORS = {
     "white": 1.0,
     "walk": 1.0,
     "slow": 0.5,
@@ -39,7 +39,7 @@ LEAST = {
     "slow_velocity_s": 0.75,
 }
 OF_WHAT = {"slow_s": "slow", "slow_velocity_s": "slow_velocity"}  # time constants
-SLOW = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
+SLOW_PARTS = ("slow", "slow_s", "slow_velocity", "slow_velocity_s")
 # factors on sensors from which on no noise explains a log
 BELIEVED = {"mems": 1024.0, "fog": 32.0, "rlg": 32.0}
 GNSS_PASSES, SEARCH_PASSES = 3, 1
@@ -71,7 +71,7 @@ class NoiseScales:
         """Names of the factors that stand at the largest that is tried."""
         return tuple(
             name
-            for name, most in LARGEST.items()
+            for name, most in LARGEST_FACTORS.items()
             if name not in OF_WHAT and getattr(self, name) >= most
         )
 
@@ -93,13 +93,13 @@ class NoiseScales:
 
     def other(self, name: str, step: float) -> "NoiseScales":
         """One factor times a step, within its bounds; the slow error comes at its declared sigma
-        and goes below LEAST.
+        and goes below LEAST_FACTORS.
         """
         value = step * getattr(self, name)
-        if name in OF_WHAT.values() and value < LEAST[name]:
+        if name in OF_WHAT.values() and value < LEAST_FACTORS[name]:
             value = float(getattr(self, name) == 0.0 and step > 1.0)
         else:
-            value = float(np.clip(value, LEAST[name], LARGEST[name]))
+            value = float(np.clip(value, LEAST_FACTORS[name], LARGEST_FACTORS[name]))
         return (
             self
             if getattr(self, OF_WHAT.get(name, name)) == 0.0 and name in OF_WHAT
@@ -145,9 +145,9 @@ def flown(model: Model, fly: Fly) -> Flown | None:
 def raised_noise(
     start: Flown,
     fly: Fly,
-    names: tuple[str, ...] = tuple(LARGEST),
+    names: tuple[str, ...] = tuple(LARGEST_FACTORS),
     *,
-    steps: tuple[float, ...] = (COARSE, FINE),
+    steps: tuple[float, ...] = (COARSE_FACTOR, FINE_FACTOR),
 ) -> Flown:
     """The likeliest factors of these names, antenna as in `start`; from there one after the other,
     up and down, in each of the steps in turn. The sigmas of the fixes go with them where white
@@ -160,7 +160,7 @@ def raised_noise(
         vain = 0
         while vain < len(moves):  # round and round until no move of this step brings anything
             other = _moved(best, fly, *moves[0], refit=refit)
-            if other is not None and other.over(best) > GAIN_NATS:
+            if other is not None and other.over(best) > CHANGE_GAIN_NATS:
                 best, vain = other, 0  # the same move once more
             else:
                 moves, vain = [*moves[1:], moves[0]], vain + 1

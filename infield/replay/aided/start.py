@@ -29,14 +29,14 @@ from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import Reason, because
 
 # of log to match on, at first and at most; between two tries
-WINDOW_S, LONGEST_S, STRIDE_S = 15.0, 60.0, 20.0
+FIRST_WINDOW_S, LONGEST_WINDOW_S, STRIDE_S = 15.0, 60.0, 20.0
 LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
 # sigma of a match that is taken: three of them are still nearly linear
 HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match
 REST_S = 30.0  # of standing before, whose mean rate is the gyros' bias
-PLACE_M = 10.0  # position prior beside a fix; without one while parked, SITE_M
-SITE_M = 1000.0
+PLACE_M = 10.0  # position prior beside a fix; without one while parked, UNFIXED_PLACE_M
+UNFIXED_PLACE_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def parked_start(
     at = np.flatnonzero(
         (fixes.time_s >= rest[0]) & (fixes.time_s <= rest[1]) & np.isfinite(fixes.r_e_m[:, 0])
     )
-    place, place_sigma = site, np.full(3, SITE_M)
+    place, place_sigma = site, np.full(3, UNFIXED_PLACE_M)
     if at.size:
         place = _site(fixes.r_e_m[at[0]])
         place_sigma = np.maximum(PLACE_M, 10.0 * fixes.sigma_position_m[at[0]]) + float(
@@ -120,7 +120,7 @@ def moving_start(
     best: float | None = None
     for first_s in _candidates(imu, fixes):
         gyro = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
-        for window_s in np.arange(WINDOW_S, LONGEST_S + 1.0, WINDOW_S):
+        for window_s in np.arange(FIRST_WINDOW_S, LONGEST_WINDOW_S + 1.0, FIRST_WINDOW_S):
             if (
                 first_s + window_s > imu.end_s
                 or _level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
@@ -142,10 +142,13 @@ def moving_start(
                 return _started(found, log, fixes, last, lever_arm_m, gyro, twin)
     if best is None:
         return because(
-            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_S
+            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_WINDOW_S
         )
     return because(
-        AidedReason.HEADING_UNSURE, best_rad=best, limit_rad=HEADING_LIMIT_RAD, longest_s=LONGEST_S
+        AidedReason.HEADING_UNSURE,
+        best_rad=best,
+        limit_rad=HEADING_LIMIT_RAD,
+        longest_s=LONGEST_WINDOW_S,
     )
 
 
@@ -156,8 +159,8 @@ def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
     first = max(imu.start_s, float(fixes.time_s[0]))
     return [
         t
-        for t in np.arange(first, imu.end_s - WINDOW_S, STRIDE_S)
-        if _level_change(fixes, t, t + LONGEST_S) > 0
+        for t in np.arange(first, imu.end_s - FIRST_WINDOW_S, STRIDE_S)
+        if _level_change(fixes, t, t + LONGEST_WINDOW_S) > 0
     ]
 
 

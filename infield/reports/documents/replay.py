@@ -43,7 +43,7 @@ from typing import Any
 
 import numpy as np
 
-from infield.replay.drift import CLASSES, REALIGN_M_S, Drift
+from infield.replay.drift import DRIFT_CLASSES, REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
 from infield.replay.reasons import ReplayVerdict
@@ -326,7 +326,7 @@ def _alignment(t: TableReplay, run: Run) -> Mapping[str, Any]:
 def _drift(d: Drift | None) -> DriftDocument | None:
     if d is None:
         return None
-    (_, slope2, offset2), (_, slope3, offset3) = CLASSES
+    (_, slope2, offset2), (_, slope3, offset3) = DRIFT_CLASSES
     return DriftDocument(
         hours=d.hours,
         end_radial_error_m=float(d.radial_m[-1]),

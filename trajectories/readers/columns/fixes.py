@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from ins.columns import SIGMAS
+from ins.columns import FIX_SIGMA_COLUMNS
 from ins.records import GnssLog
 from ins.units import DEG
 from trajectories.readers.registry import ConvertedLog
@@ -184,7 +184,7 @@ def _sigmas(
     One that no fix has is left out.
     """
     out, notes = {}, []
-    for name, values in zip(SIGMAS, sigmas[:, rows] if sigmas is not None else ()):
+    for name, values in zip(FIX_SIGMA_COLUMNS, sigmas[:, rows] if sigmas is not None else ()):
         with np.errstate(invalid="ignore"):
             given = values > 0
         if given.any():

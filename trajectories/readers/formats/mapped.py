@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from ins.columns import GYRO_DEGC, INCREMENTS, RATES
+from ins.columns import GYRO_DEGC, INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.records import InputError
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import content_format, read_columns
@@ -20,7 +20,7 @@ from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import column_map, used_columns
 
-OWN_UNITS = (("rad/s", "m/s2", RATES), ("rad", "m/s", INCREMENTS))
+OWN_UNITS = (("rad/s", "m/s2", RATE_COLUMNS), ("rad", "m/s", INCREMENT_COLUMNS))
 
 
 def read(path: Path, options: Mapping[str, Any], *, name: str) -> ConvertedLog:
