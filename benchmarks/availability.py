@@ -1,7 +1,7 @@
 """Does a parked hour end in a table? Hours in every environment, and what became of them.
 
     python -m benchmarks.availability --count 270 --seed 1 -o availability.jsonl [--workers 1]
-    python -m benchmarks.availability -o availability.jsonl [--before before.jsonl] --page docs
+    python -m benchmarks.availability -o availability.jsonl [--before FILE] --page docs
 
 appends one record (JSON) for each session that the file does not hold yet, so that it may be
 stopped and started again; `--page` writes availability_study.md and its figure. Environments,
@@ -16,16 +16,16 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.availability_document import write_page
+from benchmarks.availability_document import Study, write_page
 from benchmarks.availability_session import STATIONS, Draw, draw, study_session, yardstick
 from ins.records import GYRO_TECHNOLOGIES
 
 ROOT = Path(__file__).parents[1]
 
 
-def read_records(path: Path) -> list[dict[str, Any]]:
+def read_records(path: Path | None) -> list[dict[str, Any]]:
     """The records of a study so far; a line that a stopped process left unfinished is left out."""
-    if not path.exists():
+    if path is None or not path.exists():
         return []
     lines = path.read_text("utf-8").splitlines()
     return [json.loads(line) for line in lines if line.endswith("}")]
@@ -72,6 +72,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("-o", "--output", type=Path, default=Path("availability.jsonl"))
     parser.add_argument("--before", type=Path, help="records of an older revision, for the page")
+    parser.add_argument("--windows", type=Path, help="records of availability_windows")
+    parser.add_argument("--windows-before", type=Path, help="the same of an older revision")
     parser.add_argument("--page", type=Path, help="folder for availability_study.md and .svg")
     options = parser.parse_args()
     if options.count:
@@ -82,8 +84,13 @@ def main() -> None:
             workers=options.workers,
         )
     if options.page:
-        before = read_records(options.before) if options.before else []
-        write_page(read_records(options.output), before, options.page)
+        study = Study(
+            records=read_records(options.output),
+            before=read_records(options.before),
+            windows=read_records(options.windows),
+            windows_before=read_records(options.windows_before),
+        )
+        write_page(study, options.page)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.stats import norm
 
 from benchmarks.availability_session import KINDS, PARKED_S, REFERENCES, SPREAD
+from benchmarks.availability_windows import window_table
 from ins.records import GYRO_TECHNOLOGIES
 
 NAME = "availability_study"
@@ -43,14 +44,25 @@ class Share:
         return f"{100 * self.count / self.of:.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
 
-def write_page(records: Sequence[Record], before: Sequence[Record], folder: Path) -> None:
-    """availability_study.md and .svg in a folder; `before`: records of an older revision."""
-    (folder / f"{NAME}.md").write_text(page(records, before), encoding="utf-8")
-    _draw(records, before, folder / f"{NAME}.svg")
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """Records of the sessions, of those of an older revision, and of windows of alignment, likewise."""
+
+    records: Sequence[Record]
+    before: Sequence[Record] = ()
+    windows: Sequence[Record] = ()
+    windows_before: Sequence[Record] = ()
 
 
-def page(records: Sequence[Record], before: Sequence[Record]) -> str:
+def write_page(study: Study, folder: Path) -> None:
+    """availability_study.md and .svg in a folder."""
+    (folder / f"{NAME}.md").write_text(page(study), encoding="utf-8")
+    _draw(study.records, study.before, folder / f"{NAME}.svg")
+
+
+def page(study: Study) -> str:
     """The study in Markdown."""
+    records, before = study.records, study.before
     now, old = sessions_of(records), sessions_of(before)
     parts = [
         _introduction(now, old),
@@ -63,6 +75,10 @@ def page(records: Sequence[Record], before: Sequence[Record]) -> str:
         "## Why not\n",
         _reasons(now),
     ]
+    if study.windows:
+        parts += [WINDOWS, window_table(study.windows)]
+    if study.windows_before:
+        parts += ["Before:\n", window_table(study.windows_before)]
     return "\n".join([*parts, METHOD])
 
 
@@ -281,6 +297,11 @@ start from twelve stations. The estimator knows the unit's twin and nothing of t
 """
 BEFORE = """*Before* are {count} sessions, the first of the same draws, at {revisions}.
 
+"""
+WINDOWS = """## Two minutes with people aboard
+
+A ring-laser unit with its table, no phases, aligned in windows of 120 s of half an hour in which people board (`python -m benchmarks.availability_windows`). Strength 10 on an airliner has the mean rates of a recorded log
+(section 8.3 of [physics](reference/physics.md)). Wanted: error over sigma 0.9 to 1.1.
 """
 METHOD = """## How to read it
 

@@ -9,6 +9,7 @@ import pytest
 from benchmarks.availability import missing, read_records, wanted
 from benchmarks.availability_document import (
     Share,
+    Study,
     accepted,
     at_usual_strength,
     page,
@@ -81,7 +82,7 @@ def test_the_page_counts_what_the_records_say():
     assert sessions_of([*records, yardstick]) == records
     assert squared_error(records)[0] == pytest.approx(0.75)
     assert all(2 / 3 < r["strength"] < 1.5 for r in at_usual_strength(records))
-    text = page([*records, yardstick], [])
+    text = page(Study(records=[*records, yardstick]))
     assert all(f"`{kind}`" in text for kind in KINDS)
     assert "`too_noisy` 1" in text and "98 % (90 to 100)" in text
 
