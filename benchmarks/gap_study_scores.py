@@ -14,12 +14,12 @@ import numpy as np
 from scipy.stats import beta
 
 from simreal.declared.generic import FREE_FUNCTIONS
-from simreal.effects.base import SLOW
+from simreal.effects.base import SLOW_NAME
 from simreal.inference.verdict import GapVerdict
 
 Record = dict[str, Any]
 CONFIDENT = 0.9
-GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW}
+GENERIC_ANSWERS = FREE_FUNCTIONS | {SLOW_NAME}
 # of the planted energy: such a channel is a right place of an effect that sits on no channel
 WHERE_SHARE = 0.2
 BODIES = ("vehicle", "site")  # targets that are no channel of their own

@@ -20,16 +20,16 @@ PYTHON_TYPES: dict[Any, str] = {
     Path: "PATH",
 }
 WORDS = {
-    console.DONE: "done",
-    console.USAGE: "wrong usage: an unknown option or a missing argument",
-    console.BAD_INPUT: (
+    console.DONE_EXIT: "done",
+    console.USAGE_EXIT: "wrong usage: an unknown option or a missing argument",
+    console.BAD_INPUT_EXIT: (
         "bad input: one line says which file and key, what was got, what was needed; nothing was"
         " stored"
     ),
-    console.REFUSED: (
+    console.REFUSED_EXIT: (
         "refused: what was measured, what was needed; the report is written all the same"
     ),
-    console.INCONSISTENT: (
+    console.INCONSISTENT_EXIT: (
         "inconsistent: the data contradict the model or the stored table; nothing was committed"
     ),
 }

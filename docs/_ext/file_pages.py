@@ -219,7 +219,7 @@ def _settings() -> str:
         "What `recal update --config` takes (TOML); what is not given keeps its default.",
         "",
     ]
-    for name, kind in config.SECTIONS.items():
+    for name, kind in config.CONFIG_SECTIONS.items():
         lines += [f"## [{name}]", "", *_doc(kind), *HEAD, *_record_rows(kind), ""]
     return "\n".join(lines)
 

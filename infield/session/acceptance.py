@@ -16,7 +16,7 @@ from infield.table.merge import AXIS_Z_LIMIT, CONFIDENCE, MergeResult
 from ins.records import AXES
 from ins.verdicts import Observability, Outcome, Reason, because
 
-MIN_REST_S = 300.0
+MIN_MERGED_REST_S = 300.0
 MAX_REJECTED_SHARE = 0.25
 PLAIN_NIS = 10.0  # by so much the better of two explanations explains a session: odds of 150 to 1
 
@@ -51,11 +51,11 @@ def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...
     if aligned.verdict is not AlignmentVerdict.ALIGNED:
         return refuse(*aligned.reasons)
     rest_s = estimate.motion.seconds(STILL)
-    if rest_s < MIN_REST_S:
+    if rest_s < MIN_MERGED_REST_S:
         short = because(
             SessionReason.SHORT_REST,
             rest_s=rest_s,
-            needed_s=MIN_REST_S,
+            needed_s=MIN_MERGED_REST_S,
             dropped_s=estimate.motion.seconds(DISTURBED),
         )
         return refuse(short)

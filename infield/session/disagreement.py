@@ -25,7 +25,7 @@ from ins.verdicts import Reason, because
 
 OFF_SIGMAS = 3.0  # of a session's mean bias from the table, to count as off it
 SAME_SIGMAS = 3.29  # two sessions of one unit differ by more in 1 of 1000 cases
-FEWEST = 2  # sessions that agree
+FEWEST_SESSIONS = 2  # sessions that agree
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tupl
     """
     new = {e.run_sha256: e for e in evidence if utc(e.start_utc) >= utc(table.created_utc)}
     ordered = sorted(new.values(), key=lambda e: utc(e.start_utc))
-    if len(ordered) < FEWEST:
+    if len(ordered) < FEWEST_SESSIONS:
         return ()
     departures = [e.departure(table) for e in ordered]
     steps = []
@@ -124,7 +124,7 @@ def find_steps(table: ThermalTable, evidence: Sequence[SessionEvidence]) -> tupl
             & (np.abs(d - d[-1]) <= SAME_SIGMAS * np.sqrt(own + own[-1]))
             & (np.sign(d) == np.sign(d[-1]))
         )
-        if not off[-1] or same.sum() < FEWEST:
+        if not off[-1] or same.sum() < FEWEST_SESSIONS:
             continue
         agreeing = [e for e, yes in zip(ordered, same) if yes]
         weight = 1.0 / own[same]

@@ -33,9 +33,9 @@ from ins.records import AXES
 WIDTH_degC = 3.0  # a turned-round temperature forgets its past over this
 # |z| of a term that is taken for real: two descriptions of three axes, 2 to 3 % of false alarms
 FOUND_SIGMAS = 2.8
-KINDS = (ThermalKind.RATE, ThermalKind.SENSE)
+TERM_KINDS = (ThermalKind.RATE, ThermalKind.SENSE)
 # prior sigma of a term in sigmas of the technology's default table: beyond any unit of the class
-VAGUE = 100.0
+VAGUE_TERM = 100.0
 MOVED_degC_min = 0.02  # mean rates all below this do not test anything
 
 
@@ -127,7 +127,7 @@ def joint_posterior(
     n, used, vague = (
         table.n_parameters,
         np.flatnonzero(axes),
-        VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology],
+        VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology],
     )
     information = np.diag(np.concatenate([np.ones(n), np.full(used.size, vague**-2)]))
     vector = np.zeros(n + used.size)
@@ -149,7 +149,7 @@ def with_free_common(table: ThermalTable) -> ThermalTable:
     """The table with nothing believed of the common shift of each axis; its shape over temperature
     stays.
     """
-    P, level = table.covariance.copy(), VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]
+    P, level = table.covariance.copy(), VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology]
     for axis in AXES:
         P[table.values_of(axis), table.values_of(axis)] += level**2
     return table.replaced(covariance=P)
@@ -167,7 +167,7 @@ def find_terms(
     if not sessions:
         return ()
     free = with_free_common(table)
-    fits = {kind: joint_posterior(free, sessions, kind) for kind in KINDS}
+    fits = {kind: joint_posterior(free, sessions, kind) for kind in TERM_KINDS}
     found = []
     for k, axis in enumerate(AXES):
         rates = np.concatenate(

@@ -10,7 +10,7 @@ import numpy as np
 from infield.session.acceptance import judge_merge
 from infield.session.bins import rebinned
 from infield.session.hysteresis import (
-    VAGUE,
+    VAGUE_TERM,
     MOVED_degC_min,
     SessionLikelihood,
     ThermalTerm,
@@ -118,7 +118,7 @@ def with_free_level(session: SessionLikelihood, table: ThermalTable) -> SessionL
     """The session with nothing believed of each gyro's level: only changes within it are left as
     evidence.
     """
-    level = (VAGUE * DEFAULT_SIGMA_deg_h[table.gyro_technology]) ** 2
+    level = (VAGUE_TERM * DEFAULT_SIGMA_deg_h[table.gyro_technology]) ** 2
     count = len(session.bins.centre_s)
     own = session.bins.own + level * np.kron(np.ones((count, count)), np.eye(3))
     return replace(session, bins=replace(session.bins, own=own))

@@ -16,7 +16,7 @@ from ins.records import AXES, Run
 from ins.verdicts import Observability, Reason, because
 
 # prior of the points: this many times the table's sigma, so that they are the session's own
-VAGUE = 100.0
+VAGUE_POINT = 100.0
 OBSERVED, WEAK = 0.5, 0.9  # sigma_after / sigma_before, formats.md section 5
 # of a heading sigma to its prior: above it the session did not show the heading
 UNSEEN_SIGMA = WEAK
@@ -64,7 +64,7 @@ def session_points(run: Run, estimate: SessionEstimate) -> SessionPoints:
     bins = estimate.bins
     information, vector = measurement_information(bins, estimate)
     count, m = len(bins.centre_s), bins.table_deg_h.size
-    sigma = VAGUE * np.sqrt(np.diag(bins.prior))
+    sigma = VAGUE_POINT * np.sqrt(np.diag(bins.prior))
     shared = np.outer(sigma, sigma) * (np.arange(m)[:, None] % 3 == np.arange(m)[None, :] % 3)
     vague = shared + np.diag(sigma**2)
     alone = np.linalg.inv(information + np.linalg.inv(vague))

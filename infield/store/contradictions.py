@@ -17,7 +17,7 @@ from infield.store.rows import key_of, now_of, row_sha256, runs_held
 from infield.store.schema import contradiction
 
 ARRAYS = ("temperature_degC", "bias_deg_h", "bend_deg_h", "covariance")
-TEXTS = ("run_id", "run_sha256", "start_utc")
+RUN_TEXTS = ("run_id", "run_sha256", "start_utc")
 
 
 def append_contradictions(
@@ -64,7 +64,7 @@ def read_contradictions(c: Connection, row: Any) -> tuple[SessionEvidence, ...]:
 
 
 def _to_json(evidence: SessionEvidence) -> str:
-    values = {name: getattr(evidence, name) for name in TEXTS}
+    values = {name: getattr(evidence, name) for name in RUN_TEXTS}
     return json.dumps(
         {**values, **{name: getattr(evidence, name).tolist() for name in ARRAYS}}, sort_keys=True
     )

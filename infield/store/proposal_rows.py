@@ -26,8 +26,8 @@ class Decided(StrEnum):
     REJECTED = "rejected"
 
 
-TEXTS = ("table_json", "report_json", "first_table_json")
-LIGHT = [column for column in proposal.c if column.name not in TEXTS]
+STORED_TEXTS = ("table_json", "report_json", "first_table_json")
+LIGHT = [column for column in proposal.c if column.name not in STORED_TEXTS]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,7 +42,7 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
 
-LONGEST_NAME, LONGEST_REASON = 200, 4000  # characters
+LONGEST_NAME, LONGEST_STORED_REASON = 200, 4000  # characters
 
 __all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
 
@@ -256,11 +256,11 @@ def _text(text: str, name: str, *, needed: bool = True) -> str:
     text = "\n".join(line.rstrip() for line in text.strip().splitlines())
     if (
         (needed and not text)
-        or len(text) > LONGEST_REASON
+        or len(text) > LONGEST_STORED_REASON
         or not all(c.isprintable() or c in "\n\t" for c in text)
     ):
         raise InputError(
-            f"{name}: got {len(text)} characters, needed 1 to {LONGEST_REASON} printable ones that"
-            " say why"
+            f"{name}: got {len(text)} characters, needed 1 to {LONGEST_STORED_REASON} printable"
+            " ones that say why"
         )
     return text

@@ -27,12 +27,12 @@ from ins.records import AXES, InputError
 from ins.units import DEG_PER_HOUR
 
 PX4, ARDUPILOT = "px4", "ardupilot"
-ENDINGS = {PX4: (".params",), ARDUPILOT: (".parm", ".param")}
+PARAMETER_ENDINGS = {PX4: (".params",), ARDUPILOT: (".parm", ".param")}
 NUMBERS = {PX4: (0, 1, 2, 3), ARDUPILOT: (1, 2, 3)}  # that the parameter names use
 ARDUPILOT_REFERENCE_DEGC, ARDUPILOT_SCALE = 35.0, 1e6
 INT32, FLOAT32 = "6", "9"  # MAV_PARAM_TYPE, the last column of a QGroundControl file
 MAX_DEVICE_ID = 2**31 - 1
-MAX_BYTES = 5_000_000
+MAX_PARAMETER_BYTES = 5_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,8 +170,10 @@ def read_parameters(path: Path) -> dict[str, float]:
 
 def _text(path: Path) -> str:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise InputError(f"{path}: {path.stat().st_size} bytes, needed at most {MAX_BYTES}")
+        if path.stat().st_size > MAX_PARAMETER_BYTES:
+            raise InputError(
+                f"{path}: {path.stat().st_size} bytes, needed at most {MAX_PARAMETER_BYTES}"
+            )
         return path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error})") from None

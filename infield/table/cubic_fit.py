@@ -27,7 +27,7 @@ KNOWN = 3.0
 LEAST_DEG_H = 1e-3  # of sigma: below it no autopilot's gyro shows a difference
 SHORTEST_DEGC = 5.0
 FORCED = "WRITTEN ALTHOUGH TOO STIFF"  # before a fit's words in a file that was forced
-ROUNDING = 1e-12  # of the largest term at the end of the range: a smaller one is none
+NO_TERM = 1e-12  # of the largest term at the end of the range: a smaller one is none
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 _TELLS = re.compile(r"gyro [xyz]: (?:cubic less table|the cubic is the table)")
 _FIT = re.compile(
@@ -186,7 +186,7 @@ def _fit(
     A = np.vander((T - reference_degC) / span, 4, increasing=True)
     S = P + np.diag(MISFIT * np.diag(P) + LEAST_DEG_H**2)
     scaled = fit_correlated(A, bias, S).x
-    scaled = np.where(np.abs(scaled) > ROUNDING * np.abs(scaled).max(), scaled, 0.0)
+    scaled = np.where(np.abs(scaled) > NO_TERM * np.abs(scaled).max(), scaled, 0.0)
     error = A @ scaled - bias
     if not constant:
         level = np.eye(T.size) - 1.0 / T.size

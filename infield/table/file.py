@@ -26,7 +26,7 @@ from ins.records import AXES, AxisDocument, InputError, TableDocument
 SCHEMA = "recal.table/1"
 CSV_COLUMNS = ("axis", "temperature_degC", "bias_deg_h", "sigma_deg_h")
 SLOPE_COLUMN = "slope_deg_h_degC"  # a fifth CSV column, hermite tables only
-PLAUSIBLE_degC = (-100.0, 200.0)  # beyond: kelvin, or another unit
+PLAUSIBLE_NODES_degC = (-100.0, 200.0)  # beyond: kelvin, or another unit
 # relative: sigma_deg_h may be the covariance's diagonal rounded to two digits, not another number
 SIGMA_AGREES = 0.02
 
@@ -259,7 +259,7 @@ def _check_axis(axis: str, columns: _Axis, *, hermite: bool) -> None:
             )
     if len(T) < 2:
         raise InputError(f"{key}.temperature_degC: {len(T)} values, needed at least 2")
-    if min(T) < PLAUSIBLE_degC[0] or max(T) > PLAUSIBLE_degC[1]:
+    if min(T) < PLAUSIBLE_NODES_degC[0] or max(T) > PLAUSIBLE_NODES_degC[1]:
         raise InputError(
             f"{key}.temperature_degC: {min(T):g} to {max(T):g}, needed -100 to 200 degC: wrong"
             " unit?"

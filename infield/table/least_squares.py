@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 SEEN = 1e-7  # of the largest singular value of columns of length 1: what is less is not seen
-LEAST = 1e-300  # of a squared length: a column of zeros is divided by something
+LEAST_SQUARE = 1e-300  # of a squared length: a column of zeros is divided by something
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def fit_rows(A: NDArray, y: NDArray) -> RowFit:
 
 def scaled(A: NDArray) -> tuple[NDArray, NDArray]:
     """A normal matrix (p, p) with the columns behind it at length 1, and their lengths (p,)."""
-    length = np.sqrt(np.maximum(np.diag(A), LEAST))
+    length = np.sqrt(np.maximum(np.diag(A), LEAST_SQUARE))
     return A / np.outer(length, length), length
 
 

@@ -26,7 +26,9 @@ from ins.units import DEG_PER_HOUR, HOUR, MILLIRADIAN
 CONFIDENCE = 0.999  # of the band a session must lie in to be merged (requirements R11, R16)
 # one of three axes exceeds it in 1 of 1000
 AXIS_Z_LIMIT = float(norm.isf((1.0 - CONFIDENCE) / 2.0 / len(AXES)))
-NEGLIGIBLE = 1e-12  # variance, relative to the largest, of a direction that is already known
+NEGLIGIBLE_VARIANCE = (
+    1e-12  # variance, relative to the largest, of a direction that is already known
+)
 # share of a direction's variance that the session removed, below which it says nothing
 UNOBSERVED = 1e-6
 
@@ -299,7 +301,7 @@ def _axis_shifts(table: ThermalTable, change: NDArray, expected: NDArray) -> NDA
     for k, axis in enumerate(AXES):
         nodes = table.values_of(axis)
         variance = expected[nodes, nodes].mean()
-        if variance > NEGLIGIBLE * table.covariance[nodes, nodes].mean():
+        if variance > NEGLIGIBLE_VARIANCE * table.covariance[nodes, nodes].mean():
             z[k] = change[nodes].mean() / np.sqrt(variance)
     return z
 
@@ -307,7 +309,7 @@ def _axis_shifts(table: ThermalTable, change: NDArray, expected: NDArray) -> NDA
 def _whitener(S: NDArray) -> NDArray:
     """W, shape (rank, m), with W S W' = I; directions of no variance are left out."""
     values, vectors = np.linalg.eigh(_symmetric(S))
-    kept = values > NEGLIGIBLE * max(values[-1], 0.0)
+    kept = values > NEGLIGIBLE_VARIANCE * max(values[-1], 0.0)
     return (vectors[:, kept] / np.sqrt(values[kept])).T
 
 

@@ -27,7 +27,7 @@ INTERPOLATIONS = ("linear", "hermite")
 DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 DAYS_PER_YEAR = 365.25
 # asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding
-ROUNDING = 1e-9
+TABLE_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -343,8 +343,8 @@ def axis_number(axis: str | int) -> int:
 
 def _nodes_beyond(nodes: NDArray, low_degC: float, high_degC: float) -> tuple[NDArray, NDArray]:
     below, above = nodes[1] - nodes[0], nodes[-1] - nodes[-2]
-    n_low = max(0, int(np.ceil((nodes[0] - low_degC) / below - ROUNDING)))
-    n_high = max(0, int(np.ceil((high_degC - nodes[-1]) / above - ROUNDING)))
+    n_low = max(0, int(np.ceil((nodes[0] - low_degC) / below - TABLE_ROUNDING)))
+    n_high = max(0, int(np.ceil((high_degC - nodes[-1]) / above - TABLE_ROUNDING)))
     return nodes[0] - below * np.arange(n_low, 0, -1), nodes[-1] + above * np.arange(1, n_high + 1)
 
 
@@ -358,11 +358,11 @@ def _checked_covariance(covariance: ArrayLike, n: int) -> NDArray:
     if not np.all(np.isfinite(P)):
         raise InputError("covariance: not finite")
     scale = float(np.max(np.abs(P), initial=0.0))
-    if np.max(np.abs(P - P.T), initial=0.0) > ROUNDING * scale:
+    if np.max(np.abs(P - P.T), initial=0.0) > TABLE_ROUNDING * scale:
         raise InputError("covariance: not symmetric")
     P = 0.5 * (P + P.T)
     lowest = float(np.linalg.eigvalsh(P)[0])
-    if lowest < -ROUNDING * scale:
+    if lowest < -TABLE_ROUNDING * scale:
         raise InputError(f"covariance: not positive semidefinite, lowest eigenvalue {lowest:.3g}")
     P.flags.writeable = False
     return P

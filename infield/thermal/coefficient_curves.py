@@ -25,9 +25,11 @@ from infield.thermal.blocks import AxisBlocks
 SPACING_degC, FEWEST_INTERVALS, MOST_INTERVALS = 3.0, 6, 28  # of the smooth basis
 # differences penalised for values, and where the second derivative must be smooth
 VALUE_ORDER, CURVATURE_ORDER = 2, 3
-STEPS = np.arange(-3.0, 2.51, 0.5)  # log10 of a difference over the smallest sigma: what is tried
+PENALTY_STEPS = np.arange(
+    -3.0, 2.51, 0.5
+)  # log10 of a difference over the smallest sigma: what is tried
 FLAT = 1e-12  # relative precision added so that a null space of the penalty has a factor
-NEGLIGIBLE = 3.0  # log evidence below the best by more than this has no share
+NEGLIGIBLE_NATS = 3.0  # log evidence below the best by more than this has no share
 Basis = Callable[[NDArray], NDArray]
 
 
@@ -116,7 +118,7 @@ class Reduced:
         solve = partial(_solve, normal, sizes, penalties)
         scale = float(self.blocks.sigma_deg_h.min())
         weight, found = _weighed(
-            lambda at: solve([(scale * 10.0 ** STEPS[k]) ** -2.0 for k in at]), penalties
+            lambda at: solve([(scale * 10.0 ** PENALTY_STEPS[k]) ** -2.0 for k in at]), penalties
         )
         theta = np.einsum("k,ki->i", weight, np.array([one.x for one in found]))
         P = sum(
@@ -237,7 +239,7 @@ def _weighed(
     then 15 % too short.
     """
     free = [which for which, penalty in enumerate(penalties) if penalty is not None]
-    at = (len(STEPS) // 2,) * len(penalties)
+    at = (len(PENALTY_STEPS) // 2,) * len(penalties)
     tried: dict[tuple[int, ...], Solution] = {at: solve(at)}
 
     def neighbours(at: tuple[int, ...]) -> list[tuple[int, ...]]:
@@ -246,7 +248,7 @@ def _weighed(
             for which in free
             for sense in (-1, 1)
         ]
-        return [key for key in near if 0 <= min(key) and max(key) < len(STEPS)]
+        return [key for key in near if 0 <= min(key) and max(key) < len(PENALTY_STEPS)]
 
     while True:  # climb
         tried.update({key: solve(key) for key in neighbours(at) if key not in tried})
@@ -260,7 +262,7 @@ def _weighed(
             if key not in seen:
                 seen.add(key)
                 tried.setdefault(key, solve(key))
-                todo += [key] if tried[key].log_evidence > best - NEGLIGIBLE else []
-    kept = [found for found in tried.values() if found.log_evidence >= best - NEGLIGIBLE]
+                todo += [key] if tried[key].log_evidence > best - NEGLIGIBLE_NATS else []
+    kept = [found for found in tried.values() if found.log_evidence >= best - NEGLIGIBLE_NATS]
     weight = np.exp([found.log_evidence - best for found in kept])
     return weight / weight.sum(), kept

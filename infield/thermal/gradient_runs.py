@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from infield.thermal.ramp_runs import BLOCK_S, RampRun, covered_blocks, ramp_run
+from infield.thermal.ramp_runs import RAMP_BLOCK_S, RampRun, covered_blocks, ramp_run
 from infield.thermometer.gyro_temperature import (
-    FEWEST_ROWS,
+    FEWEST_READINGS,
     GyroTemperature,
     gyro_temperature,
     too_short,
@@ -78,7 +78,7 @@ def gradient_lines(log: TemperatureLog) -> GradientLines:
         checked = check_thermometers(log.time_s, dict(zip(names, log.gradient_degC.T)))
         for k, name in enumerate(names):
             rows = np.flatnonzero(checked.valid[name])
-            if rows.size >= max(min(FEWEST_ROWS, log.time_s.size), 3):
+            if rows.size >= max(min(FEWEST_READINGS, log.time_s.size), 3):
                 found = smooth_readings(
                     nodes,
                     log.time_s[rows],
@@ -96,7 +96,7 @@ def gradient_run(run: Run, twin: TwinModel) -> GradientRun:
         raise NoTemperature(run.header.run_id, why)
     assert run.temperature is not None
     temperature, lines = gyro_temperature(run.temperature), gradient_lines(run.temperature)
-    blocks = ramp_run(run, twin, temperature=temperature, window_s=BLOCK_S)
+    blocks = ramp_run(run, twin, temperature=temperature, window_s=RAMP_BLOCK_S)
     seen = [k for k, axis in enumerate(AXES) if axis not in temperature.unusable]
     gradient = lines.at(blocks.time_s)
     moving = tuple(
@@ -115,5 +115,5 @@ def gradient_run(run: Run, twin: TwinModel) -> GradientRun:
 
 def _line_sigma(lines: GradientLines, temperature: GyroTemperature, middle_s: float) -> NDArray:
     """Sigma (3,) of each line's mean over a minute."""
-    row = temperature.mean_rows(middle_s - 0.5 * BLOCK_S, middle_s + 0.5 * BLOCK_S)[None]
+    row = temperature.mean_rows(middle_s - 0.5 * RAMP_BLOCK_S, middle_s + 0.5 * RAMP_BLOCK_S)[None]
     return np.array([0.0 if s is None else np.sqrt(s.covariance(row)[0, 0]) for s in lines.smooth])

@@ -29,10 +29,12 @@ from ins.robust import robust_scatter, runs_of_true
 from ins.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
 from ins.verdicts import LeftOut
 
-BLOCK_S = 60.0
+RAMP_BLOCK_S = 60.0
 FEWEST_SHARE = 0.6  # of a block that must be left
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S, WINDOW_degC = 120.0, 1800.0, 0.3  # over which a rate is read
-STEADY = 0.3  # a ramp's rate stays within this share of its median; the rest is soak or turning
+STEADY_SHARE = (
+    0.3  # a ramp's rate stays within this share of its median; the rest is soak or turning
+)
 # a ten-second sum this far from the median of its ten minutes was bumped
 BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
 # the sense of a ramp is that of the median over so many: a chamber's control may ripple
@@ -186,10 +188,10 @@ class _Blocks:
         self.turned_rad = float(
             max(np.linalg.norm([np.bincount(part, column) for column in turn.T], axis=0))
         )
-        minute = np.floor((begins - begins[0]) / BLOCK_S).astype(int)
+        minute = np.floor((begins - begins[0]) / RAMP_BLOCK_S).astype(int)
         weight = np.where(good, seconds, 0.0)
         held = np.bincount(minute, weight)
-        keep = held >= FEWEST_SHARE * BLOCK_S
+        keep = held >= FEWEST_SHARE * RAMP_BLOCK_S
         kept_s = np.where(keep, held, 1.0)
 
         def mean(v: NDArray) -> NDArray:
@@ -197,7 +199,7 @@ class _Blocks:
 
         self.time_s = mean(0.5 * (begins + ends))
         self.omega = np.stack([mean(column) for column in omega.T], axis=1).reshape(-1, 3)
-        self.sigma = noise * np.sqrt(np.median(seconds) / BLOCK_S)
+        self.sigma = noise * np.sqrt(np.median(seconds) / RAMP_BLOCK_S)
 
 
 def _running_median(values: NDArray, size: int) -> NDArray:
@@ -297,7 +299,7 @@ def _legs(time_s: NDArray, T: NDArray, rate: NDArray, covered: NDArray) -> tuple
             continue
         rows = np.arange(a, b)
         middle = _weighted_median(rate[rows], np.abs(rate[rows]))
-        near = rows[np.abs(rate[rows] - middle) <= STEADY * abs(middle)]
+        near = rows[np.abs(rate[rows] - middle) <= STEADY_SHARE * abs(middle)]
         start, end = (int(near[0]), int(near[-1]) + 1) if near.size else (a, a)
         low, high = (
             (float(T[start:end].min()), float(T[start:end].max())) if end > start else (0.0, 0.0)

@@ -28,10 +28,10 @@ from ins.thermometer_faults import (
 )
 from ins.verdicts import LeftOut, Reason, because
 
-FEWEST_ROWS, SHORTEST_S = 10, 60.0  # of a temperature log that a session can be told from
+FEWEST_READINGS, SHORTEST_LOG_S = 10, 60.0  # of a temperature log that a session can be told from
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
 # a hole up to this is bridged by the smoother, with the sigma that it has there
-BRIDGED_S = 2.0 * HOLE_S
+BRIDGED_HOLE_S = 2.0 * HOLE_S
 
 
 @dataclass(frozen=True)
@@ -148,14 +148,14 @@ def too_short(log: TemperatureLog | None) -> Reason | None:
     if log is None:
         return because(ThermometerReason.NONE_LOGGED)
     rows, span_s = log.time_s.size, float(log.time_s[-1] - log.time_s[0])
-    if rows >= FEWEST_ROWS and span_s >= SHORTEST_S:
+    if rows >= FEWEST_READINGS and span_s >= SHORTEST_LOG_S:
         return None
     return because(
         ThermometerReason.TOO_FEW_ROWS,
         rows=rows,
         span_s=math.floor(10.0 * span_s) / 10.0,  # 59.97 is not 60
-        needed_rows=FEWEST_ROWS,
-        needed_s=SHORTEST_S,
+        needed_rows=FEWEST_READINGS,
+        needed_s=SHORTEST_LOG_S,
     )
 
 
@@ -171,7 +171,7 @@ def gyro_temperature(
     for k, axis in enumerate(AXES):
         name = f"gyro_{axis}_degC"
         rows = np.flatnonzero(checked.valid[name])
-        if rows.size < max(min(FEWEST_ROWS, log.time_s.size), 3):
+        if rows.size < max(min(FEWEST_READINGS, log.time_s.size), 3):
             continue
         found = smooth_readings(
             nodes, log.time_s[rows], log.gyro_degC[rows, k], checked.resolution_degC[name]
@@ -213,7 +213,9 @@ def _near_readings(nodes_s: NDArray, time_s: NDArray) -> NDArray:
     after = np.searchsorted(time_s, nodes_s)
     before, behind = time_s[np.maximum(after - 1, 0)], time_s[np.minimum(after, time_s.size - 1)]
     bridged = (
-        max(BRIDGED_S, 5.0 * float(np.median(np.diff(time_s)))) if time_s.size > 1 else BRIDGED_S
+        max(BRIDGED_HOLE_S, 5.0 * float(np.median(np.diff(time_s))))
+        if time_s.size > 1
+        else BRIDGED_HOLE_S
     )
     nearest = np.minimum(np.abs(nodes_s - before), np.abs(nodes_s - behind))
     return (behind - before <= bridged) & (nearest <= bridged)

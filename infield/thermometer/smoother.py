@@ -3,7 +3,7 @@ not values.
 
 A reading y of a thermometer with step r says y - r/2 < T + n < y + r/2, n ~ N(0, s^2): likelihood
 Phi((y + r/2 - T)/s) - Phi((y - r/2 - T)/s) (Gaussian in T for r = 0). T is an integrated random
-walk of the rate with density q, on nodes GRID_S apart, straight in between. The mode is found by
+walk of the rate with density q, on nodes NODE_S apart, straight in between. The mode is found by
 Newton's method on pentadiagonal equations (the problem is log-concave); q and s are where Laplace's
 evidence is largest. A moving average of the readings instead follows the staircase: its rate is 0
 on a step and r over the window at an edge. Source: Rauch, Tung, Striebel (1965) for the Gaussian
@@ -20,7 +20,7 @@ from scipy.special import ndtr
 
 from ins.robust import white_sigma
 
-GRID_S = 5.0
+NODE_S = 5.0
 # q [(degC/s)^2 / s]: a settled unit to a heated chip
 DENSITIES = tuple(10.0**k for k in range(-11, -3))
 FIRST_DENSITY = 3  # index above: 1e-8, a cold start
@@ -54,9 +54,9 @@ class SmoothTemperature:
 def nodes_of(time_s: NDArray) -> NDArray:
     """Nodes from the first to the last reading or beyond it, at least three."""
     span = float(time_s[-1] - time_s[0])
-    if span < 2 * GRID_S:
+    if span < 2 * NODE_S:
         return time_s[0] + np.linspace(0.0, max(span, 1.0), 3)
-    return time_s[0] + GRID_S * np.arange(int(np.ceil(span / GRID_S - 1e-9)) + 1)
+    return time_s[0] + NODE_S * np.arange(int(np.ceil(span / NODE_S - 1e-9)) + 1)
 
 
 def smooth_readings(

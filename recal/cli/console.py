@@ -13,22 +13,29 @@ from typer.core import TyperCommand
 
 from recal.service.results.text import Document, result_text
 
-DONE, FAILED, USAGE, BAD_INPUT, REFUSED, INCONSISTENT = 0, 1, 2, 3, 4, 5
+DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+)
 EXIT_CODES = {
     **dict.fromkeys(
         ("ok", "warnings", "aligned", "replayed", "proposed", "committed", "measured", "fitted"),
-        DONE,
+        DONE_EXIT,
     ),
-    **dict.fromkeys(("approved", "rejected"), DONE),
-    **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE),
-    "intact": DONE,
-    "broken": BAD_INPUT,
-    "up_to_date": DONE,
-    "failed": FAILED,  # of a fleet: nothing new; nothing but breakdowns
-    "bad_input": BAD_INPUT,
-    "level_only": REFUSED,
-    "refused": REFUSED,
-    "inconsistent": INCONSISTENT,
+    **dict.fromkeys(("approved", "rejected"), DONE_EXIT),
+    **dict.fromkeys(("no_gap", "explained", "partly_explained", "unexplained"), DONE_EXIT),
+    "intact": DONE_EXIT,
+    "broken": BAD_INPUT_EXIT,
+    "up_to_date": DONE_EXIT,
+    "failed": FAILED_EXIT,  # of a fleet: nothing new; nothing but breakdowns
+    "bad_input": BAD_INPUT_EXIT,
+    "level_only": REFUSED_EXIT,
+    "refused": REFUSED_EXIT,
+    "inconsistent": INCONSISTENT_EXIT,
 }
 DEFAULT_STORE = "sqlite:///recal.db"
 
@@ -93,7 +100,7 @@ class Command(TyperCommand):
             # the reader has seen enough
             if isinstance(error, OSError) and error.errno == errno.EPIPE:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-                raise typer.Exit(DONE) from None
+                raise typer.Exit(DONE_EXIT) from None
             if isinstance(error, OSError) and error.strerror is None:
                 raise
             line = (

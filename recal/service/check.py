@@ -19,7 +19,7 @@ from trajectories.runs.imu_stream import jitter
 from trajectories.runs.physics_gates import expected_rest
 from trajectories.runs.streams import RunStreams
 
-LEVELS = ("error", "suspect", "warning")  # of a problem, the worst first
+SEVERITIES = ("error", "suspect", "warning")  # of a problem, the worst first
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -85,7 +85,7 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
     if serial is not None and seen.header is not None and seen.header.imu_serial != serial:
         text = f"run.json: imu_serial {seen.header.imu_serial!r}, needed {serial!r}"
         problems.append(Finding(level="error", text=text))
-    problems.sort(key=lambda problem: LEVELS.index(problem.level))
+    problems.sort(key=lambda problem: SEVERITIES.index(problem.level))
     return Check(_document(path, seen, reference, problems), problems=tuple(problems))
 
 

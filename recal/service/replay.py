@@ -25,7 +25,7 @@ from recal.service.results.text import Document
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns
 
-NAVIGATION = ("roll_deg", "pitch_deg", "heading_deg")
+ATTITUDE_COLUMNS = ("roll_deg", "pitch_deg", "heading_deg")
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
@@ -199,7 +199,7 @@ def _write_navigation(path: Path, result: ReplayResult) -> None:
     for t in flown:
         h = t.history
         assert h is not None
-        attitude = dict(zip(NAVIGATION, (angle / DEG for angle in euler_from_dcm(h.C_nb))))
+        attitude = dict(zip(ATTITUDE_COLUMNS, (angle / DEG for angle in euler_from_dcm(h.C_nb))))
         velocity = dict(zip(("vn_m_s", "ve_m_s", "vd_m_s"), h.v_n_m_s.T))
         parts.append(
             {

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from infield.store.errors import StoreConflict
 from infield.store.table_store import Revision, TableStore, require_same_unit
-from infield.table.autopilot_params import ENDINGS, MAX_DEVICE_ID, NUMBERS, read_cubic
+from infield.table.autopilot_params import MAX_DEVICE_ID, NUMBERS, PARAMETER_ENDINGS, read_cubic
 from infield.table.autopilot_table import CubicExport, ParameterFile, export_cubic, table_of_cubic
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
 from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
@@ -17,7 +17,7 @@ from recal.service.results.result import Result
 from recal.service.tables import about, need, other_technology
 
 __all__ = [
-    "ENDINGS",
+    "PARAMETER_ENDINGS",
     "MAX_DEVICE_ID",
     "NUMBERS",
     "CubicRequest",
@@ -46,7 +46,7 @@ class TableFile:
     @property
     def is_cubic(self) -> bool:
         """Whether it holds an autopilot's parameters."""
-        endings = {end for ends in ENDINGS.values() for end in ends}
+        endings = {end for ends in PARAMETER_ENDINGS.values() for end in ends}
         return self.autopilot is not None or self.path.suffix in endings
 
     @property

@@ -18,8 +18,8 @@ OF_TEMPERATURE = "unknown_function_of_temperature"
 OF_RATE = "unknown_function_of_temperature_rate"
 OF_TIME = "unknown_function_of_time"
 OF_RUN = "unknown_function_of_run"
-UNKNOWN = "unknown"  # of the motion, on a channel that only moving vehicles have
-FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN})
+UNKNOWN_MOTION = "unknown"  # of the motion, on a channel that only moving vehicles have
+FREE_FUNCTIONS = frozenset({OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN, UNKNOWN_MOTION})
 # m/s, m/s, m at 10 m/s: what would matter there
 MOTION_SIZE = {"odometer": 0.02, "vehicle": 0.02, "gnss": 0.5}
 Hats = Callable[[Telemetry], NDArray]  # (n, p) of a run
@@ -81,11 +81,11 @@ def motion_functions(runs: Sequence[Telemetry]) -> tuple[Generic, ...]:
     """
     out = []
     if any(run.rolling.any() for run in runs):
-        out.append(Generic(UNKNOWN, "vehicle", 4, _of_motion))
+        out.append(Generic(UNKNOWN_MOTION, "vehicle", 4, _of_motion))
         if any(run.has_odometer for run in runs):
-            out.append(Generic(UNKNOWN, "odometer", 4, _of_motion))
+            out.append(Generic(UNKNOWN_MOTION, "odometer", 4, _of_motion))
     if any(run.has_gnss for run in runs):
-        out.append(Generic(UNKNOWN, "gnss", 5, _of_fixes))
+        out.append(Generic(UNKNOWN_MOTION, "gnss", 5, _of_fixes))
     return tuple(out)
 
 

@@ -20,7 +20,7 @@ from simreal.effects.parts.gyro_needs import gyro_degC, gyro_degC_min
 from simreal.effects.telemetry import Telemetry, Trace, on_axis
 
 FUNCTIONS = (OF_TEMPERATURE, OF_RATE, OF_TIME, OF_RUN)
-UNITS = {"deg/h": DEG_PER_HOUR, "ug": MICRO_G}
+VALUE_UNITS = {"deg/h": DEG_PER_HOUR, "ug": MICRO_G}
 
 
 def unit_of(target: str) -> str:
@@ -38,7 +38,7 @@ class NodeFunction(CatalogueEffect):
     values: tuple[float, ...] = ()
 
     def traces(self, run: Telemetry, target: str, shape: Shape) -> tuple[Trace, ...]:
-        size = UNITS[unit_of(target)]
+        size = VALUE_UNITS[unit_of(target)]
         series = np.full(run.n, self.values[0])
         if self.name != OF_RUN:
             series = np.interp(self._at(run, target), self.nodes, self.values)

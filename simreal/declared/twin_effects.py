@@ -17,7 +17,7 @@ from typing import Any, NoReturn, TypeGuard
 from ins.records import InputError, TwinModel
 from simreal.declared.generic import OF_RUN
 from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
-from simreal.effects.base import ACCELS, GYROS, SLOW, Effect
+from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue, effects_named
 from simreal.effects.parts.formula import FormulaEffect, OutOfReach, no_noise
 from simreal.effects.telemetry import Telemetry, Trace, total
@@ -141,7 +141,7 @@ class _Item:
             self._fail(
                 "target", target, _nearest(target, sorted({t for e in named for t in e.targets}))
             )
-        if name == SLOW:
+        if name == SLOW_NAME:
             ids, process = [e.id for e in fits], given.get(PROCESS)
             if process not in ids:
                 self._fail(f"parameters.{PROCESS}", process, f"one of {', '.join(ids)}")

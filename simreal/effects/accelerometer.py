@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from ins.attitude import skew
 from ins.records import InputError
 from ins.units import HOUR, MICRO_G, MILLIRADIAN, PPM, STANDARD_GRAVITY
-from simreal.effects.base import ACCELS, AXIS, SLOW, AddedNoise, Coefficient, Shape, ShapeParameter
+from simreal.effects.base import (
+    ACCELS,
+    AXIS,
+    SLOW_NAME,
+    AddedNoise,
+    Coefficient,
+    Shape,
+    ShapeParameter,
+)
 from simreal.effects.parts.formula import FormulaEffect, OutOfReach, with_parts
 from simreal.effects.parts.gyro_effect import one, several
 from simreal.effects.parts.gyro_needs import TEMPERATURE_CHANGE_degC, swing
@@ -279,7 +287,7 @@ ACCELEROMETER = (
     ),
     FormulaEffect(
         "accel_bias_instability",
-        SLOW,
+        SLOW_NAME,
         ACCELS,
         (Coefficient("bias_instability", "ug", 1.0, 5.0, signed=False),),
         repeats="S",
@@ -289,7 +297,7 @@ ACCELEROMETER = (
     ),
     FormulaEffect(
         "accel_rate_random_walk",
-        SLOW,
+        SLOW_NAME,
         ACCELS,
         (Coefficient("rate_random_walk", "ug/sqrt(h)", 1.0, 10.0, signed=False),),
         repeats="S",

@@ -20,7 +20,7 @@ ACCELS = ("accel_x", "accel_y", "accel_z")
 AXIS = {name: k for names in (GYROS, ACCELS) for k, name in enumerate(names)}
 Shape = Mapping[str, float]
 # the name that slow processes share (flicker, random walk, Gauss-Markov): tied to nothing logged
-SLOW = "slow_variation"
+SLOW_NAME = "slow_variation"
 
 
 @dataclass(frozen=True)

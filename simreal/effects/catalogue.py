@@ -9,12 +9,12 @@ from ins.records import InputError
 from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.base import Effect
 from simreal.effects.compensation import COMPENSATION
-from simreal.effects.data import DATA
+from simreal.effects.data import DATA_EFFECTS
 from simreal.effects.gyro_events import GYRO_EVENTS
 from simreal.effects.gyro_noise import GYRO_NOISE
 from simreal.effects.gyro_rate import GYRO_RATE
 from simreal.effects.gyro_thermal import GYRO_THERMAL
-from simreal.effects.navigation import NAVIGATION
+from simreal.effects.navigation import NAVIGATION_EFFECTS
 from simreal.effects.platform import PLATFORM
 from simreal.effects.wheels import WHEELS
 
@@ -37,8 +37,8 @@ def catalogue() -> tuple[Effect, ...]:
         *ACCELEROMETER,
         *PLATFORM,
         *WHEELS,
-        *NAVIGATION,
-        *DATA,
+        *NAVIGATION_EFFECTS,
+        *DATA_EFFECTS,
     )
     found, ids = list(own), {e.id for e in own}
     for point in entry_points(group=GROUP):

@@ -63,7 +63,7 @@ def needs_manoeuvres(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((brakes(runs) or flies(runs), "braking and acceleration, or flight"))
 
 
-DATA = (
+DATA_EFFECTS = (
     FormulaEffect(
         "timestamp_jitter",
         "timestamp_jitter",

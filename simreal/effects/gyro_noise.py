@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR
-from simreal.effects.base import SLOW, AddedNoise, Effect, Shape, ShapeParameter
+from simreal.effects.base import SLOW_NAME, AddedNoise, Effect, Shape, ShapeParameter
 from simreal.effects.gyro_thermal import above_reference
 from simreal.effects.parts.gyro_effect import gyro_effect, one
 from simreal.effects.parts.gyro_needs import gyro_degC_min, lacks_temperature_rate
@@ -107,7 +107,7 @@ GYRO_NOISE: tuple[Effect, ...] = (
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        SLOW,
+        SLOW_NAME,
         id="gyro_bias_instability",
         repeats="S",
         coefficients=one("deg/h", 1e-3, 5e-3, signed=False),
@@ -117,7 +117,7 @@ GYRO_NOISE: tuple[Effect, ...] = (
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        SLOW,
+        SLOW_NAME,
         id="gyro_rate_random_walk",
         repeats="S",
         coefficients=one("deg/h/sqrt(h)", 5e-4, 5e-3, signed=False),
@@ -127,7 +127,7 @@ GYRO_NOISE: tuple[Effect, ...] = (
         source="IEEE Std 952-1997, annex C",
     ),
     gyro_effect(
-        SLOW,
+        SLOW_NAME,
         id="gyro_gauss_markov",
         repeats="S",
         coefficients=one("deg/h", 1e-3, 0.01, signed=False),

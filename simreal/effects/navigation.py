@@ -43,7 +43,7 @@ def needs_gnss_turns(runs: Sequence[Telemetry], target: str) -> str:
     return lacking((has_gnss(runs), "GNSS"), (turns(seen) or brakes(seen), "turns"))
 
 
-NAVIGATION = (
+NAVIGATION_EFFECTS = (
     *with_parts(
         FormulaEffect(
             "gnss_lever_arm_or_latency",

@@ -26,7 +26,7 @@ MILLIGAL = 1e-5  # [m/s^2]
 REFERENCE_degC = 25.0
 STEP_TAKES_s = 1.0  # a boarding or fuel step is no jump
 ROTATIONAL_SWAY_s = 1.0  # correlation time of the angle in gusts
-VEHICLE, SITE = ("vehicle",), ("site",)
+VEHICLE_TARGETS, SITE = ("vehicle",), ("site",)
 LATITUDE_STEP_rad = 1e-4  # of the derivative of gravity
 # cut to the run
 ONSET = ShapeParameter("onset_s", "s", 0.0, 86400.0, 24, spread="linear", of_time=True)
@@ -236,11 +236,11 @@ ROTATIONS = frozenset(
     {"platform_settling", "platform_step", "platform_yaw_creep", "platform_mount_sag"}
 )
 YAW_RIVALS = ("gyro_turn_on_bias", "gyro_rate_ramp", "gyro_warmup_transient")
-YAW_CREEP = (
+YAW_CREEP_EFFECTS = (
     FormulaEffect(
         "platform_yaw_creep",
         "platform_yaw_creep",
-        VEHICLE,
+        VEHICLE_TARGETS,
         one("arcsec", 5.0, 100.0),
         shape=(ShapeParameter("tau_s", "s", 300.0, 7200.0, 5),),
         repeats="E",
@@ -252,7 +252,7 @@ YAW_CREEP = (
     FormulaEffect(
         "platform_yaw_drift",
         "platform_yaw_creep",
-        VEHICLE,
+        VEHICLE_TARGETS,
         (Coefficient("drift", "arcsec/h", 5.0, 100.0),),
         repeats="E",
         rivals=YAW_RIVALS,
@@ -265,7 +265,7 @@ PLATFORM = (
     FormulaEffect(
         "platform_sway",
         "platform_sway",
-        VEHICLE,
+        VEHICLE_TARGETS,
         one("m/s", 0.001, 0.02, signed=False),
         repeats="S",
         rivals=("accel_noise",),
@@ -275,7 +275,7 @@ PLATFORM = (
     FormulaEffect(
         "platform_sway_rotation",
         "platform_sway",
-        VEHICLE,
+        VEHICLE_TARGETS,
         (Coefficient("rotation", "arcsec", 10.0, 200.0, signed=False),),
         repeats="S",
         rivals=("gyro_quantization", "gyro_angle_random_walk", "accel_noise"),
@@ -286,7 +286,7 @@ PLATFORM = (
         FormulaEffect(
             "platform_settling",
             "platform_settling",
-            VEHICLE,
+            VEHICLE_TARGETS,
             several(("roll", "pitch"), "arcsec", 20.0, 200.0),
             shape=(ShapeParameter("tau_s", "s", 180.0, 3600.0, 10),),
             repeats="E",
@@ -305,7 +305,7 @@ PLATFORM = (
         FormulaEffect(
             "platform_step",
             "platform_step",
-            VEHICLE,
+            VEHICLE_TARGETS,
             several(("roll", "pitch", "heading"), "arcsec", 10.0, 300.0),
             shape=(ONSET,),
             repeats="E",
@@ -314,11 +314,11 @@ PLATFORM = (
             formula=EachAlone(step, 3),
         )
     ),
-    *sharing_prior(*YAW_CREEP),
+    *sharing_prior(*YAW_CREEP_EFFECTS),
     FormulaEffect(
         "platform_mount_sag",
         "platform_mount_sag",
-        VEHICLE,
+        VEHICLE_TARGETS,
         several(("roll", "pitch"), "arcsec per degC", 0.2, 3.0),
         rivals=("platform_settling", "accel_thermal", "gyro_thermal_rate"),
         source="effects.md P05",
@@ -328,7 +328,7 @@ PLATFORM = (
     FormulaEffect(
         "engine_start",
         "engine_start",
-        VEHICLE,
+        VEHICLE_TARGETS,
         several("xyz", "ug", 10.0, 200.0),
         shape=(ONSET,),
         repeats="E",
@@ -339,7 +339,7 @@ PLATFORM = (
     FormulaEffect(
         "engine_start_noise",
         "engine_start",
-        VEHICLE,
+        VEHICLE_TARGETS,
         (Coefficient("noise", "ug/sqrt(Hz)", 10.0, 200.0, signed=False),),
         shape=(ONSET,),
         repeats="E",

@@ -16,7 +16,7 @@ from ins.compensation import corrected
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import AXES, ImuLog, ImuSource, Run
 
-SAME = 1e-9  # of its size: a rate that varies by less was computed, not measured
+COMPUTED_SHARE = 1e-9  # of its size: a rate that varies by less was computed, not measured
 LEVELLED = 0.3  # part of the vertical that a gyro must see to be told by the vertical Earth rate
 FIRST_S = 300.0  # of the log: the vehicle stands, as a rule
 
@@ -30,7 +30,8 @@ def dead_columns(imu: ImuSource) -> NDArray:
     high = np.roll(np.fmax.reduce(log.high), 3)
     with np.errstate(invalid="ignore"):
         return np.asarray(
-            ~np.isfinite(low) | (high - low <= SAME * np.maximum(np.abs(low), np.abs(high)))
+            ~np.isfinite(low)
+            | (high - low <= COMPUTED_SHARE * np.maximum(np.abs(low), np.abs(high)))
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ins.records import Run
 
 LEAST_S = 60.0
-STREAMS = ("temperature", "gnss", "odometer")
+AIDING_STREAMS = ("temperature", "gnss", "odometer")
 
 
 def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
@@ -20,7 +20,7 @@ def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
     start, end = float(run.imu.start_s), float(run.imu.end_s)
     gone: dict[str, Any] = {}
     notes = []
-    for name in STREAMS:
+    for name in AIDING_STREAMS:
         stream = getattr(run, name)
         if stream is None:
             continue

@@ -10,9 +10,9 @@ from ins.records import TwinModel
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 
-BIN_S = 60.0
+FIX_MEAN_S = 60.0
 SITE_SIGMA_M = 30.0  # how well a crew knows where it is parked
-COMPONENTS = 4  # north, east [m], velocity north, east [m/s]
+FIX_COMPONENTS = 4  # north, east [m], velocity north, east [m/s]
 
 
 class ParkedFixes:
@@ -25,7 +25,11 @@ class ParkedFixes:
         gnss, site = view.run.gnss, view.run.header.site
         self.time_s: NDArray
         self._count: NDArray
-        self.time_s, self._count, self._mean = np.zeros(0), np.zeros(0), np.zeros((COMPONENTS, 0))
+        self.time_s, self._count, self._mean = (
+            np.zeros(0),
+            np.zeros(0),
+            np.zeros((FIX_COMPONENTS, 0)),
+        )
         self._sigma = np.array(
             [twin.gnss.sigma_horizontal_m] * 2 + [twin.gnss.sigma_velocity_m_s] * 2
         )
@@ -40,7 +44,7 @@ class ParkedFixes:
         inside &= np.isfinite(gnss.v_n_m_s).all(axis=1)
         if not inside.any():
             return
-        at = ((gnss.time_s[inside] - view.start_s - 1e-6) // BIN_S).astype(int)
+        at = ((gnss.time_s[inside] - view.start_s - 1e-6) // FIX_MEAN_S).astype(int)
         arm = view.C_nb @ np.asarray(view.run.header.gnss_lever_arm_m, dtype=float)
         way = displacement_ned(
             gnss.lat_rad[inside],
@@ -53,12 +57,12 @@ class ParkedFixes:
         count = np.bincount(at)
         used = np.flatnonzero(count)
         self._count = count[used].astype(float)
-        self.time_s = view.start_s + BIN_S * (used + 1.0)
+        self.time_s = view.start_s + FIX_MEAN_S * (used + 1.0)
         self._mean = np.stack([np.bincount(at, v)[used] / self._count for v in values.T])
 
     @property
     def rows(self) -> int:
-        return COMPONENTS * self.time_s.size
+        return FIX_COMPONENTS * self.time_s.size
 
     def whiten_data(self) -> tuple[NDArray, NDArray]:
         """Whitened rows (rows,) and the position error of the entered site that they show (2,) [m],
@@ -69,13 +73,13 @@ class ParkedFixes:
 
     def whiten(self, traces: list[Trace]) -> tuple[NDArray, NDArray]:
         """The same of what effects add: (rows, m), (2, m)."""
-        out = np.zeros((COMPONENTS, self.time_s.size, len(traces)))
+        out = np.zeros((FIX_COMPONENTS, self.time_s.size, len(traces)))
         ends = np.searchsorted(self._end, self.time_s + 1e-6)
         for k, trace in enumerate(traces):
             for offset, values in ((0, trace.gnss_position_m), (2, trace.gnss_velocity_m_s)):
                 if values is not None:
                     sums = np.vstack([np.zeros((1, 2)), np.cumsum(values[:, :2], axis=0)])
-                    first = np.maximum(ends - int(BIN_S), 0)
+                    first = np.maximum(ends - int(FIX_MEAN_S), 0)
                     out[offset : offset + 2, :, k] = (
                         (sums[ends] - sums[first]) / np.maximum(ends - first, 1)[:, None]
                     ).T

@@ -44,8 +44,8 @@ from simreal.evidence.parked import Handoff
 from simreal.evidence.parked_fixes import ParkedFixes
 from simreal.evidence.run_view import RunView
 
-GYRO = slice(em.BASE, em.BASE + 3)
-STATES = em.BASE + 3
+GYRO_STATES = slice(em.BASE, em.BASE + 3)
+ROLLING_STATES = em.BASE + 3
 YAW_JITTER_RAD = 0.1 * ARCSEC
 STOP_EDGE = 5  # seconds at both ends of a stop in which the vehicle may still roll
 CHANNEL = {
@@ -97,7 +97,7 @@ class RollingBlock:
                 now = int(which)
                 Phi, Gamma, Q = _transition(steps, now, self._noise)
                 P = Phi @ P @ Phi.T + Q
-                P[np.diag_indices(STATES)] += self._walk * steps.dt_s[now]
+                P[np.diag_indices(ROLLING_STATES)] += self._walk * steps.dt_s[now]
                 self._steps.append((Phi, Gamma))
             elif kind == ADD:
                 P[which, which] += c.variance[first]
@@ -117,7 +117,7 @@ class RollingBlock:
                         )
                     )
             else:
-                M = np.eye(STATES)
+                M = np.eye(ROLLING_STATES)
                 M[which] = _row(c.index[first], c.value[first])
                 P = M @ P @ M.T
                 P[which, which] += c.variance[first]
@@ -153,7 +153,7 @@ class RollingBlock:
                     # read at the end of a step, the others over it
                     fixes = array is own and at.start >= 2
                     array[:, at, k] = self._ends(values) if fixes else self._means(values, width)
-        e = np.zeros((STATES, m))
+        e = np.zeros((ROLLING_STATES, m))
         _set_start(e, -start.mean)
         e[em.POS] = -site_m
         dt = self.program.steps.dt_s
@@ -341,14 +341,14 @@ def _transition(steps: Steps, k: int, noise: em.ProcessNoise) -> tuple[NDArray, 
     Phi, Gamma, Q = em.discretize(
         step, noise, rolling=bool(steps.rolling[k]), keep_displacement=bool(steps.keep[k])
     )
-    full, noise_full = np.eye(STATES), np.zeros((STATES, STATES))
-    full[: em.BASE, : em.BASE], full[: em.BASE, GYRO] = Phi, Gamma
+    full, noise_full = np.eye(ROLLING_STATES), np.zeros((ROLLING_STATES, ROLLING_STATES))
+    full[: em.BASE, : em.BASE], full[: em.BASE, GYRO_STATES] = Phi, Gamma
     noise_full[: em.BASE, : em.BASE] = Q
-    return full, full[:, GYRO] * (np.arange(STATES) < em.BASE)[:, None], noise_full
+    return full, full[:, GYRO_STATES] * (np.arange(ROLLING_STATES) < em.BASE)[:, None], noise_full
 
 
 def _row(index: NDArray, value: NDArray) -> NDArray:
-    h = np.zeros(STATES)
+    h = np.zeros(ROLLING_STATES)
     np.add.at(h, index, value)
     return h
 
@@ -359,7 +359,7 @@ def _start(
     """State and covariance at the end of the parked stretch (column 0 of the handoff is the
     data).
     """
-    x, P = np.zeros((STATES, 1)), np.zeros((STATES, STATES))
+    x, P = np.zeros((ROLLING_STATES, 1)), np.zeros((ROLLING_STATES, ROLLING_STATES))
     _set_start(x, start.mean[:, :1])
     x[em.KAPPA] = -twin.vehicle.crab_mrad * MILLIRADIAN
     x[em.ODOMETER] = twin.odometer.scale_ppm * PPM
@@ -379,7 +379,7 @@ def _start_states() -> list[int]:
     """Where phi, the gyro biases and the level accelerometer biases sit."""
     return [
         *range(em.THETA.start, em.THETA.stop),
-        *range(GYRO.start, GYRO.stop),
+        *range(GYRO_STATES.start, GYRO_STATES.stop),
         *range(em.ACCEL.start, em.ACCEL.stop),
     ]
 
@@ -397,6 +397,6 @@ def _bias_walk(twin: TwinModel) -> NDArray:
         * DEG_PER_HOUR
         / 60.0
     )
-    out = np.zeros(STATES)
-    out[GYRO] = walk**2
+    out = np.zeros(ROLLING_STATES)
+    out[GYRO_STATES] = walk**2
     return out

@@ -44,7 +44,7 @@ from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
 from simreal.evidence.seconds import Seconds, seconds_of
 
-EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
+MOVEMENT_EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
 BLIND_EDGE_S = 60.0  # the same, where a sensor is dead and a slow start may go unseen
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
@@ -171,7 +171,7 @@ def _edge_s(dead: NDArray, knows_north: bool) -> float:
     """
     if dead.any():
         return BLIND_EDGE_S
-    return EDGE_S if knows_north else 0.0
+    return MOVEMENT_EDGE_S if knows_north else 0.0
 
 
 def _without(seconds: Seconds, dead: NDArray, fill: NDArray) -> Seconds:
@@ -278,7 +278,7 @@ def _trust_phases(run: Run, seconds: Seconds, kind: NDArray) -> None:
     for phase in run.phases:
         if phase.phase not in PARKED_PHASES:
             continue
-        own = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s - EDGE_S)
+        own = (seconds.end_s > phase.start_s) & (seconds.end_s <= phase.end_s - MOVEMENT_EDGE_S)
         inner = (
             own
             & (seconds.end_s > seconds.end_s[0] + MEAN_S)

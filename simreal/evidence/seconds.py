@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from alignment.motion.seconds import LogSeconds
 from ins.records import InputError
 
-SHORTEST_S = 60.0
+SHORTEST_REST_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -39,9 +39,9 @@ def seconds_of(log: LogSeconds) -> Seconds:
     """The seconds of a log on an even grid. InputError where it is shorter than a minute."""
     start_s = float(np.floor(log.first_s[0] - 0.5 / log.rate_hz))
     count = int(np.floor(log.end_s[-1] - start_s + 1e-6))
-    if count < SHORTEST_S:
+    if count < SHORTEST_REST_S:
         raise InputError(
-            f"imu: {log.end_s[-1] - log.first_s[0]:.0f} s, needed at least {SHORTEST_S:.0f} s"
+            f"imu: {log.end_s[-1] - log.first_s[0]:.0f} s, needed at least {SHORTEST_REST_S:.0f} s"
         )
     at = np.maximum(np.rint(log.start_s - start_s), 0).astype(int)
     known = log.where(at < count)

@@ -32,7 +32,7 @@ from simreal.inference.verdict import Judging
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
 ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
-MOST = 0.9  # of an effect's energy within the low band
+MOST_ENERGY = 0.9  # of an effect's energy within the low band
 LOOSE = 0.25  # variance of the predicted effect, of its energy: beyond, nothing is predicted
 RIDGE = 1e-3  # of a signature's whole energy
 SURE = 1.96
@@ -229,7 +229,9 @@ def _fold(
     d, z = A[:, mine] @ beta[mine], others
     where = held & touched
     B = _low_band(evidence, where)
-    if by_run or energetic(B(d)) > MOST * energetic(d[where]):  # an event may be as short as a row
+    if by_run or energetic(B(d)) > MOST_ENERGY * energetic(
+        d[where]
+    ):  # an event may be as short as a row
         d, z, m = B(d), B(z), B(z).size
     else:
         d, z, m = d[where], z[where], int(where.sum())

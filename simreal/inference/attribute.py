@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp
 
 from ins.records import TwinModel
-from simreal.effects.base import SLOW, Effect
+from simreal.effects.base import SLOW_NAME, Effect
 from simreal.effects.telemetry import Trace
 from simreal.evidence.run_view import RunView
 from simreal.evidence.whitened import Evidence, ExtraNoise
@@ -32,7 +32,7 @@ REPLICATES = 300
 TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn
 SWEEPS = 3
 REFINEMENTS = 3
-FINE = 9  # points of one refinement
+REFINED_POINTS = 9  # points of one refinement
 PAIR_CANDIDATES = 40
 MOST_MISSING = 0.99  # of a declared noise
 ONSET_OFFSETS_S = (-12.0, -8.0, -4.0, 0.0, 4.0, 8.0, 12.0)
@@ -205,7 +205,7 @@ class Attributor:
         A drifting path can be drawn by two smooth named effects; the noise found after them is then
         too small to tell.
         """
-        slow = [s for s in self.slots if s.hypothesis.name == SLOW]
+        slow = [s for s in self.slots if s.hypothesis.name == SLOW_NAME]
         channels = {s.hypothesis.target for s in slow}
         if not any(s.extra is None and s.hypothesis.target in channels for s in self.slots):
             return
@@ -213,7 +213,9 @@ class Attributor:
         self.slots = []
         self._set(self._under(()))
         odds, _ = self._odds([])
-        noise = [k for k, h in enumerate(self.noises) if h.name == SLOW and h.target in channels]
+        noise = [
+            k for k, h in enumerate(self.noises) if h.name == SLOW_NAME and h.target in channels
+        ]
         first = len(self.bank.hypotheses)
         best = max(noise, key=lambda k: odds[first + k])
         slot = self._noise_slot(self.noises[best], float(odds[first + best]))
@@ -275,7 +277,7 @@ class Attributor:
             best = int(np.argmax(odds))
         slot = self._slot(best, odds, groups, others)
         hypothesis = slot.hypothesis
-        generic = not hypothesis.named or hypothesis.name == SLOW
+        generic = not hypothesis.named or hypothesis.name == SLOW_NAME
         if pairs and generic and len(others) + 2 <= MOST_EFFECTS:
             pair = self._pair(slot, others)
             if pair is not None:
@@ -359,7 +361,7 @@ class Attributor:
             log = parameter.spread == "log"
             width = (np.log(high / low) if log else high - low) / (parameter.steps - 1)
             for _ in range(REFINEMENTS):
-                offsets = width * np.linspace(-1.0, 1.0, FINE)
+                offsets = width * np.linspace(-1.0, 1.0, REFINED_POINTS)
                 centre = shape[parameter.name]
                 tried = centre * np.exp(offsets) if log else centre + offsets
                 tried = np.unique(np.clip(tried, low, high))

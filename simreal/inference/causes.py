@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.declared.generic import FREE_FUNCTIONS, UNKNOWN
+from simreal.declared.generic import FREE_FUNCTIONS, UNKNOWN_MOTION
 from simreal.effects.base import GYROS, Effect
 from simreal.inference.addback import Shrink
 from simreal.inference.attribute import Attribution, Slot, columns_of
@@ -18,11 +18,11 @@ from simreal.inference.scoring import Scorer, condition, fit
 
 CREDIBLE = 0.95
 SAME_COSINE = 0.95  # whitened signatures closer than this cannot be told apart with these runs
-UNLISTED = (UNKNOWN, "")  # a cause outside the catalogue
+UNLISTED = (UNKNOWN_MOTION, "")  # a cause outside the catalogue
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 # of free functions of motion
-UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
-LEAST = 0.01  # probability below which an answer is not listed
+FREE_UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
+LEAST_PROBABILITY = 0.01  # probability below which an answer is not listed
 ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
 
 
@@ -145,7 +145,7 @@ def _rivals(
         if key in (own, UNLISTED):
             continue
         cosine = cosines.get(key, float("nan"))
-        if total < CREDIBLE and p > LEAST:
+        if total < CREDIBLE and p > LEAST_PROBABILITY:
             out.append(Rival(*key, p, cosine))
             total += p
         elif cosine > SAME_COSINE and key[0] not in FREE_FUNCTIONS:
@@ -199,7 +199,7 @@ def _parameters(
     value, sigma = beta[at], np.sqrt(np.maximum(np.diag(covariance)[at], 0.0))
     if h.effect is None:
         assert slot.group is not None and h.generic is not None
-        unit, si = UNITS.get(
+        unit, si = FREE_UNITS.get(
             h.target, ("deg/h", DEG_PER_HOUR) if h.target in GYROS else ("ug", MICRO_G)
         )
         values = tuple(float(v) / si for v in value)

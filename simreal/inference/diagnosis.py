@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from simreal.declared.twin_effects import TwinEffect, parse_effects, twin_extra_noise, twin_traces
-from simreal.effects.base import SLOW, Effect
+from simreal.effects.base import SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING
 from simreal.evidence.run_view import RunView, view_run
@@ -39,7 +39,7 @@ DEFAULT_ALPHA = 0.01
 MOST_PLACES = 8
 SPAN = (0.05, 0.95)  # of the energy, for the stretch of time and temperature that a place names
 LEAST_SHARE = 0.02
-PHASES = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
+PHASE_OF_MOTION = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
 
 
 @dataclass(frozen=True)
@@ -329,7 +329,7 @@ def _said(cause: Cause) -> str:
 
 
 def _called(cause: Cause) -> str:
-    if cause.effect == SLOW:
+    if cause.effect == SLOW_NAME:
         return f"a slow variation on {cause.target}, not tied to any logged quantity"
     if not cause.named:
         return f"an {cause.effect.replace('_', ' ')} on {cause.target}"
@@ -459,7 +459,7 @@ def _phase_name(evidence: Evidence, kind: int, span: tuple[float, float]) -> str
                 return str(phase.phase)
     if kind == PARKED and not any(v.run.phases for v in evidence.views):
         return "parked"
-    return PHASES[kind]
+    return PHASE_OF_MOTION[kind]
 
 
 def _not_testable(attribution: Attribution) -> tuple[tuple[str, str, str], ...]:

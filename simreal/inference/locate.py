@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simreal.effects.telemetry import PARKED
-from simreal.evidence.parked import BIN_S
+from simreal.evidence.parked import MEAN_S
 from simreal.evidence.whitened import BAND_HZ, BANDS, CHANNELS, SENSORS, Evidence
 from simreal.inference.noise_hypotheses import Squares
 from simreal.inference.verdict import Looks
 
 OCTAVES = (0, 1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096)
-WINDOW_S = 600.0
+BAND_WINDOW_S = 600.0
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class CellTable:
 def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
     """All cells of an evidence, channels in their order, bands from slow to quick."""
     out: list[Cell] = []
-    longest = max((run.parked.bins for run in evidence.runs), default=0) * BIN_S
+    longest = max((run.parked.bins for run in evidence.runs), default=0) * MEAN_S
     for c, channel in enumerate(CHANNELS[: SENSORS + 1]):
         for number, (low, high) in enumerate(pairwise(OCTAVES)):
             parts = [index[low:high] for (_, k), index in squares.slow.items() if k == c]
@@ -68,7 +68,7 @@ def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
                 out.append(
                     Cell(
                         channel,
-                        (low / (2 * longest), min(high / (2 * longest), 0.5 / BIN_S)),
+                        (low / (2 * longest), min(high / (2 * longest), 0.5 / MEAN_S)),
                         False,
                         index,
                         number,
@@ -124,7 +124,7 @@ class Leftover:
                 at = np.flatnonzero((rows.run == r) & (rows.channel == c) & rows.steady)
                 if at.size < 20:
                     continue
-                window = (rows.time_s[at] // WINDOW_S).astype(int)
+                window = (rows.time_s[at] // BAND_WINDOW_S).astype(int)
                 self._windows += [
                     at[window == w] for w in np.unique(window) if np.sum(window == w) >= 10
                 ]

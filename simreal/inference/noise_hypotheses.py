@@ -16,9 +16,9 @@ from scipy.linalg import solve_triangular
 from scipy.special import logsumexp
 
 from simreal.declared.declared_noise import declared_square
-from simreal.effects.base import SLOW, AddedNoise, Effect
+from simreal.effects.base import SLOW_NAME, AddedNoise, Effect
 from simreal.evidence.noise_model import ChannelNoise
-from simreal.evidence.parked import BIN_S, cholesky_of
+from simreal.evidence.parked import MEAN_S, cholesky_of
 from simreal.evidence.whitened import (
     BANDS,
     CHANNELS,
@@ -29,12 +29,12 @@ from simreal.evidence.whitened import (
 )
 from simreal.inference.bank import shapes_of, unit_scale
 
-LEVELS = 28
+NOISE_LEVELS = 28
 BELOW = (0.05, 0.1, 0.2, 0.4, 0.7, 0.95)  # of the declared noise that is not there
 SLOW_LOG_PRIOR = -1.0  # a slow noise is a description, not a cause
 # of a slow noise; what is beyond is as small as a hundredth of the first for all of them
-COMPONENTS = 120
-COARSE = 12  # blocks of ten seconds that are summed for noise that is not steady
+SLOW_COMPONENTS = 120
+SUMMED_BLOCKS = 12  # blocks of ten seconds that are summed for noise that is not steady
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ class Squares:
     """All sums of squares of an evidence: `ratio` (k,) over expectation with `dof` (k,).
 
     First the cosine transform of each sensor's whitened parked rows, run after run, then scatter
-    within ten seconds summed over COARSE blocks, then single rows of odometer, GNSS and vehicle.
+    within ten seconds summed over SUMMED_BLOCKS blocks, then single rows of odometer, GNSS and
+    vehicle.
     """
 
     def __init__(self, evidence: Evidence) -> None:
@@ -159,7 +160,7 @@ class Squares:
 
 
 def _coarse(values: NDArray) -> NDArray:
-    starts = np.arange(0, values.size, COARSE)
+    starts = np.arange(0, values.size, SUMMED_BLOCKS)
     return np.asarray(np.add.reduceat(values, starts)) if values.size else values
 
 
@@ -172,13 +173,13 @@ def slow_basis(
     """
     C = _whitened(noise, added, bins, start_s)
     values, vectors = np.linalg.eigh(0.5 * (C + C.T))
-    keep = np.argsort(-values)[:COMPONENTS]
+    keep = np.argsort(-values)[:SLOW_COMPONENTS]
     return np.ascontiguousarray(vectors[:, keep]), np.maximum(values[keep], 0.0)
 
 
 def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
     L = cholesky_of(noise, bins, start_s)
-    half = solve_triangular(L, noise.only(added).covariance(bins, BIN_S, start_s), lower=True)
+    half = solve_triangular(L, noise.only(added).covariance(bins, MEAN_S, start_s), lower=True)
     return np.asarray(solve_triangular(L, half.T, lower=True))
 
 
@@ -218,12 +219,12 @@ def noise_hypotheses(
             scale = unit_scale(effect, target, evidence)
             levels = (
                 np.geomspace(
-                    0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, LEVELS
+                    0.02 * scale * coefficient.low, 100.0 * scale * coefficient.high, NOISE_LEVELS
                 )
                 ** 2
             )
             event = effect.repeats == "E"
-            prior = (SLOW_LOG_PRIOR if effect.name == SLOW else 0.0) - event * np.log(
+            prior = (SLOW_LOG_PRIOR if effect.name == SLOW_NAME else 0.0) - event * np.log(
                 len(telemetry)
             )
             for run in range(len(telemetry)) if event else (None,):

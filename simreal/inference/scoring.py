@@ -23,7 +23,7 @@ from simreal.inference.bank import SIZES, Bank, Group, Hypothesis, size_weights
 # squared length left after projection, of the whole: below, an effect is one of the selected ones
 ALIKE = 1e-4
 # squared length in usual sizes below which an effect leaves no trace at all in these runs
-DEAD = 1e-6
+NO_TRACE_SQUARE = 1e-6
 GENERIC_RANGE = (0.03, 30.0)  # of a free function's coefficients, in turn-on sigmas
 
 
@@ -56,7 +56,7 @@ class Scorer:
     def _one(self, group: Group, hypothesis: Hypothesis, gram: NDArray, b: NDArray) -> NDArray:
         c, scale = group.columns, group.scale
         before = self.bank.gram[c, c] * scale**2
-        if before.max() < DEAD:
+        if before.max() < NO_TRACE_SQUARE:
             return np.zeros(b.shape[1])
         if c.size == 1:
             values = np.array([gram[c[0], c[0]] * scale[0] ** 2])
@@ -68,7 +68,7 @@ class Scorer:
                 vectors.T @ (b[c] * scale[:, None]) / np.sqrt(np.maximum(values, 1e-300))[:, None]
             )
         top = float(values.max())
-        if top < ALIKE * before.max() or top < DEAD:
+        if top < ALIKE * before.max() or top < NO_TRACE_SQUARE:
             return np.zeros(b.shape[1])
         low, high = usual_range(hypothesis)
         weights = size_weights(np.sqrt(top), low, high)

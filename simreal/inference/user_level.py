@@ -23,10 +23,10 @@ from simreal.effects.telemetry import Trace, total
 from simreal.evidence.run_view import RunView
 
 ALIGN_S = 600.0
-LONGEST_S = 3600.0
-SHORTEST_S = 600.0  # of navigation after the alignment
+LONGEST_NAVIGATION_S = 3600.0
+SHORTEST_NAVIGATION_S = 600.0  # of navigation after the alignment
 ARCMIN = 60.0 * ARCSEC
-NOTHING = Trace()
+NO_TRACE = Trace()
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ def user_level(
     table: ThermalTable | None,
     twin: TwinModel,
     *,
-    known: Trace = NOTHING,
+    known: Trace = NO_TRACE,
 ) -> UserLevel | None:
     """The numbers of one run; None where it is parked too briefly, finds no north, or no effect
     touches its sensors.
@@ -60,8 +60,12 @@ def user_level(
     known : what the twin expects of the effects that it lists already; subtracted from both.
     """
     touched = any(v is not None and bool(np.any(v)) for v in (trace.gyro_rad_s, trace.accel_m_s2))
-    start, end = view.start_s, min(view.end_s, view.start_s + ALIGN_S + LONGEST_S)
-    if not touched or not view.telemetry.heading_known or end - start < ALIGN_S + SHORTEST_S:
+    start, end = view.start_s, min(view.end_s, view.start_s + ALIGN_S + LONGEST_NAVIGATION_S)
+    if (
+        not touched
+        or not view.telemetry.heading_known
+        or end - start < ALIGN_S + SHORTEST_NAVIGATION_S
+    ):
         return None
     imu = compensated_imu(view.run, table, view.temperature, twin)
     as_it_is, heading = _flown(view, imu, known, start, end)

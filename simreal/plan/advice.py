@@ -15,7 +15,7 @@ from simreal.plan.recordings import RecordingMaker, short_list
 from simreal.plan.study import EQUAL_GAIN, Plan, Planner
 
 MOST_PAIRS = 4
-LEAST_GAIN = 0.02  # of a pair's score
+LEAST_PAIR_GAIN = 0.02  # of a pair's score
 _LAST: list[RecordingMaker] = []
 
 
@@ -76,7 +76,7 @@ def _sentence(k: int, now: Judged, plans: Sequence[Plan]) -> str:
     then = best.judged[k]
     if then.lacks:
         return f"To tell {names}, record {then.lacks}; none of the usual recordings has it."
-    if then.score <= now.score + LEAST_GAIN:
+    if then.score <= now.score + LEAST_PAIR_GAIN:
         return (
             f"No usual recording tells {names} better than these runs: |cos| stays {then.cos:.2f}."
         )

@@ -27,9 +27,9 @@ ODDS_NATS = float(np.log(19.0))  # 95 % against 5 %
 # size that the diagnosis calls found in the mean: log odds of 5 nats (see `plan.seen_sizes`)
 SEEN_DELTA = 4.0
 LEAST_LEFT = 1e-6  # of a squared signature; nearer than that is the same
-ROUNDING = 1e-6  # of the bank's Gram matrix, which is summed in single precision
+GRAM_ROUNDING = 1e-6  # of the bank's Gram matrix, which is summed in single precision
 SAME_COS2 = 1.0 - 1e-5  # a signature that the rival's columns hold whole
-DEAD = 1e-12  # squared size of an effect that leaves no trace
+NO_SIGNATURE_SQUARE = 1e-12  # squared size of an effect that leaves no trace
 
 
 @dataclass(frozen=True)
@@ -223,8 +223,10 @@ def _against(h: Contender, rivals: list[Matrices]) -> tuple[NDArray, ...]:
     for _, K, X in rivals:
         inverse = _inverse(K)
         explained = np.einsum("stpq,tqr,stpr->st", X, inverse, X)
-        share = np.maximum(share, (explained / np.maximum(whole, DEAD)[:, None]).max(axis=1))
-    share = np.where(whole > DEAD, np.clip(share, 0.0, 1.0), 1.0)
+        share = np.maximum(
+            share, (explained / np.maximum(whole, NO_SIGNATURE_SQUARE)[:, None]).max(axis=1)
+        )
+    share = np.where(whole > NO_SIGNATURE_SQUARE, np.clip(share, 0.0, 1.0), 1.0)
     reach = np.resize(h.reach, H.shape[1]) ** 2
     squares = [whole, *(np.einsum("spp,p->s", H, factor) for factor in (1.0 / reach, reach))]
     return np.sqrt(share), *(np.sqrt(np.maximum(square, 0.0)) for square in squares)
@@ -234,6 +236,6 @@ def _inverse(K: NDArray) -> NDArray:
     """Inverses (t, q, q) where there is one, of what is there elsewhere."""
     size = np.sqrt(np.maximum(np.einsum("tqq->tq", K), 1e-300))
     unit = K / (size[:, :, None] * size[:, None, :])
-    return np.linalg.pinv(unit, rcond=ROUNDING, hermitian=True) / (
+    return np.linalg.pinv(unit, rcond=GRAM_ROUNDING, hermitian=True) / (
         size[:, :, None] * size[:, None, :]
     )

@@ -3,7 +3,7 @@ from its rivals.
 """
 
 from infield.table.thermal_table import ThermalTable
-from simreal.effects.base import SLOW
+from simreal.effects.base import SLOW_NAME
 from simreal.inference.causes import Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
 from simreal.plan.advice import advice
@@ -24,7 +24,7 @@ def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:
         out += [
             _repeats(c) for c in diagnosis.causes if c.named and c.class_ == "R" and not c.rivals
         ]
-    out += [_slow(c) for c in diagnosis.causes if c.effect == SLOW and not _below_declared(c)]
+    out += [_slow(c) for c in diagnosis.causes if c.effect == SLOW_NAME and not _below_declared(c)]
     if diagnosis.left_present:
         out.append(
             "For what is left: a repeat under the same conditions, to see whether it comes again."

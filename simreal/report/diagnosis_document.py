@@ -9,7 +9,7 @@ import numpy as np
 
 from ins.records import Run, TwinModel
 from ins.units import DEG_PER_HOUR, MICRO_G
-from simreal.effects.base import GYROS, SLOW, Effect
+from simreal.effects.base import GYROS, SLOW_NAME, Effect
 from simreal.effects.catalogue import catalogue
 from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, Value
@@ -358,7 +358,7 @@ def _parameter_text(p: ParameterRecord) -> str:
 
 def _confusion(cause: CauseRecord) -> str:
     """How its confounded names stand to a cause."""
-    if cause.effect == SLOW:
+    if cause.effect == SLOW_NAME:
         return "as a process"
     return "nearly the same" if cause.resolved else "may also be"
 

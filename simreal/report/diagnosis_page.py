@@ -9,7 +9,7 @@ import numpy as np
 from markupsafe import Markup
 
 from infield.reports.page import decimals_for, number
-from simreal.effects.base import SLOW
+from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
 from simreal.inference.verdict import GapVerdict, Looks
 from simreal.report.diagnosis_curves import Overlay
@@ -18,7 +18,7 @@ from simreal.report.diagnosis_figures import band_drawing, gap_map, overlay_draw
 from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.report.page import render_page
 
-VEHICLE = "vehicle"  # as a target the vehicle itself, as a channel its side slip
+VEHICLE_NAME = "vehicle"  # as a target the vehicle itself, as a channel its side slip
 
 BANNERS = {
     GapVerdict.NO_GAP: "good",
@@ -34,7 +34,7 @@ WORDS = {
     GapVerdict.UNEXPLAINED: "Unexplained",
     GapVerdict.REFUSED: "Not looked at",
 }
-LOOKS = {
+LOOK_WORDS = {
     Looks.CELLS: "the mean square of a channel's band",
     Looks.TEMPERATURE_BANDS: "means over bands of temperature",
     Looks.TIME_WINDOWS: "means over ten-minute windows",
@@ -58,7 +58,7 @@ class CauseShown:
 
     @property
     def slow(self) -> bool:
-        return self.cause.effect == SLOW
+        return self.cause.effect == SLOW_NAME
 
 
 def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None] = ()) -> str:
@@ -79,7 +79,7 @@ def diagnosis_html(document: DiagnosisRecord, overlays: Sequence[Overlay | None]
         p=p_text,
         title=_title(document),
         percent=percent,
-        looks=LOOKS,
+        looks=LOOK_WORDS,
     )
 
 
@@ -124,7 +124,7 @@ def _channels_of(document: DiagnosisRecord, cause: CauseRecord) -> list[str]:
     gone: dict[str, float] = {}
     for cell in document.cells:
         gone[cell.channel] = gone.get(cell.channel, 0.0) + cell.nats - cell.nats_after
-    if cause.target in gone and cause.target != VEHICLE:
+    if cause.target in gone and cause.target != VEHICLE_NAME:
         return [cause.target]
     return sorted(gone, key=lambda channel: -gone[channel])
 

@@ -31,7 +31,7 @@ from trajectories.simulator.session import SimulatedRun
 from trajectories.simulator.thermal import ThermalHistory
 
 MOVES_M_S = 0.05  # sway stays below
-FLIES_M = 1.0  # above where it was parked
+FLIES_ABOVE_M = 1.0  # above where it was parked
 IN_AIR = ("takeoff", "flight", "landing")
 PICARD = 12  # passes; error (Earth rate x run length)^12 / 12!
 OF_MOTION = (  # errors that are no bias: they go with rate or force
@@ -213,7 +213,7 @@ def _kinds(phases: Sequence[Phase], truth: ReferenceLog, v_n: NDArray) -> NDArra
     """PARKED, ROLLING or AIRBORNE of each step, by the truth and, in the air, the phases where
     there are any.
     """
-    high = np.abs(truth.height_m - truth.height_m[0]) > FLIES_M
+    high = np.abs(truth.height_m - truth.height_m[0]) > FLIES_ABOVE_M
     if phases:
         spans = [
             (truth.time_s > p.start_s) & (truth.time_s <= p.end_s)

@@ -13,10 +13,10 @@ from typing import Any
 
 from ins.records import TwinModel
 from ins.twin_file import twin_to_dict
-from simreal.declared.generic import OF_RUN, UNKNOWN
+from simreal.declared.generic import OF_RUN, UNKNOWN_MOTION
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PROCESS, RUN_ID
-from simreal.effects.base import SLOW
+from simreal.effects.base import SLOW_NAME
 from simreal.effects.catalogue import effects_named
 from simreal.inference.causes import Cause
 
@@ -41,14 +41,16 @@ def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
     """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of
     its own.
     """
-    if cause.effect == UNKNOWN:  # of the motion: found, but nothing that a simulator can make
+    if (
+        cause.effect == UNKNOWN_MOTION
+    ):  # of the motion: found, but nothing that a simulator can make
         return []
     if not cause.named:
         return [_item(cause, _function(cause, run_ids))]
     if cause.class_ == "P":
         return [_item(cause, {**own, RUN_ID: run_id}) for run_id, own in _by_run(cause).items()]
     parameters: dict[str, Any] = {name: float(p.value) for name, p in cause.parameters.items()}
-    if cause.effect == SLOW:
+    if cause.effect == SLOW_NAME:
         parameters[PROCESS] = cause.id
     if cause.run_id is not None:
         parameters[RUN_ID] = cause.run_id
@@ -57,9 +59,11 @@ def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
 
 def processes_of(cause: Cause) -> tuple[str, ...]:
     """Names of the processes that a slow variation may be on its target, the found one first."""
-    if cause.effect != SLOW:
+    if cause.effect != SLOW_NAME:
         return ()
-    others = [e.id for e in effects_named(SLOW) if cause.target in e.targets and e.id != cause.id]
+    others = [
+        e.id for e in effects_named(SLOW_NAME) if cause.target in e.targets and e.id != cause.id
+    ]
     return (cause.id, *others)
 
 

@@ -85,7 +85,7 @@ def test_commands():
 
 def test_exit_codes():
     stated = set(re.findall(r"^\| (\d) \|", section(FORMATS, 4), re.M))
-    assert stated == {str(code) for code in {*console.EXIT_CODES.values(), console.USAGE}}
+    assert stated == {str(code) for code in {*console.EXIT_CODES.values(), console.USAGE_EXIT}}
 
 
 def test_schemas():

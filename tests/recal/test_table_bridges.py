@@ -8,7 +8,7 @@ import pytest
 from infield.table.file import json_text, table_to_dict
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import EvenNodes, default_table
-from recal.cli.console import REFUSED
+from recal.cli.console import REFUSED_EXIT
 from tests.recal.test_table import ok, refused, run
 
 
@@ -88,7 +88,9 @@ def test_a_stiff_cubic_is_refused_unless_forced(folder):
     stored(folder, sigma=2.0)
     made = run("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--json")
     told = json.loads(made.stdout)
-    assert made.exit_code == REFUSED and told["verdict"] == "refused" and told["output"] is None
+    assert (
+        made.exit_code == REFUSED_EXIT and told["verdict"] == "refused" and told["output"] is None
+    )
     assert "gyro y" in told["reasons"][0] and not (folder / "u.params").exists()
     forced = json.loads(
         ok("export", "--to", "px4", "--device-id", 7, "-o", "u.params", "--force", "--json")

@@ -15,15 +15,15 @@ from simreal.effects import gyro_events, gyro_noise, gyro_rate, gyro_thermal
 from simreal.effects.accelerometer import ACCELEROMETER
 from simreal.effects.base import ACCELS, GYROS, Effect
 from simreal.effects.catalogue import catalogue
-from simreal.effects.data import DATA
-from simreal.effects.navigation import NAVIGATION
+from simreal.effects.data import DATA_EFFECTS
+from simreal.effects.navigation import NAVIGATION_EFFECTS
 from simreal.effects.parts.formula import OutOfReach, PartEffect, no_trace
 from simreal.effects.platform import PLATFORM
 from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry, Trace, total
 from simreal.effects.wheels import WHEELS
 from tests.simreal.vehicle_fixture import LATITUDE_rad, drive, rich_drive, still, warm
 
-ALL = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION + DATA
+ALL = ACCELEROMETER + PLATFORM + WHEELS + NAVIGATION_EFFECTS + DATA_EFFECTS
 PARTS = [effect for effect in catalogue() if isinstance(effect, PartEffect)]
 BY_ID = {effect.id: effect for effect in ALL}
 SHOWN = [effect for effect in ALL if not isinstance(effect, OutOfReach)]

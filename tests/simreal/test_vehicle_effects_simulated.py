@@ -11,7 +11,7 @@ from ins.attitude import dcm_from_euler
 from ins.records import Site, VehicleNoise
 from ins.units import ARCSEC, DEG
 from simreal.effects.accelerometer import ACCELEROMETER
-from simreal.effects.navigation import NAVIGATION
+from simreal.effects.navigation import NAVIGATION_EFFECTS
 from simreal.effects.platform import PLATFORM
 from simreal.effects.telemetry import PARKED, ROLLING, Telemetry, Trace, total
 from simreal.effects.wheels import WHEELS
@@ -36,7 +36,7 @@ QUIET = VehicleNoise(
 )
 WHEEL = (4.0, 0.5, 1.0)
 ARCMIN = 60.0 * ARCSEC
-BY_ID = {effect.id: effect for effect in (*ACCELEROMETER, *NAVIGATION, *PLATFORM, *WHEELS)}
+BY_ID = {effect.id: effect for effect in (*ACCELEROMETER, *NAVIGATION_EFFECTS, *PLATFORM, *WHEELS)}
 
 
 def simulated(wheel=WHEEL, site=SITE, plan=TAXI, rate_hz=20.0) -> IdealSensors:

@@ -17,7 +17,7 @@ from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
 from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
 from infield.thermal.rlg.model import SCHEMA
-from infield.thermal.rlg.terms import COLLINEAR, TERMS, UNITS, Collinear
+from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
 from ins.records import AXES
 from ins.verdicts import UNWRITTEN, Reason, because, written_as
 
@@ -286,7 +286,7 @@ def _term(a: AxisModel, k: int) -> TermDocument:
     return TermDocument(
         value=float(a.theta[k]),
         sigma=float(a.sigma[k]) if name in a.used else None,
-        unit=UNITS[name],
+        unit=TERM_UNITS[name],
         state=_state(a, name),
     )
 

@@ -40,7 +40,7 @@ from ins.records import Run, Site, TwinModel
 from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
 from ins.verdicts import LeftOut, Reason, because
 
-SHORTEST_BIN_S, MOST_BINS = 60.0, 60
+SHORTEST_RATE_BIN_S, MOST_BINS = 60.0, 60
 USED_SHARE = 0.5  # of a bin that must be still
 NOISIER = 1.2  # times the twin's white noise: worth saying
 TOO_NOISY = 10.0
@@ -64,7 +64,7 @@ def no_heading(
 
 def bin_seconds(duration_s: float) -> float:
     """Length of the bins of a parked stretch [s]."""
-    return max(SHORTEST_BIN_S, duration_s / MOST_BINS)
+    return max(SHORTEST_RATE_BIN_S, duration_s / MOST_BINS)
 
 
 def estimate_parked(

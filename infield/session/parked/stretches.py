@@ -18,7 +18,7 @@ from ins.records import PARKED_PHASES, Run
 from ins.verdicts import LeftOut, Reason, because
 
 MIN_PARKED_S = 60.0
-SHORT_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
+NAMED_ABOVE_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
 AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 
 
@@ -46,7 +46,7 @@ def find_rests(run: Run, *, shortest_s: float = MIN_PARKED_S) -> Rests:
     long = [s for s in found if s[1] - s[0] >= shortest_s]
     said = {s: _moves(run, *s) for s in long}
     kept = tuple(s for s in long if said[s] is None)
-    short = [_short(a, b) for a, b in found if SHORT_S <= b - a < shortest_s]
+    short = [_short(a, b) for a, b in found if NAMED_ABOVE_S <= b - a < shortest_s]
     moving = [LeftOut(start_s=a, end_s=b, reason=why) for (a, b), why in said.items() if why]
     named = any(p.phase in PARKED_PHASES for p in run.phases)
     lost = [

@@ -18,9 +18,9 @@ from infield.table.merge import session_covariance
 from infield.thermal.blocks import AxisBlocks, axis_blocks
 from infield.thermal.coefficient_curves import Reduced
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.ramp_runs import BLOCK_S
+from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.terms import (
-    LINES,
+    LINE_TERMS,
     REST_OF_TURN_ON,
     TERMS,
     Collinear,
@@ -136,7 +136,7 @@ class AxisFit:
         free: bool,
     ) -> None:
         self.k, self.runs, self.twin, self.reference, self.free = k, runs, twin, reference, free
-        self.allowed = [name for name in TERMS if name not in LINES or name[-1] in lines]
+        self.allowed = [name for name in TERMS if name not in LINE_TERMS or name[-1] in lines]
         self.extra = np.zeros(len(runs))  # white variance that errors of the readings add
         self.all = [(j, np.flatnonzero(run.usable)) for j, run in enumerate(runs)]
         T = np.concatenate([run.blocks.temperature_degC[run.usable, k] for run in runs])
@@ -321,7 +321,7 @@ def noise_of_means(
     drift = session_covariance(
         axis_index=np.zeros(time_s.size),
         time_s=time_s,
-        duration_s=blocks * BLOCK_S,
+        duration_s=blocks * RAMP_BLOCK_S,
         gyro=twin.gyro,
         run_length_s=float(run.blocks.time_s[-1]),
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from infield.thermal.compensation import both_ways
 from infield.thermal.gradient_runs import GradientRun, gradient_run
-from infield.thermal.ramp_runs import BLOCK_S
+from infield.thermal.ramp_runs import RAMP_BLOCK_S
 from infield.thermal.rlg.fit import AxisModel, five_minute_means, noise_of_means
 from infield.thermal.rlg.model import RlgModel
 from infield.thermal.rlg.terms import columns
@@ -50,7 +50,7 @@ def held_out_run(
     for fit in fits:
         k = AXES.index(fit.axis)
         rows = np.flatnonzero(raw.usable & inside[:, k] & (b.time_s - b.time_s[0] > settle_s))
-        if rows.size < 3 * int(settle_s / BLOCK_S):
+        if rows.size < 3 * int(settle_s / RAMP_BLOCK_S):
             continue
         X = columns(
             b.temperature_degC[rows, k],

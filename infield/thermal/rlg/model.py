@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from infield.table.temperature_model import TemperatureModel
-from infield.thermal.rlg.terms import LINES, TERMS, columns, rest_columns
+from infield.thermal.rlg.terms import LINE_TERMS, TERMS, columns, rest_columns
 from infield.thermal.study import check_fitted
 from ins.records import AXES, InputError
 
@@ -73,9 +73,11 @@ class RlgModel(TemperatureModel):
     @property
     def lines(self) -> tuple[str, ...]:
         """Those with a K6 of any gyro."""
-        first = TERMS.index(LINES[0])
-        used = [any(t.theta[first + k] for t in self.terms.values()) for k in range(len(LINES))]
-        return tuple(line[-1] for line, yes in zip(LINES, used) if yes)
+        first = TERMS.index(LINE_TERMS[0])
+        used = [
+            any(t.theta[first + k] for t in self.terms.values()) for k in range(len(LINE_TERMS))
+        ]
+        return tuple(line[-1] for line, yes in zip(LINE_TERMS, used) if yes)
 
 
 def model_from_document(document: dict[str, Any], *, name: str = "model") -> RlgModel:

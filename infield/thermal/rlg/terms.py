@@ -21,15 +21,15 @@ from infield.table.least_squares import NormalEquations, scaled
 from infield.thermal.reasons import ThermalNote
 from ins.verdicts import Reason, because
 
-LINES = ("K6x", "K6y", "K6z")
-TERMS = ("K1", "K2", "K3", "K4", "K5", *LINES)
-UNITS = {
+LINE_TERMS = ("K6x", "K6y", "K6z")
+TERMS = ("K1", "K2", "K3", "K4", "K5", *LINE_TERMS)
+TERM_UNITS = {
     "K1": "deg/h",
     "K2": "deg/h per degC",
     "K3": "deg/h per degC^2",
     "K4": "deg/h per degC/min",
     "K5": "deg/h per degC and degC/min",
-    **dict.fromkeys(LINES, "deg/h per degC"),
+    **dict.fromkeys(LINE_TERMS, "deg/h per degC"),
 }
 NEEDS = {"K3": "K2", "K5": "K4"}  # a term that is not there without another
 # condition index from which on a dependency is strong (Belsley, Kuh, Welsch (1980), section 3.2)
@@ -38,7 +38,7 @@ INVOLVED = 0.3  # of a column of length 1: what another must carry of it to be n
 REST_degC = 10.0
 # s over the twin's turn-on: what is tried; no curve is a parabola to less than that
 REST_OF_TURN_ON = (1.0, 2.0, 4.0)
-NOISY = 0.05  # share of what a column has of its own that may be noise of the thermometers
+NOISY_SHARE = 0.05  # share of what a column has of its own that may be noise of the thermometers
 
 
 def solve_terms(
@@ -85,7 +85,7 @@ class Collinear:
             term=self.term,
             others=self.others,
             noise_share=self.noise_share,
-            limit=NOISY,
+            limit=NOISY_SHARE,
         )
 
 
@@ -138,7 +138,7 @@ def hold_apart(
     noise (p,): what errors of the readings alone make of the diagonal of A. own: the gyro's own
     line, wanted before others.
     """
-    wanted = ["K2", "K4", "K3", "K5", own, *(line for line in LINES if line != own)]
+    wanted = ["K2", "K4", "K3", "K5", own, *(line for line in LINE_TERMS if line != own)]
     kept, dropped = ["K1"], []
     for name in wanted:
         if name not in allowed or NEEDS.get(name, "K1") not in kept:
@@ -158,7 +158,7 @@ def _collinear(A: NDArray, noise: NDArray, names: list[str]) -> Collinear | None
     on_others = np.linalg.lstsq(unit[:-1, :-1], unit[:-1, -1])[0]
     own = max(1.0 - float(unit[:-1, -1] @ on_others), 1e-30)  # of its length 1
     of_noise = float(np.r_[on_others, 1.0] ** 2 @ (noise[at] / length**2)) / own
-    if condition <= COLLINEAR and of_noise <= NOISY:
+    if condition <= COLLINEAR and of_noise <= NOISY_SHARE:
         return None
     return Collinear(
         names[-1],

@@ -12,7 +12,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
-    REFUSED,
+    REFUSED_EXIT,
     AnyClock,
     JsonFlag,
     NoSeed,
@@ -180,12 +180,12 @@ def import_(
 
 def _form(output: Path | None, to: Form | None) -> Form:
     """What to write, from --to or the ending, which must not contradict each other."""
-    from recal.service.table_files import ENDINGS
+    from recal.service.table_files import PARAMETER_ENDINGS
 
     endings = {
         Form.json: (".json",),
         Form.csv: (".csv",),
-        **{Form(name): ends for name, ends in ENDINGS.items()},
+        **{Form(name): ends for name, ends in PARAMETER_ENDINGS.items()},
     }
     if to is None:
         to = next(
@@ -261,7 +261,7 @@ def _export_cubic(
             " in the file",
             quiet=quiet,
         )
-        raise typer.Exit(REFUSED)
+        raise typer.Exit(REFUSED_EXIT)
     for line in made.lines():
         say(f"  {line}", quiet=quiet)
 

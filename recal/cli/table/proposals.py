@@ -37,9 +37,10 @@ ByOption = Annotated[
     str | None, typer.Option("--by", help="Who decides; default: your login name.")
 ]
 ReasonOption = Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")]
-STATES = ("open", "out of date", "approved", "rejected")
+PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
 StateOption = Annotated[
-    str | None, typer.Option("--state", help="Only those that are: " + ", ".join(STATES) + ".")
+    str | None,
+    typer.Option("--state", help="Only those that are: " + ", ".join(PROPOSAL_STATES) + "."),
 ]
 
 
@@ -67,9 +68,9 @@ def proposals(
     from recal.service.store import TableStore
     from recal.service.tables import about_proposal
 
-    if state not in (None, *STATES):
+    if state not in (None, *PROPOSAL_STATES):
         raise typer.BadParameter(
-            f"{state!r}, needed one of {', '.join(STATES)}", param_hint="--state"
+            f"{state!r}, needed one of {', '.join(PROPOSAL_STATES)}", param_hint="--state"
         )
     if output is not None and number is None:
         raise typer.BadParameter("needs the NUMBER of the proposal to write", param_hint="-o")

@@ -11,7 +11,7 @@ from infield.table.thermal_table import AgeingModel
 from ins.json_file import read_toml
 from ins.records import InputError
 
-SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
+CONFIG_SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
 
 
 def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
@@ -22,11 +22,13 @@ def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
         return SessionSettings(), AgeingModel()
     data = read_toml(path)
     for key in data:
-        if key not in SECTIONS:
-            raise InputError(f"{path}: unknown key {key!r}, needed one of {', '.join(SECTIONS)}")
+        if key not in CONFIG_SECTIONS:
+            raise InputError(
+                f"{path}: unknown key {key!r}, needed one of {', '.join(CONFIG_SECTIONS)}"
+            )
     made = {
         name: _section(kind, data.get(name, {}), f"{path}: [{name}]")
-        for name, kind in SECTIONS.items()
+        for name, kind in CONFIG_SECTIONS.items()
     }
     return made["session"], made["ageing"]
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 # what is said of heating and cooling without -v
-SHOWN = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
+SHOWN_ACTIONS = (*ACTED_ON, ThermalAction.SPLIT_OR_WRONG_SESSION)
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,7 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
         tries = len(document.conflicts) + 1
         lines.append(f"  estimated {tries} times, as other writers were faster")
     lines += [f"  {document.remembered}"] if document.remembered else []
-    shown = [term for term in document.hysteresis if verbose or term.action in SHOWN]
+    shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []
     for axis, seen in document.observability.items():

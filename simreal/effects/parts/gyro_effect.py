@@ -11,12 +11,12 @@ from simreal.effects.base import AXIS, GYROS, Coefficient
 from simreal.effects.parts.formula import FormulaEffect
 from simreal.effects.telemetry import Trace, on_axis
 
-NAME = "coefficient"  # of an effect that has one
+COEFFICIENT = "coefficient"  # of an effect that has one
 
 
 def one(unit: str, low: float, high: float, *, signed: bool = True) -> tuple[Coefficient, ...]:
     """The single coefficient of an effect, with its usual size."""
-    return (Coefficient(name=NAME, unit=unit, low=low, high=high, signed=signed),)
+    return (Coefficient(name=COEFFICIENT, unit=unit, low=low, high=high, signed=signed),)
 
 
 def several(names: Sequence[str], unit: str, low: float, high: float) -> tuple[Coefficient, ...]:

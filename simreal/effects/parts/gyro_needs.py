@@ -13,7 +13,7 @@ from simreal.effects.base import AXIS, GYROS
 from simreal.effects.parts.recordings import over, span
 from simreal.effects.telemetry import PARKED, Telemetry
 
-TURN_RAD = 0.5
+NEEDED_TURN_RAD = 0.5
 TURNING_RAD_S = 2e-3  # slower is Earth rate, transport rate or noise
 TEMPERATURE_CHANGE_degC = 1.0
 GRADIENT_CHANGE_degC = 0.1
@@ -134,7 +134,7 @@ def lacks_cross_turns(runs: Sequence[Telemetry], target: str) -> str:
 def lacks_left_and_right_turns(runs: Sequence[Telemetry], target: str) -> str:
     """For effects that tell one sense of rotation from the other."""
     both = np.array([turns_rad(run, target) for run in runs] or [(0.0, 0.0)]).max(axis=0)
-    return "" if both.min() > TURN_RAD else "left and right turns"
+    return "" if both.min() > NEEDED_TURN_RAD else "left and right turns"
 
 
 def lacks_turns_at_two_temperatures(runs: Sequence[Telemetry], target: str) -> str:
@@ -180,7 +180,9 @@ def _lacks_turns_about(runs: Sequence[Telemetry], gyros: Sequence[str], otherwis
     """Empty with a turn about one of these gyros' axes; "turns" with none about any, `otherwise`
     with others only.
     """
-    turned = {gyro: any(max(turns_rad(run, gyro)) > TURN_RAD for run in runs) for gyro in GYROS}
+    turned = {
+        gyro: any(max(turns_rad(run, gyro)) > NEEDED_TURN_RAD for run in runs) for gyro in GYROS
+    }
     if any(turned[gyro] for gyro in gyros):
         return ""
     return otherwise if any(turned.values()) else "turns"

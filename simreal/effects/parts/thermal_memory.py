@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-GRID_S = 1.0
+MEMORY_STEP_S = 1.0
 
 
 def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
@@ -20,7 +20,9 @@ def lagged(time_s: NDArray, degC: NDArray, tau_s: float) -> NDArray:
     span = float(time_s[-1] - time_s[0]) if time_s.size else 0.0
     if span <= 0.0:
         return degC.copy()
-    grid, h = np.linspace(time_s[0], time_s[-1], int(np.ceil(span / GRID_S)) + 1, retstep=True)
+    grid, h = np.linspace(
+        time_s[0], time_s[-1], int(np.ceil(span / MEMORY_STEP_S)) + 1, retstep=True
+    )
     values = np.interp(grid, time_s, degC)
     gain = -tau_s * np.expm1(-h / tau_s) / h
     deficit = lfilter([gain], [1.0, -np.exp(-h / tau_s)], np.diff(values, prepend=values[0]))
