@@ -17,9 +17,9 @@ from recal.service.results.result import Result
 from recal.service.tables import about, need, other_technology
 
 __all__ = [
-    "PARAMETER_ENDINGS",
     "MAX_DEVICE_ID",
     "NUMBERS",
+    "PARAMETER_ENDINGS",
     "CubicRequest",
     "Exported",
     "TableFile",
