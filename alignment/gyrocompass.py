@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse, levelling
-from alignment.motion import imu_faults, kinds, stillness
+from alignment import coarse, level_fit, levelling
+from alignment.inertial_start import start_attitude
+from alignment.motion import imu_faults, kinds, level, stillness
 from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
 from alignment.navigation_filter import (
@@ -17,6 +18,8 @@ from alignment.navigation_filter import (
     FilterPass,
     ParkedConstraint,
     bin_of,
+    declared_sway_m,
+    diffuse_heading_rad,
     heading_error_row,
     plan_steps,
     views_of,
@@ -27,6 +30,7 @@ from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
 from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
 from ins.filters import error_model as em
+from ins.filters.error_filter import ErrorFilter
 from ins.kalman import nis_band
 from ins.noise import gyro_densities
 from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
@@ -41,10 +45,14 @@ LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
 # tried in turn where the residuals exceed the model
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)
-LEVEL_S = 30.0  # of the rest, for the first level: people who board later tilt the vehicle
 MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
 CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
 MAX_PASSES = 4
+# of the diffuse heading prior: above, the measurements said next to nothing of the heading
+NO_BETTER = 0.5
+# A place that strays by more, on a unit noisier than its model, is neither: it rolls unseen (side
+# motion of 0.02 m/s leaves 0.06 to 0.09 m over half a minute).
+LARGEST_SWAY_OF_NOISY_M = 0.03
 BIAS_BIN_S = 300.0
 GATE_GAP_S = 15.0  # measurements beyond the gate and no further apart are one stretch
 WARM_UP_S = 1800.0
@@ -81,6 +89,7 @@ def solve(
     parked_only: bool = False,
     hold_heading: bool = True,
     faults: Sequence[imu_faults.ImuFault] = (),
+    noise_scales: tuple[float, ...] = (1.0,),
 ) -> Solution:
     """Navigate from the rest, estimate the errors, correct the start and the biases, and again
     until it stands.
@@ -89,10 +98,7 @@ def solve(
     (start, end) of the first rest [s]; parked_only stops the filter where the vehicle first rolls.
     Two or three passes as a rule.
     """
-    first = coarse.rest_means(imu.between(rest[0], min(rest[0] + LEVEL_S, rest[1])))
-    C_nb = coarse.gyrocompass_dcm(
-        replace(coarse.rest_means(imu.between(*rest)), f_ib_b=first.f_ib_b)
-    )
+    C_nb = start_attitude(imu, site, rest)
     applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
     seen, shaking = np.zeros(0), None
     level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
@@ -111,30 +117,31 @@ def solve(
             known = shaking if number > 1 else None
             motion = stillness.classify(history, phases, imu, faults, known)
             shaking = motion.shaking
-            jitter = stillness.sway_position_sigma(history, motion)
-            yaw_jitter = stillness.yaw_jitter_sigma(history, motion)
+            motion = level.standing(motion)
+            parked_level = level.parked_level(history, motion)
         plan = plan_steps(
             motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s
         )
         if not plan.kind.size:
             raise NothingStands(rest[1] - rest[0], twin.source)
-        parked = ParkedConstraint(
-            displacement_sigma_m=jitter,
-            hold_heading=hold_heading,
-            yaw_jitter_rad=max(yaw_jitter, SMALLEST_YAW_JITTER_RAD),
+        stretch = level_fit.Stretch(
+            plan, parked_level, history.time_s, hold_heading, declared_sway_m(twin)
         )
         last = FilterPass(
             history=history,
             plan=plan,
             twin=twin,
-            parked=parked,
+            parked=stretch.constraint(level_fit.QUIET),
             bias_covariance=prior.covariance,
             applied_rad_s=applied,
             applied_accel_m_s2=applied_accel.copy(),
             level_earth_rate_rad_s=level_rate,
             clone_at_s=clone_at_s,
         )
-        flt = last.run(sigma0 or {}, aids)
+        fitted = level_fit.fit(
+            _runner(last, sigma0 or {}, aids), stretch, noise_scales, rough=number == 0
+        )
+        flt = fitted.filter
         correction = flt.x[em.THETA_START]
         if (
             number > 0
@@ -147,7 +154,18 @@ def solve(
             C_nb = dcm_from_rotation_vector(-correction) @ C_nb
             applied = applied + flt.bias[0].reshape(-1, 3)
             applied_accel[:2] += flt.x[em.ACCEL]
-    return Solution(history, motion, plan, flt, prior, applied, clone_at_s, jitter, last)
+    last = replace(last, parked=fitted.parked, twin=scaled_noise(twin, fitted.scale.unit))
+    return Solution(history, motion, plan, prior, applied, clone_at_s, fitted, last)
+
+
+def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
+    """A pass of the filter under any level and any scale of the unit's noise."""
+    laid = last.lay_down(aids)
+
+    def run(parked: ParkedConstraint, scale: float) -> ErrorFilter:
+        return replace(last, parked=parked, twin=scaled_noise(last.twin, scale)).over(laid, sigma0)
+
+    return run
 
 
 def _less_found(
@@ -230,29 +248,37 @@ def align(
         return replace(found, reasons=(*found.reasons, *reasons))
     if faults is None:
         imu, faults = imu_faults.repair(imu, log, rest[0], imu.end_s)
-    for scale in NOISE_SCALES:
-        try:
-            solution = solve(
-                imu,
-                site,
-                scaled_noise(twin, scale),
-                prior,
-                rest=rest,
-                phases=phases,
-                parked_only=True,
-                hold_heading=hold_heading,
-                faults=faults,
-            )
-        except NothingStands as error:
-            return _refused(error.reason)
-        result = _attitude(solution, phases)
-        if (
-            nis_verdict(result.nis_mean, result.dof) is None
-            and rejected_share(solution) < MAX_REJECTED
-        ):
-            break
-    else:
-        moves = because(AlignmentReason.MOVES, scale=scale, source=twin.source)
+    try:
+        solution = solve(
+            imu,
+            site,
+            twin,
+            prior,
+            rest=rest,
+            phases=phases,
+            parked_only=True,
+            hold_heading=hold_heading,
+            faults=faults,
+            noise_scales=NOISE_SCALES,
+        )
+    except NothingStands as error:
+        return _refused(error.reason)
+    result = _attitude(solution, phases)
+    diffuse = diffuse_heading_rad(prior.covariance, earth_level)
+    if result.dof == 0 or result.sigma_heading_rad > NO_BETTER * diffuse:
+        nothing = because(
+            AlignmentReason.NOTHING_MEASURED,
+            dof=result.dof,
+            sigma_deg=result.sigma_heading_rad / DEG,
+            prior_deg=diffuse / DEG,
+            used_percent=100 * result.used_share,
+        )
+        return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(nothing,))
+    scale = solution.fitted.scale.unit
+    unexplained = nis_verdict(result.nis_mean, result.dof) is not None
+    both = scale > 1.0 and solution.displacement_sigma_m > LARGEST_SWAY_OF_NOISY_M
+    if unexplained or both or rejected_share(solution) >= MAX_REJECTED:
+        moves = because(AlignmentReason.MOVES, scale=NOISE_SCALES[-1], source=twin.source)
         return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(moves,))
     if scale > 1.0:
         noisier = because(AlignmentReason.NOISIER, scale=scale, source=twin.source)
@@ -314,7 +340,17 @@ def _attitude(solution: Solution, phases: tuple[Phase, ...]) -> Alignment:
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
         C_nb=C_nb,
+        used_share=_used_share(solution),
+        level=solution.fitted.found,
     )
+
+
+def _used_share(solution: Solution) -> float:
+    """Share of the parked seconds that the filter used."""
+    plan, time_s = solution.plan, solution.history.time_s
+    seconds = time_s[plan.last] - time_s[plan.first]
+    parked = seconds[plan.kind <= kinds.DISTURBED].sum()
+    return float(seconds[plan.kind == kinds.STILL].sum() / max(parked, 1e-9))
 
 
 def _latitude_test(

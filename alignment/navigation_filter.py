@@ -21,12 +21,13 @@ from ins.attitude import euler_from_dcm, rotation_vector_from_dcm, wrap_pi
 from ins.earth import SEMI_MAJOR_AXIS_M, gravity_magnitude, omega_ie_n, radii_of_curvature
 from ins.filters import error_model as em
 from ins.filters.error_filter import GATE_SIGMA, ErrorFilter
-from ins.filters.program import FilterProgram, Row, Steps
+from ins.filters.program import Compiled, FilterProgram, Row, Steps
 from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 
 STILL_STEP_S = 10.0
+PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that stands
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
 NEW_HEADING_RAD = 1e-3  # a sudden turn beyond this is a new parked heading
@@ -220,6 +221,11 @@ def process_noise(twin: TwinModel) -> em.ProcessNoise:
     )
 
 
+def declared_sway_m(twin: TwinModel) -> float:
+    """RMS of the parked vehicle's place [m], per axis, as the twin declares its sway."""
+    return twin.vehicle.sway_m_s / (2.0 * np.pi * max(twin.vehicle.sway_hz, 1e-3))
+
+
 def diffuse_heading_rad(bias_covariance: NDArray, level_earth_rate_rad_s: float) -> float:
     """Heading prior [rad] of a new filter; `solve` takes its information back at the end."""
     gyro_heading = np.sqrt(np.max(np.diag(bias_covariance))) / level_earth_rate_rad_s
@@ -259,38 +265,42 @@ def new_filter(
 
 @dataclass(frozen=True)
 class ParkedConstraint:
-    """How the standing vehicle is held: displacement noise [m], whether its heading holds, heading
-    jitter [rad].
+    """How the standing vehicle is held: noise of its place [m] and heading [rad] at the end of a
+    step, whether its heading holds, and by what place and heading go elsewhere within a step.
+
+    One value for all steps, or one each (K,); walks that are one value for all must be zero.
     """
 
-    displacement_sigma_m: float
-    yaw_jitter_rad: float
+    displacement_sigma_m: NDArray | float
+    yaw_jitter_rad: NDArray | float
     hold_heading: bool = True
+    place_walk_m: NDArray | float = 0.0
+    yaw_walk_rad: NDArray | float = 0.0
+    gate: float = GATE_SIGMA
 
 
-def sweep(
+def lay_down(
     history: NavHistory,
     plan: StepPlan,
-    flt: ErrorFilter,
     parked: ParkedConstraint,
     *,
     aids: Sequence[Aid] = (),
     clone_at_s: float = np.inf,
-) -> None:
-    """Run the filter over the plan, in place. theta is cloned at the end of the step that reaches
-    `clone_at_s`.
+) -> "LaidDown":
+    """The filter's program over the plan, ready for any level of the parked vehicle's motion.
+
+    theta is cloned at the end of the step that reaches `clone_at_s`.
     """
-    views = views_of(history, plan, parked.displacement_sigma_m)
+    views = views_of(history, plan, float(np.median(parked.displacement_sigma_m)))
     program = FilterProgram(filter_steps(views))
-    hold_position(program, views, parked)
-    if parked.hold_heading:
-        hold_heading(program, views, parked)
+    places = hold_position(program, views, parked)
+    headings = hold_heading(program, views, parked) if parked.hold_heading else ()
     for aid in aids:
         aid.measure(program, views)
     program.clone(
         np.flatnonzero(views.end_s >= clone_at_s - 0.5 * STILL_STEP_S)[:1], em.THETA_CLONE
     )
-    flt.run(program)
+    return LaidDown(program.compiled(), (*places, *headings))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -316,6 +326,14 @@ class FilterPass:
 
         sigma0: prior sigmas of nuisance states by their names in `ins.filters.states`.
         """
+        return self.over(self.lay_down(aids), sigma0)
+
+    def lay_down(self, aids: Sequence[Aid]) -> "LaidDown":
+        """The pass's program, ready for any level of the parked vehicle's motion."""
+        return lay_down(self.history, self.plan, self.parked, aids=aids, clone_at_s=self.clone_at_s)
+
+    def over(self, laid: "LaidDown", sigma0: Mapping[str, float]) -> ErrorFilter:
+        """The filter after a program that was laid down, the heading prior withdrawn."""
         flt = new_filter(
             self.twin,
             sigma0,
@@ -324,7 +342,7 @@ class FilterPass:
             self.level_earth_rate_rad_s,
         )
         flt.x[em.ACCEL] = -self.applied_accel_m_s2[:2]
-        sweep(self.history, self.plan, flt, self.parked, aids=aids, clone_at_s=self.clone_at_s)
+        flt.run(laid.under(self.parked))
         flt.withdraw_prior(
             em.THETA_START.stop - 1,
             diffuse_heading_rad(self.bias_covariance, self.level_earth_rate_rad_s),
@@ -332,17 +350,61 @@ class FilterPass:
         return flt
 
 
-def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
+@dataclass(frozen=True)
+class Held:
+    """Rows of a program whose variance is the parked vehicle's: of which steps, and of what (a
+    field of `ParkedConstraint`); each step has so many of them on end.
+    """
+
+    rows: slice
+    steps: NDArray
+    of: str
+    each: int = 1
+
+
+@dataclass(frozen=True)
+class LaidDown:
+    """A program, and which of its rows are the parked vehicle's noise."""
+
+    program: Compiled
+    held: tuple[Held, ...]
+
+    def under(self, parked: ParkedConstraint) -> Compiled:
+        """The program with the parked vehicle's noise as given."""
+        variance = self.program.variance.copy()
+        for part in self.held:
+            value = variance_of(parked, part.of)
+            of_steps = value[part.steps] if value.ndim else np.full(part.steps.shape, value)
+            variance[part.rows] = np.repeat(of_steps, part.each)
+        return self.program.under(variance, dict.fromkeys(PARKED, parked.gate))
+
+
+def variance_of(parked: ParkedConstraint, name: str) -> NDArray:
+    """Variance of one of the parked vehicle's noises."""
+    least = MIN_DISPLACEMENT_SIGMA_M if name == "displacement_sigma_m" else 0.0
+    return np.asarray(np.maximum(getattr(parked, name), least) ** 2)
+
+
+def hold_position(
+    program: FilterProgram, views: StepViews, parked: ParkedConstraint
+) -> tuple[Held, ...]:
     """Zero velocity as a way: what the solution moved in body x, y since the stop is error, but for
     the jitter of the standing vehicle about its place. (A zero mean velocity over each step says
     the same but counts the jitter twice.)
     """
-    sigma = max(parked.displacement_sigma_m, MIN_DISPLACEMENT_SIGMA_M)
+    variance = _each(variance_of(parked, "displacement_sigma_m"), views)
+    walk = _each(variance_of(parked, "place_walk_m"), views)
     still = views.kind == STILL
     at = np.flatnonzero(still)
     stops = np.flatnonzero(still & ~np.append(False, still[:-1]))
-    for index in (em.S.start, em.S.start + 1):  # where in its jitter the vehicle was at the stop
-        program.widen(stops, index, sigma**2)
+    held = []
+    for index in (em.S.start, em.S.start + 1):
+        # where in its jitter the vehicle was at the stop, and where its place went since
+        held.append(_held(program, stops, "displacement_sigma_m"))
+        program.widen(stops, index, variance[stops])
+        if np.ndim(parked.place_walk_m):
+            held.append(_held(program, at, "place_walk_m"))
+            program.widen(at, index, walk[at])
     way = np.cumsum(np.where(still[:, None], views.displacement_b_m[:, :2], 0.0), axis=0)
     before = np.where(stops > 0, stops - 1, 0)
     origin = np.where(stops[:, None] > 0, way[before], 0.0)
@@ -350,9 +412,20 @@ def hold_position(program: FilterProgram, views: StepViews, parked: ParkedConstr
     rolled = np.cumsum(views.kind == ROLLING)[at] > 0
     rows: list[Row] = [{em.S.start: 1.0}, {em.S.start + 1: 1.0}]
     for name, where in (("still", ~rolled), ("stop", rolled)):
-        program.measure(
-            name, at[where], moved[where].T, rows, [sigma**2, sigma**2], gate=GATE_SIGMA
-        )
+        noise = variance[at[where]]
+        held.append(_held(program, at[where], "displacement_sigma_m", each=2))
+        program.measure(name, at[where], moved[where].T, rows, [noise, noise], gate=parked.gate)
+    return tuple(part for part in held if part.steps.size)
+
+
+def _held(program: FilterProgram, steps: NDArray, of: str, *, each: int = 1) -> Held:
+    """The rows that the next call lays down for some steps."""
+    return Held(slice(program.rows, program.rows + each * len(steps)), steps, of, each)
+
+
+def _each(value: NDArray | float, views: StepViews) -> NDArray:
+    """A value of the parked constraint at each step (K,)."""
+    return np.broadcast_to(np.asarray(value, dtype=float), views.kind.shape)
 
 
 def heading_error_row(
@@ -366,7 +439,9 @@ def heading_error_row(
     }
 
 
-def hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstraint) -> None:
+def hold_heading(
+    program: FilterProgram, views: StepViews, parked: ParkedConstraint
+) -> tuple[Held, ...]:
     """Parked-attitude constraint: the computed turn about down since the stop is error plus
     creep.
     """
@@ -374,17 +449,24 @@ def hold_heading(program: FilterProgram, views: StepViews, parked: ParkedConstra
     stay = np.cumsum((views.kind == ROLLING) | (views.jolt_rad > NEW_HEADING_RAD))[still]
     _, first, number = np.unique(stay, return_index=True, return_inverse=True)
     references, held = still[first], np.setdiff1d(still, still[first])
-    variance = parked.yaw_jitter_rad**2
+    variance = _each(variance_of(parked, "yaw_jitter_rad"), views)
+    walk = _each(variance_of(parked, "yaw_walk_rad"), views)
     assigned = {index: -value for index, value in heading_error_row(views, references).items()}
     # the heading at the stop is the reference
-    program.assign(references, em.YAW, assigned, variance)
+    noise = [_held(program, references, "yaw_jitter_rad")]
+    program.assign(references, em.YAW, assigned, variance[references])
+    if np.ndim(parked.yaw_walk_rad):
+        noise.append(_held(program, held, "yaw_walk_rad"))
+        program.widen(held, em.YAW, walk[held])
     C_ref = views.C_nb[references[number[np.isin(still, held)]]]
     turn = rotation_vector_from_dcm(views.C_nb[held] @ np.swapaxes(C_ref, 1, 2))[:, 2]
+    noise.append(_held(program, held, "yaw_jitter_rad"))
     program.measure(
         "heading held",
         held,
         [turn],
         [{**heading_error_row(views, held), em.YAW: 1.0}],
-        [variance],
-        gate=GATE_SIGMA,
+        [variance[held]],
+        gate=parked.gate,
     )
+    return tuple(part for part in noise if part.steps.size)

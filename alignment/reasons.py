@@ -27,6 +27,7 @@ class AlignmentReason(StrEnum):
     LIKE_MEMS = "like_mems"
     LEVEL_ALONE = "level_alone"
     NOTHING_STANDS = "nothing_stands"
+    NOTHING_MEASURED = "nothing_measured"
     MOVES = "moves"
     NOISIER = "noisier_than_model"
     WRONG_LATITUDE = "wrong_latitude"

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from numpy.typing import NDArray
 
+from alignment.level_fit import Fitted, LevelFound
 from alignment.motion.stillness import Motion
 from alignment.navigation_filter import FilterPass, StepPlan
 from alignment.reasons import AlignmentVerdict
@@ -34,12 +35,21 @@ class Solution:
     history: NavHistory
     motion: Motion
     plan: StepPlan
-    filter: ErrorFilter
     prior: BiasPrior
     applied_bias_rad_s: NDArray
     clone_s: float
-    displacement_sigma_m: float
+    fitted: Fitted
     last: FilterPass
+
+    @property
+    def filter(self) -> ErrorFilter:
+        """The filter under the level that was found."""
+        return self.fitted.filter
+
+    @property
+    def displacement_sigma_m(self) -> float:
+        """RMS of the parked vehicle about its place [m], in the middle of its steps."""
+        return self.fitted.found.place_m
 
     @property
     def bias(self) -> tuple[NDArray, NDArray]:
@@ -52,7 +62,10 @@ class Solution:
 
 @dataclass(frozen=True)
 class Alignment:
-    """Attitude at `time_s`, the end of the parked time, with sigmas [rad]; NaN where refused."""
+    """Attitude at `time_s`, the end of the parked time, with sigmas [rad]; NaN where refused.
+
+    used_share: of the parked seconds that were used; level: of the vehicle's motion in them.
+    """
 
     verdict: AlignmentVerdict
     reasons: tuple[Reason, ...]
@@ -71,3 +84,5 @@ class Alignment:
     nis_mean: float = float("nan")
     dof: int = 0
     C_nb: NDArray | None = None
+    used_share: float = 0.0
+    level: LevelFound | None = None

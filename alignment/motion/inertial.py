@@ -18,6 +18,10 @@ Where = tuple[float, float]
 REST_BLOCKS = 6  # a minute
 REST_FORCE_M_S2 = 0.03  # of a block mean off its stretch's median: 3 mrad of tilt
 REST_RATE_RAD_S = 3e-4  # 62 deg/h, four times Earth rate: a vehicle that turns a degree a minute
+# Where the gyros see the body tilt (people, loading), force and rate may follow: a turn since the
+# stretch began of 1 deg, no faster than a vehicle that turns on the spot.
+REST_TILT_RAD = 0.02
+REST_TILT_RATE_RAD_S = 2e-3
 # block means that scatter by more (0.17 deg/s, 0.3 m/s^2) are a vehicle that moves, not a noisy
 # unit
 NOISIEST = 10.0
@@ -43,19 +47,28 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     """Start and end [s] of the first stretch of at least a minute that looks at rest, at most 10
     min of it.
 
-    Judged on 10 s block means against their median over the stretch; three bad blocks in a row end
-    it, single ones (somebody boards) do not. A block that moves by the word of a receiver or the
-    wheels is bad however quiet it is. None: the log never rests.
+    Judged on 10 s block means against their median over the stretch, as they are or turned back by
+    what the gyros saw of people and loading; three bad blocks in a row end it, single ones do not.
+    A block that moves by the word of a receiver or the wheels is bad however quiet it is. None: the
+    log never rests.
     """
     if not seconds.end_s.size:
         return None
     blocks: Blocks = seconds.blocks()
     f = blocks.dv_m_s / blocks.seconds[:, None]
     omega = blocks.dtheta_rad / blocks.seconds[:, None]
+    off = omega - np.median(omega, axis=0)
+    turned = np.cumsum(off * blocks.seconds[:, None], axis=0) - 0.5 * off * blocks.seconds[:, None]
+    slow = (np.abs(off) <= REST_TILT_RATE_RAD_S).all(axis=1)
     for i in range(len(f) - REST_BLOCKS + 1):
         reference = slice(i, i + REST_BLOCKS)
-        good = ~blocks.moves & _near(f, reference, REST_FORCE_M_S2)
-        good &= _near(omega, reference, REST_RATE_RAD_S)
+        good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
+        tilt = turned - turned[i]
+        tilted = slow & (np.abs(tilt) <= REST_TILT_RAD).all(axis=1)
+        level = f + np.cross(tilt, f)
+        off_level = np.abs(level - np.median(level[reference], axis=0))
+        good |= tilted & (off_level <= REST_FORCE_M_S2).all(axis=1)
+        good &= ~blocks.moves
         if not good[reference].all():
             continue
         last = i + REST_BLOCKS - 1

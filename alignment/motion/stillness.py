@@ -32,7 +32,6 @@ BESIDE = 15  # epochs of rest on either side of a disturbance, for the line betw
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
 NEW_PLACE_RAD = 2e-3  # jolt of a vehicle that was pushed: beyond what the parked heading survives
-CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 
 
@@ -128,7 +127,7 @@ def classify(
     if imu is not None and shaking is None:
         shaking = find_shaking(imu, history, quiet=kind == STILL, parked=kind <= DISTURBED)
     if shaking is not None:
-        apart = ~_near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
+        apart = ~near(t, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
         for name, seen in (
             (Cause.BUMP, shaking.bump),
             (Cause.LOADING, shaking.loading),
@@ -159,7 +158,7 @@ def _pivots(history: NavHistory, kind: NDArray, cause: NDArray) -> list[int]:
     """Turning on the spot is rolling, in place; but a turn of a few degrees away from any rolling
     is a tug's.
     """
-    t, turn = history.time_s, _turn_about_down(history)
+    t, turn = history.time_s, turn_about_down(history)
     ends = []
     for a, b in runs_of_true(
         (np.abs(turn) > PIVOT_RAD_S * np.gradient(t)) & (kind <= DISTURBED) & (cause != Cause.PUSH)
@@ -212,7 +211,7 @@ def exclude(t: NDArray, kind: NDArray, cause: NDArray, seen: NDArray, name: str)
         kind[near] = np.where(kind[near] == STILL, DISTURBED, kind[near])
 
 
-def _near(t: NDArray, seen: NDArray, before_s: float, after_s: float) -> NDArray:
+def near(t: NDArray, seen: NDArray, before_s: float, after_s: float) -> NDArray:
     """Epochs from `before_s` before to `after_s` after an epoch that was seen."""
     near = np.zeros(len(t), bool)
     for a, b in runs_of_true(seen):
@@ -243,47 +242,7 @@ def detect_phases(motion: Motion) -> tuple[Phase, ...]:
     return tuple(sorted(found, key=lambda p: p.start_s))
 
 
-def sway_position_sigma(history: NavHistory, motion: Motion) -> float:
-    """RMS of the parked vehicle's horizontal position jitter [m], per axis.
-
-    From 30 s pieces of the integrated velocity with a cubic taken out (errors of the solution are
-    smoother than that); pieces beyond four times the median variance are gusts and do not count.
-    """
-    length, order = 30, 3
-    cubic = np.vander(np.linspace(-1, 1, length), order + 1)
-    project = np.eye(length) - cubic @ np.linalg.pinv(cubic)
-    variances = []
-    for a, b in runs_of_true(motion.kind == STILL):
-        for i in range(max(a, 1), b - length + 1, length):
-            way = np.cumsum(history.displacement_n_m[i : i + length, :2], axis=0)
-            variances.append(np.sum((project @ way) ** 2, axis=0) / (length - order - 1))
-    if not variances:
-        return 0.0
-    v = np.concatenate(variances)
-    return float(np.sqrt(np.mean(v[v <= 4.0 * np.median(v)])))
-
-
-def yaw_jitter_sigma(history: NavHistory, motion: Motion) -> float:
-    """RMS of the parked vehicle's heading about its slow creep [rad], gyro quantization included.
-
-    Turns over 1 s and over 10 s: gyro noise and creep add up with time, the jitter e of an angle
-    does not, so V1 = w + 2 e^2 and V10 = 10 w + 2 e^2. Robust variances (median of squares).
-    """
-    turn, still = _turn_about_down(history), motion.kind == STILL
-    tens = [
-        turn[k : k + 10].sum() for a, b in runs_of_true(still) for k in range(max(a, 1), b - 9, 10)
-    ]
-    if len(tens) < 20:
-        return 0.0
-    ones, rate = turn[still], float(np.median(tens)) / 10.0
-    v1, v10 = (
-        np.median((x - centre) ** 2) / CHI2_MEDIAN
-        for x, centre in ((ones, rate), (np.array(tens), 10.0 * rate))
-    )
-    return float(np.sqrt(max(10.0 * v1 - v10, 0.0) / 18.0))
-
-
-def _turn_about_down(history: NavHistory) -> NDArray:
+def turn_about_down(history: NavHistory) -> NDArray:
     """Rotation about down that the gyros saw in each epoch [rad], Earth rate included; row 0
     repeats row 1.
     """
@@ -297,7 +256,7 @@ def _jolts(history: NavHistory, kind: NDArray) -> NDArray:
     none.
     """
     dt = np.diff(history.time_s, prepend=2.0 * history.time_s[0] - history.time_s[1])
-    rate = _turn_about_down(history) / dt
+    rate = turn_about_down(history) / dt
     still = kind <= DISTURBED
     if not np.any(still[1:]):
         return np.zeros(len(rate))

@@ -34,6 +34,8 @@ class Tally:
         Innovations over their sigmas.
     heading_gain : dict of float
         Log of the ratio in variance of the cloned heading.
+    log_likelihood : dict of float
+        Of the measurements given those before, less its constant: -(nu^2 + ln S) / 2, summed.
     """
 
     nis: dict[str, float] = field(default_factory=dict)
@@ -41,6 +43,7 @@ class Tally:
     rejected: list[tuple[float, str]] = field(default_factory=list)
     normalised: dict[str, NDArray] = field(default_factory=dict)
     heading_gain: dict[str, float] = field(default_factory=dict)
+    log_likelihood: dict[str, float] = field(default_factory=dict)
 
 
 class ErrorFilter:
@@ -127,12 +130,12 @@ class ErrorFilter:
         P = self.P - np.outer(gain, self.P[index, :])
         self.P = 0.5 * (P + P.T)
 
-    def run(self, program: FilterProgram) -> None:
+    def run(self, program: FilterProgram | Compiled) -> None:
         """Work through a program, in place.
 
         Parameters
         ----------
-        program : FilterProgram
+        program : FilterProgram or Compiled
 
         Raises
         ------
@@ -143,13 +146,13 @@ class ErrorFilter:
         """
         from ins.filters import error_kernel as filter_kernel
 
-        c = program.compiled()
+        c = program if isinstance(program, Compiled) else program.compiled()
         if c.flags.size and c.flags[:, BIN].max() >= len(self.filtered):
             raise ValueError(f"bin {c.flags[:, BIN].max()}, the filter has {len(self.filtered)}")
         count = len(c.ops)
         outcome = np.zeros(count, dtype=np.int64)
         gain = np.full(count, np.nan)
-        normalised = np.zeros(len(c.z))
+        normalised, spread = np.zeros(len(c.z)), np.ones(len(c.z))
         self.x, self.P = np.ascontiguousarray(self.x), np.ascontiguousarray(self.P)
         stopped = filter_kernel.run(
             self.x,
@@ -165,6 +168,7 @@ class ErrorFilter:
             c.gate,
             outcome,
             normalised,
+            spread,
             gain,
             self.filtered,
         )
@@ -173,9 +177,11 @@ class ErrorFilter:
             if outcome[stopped] == LOST:
                 raise ArithmeticError(f"{where}: the covariance has lost its digits")
             raise ValueError(f"{where}: measurement, state or covariance is not finite")
-        self._book(c, outcome, normalised, gain)
+        self._book(c, outcome, normalised, spread, gain)
 
-    def _book(self, c: Compiled, outcome: NDArray, normalised: NDArray, gain: NDArray) -> None:
+    def _book(
+        self, c: Compiled, outcome: NDArray, normalised: NDArray, spread: NDArray, gain: NDArray
+    ) -> None:
         """Enter what became of the measurements into the tally."""
         tally, measured = self.tally, c.ops[:, 0] == MEASURE
         for number, name in enumerate(c.names):
@@ -186,6 +192,8 @@ class ErrorFilter:
                 seen = normalised[rows]
                 tally.nis[name] = tally.nis.get(name, 0.0) + float(np.sum(seen**2))
                 tally.dof[name] = tally.dof.get(name, 0) + seen.size
+                likelihood = -0.5 * float(np.sum(seen**2 + np.log(spread[rows])))
+                tally.log_likelihood[name] = tally.log_likelihood.get(name, 0.0) + likelihood
                 before = tally.normalised.get(name)
                 tally.normalised[name] = seen if before is None else np.concatenate([before, seen])
                 gained = gain[used][np.isfinite(gain[used])]  # NaN before the clone was made

@@ -276,7 +276,7 @@ def correct(x, P, v, residual, variance):
 
 
 @jit
-def measure(x, P, index, value, z, R, gate, v, normalised):
+def measure(x, P, index, value, z, R, gate, v, normalised, spread):
     """Rows (m) with independent noise, one after another; all or none pass the gate.
 
     Returns what became of them.
@@ -294,6 +294,7 @@ def measure(x, P, index, value, z, R, gate, v, normalised):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         if variance < 0.9 * R[r] or variance <= 0.0:
             return LOST
+        spread[r] = variance
         normalised[r] = correct(x, P, v, z[r] - hx, variance)
     return USED
 
@@ -313,7 +314,22 @@ def assign(x, P, target, index, value, variance, v):
 
 @jit
 def run(
-    x, P, steps, flags, noise, ops, index, value, z, R, gate, outcome, normalised, gain, filtered
+    x,
+    P,
+    steps,
+    flags,
+    noise,
+    ops,
+    index,
+    value,
+    z,
+    R,
+    gate,
+    outcome,
+    normalised,
+    spread,
+    gain,
+    filtered,
 ):
     """Work through a program.
 
@@ -337,6 +353,8 @@ def run(
         What became of each operation; written.
     normalised : ndarray, shape (rows,)
         Innovations over their sigma; written.
+    spread : ndarray, shape (rows,)
+        Variances of the innovations; written.
     gain : ndarray, shape (m,)
         Log of the ratio in variance of the cloned heading; written.
     filtered : ndarray, shape (bins, 2, 3)
@@ -377,7 +395,16 @@ def run(
             before = P[CLONE_DOWN, CLONE_DOWN]
             rows = slice(first, first + count)
             outcome[m] = measure(
-                x, P, index[rows], value[rows], z[rows], R[rows], gate[m], v, normalised[rows]
+                x,
+                P,
+                index[rows],
+                value[rows],
+                z[rows],
+                R[rows],
+                gate[m],
+                v,
+                normalised[rows],
+                spread[rows],
             )
             if outcome[m] < 0:
                 return m

@@ -6,7 +6,7 @@ in the loop.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -140,6 +140,24 @@ class Compiled:
     names: tuple[str, ...]
     time_s: NDArray
 
+    def under(self, variance: NDArray, gates: Mapping[str, float]) -> "Compiled":
+        """The program with other noise.
+
+        Parameters
+        ----------
+        variance : ndarray, shape (rows,)
+        gates : mapping of float
+            By the names of measurements, in sigmas; the others keep theirs.
+
+        Returns
+        -------
+        program : Compiled
+        """
+        gate = self.gate.copy()
+        for number, name in enumerate(self.names):
+            gate[(self.name == number) & (self.ops[:, 0] == MEASURE)] = gates.get(name, np.nan)
+        return replace(self, variance=variance, gate=np.where(np.isnan(gate), self.gate, gate))
+
 
 class FilterProgram:
     """Steps, and what is done at the end of each; within a step in the order of the calls below.
@@ -153,6 +171,11 @@ class FilterProgram:
         self.steps = steps
         every = np.arange(len(steps.end_s))
         self._blocks = [_block(ADVANCE, every, [{}], [0.0], [0.0])]
+
+    @property
+    def rows(self) -> int:
+        """Rows laid down so far: those of one call are numbered from what this was before it."""
+        return sum(b.z.size for b in self._blocks)
 
     def measure(
         self,

@@ -144,6 +144,14 @@ def summary(document: Document) -> list[str]:
         value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
         if value is not None and value == value:
             lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
+    level = document["motion_level"]
+    if level is not None:
+        lines.append(
+            f"  used {document['used_percent']:.0f} % of the parked seconds; place strays by"
+            f" {level['place_mm']:.2g} mm (up to {level['largest_place_mm']:.2g}), heading by"
+            f" {level['yaw_arcsec']:.2g} arcsec (up to {level['largest_yaw_arcsec']:.2g}): sigma"
+            f" {level['sigma_cost']:.2f} times that on a calm vehicle"
+        )
     if document.get("zero_rate"):
         seen = document["zero_rate"]
         lines += [

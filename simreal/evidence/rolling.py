@@ -26,6 +26,7 @@ from alignment.navigation_filter import (
     Aid,
     ParkedConstraint,
     StepViews,
+    declared_sway_m,
     filter_steps,
     hold_heading,
     hold_position,
@@ -235,8 +236,8 @@ KIND = {STILL: PARKED, DISTURBED: PARKED, ROLL: ROLLING, AIR: AIRBORNE}
 
 
 def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]:
-    """The filter's steps and measurements over the solution, as `alignment.navigation_filter.sweep`
-    lays them down.
+    """The filter's steps and measurements over the solution, as
+    `alignment.navigation_filter.lay_down` lays them down.
     """
     history = view.history
     assert history is not None
@@ -254,7 +255,7 @@ def _lay_down(view: RunView, twin: TwinModel) -> tuple[StepViews, FilterProgram]
     motion.kind[kind == AIR] = ROLL  # one epoch a step; the wheels are left out below
     edges = np.array([history.time_s[0], history.time_s[-1] + 1.0])
     plan = plan_steps(motion, edges, until_s=until)
-    sway = twin.vehicle.sway_m_s / (2.0 * np.pi * max(twin.vehicle.sway_hz, 1e-3))
+    sway = declared_sway_m(twin)
     views = _level(views_of(history, plan, sway))
     flying = np.zeros(len(views.end_s), bool)
     flying[:] = kind[plan.last] == AIR

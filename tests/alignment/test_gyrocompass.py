@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from alignment import coarse, gyrocompass
+from alignment import coarse, gyrocompass, navigation_filter
 from infield.reports.documents.alignment import alignment_document
 from infield.reports.words.sentences import sentences
 from ins import earth
@@ -104,19 +104,28 @@ def test_people_and_gusts_do_not_spoil_it_as_they_spoil_an_average():
     assert low < np.mean(np.square(z), axis=0)[2] < high
 
 
-def test_excess_motion_is_listed():
+def test_what_shakes_the_vehicle_has_a_level_and_is_used():
+    """Boarding, a gust and a bump of 0.2 m/s leave the vehicle where it stood: nothing is dropped,
+    the level is higher where they were, and the sigma pays for it.
+    """
     result = align(simulate(ideal_of(), 300, events=PEOPLE))
-    assert [s.reason for s in result.excluded] == [
-        "loading",
-        "motion",
-        "loading",
-        "motion",
-        "loading",
-    ]
-    assert all(
-        s.start_s < event.time_s and s.end_s > event.time_s + 30.0
-        for s, event in zip(result.excluded, PEOPLE)
-    )
+    assert result.excluded == () and result.used_share == pytest.approx(1.0)
+    assert result.level.largest_place_m > 5.0 * result.level.place_m
+    assert 1.0 <= result.level.sigma_cost < 1.05
+    calm = align(simulate(ideal_of(), 300))
+    assert calm.level.largest_place_m < 2.0 * calm.level.place_m
+    assert calm.level.unit_noise == result.level.unit_noise == 1.0
+
+
+def test_nothing_measured_is_refused(monkeypatch):
+    """An alignment without a measurement once passed as aligned, with the diffuse prior as
+    sigma.
+    """
+    monkeypatch.setattr(navigation_filter, "hold_position", lambda *_: ())
+    monkeypatch.setattr(navigation_filter, "hold_heading", lambda *_: ())
+    result = align(simulate(ideal_of(), 1))
+    assert result.verdict == "refused" and result.dof == 0
+    assert [reason.code for reason in result.reasons] == ["nothing_measured"]
 
 
 def at_latitude(simulated, offset_deg):

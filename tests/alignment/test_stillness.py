@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from alignment.motion import stillness
+from alignment.motion import level, stillness
 from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL
 from ins.records import Phase
 from ins.units import ARCSEC
@@ -248,17 +248,17 @@ def test_position_jitter_of_the_sway():
     history = parked_history(simulate(ideal_of(QUARTER_HOUR), 3).run)
     motion = stillness.classify(history)
     expected = 1e-3 / (2 * np.pi * 0.28)
-    assert stillness.sway_position_sigma(history, motion) == pytest.approx(expected, rel=0.35)
+    assert level.sway_position_sigma(history, motion) == pytest.approx(expected, rel=0.35)
     moved = replace(motion, kind=np.full(len(motion.kind), ROLLING))
-    assert stillness.sway_position_sigma(history, moved) == 0.0
+    assert level.sway_position_sigma(history, moved) == 0.0
 
 
 def test_yaw_jitter_is_zero_without_and_found_with_it():
     history = parked_history(simulate(ideal_of(QUARTER_HOUR), 3).run)
     motion = stillness.classify(history)
-    assert stillness.yaw_jitter_sigma(history, motion) < 0.3 * ARCSEC
+    assert level.yaw_jitter_sigma(history, motion) < 0.3 * ARCSEC
     jitter = 2 * ARCSEC * np.random.default_rng(1).standard_normal(len(history.time_s))
     shaken = history.dtheta_b_rad.copy()
     shaken[1:, 2] += np.diff(jitter)
-    found = stillness.yaw_jitter_sigma(replace(history, dtheta_b_rad=shaken), motion)
+    found = level.yaw_jitter_sigma(replace(history, dtheta_b_rad=shaken), motion)
     assert found == pytest.approx(2 * ARCSEC, rel=0.15)

@@ -259,7 +259,8 @@ def test_a_gate_that_leaves_out_a_quarter_is_inconsistent():
     tally = e.solution.filter.tally
     kept = sum(len(v) for v in tally.normalised.values())
     filled = replace(tally, rejected=[(1.0, "still")] * kept)
-    solution = replace(e.solution, filter=_with_tally(e.solution.filter, filled))
+    fitted = replace(e.solution.fitted, filter=_with_tally(e.solution.filter, filled))
+    solution = replace(e.solution, fitted=fitted)
     verdict = judge_estimate(replace(e, solution=solution), observability(e, hold_heading=True))
     assert verdict.outcome == "inconsistent"
     assert "50 % of the measurements" in sentence(verdict.reasons[0])

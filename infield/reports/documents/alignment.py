@@ -4,11 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from alignment.level_fit import LevelFound
 from alignment.result import Alignment
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.words.sentences import codes, sentences
 from ins.records import Phase, Run
-from ins.units import DEG
+from ins.units import ARCSEC, DEG
 from ins.verdicts import plain
 
 SCHEMA = "recal.alignment/1"
@@ -20,6 +21,22 @@ class FilterDocument:
 
     nis_mean: float
     dof: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelDocument:
+    """How the parked vehicle moved (RMS in the middle and at its roughest, walk over ten seconds),
+    and what that cost: heading sigma over that on a calm vehicle.
+    """
+
+    place_mm: float
+    largest_place_mm: float
+    place_walk_mm: float
+    yaw_arcsec: float
+    largest_yaw_arcsec: float
+    yaw_walk_arcsec: float
+    unit_noise_scale: float
+    sigma_cost: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +62,8 @@ class AlignmentDocument:
     excluded: Sequence[SpanDocument]
     consistency: FilterDocument
     reason_codes: Sequence[str | None]
+    used_percent: float
+    motion_level: LevelDocument | None
 
 
 def alignment_document(result: Alignment, run: Run) -> dict[str, Any]:
@@ -70,5 +89,21 @@ def alignment_document(result: Alignment, run: Run) -> dict[str, Any]:
             excluded=[span_document(span) for span in result.excluded],
             consistency=FilterDocument(nis_mean=result.nis_mean, dof=result.dof),
             reason_codes=codes(result.reasons),
+            used_percent=100.0 * result.used_share,
+            motion_level=None if result.level is None else level_document(result.level),
         )
+    )
+
+
+def level_document(level: LevelFound) -> LevelDocument:
+    """The level in millimetres and seconds of arc."""
+    return LevelDocument(
+        place_mm=1e3 * level.place_m,
+        largest_place_mm=1e3 * level.largest_place_m,
+        place_walk_mm=1e3 * level.place_walk_m,
+        yaw_arcsec=level.yaw_rad / ARCSEC,
+        largest_yaw_arcsec=level.largest_yaw_rad / ARCSEC,
+        yaw_walk_arcsec=level.yaw_walk_rad / ARCSEC,
+        unit_noise_scale=level.unit_noise,
+        sigma_cost=level.sigma_cost,
     )

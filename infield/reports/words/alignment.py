@@ -33,6 +33,11 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " {rest_s:.0f} s"
     ),
     AlignmentReason.NOTHING_STANDS: NothingStands.TEMPLATE,
+    AlignmentReason.NOTHING_MEASURED: (
+        "{dof} measurements leave the heading at {sigma_deg:.2g} deg, {prior_deg:.2g} deg were"
+        " taken to begin with: nothing was found; {used_percent:.0f} % of the parked seconds were"
+        " used"
+    ),
     AlignmentReason.MOVES: (
         "it moves: the rest does not fit even {scale:g} times the noise model ({source})"
     ),
