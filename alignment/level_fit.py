@@ -8,7 +8,7 @@ only upwards, where that is e^SURE times as likely. Single steps that still stan
 variance that they show (Student's t), once.
 
 Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, Little, Taylor
-(1989), section 3. Pinned by: tests/alignment/test_parked_level.py
+(1989), section 3. Pinned by: tests/alignment/test_gyrocompass.py
 """
 
 from collections.abc import Callable
