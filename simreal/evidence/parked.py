@@ -22,14 +22,14 @@ from simreal.effects.telemetry import Trace
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
 from simreal.evidence.run_view import RunView
 
-MEAN_S = 10.0
+PARKED_MEAN_S = 10.0
 WIDE_TILT_RAD, WIDE_HEADING_RAD = 0.1, 1.0
 
 
 @lru_cache(maxsize=64)
 def cholesky_of(noise: ChannelNoise, bins: int, start_s: float) -> NDArray:
     """Lower Cholesky factor (bins, bins) of the covariance of ten-second means."""
-    return np.linalg.cholesky(noise.covariance(bins, MEAN_S, start_s))
+    return np.linalg.cholesky(noise.covariance(bins, PARKED_MEAN_S, start_s))
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ class ParkedBlock:
         self, view: RunView, twin: TwinModel, noise: tuple[ChannelNoise, ...] | None = None
     ) -> None:
         first = int(np.searchsorted(view.seconds.end_s, view.start_s + 1e-6))
-        self.bins = int((view.end_s - view.start_s + 1e-6) // MEAN_S)
-        self.seconds = slice(first, first + self.bins * int(MEAN_S))
+        self.bins = int((view.end_s - view.start_s + 1e-6) // PARKED_MEAN_S)
+        self.seconds = slice(first, first + self.bins * int(PARKED_MEAN_S))
         self.start_s = round(view.start_s - view.run.imu.start_s)
         self.noise = channel_noises(twin, view.run_s, view.C_nb) if noise is None else noise
         self.live = ~view.seconds.dead
@@ -100,7 +100,9 @@ class ParkedBlock:
 
     def residual(self, view: RunView) -> NDArray:
         """Ten-second means less expectation (6, bins)."""
-        mean = view.seconds.mean[self.seconds].reshape(self.bins, int(MEAN_S), 6).mean(axis=1)
+        mean = (
+            view.seconds.mean[self.seconds].reshape(self.bins, int(PARKED_MEAN_S), 6).mean(axis=1)
+        )
         return ((mean - self.expected) * self.live).T
 
     def of_traces(self, traces: list[Trace]) -> NDArray:
@@ -109,7 +111,9 @@ class ParkedBlock:
         for k, trace in enumerate(traces):
             for offset, values in ((0, trace.gyro_rad_s), (3, trace.accel_m_s2)):
                 if values is not None:
-                    binned = values[self.seconds].reshape(self.bins, int(MEAN_S), 3).mean(axis=1)
+                    binned = (
+                        values[self.seconds].reshape(self.bins, int(PARKED_MEAN_S), 3).mean(axis=1)
+                    )
                     out[offset : offset + 3, :, k] = binned.T
         return out * self.live[:, None, None]
 
@@ -151,4 +155,4 @@ def _covariance_with_end(noise: ChannelNoise, bins: int, start_s: float) -> NDAr
     bin's mean (bins,), then its own variance.
     """
     slow = replace(noise, white=0.0, bounded=0.0, sway=0.0)
-    return slow.covariance(bins + 1, MEAN_S, start_s)[-1]
+    return slow.covariance(bins + 1, PARKED_MEAN_S, start_s)[-1]

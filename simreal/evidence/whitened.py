@@ -16,7 +16,7 @@ from ins.records import TwinModel
 from simreal.effects.base import AddedNoise, Effect
 from simreal.effects.telemetry import PARKED, Telemetry, Trace
 from simreal.evidence.noise_model import ChannelNoise, channel_noises
-from simreal.evidence.parked import MEAN_S, ParkedBlock
+from simreal.evidence.parked import PARKED_MEAN_S, ParkedBlock
 from simreal.evidence.parked_fixes import FIX_COMPONENTS, ParkedFixes
 from simreal.evidence.parked_fixes import FIX_MEAN_S as FIX_BIN_S
 from simreal.evidence.rolling import RollingBlock
@@ -38,7 +38,7 @@ SENSORS = 6
 # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BANDS = ((1, 4), (4, 10))
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
-PER_BLOCK = int(MEAN_S)
+PER_BLOCK = int(PARKED_MEAN_S)
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
 OUTLIER_SIGMA, OUTLIERS = 5.5, 3
 BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05
@@ -183,7 +183,7 @@ class RunEvidence:
         """
         rows = np.abs(self.z[: self.parked.rows]).reshape(SENSORS, self.parked.bins).max(axis=0)
         order = [k for k in np.argsort(-rows) if rows[k] > OUTLIER_SIGMA][:OUTLIERS]
-        return [self.view.start_s + MEAN_S * (k + 0.5) for k in order]
+        return [self.view.start_s + PARKED_MEAN_S * (k + 0.5) for k in order]
 
     def _speed_at(self, time_s: NDArray) -> NDArray:
         telemetry = self.view.telemetry
@@ -198,7 +198,7 @@ class RunEvidence:
     def rows(self, number: int) -> Rows:
         """Labels of the rows, in the order of `z`."""
         p, f = self.parked, self.fixes
-        bin_s = self.view.start_s + MEAN_S * (np.arange(p.bins) + 0.5)
+        bin_s = self.view.start_s + PARKED_MEAN_S * (np.arange(p.bins) + 0.5)
         time_s = np.concatenate(
             [
                 np.tile(bin_s, SENSORS),
@@ -323,7 +323,7 @@ def _scatter(view: RunView, parked: ParkedBlock, twin: TwinModel) -> Scatter:
             dof[c, -1] = np.where(whole, PER_BLOCK * freedom, 0.0)
     _leave_out_bursts(ratio, dof)
     _thermometer(view, twin, parked, ratio, dof)
-    return Scatter(ratio, dof, view.start_s + MEAN_S * (np.arange(blocks) + 0.5))
+    return Scatter(ratio, dof, view.start_s + PARKED_MEAN_S * (np.arange(blocks) + 0.5))
 
 
 def _leave_out_bursts(ratio: NDArray, dof: NDArray) -> None:
@@ -359,7 +359,8 @@ def _thermometer(
     x = np.stack([np.ones(n), np.linspace(-1, 1, n), np.linspace(-1, 1, n) ** 2], axis=1)
     Q, _ = np.linalg.qr(x)
     at = np.minimum(
-        ((log.time_s[groups[:, -1]] - view.start_s - 1e-6) // MEAN_S).astype(int), parked.bins - 1
+        ((log.time_s[groups[:, -1]] - view.start_s - 1e-6) // PARKED_MEAN_S).astype(int),
+        parked.bins - 1,
     )
     total, count = np.zeros(parked.bins), np.zeros(parked.bins)
     for axis in range(3):

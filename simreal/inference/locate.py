@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from simreal.effects.telemetry import PARKED
-from simreal.evidence.parked import MEAN_S
+from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import BAND_HZ, BANDS, CHANNELS, SENSORS, Evidence
 from simreal.inference.noise_hypotheses import Squares
 from simreal.inference.verdict import Looks
@@ -59,7 +59,7 @@ class CellTable:
 def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
     """All cells of an evidence, channels in their order, bands from slow to quick."""
     out: list[Cell] = []
-    longest = max((run.parked.bins for run in evidence.runs), default=0) * MEAN_S
+    longest = max((run.parked.bins for run in evidence.runs), default=0) * PARKED_MEAN_S
     for c, channel in enumerate(CHANNELS[: SENSORS + 1]):
         for number, (low, high) in enumerate(pairwise(OCTAVES)):
             parts = [index[low:high] for (_, k), index in squares.slow.items() if k == c]
@@ -68,7 +68,7 @@ def cells_of(evidence: Evidence, squares: Squares) -> tuple[Cell, ...]:
                 out.append(
                     Cell(
                         channel,
-                        (low / (2 * longest), min(high / (2 * longest), 0.5 / MEAN_S)),
+                        (low / (2 * longest), min(high / (2 * longest), 0.5 / PARKED_MEAN_S)),
                         False,
                         index,
                         number,

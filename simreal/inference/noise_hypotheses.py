@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from simreal.declared.declared_noise import declared_square
 from simreal.effects.base import SLOW_NAME, AddedNoise, Effect
 from simreal.evidence.noise_model import ChannelNoise
-from simreal.evidence.parked import MEAN_S, cholesky_of
+from simreal.evidence.parked import PARKED_MEAN_S, cholesky_of
 from simreal.evidence.whitened import (
     BANDS,
     CHANNELS,
@@ -179,7 +179,9 @@ def slow_basis(
 
 def _whitened(noise: ChannelNoise, added: AddedNoise, bins: int, start_s: float) -> NDArray:
     L = cholesky_of(noise, bins, start_s)
-    half = solve_triangular(L, noise.only(added).covariance(bins, MEAN_S, start_s), lower=True)
+    half = solve_triangular(
+        L, noise.only(added).covariance(bins, PARKED_MEAN_S, start_s), lower=True
+    )
     return np.asarray(solve_triangular(L, half.T, lower=True))
 
 

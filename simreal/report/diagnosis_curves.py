@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import parse_effects, twin_traces
 from simreal.effects.telemetry import Telemetry, Trace, total
-from simreal.evidence.parked import MEAN_S
+from simreal.evidence.parked import PARKED_MEAN_S
 from simreal.evidence.whitened import CHANNELS, Evidence, RunEvidence
 from simreal.inference.addback import HeldOut
 from simreal.inference.attribute import Attribution, Slot
@@ -224,7 +224,7 @@ def _parked_curve(
     if np.std(curve) > VARIES * np.sqrt(np.mean(curve**2)):
         measured = measured - np.mean(measured - curve)
     unit = DEG_PER_HOUR if channel < 3 else MICRO_G
-    time_min = (view.start_s + MEAN_S * (np.arange(block.bins) + 0.5)) / 60.0
+    time_min = (view.start_s + PARKED_MEAN_S * (np.arange(block.bins) + 0.5)) / 60.0
     t, seen, made = (_means(v) for v in (time_min, measured / unit, curve / unit))
     return RunCurve(view.name, t, seen, made, held_out)
 

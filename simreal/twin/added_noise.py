@@ -25,7 +25,6 @@ from trajectories.simulator.vehicle import gauss_markov, sway_velocity
 # id: unit of the quantum
 ROUNDED = {"gyro_quantization": ARCSEC, "odometer_quantization": CENTIMETRE_PER_S}
 ROCKING = "platform_sway_rotation"
-SLOW_RATE_HZ = imperfections.SLOW_RATE_HZ
 
 
 @dataclass
@@ -66,7 +65,8 @@ def draw(
     m, start_s = time_s.size, float(time_s[0] - dt_s[0])
     slow_s = (
         start_s
-        + np.arange(np.ceil((time_s[-1] - start_s) * SLOW_RATE_HZ - 1e-6) + 1) / SLOW_RATE_HZ
+        + np.arange(np.ceil((time_s[-1] - start_s) * imperfections.SLOW_RATE_HZ - 1e-6) + 1)
+        / imperfections.SLOW_RATE_HZ
     )
     out = Draws(
         time_s=time_s,
@@ -187,11 +187,14 @@ def _add(
     n, size = slow.size, float(np.sqrt(square))
     if noise.flicker:
         slow += imperfections.flicker(
-            rng, n, instability=size * float(np.sqrt(noise.flicker)), rate_hz=SLOW_RATE_HZ
+            rng,
+            n,
+            instability=size * float(np.sqrt(noise.flicker)),
+            rate_hz=imperfections.SLOW_RATE_HZ,
         )
     if noise.walk:
         slow += imperfections.random_walk(
-            rng, n, density=size * float(np.sqrt(noise.walk)), rate_hz=SLOW_RATE_HZ
+            rng, n, density=size * float(np.sqrt(noise.walk)), rate_hz=imperfections.SLOW_RATE_HZ
         )
     if noise.markov:
         slow += gauss_markov(
@@ -199,7 +202,7 @@ def _add(
             n,
             rms=size * float(np.sqrt(noise.markov)),
             tau_s=noise.markov_tau_s,
-            rate_hz=SLOW_RATE_HZ,
+            rate_hz=imperfections.SLOW_RATE_HZ,
         )
 
 

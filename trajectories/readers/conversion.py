@@ -18,7 +18,7 @@ from trajectories.runs.imu_scan import RateScan
 from trajectories.runs.physics_gates import check_physics
 from trajectories.runs.schema import SCHEMA, ConversionRecord, SourceFile, header_from_json
 
-OPTIONS = {
+RUN_OPTIONS = {
     "imu_serial": "--serial",
     "gyro_technology": "--technology",
     "start_utc": "--start-utc",
@@ -133,11 +133,11 @@ def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str
     if isinstance(header["site"], dict):
         missing = [
             k
-            for k in OPTIONS
+            for k in RUN_OPTIONS
             if k not in (header["site"] if k.endswith(("_deg", "_m")) else header)
         ]
         if missing:
-            told = ", ".join(f"{k} ({OPTIONS[k]})" for k in missing)
+            told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
             words = [word for key in ("", *missing) for word in TELLING.get(key, ())]
             why = next((f" ({n})" for n in log.notes if any(word in n for word in words)), "")
             raise InputError(

@@ -13,9 +13,9 @@ from ins.records import PIECE_ROWS, ImuLog
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.runs.checks import LISTED, Findings
 
-BLOCK_S = 1.0  # length of a block
+NOISE_BLOCK_S = 1.0  # length of a block
 SIDE = 10  # blocks on either side of a change that are looked at
-LEAST = 2  # and at least so many
+FEWEST_CHANGED = 2  # and at least so many
 F_CHANGES = {
     STANDARD_GRAVITY: "g to m/s2",
     1e3 / STANDARD_GRAVITY: "m/s2 to mg",
@@ -33,10 +33,10 @@ F_TOLERANCE = 0.15
 W_TOLERANCE = 0.2
 STEADY_F = 1.5  # by which |f| may change on one side
 # by which the noise of the accelerometers may change beside a change of the gyros' unit
-STEADY = 3.0
-SAME = 1e-9  # of a rate: no change but rounding
+STEADY_FACTOR = 3.0
+SAME_RATE = 1e-9  # of a rate: no change but rounding
 FROZEN_S = 1.0  # length of a stretch that is told
-COARSE = 0.2  # of all rows: more that repeat in short stretches, and the resolution is coarse
+COARSE_SHARE = 0.2  # of all rows: more that repeat in short stretches, and the resolution is coarse
 NOISE_FREE = 0.95  # of all rows: more that stand still, and the log has no noise
 
 
@@ -45,8 +45,8 @@ def check_rows(imu: ImuLog, *, time_shift_s: float, label: str, findings: Findin
     a while.
     """
     blocks = _Blocks(imu)
-    told, k = _force_unit(blocks) if blocks.count > 2 * LEAST else ("", 0)
-    if not told and blocks.count > 2 * LEAST:
+    told, k = _force_unit(blocks) if blocks.count > 2 * FEWEST_CHANGED else ("", 0)
+    if not told and blocks.count > 2 * FEWEST_CHANGED:
         told, k = _rate_unit(blocks)
     if told:
         rows = k * blocks.rows, min((k + 2) * blocks.rows, imu.rows) - 1
@@ -60,12 +60,12 @@ def check_rows(imu: ImuLog, *, time_shift_s: float, label: str, findings: Findin
 
 
 class _Blocks:
-    """Medians over blocks of BLOCK_S: of |f| [m/s^2], and of the differences from row to row of
-    both sensors, (blocks,).
+    """Medians over blocks of NOISE_BLOCK_S: of |f| [m/s^2], and of the differences from row to row
+    of both sensors, (blocks,).
     """
 
     def __init__(self, imu: ImuLog) -> None:
-        self.rows = max(5, round(BLOCK_S * imu.rate_hz))
+        self.rows = max(5, round(NOISE_BLOCK_S * imu.rate_hz))
         self.count = imu.rows // self.rows
         # a long log a piece at a time, of whole blocks
         whole = max(PIECE_ROWS // self.rows, 1) * self.rows
@@ -83,7 +83,8 @@ class _Blocks:
         rates = [values[part] / imu.dt_s[part, None] for values in (imu.dtheta_rad, imu.dv_m_s)]
         changes = [np.abs(np.diff(v, axis=0, append=v[-1:]))[: b - a] for v in rates]
         same = np.all(
-            [np.all(d <= SAME * np.abs(v[: b - a]), axis=1) for d, v in zip(changes, rates)], axis=0
+            [np.all(d <= SAME_RATE * np.abs(v[: b - a]), axis=1) for d, v in zip(changes, rates)],
+            axis=0,
         )
         used = ((b - a) // self.rows) * self.rows
         sizes = np.linalg.norm(rates[1][:used], axis=1), *(d[:used].sum(axis=1) for d in changes)
@@ -99,7 +100,7 @@ class _Blocks:
         return values[max(k - SIDE, 0) : k], values[k + 1 : k + 1 + SIDE]
 
     def places(self) -> range:
-        return range(LEAST, self.count - LEAST)
+        return range(FEWEST_CHANGED, self.count - FEWEST_CHANGED)
 
     def place(self, values: NDArray, k: int) -> int:
         """The block that holds the change, or the one before it: where the values leap, near block
@@ -132,11 +133,13 @@ def _rate_unit(blocks: _Blocks) -> tuple[str, int]:
     for k in blocks.places():
         ratio, f_ratio = blocks.ratio(blocks.noise_w, k), blocks.ratio(blocks.noise_f, k)
         told = _unit(ratio, W_CHANGES, W_TOLERANCE)
-        steady = np.isnan(f_ratio) or 1 / STEADY < f_ratio < STEADY
+        steady = np.isnan(f_ratio) or 1 / STEADY_FACTOR < f_ratio < STEADY_FACTOR
         if (
             told
             and steady
-            and all(side.max() < STEADY * side.min() for side in blocks.sides(blocks.noise_w, k))
+            and all(
+                side.max() < STEADY_FACTOR * side.min() for side in blocks.sides(blocks.noise_w, k)
+            )
         ):
             k = blocks.place(blocks.noise_w, k)
             return (
@@ -161,7 +164,7 @@ def _warn_frozen(blocks: _Blocks, imu: ImuLog, label: str, findings: Findings) -
     starts, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     long = imu.time_s[ends] - imu.time_s[starts] >= FROZEN_S
     told = int((ends[long] - starts[long]).sum())
-    if np.count_nonzero(same) - told > COARSE * same.size or told > NOISE_FREE * same.size:
+    if np.count_nonzero(same) - told > COARSE_SHARE * same.size or told > NOISE_FREE * same.size:
         return
     spans = [
         f"{a:.1f} to {b:.1f} s" for a, b in zip(imu.time_s[starts[long]], imu.time_s[ends[long]])

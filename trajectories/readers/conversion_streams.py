@@ -12,13 +12,13 @@ from ins.earth import displacement_ned
 from ins.records import GnssLog, OdometerLog
 from trajectories.runs.checks import Findings
 
-MOVING_M_S = 2.0  # three sigmas of the difference of fixes of 0.5 m a second apart
+COMPARED_ABOVE_M_S = 2.0  # three sigmas of the difference of fixes of 0.5 m a second apart
 CLIMBING_M_S = 0.5
 LEAST_PAIRS = 20  # of fixes: the median has 0.28 of one pair's scatter, 1.25 / sqrt(20)
 MAX_APART_S = 2.5  # of two fixes: a turn between them would show
 OFF = 0.3  # of the speed, median: what velocities may be off their positions
 FITS = 0.1  # of the speed, median: what the right unit leaves
-FACTORS = {  # a speed that reads so many times what it is
+SPEED_FACTORS = {  # a speed that reads so many times what it is
     3.6: "km/h taken for m/s",
     1 / 3.6: "m/s taken for km/h",
     3600 / 1852: "kn taken for m/s",
@@ -47,7 +47,7 @@ def check_streams(
 def _velocities(gnss: GnssLog) -> str:
     """What is wrong with the velocities against the positions, and what would be right."""
     way, v = _pairs(gnss)
-    moving = np.linalg.norm(way[:, :2], axis=1) > MOVING_M_S
+    moving = np.linalg.norm(way[:, :2], axis=1) > COMPARED_ABOVE_M_S
     if np.count_nonzero(moving) >= LEAST_PAIRS:
         level, seen = way[moving, :2], v[moving, :2]
         orders = {
@@ -57,7 +57,7 @@ def _velocities(gnss: GnssLog) -> str:
         }
         found = []
         for order, values in orders.items():
-            for factor, unit in {1.0: "", **FACTORS}.items():
+            for factor, unit in {1.0: "", **SPEED_FACTORS}.items():
                 cause = ", ".join(filter(None, (order, unit)))
                 found.append((_off(values / factor, level), cause))
         off, cause = min(found)
@@ -100,13 +100,15 @@ def _wheel(gnss: GnssLog, odometer: OdometerLog) -> str:
     """The unit in which the wheel would agree with the velocity of the fixes."""
     speed = np.linalg.norm(gnss.v_n_m_s[:, :2], axis=1)
     beside = np.interp(gnss.time_s, odometer.time_s, odometer.speed_m_s, left=np.nan, right=np.nan)
-    rows = np.isfinite(beside) & (speed > MOVING_M_S) & (beside != 0.0)
+    rows = np.isfinite(beside) & (speed > COMPARED_ABOVE_M_S) & (beside != 0.0)
     if np.count_nonzero(rows) < LEAST_PAIRS:
         return ""
     ratio = np.abs(beside[rows]) / speed[rows]
     typical = float(np.median(ratio))
     steady = np.median(np.abs(ratio / typical - 1)) < FITS
-    cause = next((told for factor, told in FACTORS.items() if abs(typical / factor - 1) < FITS), "")
+    cause = next(
+        (told for factor, told in SPEED_FACTORS.items() if abs(typical / factor - 1) < FITS), ""
+    )
     return (
         f"the wheel reads {typical:.3g} times the speed of the fixes: {cause}?"
         if steady and cause

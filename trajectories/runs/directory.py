@@ -30,7 +30,7 @@ from trajectories.runs.schema import (
     header_from_json,
     header_to_json,
 )
-from trajectories.runs.stream_files import ENDINGS, HELD_ROWS, StreamFile, write_columns
+from trajectories.runs.stream_files import HELD_ROWS, STREAM_ENDINGS, StreamFile, write_columns
 from trajectories.runs.streams import RunStreams
 
 FORMATS = ("parquet", "csv", "csv.gz")
@@ -249,7 +249,7 @@ def _load(path: Path, name: str, load: Callable, findings: Findings, held_rows: 
 def _open_stream(
     path: Path, name: str, findings: Findings, held_rows: int = HELD_ROWS
 ) -> StreamFile | None:
-    found = [f"{name}{end}" for end in ENDINGS if os.path.lexists(path / f"{name}{end}")]
+    found = [f"{name}{end}" for end in STREAM_ENDINGS if os.path.lexists(path / f"{name}{end}")]
     if len(found) > 1:
         findings.error(f"{' and '.join(found)}: needed one of them")
     elif not found and name == "imu":
@@ -280,11 +280,13 @@ def _confined(path: Path, name: str) -> Path:
 
 
 def _label(path: Path, name: str) -> str:
-    return next((f"{name}{end}" for end in ENDINGS if (path / f"{name}{end}").exists()), name)
+    return next(
+        (f"{name}{end}" for end in STREAM_ENDINGS if (path / f"{name}{end}").exists()), name
+    )
 
 
 def _run_files() -> set[str]:
-    return {"run.json", *(f"{name}{end}" for name in STREAMS for end in ENDINGS)}
+    return {"run.json", *(f"{name}{end}" for name in STREAMS for end in STREAM_ENDINGS)}
 
 
 def _warn_of_strangers(path: Path, findings: Findings) -> None:

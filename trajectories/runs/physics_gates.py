@@ -15,7 +15,7 @@ from ins.records import AXES, ImuSource, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.runs.checks import Findings
 
-QUIET_S = 30.0  # length of the quiet stretch the gates use
+GATE_QUIET_S = 30.0  # length of the quiet stretch the gates use
 QUIET_SEARCH_S = 600.0  # looked for in this much of the log
 # of |f|: scatter of one-second means; sway and gusts stay below it, driving does not
 QUIET_F = 0.02
@@ -73,13 +73,13 @@ def quiet_means(source: ImuSource) -> QuietMeans | None:
     still, else None.
     """
     start, last = source.start_s, source.end_s
-    imu = source.between(-np.inf, start + QUIET_SEARCH_S + QUIET_S)
+    imu = source.between(-np.inf, start + QUIET_SEARCH_S + GATE_QUIET_S)
     while start < min(source.start_s + QUIET_SEARCH_S, last):
-        part = slice(*np.searchsorted(imu.time_s, [start, start + QUIET_S]))
-        start += QUIET_S
+        part = slice(*np.searchsorted(imu.time_s, [start, start + GATE_QUIET_S]))
+        start += GATE_QUIET_S
         time_s, dt_s = imu.time_s[part], imu.dt_s[part]
         if time_s.size < 2 or time_s[-1] - time_s[0] < min(
-            QUIET_S / 2, (last - source.start_s) / 2
+            GATE_QUIET_S / 2, (last - source.start_s) / 2
         ):
             continue
         second = np.searchsorted(time_s, np.arange(time_s[0], time_s[-1], 1.0))
@@ -102,8 +102,8 @@ def check_physics(
     means = quiet_means(imu)
     if means is None:
         findings.warn(
-            f"{label}: no {QUIET_S:g} s at rest in the first {QUIET_SEARCH_S:g} s: units and axes"
-            " not tested"
+            f"{label}: no {GATE_QUIET_S:g} s at rest in the first {QUIET_SEARCH_S:g} s: units and"
+            " axes not tested"
         )
         return None
     f_wrong = _force_size(means, imu, technology) or _force_axis(means, site, technology)

@@ -30,7 +30,7 @@ from trajectories.runs.text_rows import (
     text_parts,
 )
 
-ENDINGS = (".parquet", ".csv", ".csv.gz")
+STREAM_ENDINGS = (".parquet", ".csv", ".csv.gz")
 # what pandas adds to a filtered frame, no data of the run
 PANDAS_INDEX = re.compile(r"__index_level_\d+__")
 

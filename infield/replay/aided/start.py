@@ -29,7 +29,7 @@ from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import Reason, because
 
 # of log to match on, at first and at most; between two tries
-FIRST_WINDOW_S, LONGEST_WINDOW_S, STRIDE_S = 15.0, 60.0, 20.0
+FIRST_WINDOW_S, LONGEST_MATCH_S, STRIDE_S = 15.0, 60.0, 20.0
 LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
 # sigma of a match that is taken: three of them are still nearly linear
 HEADING_LIMIT_RAD = 3.0 * DEG
@@ -120,7 +120,7 @@ def moving_start(
     best: float | None = None
     for first_s in _candidates(imu, fixes):
         gyro = _bias_before(imu, stands, first_s, twin, gyro_sigma_deg_h)
-        for window_s in np.arange(FIRST_WINDOW_S, LONGEST_WINDOW_S + 1.0, FIRST_WINDOW_S):
+        for window_s in np.arange(FIRST_WINDOW_S, LONGEST_MATCH_S + 1.0, FIRST_WINDOW_S):
             if (
                 first_s + window_s > imu.end_s
                 or _level_change(fixes, first_s, first_s + window_s) < LEAST_CHANGE_M_S
@@ -142,13 +142,13 @@ def moving_start(
                 return _started(found, log, fixes, last, lever_arm_m, gyro, twin)
     if best is None:
         return because(
-            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_WINDOW_S
+            AidedReason.NO_VELOCITY_CHANGE, needed_m_s=LEAST_CHANGE_M_S, longest_s=LONGEST_MATCH_S
         )
     return because(
         AidedReason.HEADING_UNSURE,
         best_rad=best,
         limit_rad=HEADING_LIMIT_RAD,
-        longest_s=LONGEST_WINDOW_S,
+        longest_s=LONGEST_MATCH_S,
     )
 
 
@@ -160,7 +160,7 @@ def _candidates(imu: ImuSource, fixes: Fixes) -> list[float]:
     return [
         t
         for t in np.arange(first, imu.end_s - FIRST_WINDOW_S, STRIDE_S)
-        if _level_change(fixes, t, t + LONGEST_WINDOW_S) > 0
+        if _level_change(fixes, t, t + LONGEST_MATCH_S) > 0
     ]
 
 

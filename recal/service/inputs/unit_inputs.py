@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from alignment import coarse, gyrocompass
+from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
 from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -21,9 +22,6 @@ from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
 from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
-
-# of a gyro without a table, by technology
-UNKNOWN_BIAS_DEG_H = gyrocompass.UNKNOWN_BIAS_DEG_H
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
     log shows.
     """
     header, rest = run.header, find_rest(run)
-    sigma = gyrocompass.UNKNOWN_BIAS_DEG_H[header.gyro_technology]
+    sigma = UNKNOWN_BIAS_DEG_H[header.gyro_technology]
     if rest is not None:
         sigma = gyrocompass.unknown_bias_sigma_deg_h(
             twin, coarse.rest_means(run.imu.between(*rest))

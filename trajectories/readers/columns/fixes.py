@@ -21,7 +21,7 @@ MAX_HEIGHT_M = 30_000.0  # of a site, see ins.records.Site
 # Between a fix and what belongs to it in a message of its own: velocity, accuracy; fixes come at
 # 5 Hz and slower.
 MATCH_S = 0.15
-LOST = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
+LOST_SIGMA = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,7 +147,7 @@ def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
     lost = (
         np.zeros(nowhere.size, dtype=bool)
         if raw.sigmas is None
-        else np.any(raw.sigmas >= LOST, axis=0)
+        else np.any(raw.sigmas >= LOST_SIGMA, axis=0)
     )
     rows = np.flatnonzero(raw.is_3d & finite & sane & ~nowhere & ~lost)
     near = (_jump(raw.lat_deg[rows]) <= MAX_JUMP_DEG) & (_jump(raw.lon_deg[rows]) <= MAX_JUMP_DEG)
@@ -162,7 +162,7 @@ def _good_rows(raw: RawFixes) -> tuple[NDArray, dict[str, NDArray]]:
         "not finite or beyond any aircraft": np.flatnonzero(
             raw.is_3d & ~(finite & sane) & ~nowhere
         ),
-        f"the receiver's own sigma is {LOST:g} or more": np.flatnonzero(
+        f"the receiver's own sigma is {LOST_SIGMA:g} or more": np.flatnonzero(
             raw.is_3d & finite & sane & lost & ~nowhere
         ),
         "time or position jumps and comes back": rows[~near],

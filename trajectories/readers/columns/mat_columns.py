@@ -22,7 +22,7 @@ EXPRESSION = re.compile(
 )
 MAX_FIELD_DEPTH = 4  # of fields within fields that are looked at
 MAX_ELEMENTS = 100  # of an array of structs that are looked at
-SHOWN = 12  # names of a message
+SHOWN_NAMES = 12  # names of a message
 
 Leaves = dict[str, NDArray]
 
@@ -56,7 +56,8 @@ def shapes(values: Mapping[str, NDArray]) -> str:
     """What there is, for a message: "imu.wb 1000x3, imu.t 1000x1"."""
     shown = [f"{name} {v.shape[0]}x{v.shape[1]}" for name, v in values.items()]
     return (
-        ", ".join(shown[:SHOWN]) + (f" and {len(shown) - SHOWN} more" if len(shown) > SHOWN else "")
+        ", ".join(shown[:SHOWN_NAMES])
+        + (f" and {len(shown) - SHOWN_NAMES} more" if len(shown) > SHOWN_NAMES else "")
         or "no matrix of numbers"
     )
 

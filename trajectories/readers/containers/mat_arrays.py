@@ -43,7 +43,7 @@ CLASSES = {
 CELL = 1
 STRUCT = 2
 CHAR = 4
-TEXTS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
+ENCODINGS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 COMPLEX = 0x0800
 MAX_ARRAY_DEPTH = 6  # of cells and structs in each other
 MAX_DIMENSIONS = 8  # of an array; series have two
@@ -134,7 +134,7 @@ class MatArray:
 
     def _texts(self) -> NDArray:
         kind, data = self._element()
-        name = TEXTS.get(kind, "")
+        name = ENCODINGS.get(kind, "")
         if name in ("utf-16", "utf-32"):
             name += "-le" if self._order == "<" else "-be"
         text = bytes(data).decode(name or "latin-1", errors="replace")

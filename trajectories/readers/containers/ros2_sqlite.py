@@ -17,7 +17,7 @@ MAX_VALUE_BYTES = 1 << 28
 # Of SQLite's machine: a query over a file ends well before.
 STEPS_PER_BYTE = 200
 LEAST_STEPS = 10**8
-STEPS = 10_000  # between two looks at the count
+ROWS_BETWEEN_LOOKS = 10_000  # between two looks at the count
 ZSTD = b"\x28\xb5\x2f\xfd"
 
 
@@ -35,7 +35,7 @@ def read_sqlite(path: Path, bag: Bag, label: str) -> None:
     try:
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_VALUE_BYTES)
         connection.execute("PRAGMA trusted_schema = OFF")
-        connection.set_progress_handler(_Budget(path.stat().st_size), STEPS)
+        connection.set_progress_handler(_Budget(path.stat().st_size), ROWS_BETWEEN_LOOKS)
         connection.text_factory = lambda data: data.decode("utf-8", errors="replace")
         topics = _topics(connection, bag, label)
         _messages(connection, topics, bag, label)
@@ -54,7 +54,7 @@ class _Budget:
     """
 
     def __init__(self, size: int) -> None:
-        self._left = max(LEAST_STEPS, STEPS_PER_BYTE * size) // STEPS
+        self._left = max(LEAST_STEPS, STEPS_PER_BYTE * size) // ROWS_BETWEEN_LOOKS
 
     def __call__(self) -> int:
         self._left -= 1

@@ -19,7 +19,7 @@ from ins.records import InputError
 
 IMU = "sensor_msgs/Imu"
 TEMPERATURE = "sensor_msgs/Temperature"
-FIX = "sensor_msgs/NavSatFix"
+NAVSATFIX = "sensor_msgs/NavSatFix"
 TWIST = "geometry_msgs/TwistStamped"
 TWIST_COVARIANCE = "geometry_msgs/TwistWithCovarianceStamped"
 # Count and letter (struct) of each field after the header; "-": not kept. And the md5sum of ROS 1.
@@ -28,7 +28,7 @@ LAYOUTS = {
     IMU: ("-4d -9d 3d 1d -8d 3d 1d -8d", "6a62c6daae103f4ff57a132d6f95cec2"),
     TEMPERATURE: ("1d -1d", "ff71b307acdbe7c871a5a6d7ed359100"),
     # status, place, diagonal, its kind
-    FIX: ("1b -1H 3d 1d -3d 1d -3d 1d 1B", "2d3a8cd499b9b4a0249fb98fd05cfa48"),
+    NAVSATFIX: ("1b -1H 3d 1d -3d 1d -3d 1d 1B", "2d3a8cd499b9b4a0249fb98fd05cfa48"),
     TWIST: ("3d -3d", "98d34b0043a2093cf9d9345ab6eef12e"),
     TWIST_COVARIANCE: ("3d -3d 1d -6d 1d -6d 1d -21d", "8927a1a12fb2607ceea095b2dc440a96"),
 }

@@ -24,11 +24,11 @@ ULOG_HEAD = b"ULog\x01\x12\x35"
 ULOG_HEAD_BYTES = 16
 DATA = ord("D")
 FLAGS = ord("B")
-KINDS = frozenset(b"FIMPQARSDOLCB")  # message types of the format's version 1
-MAX_BODY = 4096  # of anything but data
+MESSAGE_TYPES = frozenset(b"FIMPQARSDOLCB")  # message types of the format's version 1
+MAX_PLAIN_BYTES = 4096  # of anything but data
 MAX_TOPIC_BYTES = 65_535  # of a message: its length has two bytes
 MAX_NESTED = 5  # formats within formats
-CLOCK = "timestamp"  # a field of every topic
+CLOCK_FIELD = "timestamp"  # a field of every topic
 CHAIN = 3  # messages in a row that must fit where reading goes on after damage
 ULOG_TYPES = {
     "int8_t": "<i1",
@@ -110,14 +110,16 @@ def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
         for k, found in walk.places.items()
         if found
     }
-    stray = sorted({name for (name, _), topic in topics.items() if CLOCK not in topic})
+    stray = sorted({name for (name, _), topic in topics.items() if CLOCK_FIELD not in topic})
     lost = sum(walk.dropouts_ms)
     notes = skipped_lines(walk.skipped, end) + (
         [f"the logger lost {lost} ms in {len(walk.dropouts_ms)} dropouts"] if lost else []
     )
-    notes += [f"topic {name} without {CLOCK} (its format damaged?), not read" for name in stray]
+    notes += [
+        f"topic {name} without {CLOCK_FIELD} (its format damaged?), not read" for name in stray
+    ]
     return UlogTables(
-        topics={key: topic for key, topic in topics.items() if CLOCK in topic},
+        topics={key: topic for key, topic in topics.items() if CLOCK_FIELD in topic},
         parameters=walk.parameters,
         information=walk.information,
         notes=tuple(f"{path.name}: {line}" for line in notes),
@@ -130,7 +132,7 @@ def _begins(walk: _Walk, data: bytes, at: int) -> bool:
         return True
     size, kind = data[at] | data[at + 1] << 8, data[at + 2]
     if kind != DATA:
-        return kind in KINDS and 0 < size <= MAX_BODY
+        return kind in MESSAGE_TYPES and 0 < size <= MAX_PLAIN_BYTES
     return at + 5 > len(data) or walk.sizes.get(data[at + 3] | data[at + 4] << 8) == size
 
 
@@ -170,7 +172,7 @@ def _take(
     walk: _Walk, data: bytes, at: int, after: int, wanted: Collection[str], label: str
 ) -> None:
     """Take up one whole message."""
-    kind, body = data[at + 2], data[at + 3 : min(after, at + 3 + MAX_BODY)]
+    kind, body = data[at + 2], data[at + 3 : min(after, at + 3 + MAX_PLAIN_BYTES)]
     if kind == DATA:
         message = data[at + 3] | data[at + 4] << 8
         if message in walk.places:

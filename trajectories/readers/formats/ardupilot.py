@@ -28,13 +28,13 @@ from trajectories.readers.rows.column_map import StretchKeys, column_map, stretc
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 
-GYRO = tuple(f"Gyr{a.upper()}" for a in AXES)
-ACCEL = tuple(f"Acc{a.upper()}" for a in AXES)
+GYRO_FIELDS = tuple(f"Gyr{a.upper()}" for a in AXES)
+ACCEL_FIELDS = tuple(f"Acc{a.upper()}" for a in AXES)
 TEMPERATURE_FIELDS = ("T", "Temp")  # of the IMU message, new and old
 MAX_IMUS = 9
 TEXT_MESSAGES = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
 # as declared
-UNITS = {
+FIELD_UNITS = {
     "GyrX": {"rad/s": "rad/s", "deg/s": "deg/s"},
     "AccX": {"m/s/s": "m/s2", "m/s2": "m/s2", "g": "g"},
 }
@@ -76,13 +76,13 @@ def log_from_tables(
     name, table = _imu_table(tables, keys.imu, path.name, notes)
     label = f"{path.name}: {name}"
     clock = log_clock(table, ("TimeUS", "TimeMS"))
-    missing = [k for k in (*GYRO, *ACCEL) if k not in table]
+    missing = [k for k in (*GYRO_FIELDS, *ACCEL_FIELDS) if k not in table]
     if clock is None or missing:
         column = missing[0] if missing else "TimeUS or TimeMS"
         raise InputError(f"{label}: no column {column}, has {' '.join(table)}"[:300])
-    columns = {"time": clock, **{k: table[k] for k in (*GYRO, *ACCEL)}}
+    columns = {"time": clock, **{k: table[k] for k in (*GYRO_FIELDS, *ACCEL_FIELDS)}}
     offsets, level_removed, offset_notes = _gyro_offsets(tables, keys, label)
-    columns |= {k: columns[k] + offset for k, offset in zip(GYRO, offsets)}
+    columns |= {k: columns[k] + offset for k, offset in zip(GYRO_FIELDS, offsets)}
     temperature, temperature_notes = _temperature(table, label)
     columns |= temperature
     keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
@@ -158,7 +158,7 @@ def _units(
     used = {
         text[list(table).index(name)]
         for text in said
-        for name in UNITS
+        for name in FIELD_UNITS
         if list(table).index(name) < len(text)
     }
     told = {
@@ -170,7 +170,7 @@ def _units(
             " firmwares joined?"
         )
     found = {"GyrX": "rad/s", "AccX": "m/s2"}
-    for name, known in UNITS.items():
+    for name, known in FIELD_UNITS.items():
         text, place = letters.get(kinds[0], "") if kinds else "", list(table).index(name)
         declared_label = labels.get(text[place]) if place < len(text) else None
         if declared_label is not None and declared_label not in known:
@@ -183,8 +183,8 @@ def _units(
 
 def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
     keys: dict[str, Any] = {"time": {"column": "time"}}
-    keys["gyro"] = {"columns": list(GYRO), "unit": units["GyrX"]}
-    keys["accel"] = {"columns": list(ACCEL), "unit": units["AccX"]}
+    keys["gyro"] = {"columns": list(GYRO_FIELDS), "unit": units["GyrX"]}
+    keys["accel"] = {"columns": list(ACCEL_FIELDS), "unit": units["AccX"]}
     return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
 
 

@@ -35,13 +35,13 @@ from trajectories.readers.rows.increment_rows import (
     refuse_other_width,
 )
 
-W = [f"dtheta_{a}" for a in AXES]
-F = [f"dvel_{a}" for a in AXES]
-ROW = ["time", *W, *F]
+DTHETA_COLUMNS = [f"dtheta_{a}" for a in AXES]
+DVEL_COLUMNS = [f"dvel_{a}" for a in AXES]
+ROW_COLUMNS = ["time", *DTHETA_COLUMNS, *DVEL_COLUMNS]
 MAP = {
     "time": {"column": "time"},
-    "gyro": {"columns": W, "unit": "rad"},
-    "accel": {"columns": F, "unit": "m/s"},
+    "gyro": {"columns": DTHETA_COLUMNS, "unit": "rad"},
+    "accel": {"columns": DVEL_COLUMNS, "unit": "m/s"},
 }
 PLACE, SPEED, SIGMA, SPEED_SIGMA = (
     [f"{stem}{k}" for k in range(3)] for stem in ("place", "speed", "sigma", "speed_sigma")
@@ -70,7 +70,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     """The log, with the fixes and the truth of other files."""
     refuse_non_finite(dict(options), name="map")
     keys = parse(KfginsKeys, dict(options), name="map")
-    columns, notes = _table(path, {7: ROW[1:]}, "time, dtheta x y z, dvel x y z")
+    columns, notes = _table(path, {7: ROW_COLUMNS[1:]}, "time, dtheta x y z, dvel x y z")
     log = converted(columns, column_map(MAP | stretch_of(keys)), label=path.name, notes=notes)
     start, told = _date(keys.gps_week, log.time_shift_s, path.name)
     log = replace(log, header={**start, **keys.run}, notes=(*log.notes, *told))
@@ -94,7 +94,7 @@ def _table(
         doubles = head_doubles(path, 7) if 7 in rows and len(rows) == 1 else None
         if doubles is None:
             raise InputError(f"{path.name}: not rows of numbers, needed {what}")
-        return read_columns(path, LayoutKeys(format="binary", columns=ROW), ROW)
+        return read_columns(path, LayoutKeys(format="binary", columns=ROW_COLUMNS), ROW_COLUMNS)
     head, layout = text
     refuse_other_width(head, list(rows), path.name, what)
     names = [first, *rows[head.shape[1]]]

@@ -41,8 +41,18 @@ INS = ("INSPVAS", "INSPVA")
 WANTED_LOGS = (*RAW_LOGS, *GNSS, *INS, "INSCONFIG")
 DETECT = rb"[#%](RAWIMU|INSPVA|BESTPOS|BESTGNSSPOS|INSCONFIG)S?X?S?A,"
 EXTENDED = ("info", "type")
-FIELDS = ("week", "seconds", "", "accel_z", "accel_-y", "accel_x", "gyro_z", "gyro_-y", "gyro_x")
-VEHICLE = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
+RAWIMU_FIELDS = (
+    "week",
+    "seconds",
+    "",
+    "accel_z",
+    "accel_-y",
+    "accel_x",
+    "gyro_z",
+    "gyro_-y",
+    "gyro_x",
+)
+VEHICLE_AXES = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
 # Bits of the first field of RAWIMUX.
 IMU_ERROR = 1
 ENCRYPTED = 2
@@ -106,7 +116,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     shape = {
         "time": {"column": "time"},
         **units,
-        "axes": (keys.axes or VEHICLE).model_dump(),
+        "axes": (keys.axes or VEHICLE_AXES).model_dump(),
         **stretch_of(keys),
     }
     log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *notes])
@@ -138,7 +148,7 @@ def _counts(logs: Logs, name: str, label: str) -> tuple[dict[str, NDArray], list
     """The columns of the raw log, and notes on rows left out; RAWIMUX has two fields more in
     front.
     """
-    names = [*(EXTENDED if name.endswith("X") else ()), *FIELDS]
+    names = [*(EXTENDED if name.endswith("X") else ()), *RAWIMU_FIELDS]
     rows = [fields for _, fields in logs[name]]
     whole = of_width(rows, len(names))
     if not whole:

@@ -25,13 +25,13 @@ from trajectories.readers.rows.column_map import StretchKeys, column_map, stretc
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.checks import MIN_RATE_HZ, RATE_TOLERANCE
 
-RAW = "sensor_gyro"
+RAW_TOPIC = "sensor_gyro"
 INTEGRATED = "vehicle_imu"
 COMBINED = "sensor_combined"
-SOURCES = (RAW, INTEGRATED, COMBINED)
+IMU_TOPICS = (RAW_TOPIC, INTEGRATED, COMBINED)
 BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 GPS = ("vehicle_gps_position", "sensor_gps")
-WANTED_TOPICS = [*SOURCES, "sensor_accel", *GPS]
+WANTED_TOPICS = [*IMU_TOPICS, "sensor_accel", *GPS]
 FIX_TYPE_3D = 3
 # of the gyros' rate: slower, and the nearest of its rows is that of another moment
 SLOWEST_ACCEL = 0.45
@@ -45,7 +45,7 @@ Columns = dict[str, NDArray]
 
 
 class Px4Keys(StretchKeys):
-    """Map keys of a PX4 log. `topic`: where the IMU is taken from; default the first of SOURCES
+    """Map keys of a PX4 log. `topic`: where the IMU is taken from; default the first of IMU_TOPICS
     that will do.
     """
 
@@ -70,10 +70,10 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
             " (--imu)"
         )
     label = f"{path.name}: {topic} {keys.imu}"
-    if topic == RAW:
+    if topic == RAW_TOPIC:
         _refuse_turned(tables, keys.imu - 1, label)
-    notes = [] if topic == RAW else _compensation(tables, topic, label)
-    make = {RAW: _raw, INTEGRATED: _integrated, COMBINED: _combined}[topic]
+    notes = [] if topic == RAW_TOPIC else _compensation(tables, topic, label)
+    make = {RAW_TOPIC: _raw, INTEGRATED: _integrated, COMBINED: _combined}[topic]
     columns, more = make(tables, keys.imu - 1, label)
     log = converted(columns, column_map(MAP | stretch_of(keys)), label=label, notes=[])
     found, gps_notes = _fixes(tables, path.name)
@@ -95,10 +95,10 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
 
 def _best(tables: UlogTables, number: int, label: str) -> str:
     """The first topic that has this IMU at a rate that a run may have."""
-    for name in SOURCES:
+    for name in IMU_TOPICS:
         topics = [
             tables.topics.get((k, number - 1))
-            for k in ((name, "sensor_accel") if name == RAW else (name,))
+            for k in ((name, "sensor_accel") if name == RAW_TOPIC else (name,))
         ]
         rates = [0.0 if t is None else _rate_hz(t) for t in topics]
         if (
@@ -106,7 +106,7 @@ def _best(tables: UlogTables, number: int, label: str) -> str:
             and rates[-1] > SLOWEST_ACCEL * rates[0]
         ):
             return name
-    held = sorted(f"{name} {i + 1}" for name, i in tables.topics if name in SOURCES)
+    held = sorted(f"{name} {i + 1}" for name, i in tables.topics if name in IMU_TOPICS)
     raise InputError(
         f"{label}: no IMU {number} at {MIN_RATE_HZ:g} Hz or more, has {', '.join(held) or 'none'}"
         " (--imu)"
@@ -136,7 +136,7 @@ def _refuse_turned(tables: UlogTables, instance: int, label: str) -> None:
     are not the vehicle's.
     """
     turned = [k for k in BOARD_PARAMETERS if tables.parameters.get(k)]
-    device = tables.topics[RAW, instance].get("device_id", np.zeros(1))
+    device = tables.topics[RAW_TOPIC, instance].get("device_id", np.zeros(1))
     for k in range(4):
         same = tables.parameters.get(f"CAL_GYRO{k}_ID", 0.0) % 2**32 == device[0] != 0
         turned += (
@@ -158,7 +158,7 @@ def _compensation(tables: UlogTables, topic: str, label: str) -> list[str]:
     if tables.parameters.get("TC_G_ENABLE"):
         raise InputError(
             f"{label}: TC_G_ENABLE is on: gyros compensated for temperature in flight, needed raw"
-            f" {RAW} in the log"
+            f" {RAW_TOPIC} in the log"
         )
     offsets = {
         k: v
@@ -173,7 +173,7 @@ def _compensation(tables: UlogTables, topic: str, label: str) -> list[str]:
 
 def _raw(tables: UlogTables, instance: int, label: str) -> tuple[Columns, list[str]]:
     """Gyro rows, each with the accelerometer row nearest in time."""
-    gyro, accel = tables.topics[RAW, instance], tables.topics.get(("sensor_accel", instance))
+    gyro, accel = tables.topics[RAW_TOPIC, instance], tables.topics.get(("sensor_accel", instance))
     if accel is None:
         raise InputError(f"{label}: no sensor_accel {instance + 1} beside it")
     time_s, accel_s = _clock(gyro), _clock(accel)
@@ -252,7 +252,7 @@ def _temperature(
             if device is None
             else np.array_equal(sensor.get("device_id", np.empty(0))[:1], device[:1])
         )
-        if name == RAW and same and "temperature" in sensor:
+        if name == RAW_TOPIC and same and "temperature" in sensor:
             time_s, values = _clock(sensor) - log.time_shift_s, sensor["temperature"]
             rows = np.flatnonzero((values != 0.0) & (time_s >= 0) & (time_s <= log.imu.end_s))
             rows = rows[np.argsort(time_s[rows], kind="stable")]

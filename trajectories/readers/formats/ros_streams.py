@@ -15,7 +15,7 @@ from trajectories.readers.columns.fixes import MATCH_S, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import PLAUSIBLE_DEGC, second_means
 from trajectories.readers.columns.side_streams import with_fixes
 from trajectories.readers.containers.ros_messages import (
-    FIX,
+    NAVSATFIX,
     TEMPERATURE,
     TWIST,
     TWIST_COVARIANCE,
@@ -34,7 +34,7 @@ def chosen(bag: Bag, fix_topic: str | None, velocity_topic: str | None, label: s
     """The topics of fixes and of their velocity; notes say why there is none. InputError where one
     asked for is absent.
     """
-    fix = _only(bag, fix_topic, bag.of_kind(FIX), "NavSatFix", "fix_topic", label)
+    fix = _only(bag, fix_topic, bag.of_kind(NAVSATFIX), "NavSatFix", "fix_topic", label)
     twists = bag.of_kind(TWIST, TWIST_COVARIANCE)
     if velocity_topic is None and fix is not None:
         same = [t for t in twists if t.frame_id == fix.frame_id]

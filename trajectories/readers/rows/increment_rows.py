@@ -21,7 +21,7 @@ SNIFFED_BYTES = 1 << 16
 MIN_ROWS = 20
 MIN_WHOLE = 0.9  # of the first rows: the others are damaged
 INTERVAL_S = (4e-4, 0.11)  # 10 Hz to 2 kHz with room
-GRAVITY_M_S2 = (7.0, 13.0)  # of the median: what a vehicle feels most of the time
+PLAUSIBLE_G_M_S2 = (7.0, 13.0)  # of the median: what a vehicle feels most of the time
 PLAUSIBLE = 1e12  # of any number in such a row
 COMMENTS = ("%", "#", "//")
 
@@ -81,7 +81,10 @@ def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
         return False
     interval = float(np.median(steps))
     force = float(np.median(np.linalg.norm(rows[:, accel : accel + 3], axis=1))) / interval
-    return INTERVAL_S[0] < interval < INTERVAL_S[1] and GRAVITY_M_S2[0] < force < GRAVITY_M_S2[1]
+    return (
+        INTERVAL_S[0] < interval < INTERVAL_S[1]
+        and PLAUSIBLE_G_M_S2[0] < force < PLAUSIBLE_G_M_S2[1]
+    )
 
 
 def refuse_other_width(rows: NDArray, widths: Sequence[int], label: str, what: str) -> None:

@@ -23,7 +23,7 @@ MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
 MAX_LATE_S = 10.0
 AHEAD_INTERVALS = 2.5  # before the five rows around it: garbled, or written early
 BACKWARD = "time repeats or goes back"
-NOT_FINITE = "missing or not finite"
+NOT_FINITE_ROW = "missing or not finite"
 # Dropped, but no sign of a wrong map.
 OTHERS = "no value of the imu (rows of other streams)"
 NOT_COUNTED = ("filler", "repeat an earlier row", "time is zero", OTHERS)
@@ -131,7 +131,7 @@ def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) ->
         k = int(np.argmin(steps))
         told = f"clock goes back by {-steps[k]:.3f} s at row {stamped[k + 1] + 1}"
         return f"{told}: set back, or logs joined? --to-s or --from-s takes one side"
-    if worst == NOT_FINITE:
+    if worst == NOT_FINITE_ROW:
         gyro, accel = (int(np.isfinite(v).all(axis=1).sum()) for v in (w, f))
         if max(gyro, accel) > 1.5 * min(gyro, accel):
             return (
@@ -164,7 +164,7 @@ def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str,
         "filler": np.flatnonzero(filler),
         "time is zero": np.flatnonzero(unstamped & ~filler),
         OTHERS: np.flatnonzero(others & ~filler & ~unstamped),
-        NOT_FINITE: np.flatnonzero(~finite & ~dropped),
+        NOT_FINITE_ROW: np.flatnonzero(~finite & ~dropped),
         f"beyond {PLAUSIBLE_RAD_S:g} rad/s or {PLAUSIBLE_M_S2:g} m/s2": np.flatnonzero(
             finite & ~sane & ~dropped
         ),
