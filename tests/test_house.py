@@ -7,6 +7,7 @@ import ast
 import re
 import subprocess
 import sys
+import tokenize
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
@@ -206,3 +207,81 @@ def test_each_of_these_is_written_in_one_place(pattern):
         if re.search(pattern, path.read_text(encoding="utf-8"))
     }
     assert places <= HOMES[pattern]
+
+
+# A threshold is a number of a module that something is compared with by size. What stands beside it
+# or above it is its unit and where it comes from: a page or paper, a figure one can check, a test.
+REASONED_THRESHOLDS = 0.16  # share of all; the goal is 1
+SOURCE = re.compile(r"\d|\.md\b|tests/")
+
+
+def is_number(node: ast.expr) -> bool:
+    """A number, or several, written out or made of others."""
+    match node:
+        case ast.Constant():
+            return isinstance(node.value, int | float) and not isinstance(node.value, bool)
+        case ast.UnaryOp():
+            return is_number(node.operand)
+        case ast.BinOp():
+            return is_number(node.left) or is_number(node.right)
+        case ast.Tuple():
+            return bool(node.elts) and all(map(is_number, node.elts))
+    return False
+
+
+def comments(path: Path) -> dict[int, str]:
+    """Comment of each line that has one."""
+    with path.open("rb") as file:
+        tokens = list(tokenize.tokenize(file.readline))
+    return {t.start[0]: t.string for t in tokens if t.type == tokenize.COMMENT}
+
+
+def beside(node: ast.stmt, said: dict[int, str], lines: list[str]) -> str:
+    """Comments on the lines of a statement and those directly above it."""
+    found = [said.get(k, "") for k in range(node.lineno, node.end_lineno + 1)]
+    above = node.lineno - 1
+    while above in said and lines[above - 1].lstrip().startswith("#"):
+        found.append(said[above])
+        above -= 1
+    return " ".join(found)
+
+
+def numbers(path: Path) -> Iterator[tuple[str, str]]:
+    """Name of each constant of a module that is a number, and what is said beside it."""
+    text = path.read_text(encoding="utf-8")
+    said, lines = comments(path), text.splitlines()
+    for node in ast.parse(text).body:
+        if not isinstance(node, ast.Assign):
+            continue
+        words = beside(node, said, lines)
+        for target in node.targets:
+            pairs = [(target, node.value)]
+            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+                pairs = list(zip(target.elts, node.value.elts, strict=True))
+            for name, value in pairs:
+                if isinstance(name, ast.Name) and CONSTANT.fullmatch(name.id) and is_number(value):
+                    yield name.id, words
+
+
+def compared_by_size() -> set[str]:
+    """Names of constants within a comparison with <, <=, > or >=."""
+    found = set()
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            ordered = (ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+            if isinstance(node, ast.Compare) and any(isinstance(o, ordered) for o in node.ops):
+                for part in ast.walk(node):
+                    found.add(getattr(part, "id", None) or getattr(part, "attr", ""))
+    return found
+
+
+def test_reasoned_thresholds_only_rise():
+    names = compared_by_size()
+    found = [
+        (str(path.relative_to(ROOT)), name, words)
+        for path in SOURCES
+        for name, words in numbers(path)
+        if name in names
+    ]
+    bare = [f"{path}: {name}" for path, name, words in found if not SOURCE.search(words)]
+    assert 1 - len(bare) / len(found) >= REASONED_THRESHOLDS, bare
