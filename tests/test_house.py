@@ -25,7 +25,7 @@ FRONT_DOOR = "recal/__init__.py"  # the one package file with code
 UNTYPED_RESULTS = 209
 MAPPINGS = {"dict", "Dict", "Mapping", "MutableMapping", "defaultdict", "OrderedDict"}
 ANYTHING = {"Any", "object"}
-NAMES_WITH_SEVERAL_VALUES = 31  # constants
+NAMES_WITH_SEVERAL_VALUES = 35  # constants; the goal is 40
 CONSTANT = re.compile(r"_?[A-Z][A-Z0-9_]*(degC)?")
 
 # Outside these, no function is more complex than 12 or has more than 7 arguments. A kernel takes
