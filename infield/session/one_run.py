@@ -8,7 +8,7 @@ from infield.session import acceptance
 from infield.session.acceptance import Verdict
 from infield.session.estimate import SessionEstimate
 from infield.session.log import compensated_imu, find_rest, session_end
-from infield.session.navigated.claim_chain import ClaimChain, run_claim_chain
+from infield.session.navigated.claim_chain import ChainSpan, ClaimChain, run_claim_chain
 from infield.session.navigated.estimator import estimate_session
 from infield.session.parked.rates import estimate_parked, no_heading
 from infield.session.parked.stretches import Rests, find_rests
@@ -151,11 +151,9 @@ def _claim_chain(
     imu = compensated_imu(run, table, temperature, twin)
     return run_claim_chain(
         imu,
-        run.header.site,
+        ChainSpan(run.header.site, aligned, end_s),
         twin,
-        aligned,
         temperature,
         motion=estimate.solution.motion,
-        until_s=end_s,
         prior_sigma_deg_h=float(np.sqrt(np.diag(estimate.bins.prior)[:2].max())),
     )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from infield.session.log import compensated_imu, session_end
-from infield.session.navigated.claim_chain import run_claim_chain
+from infield.session.navigated.claim_chain import ChainSpan, run_claim_chain
 from infield.session.reasons import ChainNote
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.earth import EARTH_RATE_RAD_S
@@ -24,12 +24,10 @@ def chain_of(seed=1, segments=TAXI):
     session = estimate(seed, segments)
     return run_claim_chain(
         imu,
-        run.header.site,
+        ChainSpan(run.header.site, session.alignment, session_end(run)),
         TWIN,
-        session.alignment,
         temperature,
         motion=session.navigated.motion,
-        until_s=session_end(run),
         prior_sigma_deg_h=0.012,
     )
 

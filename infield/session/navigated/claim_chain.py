@@ -72,24 +72,30 @@ class ClaimChain:
     note: ChainNote
 
 
+@dataclass(frozen=True)
+class ChainSpan:
+    """What the chain navigates: from the alignment of step (a) at a site, until a time."""
+
+    site: Site
+    aligned: Alignment
+    until_s: float
+
+
 def run_claim_chain(
     imu: ImuSource,
-    site: Site,
+    span: ChainSpan,
     twin: TwinModel,
-    aligned: Alignment,
     temperature: GyroTemperature,
     *,
     motion: Motion,
-    until_s: float,
     prior_sigma_deg_h: float,
 ) -> ClaimChain:
-    """Steps (b) to (n). imu: compensated with the stored table; aligned: the result of step (a);
-    motion: of the run.
-    """
+    """Steps (b) to (n). imu: compensated with the stored table; motion: of the run."""
+    site, aligned = span.site, span.aligned
     if aligned.C_nb is None:
         raise ValueError("the chain starts from an alignment that found an attitude")
     start = NavState(time_s=aligned.time_s, site=site, v_n_m_s=np.zeros(3), C_nb=aligned.C_nb)
-    pieces = imu.pieces(aligned.time_s, until_s)
+    pieces = imu.pieces(aligned.time_s, span.until_s)
     # (b), (c)
     history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
     motion = motion.at(history.time_s)
