@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 GYRO_TECHNOLOGIES = ("rlg", "fog", "mems")
 PHASES = ("alignment", "extended_alignment", "taxi", "takeoff", "flight", "landing", "parked")
 PARKED_PHASES = ("alignment", "extended_alignment", "parked")  # those in which the vehicle stands
+AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 PIECE_ROWS = 1 << 16  # of a log that is worked on in pieces
 
 

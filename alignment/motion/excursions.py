@@ -22,7 +22,16 @@ PUSHED_M = 0.3  # net way after which the parked heading is a new one
 PUSH_M, PUSH_SPEED_M_S, PUSH_S = 15.0, 1.0, 90.0
 # epochs of rest before the line through them may have a slope, and of the line
 FRESH, LONGEST_LINE = 30, 90
+FIRST_EPOCHS = 20  # of a solution, whose mean is its first baseline
+# more within them than the end of a braking that a first rest may hold: on either axis
+# REST_FORCE_M_S2 over its first block (alignment.motion.inertial)
+LEAVES_M_S = 2.0**0.5 * 0.3
 STOP_WINDOW_S = 8
+# slower is drift, no start: twice an accelerometer's bias of 0.25 mg, turned with the body
+DRIFT_M_S2 = 5e-3
+DRIFT_EPOCHS = 10  # over which a slope is seen
+# gates off that line: one epoch beyond the gate at the end of quiet ones is 0.65 of it off theirs
+DRIFT_OFF = 0.5
 STOP_SPEED_M_S = 0.25  # baseline uncertainty after rolling: accelerometer bias turned with the body
 STOP_DRIFT_M_S2 = 5e-4
 
@@ -44,6 +53,7 @@ class _Baseline:
         self._mean, self._slope, self._centre = (0.0, 0.0), (0.0, 0.0), 0.0
         # eight times the median miss of the line's own predictions, kept over restarts
         self.gate = 0.0
+        self._drifting = False  # a slope is known though the still epochs are few
 
     @property
     def fresh(self) -> bool:
@@ -69,8 +79,25 @@ class _Baseline:
 
     def restart(self, k: int, v: NDArray) -> None:
         """Begin anew at epoch k with v (m, 2) as what rest looks like."""
-        self._first, self._end = k, k + 1
+        self._first, self._end, self._drifting = k, k + 1, False
         self._fit(v)
+
+    def drifts(self, k: int, most_off: float) -> bool:
+        """Whether the still velocity ran off along a line too gentle for a vehicle that leaves; it
+        is the baseline then.
+        """
+        first = k + 1 - DRIFT_EPOCHS
+        if first < self._first:
+            return False
+        T, v = self._t[first : k + 1], self._v[first : k + 1]
+        s = T - T.mean()
+        slope = s @ v / (s @ s)
+        off = v - v.mean(axis=0) - s[:, None] * slope
+        if hypot(*slope) > DRIFT_M_S2 or np.abs(off).max() > most_off:
+            return False
+        self._first, self._end, self._drifting = first, k + 1, True
+        self._fit(v)
+        return True
 
     def _fit(self, v: NDArray) -> None:
         T = self._t[self._first : self._end]
@@ -79,7 +106,7 @@ class _Baseline:
             tuple(v.mean(axis=0).tolist()),
             (0.0, 0.0),
         )
-        if not self.fresh:
+        if self._drifting or not self.fresh:
             s = T - self._centre
             self._slope = tuple((s @ v / (s @ s)).tolist())
 
@@ -94,7 +121,10 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
     kind, cause, pushed = np.full(len(t), STILL), np.full(len(t), "", dtype=object), []
     gate = max(min(8.0 * sigma, EXCESS_MOTION_M_S), 5.0 * sigma, SMALLEST_GATE_M_S)
     base = _Baseline(t, v)
-    base.restart(0, v[: min(len(t), 20)])
+    first = v[:FIRST_EPOCHS]
+    # a solution begins at rest; of one whose vehicle leaves at once only the first epoch is
+    leaves = np.linalg.norm(np.ptp(first, axis=0)) > LEAVES_M_S
+    base.restart(0, first[:1] if leaves else first)
     k, guard_until, name = 0, -np.inf, ""
     while k < len(t):
         limit = max(gate, base.gate) + (0.03 if base.fresh else 0.0)
@@ -103,6 +133,11 @@ def find_excursions(t: NDArray, v: NDArray, sigma: float) -> tuple[NDArray, NDAr
             if t[k] < guard_until:
                 kind[k], cause[k] = DISTURBED, name
             base.add(k, miss)
+            k += 1
+            continue
+        if base.drifts(k, DRIFT_OFF * gate):
+            if t[k] < guard_until:
+                kind[k], cause[k] = DISTURBED, name
             k += 1
             continue
         end, way, rolled = _excursion(t, v, k, base, limit, sigma)

@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.excursions import ROLLED_M
 from alignment.motion.kinds import Cause
 from alignment.motion.seconds import LogSeconds, Seconds, judged
 from ins.compensation import corrected
@@ -91,8 +92,10 @@ def repair(
     while k < len(groups):
         (a, b), jump = groups[k], jumps[k]
         end = _returns(seconds, groups, jumps, k, quiet)
-        if jump is None or (end is None and b - a > LONGEST_S):
-            break  # nothing to compare with, or the vehicle drives off
+        if jump is None:
+            break  # nothing to compare with
+        if end is None and b - a > LONGEST_S and not _lost_in_a_shake(seconds, (a, b), jump, quiet):
+            break  # the vehicle drives off
         if end is None or end == k or seconds.lost[a:b].any():
             fault, edit = _judge(seconds, (a, b), jump, quiet, stays=end is None)
             faults.append(fault)
@@ -122,13 +125,7 @@ def _judge(
         bad |= np.abs(jump.value) > JUMP_SIGMAS * quiet.value
     bad |= lost
     bad[5] |= turned is False
-    total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
-    length = float(seconds.end_s[b - 1] - seconds.start_s[a])
-    edit = _Edit(
-        float(seconds.start_s[a]),
-        float(seconds.end_s[b - 1]),
-        np.where(bad, seconds.level + (total - jump.value) / length, np.nan),
-    )
+    edit = _edit_of(seconds, (a, b) if short else _lost_rows(seconds, a, b), jump, bad)
     if lost:
         reason: Cause | None = Cause.DROPOUT
     elif stuck:
@@ -142,6 +139,45 @@ def _judge(
             fault, reason=reason or Cause.SHOCK, turn_sigma_rad=abs(float(jump.value[5]))
         )
     return fault, edit
+
+
+def _edit_of(seconds: Seconds, rows: tuple[int, int], jump: _Jump, bad: NDArray) -> _Edit:
+    """The rates of the seconds [a, b) that take the jump of the bad axes out of their sum."""
+    a, b = rows
+    total = seconds.integral[b - 1] - (seconds.integral[a - 1] if a else 0.0)
+    length = float(seconds.end_s[b - 1] - seconds.start_s[a])
+    rate = np.where(bad, seconds.level + (total - jump.value) / length, np.nan)
+    return _Edit(float(seconds.start_s[a]), float(seconds.end_s[b - 1]), rate)
+
+
+def _lost_rows(seconds: Seconds, a: int, b: int) -> tuple[int, int]:
+    """First of the seconds [a, b) that lost rows, and the one after the last; [a, b) itself where
+    none did.
+    """
+    lost = a + np.flatnonzero(seconds.lost[a:b])
+    return (int(lost[0]), int(lost[-1]) + 1) if lost.size else (a, b)
+
+
+def _lost_in_a_shake(seconds: Seconds, group: tuple[int, int], jump: _Jump, quiet: _Jump) -> bool:
+    """Whether the vehicle only shook before and after rows were lost, so that the velocity that
+    stays is what the row that stands for them left.
+    """
+    a, b = group
+    lost = a + np.flatnonzero(seconds.lost[a:b])
+    beside = _beside(seconds, a, b, WINDOW)
+    if not lost.size or lost[-1] - lost[0] > LONGEST_S or beside is None:
+        return False
+    spread = seconds.high[a:b, :3].max(axis=0) - seconds.low[a:b, :3].min(axis=0)
+    left = seconds.longest_s[lost].sum() * spread
+    if np.any(np.abs(jump.value[:3]) > left + _velocity_limit(jump, quiet, b - a)):
+        return False
+    ways = []
+    for rows, part in zip(beside, (slice(a, lost[0]), slice(lost[-1] + 1, b))):
+        value, slope = _line(seconds, rows, 0.0)
+        t = seconds.end_s[part, None]
+        way = np.cumsum(seconds.integral[part, :2] - value[:2] - slope[:2] * t, axis=0)
+        ways.append(float(np.linalg.norm(way, axis=1).max(initial=0.0)))  # of seconds: metres
+    return max(ways) <= ROLLED_M
 
 
 def _groups(touched: NDArray) -> list[tuple[int, int]]:
@@ -275,10 +311,13 @@ def _fault(
     seconds: Seconds, a: int, b: int, reason: Cause | None, jump: _Jump, quiet: _Jump
 ) -> ImuFault:
     unknown = 0.5 * (b - a) * float(np.max(np.abs(jump.slope[:2]))) if reason else 0.0
+    turn = float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD))
+    if b - a > LONGEST_S:  # a shake that long may have turned the vehicle for good
+        turn = float(np.hypot(turn, np.max(np.abs(jump.value[3:]))))
     return ImuFault(
         start_s=float(seconds.start_s[a]),
         end_s=float(seconds.end_s[b - 1]),
         reason=reason,
         velocity_sigma_m_s=float(np.max(quiet.value[:2])) + unknown,
-        turn_sigma_rad=float(max(np.max(quiet.value[3:]), SHOCK_TURN_RAD)) if reason else 0.0,
+        turn_sigma_rad=turn if reason else 0.0,
     )

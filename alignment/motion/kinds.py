@@ -33,9 +33,9 @@ class Cause(StrEnum):
 
 
 class Witness(StrEnum):
-    """Who sees a vehicle stand or move."""
+    """Who sees a vehicle stand or move (formats.md, section 5: who saw a stop)."""
 
-    ROWS = "rows"
+    ROWS = "imu"
     NAVIGATION = "navigation"
     GNSS = "gnss"
     WHEELS = "odometer"

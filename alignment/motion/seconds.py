@@ -232,7 +232,7 @@ class Seconds:
     start_s, end_s (m,); integral (m, 6): running sums less the quiet `level` (6,) per second;
     channels (m, 6): where rows or the sum lie beyond the quiet level; stuck (m,): three rows on end
     read the stretch's largest or smallest value; lost (m,): a row that stands for more than LOST_S
-    of lost ones.
+    of lost ones; longest_s, high, low: of the rows.
     """
 
     start_s: NDArray
@@ -242,6 +242,9 @@ class Seconds:
     channels: NDArray
     stuck: NDArray
     lost: NDArray
+    longest_s: NDArray
+    high: NDArray
+    low: NDArray
 
     @cached_property
     def touched(self) -> NDArray:
@@ -269,6 +272,9 @@ def judged(part: LogSeconds) -> Seconds | None:
         channels=channels,
         stuck=(stuck & channels).any(axis=1),
         lost=part.longest_s > LOST_S + 1.0 / part.rate_hz,
+        longest_s=part.longest_s,
+        high=part.high,
+        low=part.low,
     )
 
 

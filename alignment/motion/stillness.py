@@ -21,9 +21,9 @@ from alignment.motion.excursions import (
     velocity_noise,
 )
 from alignment.motion.imu_faults import ImuFault
-from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL, Cause
+from alignment.motion.kinds import AIRBORNE, DISTURBED, ROLLING, STILL, Cause, Evidence, Witness
 from alignment.motion.shake import JOLT_RAD, Shaking, find_shaking
-from ins.records import ImuSource, NavHistory, Phase, Span
+from ins.records import AIRBORNE_PHASES, ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
 
 ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
@@ -43,7 +43,8 @@ class Motion:
     sigma_v_m_s: noise of the one-second velocity, from its second differences. cause (k,): why an
     epoch is DISTURBED (a Cause); "" elsewhere. velocity_jump_m_s, turn_jump_rad (k,): sigma of what
     a repaired fault of the log may have left in the solution; None: no faults. shaking: what the
-    rows showed, None where they were not asked.
+    rows showed, None where they were not asked. turn_rad (k,): rotation about down in each epoch.
+    evidence: what each witness said, where they were joined (`alignment.motion.timeline`).
     """
 
     time_s: NDArray
@@ -54,6 +55,35 @@ class Motion:
     velocity_jump_m_s: NDArray | None = None
     turn_jump_rad: NDArray | None = None
     shaking: Shaking | None = None
+    turn_rad: NDArray | None = None
+    evidence: tuple[Evidence, ...] = ()
+
+    @property
+    def parked_until_s(self) -> float:
+        """End of the first parked time: of the last epoch before the vehicle rolls, or of the log
+        [s].
+        """
+        rolls = np.flatnonzero(self.kind >= ROLLING)
+        return float(self.time_s[max(rolls[0] - 1, 0)] if rolls.size else self.time_s[-1])
+
+    def of(self, witness: Witness) -> Evidence:
+        """What one witness said of each epoch."""
+        return next(found for found in self.evidence if found.witness is witness)
+
+    def stands(
+        self, shortest_s: float, *, after_s: float = -np.inf, where: NDArray | None = None
+    ) -> tuple[Span, ...]:
+        """The stretches in which the vehicle stands, shakes included, from their first epoch to
+        their last; where (k,): epochs that a caller wants besides.
+        """
+        stands = (self.kind <= DISTURBED) & (self.time_s > after_s)
+        if where is not None:
+            stands &= where
+        return tuple(
+            Span(start_s=float(self.time_s[a]), end_s=float(self.time_s[b - 1]), reason="")
+            for a, b in runs_of_true(stands)
+            if b - a >= shortest_s
+        )
 
     def excluded(self) -> tuple[Span, ...]:
         """What is left out of the parked time, guard included; each stretch with its causes."""
@@ -112,7 +142,7 @@ def classify(
         kind[fast[0] :] = AIRBORNE
     pushed += _pivots(history, kind, cause)
     for phase in phases:
-        if phase.phase in ("takeoff", "flight", "landing"):
+        if phase.phase in AIRBORNE_PHASES:
             kind[(t > phase.start_s) & (t <= phase.end_s)] = AIRBORNE
     velocity_jump, turn_jump = np.zeros((2, len(t)))
     for fault in faults:
@@ -151,6 +181,7 @@ def classify(
         velocity_jump_m_s=velocity_jump if faults else None,
         turn_jump_rad=turn_jump if faults else None,
         shaking=shaking,
+        turn_rad=turn_about_down(history),
     )
 
 

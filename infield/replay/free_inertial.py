@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import gyrocompass
-from alignment.motion import stillness
 from alignment.motion.speeds import steady_roll
+from alignment.motion.timeline import steady_epochs, timeline
 from alignment.reasons import WITH_HEADING, AlignmentVerdict
 from alignment.result import Alignment
 from infield.replay.aided.flight import AidedResult, navigate_aided
@@ -26,7 +26,7 @@ from infield.replay.aided.reasons import AidedVerdict
 from infield.replay.drift import Drift, drift_against, parked_drift
 from infield.replay.drift_prediction import DriftPrediction, level_shares, predict_parked
 from infield.replay.reasons import Damping, ReplayNote, ReplayReason, ReplayVerdict
-from infield.replay.stops import Stop, StopSpeed, find_stops, first_roll, stop_speed
+from infield.replay.stops import Stop, StopSpeed, find_stops, stop_speed
 from infield.session.bins import SessionBins, make_bins
 from infield.session.log import (
     alignment_end,
@@ -237,8 +237,9 @@ def _with_scores(
     """The result with every flight measured over the same spans, found on the first one."""
     active, span = result.tables[0], result.alignment_span
     assert span is not None
-    motion = stillness.classify(first, raw.phases)
-    parked_s, stops = first_roll(motion), find_stops(first, motion, raw)
+    motion = timeline(raw, first)
+    parked_s = motion.parked_until_s
+    stops = find_stops(motion, steady_epochs(first, motion))
     parked_for_s = parked_s - float(first.time_s[0])
     short = SHORTEST_SPAN_S <= parked_for_s < EXTRAPOLATED_BELOW_S
     extrapolated = because(ReplayNote.EXTRAPOLATED, parked_s=parked_for_s)

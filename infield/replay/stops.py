@@ -1,41 +1,28 @@
 """Where the vehicle stands again after it first rolled, and how fast a free-inertial solution says
 it goes there.
 
-A steady roll looks like rest to inertial sensors alone: a stop that a receiver or an odometer
-covers needs their word, one that neither covers is named as found by the IMU alone.
+A stop is one of the run's motion (`alignment.motion.timeline`); one that neither a receiver nor an
+odometer covers is named as found by the IMU alone.
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
-from alignment.motion import excursions, kinds, stillness
-from alignment.motion.kinds import Says
-from alignment.motion.speeds import WHEELS_STAND_M_S, receiver_says
+from alignment.motion.excursions import STOP_WINDOW_S
+from alignment.motion.kinds import Says, Witness
+from alignment.motion.stillness import Motion
+from alignment.motion.timeline import BRAKING_S
 from infield.replay.drift import REALIGN_M_S
-from ins.records import NavHistory, Run
-from ins.robust import runs_of_true
-
-# spread of the velocity within a standing vehicle's eight seconds, above its own noise
-STOP_QUIET_M_S = 0.03
-# a faster "stop" is a steady taxi, unless the log calls it parked
-STOP_BELOW_M_S = 2.0 * REALIGN_M_S
-
-BRAKING_S = 2.0  # at the start of a stop: the last of the braking, and a receiver that is late
-
-
-class Witness(StrEnum):
-    """Whose word there is for a stop; IMU: no receiver and no odometer covers it."""
-
-    GNSS = "gnss"
-    ODOMETER = "odometer"
-    IMU = "imu"
+from ins.records import NavHistory
 
 
 @dataclass(frozen=True)
 class Stop:
-    """Start and end [s] of a stop, and by whose word."""
+    """Start and end [s] of a stop, and by whose word; ROWS: no receiver and no odometer covers
+    it.
+    """
 
     start_s: float
     end_s: float
@@ -52,59 +39,30 @@ class StopSpeed:
     end_s: float
     median_m_s: float
     max_m_s: float
-    seen_by: Witness = Witness.IMU
+    seen_by: Witness = Witness.ROWS
 
     @property
     def realign(self) -> bool:
         return self.median_m_s > REALIGN_M_S
 
 
-def first_roll(motion: stillness.Motion) -> float:
-    """End of the parked span: the last epoch before the vehicle rolls, or the end of the log
-    [s].
-    """
-    rolling = np.flatnonzero(motion.kind >= kinds.ROLLING)
-    return float(motion.time_s[max(rolling[0] - 1, 0)] if rolling.size else motion.time_s[-1])
-
-
-def find_stops(history: NavHistory, motion: stillness.Motion, run: Run) -> tuple[Stop, ...]:
+def find_stops(motion: Motion, steady: NDArray) -> tuple[Stop, ...]:
     """Where the vehicle stands again after it first rolled, for at least eight seconds.
 
-    The velocity is steady to 3 cm/s (or eight sigmas of its noise), and either below 10 kt or the
-    log says parked; GNSS and odometer, where there are any, must agree. The same rule on the ramp
-    after a flight, where the solution's own speed may be several knots wrong.
+    motion: of the run, joined from all witnesses; steady (k,): epochs in which the computed
+    velocity stays where it is, so that all of it is error.
     """
-    t, v = history.time_s, history.v_n_m_s[:, :2]
-    width = excursions.STOP_WINDOW_S
-    steady = np.zeros(t.size, bool)
-    quiet = max(8.0 * motion.sigma_v_m_s, STOP_QUIET_M_S)
-    for k in np.flatnonzero(t[: t.size - width + 1] >= first_roll(motion)):
-        if np.ptp(v[k : k + width], axis=0).max() <= quiet:
-            steady[k : k + width] = True
-    said = np.zeros(t.size, bool)
-    for p in run.phases:
-        said |= (p.phase == "parked") & (t > p.start_s) & (t <= p.end_s)
-    stands = (
-        steady & (said | (np.linalg.norm(v, axis=1) < STOP_BELOW_M_S)) & (t > first_roll(motion))
-    )
-    if run.odometer is not None:
-        stands &= (
-            np.abs(np.interp(t, run.odometer.time_s, run.odometer.speed_m_s, left=0.0, right=0.0))
-            < WHEELS_STAND_M_S
-        )
-    found = []
-    for a, b in runs_of_true(stands):
-        start_s, end_s = float(t[a]), float(t[b - 1])
-        received = receiver_says(run.gnss, start_s + BRAKING_S, end_s).said
-        if b - a < width or received is Says.MOVES:
-            continue
-        rolled = run.odometer is not None and bool(
-            ((run.odometer.time_s >= start_s) & (run.odometer.time_s <= end_s)).any()
-        )
-        without_receiver = Witness.ODOMETER if rolled else Witness.IMU
-        seen_by = Witness.GNSS if received is Says.STANDS else without_receiver
-        found.append(Stop(start_s, end_s, seen_by))
-    return tuple(found)
+    found = motion.stands(STOP_WINDOW_S, after_s=motion.parked_until_s, where=steady)
+    return tuple(Stop(s.start_s, s.end_s, _seen_by(motion, s.start_s, s.end_s)) for s in found)
+
+
+def _seen_by(motion: Motion, start_s: float, end_s: float) -> Witness:
+    """By whose word a stop is one: the receiver's before the wheels', and else the rows' alone."""
+    inside = (motion.time_s >= start_s + BRAKING_S) & (motion.time_s <= end_s)
+    for witness in (Witness.GNSS, Witness.WHEELS):
+        if (motion.of(witness).says[inside] == Says.STANDS).any():
+            return witness
+    return Witness.ROWS
 
 
 def stop_speed(history: NavHistory, stop: Stop) -> StopSpeed:

@@ -14,7 +14,15 @@ from infield.table.temperature_model import TemperatureModel
 from infield.table.thermal_table import ThermalTable
 from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, plausible_range
 from ins.compensation import compensate, corrected
-from ins.records import PARKED_PHASES, ImuLog, ImuSource, InputError, Run, TwinModel
+from ins.records import (
+    AIRBORNE_PHASES,
+    PARKED_PHASES,
+    ImuLog,
+    ImuSource,
+    InputError,
+    Run,
+    TwinModel,
+)
 from ins.units import DEG_PER_HOUR, MICRO_G
 
 
@@ -96,7 +104,7 @@ def session_end(run: Run) -> float:
     """Where the ground session ends: the first take-off or flight phase, else the end of the
     log.
     """
-    airborne = [p.start_s for p in run.phases if p.phase in ("takeoff", "flight", "landing")]
+    airborne = [p.start_s for p in run.phases if p.phase in AIRBORNE_PHASES]
     return min([*airborne, run.imu.end_s])
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from alignment import coarse
-from alignment.motion import kinds, stillness
+from alignment.motion import kinds
 from alignment.motion.imu_faults import ImuFault, repair
 from alignment.motion.parked_seconds import parked_places
 from alignment.motion.seconds import LogSeconds
 from alignment.motion.seconds import seconds_of as seconds_of_log
+from alignment.motion.timeline import timeline
 from infield.reports.words.sentences import sentence
 from infield.session.log import (
     compensated_imu,
@@ -248,9 +249,9 @@ def _kinds(
         history = navigate(
             imu.pieces(start_s, imu.end_s), start, epoch_s=1.0, vertical=_vertical(run)
         )
-        motion = stillness.classify(history, run.phases, faults=faults)
+        motion = timeline(run, history, tuple(faults))
         codes = np.select(
-            [motion.kind == kinds.AIRBORNE, motion.kind == kinds.ROLLING],
+            [motion.kind == kinds.AIRBORNE, motion.kind >= kinds.ROLLING],
             [AIRBORNE, ROLLING],
             PARKED,
         )

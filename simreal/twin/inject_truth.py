@@ -18,7 +18,7 @@ from ins.attitude import (
     wrap_pi,
 )
 from ins.earth import gravity_magnitude, gravity_n, omega_en_n, omega_ie_n
-from ins.records import Phase, ReferenceLog, VehicleNoise
+from ins.records import AIRBORNE_PHASES, Phase, ReferenceLog, VehicleNoise
 from ins.units import DEG_PER_HOUR, MICRO_G
 from simreal.declared.twin_effects import TwinEffect, twin_traces
 from simreal.effects.base import ACCELS, GYROS
@@ -32,7 +32,6 @@ from trajectories.simulator.thermal import ThermalHistory
 
 MOVES_M_S = 0.05  # sway stays below
 FLIES_ABOVE_M = 1.0  # above where it was parked
-IN_AIR = ("takeoff", "flight", "landing")
 PICARD = 12  # passes; error (Earth rate x run length)^12 / 12!
 OF_MOTION = (  # errors that are no bias: they go with rate or force
     "gyro_scale_factor",
@@ -218,7 +217,7 @@ def _kinds(phases: Sequence[Phase], truth: ReferenceLog, v_n: NDArray) -> NDArra
         spans = [
             (truth.time_s > p.start_s) & (truth.time_s <= p.end_s)
             for p in phases
-            if p.phase in IN_AIR
+            if p.phase in AIRBORNE_PHASES
         ]
         high &= np.any(spans, axis=0) if spans else False
     moving = np.hypot(v_n[:, 0], v_n[:, 1]) > MOVES_M_S

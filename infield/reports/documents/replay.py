@@ -43,12 +43,13 @@ from typing import Any
 
 import numpy as np
 
+from alignment.motion.kinds import Witness
 from infield.replay.drift import DRIFT_CLASSES, REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
 from infield.replay.reasons import ReplayVerdict
 from infield.replay.schuler import fit_schuler
-from infield.replay.stops import StopSpeed, Witness
+from infield.replay.stops import StopSpeed
 from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
 from infield.reports.documents.alignment import alignment_document
 from infield.reports.documents.thermal_use import ThermalUseDocument

@@ -14,12 +14,11 @@ from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import LASTING_S, joined, receiver_says
 from infield.session.log import session_end
 from infield.session.reasons import ParkedReason
-from ins.records import PARKED_PHASES, Run
+from ins.records import AIRBORNE_PHASES, PARKED_PHASES, Run
 from ins.verdicts import LeftOut, Reason, because
 
 MIN_PARKED_S = 60.0
 NAMED_ABOVE_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
-AIRBORNE_PHASES = ("takeoff", "flight", "landing")
 
 
 @dataclass(frozen=True)
