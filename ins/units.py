@@ -18,5 +18,5 @@ STANDARD_GRAVITY = 9.80665  # CGPM 1901 [m/s^2]
 MICRO_G = 1e-6 * STANDARD_GRAVITY
 MICRO_G_PER_SQRT_HOUR = MICRO_G / 60.0  # accelerometer rate random walk [m/s^2/sqrt(s)]
 PPM = 1e-6
-NAUTICAL_MILE = 1852.0  # [m]
+NAUTICAL_MILE = 1852.0  # [m]; International Hydrographic Conference, Monaco 1929
 KNOT = NAUTICAL_MILE / HOUR  # [m/s]

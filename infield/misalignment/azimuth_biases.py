@@ -25,7 +25,7 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, HOUR, MICRO_G, PPM
 from ins.verdicts import Reason, because
 
 MAX_ROUNDS = 30
-SETTLED_RAD = 1e-7
+SETTLED_RAD = 1e-7  # of azimuth: 15 deg/h x 1e-7 is 1.5e-6 deg/h on a gyro
 NOTED_DEGC = 2.0
 # of a table's variance that a stop without temperature has for itself (formats.md section 2)
 UNTIED_SHARE = 0.3

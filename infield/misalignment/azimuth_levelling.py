@@ -25,7 +25,7 @@ from ins.earth import gravity_magnitude
 from ins.records import AccelNoise, Site
 from ins.units import HOUR, MICRO_G
 
-CONFIDENCE = 0.999
+CONFIDENCE = 0.999  # 1 of 1000 sound studies is said to disagree
 FLOOR_UG = 1.0  # of a stop's level: mean of sway and of the last digit of a table's bearing
 
 

@@ -37,9 +37,11 @@ from ins.verdicts import Reason, because
 TURN_GUARD_S = 30.0  # left out before and after a turn: a slow start of it is below every gate
 EDGE_SIGMAS = 6.0  # a 10 s block this far from the others at the edge of a stop belongs to the turn
 STOP_BLOCK_S = 10.0
-STOP_TURN_RAD = 5.0 * DEG  # a turn beyond this ends a stop
+# a turn beyond this ends a stop; 15 deg/h x sin(5 deg) is 1.3 deg/h of Earth rate
+STOP_TURN_RAD = 5.0 * DEG
 JOINED_S = 15  # parts of a turn this near belong together
-MAX_CREEP_RAD = 0.1 * DEG  # a stop that turns by more, slowly, is none
+# a stop that turns by more, slowly, is none; 15 deg/h x 0.0017 is 0.026 deg/h of Earth rate
+MAX_CREEP_RAD = 0.1 * DEG
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,7 +22,9 @@ from ins.records import InputError, frozen_array
 from ins.units import DEG
 
 PLACES_DEG = (0.0, 90.0, 180.0, 270.0)
-NEAR_DEG = 10.0  # beyond this from its place a stop is not the one that the closed forms mean
+# beyond this from its place a stop is not the one that the closed forms mean; 1 - cos(10 deg) is
+# 1.5 % of the level Earth rate
+NEAR_DEG = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,8 @@ from ins.verdicts import Reason, because
 
 # least over largest singular value of [1, cosH, sinH]: azimuths closer than 2 deg are one
 RANK_TOLERANCE = 0.02
-ROUNDING_DEG = 1e-6  # of an azimuth that is said to be at the limit itself
+# of an azimuth that is said to be at the limit itself; 3e-7 deg/h of Earth rate
+ROUNDING_DEG = 1e-6
 
 
 @dataclass(frozen=True)

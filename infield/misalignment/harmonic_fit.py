@@ -28,7 +28,7 @@ from ins.earth import EARTH_RATE_RAD_S
 from ins.records import InputError, frozen_array
 from ins.units import DEG_PER_HOUR
 
-CONFIDENCE = 0.999  # of the redundancy check
+CONFIDENCE = 0.999  # of the redundancy check; 1 of 1000 sound studies fails it
 UNSEEN_SHARE = 1e-6  # share of the null space in a combination that makes it unobservable
 # gyro, column, sign
 COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}

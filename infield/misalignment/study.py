@@ -31,7 +31,9 @@ from ins.records import AXES, InputError, Run, TwinModel
 from ins.units import DEG, MILLIRADIAN
 from ins.verdicts import Observability, Reason, because
 
-MAX_REACH = 0.3  # bias sigma over level Earth rate, beyond which no azimuth is found with the gyros
+# bias sigma over level Earth rate, beyond which no azimuth is found with the gyros; 0.3 rad is an
+# azimuth with a sigma of 17 deg
+MAX_REACH = 0.3
 SAME_PLACE_DEG = 0.1  # of latitude: 0.1 deg is 0.17 % of the level Earth rate at 45 deg
 # a given heading that the gyros contradict by more is a mistake, not an error of the table
 GYRO_CHECK_DEG = 2.0

@@ -24,7 +24,8 @@ from ins.earth import displacement_ned, radii_of_curvature
 from ins.records import GnssLog, NavHistory, ReferenceLog, Site
 from ins.units import HOUR, KNOT, NAUTICAL_MILE
 
-REALIGN_M_S = 5.0 * KNOT  # residual ground speed at the gate above which the crew realigns
+# residual ground speed at the gate above which the crew realigns; requirements.md: 5 kt at the gate
+REALIGN_M_S = 5.0 * KNOT
 DRIFT_CLASSES = (("2T+2", 2.0, 2.0), ("3T+3", 3.0, 3.0))  # name, NM/h, NM
 
 

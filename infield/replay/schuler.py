@@ -23,9 +23,10 @@ from ins.verdicts import Reason, because
 
 LEAST_PERIODS = 0.75  # of record, or a trend cannot be told from a swing
 RANGE_S = (30.0 * 60.0, 240.0 * 60.0)  # periods that are looked for
-LARGEST_SIGMA_S = 15.0 * 60.0
+LARGEST_SIGMA_S = 15.0 * 60.0  # 18 % of the 84.4 min of a swing
 SWING_MEAN_S = 60.0
-LEAST_SIGMAS = 4.0  # of the swing's amplitude above what is left of the fit
+# of the swing's amplitude above what is left of the fit; 6e-5 of Gaussian errors lie beyond
+LEAST_SIGMAS = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)

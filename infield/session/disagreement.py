@@ -23,7 +23,8 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import AXES, Run, frozen_array
 from ins.verdicts import Reason, because
 
-OFF_SIGMAS = 3.0  # of a session's mean bias from the table, to count as off it
+# of a session's mean bias from the table, to count as off it; 0.3 % of sound sessions
+OFF_SIGMAS = 3.0
 SAME_SIGMAS = 3.29  # two sessions of one unit differ by more in 1 of 1000 cases
 FEWEST_SESSIONS = 2  # sessions that agree
 

@@ -20,6 +20,7 @@ from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
 
+# clocks of two machines; tests/infield/test_store_faults.py writes 4 min behind
 CLOCK_SLACK_S = 300.0
 
 

@@ -45,7 +45,7 @@ from ins.twin_file import twin_from_dict
 from ins.verdicts import Outcome
 
 Rows = dict[int, dict[str, Any]]  # revisions by their number
-LEAST_HEAD = 12  # digits of a head that a person types
+LEAST_HEAD = 12  # digits of a head that a person types; 12 hexadecimal ones are 48 bits
 
 
 @dataclass(frozen=True, kw_only=True)

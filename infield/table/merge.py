@@ -26,10 +26,11 @@ from ins.units import DEG_PER_HOUR, HOUR, MILLIRADIAN
 CONFIDENCE = 0.999  # of the band a session must lie in to be merged (requirements R11, R16)
 # one of three axes exceeds it in 1 of 1000
 AXIS_Z_LIMIT = float(norm.isf((1.0 - CONFIDENCE) / 2.0 / len(AXES)))
-NEGLIGIBLE_VARIANCE = (
+NEGLIGIBLE_VARIANCE = (  # 1e-6 of a sigma
     1e-12  # variance, relative to the largest, of a direction that is already known
 )
-# share of a direction's variance that the session removed, below which it says nothing
+# share of a direction's variance that the session removed, below which it says nothing; a sigma
+# falls by 5e-7 of itself
 UNOBSERVED = 1e-6
 
 

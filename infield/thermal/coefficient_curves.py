@@ -29,7 +29,8 @@ PENALTY_STEPS = np.arange(
     -3.0, 2.51, 0.5
 )  # log10 of a difference over the smallest sigma: what is tried
 FLAT = 1e-12  # relative precision added so that a null space of the penalty has a factor
-NEGLIGIBLE_NATS = 3.0  # log evidence below the best by more than this has no share
+# log evidence below the best by more than this has no share; e^-3 is 5 % of the best
+NEGLIGIBLE_NATS = 3.0
 Basis = Callable[[NDArray], NDArray]
 
 

@@ -35,11 +35,12 @@ SHORTEST_WINDOW_S, LONGEST_WINDOW_S, WINDOW_degC = 120.0, 1800.0, 0.3  # over wh
 STEADY_SHARE = (
     0.3  # a ramp's rate stays within this share of its median; the rest is soak or turning
 )
-# a ten-second sum this far from the median of its ten minutes was bumped
+# a ten-second sum this far from the median of its ten minutes was bumped; 8 sigmas: 1e-15 of
+# Gaussian errors lie beyond
 BUMP_SIGMAS, BUMP_ROWS = 8.0, 61
 # the sense of a ramp is that of the median over so many: a chamber's control may ripple
 RIPPLE_BLOCKS = 11
-SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10
+SHORTEST_LEG_degC, FEWEST_BLOCKS = 10.0, 10  # 10 blocks at 1 degC/min pass 10 degC
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,9 @@ from ins.verdicts import Reason, because
 
 TURNED_RAD = 2e-3  # 0.03 deg/h of Earth rate on another axis: the unit did not rest
 CONTRADICTS = 25.0  # chi2 per degree of freedom beyond which this is not the model of these data
-NOTED = 1.5  # the same, above which the notes say so
-SAME_LEVEL_RAD = 1e-3  # runs whose levels differ by more were mounted anew
+NOTED = 1.5  # the same, above which the notes say so; sigmas 22 % too small: 1.22^2 is 1.5
+# runs whose levels differ by more were mounted anew; 0.015 deg/h of Earth rate
+SAME_LEVEL_RAD = 1e-3
 INFLATE_ABOVE = 1.0  # chi2 per degree of freedom above which sigmas are widened by its root
 
 TOLD = 60  # characters of what a document holds in the place of what is needed

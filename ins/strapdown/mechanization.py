@@ -26,7 +26,7 @@ from ins.strapdown.start import (
 )
 
 VERTICAL_MODES = ("free", "hold", "aided")
-# fewer, and the discrete vertical loop is no longer the designed one
+# fewer, and the discrete vertical loop is no longer the designed one; a step is 5 % of it
 MIN_STEPS_PER_TIME_CONSTANT = 20
 
 

@@ -9,7 +9,7 @@ from ins.attitude import quaternion_from_dcm, wrap_pi
 from ins.earth import dcm_en, ecef_from_geodetic
 from ins.records import ImuLog, InputError, NavState
 
-ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude
+ORTHONORMAL_TOLERANCE = 1e-6  # largest |C^T C - I| of an initial attitude; 1e-6 rad is 0.2 arcsec
 
 
 class EpochEnds:

@@ -17,7 +17,9 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import AXES, ImuLog, ImuSource, Run
 
 COMPUTED_SHARE = 1e-9  # of its size: a rate that varies by less was computed, not measured
-LEVELLED = 0.3  # part of the vertical that a gyro must see to be told by the vertical Earth rate
+# part of the vertical that a gyro must see to be told by the vertical Earth rate; an axis 17 deg
+# above the horizon
+LEVELLED = 0.3
 FIRST_S = 300.0  # of the log: the vehicle stands, as a rule
 
 

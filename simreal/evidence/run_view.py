@@ -50,7 +50,7 @@ BLIND_EDGE_S = 60.0  # the same, where a sensor is dead and a slow start may go 
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
 MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
-# turn-on bias over the level Earth rate beyond this: no heading, no navigation
+# turn-on bias over the level Earth rate beyond this: no heading, no navigation; 6 deg
 UNKNOWN_HEADING_RAD = 0.1
 
 

@@ -34,14 +34,14 @@ CHANNELS = (
     "gnss",
     "vehicle",
 )
-SENSORS = 6
+SENSORS = 6  # 3 gyros and 3 accelerometers
 # DCT indices within ten seconds: 0.05 to 0.15 Hz, 0.2 to 0.45 Hz; then rows within a second
 BANDS = ((1, 4), (4, 10))
 BAND_HZ = ((0.05, 0.175), (0.175, 0.5), (0.5, np.inf))
 PER_BLOCK = int(PARKED_MEAN_S)
 NEAR_BLOCKS = 2  # how far apart blocks of a swaying vehicle are still related
-OUTLIER_SIGMA, OUTLIERS = 5.5, 3
-BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05
+OUTLIER_SIGMA, OUTLIERS = 5.5, 3  # of Gaussian blocks 4e-8 lie beyond
+BURST_SIGMA, FEW_BLOCKS = 10.0, 0.05  # of Gaussian blocks 2e-23 lie beyond
 SIDE_STEADY_M_S = 2.0  # below, the side motion of the twin fades
 
 

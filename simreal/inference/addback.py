@@ -33,10 +33,12 @@ LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves i
 TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
 ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
 MOST_ENERGY = 0.9  # of an effect's energy within the low band
-LOOSE = 0.25  # variance of the predicted effect, of its energy: beyond, nothing is predicted
+# variance of the predicted effect, of its energy: beyond, nothing is predicted; a sigma of half the
+# effect: 0.5^2
+LOOSE = 0.25
 RIDGE = 1e-3  # of a signature's whole energy
-SURE = 1.96
-FEW_SIGMA = 8.0
+SURE = 1.96  # sigmas: 95 %
+FEW_SIGMA = 8.0  # 1e-15 of Gaussian errors lie beyond
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,8 @@ from scipy.special import logsumexp
 
 from simreal.inference.bank import SIZES, Bank, Group, Hypothesis, size_weights
 
-# squared length left after projection, of the whole: below, an effect is one of the selected ones
+# squared length left after projection, of the whole: below, an effect is one of the selected ones;
+# 1 % of its length
 ALIKE = 1e-4
 # squared length in usual sizes below which an effect leaves no trace at all in these runs
 NO_TRACE_SQUARE = 1e-6

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_GAP_S = 1.0  # between two imu rows: what moved meanwhile cannot be made good
-MAX_VALUE = 1e12  # of any number in a stream: squares of it still add up
+# of any number in a stream: squares of it still add up; 1e24, beside the 1.8e308 of a double
+MAX_VALUE = 1e12
 # Rates of an imu stream that the run format takes.
 MIN_RATE_HZ = 10.0
 MAX_RATE_HZ = 2000.0

@@ -36,13 +36,13 @@ PRIOR_ARM_M = 2.0
 PRIOR_DELAY_S = 0.3
 FREED_GAIN_NATS = 7.0  # for each thing that is freed
 PASSES = 4  # of a free flight, each begun where the last one ended
-SETTLED_S, SETTLED_M = 0.003, 0.1
-LEAST_DELAY_S = 0.01
+SETTLED_S, SETTLED_M = 0.003, 0.1  # 0.003 s at 30 m/s is 0.09 m, as much as the other
+LEAST_DELAY_S = 0.01  # 1 m at 100 m/s, within the noise of a fix
 ARM_FLOOR, LEAST_ARM_M = 0.3, 0.03  # of the sigma of a position; of structures that bend
 # where velocities are older than positions, a filter made them so, and a filter is no pure delay
 FILTERED_M_S = 1.5
 DELAY_FLOOR_S = 0.005  # of stamps that jitter
-ARM_PROBABILITY = 1e-4
+ARM_PROBABILITY = 1e-4  # 1 of 10 000 true declared arms is doubted
 # in which no large bias hides the antenna
 WIDE = NoiseScales(white=8.0, walk=32.0, position=3.0, velocity=8.0)
 ARM, DELAYS = slice(0, 3), slice(3, 5)

@@ -19,7 +19,7 @@ from ins.verdicts import Reason, because
 REPEATS_ABOVE_M_S = 0.5  # faster than that no two good fixes are the same
 ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
 OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
-SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0
+SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
 SOON_S = 60.0
 
 

@@ -19,8 +19,9 @@ from alignment.gyrocompass import nis_verdict
 from ins.filters.aided_filter import KINDS, REJECT_PROBABILITY
 from ins.filters.aided_records import AidedHistory, AidedNoise, Antenna
 
-MATERIAL = 1.2  # mean NIS above its band but below this is said, not acted on
-CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring
+# mean NIS above its band but below this is said, not acted on; sigmas 10 % too small: 1.1^2 is 1.21
+MATERIAL = 1.2
+CHANGE_GAIN_NATS = 5.0  # of likelihood that a change must bring; odds of e^5, 150 to 1
 COARSE_FACTOR, FINE_FACTOR = 4.0, 2.0  # steps of a factor
 LARGEST_FACTORS = {
     "white": 1024.0,

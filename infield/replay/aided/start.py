@@ -31,7 +31,7 @@ from ins.verdicts import Reason, because
 # of log to match on, at first and at most; between two tries
 FIRST_WINDOW_S, LONGEST_MATCH_S, STRIDE_S = 15.0, 60.0, 20.0
 LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
-# sigma of a match that is taken: three of them are still nearly linear
+# sigma of a match that is taken: three of them are still nearly linear; 1 - cos(9 deg) is 1.2 %
 HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match
 REST_S = 30.0  # of standing before, whose mean rate is the gyros' bias

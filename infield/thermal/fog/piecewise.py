@@ -26,7 +26,7 @@ from infield.thermal.coefficient_curves import (
 
 STEP_degC = 0.25
 # sigmas: of an interval's end, and of the sign of the second derivative on either side of an
-# inflection
+# inflection; 95 %
 SURE = 1.96
 DEGREES = (1, 2, 3)
 MOST_ADDED = 4

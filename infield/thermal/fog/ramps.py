@@ -33,7 +33,9 @@ from ins.records import AXES, TwinModel
 from ins.verdicts import Reason, because
 
 GRID_degC = 2.5
-EQUAL_RATES = 0.8  # a slow ramp faster than this share of the fast one is the same ramp again
+# a slow ramp faster than this share of the fast one is the same ramp again; the separation divides
+# by their difference: 0.2 of a rate is 5 times the noise
+EQUAL_RATES = 0.8
 OVERLAP_degC = 10.0  # of temperatures that both members of a pair must have passed
 KT, KD = 0, 1
 

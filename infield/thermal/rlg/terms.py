@@ -38,7 +38,9 @@ INVOLVED = 0.3  # of a column of length 1: what another must carry of it to be n
 REST_degC = 10.0
 # s over the twin's turn-on: what is tried; no curve is a parabola to less than that
 REST_OF_TURN_ON = (1.0, 2.0, 4.0)
-NOISY_SHARE = 0.05  # share of what a column has of its own that may be noise of the thermometers
+# share of what a column has of its own that may be noise of the thermometers; noise in a column
+# takes as much off its coefficient, here 5 %
+NOISY_SHARE = 0.05
 
 
 def solve_terms(

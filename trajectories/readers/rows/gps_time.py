@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 GPS_EPOCH_UNIX_S = 315_964_800.0  # 1980-01-06
-WEEK_S = 604_800.0
+WEEK_S = 604_800.0  # 7 x 86 400
 # 1999-08-22 to 2096: a receiver that knows the date. Weeks before (below 1024) are unknown, or
 # counted modulo 1024.
 UNIX_S = (935_280_000.0, 4_000_000_000.0)
