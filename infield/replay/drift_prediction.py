@@ -112,7 +112,7 @@ def level_shares(edges_s: NDArray, C_nb: NDArray, span: tuple[float, float]) -> 
 def _at_alignment(
     edges_s: NDArray, site: Site, C_nb: NDArray, alignment: tuple[float, float]
 ) -> NDArray:
-    """Errors (24, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
+    """Errors (35, 3N + 2) at the end of the alignment, per deg/h of each bin and per m/s^2 of
     accelerometer bias.
     """
     count = len(edges_s) - 1

@@ -1,5 +1,6 @@
 """Gates: may a session change the table? A verdict with reasons, never a bare yes or no."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,6 +9,7 @@ from scipy.stats import chi2
 from alignment.gyrocompass import nis_verdict, rejected_share
 from alignment.motion.kinds import DISTURBED, STILL
 from alignment.reasons import AlignmentVerdict
+from alignment.result import Solution
 from infield.session.estimate import SessionEstimate
 from infield.session.points import AxisObservability
 from infield.session.reasons import SessionReason
@@ -19,7 +21,8 @@ from ins.verdicts import Observability, Outcome, Reason, because
 # requirements.md: white noise alone leaves 0.0069 deg/h of 5 min, and a default ring-laser table
 # has 0.01
 MIN_MERGED_REST_S = 300.0
-MAX_REJECTED_SHARE = 0.25
+MAX_REJECTED_SHARE = 0.25  # of all measurements, and of each source beside the unit
+SOURCES_BESIDE_UNIT = ("lateral", "odometer", "gnss", "centre line")
 PLAIN_NIS = 10.0  # by so much the better of two explanations explains a session: odds of 150 to 1
 
 
@@ -72,7 +75,31 @@ def judge_estimate(estimate: SessionEstimate, seen: tuple[AxisObservability, ...
             needed_percent=100 * MAX_REJECTED_SHARE,
         )
         return contradict(beyond)
-    return _judge_gain(seen)
+    disagree = _kinds_beyond_gate(estimate.navigated)
+    return contradict(*disagree) if disagree else _judge_gain(seen)
+
+
+def _kinds_beyond_gate(solution: Solution) -> tuple[Reason, ...]:
+    """A reason for each source that says something else than the unit most of the time: a dead or
+    reversed wheel, a receiver led astray. Parked measurements would drown it in the whole.
+    """
+    tally = solution.filter.tally
+    rejected = Counter(kind for _, kind in tally.rejected)
+    shares = {
+        kind: rejected[kind] / (rejected[kind] + len(tally.normalised.get(kind, ())))
+        for kind in SOURCES_BESIDE_UNIT
+        if rejected[kind]
+    }
+    return tuple(
+        because(
+            SessionReason.KIND_BEYOND_GATE,
+            kind=kind,
+            share_percent=100 * share,
+            needed_percent=100 * MAX_REJECTED_SHARE,
+        )
+        for kind, share in shares.items()
+        if share > MAX_REJECTED_SHARE
+    )
 
 
 def _judge_parked(estimate: SessionEstimate, seen: tuple[AxisObservability, ...]) -> Verdict:

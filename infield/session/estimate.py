@@ -11,6 +11,7 @@ from alignment.motion.stillness import Motion
 from alignment.motion.turn_between import Turn
 from alignment.result import Alignment, Solution
 from infield.session.bins import SessionBins
+from infield.session.reasons import Nuisance
 from ins.verdicts import LeftOut
 
 
@@ -102,6 +103,42 @@ class ParkedEvidence:
 
 
 @dataclass(frozen=True)
+class Found:
+    """A nuisance of the taxi: its values, sigmas and prior sigmas, SI; by how much the log
+    likelihood of all measurements grew as it was taken (0 of what every taxi has).
+
+    sigma is None, and the value an RMS, for a crab that changes on its own.
+    """
+
+    nuisance: Nuisance
+    value: NDArray
+    sigma: NDArray | None
+    prior: NDArray
+    gain_nats: float
+
+
+@dataclass(frozen=True)
+class RollingEvidence:
+    """What the taxi needed beyond what is declared, what every taxi estimates, and NIS and its
+    degrees of freedom as declared, all measurements.
+    """
+
+    found: tuple[Found, ...]
+    always: tuple[Found, ...]
+    declared_nis: float
+    declared_dof: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(found.nuisance.value for found in self.found)
+
+    @property
+    def is_test(self) -> bool:
+        """Does the NIS of the lateral way test anything? Not where its noise was fitted."""
+        return all(found.sigma is not None for found in self.found)
+
+
+@dataclass(frozen=True)
 class SessionEstimate:
     """Posterior of the session's bias beyond the table (mean (3N,), covariance (3N, 3N), deg/h) and
     its evidence.
@@ -122,6 +159,7 @@ class SessionEstimate:
     nis_mean: float
     dof: int
     parked: ParkedEvidence | None = None
+    rolling: RollingEvidence | None = None
 
     @property
     def motion(self) -> Motion:

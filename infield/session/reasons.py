@@ -36,6 +36,24 @@ class HeadingSource(StrEnum):
     COMBINED = "combined"
 
 
+class Nuisance(StrEnum):
+    """What wind, tyres and installation may do while the vehicle rolls."""
+
+    # in every taxi
+    CRAB = "crab"
+    WHEEL_ARM_X = "wheel_arm_x"
+    WHEEL_SCALE = "wheel_scale"
+    # where the data ask for it
+    CROSS_WIND = "cross_wind"
+    TURNING_CRAB = "turning_crab"
+    GUSTS = "gusts"
+    SIDE_SLIP = "side_slip"
+    WHEEL_ARM_Y = "wheel_arm_y"
+    ODOMETER_DELAY = "odometer_delay"
+    ANTENNA = "antenna"
+    GNSS_DELAY = "gnss_delay"
+
+
 class SessionReason(StrEnum):
     """What was measured and what was needed."""
 
@@ -50,6 +68,7 @@ class SessionReason(StrEnum):
     RATES_CHANGE = "rates_change"
     COMPENSATED_BEFORE = "compensated_before"
     BEYOND_GATE = "beyond_gate"
+    KIND_BEYOND_GATE = "kind_beyond_gate"
     NO_GAIN = "no_gain"
     AGAINST_TABLE = "against_table"
     MERGE_RESIDUALS = "merge_residuals"

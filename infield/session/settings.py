@@ -19,7 +19,7 @@ class SessionSettings:
     bin_s: float = BIN_S
     sigma_crab_mrad: float = 10.0
     sigma_lever_arm_m: float = 5.0
-    sigma_odometer_scale: float = 0.01
+    sigma_odometer_scale: float = 0.05  # worn or wrongly entered wheels
     sigma_scale_factor_ppm: dict[str, float] = field(
         default_factory=lambda: {"rlg": 5.0, "fog": 50.0, "mems": 5000.0}
     )

@@ -36,6 +36,8 @@ class Tally:
         Log of the ratio in variance of the cloned heading.
     log_likelihood : dict of float
         Of the measurements given those before, less its constant: -(nu^2 + ln S) / 2, summed.
+    refused_log_likelihood : float
+        The same of those that the gate left out, each innovation at the gate at most.
     """
 
     nis: dict[str, float] = field(default_factory=dict)
@@ -44,10 +46,18 @@ class Tally:
     normalised: dict[str, NDArray] = field(default_factory=dict)
     heading_gain: dict[str, float] = field(default_factory=dict)
     log_likelihood: dict[str, float] = field(default_factory=dict)
+    refused_log_likelihood: float = 0.0
+
+    @property
+    def loglik(self) -> float:
+        """Log likelihood of all measurements but its constant: its difference to another filter's
+        over the same measurements is the log of the Bayes factor of what the two take for possible.
+        """
+        return sum(self.log_likelihood.values()) + self.refused_log_likelihood
 
 
 class ErrorFilter:
-    """State x (n,) and covariance P (n, n) of the error filter, n = 24 + 3 bins.
+    """State x (n,) and covariance P (n, n) of the error filter, n = 35 + 3 bins.
 
     Parameters
     ----------
@@ -202,6 +212,11 @@ class ErrorFilter:
                         np.sum(gained)
                     )
         refused = np.flatnonzero(measured & (outcome == REFUSED))
+        left_out = np.repeat(c.ops[refused, 2], c.ops[refused, 3])
+        left_out += np.concatenate([np.arange(0), *map(np.arange, c.ops[refused, 3])])
+        tally.refused_log_likelihood -= 0.5 * float(
+            np.sum(normalised[left_out] ** 2 + np.log(spread[left_out]))
+        )
         tally.rejected.extend((float(c.time_s[k]), c.names[c.name[k]]) for k in refused)
 
     @property

@@ -279,8 +279,10 @@ def correct(x, P, v, residual, variance):
 def measure(x, P, index, value, z, R, gate, v, normalised, spread):
     """Rows (m) with independent noise, one after another; all or none pass the gate.
 
-    Returns what became of them.
+    Of refused rows, the innovations stand in `normalised` at the gate at most, each as if it were
+    alone. Returns what became of them.
     """
+    refused = False
     for r in range(z.size):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         residual = z[r] - hx
@@ -289,7 +291,11 @@ def measure(x, P, index, value, z, R, gate, v, normalised, spread):
         if variance < 0.9 * R[r] or variance <= 0.0:
             return LOST
         if residual * residual > gate * gate * variance:
-            return REFUSED
+            refused = True
+        spread[r] = variance
+        normalised[r] = min(max(residual / sqrt(variance), -gate), gate)
+    if refused:
+        return REFUSED
     for r in range(z.size):
         hx, variance = expected(x, P, index[r], value[r], R[r], v)
         if variance < 0.9 * R[r] or variance <= 0.0:

@@ -19,8 +19,10 @@ C_bn w.
 
 Ground-vehicle nuisances ride along: displacement error S over the current step, or since the
 vehicle stopped, in body x, y, accelerometer biases, crab ratio, lever arm along x, lateral velocity
-(Gauss-Markov), parked heading, odometer scale, vertical-gyro scale factor, centre-line azimuth, and
-two clones of theta (at the start and at a time the caller chooses).
+(Gauss-Markov), parked heading, odometer scale, vertical-gyro scale factor, centre-line azimuth, two
+clones of theta (at the start and at a time the caller chooses), and what wind, tyres and
+installation may add: more crab, side slip, errors of arms, delays. None of these drives another
+state; how they enter a measurement stands with the aids (`infield.session.navigated`).
 """
 
 from dataclasses import dataclass
@@ -32,15 +34,24 @@ from ins.filters.states import (
     ACCEL,
     BASE,
     CENTRE_LINE,
+    CRAB_GUST,
+    CRAB_TURN,
+    GNSS_ARM,
+    GNSS_DELAY,
+    GNSS_VELOCITY_DELAY,
     KAPPA,
     LATERAL,
     LEVER_X,
     ODOMETER,
+    ODOMETER_DELAY,
     POS,
     SCALE_Z,
+    SLIP,
     THETA,
     THETA_CLONE,
     THETA_START,
+    WHEEL_Y,
+    WIND,
     YAW,
     S,
     W,
@@ -50,15 +61,24 @@ __all__ = [
     "ACCEL",
     "BASE",
     "CENTRE_LINE",
+    "CRAB_GUST",
+    "CRAB_TURN",
+    "GNSS_ARM",
+    "GNSS_DELAY",
+    "GNSS_VELOCITY_DELAY",
     "KAPPA",
     "LATERAL",
     "LEVER_X",
     "ODOMETER",
+    "ODOMETER_DELAY",
     "POS",
     "SCALE_Z",
+    "SLIP",
     "THETA",
     "THETA_CLONE",
     "THETA_START",
+    "WHEEL_Y",
+    "WIND",
     "YAW",
     "ProcessNoise",
     "S",
@@ -152,8 +172,8 @@ def system_matrix(step: Step, lateral_time_s: float) -> tuple[NDArray, NDArray]:
 
     Returns
     -------
-    F : ndarray, shape (24, 24)
-    B : ndarray, shape (24, 3)
+    F : ndarray, shape (35, 35)
+    B : ndarray, shape (35, 3)
         From the gyro bias in body axes.
     """
     from ins.filters import error_kernel as fk
@@ -179,10 +199,10 @@ def discretize(
 
     Returns
     -------
-    Phi : ndarray, shape (24, 24)
-    Gamma : ndarray, shape (24, 3)
+    Phi : ndarray, shape (35, 35)
+    Gamma : ndarray, shape (35, 3)
         From the gyro bias in body axes.
-    Q : ndarray, shape (24, 24)
+    Q : ndarray, shape (35, 35)
 
     Notes
     -----
@@ -215,7 +235,7 @@ def discretize(
 
 
 def _in_full(core: NDArray, full: NDArray) -> tuple[NDArray, NDArray]:
-    """The core states' matrix (16, 16) placed in the base states' (24, 24), and the part (24, 3) of
+    """The core states' matrix (16, 16) placed in the base states' (35, 35), and the part (35, 3) of
     the bias.
     """
     from ins.filters import error_kernel as fk

@@ -97,7 +97,7 @@ def nonlinear_transition(case, duration_s, dt=0.01):
 
 
 def model_matrix(F, B):
-    """The same (9, 13) out of the model's F (24, 24) and B (24, 3)."""
+    """The same (9, 13) out of the model's F (35, 35) and B (35, 3)."""
     rows = np.r_[em.W, em.POS, em.THETA, em.S]
     return np.hstack(
         [F[np.ix_(rows, np.r_[em.W, em.POS, em.THETA, em.ACCEL, em.SCALE_Z])], B[rows]]
@@ -188,6 +188,15 @@ def test_nuisance_states_do_not_drive_the_navigation_errors():
         em.CENTRE_LINE,
         em.THETA_START,
         em.THETA_CLONE,
+        em.WIND,
+        em.CRAB_TURN,
+        em.CRAB_GUST,
+        em.SLIP,
+        em.WHEEL_Y,
+        em.ODOMETER_DELAY,
+        em.GNSS_ARM,
+        em.GNSS_DELAY,
+        em.GNSS_VELOCITY_DELAY,
     ):
         assert not F[:, state].any()
         assert not F[state].any()
@@ -242,7 +251,7 @@ def van_loan(F, q, dt):
 
 
 def density(step, rolling):
-    """Spectral density (24, 24) from what each noise is: gyro noise turns theta and, times v, w."""
+    """Spectral density (35, 35) from what each noise is: gyro noise turns theta and, times v, w."""
     G = np.zeros((em.BASE, 3))
     G[em.THETA], G[em.W] = step.C_nb, (skew(step.v_n) @ step.C_nb)[:2]
     q = NOISE.arw**2 * (G @ G.T)

@@ -17,6 +17,7 @@ from infield.reports.documents.session_records import (
     HeadingError,
     HeatingCooling,
     MeasurementDocument,
+    NuisanceDocument,
     PhaseDocument,
     ResidualDocument,
     SeenDocument,
@@ -24,14 +25,16 @@ from infield.reports.documents.session_records import (
     SessionDocument,
     SiteDocument,
     SmoothingDocument,
+    TaxiDocument,
     TemperatureDocument,
     VelocityDocument,
 )
 from infield.reports.words.sentences import codes, sentence, sentences
-from infield.session.estimate import SessionEstimate
+from infield.session.estimate import Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
 from infield.session.navigated.taxi_heading import heading_source
 from infield.session.points import UNSEEN_SIGMA, AxisObservability
+from infield.session.reasons import Nuisance
 from infield.session.results import SessionResult
 from infield.table.merge import SessionPoints
 from infield.thermometer.gyro_temperature import GyroTemperature, fault_reason
@@ -42,6 +45,20 @@ from ins.verdicts import because
 
 HEATING_DEG_C_MIN = 0.05  # a slower change of temperature is neither heating nor cooling
 BAND_DEG_C = 5.0  # width of the bands of temperature that the coverage counts
+# of the values of each nuisance: name, size in SI
+NUISANCE_UNITS = {
+    Nuisance.CRAB: ("mrad", MILLIRADIAN),
+    Nuisance.WHEEL_ARM_X: ("m", 1.0),
+    Nuisance.WHEEL_SCALE: ("%", 0.01),
+    Nuisance.CROSS_WIND: ("mrad", MILLIRADIAN),
+    Nuisance.TURNING_CRAB: ("mrad", MILLIRADIAN),
+    Nuisance.GUSTS: ("mrad", MILLIRADIAN),
+    Nuisance.SIDE_SLIP: ("mrad per m/s2", MILLIRADIAN),
+    Nuisance.WHEEL_ARM_Y: ("m", 1.0),
+    Nuisance.ODOMETER_DELAY: ("s", 1.0),
+    Nuisance.ANTENNA: ("m", 1.0),
+    Nuisance.GNSS_DELAY: ("s", 1.0),
+}
 MOST_TEMPERATURES, MOST_VELOCITIES = 400, 800  # points of a drawing
 
 
@@ -110,6 +127,7 @@ def _estimated(
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
+        taxi=_taxi(e.rolling),
     )
 
 
@@ -160,6 +178,36 @@ def _measurements(e: SessionEstimate) -> Mapping[str, MeasurementDocument]:
         kind: MeasurementDocument(nis_mean=tally.nis[kind] / tally.dof[kind], dof=tally.dof[kind])
         for kind in sorted(tally.nis)
     }
+
+
+def _taxi(rolling: RollingEvidence | None) -> TaxiDocument | None:
+    """What the taxi showed of wind, tyres and installation; None where nothing rolled."""
+    if rolling is None or not rolling.always:
+        return None
+    return TaxiDocument(
+        needed=[_nuisance(found, found.gain_nats) for found in rolling.found],
+        always=[_nuisance(found, None) for found in rolling.always],
+        is_test=rolling.is_test,
+        nis_mean_as_declared=rolling.declared_nis,
+        dof_as_declared=rolling.declared_dof,
+    )
+
+
+def _nuisance(found: Found, gain_nats: float | None) -> NuisanceDocument:
+    unit, size = NUISANCE_UNITS[found.nuisance]
+    sigma = None if found.sigma is None else found.sigma.tolist()
+    in_words = because(
+        found.nuisance, value=found.value.tolist(), sigma=sigma, prior=found.prior.tolist()
+    )
+    return NuisanceDocument(
+        nuisance=found.nuisance,
+        text=sentence(in_words),
+        value=(found.value / size).tolist(),
+        sigma=None if found.sigma is None else (found.sigma / size).tolist(),
+        prior_sigma=(found.prior / size).tolist(),
+        unit=unit,
+        gain_nats=gain_nats,
+    )
 
 
 def _smoothing(e: SessionEstimate) -> Mapping[str, SmoothingDocument]:

@@ -119,6 +119,38 @@ class MeasurementDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class NuisanceDocument:
+    """What a taxi showed of wind, tyres or installation, in `unit`; prior_sigma: taken for possible
+    before. sigma is None, and the value an RMS, for a crab that changes on its own.
+
+    gain_nats: by how much the log likelihood grew as it was taken; None of what every taxi has.
+    """
+
+    nuisance: str
+    text: str
+    value: Sequence[float]
+    sigma: Sequence[float] | None
+    prior_sigma: Sequence[float]
+    unit: str
+    gain_nats: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaxiDocument:
+    """What the taxi needed beyond what is declared, and what every taxi estimates.
+
+    is_test: False where the noise of the lateral way was fitted, so that its NIS tests nothing.
+    nis_mean_as_declared, dof_as_declared: of all measurements with nothing but the declared.
+    """
+
+    needed: Sequence[NuisanceDocument]
+    always: Sequence[NuisanceDocument]
+    is_test: bool
+    nis_mean_as_declared: float
+    dof_as_declared: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class SmoothingDocument:
     """RMS sigma of a gyro over the bins, by the filter alone and given the whole run."""
 
@@ -213,7 +245,7 @@ class EstimatedDocument(SessionDocument):
     """The same of a run that was estimated; what only a navigated session has is None.
 
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
-    them; left out where there are none.
+    them; left out where there are none. taxi: left out where nothing rolled.
     """
 
     alignment: SessionAlignment
@@ -231,3 +263,4 @@ class EstimatedDocument(SessionDocument):
     claim_chain: ChainDocument | None = None
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
     doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
+    taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)

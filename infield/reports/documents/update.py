@@ -293,7 +293,12 @@ def _assumptions(result: UpdateResult) -> list[str]:
         ),
         (
             f"crab within {s.sigma_crab_mrad:g} mrad, wheel lever arm within"
-            f" {s.sigma_lever_arm_m:g} m (1 sigma), both estimated"
+            f" {s.sigma_lever_arm_m:g} m, wheel scale within {100 * s.sigma_odometer_scale:g} %"
+            " (1 sigma), all estimated"
+        ),
+        (
+            "wind, side slip, the antenna's arm, delays of receiver and wheels as declared, unless"
+            " the data ask for more: then estimated"
         ),
         (
             f"lateral motion while rolling {twin.vehicle.lateral_noise_m_s:g} m/s RMS over"

@@ -15,6 +15,7 @@ ROOMS: tuple[str, ...] = (
     "misalignment",
     "replay",
     "session",
+    "taxi",
     "thermal",
     "thermometer",
 )

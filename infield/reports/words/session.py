@@ -187,6 +187,10 @@ SENTENCES: Mapping[StrEnum, Template] = {
         "{share_percent:.0f} % of the measurements lie beyond the gate, needed below"
         " {needed_percent:.0f} %"
     ),
+    SessionReason.KIND_BEYOND_GATE: (
+        "{kind}: {share_percent:.0f} % of its measurements lie beyond the gate, needed below"
+        " {needed_percent:.0f} %; no wind, arm, delay or scale explains them"
+    ),
     SessionReason.NO_GAIN: (
         "no gyro gains: the best keeps {kept_percent:.0f} % of its prior sigma, needed below 90 %"
     ),

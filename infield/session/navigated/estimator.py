@@ -17,6 +17,7 @@ from alignment.result import Alignment, BiasPrior, Solution
 from infield.session.bins import make_bins
 from infield.session.estimate import SessionEstimate
 from infield.session.log import alignment_end, compensated_imu
+from infield.session.navigated.nuisances import AS_DECLARED, Assumed, Bench, rolling_model
 from infield.session.navigated.taxi_heading import (
     CentreLineAid,
     GnssAid,
@@ -62,6 +63,11 @@ def estimate_session(
     )
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
+    sigma0 = _nuisance_sigmas(run, twin, settings)
+
+    def aids(assumed: Assumed) -> list[Aid]:
+        return _aids(run, twin, settings, clone_at, assumed)
+
     solution = gyrocompass.solve(
         imu,
         run.header.site,
@@ -69,14 +75,16 @@ def estimate_session(
         prior,
         rest=rest,
         phases=run.phases,
-        sigma0=_nuisance_sigmas(run, twin, settings),
-        aids=_aids(run, twin, settings, clone_at),
+        sigma0=sigma0,
+        aids=aids(AS_DECLARED),
         vertical=_vertical(run),
         clone_at_s=clone_at,
         until_s=end_s,
         hold_heading=settings.hold_heading,
         faults=faults,
     )
+    rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
+    solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))
     mean, covariance = solution.bias
     error, sigma = _heading_error(aligned, solution)
     tally = solution.filter.tally
@@ -92,6 +100,7 @@ def estimate_session(
         sigma_heading_before_rad=aligned.sigma_heading_rad,
         nis_mean=sum(tally.nis.values()) / max(dof, 1),
         dof=dof,
+        rolling=rolling.evidence,
     )
 
 
@@ -119,12 +128,15 @@ def _nuisance_sigmas(run: Run, twin: TwinModel, settings: SessionSettings) -> di
     }
 
 
-def _aids(run: Run, twin: TwinModel, settings: SessionSettings, aligned_s: float) -> list[Aid]:
+def _aids(
+    run: Run, twin: TwinModel, settings: SessionSettings, aligned_s: float, assumed: Assumed
+) -> list[Aid]:
     """Every source the run has: the wheels always, odometer, GNSS and survey where logged."""
     header, survey = run.header, run.header.survey
-    aids: list[Aid] = [LateralAid(header.wheel_reference_m)]
+    aids: list[Aid] = [LateralAid(header.wheel_reference_m, assumed)]
     if run.odometer is not None and settings.use_odometer:
-        aids.append(OdometerAid(run.odometer, twin.odometer.noise_m_s, header.wheel_reference_m))
+        noise_m_s = twin.odometer.noise_m_s
+        aids.append(OdometerAid(run.odometer, noise_m_s, header.wheel_reference_m, assumed))
     if run.gnss is not None and settings.use_gnss:
         aids.append(
             GnssAid(
@@ -132,6 +144,7 @@ def _aids(run: Run, twin: TwinModel, settings: SessionSettings, aligned_s: float
                 header.gnss_lever_arm_m,
                 twin.gnss.sigma_horizontal_m,
                 twin.gnss.sigma_velocity_m_s,
+                assumed,
             )
         )
     if survey.heading_rad is not None and survey.sigma_heading_rad:

@@ -10,11 +10,12 @@ enters as the displacement over each step (US 5,574,650).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from alignment.motion.kinds import ROLLING
 from alignment.navigation_filter import StepViews, heading_error_row
-from infield.session.reasons import HeadingSource
+from infield.session.navigated.nuisances import AS_DECLARED, CRAB_TURN_RAD, GUST_TIME_S, Assumed
+from infield.session.reasons import HeadingSource, Nuisance
 from ins.attitude import wrap_pi
 from ins.earth import displacement_ned, radii_of_curvature
 from ins.filters import error_model as em
@@ -35,22 +36,65 @@ CENTRE_LINE_TURN_RAD_S = 0.01
 @dataclass
 class LateralAid:
     """No side slip at the wheels: the lateral displacement is crab, lever arm and a bounded
-    transient.
+    transient, and what else of wind and tyres is assumed possible.
 
     wheel_reference_m: from the IMU to the no-slip point, body axes.
     """
 
     wheel_reference_m: tuple[float, float, float]
+    assumed: Assumed = AS_DECLARED
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
         at = np.flatnonzero(views.kind == ROLLING)
         lever_x = -self.wheel_reference_m[0]  # from the no-slip point to the IMU
         forward, side = views.displacement_b_m[at, 0], views.displacement_b_m[at, 1]
         turn = views.heading_change_rad[at]
-        row: Row = {em.S.start + 1: 1.0, em.KAPPA: forward, em.LEVER_X: turn}
+        row: dict[int, ArrayLike] = {
+            em.S.start + 1: 1.0,
+            em.KAPPA: forward,
+            em.LEVER_X: turn,
+            **self._of_wind_and_tyres(views, at, forward - turn * self.wheel_reference_m[1]),
+        }
+        self._wander(program, views, at)
         program.measure(
             "lateral", at, [side - lever_x * turn], [row], [_way_variance(views)], gate=GATE_SIGMA
         )
+
+    def _of_wind_and_tyres(self, views: StepViews, at: NDArray, forward: NDArray) -> Row:
+        """What a crab that is not constant adds to the row; forward: way of the no-slip point."""
+        free = self.assumed.free
+        row: dict[int, ArrayLike] = {}
+        if Nuisance.CROSS_WIND in free:
+            row[em.WIND.start] = forward * views.C_mean[at, 0, 1]
+            row[em.WIND.start + 1] = forward * views.C_mean[at, 1, 1]
+        if Nuisance.TURNING_CRAB in free:
+            row[em.CRAB_TURN] = forward
+        if Nuisance.GUSTS in free:
+            row[em.CRAB_GUST] = forward
+        if Nuisance.SIDE_SLIP in free:
+            dt = views.dt_s[at]
+            row[em.SLIP] = forward * (forward / dt) * (views.heading_change_rad[at] / dt)
+        return row
+
+    def _wander(self, program: FilterProgram, views: StepViews, at: NDArray) -> None:
+        """Crabs that change with heading or with time: first-order Gauss-Markov processes."""
+        turned = np.cumsum(np.abs(views.heading_change_rad))[at]
+        since = {
+            Nuisance.TURNING_CRAB: (
+                em.CRAB_TURN,
+                turned / CRAB_TURN_RAD,
+                self.assumed.turning_crab_rad,
+            ),
+            Nuisance.GUSTS: (
+                em.CRAB_GUST,
+                views.end_s[at] / GUST_TIME_S,
+                self.assumed.gust_crab_rad,
+            ),
+        }
+        for nuisance, (state, lengths, sigma) in since.items():
+            if nuisance in self.assumed.free:
+                kept = np.exp(-np.diff(lengths, prepend=lengths[:1]))
+                program.assign(at, state, {state: kept}, sigma**2 * (1.0 - kept**2))
 
 
 @dataclass
@@ -60,6 +104,7 @@ class OdometerAid:
     log: OdometerLog
     noise_m_s: float
     wheel_reference_m: tuple[float, float, float]
+    assumed: Assumed = AS_DECLARED
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
         t = self.log.time_s
@@ -70,9 +115,16 @@ class OdometerAid:
         at = np.flatnonzero((views.kind == ROLLING) & logged)
         way = self._way(views.end_s[at]) - self._way(views.start_s[at])
         lever_y = -self.wheel_reference_m[1]
-        z = views.displacement_b_m[at, 0] - way + views.heading_change_rad[at] * lever_y
+        turn = views.heading_change_rad[at]
+        z = views.displacement_b_m[at, 0] - way + turn * lever_y
         wheels = self.noise_m_s * views.dt_s[at] / np.sqrt(samples[at])
-        row: Row = {em.S.start: 1.0, em.ODOMETER: -way}
+        row: dict[int, ArrayLike] = {em.S.start: 1.0, em.ODOMETER: -way}
+        if Nuisance.WHEEL_ARM_Y in self.assumed.free:
+            row[em.WHEEL_Y] = -turn
+        if Nuisance.ODOMETER_DELAY in self.assumed.free:
+            speeds = self.log.speed_m_s
+            faster = np.interp(views.end_s[at], t, speeds) - np.interp(views.start_s[at], t, speeds)
+            row[em.ODOMETER_DELAY] = faster
         program.measure(
             "odometer", at, [z], [row], [wheels**2 + _way_variance(views)], gate=GATE_SIGMA
         )
@@ -90,31 +142,49 @@ class OdometerAid:
 
 @dataclass
 class GnssAid:
-    """Satellite position and velocity; while parked one fix a step is used."""
+    """Satellite position and velocity; while parked one fix a step is used.
+
+    Arm and delays are taken as found so far (`assumed`), and their states are about the declared
+    ones: what was found goes back into z.
+    """
 
     log: GnssLog
     lever_arm_m: tuple[float, float, float]
     sigma_horizontal_m: float
     sigma_velocity_m_s: float
+    assumed: Assumed = AS_DECLARED
 
     def measure(self, program: FilterProgram, views: StepViews) -> None:
-        after = np.searchsorted(self.log.time_s, views.end_s + 1e-9)
-        before = np.searchsorted(self.log.time_s, views.start_s + 1e-9)
         for back in (2, 1):  # the last fix of a step but one (rolling only), then the last
-            fix = after - back
-            at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
-            self._fixes(program, views, at, fix[at])
+            self._positions(program, views, *self._fixes(views, back, self.assumed.gnss_delay_s))
+            delay_s = self.assumed.gnss_velocity_delay_s
+            self._velocities(program, views, *self._fixes(views, back, delay_s))
 
-    def _fixes(self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray) -> None:
-        ago = (views.end_s[at] - self.log.time_s[k])[:, None]
-        dt = views.dt_s[at][:, None]
-        arm_n = views.C_nb[at] @ np.asarray(self.lever_arm_m, dtype=float)
-        spin = views.heading_change_rad[at] / dt[:, 0]
+    def _fixes(self, views: StepViews, back: int, delay_s: float) -> tuple[NDArray, ...]:
+        """Steps, their fix that is the last but `back` - 1, and how long before the step's end it
+        was measured [s].
+        """
+        measured_s = self.log.time_s - delay_s
+        after = np.searchsorted(measured_s, views.end_s + 1e-9)
+        before = np.searchsorted(measured_s, views.start_s + 1e-9)
+        fix = after - back
+        at = np.flatnonzero((fix >= before) & ((views.kind == ROLLING) | (back == 1)))
+        return at, fix[at], views.end_s[at] - measured_s[fix[at]]
+
+    def _arm(self, views: StepViews, at: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+        """Level arm in NED at the steps' ends, its velocity by the turn, both (m, 2), and the turn
+        rate (m,).
+        """
+        found = np.array([*self.assumed.antenna_m, 0.0])
+        arm_n = views.C_nb[at] @ (np.asarray(self.lever_arm_m, dtype=float) + found)
+        spin = views.heading_change_rad[at] / views.dt_s[at]
         # spin about down x arm, level
-        swing = np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]])
-        acceleration = (views.v_n[at] - views.v_start_n[at]) / dt
-        v_n = views.v_n[at] - ago * acceleration
-        z_v = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
+        return arm_n[:, :2], np.column_stack([-spin * arm_n[:, 1], spin * arm_n[:, 0]]), spin
+
+    def _positions(
+        self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
+    ) -> None:
+        ago, v_n, acceleration = _motion_at(views, at, ago_s)
         way = displacement_ned(
             self.log.lat_rad[k],
             self.log.lon_rad[k],
@@ -122,15 +192,40 @@ class GnssAid:
             lon0_rad=views.lon_rad[at],
             height0_m=views.height_m[at],
         )
-        z_p = arm_n[:, :2] - ago * (v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
+        arm_n, swing, _ = self._arm(views, at)
+        z = arm_n - ago * (swing + v_n[:, :2] + 0.5 * ago * acceleration[:, :2]) - way
         variance = self._sigma(self.log.sigma_horizontal_m, k, self.sigma_horizontal_m) ** 2
-        rows: list[Row] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
-        program.measure("gnss", at, z_p.T, rows, [variance, variance], gate=GATE_SIGMA)
-        sigma_v = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
-        variance = sigma_v**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
-        program.measure(
-            "gnss", at, z_v.T, _velocity_rows(views, at, v_n), [variance, variance], gate=GATE_SIGMA
-        )
+        rows: list[dict[int, ArrayLike]] = [{em.POS.start: 1.0}, {em.POS.start + 1: 1.0}]
+        if Nuisance.ANTENNA in self.assumed.free:
+            of_arm = -views.C_nb[at, :2, :2]
+            z = z + of_arm @ np.asarray(self.assumed.antenna_m)
+            _with_states(rows, em.GNSS_ARM, of_arm)
+        if Nuisance.GNSS_DELAY in self.assumed.free:
+            of_antenna = v_n[:, :2] + swing
+            z = z + of_antenna * self.assumed.gnss_delay_s
+            _with_states(rows, slice(em.GNSS_DELAY, em.GNSS_DELAY + 1), of_antenna[:, :, None])
+        program.measure("gnss", at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
+
+    def _velocities(
+        self, program: FilterProgram, views: StepViews, at: NDArray, k: NDArray, ago_s: NDArray
+    ) -> None:
+        _, v_n, acceleration = _motion_at(views, at, ago_s)
+        arm_n, swing, spin = self._arm(views, at)
+        z = v_n[:, :2] + swing - self.log.v_n_m_s[k, :2]
+        sigma = self._sigma(self.log.sigma_velocity_m_s, k, self.sigma_velocity_m_s)
+        variance = sigma**2 + (TURN_CHANGE * np.linalg.norm(swing, axis=1)) ** 2
+        rows = _velocity_rows(views, at, v_n)
+        if Nuisance.ANTENNA in self.assumed.free:
+            C = views.C_nb[at, :2, :2]
+            of_arm = spin[:, None, None] * np.stack([C[:, 1], -C[:, 0]], axis=1)
+            z = z + of_arm @ np.asarray(self.assumed.antenna_m)
+            _with_states(rows, em.GNSS_ARM, of_arm)
+        if Nuisance.GNSS_DELAY in self.assumed.free:
+            of_antenna = acceleration[:, :2] - spin[:, None] ** 2 * arm_n
+            z = z + of_antenna * self.assumed.gnss_velocity_delay_s
+            state = slice(em.GNSS_VELOCITY_DELAY, em.GNSS_VELOCITY_DELAY + 1)
+            _with_states(rows, state, of_antenna[:, :, None])
+        program.measure("gnss", at, z.T, rows, [variance, variance], gate=GATE_SIGMA)
 
     @staticmethod
     def _sigma(logged: NDArray | None, k: NDArray, declared: float) -> NDArray:
@@ -195,7 +290,23 @@ def _way_variance(views: StepViews) -> float:
     return LATERAL_FLOOR_M**2 + 2.0 * views.jitter_m**2
 
 
-def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[Row]:
+def _motion_at(views: StepViews, at: NDArray, ago_s: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+    """ago (m, 1), the velocity so long before the end of each step, and the step's acceleration
+    (m, 3).
+    """
+    ago = ago_s[:, None]
+    acceleration = (views.v_n[at] - views.v_start_n[at]) / views.dt_s[at][:, None]
+    return ago, views.v_n[at] - ago * acceleration, acceleration
+
+
+def _with_states(rows: list[dict[int, ArrayLike]], states: slice, of_states: NDArray) -> None:
+    """Add states to rows in place; of_states (m, rows, states): their coefficients."""
+    for i, row in enumerate(rows):
+        for k, state in enumerate(range(states.start, states.stop)):
+            row[state] = of_states[:, i, k]
+
+
+def _velocity_rows(views: StepViews, at: NDArray, v_n: NDArray) -> list[dict[int, ArrayLike]]:
     """Rows of computed less true velocity in NED: w + phi x v, phi = theta + position part.
 
     A vehicle that stands has v = 0: with the computed velocity, drifted by 0.1 m/s, a parked unit

@@ -130,6 +130,8 @@ def _effects(document: UpdateDocument) -> list[str]:
     if isinstance(document.zero_rate_effect, ZeroRateEffect):
         lines.append(f"  {effect_words(document.zero_rate_effect)}")
     for session in document.sessions:
+        if isinstance(session, EstimatedDocument) and session.taxi:
+            lines += [f"  {session.run_id} {found.text}" for found in session.taxi.needed]
         if isinstance(session, EstimatedDocument) and session.zero_rate:
             lines += [f"  {session.run_id} {line}" for line in stretch_words(session.zero_rate)]
     effect = document.predicted_effect

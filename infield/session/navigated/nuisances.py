@@ -1,0 +1,295 @@
+"""What wind, tyres and installation may add to a taxi, and which of it the data ask for.
+
+As declared, crab is one constant, arms and stamps are right but for the wheel arm along x and the
+wheel scale. Where the data say otherwise, the nuisance that explains them becomes states of the
+filter, each with a prior of its own. A nuisance is taken where the likelihood of all measurements,
+the states' priors included, grows by TAXI_GAIN_NATS: that is its Bayes factor, and under the
+declared model a gain of g nats has a probability below exp(-g) (Markov's inequality).
+
+Constants are compared by one sweep of the filter in which all of them are free: the Bayes factor of
+a model without some of them is their posterior over their prior density at zero (Savage-Dickey;
+Dickey 1971, Ann. Math. Stat. 42). Crabs that change on their own are tried one by one. A sweep goes
+over the navigation solution that is there, never over the log again.
+
+The NIS under constants stays a test: the states' priors stand in every innovation's sigma, no noise
+level is fitted, and a nuisance has at most two numbers. A crab that changes on its own has a level
+that is fitted: the NIS of the lateral way then tests nothing, and the document says so.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment.motion.kinds import ROLLING
+from alignment.navigation_filter import Aid, FilterPass
+from infield.session.estimate import Found, RollingEvidence
+from infield.session.reasons import Nuisance
+from ins.filters import states
+from ins.filters.error_filter import ErrorFilter
+from ins.units import MILLIRADIAN
+
+TAXI_GAIN_NATS = 3.0  # odds of 20 to 1; under the declared model below 1 in 20 (Markov)
+# Prior sigmas. Crab: effects.md O04: 0.1 to 1 deg.
+WIND_CRAB_RAD = 20 * MILLIRADIAN  # of either component of a steady wind
+CRAB_TURN_RAD = 0.5  # turn after which 1/e of a turning crab is left
+GUST_TIME_S = 10.0  # 50 to 100 m of turbulence at 5 to 10 m/s
+# RMS of crabs that change on their own, tried first; from there to the likeliest by factors of two.
+TURNING_CRAB_RAD = 20 * MILLIRADIAN
+GUST_CRAB_RAD = 2 * MILLIRADIAN  # a tenth of a steady wind's: turbulence of 10 to 20 %
+LEVEL_STEP = 2.0
+LARGEST_CRAB_RAD = 40 * MILLIRADIAN  # 2 deg; above, tyres skid
+LEAST_CRAB_RAD = 0.25 * MILLIRADIAN
+SLIP_RAD_S2_M = 10 * MILLIRADIAN  # effects.md O04: 0.1 to 1 deg at 1 m/s^2
+WHEEL_ARM_M = 1.0  # effects.md O03: 0.1 to 3 m
+ODOMETER_DELAY_S = 0.1  # effects.md O06: 10 to 200 ms
+ANTENNA_M = 1.0  # effects.md F02: 0.1 to 3 m
+# As infield.replay.aided.antenna: receivers lag by 0.1 to 0.2 s (u-blox 5: positions 0.13,
+# velocities 0.21 s; autopilots assume 0.11 to 0.22 s), loggers add theirs.
+GNSS_DELAY_S = 0.3
+DELAY_SETTLED_S, ARM_SETTLED_M = 0.003, 0.02  # beyond which a model is linearised anew
+LINEARISED_MOST = 3
+ROUNDS = 8  # of constants and wandering crabs, of which there are two
+
+
+@dataclass(frozen=True)
+class Assumed:
+    """What the aids take for possible beyond what is declared: about which values of arm and delays
+    they are linearised, and the RMS of crabs that change on their own.
+    """
+
+    free: frozenset[Nuisance] = frozenset()
+    antenna_m: tuple[float, float] = (0.0, 0.0)
+    gnss_delay_s: float = 0.0
+    gnss_velocity_delay_s: float = 0.0
+    turning_crab_rad: float = TURNING_CRAB_RAD
+    gust_crab_rad: float = GUST_CRAB_RAD
+
+
+AS_DECLARED = Assumed()
+
+
+# What every taxi estimates: the measurements that show it, and its state.
+ALWAYS: Mapping[Nuisance, tuple[str, str]] = {
+    Nuisance.CRAB: ("lateral", "KAPPA"),
+    Nuisance.WHEEL_ARM_X: ("lateral", "LEVER_X"),
+    Nuisance.WHEEL_SCALE: ("odometer", "ODOMETER"),
+}
+# Prior sigmas by the names of the states (ins.filters.states).
+CONSTANTS: Mapping[Nuisance, Mapping[str, float]] = {
+    Nuisance.CROSS_WIND: {"WIND": WIND_CRAB_RAD},
+    Nuisance.SIDE_SLIP: {"SLIP": SLIP_RAD_S2_M},
+    Nuisance.WHEEL_ARM_Y: {"WHEEL_Y": WHEEL_ARM_M},
+    Nuisance.ODOMETER_DELAY: {"ODOMETER_DELAY": ODOMETER_DELAY_S},
+    Nuisance.ANTENNA: {"GNSS_ARM": ANTENNA_M},
+    Nuisance.GNSS_DELAY: {"GNSS_DELAY": GNSS_DELAY_S, "GNSS_VELOCITY_DELAY": GNSS_DELAY_S},
+}
+# The state of a crab that changes on its own, and where `Assumed` holds its RMS.
+WANDERING: Mapping[Nuisance, tuple[str, str]] = {
+    Nuisance.TURNING_CRAB: ("CRAB_TURN", "turning_crab_rad"),
+    Nuisance.GUSTS: ("CRAB_GUST", "gust_crab_rad"),
+}
+
+
+@dataclass(frozen=True)
+class RollingModel:
+    """The filter under what the data ask for, what it assumes, and the evidence."""
+
+    filter: ErrorFilter
+    assumed: Assumed
+    evidence: RollingEvidence
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Where models are tried: the last pass of the solution, the declared prior sigmas of nuisance
+    states, and the aids under what is assumed.
+    """
+
+    last: FilterPass
+    sigma0: Mapping[str, float]
+    aids: Callable[[Assumed], Sequence[Aid]]
+
+    def run(self, assumed: Assumed) -> ErrorFilter:
+        return self.last.run(self.priors(assumed), self.aids(assumed))
+
+    def priors(self, assumed: Assumed) -> Mapping[str, float]:
+        """Prior sigmas under what is assumed."""
+        sigma0 = dict(self.sigma0)
+        for nuisance in sorted(assumed.free):
+            if nuisance in WANDERING:
+                state, level = WANDERING[nuisance]
+                sigma0[state] = getattr(assumed, level)
+            else:
+                sigma0.update(CONSTANTS[nuisance])
+        return sigma0
+
+
+def rolling_model(bench: Bench, declared: ErrorFilter) -> RollingModel:
+    """The nuisances that the data ask for, with the filter under them."""
+    best, assumed = declared, AS_DECLARED
+    gains: dict[Nuisance, float] = {}
+    if np.any(bench.last.plan.kind == ROLLING):
+        best, assumed, gains = _chosen(bench, declared)
+    tally = declared.tally
+    dof = sum(tally.dof.values())
+    evidence = RollingEvidence(
+        found=tuple(_found(best, assumed, nuisance, gain) for nuisance, gain in gains.items()),
+        always=tuple(
+            Found(nuisance, best.x[[i]], np.sqrt(best.P[[i], [i]]), np.array([sigma]), 0.0)
+            for nuisance, i, sigma in _always(bench, best)
+        ),
+        declared_nis=sum(tally.nis.values()) / max(dof, 1),
+        declared_dof=dof,
+    )
+    return RollingModel(best, assumed, evidence)
+
+
+def _always(bench: Bench, flt: ErrorFilter) -> Iterator[tuple[Nuisance, int, float]]:
+    """What every taxi estimates, its state and prior sigma, where it was measured."""
+    for nuisance, (kind, name) in ALWAYS.items():
+        if kind in flt.tally.dof:
+            yield nuisance, getattr(states, name), bench.sigma0[name]
+
+
+def _chosen(
+    bench: Bench, declared: ErrorFilter
+) -> tuple[ErrorFilter, Assumed, dict[Nuisance, float]]:
+    """The likeliest model: constants, and where they stay as they are, a crab beside them that
+    changes on its own, until nothing gains.
+    """
+    best, assumed = declared, AS_DECLARED
+    wandering: dict[Nuisance, float] = {}
+    constants: dict[Nuisance, float] = {}
+    for _ in range(ROUNDS):
+        constants = _constants(bench, assumed)
+        free = frozenset([*wandering, *constants])
+        if free != assumed.free:
+            best, assumed = _settled(bench, _with(assumed, free))
+            continue
+        tried = {
+            nuisance: bench.run(_with(assumed, free | {nuisance}))
+            for nuisance in WANDERING
+            if nuisance not in free
+        }
+        gain = {n: flt.tally.loglik - best.tally.loglik for n, flt in tried.items()}
+        leader = max(gain, key=lambda n: gain[n], default=None)
+        if leader is None or gain[leader] < TAXI_GAIN_NATS:
+            break
+        before = best.tally.loglik
+        best, assumed = _levelled(bench, leader, tried[leader], _with(assumed, free | {leader}))
+        wandering[leader] = best.tally.loglik - before
+    return best, assumed, {**constants, **wandering}
+
+
+def _levelled(
+    bench: Bench, nuisance: Nuisance, flt: ErrorFilter, assumed: Assumed
+) -> tuple[ErrorFilter, Assumed]:
+    """The likeliest RMS of a crab that changes on its own, up and down by LEVEL_STEP."""
+    _, level = WANDERING[nuisance]
+    for factor in (LEVEL_STEP, 1.0 / LEVEL_STEP):
+        while True:
+            rms = factor * getattr(assumed, level)
+            if not LEAST_CRAB_RAD <= rms <= LARGEST_CRAB_RAD:
+                break
+            other = replace(assumed, **{level: rms})
+            tried = bench.run(other)
+            if tried.tally.loglik <= flt.tally.loglik:
+                break
+            flt, assumed = tried, other
+    return flt, assumed
+
+
+def _constants(bench: Bench, assumed: Assumed) -> dict[Nuisance, float]:
+    """Constant nuisances with what each gained, taken one after the other: the best first."""
+    wide = bench.run(_with(assumed, assumed.free | frozenset(CONSTANTS)))
+    taken: dict[Nuisance, float] = {}
+    at_zero = {n: _log_density_ratio(wide, frozenset(CONSTANTS) - {n}) for n in CONSTANTS}
+    reached = _log_density_ratio(wide, frozenset(CONSTANTS))
+    while at_zero:
+        leader = max(at_zero, key=lambda n: at_zero[n])
+        gain = at_zero[leader] - reached
+        if gain < TAXI_GAIN_NATS:
+            break
+        taken[leader], reached = gain, at_zero[leader]
+        left = frozenset(CONSTANTS) - taken.keys()
+        at_zero = {n: _log_density_ratio(wide, left - {n}) for n in left}
+    return taken
+
+
+def _log_density_ratio(wide: ErrorFilter, left_out: frozenset[Nuisance]) -> float:
+    """Log of the posterior over the prior density of nuisances at zero: the Bayes factor of the
+    model without them over the wide one.
+    """
+    if not left_out:
+        return 0.0
+    index, prior = _states_of(left_out)
+    x, P = wide.x[index] / prior, wide.P[np.ix_(index, index)] / np.outer(prior, prior)
+    return float(-0.5 * (x @ np.linalg.solve(P, x) + np.linalg.slogdet(P)[1]))
+
+
+def _states_of(nuisances: Iterable[Nuisance]) -> tuple[NDArray, NDArray]:
+    """Indices and prior sigmas of the states of constant nuisances."""
+    index: list[int] = []
+    prior: list[float] = []
+    for nuisance in sorted(nuisances):
+        for name, sigma in CONSTANTS[nuisance].items():
+            of_name = np.atleast_1d(np.arange(states.BASE)[getattr(states, name)])
+            index.extend(of_name.tolist())
+            prior.extend([sigma] * len(of_name))
+    return np.array(index), np.array(prior)
+
+
+def _with(assumed: Assumed, free: frozenset[Nuisance]) -> Assumed:
+    """The same with other nuisances free; what is not free is as declared."""
+    kept: dict[str, Any] = {}
+    if Nuisance.ANTENNA not in free:
+        kept["antenna_m"] = AS_DECLARED.antenna_m
+    if Nuisance.GNSS_DELAY not in free:
+        kept["gnss_delay_s"] = kept["gnss_velocity_delay_s"] = 0.0
+    return replace(assumed, free=free, **kept)
+
+
+def _settled(bench: Bench, assumed: Assumed) -> tuple[ErrorFilter, Assumed]:
+    """The filter linearised about the arm and the delays that it finds."""
+    flt = bench.run(assumed)
+    for _ in range(LINEARISED_MOST):
+        found = _values(flt, assumed)
+        if _close(found, assumed):
+            break
+        assumed = found
+        flt = bench.run(assumed)
+    return flt, assumed
+
+
+def _values(flt: ErrorFilter, assumed: Assumed) -> Assumed:
+    """What is assumed, about the values in a filter's state; what is not free stays as it is."""
+    if Nuisance.ANTENNA in assumed.free:
+        x, y = flt.x[states.GNSS_ARM]
+        assumed = replace(assumed, antenna_m=(float(x), float(y)))
+    if Nuisance.GNSS_DELAY in assumed.free:
+        assumed = replace(
+            assumed,
+            gnss_delay_s=float(flt.x[states.GNSS_DELAY]),
+            gnss_velocity_delay_s=float(flt.x[states.GNSS_VELOCITY_DELAY]),
+        )
+    return assumed
+
+
+def _close(one: Assumed, other: Assumed) -> bool:
+    off_m = np.abs(np.subtract(one.antenna_m, other.antenna_m)).max()
+    off_s = max(
+        abs(one.gnss_delay_s - other.gnss_delay_s),
+        abs(one.gnss_velocity_delay_s - other.gnss_velocity_delay_s),
+    )
+    return bool(off_m < ARM_SETTLED_M and off_s < DELAY_SETTLED_S)
+
+
+def _found(flt: ErrorFilter, assumed: Assumed, nuisance: Nuisance, gain_nats: float) -> Found:
+    if nuisance in WANDERING:
+        level = np.array([getattr(assumed, WANDERING[nuisance][1])])
+        return Found(nuisance, level, None, level, gain_nats)
+    index, prior = _states_of([nuisance])
+    return Found(nuisance, flt.x[index], np.sqrt(np.diag(flt.P)[index]), prior, gain_nats)
