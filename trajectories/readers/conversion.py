@@ -12,6 +12,7 @@ from ins.records import ImuLog, InputError, ReferenceLog, Run
 from trajectories.readers.conversion_checks import check_rows
 from trajectories.readers.conversion_streams import check_streams
 from trajectories.readers.registry import ConvertedLog, read_log
+from trajectories.readers.rows.column_map import LogOptions
 from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
@@ -48,7 +49,9 @@ class Conversion:
     reference: ReferenceLog | None = None
 
 
-def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]) -> Conversion:
+def convert_log(
+    path: Path, options: Mapping[str, Any], given: Mapping[str, str | float | None]
+) -> Conversion:
     """The run in a log file.
 
     `options` is the map, `given` run.json keys from the command line (flat: lat_deg, lon_deg,
@@ -56,7 +59,7 @@ def convert_log(path: Path, options: Mapping[str, Any], given: Mapping[str, Any]
     InputError names what is missing or wrong.
     """
     path = Path(path)
-    name, log = read_log(path, options)
+    name, log = read_log(path, LogOptions(options))
     findings, label = Findings(), path.name
     header, errors, unknown = header_from_json(
         _header(log, given, path), name="options and map [run]"
@@ -115,7 +118,9 @@ def _lost(imu: ImuLog, label: str) -> list[str]:
     ]
 
 
-def _header(log: ConvertedLog, given: Mapping[str, Any], path: Path) -> dict[str, Any]:
+def _header(
+    log: ConvertedLog, given: Mapping[str, str | float | None], path: Path
+) -> dict[str, Any]:
     """run.json from the log, the map and the command line, the last one winning."""
     known = {k: v for k, v in given.items() if v is not None}
     position = {k: known.pop(k) for k in ("lat_deg", "lon_deg", "height_m") if k in known}

@@ -3,13 +3,14 @@ file.
 """
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from ins.records import GnssLog, ImuLog, InputError, OdometerLog, ReferenceLog, Span, TemperatureLog
+from trajectories.readers.rows.column_map import LogOptions
 
 # Each has READERS; a new format is one more module here. `mapped` stays last: its .mat takes any
 # MATLAB file.
@@ -62,7 +63,7 @@ class Reader:
     name: str
     about: str
     detect: Callable[[Path], bool]
-    read: Callable[[Path, Mapping[str, Any]], ConvertedLog]
+    read: Callable[[Path, LogOptions], ConvertedLog]
     folder: bool = False
     gnss_file: bool = False
 
@@ -105,15 +106,15 @@ def _refuse_no_log(path: Path) -> None:
         )
 
 
-def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]:
+def read_log(path: Path, options: LogOptions) -> tuple[str, ConvertedLog]:
     """The name of the format and the log. InputError where the file, its format or an option is
     wrong.
     """
     _refuse_no_log(path)
     known = tuple(reader for reader in readers() if reader.folder or path.is_file())
-    name = options.get("format")
+    name = options.keys.get("format")
     # a column map says itself what it is
-    if name is None and path.is_file() and {"gyro", "accel"} & set(options):
+    if name is None and path.is_file() and {"gyro", "accel"} & set(options.keys):
         name = importlib.import_module("trajectories.readers.columns.layouts").content_format(path)
     if name is not None:
         chosen = [r for r in known if r.name == name]
@@ -134,7 +135,7 @@ def read_log(path: Path, options: Mapping[str, Any]) -> tuple[str, ConvertedLog]
         raise InputError(
             f"{path}: format not recognised, needed --map with a `format`. Known: {formats}"
         )
-    if "gnss" in options and not chosen[0].gnss_file:
+    if "gnss" in options.keys and not chosen[0].gnss_file:
         raise InputError(
             f"{path.name}: [gnss] (--gnss): a {chosen[0].name} log takes no fixes of another file"
         )

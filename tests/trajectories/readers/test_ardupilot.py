@@ -17,6 +17,7 @@ from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.dataflash import read_tables
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import read_log
+from trajectories.readers.rows.column_map import LogOptions
 
 DT_S = 0.02
 
@@ -305,9 +306,9 @@ def test_a_number_that_a_garbled_format_makes_a_text(tmp_path, name, letters, ga
     path = logs.write(tmp_path / "log.bin", messages)
     if name == b"IMU":
         with pytest.raises(InputError, match=r"log\.bin: IMU: no column GyrX, has TimeMS GyrY"):
-            read_log(path, {})
+            read_log(path, LogOptions({}))
         return
-    _, log = read_log(path, {"imu": 2})
+    _, log = read_log(path, LogOptions({"imu": 2}))
     assert log.imu.rows == logs.ROWS and (log.gnss is None) == (name == b"GPS")
 
 
@@ -328,7 +329,7 @@ def test_text_damage(tmp_path):
     lines[100] = b"IMU, 1, garbled"
     lines[200] = lines[200].replace(b"0", b"\xff", 1)
     path.write_bytes(b"\r\n".join(lines)[:-20])
-    _, log = read_log(path, {})
+    _, log = read_log(path, LogOptions({}))
     assert log.imu.rows >= logs.ROWS - 3
     assert (
         "last line has no line end (file cut off?), dropped; damaged, skipped: lines 101, 201"
@@ -386,7 +387,7 @@ def test_a_packed_matlab_variable_that_is_garbled(tmp_path):
         at += 8 + int.from_bytes(data[at + 4 : at + 8], "little")
     data[at + 200 : at + 260] = bytes(60)
     path.write_bytes(data)
-    _, log = read_log(path, {})
+    _, log = read_log(path, LogOptions({}))
     assert log.imu.rows == logs.ROWS and log.gnss is None
     assert any(
         re.match(rf"flight\.mat: variable at byte {at} damaged \(.*\), not read", n)
@@ -452,7 +453,7 @@ def test_any_damage_of_the_other_forms(tmp_path_factory, seed, name):
 
 def read_or_refuse(path: Path, name: str) -> None:
     try:
-        _, log = read_log(path, {"format": name})
+        _, log = read_log(path, LogOptions({"format": name}))
     except InputError as error:
         assert "\n" not in str(error)
         return

@@ -15,6 +15,7 @@ from trajectories.readers.rows.column_map import (
     GYRO_INCREMENTS,
     GYRO_RATES,
     AxesKeys,
+    LogOptions,
     axis_matrix,
     binary_type,
     column_map,
@@ -47,7 +48,7 @@ def options(**changes) -> dict:
 
 
 def convert(columns, **changes):
-    return converted(columns, column_map(options(**changes)), label="log", notes=[])
+    return converted(columns, column_map(LogOptions(options(**changes))), label="log", notes=[])
 
 
 def test_axes_units_and_time():

@@ -15,7 +15,7 @@ from tests.trajectories.readers.damage import SAMPLES, Sample
 from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import ConvertedLog, read_log, readers
-from trajectories.readers.rows.column_map import column_map
+from trajectories.readers.rows.column_map import LogOptions, column_map
 
 NORMAL, LONG = 30, 3000  # mutations of each sample
 IDS = [s.name for s in SAMPLES]
@@ -30,7 +30,7 @@ def whole(tmp_path_factory) -> dict[str, tuple[bytes, ConvertedLog]]:
         sample.write(path)
         out[sample.name] = (
             path.read_bytes(),
-            read_log(path, {"format": sample.reader, **sample.options})[1],
+            read_log(path, LogOptions({"format": sample.reader, **sample.options}))[1],
         )
     return out
 
@@ -56,9 +56,8 @@ def outcome(sample: Sample, path: Path, before: ConvertedLog, options: dict | No
         for reader in readers():
             assert reader.detect(path) in (True, False)
         try:
-            _, log = read_log(
-                path, {"format": sample.reader, **sample.options} if options is None else options
-            )
+            own = {"format": sample.reader, **sample.options}
+            _, log = read_log(path, LogOptions(own if options is None else options))
         except InputError as error:
             assert str(error) and "\n" not in str(error) and len(str(error)) < 1000
             return "refused"
@@ -142,7 +141,7 @@ def test_cut_off_at_every_share(whole, tmp_path, sample):
 def _rows(sample: Sample, path: Path, before: ConvertedLog) -> int:
     if outcome(sample, path, before) == "refused":
         return 0
-    return read_log(path, {"format": sample.reader, **sample.options})[1].imu.rows
+    return read_log(path, LogOptions({"format": sample.reader, **sample.options}))[1].imu.rows
 
 
 def test_the_guard_sees_hangs_and_memory(monkeypatch):
@@ -165,7 +164,7 @@ def noisy_columns(*, seconds: float = 20.0, seed: int = 8) -> dict[str, np.ndarr
 
 
 def convert(columns: dict[str, np.ndarray]) -> ConvertedLog:
-    log = converted(columns, column_map(damage.NAMED), label="log", notes=[])
+    log = converted(columns, column_map(LogOptions(damage.NAMED)), label="log", notes=[])
     check_log(log)
     return log
 

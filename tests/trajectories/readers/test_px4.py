@@ -16,6 +16,7 @@ from tests.trajectories.run_cases import F_B
 from trajectories.readers.containers.ulog_file import read_ulog
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.registry import read_log
+from trajectories.readers.rows.column_map import LogOptions
 
 W, DT_S, ROWS = np.array([0.01, -0.02, 0.03]), 0.01, 1000
 # [rad/s] that the autopilot takes off; in the raw topic still
@@ -404,7 +405,7 @@ def test_any_damage_is_read_or_refused(tmp_path_factory, cuts):
     path = tmp_path_factory.getbasetemp() / "fuzz.ulg"
     path.write_bytes(content)
     try:
-        _, log = read_log(path, {"format": "ulog"})
+        _, log = read_log(path, LogOptions({"format": "ulog"}))
     except InputError as error:
         assert "\n" not in str(error)
         return

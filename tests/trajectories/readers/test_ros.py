@@ -18,6 +18,7 @@ from trajectories.readers.containers import unpacking
 from trajectories.readers.conversion import convert_log
 from trajectories.readers.formats import ros
 from trajectories.readers.registry import read_log
+from trajectories.readers.rows.column_map import LogOptions
 
 pytest.importorskip("rosbags", reason="rosbags (extra `ros`) writes the bags")
 from tests.trajectories.readers import ros_bags as bags
@@ -173,9 +174,9 @@ def test_three_thermometers(tmp_path):
     )
     T = convert(path, {"temperature_topics": names}).run.temperature
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 0], [0, 10, 20], atol=1e-9)
-    T = read_log(path, {"temperature_topics": names, "axes": {"x": "y", "y": "z", "z": "x"}})[
-        1
-    ].temperature
+    T = read_log(
+        path, LogOptions({"temperature_topics": names, "axes": {"x": "y", "y": "z", "z": "x"}})
+    )[1].temperature
     # a thermometer follows its gyro
     np.testing.assert_allclose(T.gyro_degC[0] - T.gyro_degC[0, 2], [10, 20, 0], atol=1e-9)
     with pytest.raises(
@@ -426,7 +427,7 @@ def test_hostile_databases(tmp_path):
 
 def test_a_folder_that_is_no_bag(tmp_path):
     with pytest.raises(InputError, match=r"a folder without a bag .*needed the file of the log"):
-        read_log(tmp_path, {})
+        read_log(tmp_path, LogOptions({}))
     (tmp_path / "a.mcap.zstd").write_bytes(b"x")
     with pytest.raises(InputError, match=r"a\.mcap\.zstd is packed as a whole: unpack it first"):
-        read_log(tmp_path, {})
+        read_log(tmp_path, LogOptions({}))

@@ -1,7 +1,7 @@
 """Satellite fixes of a log: the good ones, the site, and what UTC the log's clock shows."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,13 @@ class RawFixes:
     sigmas: NDArray | None = None
 
 
+class StartKeys(TypedDict, total=False):
+    """Keys of run.json that fixes know."""
+
+    site: dict[str, float]
+    start_utc: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Fixes:
     """The good fixes on the log's own clock [s], and UTC (since 1970) less log seconds (None where
@@ -51,7 +58,7 @@ class Fixes:
     gnss: GnssLog
     unix_less_log_s: float | None
 
-    def header(self, log: ConvertedLog) -> dict[str, Any]:
+    def header(self, log: ConvertedLog) -> StartKeys:
         """run.json keys: the first fix from the log's start on (the last where all are earlier),
         and start_utc.
         """
@@ -68,10 +75,10 @@ class Fixes:
         """The fixes beside the log's imu rows, on run time; None where there is none."""
         time_s = self.gnss.time_s - log.time_shift_s
         rows = (time_s >= 0) & (time_s <= log.imu.end_s)
-        columns: dict[str, Any] = {
-            k: None if v is None else v[rows] for k, v in vars(self.gnss).items()
-        }
-        return GnssLog(**{**columns, "time_s": time_s[rows]}) if rows.any() else None
+        if not rows.any():
+            return None
+        kept = {k: v[rows] for k, v in vars(self.gnss).items() if v is not None}
+        return GnssLog(**{**kept, "time_s": time_s[rows]})
 
 
 def chosen(raw: RawFixes, rows: NDArray) -> RawFixes:

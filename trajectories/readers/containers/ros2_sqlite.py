@@ -9,7 +9,7 @@ import sqlite3
 from pathlib import Path
 
 from ins.records import InputError
-from trajectories.readers.containers.ros_messages import Bag
+from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
 
 SQLITE_MAGIC = b"SQLite format 3\0"
@@ -61,7 +61,7 @@ class _Budget:
         return int(self._left < 0)
 
 
-def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict:
+def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict[int, Topic]:
     kinds = dict(
         connection.execute(
             "SELECT name, type FROM sqlite_master WHERE name IN ('topics', 'messages')"
@@ -74,7 +74,9 @@ def _topics(connection: sqlite3.Connection, bag: Bag, label: str) -> dict:
     return {number: topic for number, topic in found.items() if topic is not None}
 
 
-def _messages(connection: sqlite3.Connection, topics: dict, bag: Bag, label: str) -> None:
+def _messages(
+    connection: sqlite3.Connection, topics: dict[int, Topic], bag: Bag, label: str
+) -> None:
     marks = ",".join("?" * len(topics))
     rows = connection.execute(
         f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) ORDER BY id",

@@ -10,13 +10,12 @@ import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from trajectories.readers.columns.imu_columns import converted, plausible_degC
 from trajectories.readers.containers import dataflash, dataflash_text
@@ -24,7 +23,7 @@ from trajectories.readers.containers.dataflash import Tables
 from trajectories.readers.formats import ardupilot_mat
 from trajectories.readers.formats.ardupilot_gnss import fixes, log_clock
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 
@@ -61,15 +60,13 @@ class ArduPilotKeys(StretchKeys):
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=MAX_IMUS)] = 1
     gyro_offsets: Literal["as_logged", "add_back"] = "as_logged"
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
 def log_from_tables(
-    tables: Tables, options: Mapping[str, Any], path: Path, notes: list[str]
+    tables: Tables, options: LogOptions, path: Path, notes: list[str]
 ) -> ConvertedLog:
     """The log of one IMU. InputError where the log has no such IMU or lacks its columns."""
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(ArduPilotKeys, dict(options), name="map")
+    keys = options.parsed(ArduPilotKeys)
     tables = {
         name: table if name in TEXT_MESSAGES else _numbers(table) for name, table in tables.items()
     }
@@ -85,10 +82,11 @@ def log_from_tables(
     columns |= {k: columns[k] + offset for k, offset in zip(GYRO_FIELDS, offsets)}
     temperature, temperature_notes = _temperature(table, label)
     columns |= temperature
-    keys_of_columns = _map(_units(tables, name.split()[0], table, label), "temperature" in columns)
-    log = converted(columns, column_map(keys_of_columns | stretch_of(keys)), label=label, notes=[])
+    units = _units(tables, name.split()[0], table, label)
+    keys_of_columns = _map(units, "temperature" in columns, stretch_of(keys))
+    log = converted(columns, column_map(keys_of_columns), label=label, notes=[])
     found, gps_notes = fixes(tables, label=path.name)
-    removed: dict[str, Any] = {"gyro_level_removed": True} if level_removed else {}
+    removed = {"gyro_level_removed": True} if level_removed else {}
     header = {
         "run_id": f"{path.stem}-imu{keys.imu}",
         "gyro_technology": "mems",
@@ -181,11 +179,17 @@ def _units(
     return found
 
 
-def _map(units: Mapping[str, str], with_temperature: bool) -> dict[str, Any]:
-    keys: dict[str, Any] = {"time": {"column": "time"}}
-    keys["gyro"] = {"columns": list(GYRO_FIELDS), "unit": units["GyrX"]}
-    keys["accel"] = {"columns": list(ACCEL_FIELDS), "unit": units["AccX"]}
-    return {**keys, "temperature": {"columns": ["temperature"]}} if with_temperature else keys
+def _map(
+    units: Mapping[str, str], with_temperature: bool, stretch: Mapping[str, float]
+) -> LogOptions:
+    """The column map of an IMU's table."""
+    keys = {
+        "time": {"column": "time"},
+        "gyro": {"columns": list(GYRO_FIELDS), "unit": units["GyrX"]},
+        "accel": {"columns": list(ACCEL_FIELDS), "unit": units["AccX"]},
+    }
+    warm = {"temperature": {"columns": ["temperature"]}} if with_temperature else {}
+    return LogOptions({**keys, **warm, **stretch})
 
 
 def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, NDArray], list[str]]:
@@ -245,7 +249,7 @@ def _serial(tables: Tables, number: int, path: Path) -> dict[str, str]:
 
 
 def _reader(name: str, about: str, detect: Callable[[Path], bool], tables: TablesOf) -> Reader:
-    def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+    def read(path: Path, options: LogOptions) -> ConvertedLog:
         found, notes = tables(path, WANTED_MESSAGES)
         return log_from_tables(found, options, path, notes)
 

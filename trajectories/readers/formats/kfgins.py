@@ -9,16 +9,14 @@ heading [deg]. Source: i2Nav-WHU/KF-GINS, README section 2.2 and src/fileio/gnss
 awesome-gins-datasets, README section 3.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes, largest, may_be_radians
@@ -26,7 +24,13 @@ from trajectories.readers.columns.imu_columns import converted
 from trajectories.readers.columns.layouts import read_columns, side_file
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import LayoutKeys, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import (
+    LayoutKeys,
+    LogOptions,
+    StretchKeys,
+    column_map,
+    stretch_of,
+)
 from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds, unwrapped
 from trajectories.readers.rows.increment_rows import (
     are_increments,
@@ -63,15 +67,15 @@ class KfginsKeys(StretchKeys):
     gnss: GnssFile | None = None
     truth: str | None = None
     gps_week: Annotated[int, Field(ge=0, le=10_000)] | None = None
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log, with the fixes and the truth of other files."""
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(KfginsKeys, dict(options), name="map")
+    keys = options.parsed(KfginsKeys)
     columns, notes = _table(path, {7: ROW_COLUMNS[1:]}, "time, dtheta x y z, dvel x y z")
-    log = converted(columns, column_map(MAP | stretch_of(keys)), label=path.name, notes=notes)
+    log = converted(
+        columns, column_map(LogOptions(MAP | stretch_of(keys))), label=path.name, notes=notes
+    )
     start, told = _date(keys.gps_week, log.time_shift_s, path.name)
     log = replace(log, header={**start, **keys.run}, notes=(*log.notes, *told))
     if keys.gnss is not None:

@@ -3,10 +3,9 @@
 A CSV or Parquet file whose columns already have the names of formats.md needs no map.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from ins.columns import GYRO_DEGC, INCREMENT_COLUMNS, RATE_COLUMNS
 from ins.records import InputError
@@ -18,16 +17,16 @@ from trajectories.readers.columns.side_streams import with_side_streams
 from trajectories.readers.columns.text_columns import header_names
 from trajectories.readers.containers.mat_file import is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import column_map, used_columns
+from trajectories.readers.rows.column_map import LogOptions, column_map, used_columns
 
 OWN_UNITS = (("rad/s", "m/s2", RATE_COLUMNS), ("rad", "m/s", INCREMENT_COLUMNS))
 
 
-def read(path: Path, options: Mapping[str, Any], *, name: str) -> ConvertedLog:
+def read(path: Path, options: LogOptions, *, name: str) -> ConvertedLog:
     """A log by its map, and the streams that the map names beside the imu."""
-    if not (options.get("gyro") or options.get("accel")):
-        options = _own_map(path, options, name)
-    keys = column_map({**options, "format": name})
+    if not (options.keys.get("gyro") or options.keys.get("accel")):
+        options = options.over(_own_map(path, name))
+    keys = column_map(LogOptions({"format": name}).over(options))
     columns, notes = read_columns(path, keys, used_columns(keys))
     return with_side_streams(
         converted(columns, keys, label=path.name, notes=notes), columns, keys, path
@@ -42,24 +41,22 @@ def _names(path: Path, name: str) -> list[str]:
     return {"csv": header_names, "parquet": flat_names}[name](path)
 
 
-def _own(names: Sequence[str]) -> dict[str, Any] | None:
+def _own(names: Sequence[str]) -> LogOptions | None:
     """The map of a file that names the imu columns of formats.md; None where it does not."""
     for gyro, accel, columns in OWN_UNITS:
         if {*columns, "time_s"} <= set(names):
-            own: dict[str, Any] = {
+            own = {
                 "gyro": {"columns": list(columns[:3]), "unit": gyro},
                 "time": {"column": "time_s"},
+                "accel": {"columns": list(columns[3:]), "unit": accel},
             }
-            own["accel"] = {"columns": list(columns[3:]), "unit": accel}
-            return (
-                {**own, "temperature": {"columns": list(GYRO_DEGC)}}
-                if set(GYRO_DEGC) <= set(names)
-                else own
-            )
+            warm = {"temperature": {"columns": list(GYRO_DEGC)}}
+            return LogOptions(own | warm if set(GYRO_DEGC) <= set(names) else own)
     return None
 
 
-def _own_map(path: Path, options: Mapping[str, Any], name: str) -> dict[str, Any]:
+def _own_map(path: Path, name: str) -> LogOptions:
+    """The map of a file that needs none; InputError where it needs one."""
     if name == "mat":
         values, notes = leaves(path)
         why = f" ({notes[0]})" if notes else ""
@@ -72,7 +69,7 @@ def _own_map(path: Path, options: Mapping[str, Any], name: str) -> dict[str, Any
         raise InputError(
             f"{path.name}: {where} not name the imu columns, needed [gyro] and [accel] in the map"
         )
-    return {**own, **options}
+    return own
 
 
 def _never(path: Path) -> bool:

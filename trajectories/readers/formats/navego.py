@@ -8,16 +8,14 @@ solution, which has attitude too, is not used. Source: rodralez/NaveGo,
 examples/synthetic-data/navego_example_synth.m (data structures), release 1.2.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes, largest
@@ -27,7 +25,7 @@ from trajectories.readers.columns.mat_columns import Leaves, leaves, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.containers.mat_file import is_mat
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 
 W = [f"wb_{a}" for a in AXES]
 F = [f"fb_{a}" for a in AXES]
@@ -50,13 +48,11 @@ class NavegoKeys(StretchKeys):
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=99)] = 1
     gnss: GnssFile | None = None
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log of one IMU, with the receiver and the reference of the same or another file."""
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(NavegoKeys, dict(options), name="map")
+    keys = options.parsed(NavegoKeys)
     values, notes = leaves(path)
     imus = _structs(values, IMU_FIELDS)
     if len(imus) < keys.imu:
@@ -72,7 +68,10 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
             " as many"
         )
     log = converted(
-        columns, column_map(MAP | stretch_of(keys)), label=f"{path.name}: {name}", notes=notes
+        columns,
+        column_map(LogOptions(MAP | stretch_of(keys))),
+        label=f"{path.name}: {name}",
+        notes=notes,
     )
     several = {"run_id": f"{path.stem}-{name}"} if len(imus) > 1 else {}
     log = replace(log, header={**several, **keys.run})

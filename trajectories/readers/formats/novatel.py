@@ -14,13 +14,13 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import StrictModel, parse, refuse_non_finite
+from ins.json_file import StrictModel
 from ins.records import AXES, InputError
 from ins.units import DEG
 from trajectories.readers.columns.imu_columns import converted
@@ -30,7 +30,13 @@ from trajectories.readers.containers.novatel_lines import Logs, columns, of_widt
 from trajectories.readers.formats.novatel_gnss import fixes
 from trajectories.readers.formats.novatel_types import ImuType, imu_type
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import AxesKeys, StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import (
+    AxesKeys,
+    LogOptions,
+    StretchKeys,
+    column_map,
+    stretch_of,
+)
 from trajectories.readers.rows.gps_time import dated, gps_seconds, unix_seconds
 from trajectories.readers.rows.increment_rows import is_file_of
 from trajectories.readers.rows.row_cleaning import row_ranges
@@ -92,15 +98,13 @@ class NovatelKeys(StretchKeys):
     imu_scale: ScaleKeys | None = None
     axes: AxesKeys | None = None
     gnss: GnssFile | None = None
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log of the raw IMU, with fixes and reference. InputError where the scale of its counts is
     not known.
     """
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(NovatelKeys, dict(options), name="map")
+    keys = options.parsed(NovatelKeys)
     lines = read_lines(path, WANTED_LOGS)
     name = max(RAW_LOGS, key=lambda k: len(lines.logs.get(k, ())))
     if name not in lines.logs:
@@ -115,11 +119,13 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     notes = [f"{path.name}: {n}" for n in (*notes, *more, *_turned(lines.logs, keys, path.name))]
     shape = {
         "time": {"column": "time"},
-        **units,
+        **units.keys,
         "axes": (keys.axes or VEHICLE_AXES).model_dump(),
         **stretch_of(keys),
     }
-    log = converted(counts, column_map(shape), label=path.name, notes=[*lines.notes, *notes])
+    log = converted(
+        counts, column_map(LogOptions(shape)), label=path.name, notes=[*lines.notes, *notes]
+    )
     start, told = dated(float(unix_seconds(gps_seconds(week, log.time_shift_s))), path.name)
     technology = {"gyro_technology": known.technology} if known else {}
     log = replace(
@@ -220,7 +226,7 @@ def _type(logs: Logs, keys: NovatelKeys, raw: Mapping[str, NDArray], label: str)
 
 def _columns(
     raw: Mapping[str, NDArray], known: ImuType | None, keys: NovatelKeys
-) -> tuple[dict[str, NDArray], dict[str, Any], list[str]]:
+) -> tuple[dict[str, NDArray], LogOptions, list[str]]:
     """Counts by sensor and axis, the unit of each sensor as in a map, and a note on the scale."""
     out, units, told = {"time": raw["time"]}, {}, []
     for sensor in ("gyro", "accel"):
@@ -241,7 +247,7 @@ def _columns(
         units[sensor] = {"columns": [f"{sensor}_{a}" for a in AXES], "unit": unit, "scale": scale}
         told.append(f"{sensor} {scale:.6g} {unit}")
     name = f"{known.names[0]} ({known.number})" if known else "by imu_scale"
-    return out, units, [f"IMU {name}: a count is {', '.join(told)}"]
+    return out, LogOptions(units), [f"IMU {name}: a count is {', '.join(told)}"]
 
 
 def _turned(logs: Logs, keys: NovatelKeys, label: str) -> list[str]:

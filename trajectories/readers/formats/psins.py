@@ -10,16 +10,12 @@ up, position, t). An increment covers the interval that ends at its time. Source
 imufile.m, trjsimu.m, gpssimu.m, a2mat.m.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from ins.units import ARCSEC, DEG
 from trajectories.readers.columns.fixes import RawFixes, largest
@@ -29,7 +25,7 @@ from trajectories.readers.columns.mat_columns import Leaves, leaves, shapes
 from trajectories.readers.columns.side_streams import GnssFile, reference_on_run_time, with_fixes
 from trajectories.readers.containers.mat_file import is_mat, is_matlab
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 from trajectories.readers.rows.increment_rows import (
     are_increments,
     head_rows,
@@ -60,13 +56,11 @@ class PsinsKeys(StretchKeys):
 
     format: str | None = None
     gnss: GnssFile | None = None
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log in body axes, with the fixes beside it and `avp` as reference."""
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(PsinsKeys, dict(options), name="map")
+    keys = options.parsed(PsinsKeys)
     values: Leaves = {}
     site: dict[str, float] | None = None
     if is_file_of(path, SIMU_HEAD):
@@ -77,7 +71,9 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
         columns = dict(zip(ROW, _matrix(values, IMU_NAMES, (7,), path).T))
     else:
         columns, notes = _rows(path, (7,), "wm x y z, vm x y z, t")
-    log = converted(columns, column_map(MAP | stretch_of(keys)), label=path.name, notes=notes)
+    log = converted(
+        columns, column_map(LogOptions(MAP | stretch_of(keys))), label=path.name, notes=notes
+    )
     place = {} if site is None else {"site": site}
     log = replace(log, header={**place, **keys.run})
     if keys.gnss is not None:

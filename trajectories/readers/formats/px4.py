@@ -6,7 +6,6 @@ offsets. Raw comes first, if it was logged fast enough. Axes are forward, right,
 board or temperature compensation in flight is refused.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError, TemperatureLog
 from trajectories.readers.columns.fixes import Fixes, RawFixes, good_fixes
 from trajectories.readers.columns.imu_columns import converted, plausible_degC, second_means
 from trajectories.readers.containers.ulog_file import Topic, UlogTables, is_ulog, read_ulog
 from trajectories.readers.registry import ConvertedLog, Reader
-from trajectories.readers.rows.column_map import StretchKeys, column_map, stretch_of
+from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.checks import MIN_RATE_HZ, RATE_TOLERANCE
 
@@ -52,15 +50,13 @@ class Px4Keys(StretchKeys):
     format: str | None = None
     imu: Annotated[int, Field(ge=1, le=9)] = 1
     topic: Literal["sensor_gyro", "vehicle_imu", "sensor_combined"] | None = None
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log of one IMU. InputError where the log has no such IMU, or its compensation cannot be
     undone.
     """
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(Px4Keys, dict(options), name="map")
+    keys = options.parsed(Px4Keys)
     tables = read_ulog(path, WANTED_TOPICS)
     topic = keys.topic or _best(tables, keys.imu, path.name)
     if (topic, keys.imu - 1) not in tables.topics:
@@ -75,7 +71,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     notes = [] if topic == RAW_TOPIC else _compensation(tables, topic, label)
     make = {RAW_TOPIC: _raw, INTEGRATED: _integrated, COMBINED: _combined}[topic]
     columns, more = make(tables, keys.imu - 1, label)
-    log = converted(columns, column_map(MAP | stretch_of(keys)), label=label, notes=[])
+    log = converted(columns, column_map(LogOptions(MAP | stretch_of(keys))), label=label, notes=[])
     found, gps_notes = _fixes(tables, path.name)
     gyro_degC, degC_notes = _temperature(tables, topic, keys.imu - 1, log, label)
     serial = f"{tables.information.get('sys_uuid') or path.stem}-imu{keys.imu}"

@@ -7,16 +7,15 @@ are the stamps of the headers.
 
 import mmap
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from ins.json_file import parse, refuse_non_finite
 from ins.records import AXES, InputError
 from ins.units import STANDARD_GRAVITY
 from trajectories.readers.columns.imu_columns import converted
@@ -26,6 +25,7 @@ from trajectories.readers.formats.ros_streams import chosen, temperature, with_g
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import (
     AxesKeys,
+    LogOptions,
     StretchKeys,
     axis_matrix,
     column_map,
@@ -56,15 +56,13 @@ class RosKeys(StretchKeys):
     velocity_topic: str | None = None
     stamp: Literal["header", "receive"] = "header"
     axes: AxesKeys = FLU
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
+def read(path: Path, options: LogOptions) -> ConvertedLog:
     """The log of one Imu topic. InputError where there is none, several and none chosen, or its
     values are no rates.
     """
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(RosKeys, dict(options), name="map")
+    keys = options.parsed(RosKeys)
     bag = read_bag(path)
     topic = _imu_topic(bag, keys, path.name)
     label = f"{path.name}: {topic.name}"
@@ -72,7 +70,7 @@ def read(path: Path, options: Mapping[str, Any]) -> ConvertedLog:
     columns = {"time": clock.seconds(topic)} | _columns(topic, label)
     keys_of_columns = {**MAP, "axes": vars(keys.axes), **stretch_of(keys)}
     log = converted(
-        columns, column_map(keys_of_columns), label=label, notes=[], base_s=clock.base_s
+        columns, column_map(LogOptions(keys_of_columns)), label=label, notes=[], base_s=clock.base_s
     )
     gyro_degC = temperature(
         bag, keys.temperature_topics, topic, keys.axes, clock.seconds, log, path.name

@@ -7,11 +7,12 @@ column is named as in the file; in a MATLAB file as `imu.wb[0]` or `imu.wb(:,1)`
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import BaseModel, Field, field_validator
 
 from ins.json_file import StrictModel, parse, refuse_non_finite
 from ins.records import AXES, InputError
@@ -37,6 +38,7 @@ ANGLES_DEG = {"deg": 1.0, "rad": 1 / DEG, "1e-7 deg": 1e-7}
 HEIGHTS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "ft": FOOT}
 CELSIUS = {"degC": (1.0, 0.0), "K": (1.0, -273.15), "degF": (5 / 9, -160 / 9)}  # factor, offset
 
+K = TypeVar("K", bound=BaseModel)
 _Axis = Annotated[str, Field(pattern="^[+-]?[xyz]$")]
 _Three = Annotated[list[str], Field(min_length=3, max_length=3)]
 
@@ -160,14 +162,35 @@ class OdometerKeys(FileKeys):
 
 
 class StretchKeys(StrictModel):
-    """Every map may say which stretch of the log to take, by the log's own clock [s]."""
+    """Every map may say which stretch of the log to take, by the log's own clock [s]; `run` holds
+    keys for run.json.
+    """
 
     from_s: float = -np.inf
     to_s: float = np.inf
+    run: dict[str, Any] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LogOptions:
+    """The map of a log and the options of the command line as they were given, not checked: each
+    reader has a model of its own keys.
+    """
+
+    keys: Mapping[str, Any] = field(default_factory=dict)
+
+    def parsed(self, model: type[K]) -> K:
+        """The keys as a reader's model. InputError names what is wrong."""
+        refuse_non_finite(dict(self.keys), name="map")
+        return parse(model, dict(self.keys), name="map")
+
+    def over(self, others: "LogOptions") -> "LogOptions":
+        """These keys, and those of others that these do not have."""
+        return LogOptions({**others.keys, **self.keys})
 
 
 class ColumnMap(LayoutKeys, StretchKeys):
-    """A map file; `run` holds keys for run.json."""
+    """A map file."""
 
     rate_hz: Annotated[float, Field(ge=MIN_RATE_HZ, le=MAX_RATE_HZ)] | None = None
     time: TimeKeys | None = None
@@ -177,13 +200,11 @@ class ColumnMap(LayoutKeys, StretchKeys):
     gnss: GnssKeys | None = None
     odometer: OdometerKeys | None = None
     axes: AxesKeys = AxesKeys()
-    run: dict[str, Any] = Field(default_factory=dict)
 
 
-def column_map(options: Mapping[str, Any]) -> ColumnMap:
-    """The map of a plain dict, checked: units, axes of a right-handed set, one source of time."""
-    refuse_non_finite(dict(options), name="map")
-    keys = parse(ColumnMap, dict(options), name="map")
+def column_map(options: LogOptions) -> ColumnMap:
+    """The map, checked: units, axes of a right-handed set, one source of time."""
+    keys = options.parsed(ColumnMap)
     if (keys.time is None) == (keys.rate_hz is None):
         raise InputError("map: needed either a [time] column or rate_hz")
     for name in ("temperature", "gnss", "odometer"):
