@@ -10,6 +10,8 @@ import json
 import math
 import re
 import tomllib
+from collections.abc import Mapping
+from datetime import date, datetime, time
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -54,9 +56,12 @@ class StrictModel(BaseModel):
 
 
 M = TypeVar("M", bound=BaseModel)
+# What a file holds before it is checked; TOML also has times.
+Json = str | int | float | bool | datetime | date | time | None | list["Json"] | dict[str, "Json"]
+JsonObject = dict[str, Json]
 
 
-def read_json_object(path: Path) -> dict[str, Any]:
+def read_json_object(path: Path) -> JsonObject:
     """The object in a JSON file.
 
     Parameters
@@ -86,7 +91,7 @@ def read_json_object(path: Path) -> dict[str, Any]:
     return _bounded(data, f"{path}: not valid JSON")
 
 
-def read_toml(path: Path) -> dict[str, Any]:
+def read_toml(path: Path) -> JsonObject:
     """The keys of a TOML file.
 
     Parameters
@@ -106,7 +111,7 @@ def read_toml(path: Path) -> dict[str, Any]:
     return parse_toml(read_small_text(path), name=str(path))
 
 
-def parse_toml(text: str, *, name: str) -> dict[str, Any]:
+def parse_toml(text: str, *, name: str) -> JsonObject:
     """The keys of a text of TOML.
 
     Parameters
@@ -168,7 +173,7 @@ def read_small_text(path: Path) -> str:
         raise InputError(f"{path}: not UTF-8 text (byte {error.start})") from None
 
 
-def _bounded(data: dict[str, Any], what: str) -> dict[str, Any]:
+def _bounded(data: JsonObject, what: str) -> JsonObject:
     """The same data; InputError where it is nested more deeply than MAX_DEPTH, or a text is no
     Unicode.
     """
@@ -192,7 +197,7 @@ def _parts(value: Any, what: str) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-def parse(model: type[M], data: dict[str, Any], *, name: str) -> M:
+def parse(model: type[M], data: Mapping[str, Json], *, name: str) -> M:
     """The model of a plain dict.
 
     Parameters
@@ -238,7 +243,7 @@ def complaints(error: ValidationError, model: type[BaseModel], *, name: str) -> 
     return [_complaint(item, model, name) for item in error.errors(include_url=False)]
 
 
-def without_schema(data: dict[str, Any], schema: str, *, name: str) -> dict[str, Any]:
+def without_schema(data: Mapping[str, Json], schema: str, *, name: str) -> JsonObject:
     """The other keys of a file, once its key `schema` says what is expected.
 
     Parameters
@@ -346,7 +351,7 @@ def _reason(error: Exception) -> str:
     )
 
 
-def _needed(kind: str, facts: dict[str, Any]) -> str:
+def _needed(kind: str, facts: Mapping[str, Json]) -> str:
     """What a key must be, from pydantic's error type and context."""
     if kind == "value_error":
         return str(facts["error"])
@@ -364,7 +369,7 @@ def _suggestion(loc: tuple, model: Any) -> str:
     return f" (did you mean {near[0]}?)" if near else ""
 
 
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _unique(pairs: list[tuple[str, Json]]) -> JsonObject:
     keys = [k for k, _ in pairs]
     if len(set(keys)) != len(keys):
         raise ValueError(f"key {next(k for k in keys if keys.count(k) > 1)!r} appears twice")

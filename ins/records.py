@@ -847,6 +847,17 @@ class VehicleNoise:
     sway_damping: float = 0.2
 
 
+ParameterValue = float | str | list[float] | list[str] | dict[str, float | str]
+
+
+class EffectDocument(TypedDict):
+    """An effect of a twin as its file holds it (docs, the twin): name, target, parameters."""
+
+    effect: str
+    target: str
+    parameters: dict[str, ParameterValue]
+
+
 @dataclass(frozen=True, kw_only=True)
 class TwinModel:
     """What is believed about one installation: noise and nominal errors.
@@ -862,7 +873,7 @@ class TwinModel:
     gnss : GnssNoise
     odometer : OdometerNoise
     vehicle : VehicleNoise
-    effects : tuple of dict
+    effects : tuple of EffectDocument
         Effects beyond these, by name, target and parameters.
     source : str
         Where the numbers come from: a file, or the defaults of a technology.
@@ -877,7 +888,7 @@ class TwinModel:
     gnss: GnssNoise = field(default_factory=GnssNoise)
     odometer: OdometerNoise = field(default_factory=OdometerNoise)
     vehicle: VehicleNoise = field(default_factory=VehicleNoise)
-    effects: tuple[dict[str, Any], ...] = ()
+    effects: tuple[EffectDocument, ...] = ()
     source: str = "defaults"
 
 

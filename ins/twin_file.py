@@ -3,17 +3,26 @@
 The records in `ins.records` name the fields and units; this module only checks and fills them.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypedDict
 
 from pydantic import Field, create_model
 
-from ins.json_file import StrictModel, parse, read_json_object, refuse_non_finite, without_schema
+from ins.json_file import (
+    JsonObject,
+    StrictModel,
+    parse,
+    read_json_object,
+    refuse_non_finite,
+    without_schema,
+)
 from ins.records import (
     GYRO_TECHNOLOGIES,
     AccelNoise,
+    EffectDocument,
     GyroNoise,
     InputError,
     TemperatureNoise,
@@ -44,10 +53,37 @@ MEMS_ACCEL = AccelNoise(
 MEMS_TEMPERATURE = TemperatureNoise(noise_degC=0.05, resolution_degC=0.01)
 
 
+Section = Mapping[str, float | Sequence[float]]
+
+
+class TwinDocument(TypedDict, total=False):
+    """A twin as its file holds it (formats.md, section 3); source: where it is part of a report."""
+
+    source: str
+    schema: str
+    imu_serial: str
+    gyro_technology: str
+    table: str | None
+    gyro: Section
+    accel: Section
+    temperature: Section
+    gnss: Section
+    odometer: Section
+    vehicle: Section
+    effects: Sequence[EffectDocument]
+
+
 class _Effect(StrictModel):
     effect: str = Field(min_length=1)
     target: str = Field(min_length=1)
     parameters: dict[str, Any] = Field(default_factory=dict)
+
+
+class _TwinHead(StrictModel):
+    imu_serial: str = ""
+    gyro_technology: Literal["rlg", "fog", "mems"]
+    table: Annotated[str, Field(min_length=1)] | None = None
+    effects: list[_Effect] = Field(default_factory=list)
 
 
 def default_twin(technology: str) -> TwinModel:
@@ -137,7 +173,7 @@ def table_path(twin: TwinModel, folder: Path) -> Path | None:
     return path
 
 
-def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel:
+def twin_from_dict(data: JsonObject, *, source: str, name: str) -> TwinModel:
     """The twin in a plain dict of formats.md, section 3.
 
     Parameters
@@ -172,11 +208,11 @@ def twin_from_dict(data: dict[str, Any], *, source: str, name: str) -> TwinModel
         source=source,
         table=given.get("table"),
         imu_serial=given.get("imu_serial", ""),
-        effects=tuple({"parameters": {}, **effect} for effect in given.get("effects", ())),
+        effects=tuple(_effect(item) for item in model.effects),
     )
 
 
-def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
+def twin_to_dict(twin: TwinModel) -> TwinDocument:
     """The plain dict of a twin (formats.md, section 3).
 
     Parameters
@@ -190,23 +226,18 @@ def twin_to_dict(twin: TwinModel) -> dict[str, Any]:
         `twin_from_dict` makes the same twin of it.
     """
     body = _lists({k: v for k, v in asdict(twin).items() if k != "source"})
-    return {"schema": SCHEMA, **body}
+    document: TwinDocument = {"schema": SCHEMA, **body}
+    return document
 
 
 @cache
-def _twin_model() -> type[StrictModel]:
+def _twin_model() -> type[_TwinHead]:
     """The pydantic model, built from the records so that names and defaults exist once."""
     twin = TwinModel()
     sections: dict[str, Any] = {
         name: (_section_model(getattr(twin, name)), None) for name in TWIN_SECTIONS
     }
-    head: dict[str, Any] = {
-        "imu_serial": (str, ""),
-        "gyro_technology": (Literal["rlg", "fog", "mems"], ...),
-        "table": (Annotated[str, Field(min_length=1)] | None, None),
-        "effects": (list[_Effect], []),
-    }
-    return create_model("Twin", __base__=StrictModel, **head, **sections)
+    return create_model("Twin", __base__=_TwinHead, **sections)
 
 
 def _section_model(record: Any) -> type[StrictModel]:
@@ -224,9 +255,13 @@ def _section_model(record: Any) -> type[StrictModel]:
     return create_model(type(record).__name__, __base__=StrictModel, **types)
 
 
-def _tuples(section: dict[str, Any]) -> dict[str, Any]:
+def _effect(item: _Effect) -> EffectDocument:
+    return {"parameters": item.parameters, "effect": item.effect, "target": item.target}
+
+
+def _tuples(section: Section) -> dict[str, float | tuple[float, ...]]:
     return {
-        k: tuple(map(float, v)) if isinstance(v, list) else float(v) for k, v in section.items()
+        k: tuple(map(float, v)) if isinstance(v, Sequence) else float(v) for k, v in section.items()
     }
 
 

@@ -18,6 +18,7 @@ import numpy as np
 # drawn from); under another key, where the key is no name in Python.
 OMIT_NONE = {"omit_none": True}
 UNWRITTEN = {"unwritten": True}
+INLINE = {"inline": True}  # a record whose keys stand among those of the record that holds it
 AS_READ = (float, int, str, bool)  # kinds whose values JSON holds as they are
 
 
@@ -158,7 +159,8 @@ def plain(value: Any) -> Any:
     value : object
         Dataclasses as dicts in the order of their fields, enums as their values, arrays and tuples
         as lists. A field with metadata `OMIT_NONE` is left out where it is None, one with
-        `UNWRITTEN` always; `written_as` gives it another key.
+        `UNWRITTEN` always; `INLINE` puts the keys of its record in its place, and `written_as`
+        gives it another key.
 
     Examples
     --------
@@ -188,7 +190,9 @@ def _plain_record(record: Any) -> dict[str, Any]:
     for f in fields(record):
         item = getattr(record, f.name)
         left_out = f.metadata.get("unwritten") or (item is None and f.metadata.get("omit_none"))
-        if not left_out:
+        if f.metadata.get("inline"):
+            found |= {} if item is None else plain(item)
+        elif not left_out:
             found[_key(f)] = plain(item)
     return found
 

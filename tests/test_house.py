@@ -22,7 +22,9 @@ MODULES_IN_A_FOLDER = 15
 FRONT_DOOR = "recal/__init__.py"  # the one package file with code
 
 # Mappings from text to anything in the product, by whatever name; the goal is 60.
-UNTYPED_RESULTS = 209
+UNTYPED_RESULTS = 59
+# `JsonObject` outside ins/json_file.py: what a file holds before it is checked.
+UNCHECKED_FILES = 21
 MAPPINGS = {"dict", "Dict", "Mapping", "MutableMapping", "defaultdict", "OrderedDict"}
 ANYTHING = {"Any", "object"}
 NAMES_WITH_SEVERAL_VALUES = 35  # constants; the goal is 40
@@ -154,6 +156,17 @@ def test_untyped_results_only_fall():
     count = {str(path.relative_to(ROOT)): untyped(tree, names) for path, tree in trees.items()}
     most = sorted(count.items(), key=lambda item: -item[1])[:20]
     assert sum(count.values()) <= UNTYPED_RESULTS, most
+
+
+def test_what_is_not_checked_yet_only_falls():
+    """A typed tree of JSON is no result either: it stands where a file is read, and ends there."""
+    count = 0
+    for path in SOURCES:
+        if path.name != "json_file.py":
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            inside = [n for annotation in annotations(tree) for n in ast.walk(annotation)]
+            count += sum(isinstance(n, ast.Name) and n.id == "JsonObject" for n in inside)
+    assert count <= UNCHECKED_FILES
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from infield.reports.figures import (
     NEW,
     OLD,
     SKY,
+    LineStyle,
     axis_text,
     in_style,
     new_figure,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from infield.replay.free_inertial import ReplayResult
 
-STYLES: dict[str, dict[str, Any]] = {
+STYLES: dict[str, LineStyle] = {
     "gnss": {"color": GREY, "linewidth": 3.5, "alpha": 0.45, "label": "GNSS"},
     "previous": {
         "color": OLD,
@@ -52,7 +53,7 @@ STYLES: dict[str, dict[str, Any]] = {
     },
     "aided": {"color": GREEN, "linewidth": 1.8, "label": "aided by GNSS"},
 }
-BAND: dict[str, Any] = {"alpha": 0.25, "linewidth": 0.0}
+BAND: LineStyle = {"alpha": 0.25, "linewidth": 0.0}
 AIDED_FIGURES = ("aided_attitude", "aided_velocity", "aided_biases", "innovations", "aided_sigma")
 TIME = "time of the log [min]"
 MOVED_M = 20.0  # a map of less shows noise
@@ -301,7 +302,7 @@ def _sigma(aided: AidedResult, columns: dict[str, NDArray], result: "ReplayResul
             history.fix_time_s[rows] / 60.0,
             np.linalg.norm(history.residual[rows, 3 * k : 3 * k + 2], axis=1),
         )
-        dots: dict[str, Any] = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
+        dots: LineStyle = {"marker": ".", "markersize": 2.0, "linestyle": "none"}
         ax.plot(t, np.maximum(off, 1e-4), color=GREY, label="GNSS less prediction", **dots)
         t, s = thinned(minutes, np.hypot(*(columns[name] for name in names)))
         ax.plot(t, s, color=GREEN, label="sigma of the solution")

@@ -9,7 +9,7 @@ import hashlib
 import re
 from collections.abc import Callable, Sequence
 from functools import wraps
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypedDict, TypeVar
 
 import numpy as np
 from markupsafe import Markup, escape
@@ -30,7 +30,7 @@ OLD, NEW = VERMILLION, BLUE  # the table before and the table after, everywhere
 AXIS_COLOURS = {"x": BLACK, "y": GREEN, "z": PURPLE}
 AXIS_LINES = {"x": "-", "y": "--", "z": "-."}
 
-_STYLE: dict[str, Any] = {
+_STYLE: dict[str, float | str | bool | list[str]] = {
     "font.family": ["sans-serif"],
     "font.sans-serif": ["DejaVu Sans"],
     "font.size": 9.0,
@@ -58,6 +58,20 @@ _STYLE: dict[str, Any] = {
     "svg.fonttype": "none",
     "svg.hashsalt": "recal",
 }
+
+
+class LineStyle(TypedDict, total=False):
+    """How matplotlib draws a line or its points."""
+
+    color: str
+    linestyle: str
+    linewidth: float
+    alpha: float
+    marker: str
+    markersize: float
+    fmt: str
+    zorder: int
+    label: str
 
 
 _P = ParamSpec("_P")

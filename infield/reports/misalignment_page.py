@@ -2,8 +2,7 @@
 curve needs.
 """
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -15,6 +14,7 @@ from infield.reports.figures import (
     BLUE,
     GREY,
     VERMILLION,
+    LineStyle,
     axis_text,
     in_style,
     new_figure,
@@ -94,11 +94,7 @@ def _harmonics(document: MisalignmentDocument) -> Markup:
 
 
 def _points(
-    ax: "Axes",
-    document: MisalignmentDocument,
-    k: int,
-    value_deg_h: list[float],
-    style: Mapping[str, Any],
+    ax: "Axes", document: MisalignmentDocument, k: int, value_deg_h: list[float], style: LineStyle
 ) -> None:
     """Values of gyro k over the headings of the stops, with their sigmas."""
     heading = [s.heading_deg for s in document.stops]

@@ -2,7 +2,7 @@
 nothing.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -19,6 +19,7 @@ from infield.reports.figures import (
     GREY,
     NEW,
     OLD,
+    LineStyle,
     axis_text,
     in_style,
     new_figure,
@@ -66,7 +67,7 @@ def _headline(document: ReplayDocument) -> str:
         return "No table could be flown: " + "; ".join(document.reasons)
     tables = {t.role: t for t in document.tables}
     active, previous = tables.get("active"), tables.get("previous")
-    if active is None or active.alignment["verdict"] not in WITH_HEADING:
+    if active is None or active.alignment.verdict not in WITH_HEADING:
         assert isinstance(document.aided, AidedFlightDocument)
         start_s = number(document.aided.start.time_s, 0)
         return f"No free-inertial flight; navigated with GNSS from {start_s} s on."
@@ -107,7 +108,7 @@ def _label(t: TableReplay) -> str:
     return f"{t.choice.role} table" if t.choice.table is not None else RAW
 
 
-def _style(t: TableReplay) -> dict[str, Any]:
+def _style(t: TableReplay) -> LineStyle:
     role = t.choice.role
     return {"color": COLOURS[role], "linestyle": LINES[role], "label": _label(t)}
 

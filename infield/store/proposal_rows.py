@@ -16,6 +16,7 @@ from infield.store.rows import MergedRun, UnitKey, key_of, row_sha256, text_sha2
 from infield.store.schema import decision, proposal, revision, tag, unit
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
+from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument
 
 
@@ -100,9 +101,10 @@ class FullProposal(Proposal):
         return table_from_dict(self.table_dict, name=f"{self.unit} proposal {self.number}")
 
     @property
-    def report(self) -> dict[str, Any]:
+    def report(self) -> JsonObject:
         """The update document as it was proposed."""
-        return json.loads(self.report_json)
+        document: JsonObject = json.loads(self.report_json)
+        return document
 
 
 def proposals_of(c: Connection, row: Any) -> list[Proposal]:

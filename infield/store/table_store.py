@@ -9,7 +9,6 @@ checked on every read.
 import itertools
 import json
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 from sqlalchemy import Connection, select, update
 
@@ -53,6 +52,7 @@ from infield.store.schema import merged_run, revision, unit
 from infield.store.verify import StoreCheck, check_store, heads_missing, report_faults
 from infield.table.file import canonical_json, table_from_dict, table_to_dict
 from infield.table.thermal_table import ThermalTable
+from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument, TwinModel
 from ins.twin_file import twin_from_dict, twin_to_dict
 
@@ -178,7 +178,7 @@ class TableStore(ProposalStore):
             return revisions
 
     def verify(
-        self, heads: Sequence[str] = (), reports: Mapping[str, dict[str, Any]] | None = None
+        self, heads: Sequence[str] = (), reports: Mapping[str, JsonObject] | None = None
     ) -> StoreCheck:
         """Every row against every other; also that heads and reports (by name) kept elsewhere are
         still in the store.

@@ -40,6 +40,7 @@ from infield.store.schema import (
     unit,
 )
 from infield.table.file import table_from_dict
+from ins.json_file import JsonObject
 from ins.records import InputError
 from ins.twin_file import twin_from_dict
 from ins.verdicts import Outcome
@@ -228,7 +229,7 @@ def _text_faults(key: UnitKey, row: dict[str, Any], name: str) -> Iterable[str]:
             yield f"{name}: the report is of another table ({report_key})"
 
 
-def _report(report_json: str | None) -> dict[str, Any] | None:
+def _report(report_json: str | None) -> JsonObject | None:
     try:
         report = json.loads(report_json or "{}")
     except ValueError:
@@ -332,7 +333,7 @@ def heads_missing(c: Connection, heads: Sequence[str]) -> list[str]:
     ]
 
 
-def report_faults(c: Connection, name: str, document: dict[str, Any]) -> list[str]:
+def report_faults(c: Connection, name: str, document: JsonObject) -> list[str]:
     """What of a committed update's report, as written beside the store, is not what the store
     holds.
     """

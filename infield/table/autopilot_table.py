@@ -2,8 +2,8 @@
 the table that comes in.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,31 @@ TITLES = {PX4: "PX4", ARDUPILOT: "ArduPilot"}
 
 
 @dataclass(frozen=True, kw_only=True)
+class FitDocument:
+    """How far a cubic is from the table on one gyro."""
+
+    max_error_deg_h: float
+    max_error_degC: float
+    rms_error_deg_h: float
+    rms_sigma_deg_h: float
+    worst_sigmas: float
+    worst_degC: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class CubicDocument:
+    """What an export says of its cubic; imu: its number."""
+
+    autopilot: str
+    imu: int
+    range_degC: tuple[float, float]
+    reference_degC: float
+    limit_sigmas: float
+    rounding_deg_h: float
+    fit: Mapping[str, FitDocument]
+
+
+@dataclass(frozen=True, kw_only=True)
 class CubicExport:
     """What an export would write and how well it fits; `too_stiff`: why it is refused, empty where
     it is not.
@@ -43,26 +68,22 @@ class CubicExport:
     limit_sigmas: float
     too_stiff: tuple[str, ...]
 
-    def fit_document(self) -> dict[str, Any]:
+    def fit_document(self) -> CubicDocument:
         """For --json."""
-        names = (
-            "max_error_deg_h",
-            "max_error_degC",
-            "rms_error_deg_h",
-            "rms_sigma_deg_h",
-            "worst_sigmas",
-            "worst_degC",
-        )
         c = self.cubic
-        return {
-            "autopilot": c.autopilot,
-            "imu": c.number,
-            "range_degC": [c.low_degC, c.high_degC],
-            "reference_degC": c.reference_degC,
-            "limit_sigmas": self.limit_sigmas,
-            "rounding_deg_h": self.rounding_deg_h,
-            "fit": {fit.axis: {name: getattr(fit, name) for name in names} for fit in self.fits},
-        }
+        names = [f.name for f in fields(FitDocument)]
+        return CubicDocument(
+            autopilot=c.autopilot,
+            imu=c.number,
+            range_degC=(c.low_degC, c.high_degC),
+            reference_degC=c.reference_degC,
+            limit_sigmas=self.limit_sigmas,
+            rounding_deg_h=self.rounding_deg_h,
+            fit={
+                fit.axis: FitDocument(**{name: getattr(fit, name) for name in names})
+                for fit in self.fits
+            },
+        )
 
     def fit_lines(self) -> list[str]:
         """The fit in words, for the file and for people."""

@@ -20,7 +20,14 @@ from pydantic import Field, ValidationError
 
 from infield.table.prior import prior_covariance
 from infield.table.thermal_table import ThermalTable
-from ins.json_file import StrictModel, complaints, read_json_object, read_small_text, without_schema
+from ins.json_file import (
+    JsonObject,
+    StrictModel,
+    complaints,
+    read_json_object,
+    read_small_text,
+    without_schema,
+)
 from ins.records import AXES, AxisDocument, InputError, TableDocument
 
 SCHEMA = "recal.table/1"
@@ -71,7 +78,7 @@ def table_from_dict(data: TableDocument, *, name: str) -> ThermalTable:
     """The table in a plain dict; `name` (its file) begins each error line.  InputError names the
     key.
     """
-    body = without_schema(dict(data), SCHEMA, name=name)
+    body = without_schema(cast(JsonObject, data), SCHEMA, name=name)
     try:
         model = _Table.model_validate(body)
     except ValidationError as error:
@@ -122,7 +129,7 @@ def _mode(gyro_mode: str) -> _Mode:
     return {"gyro_mode": gyro_mode} if gyro_mode else {}
 
 
-def checked_table(data: Mapping[str, Any], *, name: str) -> TableDocument:
+def checked_table(data: JsonObject, *, name: str) -> TableDocument:
     """The table document that a plain object is, as written. InputError names the key."""
     document = cast(TableDocument, data)
     table_from_dict(document, name=name)
@@ -190,20 +197,19 @@ def read_table_csv(
                 needed=columns,
                 where=f"{path}: line {number}",
             )
-    return checked_table(
-        {
-            "schema": SCHEMA,
-            "imu_serial": imu_serial,
-            "gyro_technology": gyro_technology,
-            **_mode(gyro_mode),
-            "created_utc": created_utc,
-            "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear",
-            "axes": axes,
-            "covariance": None,
-            "provenance": {"parent_sha256": None, "runs": []},
-        },
-        name=str(path),
-    )
+    document: TableDocument = {
+        "schema": SCHEMA,
+        "imu_serial": imu_serial,
+        "gyro_technology": gyro_technology,
+        **_mode(gyro_mode),
+        "created_utc": created_utc,
+        "interpolation": "hermite" if SLOPE_COLUMN in columns else "linear",
+        "axes": cast(dict[str, AxisDocument], axes),
+        "covariance": None,
+        "provenance": {"parent_sha256": None, "runs": []},
+    }
+    table_from_dict(document, name=str(path))
+    return document
 
 
 def utc(text: str, *, name: str) -> datetime:

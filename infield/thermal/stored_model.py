@@ -76,7 +76,7 @@ def read_thermal_model(path: Path) -> StoredModel:
     return StoredModel(
         model=reader(document, name=str(path)),
         sha256=hashlib.sha256(text.encode()).hexdigest(),
-        schema=document["schema"],
+        schema=str(document["schema"]),
         imu_serial=str(document.get("imu_serial")),
         gyro_technology=str(document.get("gyro_technology")),
         name=str(path),

@@ -27,6 +27,6 @@ def command(
 
     found = check(run, serial=serial)
     if not answer(found.document, as_json=as_json, verbose=verbose):
-        for line in report_lines(found.document, quiet=quiet):
+        for line in report_lines(found.record, quiet=quiet):
             say(line)
     finish(found.verdict)

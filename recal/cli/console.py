@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from recal.service.results.text import Document, result_text
+from recal.service.results.text import result_text
 
 DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
     0,
@@ -141,7 +141,7 @@ def say(text: str, *, quiet: bool = False) -> None:
         print(text, file=sys.stderr)
 
 
-def answer(result: Document, *, as_json: bool, verbose: bool) -> bool:
+def answer(result: object, *, as_json: bool, verbose: bool) -> bool:
     """The result as -v (standard error) and --json (standard output) ask for it; whether --json
     did.
     """
@@ -152,6 +152,6 @@ def answer(result: Document, *, as_json: bool, verbose: bool) -> bool:
     return as_json
 
 
-def emit_json(result: Document) -> None:
+def emit_json(result: object) -> None:
     """The result and nothing else, on standard output; numbers that are not finite become null."""
     sys.stdout.write(result_text(result))

@@ -9,10 +9,9 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ins.records import InputError
-from recal.service.inputs.listings import StrictModel, parse, read_small_text, read_toml
+from recal.service.inputs.listings import JsonObject, StrictModel, parse, read_small_text, read_toml
 
 ENDINGS = ("imu.parquet", "imu.csv", "imu.csv.gz")
 
@@ -94,7 +93,7 @@ def _entries(source: Path) -> Iterator[_Entry]:
         yield parse(_Entry, row, name=where)
 
 
-def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _csv_rows(source: Path) -> Iterator[tuple[str, JsonObject]]:
     reader = csv.DictReader(io.StringIO(read_small_text(source)), strict=True)
     try:
         for row in reader:
@@ -112,7 +111,7 @@ def _csv_rows(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         raise InputError(f"{source}: line {reader.line_num}: {error}") from None
 
 
-def _json_lines(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _json_lines(source: Path) -> Iterator[tuple[str, JsonObject]]:
     for number, line in enumerate(read_small_text(source).splitlines(), 1):
         if not line.strip():
             continue
@@ -125,14 +124,14 @@ def _json_lines(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"{source}: line {number}", row
 
 
-def _toml_runs(source: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+def _toml_runs(source: Path) -> Iterator[tuple[str, JsonObject]]:
     data = read_toml(source)
     rows = data.get("run")
-    if (
-        set(data) != {"run"}
-        or not isinstance(rows, list)
-        or not all(isinstance(row, dict) for row in rows)
-    ):
-        raise InputError(f"{source}: needed [[run]] sections with path, and nothing else")
-    for number, row in enumerate(rows, 1):
+    wrong = f"{source}: needed [[run]] sections with path, and nothing else"
+    if set(data) != {"run"} or not isinstance(rows, list):
+        raise InputError(wrong)
+    sections = [row for row in rows if isinstance(row, dict)]
+    if len(sections) < len(rows):
+        raise InputError(wrong)
+    for number, row in enumerate(sections, 1):
         yield f"{source}: [[run]] {number}", row

@@ -8,21 +8,20 @@ import numpy as np
 from alignment.gyrocompass import align as align_log
 from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
-from infield.reports.documents.alignment import alignment_document
+from infield.reports.documents.alignment import AlignmentDocument, alignment_document
 from infield.session.log import compensated_imu, compensated_seconds
-from infield.session.parked.zero_rate import mean_zero_rate
+from infield.session.parked.zero_rate import ZeroRates, mean_zero_rate
 from infield.session.settings import SessionSettings
 from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Phase, Run
-from ins.verdicts import Reason, because, plain
+from ins.verdicts import Null, Reason, because
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Aligned(Result):
+class Aligned(Result[AlignmentDocument]):
     """Attitude at the end of the parked time; angles in degrees, NaN where not found.
 
     Parameters
@@ -35,29 +34,25 @@ class Aligned(Result):
 
     @property
     def roll_deg(self) -> float:
-        return self._angle("roll_deg")
+        return self.record.roll_deg
 
     @property
     def pitch_deg(self) -> float:
-        return self._angle("pitch_deg")
+        return self.record.pitch_deg
 
     @property
     def heading_deg(self) -> float:
         """In [0, 360)."""
-        return self._angle("heading_deg")
+        return self.record.heading_deg
 
     @property
     def sigma_heading_deg(self) -> float:
         """One standard deviation."""
-        return self._angle("sigma_heading_deg")
+        return self.record.sigma_heading_deg
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, angles with one sigma, phases."""
-        return summary(self.document)
-
-    def _angle(self, name: str) -> float:
-        value = self.document[name]
-        return float("nan") if value is None else float(value)
+        return summary(self.record)
 
 
 def align(
@@ -120,11 +115,9 @@ def align(
         result = replace(result, reasons=(*result.reasons, _no_table(unit, read)))
     document = alignment_document(result, read)
     if result.verdict is AlignmentVerdict.LEVEL_ONLY and read.header.gyro_technology == "mems":
-        document["zero_rate"] = plain(mean_zero_rate(read, unit.twin, SessionSettings()))
-    phases = tuple(
-        Phase(phase=p["phase"], start_s=p["start_s"], end_s=p["end_s"]) for p in document["phases"]
-    )
-    return Aligned(document, phases=phases)
+        seen = mean_zero_rate(read, unit.twin, SessionSettings())
+        document = replace(document, zero_rate=seen or Null.NULL)
+    return Aligned(document, phases=tuple(document.phases))
 
 
 def _no_table(unit: UnitInputs, run: Run) -> Reason:
@@ -135,32 +128,35 @@ def _no_table(unit: UnitInputs, run: Run) -> Reason:
     )
 
 
-def summary(document: Document) -> list[str]:
+def summary(document: AlignmentDocument) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document['run_id']}: {document['verdict']}"]
-    word = "note:" if document["verdict"] == AlignmentVerdict.ALIGNED else "because"
-    lines += [f"  {word} {reason}" for reason in document["reasons"]]
-    for name in ("roll", "pitch", "heading"):
-        value, sigma = document[f"{name}_deg"], document[f"sigma_{name}_deg"]
-        if value is not None and value == value:
+    lines = [f"{document.run_id}: {document.verdict}"]
+    word = "note:" if document.verdict == AlignmentVerdict.ALIGNED else "because"
+    lines += [f"  {word} {reason}" for reason in document.reasons]
+    for name, value, sigma in (
+        ("roll", document.roll_deg, document.sigma_roll_deg),
+        ("pitch", document.pitch_deg, document.sigma_pitch_deg),
+        ("heading", document.heading_deg, document.sigma_heading_deg),
+    ):
+        if np.isfinite(value):
             lines.append(f"  {name:8s}{value:10.4f} +- {sigma:.4f} deg")
-    level = document["motion_level"]
+    level = document.motion_level
     if level is not None:
         lines.append(
-            f"  used {document['used_percent']:.0f} % of the parked seconds; place strays by"
-            f" {level['place_mm']:.2g} mm (up to {level['largest_place_mm']:.2g}), heading by"
-            f" {level['yaw_arcsec']:.2g} arcsec (up to {level['largest_yaw_arcsec']:.2g}): sigma"
-            f" {level['sigma_cost']:.2f} times that on a calm vehicle"
+            f"  used {document.used_percent:.0f} % of the parked seconds; place strays by"
+            f" {level.place_mm:.2g} mm (up to {level.largest_place_mm:.2g}), heading by"
+            f" {level.yaw_arcsec:.2g} arcsec (up to {level.largest_yaw_arcsec:.2g}): sigma"
+            f" {level.sigma_cost:.2f} times that on a calm vehicle"
         )
-    if document.get("zero_rate"):
-        seen = document["zero_rate"]
+    seen = document.zero_rate
+    if isinstance(seen, ZeroRates):
         lines += [
-            f"  gyro {axis} zero rate {found['bias_deg_h']:+.1f} +- {found['sigma_deg_h']:.1f}"
+            f"  gyro {axis} zero rate {found.bias_deg_h:+.1f} +- {found.sigma_deg_h:.1f}"
             " deg/h, less vertical Earth"
-            f" rate{'' if seen['heading_known'] else ', heading unknown'} ({seen['start_s']:.0f} to"
-            f" {seen['end_s']:.0f} s)"
-            for axis, found in seen["gyro"].items()
+            f" rate{'' if seen.heading_known else ', heading unknown'} ({seen.start_s:.0f} to"
+            f" {seen.end_s:.0f} s)"
+            for axis, found in seen.gyro.items()
         ]
-    for phase in document["phases"]:
-        lines.append(f"  {phase['phase']:20s}{phase['start_s']:9.1f} to {phase['end_s']:9.1f} s")
+    for phase in document.phases:
+        lines.append(f"  {phase.phase:20s}{phase.start_s:9.1f} to {phase.end_s:9.1f} s")
     return lines

@@ -1,29 +1,115 @@
 """`check`: what a run holds, what is wrong with it and where."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from infield.reports.documents.session_records import PhaseDocument
+from infield.reports.documents.spans import SpanDocument
 from ins.records import ImuSource, InputError, ReferenceLog, TemperatureLog
 from ins.units import DEG_PER_HOUR
+from ins.verdicts import INLINE
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from trajectories.runs import directory
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import Inspection, read_reference
 from trajectories.runs.imu_stream import jitter
-from trajectories.runs.physics_gates import expected_rest
+from trajectories.runs.physics_gates import ExpectedRest, expected_rest
 from trajectories.runs.streams import RunStreams
 
 SEVERITIES = ("error", "suspect", "warning")  # of a problem, the worst first
 
 
+class CheckVerdict(StrEnum):
+    """Whether a run can be used."""
+
+    OK = "ok"
+    WARNINGS = "warnings"
+    BAD_INPUT = "bad_input"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """The rows of a stream."""
+
+    rows: int
+    start_s: float
+    end_s: float
+    duration_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuHeld(Held):
+    """Those of the IMU; jitter: of its intervals, relative."""
+
+    source: str
+    rate_hz: float
+    jitter: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TemperatureHeld(Held):
+    """Those of the thermometers; least and greatest value of each that reads anything."""
+
+    range_degC: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class BesideDocument:
+    """The streams beside the IMU's."""
+
+    temperature: TemperatureHeld | None = None
+    gnss: Held | None = None
+    odometer: Held | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RestDocument:
+    """Means over the quiet start, beside what the site should give; w_down: about the vertical."""
+
+    start_s: float
+    end_s: float
+    mean_f_m_s2: NDArray
+    mean_w_deg_h: NDArray
+    size_f_m_s2: float
+    size_w_deg_h: float
+    w_down_deg_h: float
+    expected: ExpectedRest
+
+
+@dataclass(frozen=True, kw_only=True)
+class HoldsDocument:
+    """What a run holds; beside: None where there is no run directory."""
+
+    imu: ImuHeld | None
+    beside: BesideDocument | None = field(metadata=INLINE)
+    phases: Sequence[PhaseDocument]
+    at_rest: RestDocument | None
+    reference: Held | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckDocument:
+    """What `recal check --json` prints."""
+
+    schema: str = "recal.check/1"
+    run: str
+    verdict: CheckVerdict
+    run_id: str | None
+    imu_serial: str | None
+    sha256: str | None
+    holds: HoldsDocument
+    problems: Sequence[Finding]
+    repaired: Sequence[SpanDocument]
+
+
 @dataclass(frozen=True, repr=False, eq=False)
-class Check(Result):
+class Check(Result[CheckDocument]):
     """What `check` found; `problems` by their level, the worst first.
 
     Parameters
@@ -41,7 +127,7 @@ class Check(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """What the run holds, then one line for each problem."""
-        return report_lines(self.document)
+        return report_lines(self.record)
 
 
 def check(run: AnyPath, *, serial: str | None = None) -> Check:
@@ -91,66 +177,66 @@ def check(run: AnyPath, *, serial: str | None = None) -> Check:
 
 def _document(
     path: Path, seen: Inspection, reference: ReferenceLog | None, problems: list[Finding]
-) -> Document:
+) -> CheckDocument:
     """What `--json` prints."""
-    return {
-        "schema": "recal.check/1",
-        "run": str(path),
-        "verdict": _verdict(problems),
-        "run_id": seen.header.run_id if seen.header else None,
-        "imu_serial": seen.header.imu_serial if seen.header else None,
-        "sha256": seen.run.sha256 if seen.run else None,
-        "holds": {**_holds(seen), "reference": None if reference is None else _times(reference)},
-        "problems": [{"level": p.level, "text": p.text} for p in problems],
-        "repaired": [
-            {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in seen.faults
-        ],
-    }
+    return CheckDocument(
+        run=str(path),
+        verdict=_verdict(problems),
+        run_id=seen.header.run_id if seen.header else None,
+        imu_serial=seen.header.imu_serial if seen.header else None,
+        sha256=seen.run.sha256 if seen.run else None,
+        holds=_holds(seen, reference),
+        problems=problems,
+        repaired=[SpanDocument(s.start_s, s.end_s, str(s.reason)) for s in seen.faults],
+    )
 
 
-def _verdict(problems: list[Finding]) -> str:
+def _verdict(problems: list[Finding]) -> CheckVerdict:
     if any(problem.level != "warning" for problem in problems):
-        return "bad_input"
-    return "warnings" if problems else "ok"
+        return CheckVerdict.BAD_INPUT
+    return CheckVerdict.WARNINGS if problems else CheckVerdict.OK
 
 
-def _holds(seen: Inspection) -> Document:
+def _holds(seen: Inspection, reference: ReferenceLog | None) -> HoldsDocument:
     streams = seen.streams
-    imu = None if streams is None else streams.imu
     phases = () if streams is None else streams.phases or ()
-    return {
-        "imu": None if imu is None else _imu(imu),
-        **({} if streams is None else _beside(streams)),
-        "phases": [{"phase": p.phase, "start_s": p.start_s, "end_s": p.end_s} for p in phases],
-        "at_rest": _at_rest(seen),
-    }
+    return HoldsDocument(
+        imu=None if streams is None or streams.imu is None else _imu(streams.imu),
+        beside=None if streams is None else _beside(streams),
+        phases=[PhaseDocument(phase=p.phase, start_s=p.start_s, end_s=p.end_s) for p in phases],
+        at_rest=_at_rest(seen),
+        reference=None if reference is None else _times(reference.time_s),
+    )
 
 
-def _beside(streams: RunStreams) -> Document:
+def _beside(streams: RunStreams) -> BesideDocument:
     """The streams beside the IMU's."""
-    temperature = streams.temperature
-    ranges = {} if temperature is None else {"range_degC": _ranges(temperature)}
-    return {
-        "temperature": None if temperature is None else {**_times(temperature), **ranges},
-        "gnss": None if streams.gnss is None else _times(streams.gnss),
-        "odometer": None if streams.odometer is None else _times(streams.odometer),
-    }
+    temperature, gnss, odometer = streams.temperature, streams.gnss, streams.odometer
+    warmth = None
+    if temperature is not None:
+        times = vars(_times(temperature.time_s))
+        warmth = TemperatureHeld(**times, range_degC=_ranges(temperature))
+    return BesideDocument(
+        temperature=warmth,
+        gnss=None if gnss is None else _times(gnss.time_s),
+        odometer=None if odometer is None else _times(odometer.time_s),
+    )
 
 
-def _imu(imu: ImuSource) -> Document:
-    facts = {"source": imu.source, "rate_hz": imu.rate_hz, "jitter": jitter(imu)}
-    return {**_stretch(imu.rows, imu.start_s, imu.end_s), **facts}
+def _imu(imu: ImuSource) -> ImuHeld:
+    stretch = vars(_stretch(imu.rows, imu.start_s, imu.end_s))
+    return ImuHeld(**stretch, source=imu.source, rate_hz=imu.rate_hz, jitter=jitter(imu))
 
 
-def _times(log: Any) -> Document:
-    return _stretch(log.time_s.size, float(log.time_s[0]), float(log.time_s[-1]))
+def _times(time_s: NDArray) -> Held:
+    return _stretch(time_s.size, float(time_s[0]), float(time_s[-1]))
 
 
-def _stretch(rows: int, start_s: float, end_s: float) -> Document:
-    return {"rows": rows, "start_s": start_s, "end_s": end_s, "duration_s": end_s - start_s}
+def _stretch(rows: int, start_s: float, end_s: float) -> Held:
+    return Held(rows=rows, start_s=start_s, end_s=end_s, duration_s=end_s - start_s)
 
 
-def _ranges(temperature: TemperatureLog) -> dict[str, list[float]]:
+def _ranges(temperature: TemperatureLog) -> dict[str, tuple[float, float]]:
     """Least and greatest value of each thermometer that reads anything."""
     columns: dict[str, NDArray] = {}
     for key, values in vars(temperature).items():
@@ -160,72 +246,68 @@ def _ranges(temperature: TemperatureLog) -> dict[str, list[float]]:
         elif values is not None and key != "time_s":
             columns[stem] = values
     return {
-        k: [float(np.nanmin(v)), float(np.nanmax(v))]
+        k: (float(np.nanmin(v)), float(np.nanmax(v)))
         for k, v in columns.items()
         if np.isfinite(v).any()
     }
 
 
-def _at_rest(seen: Inspection) -> Document | None:
+def _at_rest(seen: Inspection) -> RestDocument | None:
     """Means over the quiet start, beside what gravity and Earth rate should give at the site."""
     quiet = seen.quiet
     if quiet is None or seen.header is None:
         return None
     w = quiet.w_rad_s / DEG_PER_HOUR
-    return {
-        "start_s": quiet.start_s,
-        "end_s": quiet.end_s,
-        "mean_f_m_s2": quiet.f_m_s2,
-        "mean_w_deg_h": w,
-        "size_f_m_s2": float(np.linalg.norm(quiet.f_m_s2)),
-        "size_w_deg_h": float(np.linalg.norm(w)),
-        "w_down_deg_h": float(-w @ quiet.f_m_s2 / (np.linalg.norm(quiet.f_m_s2) or np.inf)),
-        "expected": expected_rest(seen.header.site),
-    }
+    return RestDocument(
+        start_s=quiet.start_s,
+        end_s=quiet.end_s,
+        mean_f_m_s2=quiet.f_m_s2,
+        mean_w_deg_h=w,
+        size_f_m_s2=float(np.linalg.norm(quiet.f_m_s2)),
+        size_w_deg_h=float(np.linalg.norm(w)),
+        w_down_deg_h=float(-w @ quiet.f_m_s2 / (np.linalg.norm(quiet.f_m_s2) or np.inf)),
+        expected=expected_rest(seen.header.site),
+    )
 
 
-def report_lines(result: Document, *, quiet: bool = False) -> list[str]:
+def report_lines(result: CheckDocument, *, quiet: bool = False) -> list[str]:
     """The result for people: what the run holds, then one line for each problem."""
-    lines = [] if quiet else _held_lines(result["holds"])
-    lines += [
-        f"{p['level']}: {p['text']}"
-        for p in result["problems"]
-        if not quiet or p["level"] != "warning"
-    ]
+    lines = [] if quiet else _held_lines(result.holds)
+    lines += [f"{p.level}: {p.text}" for p in result.problems if not quiet or p.level != "warning"]
     if not quiet:
         lines += [
-            f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}"
-            for s in result["repaired"]
+            f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired
         ]
-        lines.append(f"{result['run']}: {result['verdict'].replace('_', ' ')}")
+        lines.append(f"{result.run}: {result.verdict.replace('_', ' ')}")
     return lines
 
 
-def _held_lines(holds: Document) -> list[str]:
+def _held_lines(holds: HoldsDocument) -> list[str]:
     lines = []
-    for name in ("imu", "temperature", "gnss", "odometer", "reference"):
-        if held := holds.get(name):
-            more = (
-                f", {held['rate_hz']:.4g} Hz {held['source']}, jitter {held['jitter']:.1%}"
-                if name == "imu"
-                else ""
-            )
-            lines.append(
-                f"{name}: {held['rows']} rows, {held['start_s']:.3f} to {held['end_s']:.3f} s{more}"
-            )
-            ranges = held.get("range_degC", {}).items()
-            lines += [f"  {key}: {low:.2f} to {high:.2f} degC" for key, (low, high) in ranges]
-    if holds.get("phases"):
+    beside = holds.beside or BesideDocument()
+    if imu := holds.imu:
         lines.append(
-            "phases: "
-            + ", ".join(f"{p['phase']} {p['start_s']:g}-{p['end_s']:g} s" for p in holds["phases"])
+            f"{_held_line('imu', imu)}, {imu.rate_hz:.4g} Hz {imu.source}, jitter {imu.jitter:.1%}"
         )
-    if rest := holds.get("at_rest"):
-        want = rest["expected"]
+    if beside.temperature:
+        lines.append(_held_line("temperature", beside.temperature))
+        ranges = beside.temperature.range_degC.items()
+        lines += [f"  {key}: {low:.2f} to {high:.2f} degC" for key, (low, high) in ranges]
+    others = (("gnss", beside.gnss), ("odometer", beside.odometer), ("reference", holds.reference))
+    lines += [_held_line(name, held) for name, held in others if held]
+    if holds.phases:
+        said = [f"{p.phase} {p.start_s:g}-{p.end_s:g} s" for p in holds.phases]
+        lines.append("phases: " + ", ".join(said))
+    if rest := holds.at_rest:
+        want = rest.expected
         lines.append(
-            f"at rest {rest['start_s']:.0f} to {rest['end_s']:.0f} s: |f| {rest['size_f_m_s2']:.5f}"
-            f" m/s2 (site {want['f_m_s2']:.5f}), |w| {rest['size_w_deg_h']:.3f} deg/h (Earth"
-            f" {want['w_deg_h']:.3f}), about the vertical {rest['w_down_deg_h']:+.3f}"
-            f" ({want['w_down_deg_h']:+.3f})"
+            f"at rest {rest.start_s:.0f} to {rest.end_s:.0f} s: |f| {rest.size_f_m_s2:.5f}"
+            f" m/s2 (site {want.f_m_s2:.5f}), |w| {rest.size_w_deg_h:.3f} deg/h (Earth"
+            f" {want.w_deg_h:.3f}), about the vertical {rest.w_down_deg_h:+.3f}"
+            f" ({want.w_down_deg_h:+.3f})"
         )
     return lines
+
+
+def _held_line(name: str, held: Held) -> str:
+    return f"{name}: {held.rows} rows, {held.start_s:.3f} to {held.end_s:.3f} s"

@@ -1,20 +1,40 @@
 """`convert`: a flight log of a known format, or by a column map, to a run."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ins.json_file import read_toml
+from infield.reports.documents.spans import SpanDocument
+from ins.json_file import JsonObject, read_toml
 from ins.records import ReferenceLog, Run
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from trajectories.readers.conversion import Conversion, convert_log
+from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
 
 
+@dataclass(frozen=True, kw_only=True)
+class ConvertDocument:
+    """What `recal convert --json` prints; run: where it was written."""
+
+    schema: str = "recal.convert/1"
+    run: str | None
+    run_id: str
+    sha256: str
+    format: str
+    rows: int
+    rate_hz: float
+    duration_s: float
+    time_shift_s: float
+    notes: Sequence[str]
+    repaired: Sequence[SpanDocument]
+    streams: Sequence[str]
+    problems: Sequence[Finding]
+
+
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Converted(Result):
+class Converted(Result[ConvertDocument]):
     """A run made from a log, and all that was dropped or repaired.
 
     Parameters
@@ -37,7 +57,7 @@ class Converted(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Notes, repairs, problems, and what the run holds."""
-        return report_lines(self.document)
+        return report_lines(self.record)
 
 
 def convert(
@@ -47,7 +67,7 @@ def convert(
     map_file: AnyPath | None = None,
     gnss: AnyPath | None = None,
     header: Mapping[str, str | float | None] | None = None,
-    options: Document | None = None,
+    options: Mapping[str, str | float | None] | None = None,
 ) -> Converted:
     """Convert a flight log to a run.
 
@@ -85,11 +105,11 @@ def convert(
         ...
     ins.records.InputError: nothing.bin: no such file
     """
-    chosen = {key: value for key, value in (options or {}).items() if value is not None}
-    keys: Document = {**(read_toml(Path(map_file)) if map_file else {}), **chosen}
+    given = {} if map_file is None else read_toml(Path(map_file))
+    given |= {key: value for key, value in (options or {}).items() if value is not None}
     if gnss is not None:
-        keys = with_gnss_file(keys, Path(gnss))
-    conversion = convert_log(Path(log), dict(keys), dict(header or {}))
+        given = with_gnss_file(given, Path(gnss))
+    conversion = convert_log(Path(log), given, dict(header or {}))
     if output is not None:
         write_run(
             Path(output),
@@ -100,54 +120,46 @@ def convert(
     return Converted(summary(conversion, output), conversion=conversion)
 
 
-def with_gnss_file(options: Document, gnss: Path) -> Document:
+def with_gnss_file(options: JsonObject, gnss: Path) -> JsonObject:
     """The map with the file of its [gnss] named; a key that is no table is left to the reader to
     refuse.
     """
     keys = options.get("gnss", {})
-    return {
-        **options,
-        "gnss": {**keys, "file": str(gnss.absolute())} if isinstance(keys, dict) else keys,
-    }
+    file = str(gnss.absolute())
+    return {**options, "gnss": {**keys, "file": file} if isinstance(keys, dict) else keys}
 
 
-def summary(conversion: Conversion, output: AnyPath | None) -> Document:
+def summary(conversion: Conversion, output: AnyPath | None) -> ConvertDocument:
     """The result `recal.convert/1`."""
     run, record = conversion.run, conversion.record
-    return {
-        "schema": "recal.convert/1",
-        "run": None if output is None else str(output),
-        "run_id": run.header.run_id,
-        "sha256": run.sha256,
-        "format": record.format,
-        "rows": run.imu.rows,
-        "rate_hz": run.imu.rate_hz,
-        "duration_s": run.imu.end_s,
-        "time_shift_s": record.time_shift_s,
-        "notes": list(record.notes),
-        "repaired": [
-            {"start_s": s.start_s, "end_s": s.end_s, "reason": s.reason} for s in run.faults
-        ],
-        "streams": (
+    return ConvertDocument(
+        run=None if output is None else str(output),
+        run_id=run.header.run_id,
+        sha256=run.sha256,
+        format=record.format,
+        rows=run.imu.rows,
+        rate_hz=run.imu.rate_hz,
+        duration_s=run.imu.end_s,
+        time_shift_s=record.time_shift_s,
+        notes=record.notes,
+        repaired=[SpanDocument(s.start_s, s.end_s, str(s.reason)) for s in run.faults],
+        streams=(
             [k for k in ("temperature", "gnss", "odometer") if getattr(run, k) is not None]
             + (["reference"] if conversion.reference is not None else [])
         ),
-        "problems": [{"level": f.level, "text": f.text} for f in conversion.findings],
-    }
+        problems=conversion.findings,
+    )
 
 
-def report_lines(result: Document) -> list[str]:
+def report_lines(result: ConvertDocument) -> list[str]:
     """The result for people."""
-    lines = [f"note: {note}" for note in result["notes"]]
-    lines += [
-        f"repaired: {s['start_s']:.3f} to {s['end_s']:.3f} s: {s['reason']}"
-        for s in result["repaired"]
-    ]
-    lines += [f"{p['level']}: {p['text']}" for p in result["problems"]]
-    beside = f" (with {', '.join(result['streams'])})" if result["streams"] else ""
+    lines = [f"note: {note}" for note in result.notes]
+    lines += [f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired]
+    lines += [f"{p.level}: {p.text}" for p in result.problems]
+    beside = f" (with {', '.join(result.streams)})" if result.streams else ""
     lines.append(
-        f"{result['run'] or result['run_id']}: {result['rows']} rows, {result['rate_hz']:.4g} Hz,"
-        f" {result['duration_s']:.3f} s{beside}; log time {result['time_shift_s']:.6f} s is run"
+        f"{result.run or result.run_id}: {result.rows} rows, {result.rate_hz:.4g} Hz,"
+        f" {result.duration_s:.3f} s{beside}; log time {result.time_shift_s:.6f} s is run"
         " time 0"
     )
     return lines

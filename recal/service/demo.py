@@ -1,6 +1,6 @@
 """`demo`: the main job on an embedded default."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,9 +8,9 @@ import numpy as np
 
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import ThermalTable
+from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from recal.service.update import Update, UpdateRequest, update_in_store
 from trajectories.runs.directory import write_run
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
@@ -22,8 +22,29 @@ HEADINGS_DEG = (0.0, 120.0, 250.0)
 SCORED_TEMPERATURES = 50
 
 
+@dataclass(frozen=True, kw_only=True)
+class TableErrors:
+    """RMS error of both tables against the true unit, level gyros [deg/h]."""
+
+    table_before: float
+    table_after: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class DemoDocument:
+    """What `--json` prints and demo.json holds."""
+
+    schema: str = "recal.demo/1"
+    seed: int
+    runs: Sequence[str]
+    store: str
+    verdict: Outcome | str
+    report: str
+    table_error_deg_h: TableErrors
+
+
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Demonstrated(Result):
+class Demonstrated(Result[DemoDocument]):
     """An update of a simulated unit, and its error before and after.
 
     Parameters
@@ -36,13 +57,13 @@ class Demonstrated(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """The error against the simulated truth, and where the report is."""
-        error = self.document["table_error_deg_h"]
+        error = self.record.table_error_deg_h
         return [
             (
-                f"level gyros against the simulated truth: {error['table_before']:.4f} ->"
-                f" {error['table_after']:.4f} deg/h RMS"
+                f"level gyros against the simulated truth: {error.table_before:.4f} ->"
+                f" {error.table_after:.4f} deg/h RMS"
             ),
-            f"report: {self.document['report']}",
+            f"report: {self.record.report}",
         ]
 
 
@@ -77,20 +98,18 @@ def _store_url(directory: Path) -> str:
 
 def _document(
     seed: int, runs: list[Path], directory: Path, unit: UnitTruth, result: Update
-) -> Document:
-    """What `--json` prints and demo.json holds."""
-    return {
-        "schema": "recal.demo/1",
-        "seed": seed,
-        "runs": [str(run) for run in runs],
-        "store": _store_url(directory),
-        "verdict": result.verdict,
-        "report": str(directory / "update.html"),
-        "table_error_deg_h": {
-            "table_before": _error(unit, result.table_before, result),
-            "table_after": _error(unit, result.table, result),
-        },
-    }
+) -> DemoDocument:
+    return DemoDocument(
+        seed=seed,
+        runs=[str(run) for run in runs],
+        store=_store_url(directory),
+        verdict=result.record.verdict,
+        report=str(directory / "update.html"),
+        table_error_deg_h=TableErrors(
+            table_before=_error(unit, result.table_before, result),
+            table_after=_error(unit, result.table, result),
+        ),
+    )
 
 
 def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], UnitTruth]:

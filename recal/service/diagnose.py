@@ -9,7 +9,6 @@ from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
 from ins.twin_file import read_twin
-from ins.verdicts import plain
 from recal.service.inputs.twin_table import TwinTable, twin_table
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
@@ -24,7 +23,7 @@ from simreal.plan.record_next import record_next
 from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
 from simreal.report.diagnosis_page import diagnosis_html
-from simreal.report.diagnosis_records import DiagnosisRecord
+from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
 from simreal.twin.write_back import TABLE_NAME, twin_with_causes
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
@@ -43,32 +42,27 @@ class Cause:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Diagnosed(Result):
+class Diagnosed(Result[DiagnosisRecord]):
     """The gap between simulator and logs.
 
     Parameters
     ----------
-    record : DiagnosisRecord
-        The diagnosis, typed.
     files : Mapping
         Texts by file name: diagnosis.json, diagnosis.html, twin.json and its table.
     """
 
-    record: DiagnosisRecord
     files: dict[str, str] = field(default_factory=dict)
 
     @property
     def gap_score(self) -> float:
         """Mean squared normalised residual over what the twin predicts; 1.0 is no gap."""
-        return float(self.document["gap"]["score"])
+        score = self.record.gap.score
+        return float("nan") if score is None else score
 
     @property
     def causes(self) -> tuple[Cause, ...]:
-        """The effects found, the most probable first."""
-        return tuple(
-            Cause(c["effect"], c["target"], c["probability"], c["shrink"]["fraction"])
-            for c in self.document["causes"]
-        )
+        """The effects found, the most probable first; shrink: NaN where no data judge it."""
+        return tuple(_cause(c) for c in self.record.causes)
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, where the gap lies, its causes."""
@@ -79,6 +73,11 @@ class Diagnosed(Result):
         directory = output_directory(None if output is None else Path(output), "diagnose")
         write_files({directory / name: text for name, text in self.files.items()})
         return directory
+
+
+def _cause(c: CauseRecord) -> Cause:
+    shrink = float("nan") if c.shrink is None else c.shrink.fraction
+    return Cause(c.effect, c.target, c.probability, shrink)
 
 
 def diagnose(
@@ -185,9 +184,8 @@ def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked)
 
 
 def _made(record: DiagnosisRecord, page: str, files: dict[str, str]) -> Diagnosed:
-    document = plain(record)
-    own = {"diagnosis.json": result_text(document), "diagnosis.html": page}
-    return Diagnosed(document, page=lambda: page, record=record, files=own | files)
+    own = {"diagnosis.json": result_text(record), "diagnosis.html": page}
+    return Diagnosed(record, page=lambda: page, files=own | files)
 
 
 def _distinct(paths: list[Path], runs: list[Run]) -> None:

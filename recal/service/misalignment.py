@@ -16,20 +16,20 @@ from infield.misalignment.study import (
     study_runs,
     study_table,
 )
-from infield.reports.documents.misalignment import misalignment_document
+from infield.reports.documents.misalignment import MisalignmentDocument, misalignment_document
 from infield.reports.misalignment_page import render
 from infield.session.log import with_applied_table_undone
 from infield.store.table_store import TableStore
 from ins.records import InputError, TwinModel
 from ins.twin_file import default_twin, twin_to_dict
 from ins.units import ARCSEC, DEG
-from ins.verdicts import Observability, plain
+from ins.verdicts import Observability
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.unit_inputs import opened, unit_inputs
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document, result_text
+from recal.service.results.text import result_text
 
 __all__ = [
     "AzimuthSettings",
@@ -52,7 +52,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Misaligned(Result):
+class Misaligned(Result[MisalignmentDocument]):
     """Measured couplings.
 
     Parameters
@@ -67,8 +67,8 @@ class Misaligned(Result):
     def couplings(self) -> tuple[Coupling, ...]:
         """Those of the level axes into each gyro."""
         return tuple(
-            Coupling(c["entry"], c["value_arcsec"], c["sigma_arcsec"], c["verdict"])
-            for c in self.document["couplings"]
+            Coupling(c.entry, c.value_arcsec, c.sigma_arcsec, c.verdict)
+            for c in self.record.couplings
         )
 
     @property
@@ -78,7 +78,7 @@ class Misaligned(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, couplings with one sigma, the redundant equations."""
-        return summary(self.document)
+        return summary(self.record)
 
     def write(self, output: AnyPath | None = None, *, twin_out: AnyPath | None = None) -> Path:
         """Write misalignment.json and misalignment.html to a directory (else
@@ -199,27 +199,20 @@ def known_azimuths(
 
 def _made(study: AzimuthStudy) -> Misaligned:
     found = misalignment_document(study, version=program_version())
-    return Misaligned(plain(found), page=lambda: render(found), study=study)
+    return Misaligned(found, page=lambda: render(found), study=study)
 
 
-def summary(document: Document) -> list[str]:
+def summary(document: MisalignmentDocument) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document['imu_serial'] or document['source']}: {document['verdict']}"]
-    lines += [f"  because {reason}" for reason in document["reasons"]]
-    lines += [f"  {note}" for note in document["notes"]]
-    for c in document["couplings"]:
-        if c["verdict"] == Observability.NOT_OBSERVABLE:
+    lines = [f"{document.imu_serial or document.source}: {document.verdict}"]
+    lines += [f"  because {reason}" for reason in document.reasons]
+    lines += [f"  {note}" for note in document.notes]
+    for c in document.couplings:
+        if c.verdict == Observability.NOT_OBSERVABLE or c.value_arcsec is None:
             continue
-        value = round(c["value_arcsec"], 1) + 0.0  # no -0.0
-        lines.append(
-            f"  {c['entry']:6s}{value:+9.1f} +- {c['sigma_arcsec']:.1f} arcsec ({c['verdict']})"
-        )
-    if document["redundancy"]:
-        r = document["redundancy"]
-        lines.append(
-            f"  redundancy: chi-square {r['chi2']:.1f} of {r['dof']}, limit {r['limit_999']:.1f}"
-        )
-    lines += [
-        f"  not observable: {row['what']}: {row['why']}" for row in document["not_observable"]
-    ]
+        value = round(c.value_arcsec, 1) + 0.0  # no -0.0
+        lines.append(f"  {c.entry:6s}{value:+9.1f} +- {c.sigma_arcsec:.1f} arcsec ({c.verdict})")
+    if r := document.redundancy:
+        lines.append(f"  redundancy: chi-square {r.chi2:.1f} of {r.dof}, limit {r.limit_999:.1f}")
+    lines += [f"  not observable: {row.what}: {row.why}" for row in document.not_observable]
     return lines

@@ -11,7 +11,6 @@ from infield.table.file import read_table_dict, table_from_dict, table_sha256
 from ins.records import InputError, Run, Site, TwinModel
 from ins.twin_file import default_twin, read_twin, table_path
 from ins.units import DEG
-from ins.verdicts import plain
 from recal.service.inputs.records import AnyRun, runs_of
 from recal.service.inputs.twin_table import TwinTable
 from recal.service.results.files import output_directory, program_version, write_files
@@ -28,16 +27,8 @@ DEFAULT_LAT_DEG = 45.0
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Planned(Result):
-    """Recordings that would separate rival effects.
-
-    Parameters
-    ----------
-    record : PlanRecord
-        The plan, typed.
-    """
-
-    record: PlanRecord
+class Planned(Result[PlanRecord]):
+    """Recordings that would separate rival effects."""
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Pair by pair what to record, and what would be seen."""
@@ -124,7 +115,7 @@ def plan(
     record = plan_document(
         found, lat_deg=lat_deg, without=wanted.without, version=program_version()
     )
-    return Planned(plain(record), page=lambda: plan_html(record), record=record)
+    return Planned(record, page=lambda: plan_html(record))
 
 
 def _unit(request: PlanRequest, runs: list[Run]) -> tuple[TwinModel, TwinTable]:

@@ -5,23 +5,22 @@ from pathlib import Path
 
 import numpy as np
 
+from alignment.motion.kinds import Witness
 from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
-from infield.reports.documents.aided import aided_columns
-from infield.reports.documents.replay import replay_document
+from infield.reports.documents.aided import AidedDocument, AidedFlightDocument, aided_columns
+from infield.reports.documents.replay import ReplayDocument, TableDocument, replay_document
 from infield.reports.replay_page import render
 from infield.reports.track_kml import track_kml
 from infield.store.table_store import TableStore
 from ins.attitude import euler_from_dcm
 from ins.records import Run
 from ins.units import DEG
-from ins.verdicts import plain
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, opened, with_thermal_model
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from trajectories.runs.directory import read_reference
 from trajectories.runs.stream_files import write_columns
 
@@ -29,7 +28,7 @@ ATTITUDE_COLUMNS = ("roll_deg", "pitch_deg", "heading_deg")
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Replayed(Result):
+class Replayed(Result[ReplayDocument]):
     """A log flown again, with each table.
 
     Parameters
@@ -43,12 +42,11 @@ class Replayed(Result):
     @property
     def drift_nm_h(self) -> dict[str, float]:
         """Parked drift of the free-inertial solution [NM/h], by the table's role."""
-        tables = [t for t in self.document["tables"] if t["parked"] is not None]
-        return {t["role"]: float(t["parked"]["rate_nm_h"]) for t in tables}
+        return {t.role: t.parked.rate_nm_h for t in self.record.tables if t.parked is not None}
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, drift with each table, the aided solution."""
-        return summary(self.document)
+        return summary(self.record)
 
     def write(self, output: AnyPath | None = None, *, kml: bool = False, csv: bool = False) -> Path:
         """Write replay.json, replay.html, navigation.parquet and navigation_aided.parquet.
@@ -145,7 +143,7 @@ def replay(
         thermal_model=said,
         reference=reference,
     )
-    return Replayed(plain(found), page=lambda: render(found), flown=result)
+    return Replayed(found, page=lambda: render(found), flown=result)
 
 
 def _choices(
@@ -223,68 +221,64 @@ def _write_aided(path: Path, result: ReplayResult) -> None:
     write_columns(path, aided_columns(result.aided))
 
 
-def summary(document: Document) -> list[str]:
+def summary(document: ReplayDocument) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document['run_id']}: {document['verdict']}"]
-    lines += [f"  because {reason}" for reason in document["reasons"]]
-    lines += [f"  {note}" for note in document["notes"]]
-    for t in document["tables"]:
-        drift, predicted = t["parked"], t["predicted"]
-        line = f"  {t['role']:9s}{t['origin']}: "
+    lines = [f"{document.run_id}: {document.verdict}"]
+    lines += [f"  because {reason}" for reason in document.reasons]
+    lines += [f"  {note}" for note in document.notes]
+    for t in document.tables:
+        drift, predicted = t.parked, t.predicted
+        line = f"  {t.role:9s}{t.origin}: "
         if drift is None:
-            lines.append(line + f"alignment {t['alignment']['verdict']}, no parked drift")
+            lines.append(line + f"alignment {t.alignment.verdict}, no parked drift")
             continue
-        expected = f" (predicted 1 sigma {predicted['sigma_nm_h']:.3f})" if predicted else ""
+        expected = f" (predicted 1 sigma {predicted.sigma_nm_h:.3f})" if predicted else ""
         lines.append(
-            line + f"{drift['rate_nm_h']:.3f} NM/h{expected}, RMS rate {drift['rms_rate_nm_h']:.3f}"
+            line + f"{drift.rate_nm_h:.3f} NM/h{expected}, RMS rate {drift.rms_rate_nm_h:.3f}"
             " NM/h, "
-            f"{drift['end_speed_kt']:.2f} kt, class {drift['drift_class']}{_realign(t)}"
+            f"{drift.end_speed_kt:.2f} kt, class {drift.drift_class}{_realign(t)}"
         )
-        if (schuler := t["schuler"]) and not schuler["reason"]:
+        if (schuler := t.schuler) and not schuler.reason:
             lines.append(
-                f"           Schuler period {schuler['period_min']:.1f} +-"
-                f" {schuler['sigma_period_min']:.1f} min"
+                f"           Schuler period {schuler.period_min:.1f} +-"
+                f" {schuler.sigma_period_min:.1f} min"
             )
-    difference = document["difference"]
-    if difference and difference["rate_nm_h"]:
-        rate = difference["rate_nm_h"]
+    difference = document.difference
+    if difference and (rate := difference.rate_nm_h):
         lines.append(
-            f"  previous to active: {rate['previous']:.3f} -> {rate['active']:.3f} NM/h, "
-            f"heading {difference['heading_mrad']:+.2f} mrad"
+            f"  previous to active: {rate.previous:.3f} -> {rate.active:.3f} NM/h, "
+            f"heading {difference.heading_mrad:+.2f} mrad"
         )
-    return lines + _aided_lines(document["aided"])
+    return lines + _aided_lines(document.aided)
 
 
-def _realign(table: Document) -> str:
-    if not table["realign"]:
+def _realign(table: TableDocument) -> str:
+    if not table.realign:
         return ""
     return ", REALIGN" + (
-        " by a stop that the IMU alone sees" if table["realign_at"] == ["imu"] else ""
+        " by a stop that the IMU alone sees" if list(table.realign_at) == [Witness.ROWS] else ""
     )
 
 
-def _aided_lines(aided: Document | None) -> list[str]:
+def _aided_lines(aided: AidedDocument | None) -> list[str]:
     """The aided solution in a few lines."""
     if aided is None:
         return []
-    head = [
-        f"  aided: {aided['verdict']}",
-        *(f"    because {reason}" for reason in aided["reasons"]),
-    ]
-    head += [f"    {note}" for note in aided["notes"]]
-    if "end" not in aided:
+    head = [f"  aided: {aided.verdict}", *(f"    because {reason}" for reason in aided.reasons)]
+    head += [f"    {note}" for note in aided.notes]
+    if not isinstance(aided, AidedFlightDocument):
         return head
-    start, end, nis, fixes = aided["start"], aided["end"], aided["consistency"], aided["fixes"]
+    start, end, nis, fixes = aided.start, aided.end, aided.consistency, aided.fixes
     level = max(end["sigma_north_m"], end["sigma_east_m"])
     return head + [
         (
-            f"    from {start['time_s']:.1f} s by {start['method']}; {fixes['used_position']} fixes"
-            f" used, {fixes['rejected_position']} positions and {fixes['rejected_velocity']}"
+            f"    from {start.time_s:.1f} s by {start.method}; {fixes.used_position} fixes"
+            f" used, {fixes.rejected_position} positions and {fixes.rejected_velocity}"
             " velocities rejected"
         ),
         (
-            f"    NIS position {nis['position']['nis_mean']:.2f}, velocity"
-            f" {nis['velocity']['nis_mean']:.2f}; at the end 1 sigma {level:.3g} m level, roll"
+            f"    NIS position {nis.position.nis_mean:.2f}, velocity"
+            f" {nis.velocity.nis_mean:.2f}; at the end 1 sigma {level:.3g} m level, roll"
             f" {end['sigma_roll_deg']:.3g}, pitch {end['sigma_pitch_deg']:.3g}, heading"
             f" {end['sigma_heading_deg']:.3g} deg"
         ),

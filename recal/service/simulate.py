@@ -1,24 +1,24 @@
 """`simulate`: a power-on session from a scenario and a twin, with its truth."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from infield.table.file import json_text, table_from_dict
 from infield.table.thermal_table import ThermalTable
-from ins.records import ReferenceLog, Run, TableDocument, TwinModel
+from ins.records import Phase, ReferenceLog, Run, TableDocument, TwinModel
+from ins.verdicts import INLINE
 from recal.service.inputs.records import AnyTable, table_of
 from recal.service.results.files import write_text
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from simreal.declared.declared_noise import without_excess
 from simreal.declared.twin_effects import parse_effects
 from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
 from trajectories.runs.directory import write_run
-from trajectories.simulator.environments.kinds import environment_of
+from trajectories.simulator.environments.kinds import Environment, environment_of
 from trajectories.simulator.scenario import (
     Scenario,
     read_scenario,
@@ -26,14 +26,42 @@ from trajectories.simulator.scenario import (
     simulate_scenario,
 )
 from trajectories.simulator.session import SimulatedRun
-from trajectories.simulator.truth_file import departure
+from trajectories.simulator.truth_file import Departure, departure
 from trajectories.simulator.unit_truth import UnitTruth
 
 EFFECTS_STREAM = 1  # of the seed: what effects draw
 
 
+@dataclass(frozen=True, kw_only=True)
+class TruthDocument:
+    """A truth file, and how far at most the run departs from its rows."""
+
+    file: str
+    off: Departure = field(metadata=INLINE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulateDocument:
+    """What `recal simulate --json` prints; run: where it was written; twin, table: what was
+    given.
+    """
+
+    schema: str = "recal.simulate/1"
+    run: str | None
+    run_id: str
+    imu_serial: str
+    seed: int
+    duration_s: float
+    rate_hz: float
+    twin: str
+    table: str | None
+    environments: Sequence[Environment]
+    phases: Sequence[Phase]
+    truth: TruthDocument | None
+
+
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Simulation(Result):
+class Simulation(Result[SimulateDocument]):
     """A simulated session and what only a simulator knows.
 
     Parameters
@@ -92,20 +120,18 @@ class Simulation(Result):
             write_text(Path(table), json_text(self.table_dict))
         if truth is not None:
             write_text(Path(truth), truth_csv(self.simulated))
-        return replace(self, document={**self.document, "run": str(path)})
+        return replace(self, record=replace(self.record, run=str(path)))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """How long it is, and how far it departs from a given truth."""
-        d = self.document
-        lines = [
-            f"{d['run'] or d['run_id']}: {d['duration_s']:.0f} s at {d['rate_hz']:g} Hz, seed"
-            f" {d['seed']}"
-        ]
-        if d["truth"] is not None:
-            off = "{position_m:.2g} m, {velocity_m_s:.2g} m/s, {attitude_deg:.2g} deg".format(
-                **d["truth"]
+        d = self.record
+        lines = [f"{d.run or d.run_id}: {d.duration_s:.0f} s at {d.rate_hz:g} Hz, seed {d.seed}"]
+        if d.truth is not None:
+            off = d.truth.off
+            within = (
+                f"{off.position_m:.2g} m, {off.velocity_m_s:.2g} m/s, {off.attitude_deg:.2g} deg"
             )
-            lines.append(f"  follows {d['truth']['file']} within {off}")
+            lines.append(f"  follows {d.truth.file} within {within}")
         return lines
 
 
@@ -164,20 +190,19 @@ def simulate(
     factory = None if given is None else table_of(given)[1]
     simulated, unit = _session(plan, seed, factory)
     header, imu = simulated.run.header, simulated.run.imu
-    document = {
-        "schema": "recal.simulate/1",
-        "run": None,
-        "run_id": header.run_id,
-        "imu_serial": header.imu_serial,
-        "seed": plan.seed if seed is None else seed,
-        "duration_s": imu.end_s,
-        "rate_hz": imu.rate_hz,
-        "twin": plan.twin.source,
-        "table": str(given) if isinstance(given, str | Path) else None,
-        "environments": [vars(environment) for environment in plan.environments],
-        "phases": [vars(phase) for phase in simulated.run.phases],
-        "truth": _truth(plan),
-    }
+    document = SimulateDocument(
+        run=None,
+        run_id=header.run_id,
+        imu_serial=header.imu_serial,
+        seed=plan.seed if seed is None else seed,
+        duration_s=imu.end_s,
+        rate_hz=imu.rate_hz,
+        twin=plan.twin.source,
+        table=str(given) if isinstance(given, str | Path) else None,
+        environments=plan.environments,
+        phases=simulated.run.phases,
+        truth=_truth(plan),
+    )
     return Simulation(
         document,
         simulated=simulated,
@@ -187,13 +212,14 @@ def simulate(
     )
 
 
-def _truth(plan: Scenario) -> Document | None:
+def _truth(plan: Scenario) -> TruthDocument | None:
     """The truth file and how far the run departs from its rows; None where the scenario has
     none.
     """
     if plan.profile is None:
         return None
-    return {"file": plan.profile.source, **vars(departure(scenario_truth(plan), plan.profile))}
+    off = departure(scenario_truth(plan), plan.profile)
+    return TruthDocument(file=plan.profile.source, off=off)
 
 
 def _session(

@@ -1,20 +1,29 @@
 """`recal table import` and `export`: tables from and to files, autopilot parameters too."""
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 
 from infield.store.errors import StoreConflict
 from infield.store.table_store import Revision, TableStore, require_same_unit
 from infield.table.autopilot_params import MAX_DEVICE_ID, NUMBERS, PARAMETER_ENDINGS, read_cubic
-from infield.table.autopilot_table import CubicExport, ParameterFile, export_cubic, table_of_cubic
+from infield.table.autopilot_table import (
+    CubicDocument,
+    CubicExport,
+    ParameterFile,
+    export_cubic,
+    table_of_cubic,
+)
 from infield.table.file import csv_text, json_text, read_table_csv, read_table_dict, table_to_dict
 from ins.records import GYRO_TECHNOLOGIES, InputError, TableDocument
 from ins.twin_file import read_twin
+from ins.verdicts import INLINE
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
-from recal.service.tables import about, need, other_technology
+from recal.service.tables import RevisionFacts, about, need, other_technology
 
 __all__ = [
     "MAX_DEVICE_ID",
@@ -69,8 +78,27 @@ class CubicRequest:
     force: bool = False
 
 
+class ExportVerdict(StrEnum):
+    """Whether a cubic was written."""
+
+    EXPORTED = "exported"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExportDocument:
+    """What `recal table export --json` prints of a cubic; output: None where it was refused."""
+
+    schema: str = "recal.export/1"
+    verdict: ExportVerdict
+    reasons: Sequence[str]
+    output: str | None
+    revision: RevisionFacts = field(metadata=INLINE)
+    cubic: CubicDocument = field(metadata=INLINE)
+
+
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Exported(Result):
+class Exported(Result[ExportDocument]):
     """A cubic that was written, or refused as too stiff.
 
     Parameters
@@ -108,14 +136,13 @@ def export_cubic_table(found: Revision, output: Path, request: CubicRequest) -> 
     refused = bool(made.too_stiff) and not request.force
     if not refused:
         _write(output, made.text(unit=str(found.unit), revision=found.number, sha256=found.sha256))
-    document = {
-        "schema": "recal.export/1",
-        "verdict": "refused" if refused else "exported",
-        "reasons": list(made.too_stiff),
-        "output": None if refused else str(output),
-        **about(found),
-        **made.fit_document(),
-    }
+    document = ExportDocument(
+        verdict=ExportVerdict.REFUSED if refused else ExportVerdict.EXPORTED,
+        reasons=made.too_stiff,
+        output=None if refused else str(output),
+        revision=about(found),
+        cubic=made.fit_document(),
+    )
     return Exported(document, cubic=made, refused=refused)
 
 

@@ -1,20 +1,29 @@
 """`recal table`: stored tables as they are found, compared, decided on and told of."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from infield.reports import update_page
 from infield.reports.documents.update_records import update_of
 from infield.store.errors import StoreRefused
-from infield.store.table_store import FullProposal, Proposal, Revision, TableStore
+from infield.store.table_store import (
+    FullProposal,
+    MergedRun,
+    Proposal,
+    Revision,
+    TableStore,
+    UnitKey,
+)
 from infield.store.verify import StoreCheck, StoreVerdict
-from ins.json_file import read_json_object
+from ins.json_file import JsonObject, read_json_object
 from ins.records import InputError, TableDocument
-from ins.verdicts import Outcome
+from ins.verdicts import INLINE, OMIT_NONE, Outcome
 from recal.service.results.files import output_directory, write_files
-from recal.service.results.text import Document, result_text
+from recal.service.results.text import result_text
 
 __all__ = [
     "Revision",
@@ -80,18 +89,30 @@ def revision_number(name: str) -> int:
     return int(name)
 
 
-def change_between(before: Revision, after: Revision, axis: str) -> Document:
+@dataclass(frozen=True, kw_only=True)
+class AxisDifference:
+    """Two tables of one gyro, (n,) at the nodes of either."""
+
+    temperature_degC: NDArray
+    before_deg_h: NDArray
+    after_deg_h: NDArray
+    change_deg_h: NDArray
+    sigma_before_deg_h: NDArray
+    sigma_after_deg_h: NDArray
+
+
+def change_between(before: Revision, after: Revision | FullProposal, axis: str) -> AxisDifference:
     """Both tables at the nodes of either, one axis."""
     old, new, k = before.table, after.table, "xyz".index(axis)
     T = np.union1d(old.temperature_degC[k], new.temperature_degC[k])
-    return {
-        "temperature_degC": T,
-        "before_deg_h": old.bias_deg_h(axis, T),
-        "after_deg_h": new.bias_deg_h(axis, T),
-        "change_deg_h": new.bias_deg_h(axis, T) - old.bias_deg_h(axis, T),
-        "sigma_before_deg_h": old.sigma_deg_h(axis, T),
-        "sigma_after_deg_h": new.sigma_deg_h(axis, T),
-    }
+    return AxisDifference(
+        temperature_degC=T,
+        before_deg_h=old.bias_deg_h(axis, T),
+        after_deg_h=new.bias_deg_h(axis, T),
+        change_deg_h=new.bias_deg_h(axis, T) - old.bias_deg_h(axis, T),
+        sigma_before_deg_h=old.sigma_deg_h(axis, T),
+        sigma_after_deg_h=new.sigma_deg_h(axis, T),
+    )
 
 
 def key_of(revision: Revision) -> tuple[str, str, str]:
@@ -99,19 +120,34 @@ def key_of(revision: Revision) -> tuple[str, str, str]:
     return unit.imu_serial, unit.gyro_technology, unit.gyro_mode
 
 
-def about(r: Revision) -> Document:
+@dataclass(frozen=True, kw_only=True)
+class RevisionFacts:
     """A revision without its table."""
-    return {
-        **vars(r.unit),
-        "revision": r.number,
-        "kind": r.kind,
-        "created_utc": r.created_utc,
-        "sha256": r.sha256,
-        "parent_sha256": r.parent_sha256,
-        "restored_revision": r.restored_number,
-        "note": r.note,
-        "runs": [vars(run) for run in r.runs],
-    }
+
+    unit: UnitKey = field(metadata=INLINE)
+    revision: int
+    kind: str
+    created_utc: str
+    sha256: str
+    parent_sha256: str | None
+    restored_revision: int | None
+    note: str
+    runs: Sequence[MergedRun]
+
+
+def about(r: Revision) -> RevisionFacts:
+    """A revision without its table."""
+    return RevisionFacts(
+        unit=r.unit,
+        revision=r.number,
+        kind=r.kind,
+        created_utc=r.created_utc,
+        sha256=r.sha256,
+        parent_sha256=r.parent_sha256,
+        restored_revision=r.restored_number,
+        note=r.note,
+        runs=r.runs,
+    )
 
 
 def line_of(r: Revision) -> str:
@@ -124,34 +160,89 @@ def need(condition: object, otherwise: str) -> None:
         raise InputError(otherwise)
 
 
-def verify(url: str, heads: Sequence[str], reports: Sequence[Path]) -> Document:
-    """`recal.verify/1`: whether everything in the store is as it was written."""
+@dataclass(frozen=True, kw_only=True)
+class UnitVerified:
+    """What was found of a unit's rows."""
+
+    unit: UnitKey = field(metadata=INLINE)
+    revisions: int
+    head_sha256: str | None
+    faults: Sequence[str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerifyDocument:
+    """`recal.verify/1`; faults: those of no unit; revisions: by unit."""
+
+    schema: str = "recal.verify/1"
+    store: str
+    verdict: StoreVerdict
+    reasons: Sequence[str]
+    faults: Sequence[str]
+    units: Sequence[UnitVerified]
+    revisions: Mapping[str, int]
+
+
+def verify(url: str, heads: Sequence[str], reports: Sequence[Path]) -> VerifyDocument:
+    """Whether everything in the store is as it was written."""
     given = {str(path): read_json_object(path) for path in reports}
     with TableStore.open(url) as opened:
         return check_document(opened.verify(heads, given), opened.name)
 
 
-def check_document(check: StoreCheck, store: str) -> Document:
+def check_document(check: StoreCheck, store: str) -> VerifyDocument:
     """The result; `faults` by unit, and those of no unit."""
     units = [
-        {
-            **vars(u.unit),
-            "revisions": u.revisions,
-            "head_sha256": u.head_sha256,
-            "faults": list(u.faults),
-        }
+        UnitVerified(unit=u.unit, revisions=u.revisions, head_sha256=u.head_sha256, faults=u.faults)
         for u in check.units
     ]
     reasons = [f"{u.unit}: {fault}" for u in check.units for fault in u.faults]
-    return {
-        "schema": "recal.verify/1",
-        "store": store,
-        "verdict": check.verdict.value,
-        "reasons": [*check.faults, *reasons],
-        "faults": list(check.faults),
-        "units": units,
-        "revisions": {str(u.unit): u.revisions for u in check.units},
-    }
+    return VerifyDocument(
+        store=store,
+        verdict=check.verdict,
+        reasons=[*check.faults, *reasons],
+        faults=check.faults,
+        units=units,
+        revisions={str(u.unit): u.revisions for u in check.units},
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionFacts:
+    """Who decided on a proposal, when and why; revision: what an approval became."""
+
+    verdict: str
+    decided_utc: str
+    by: str
+    reason: str
+    revision: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposalFacts:
+    """A proposal without its texts."""
+
+    unit: UnitKey = field(metadata=INLINE)
+    proposal: int
+    state: str
+    proposed_utc: str
+    proposed_by: str
+    parent_sha256: str
+    sha256: str
+    note: str
+    runs: Sequence[MergedRun]
+    decision: DecisionFacts | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DecisionDocument:
+    """`recal.decision/1`; proposal: None, and codes, where the store refused it."""
+
+    schema: str = "recal.decision/1"
+    verdict: str
+    reasons: Sequence[str] = ()
+    reason_codes: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
+    proposal: ProposalFacts | None = field(default=None, metadata=INLINE)
 
 
 def decide(
@@ -160,26 +251,23 @@ def decide(
     unit: tuple[str | None, str | None, str | None],
     by: str,
     reason: str,
-) -> tuple[Document, Proposal | None]:
-    """`recal.decision/1` on a proposal, (its number, "approved" or "rejected"); None where the
-    store refused it.
+) -> tuple[DecisionDocument, Proposal | None]:
+    """The decision on a proposal, (its number, "approved" or "rejected"); None where the store
+    refused it.
     """
     number, verdict = decision
     with TableStore.open(url) as opened:
         try:
             decided = opened.decide(number, verdict, *unit, by=by, reason=reason)
         except StoreRefused as error:
-            return {
-                "schema": "recal.decision/1",
-                "verdict": Outcome.REFUSED.value,
-                "reasons": [str(error)],
-                "reason_codes": [str(error.code)],
-            }, None
-    head = {"schema": "recal.decision/1", "verdict": verdict, "reasons": []}
-    return {**head, **about_proposal(decided)}, decided
+            refused = DecisionDocument(
+                verdict=Outcome.REFUSED, reasons=[str(error)], reason_codes=[str(error.code)]
+            )
+            return refused, None
+    return DecisionDocument(verdict=verdict, proposal=about_proposal(decided)), decided
 
 
-def proposed_document(full: FullProposal) -> Document:
+def proposed_document(full: FullProposal) -> JsonObject:
     """The update document of a proposal, with its number."""
     return {**full.report, "proposal": full.number}
 
@@ -194,28 +282,28 @@ def write_proposal(full: FullProposal, output: Path) -> None:
     write_files({directory / name: text for name, text in texts.items()})
 
 
-def about_proposal(p: Proposal) -> Document:
+def about_proposal(p: Proposal) -> ProposalFacts:
     """A proposal without its texts."""
     decided = p.decision
-    return {
-        **vars(p.unit),
-        "proposal": p.number,
-        "state": p.state,
-        "proposed_utc": p.proposed_utc,
-        "proposed_by": p.proposed_by,
-        "parent_sha256": p.parent_sha256,
-        "sha256": p.sha256,
-        "note": p.note,
-        "runs": [vars(run) for run in p.runs],
-        "decision": (
+    return ProposalFacts(
+        unit=p.unit,
+        proposal=p.number,
+        state=p.state,
+        proposed_utc=p.proposed_utc,
+        proposed_by=p.proposed_by,
+        parent_sha256=p.parent_sha256,
+        sha256=p.sha256,
+        note=p.note,
+        runs=p.runs,
+        decision=(
             None
             if decided is None
-            else {
-                "verdict": decided.verdict,
-                "decided_utc": decided.decided_utc,
-                "by": decided.decided_by,
-                "reason": decided.reason,
-                "revision": decided.revision_number,
-            }
+            else DecisionFacts(
+                verdict=decided.verdict,
+                decided_utc=decided.decided_utc,
+                by=decided.decided_by,
+                reason=decided.reason,
+                revision=decided.revision_number,
+            )
         ),
-    }
+    )

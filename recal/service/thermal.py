@@ -7,8 +7,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from infield.reports import fog_page, rlg_page
-from infield.reports.documents.fog import fit_models, fixed_tables, fog_document, worst_rounding
-from infield.reports.documents.rlg import rlg_document
+from infield.reports.documents.fog import (
+    FogDocument,
+    fit_models,
+    fixed_tables,
+    fog_document,
+    worst_rounding,
+)
+from infield.reports.documents.rlg import RlgDocument, rlg_document
 from infield.store.table_store import TableStore
 from infield.thermal.fog.fixed_point import to_c_header, to_csv
 from infield.thermal.fog.model import held_out
@@ -26,7 +32,6 @@ from recal.service.inputs.records import AnyRun, AnyTwin, read_one
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from recal.service.results.text import Document
 from recal.service.results.thermal_words import fog_summary, rlg_summary
 from trajectories.runs.directory import write_run
 
@@ -35,7 +40,7 @@ PARTS = ("all", "rates")
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class ThermalFit(Result):
+class ThermalFit(Result[FogDocument | RlgDocument]):
     """Fitted thermal coefficients of one unit.
 
     Parameters
@@ -51,8 +56,8 @@ class ThermalFit(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """Verdict, coefficients per gyro, what is left on the runs to test on."""
-        words = fog_summary if self.name == "thermal_fog" else rlg_summary
-        return words(self.document)
+        found = self.record
+        return fog_summary(found) if isinstance(found, FogDocument) else rlg_summary(found)
 
     def write(self, output: AnyPath | None = None) -> Path:
         """Write JSON, page and tables to a directory (else `recal-thermal`); returns it."""
@@ -202,11 +207,28 @@ def fit_rlg(
         model = model_from_document(plain(found))
         checks = [held_out_run(read_one(run), model, study.axes, noise) for run in check]
         found = rlg_document(study, checks=checks, version=program_version())
-    return ThermalFit(plain(found), page=lambda: rlg_page.render(found), name="thermal_rlg")
+    return ThermalFit(found, page=lambda: rlg_page.render(found), name="thermal_rlg")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TakenOutDocument:
+    """What `recal thermal apply --json` prints; run: where it was written; share_inside: of the
+    rows, inside the fitted temperatures.
+    """
+
+    schema: str = "recal.thermal_apply/1"
+    run: str
+    run_id: str
+    model: str
+    model_sha256: str
+    part: str
+    order: str
+    axes: Sequence[str]
+    share_inside: float
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class TakenOut(Result):
+class TakenOut(Result[TakenOutDocument]):
     """A run without what a thermal model says of its gyros.
 
     Parameters
@@ -219,11 +241,8 @@ class TakenOut(Result):
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """How much of the run the model knows."""
-        d = self.document
-        return [
-            f"{d['run']}: {d['run_id']}, {d['share_inside']:.0%} of it inside the fitted"
-            " temperatures"
-        ]
+        d = self.record
+        return [f"{d.run}: {d.run_id}, {d.share_inside:.0%} of it inside the fitted temperatures"]
 
 
 def take_out(
@@ -254,15 +273,14 @@ def take_out(
     left = replace(left, header=header, sha256="")
     write_run(Path(output), left)
     assert read.temperature is not None
-    document: Document = {
-        "schema": "recal.thermal_apply/1",
-        "run": str(output),
-        "run_id": left.header.run_id,
-        "model": str(model),
-        "model_sha256": stored.sha256,
-        "part": part,
-        "order": "batch" if batch else "real time",
-        "axes": list(stored.model.axes),
-        "share_inside": float(stored.model.inside(read.temperature.gyro_degC).all(axis=1).mean()),
-    }
+    document = TakenOutDocument(
+        run=str(output),
+        run_id=left.header.run_id,
+        model=str(model),
+        model_sha256=stored.sha256,
+        part=part,
+        order="batch" if batch else "real time",
+        axes=list(stored.model.axes),
+        share_inside=float(stored.model.inside(read.temperature.gyro_degC).all(axis=1).mean()),
+    )
     return TakenOut(document, run=left)

@@ -25,7 +25,7 @@ from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run, TableDocument
-from ins.verdicts import Outcome, because, plain
+from ins.verdicts import Outcome, because
 from recal.service.inputs.config import read_config
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import (
@@ -46,7 +46,7 @@ Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where 
 
 
 @dataclass(frozen=True, repr=False, eq=False, kw_only=True)
-class Update(Result):
+class Update(Result[UpdateDocument]):
     """A judged update of one unit's table.
 
     Parameters
@@ -55,11 +55,8 @@ class Update(Result):
         What the estimator found, session by session.
     unit : UnitInputs
         Table and noise model that it began with.
-    record : UpdateDocument
-        What update.json holds, typed.
     """
 
-    record: UpdateDocument
     estimate: UpdateResult
     unit: UnitInputs
 
@@ -282,11 +279,7 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
 
 def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:
     return Update(
-        plain(document),
-        page=lambda: update_page.update_html(document),
-        record=document,
-        estimate=result,
-        unit=unit,
+        document, page=lambda: update_page.update_html(document), estimate=result, unit=unit
     )
 
 
@@ -386,7 +379,7 @@ class _Try:
                 table_sha256(unit.table_dict),
                 result.after,
                 merged_runs(result),
-                result_text(plain(document)),
+                result_text(document),
                 first_table=None if unit.revision else unit.table_dict,
                 by=signed[0],
                 note=signed[1],
@@ -419,7 +412,7 @@ def commit_update(
         table_sha256(unit.table_dict),
         result.after,
         merged_runs(result),
-        result_text(plain(document)),
+        result_text(document),
         first_table=None if unit.revision else unit.table_dict,
         note=note,
     )
@@ -447,4 +440,4 @@ def _numbered(document: UpdateDocument, unit: UnitInputs, revision: int) -> Upda
 
 def _files(directory: Path, document: UpdateDocument, *, html: bool) -> dict[Path, str]:
     page = {directory / "update.html": update_page.update_html(document)} if html else {}
-    return {directory / "update.json": result_text(plain(document)), **page}
+    return {directory / "update.json": result_text(document), **page}

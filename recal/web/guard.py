@@ -7,15 +7,13 @@ read whole beforehand.
 
 import asyncio
 import ipaddress
-from collections.abc import Awaitable, Callable, MutableMapping
-from typing import Any
+from collections.abc import Callable
 from urllib.parse import urlsplit
+
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from recal.web.settings import LOOPBACK_NAMES, ServeSettings, is_loopback
 
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 Refuse = Callable[[int, str], tuple[int, list[tuple[bytes, bytes]], bytes]]
 
 MAX_BODY = 32_768  # bytes of a form
@@ -46,12 +44,7 @@ class Refused(Exception):
 class Guard:
     """Wraps the application; `page(status, line)` makes the answer to a refused request."""
 
-    def __init__(
-        self,
-        app: Callable[[Scope, Receive, Send], Awaitable[None]],
-        settings: ServeSettings,
-        page: Refuse,
-    ) -> None:
+    def __init__(self, app: ASGIApp, settings: ServeSettings, page: Refuse) -> None:
         self._app, self._settings, self._page = app, settings, page
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -83,7 +76,7 @@ class Guard:
     def _with_headers(self, send: Send) -> Send:
         https = {"strict-transport-security": "max-age=31536000"} if self._settings.https else {}
 
-        async def sending(message: MutableMapping[str, Any]) -> None:
+        async def sending(message: Message) -> None:
             if message["type"] == "http.response.start":
                 given = {name.lower() for name, _ in message["headers"]}
                 extra = [
@@ -162,7 +155,7 @@ def _replayed(body: bytes, receive: Receive) -> Receive:
     """`receive` for the application, which finds the body that was read already."""
     given = False
 
-    async def replaying() -> MutableMapping[str, Any]:
+    async def replaying() -> Message:
         nonlocal given
         if given:
             return await receive()

@@ -7,7 +7,7 @@ from fastapi import FastAPI, Query, Request
 from fastapi.responses import HTMLResponse, Response
 
 from ins.records import InputError
-from recal.service.results.pages import diagnosis_lines, stored_update_html
+from recal.service.results.pages import JsonObject, diagnosis_lines, stored_update_html
 from recal.service.store import FullProposal, Revision, TableStore
 from recal.service.tables import change_between
 from recal.web import views
@@ -262,11 +262,11 @@ def _base(opened: TableStore, full: FullProposal) -> Revision | None:
         return None
 
 
-def _change(before: Any, after: Any) -> dict[str, Any]:
+def _change(before: Revision, after: Revision | FullProposal) -> views.ChangeRows:
     return views.change_rows({axis: change_between(before, after, axis) for axis in "xyz"})
 
 
-def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
+def _drawn(site: Site, key: str, document: JsonObject) -> str:
     """The report of a stored document; a Refused page where this version cannot draw it."""
     try:
         return site.drawings.page(key, lambda: stored_update_html(document))
@@ -278,7 +278,7 @@ def _drawn(site: Site, key: str, document: dict[str, Any]) -> str:
         raise Refused(409, line) from error
 
 
-def _summary(document: dict[str, Any]) -> list[str]:
+def _summary(document: JsonObject) -> list[str]:
     try:
         return diagnosis_lines(document) if document else []
     except (KeyError, TypeError, ValueError, AttributeError) as error:

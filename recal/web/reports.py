@@ -7,9 +7,9 @@ import os
 import stat
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ins.records import InputError
+from recal.service.results.pages import JsonObject
 
 DOCUMENT, PAGE = "diagnosis.json", "diagnosis.html"
 LARGEST = 32 * 2**20  # bytes of a report
@@ -23,7 +23,7 @@ class DiagnosisEntry:
     """
 
     folder: str
-    document: dict[str, Any]
+    document: JsonObject
     fault: str
     has_page: bool
 

@@ -2,7 +2,8 @@
 decides nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 from urllib.parse import quote, urlencode
 
@@ -11,12 +12,59 @@ import numpy as np
 from ins.records import AXES
 from recal.service.inputs.records import TableDocument, ThermalTable
 from recal.service.results.pages import decimals_for
-from recal.service.results.text import Document
 from recal.service.store import Proposal, Revision, SessionEvidence, UnitKey, UnitSummary
+from recal.service.tables import AxisDifference
 
 SORTS = ("serial", "technology", "changed", "proposals", "contradictions")
 PAGE_ROWS = 200
 STATE_LOOKS = {"open": "fair", "out of date": "none", "approved": "good", "rejected": "bad"}
+
+
+NodeRow = tuple[float, ...]  # of a table
+
+
+@dataclass(frozen=True, kw_only=True)
+class TableRows:
+    """Per gyro: temperature, bias, expanded uncertainty U(k=2); and the decimals that show them."""
+
+    axes: Mapping[str, Sequence[NodeRow]]
+    decimals: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeRows(TableRows):
+    """Per gyro: temperature, before, U, after, U, change; and the row of the largest change."""
+
+    largest: Mapping[str, NodeRow]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProvenanceChange:
+    """Runs (id, hash) that only one of two tables names; kept: how many both do."""
+
+    added: Sequence[tuple[str, str]]
+    gone: Sequence[tuple[str, str]]
+    kept: int
+    same_table: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContradictionRow:
+    """A session against the active table; gyros: axis, temperature, bias less the table's, U."""
+
+    run_id: str
+    sha256: str
+    start_utc: str
+    gyros: Sequence[tuple[str, float, float, float]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposalRow:
+    """A proposal in a list; look: of its state."""
+
+    p: Proposal
+    look: str
+    href: str
 
 
 def address(path: str, unit: UnitKey | None = None, **more: Any) -> str:
@@ -38,7 +86,7 @@ def sorted_units(
     """
     wanted = search.casefold().strip()
     found = [u for u in units if wanted in f"{u.unit} {u.sha256}".casefold()]
-    keys: dict[str, Any] = {
+    keys: dict[str, Callable[[UnitSummary], UnitKey | str | int]] = {
         "serial": lambda u: u.unit,
         "technology": lambda u: u.unit.gyro_technology,
         "changed": lambda u: u.created_utc,
@@ -48,7 +96,7 @@ def sorted_units(
     return sorted(found, key=keys[sort], reverse=descending)
 
 
-def table_rows(table: ThermalTable) -> dict[str, Any]:
+def table_rows(table: ThermalTable) -> TableRows:
     """Per gyro: temperature, bias, expanded uncertainty U(k=2); and the decimals that show them."""
     axes = {}
     for k, axis in enumerate(AXES):
@@ -56,38 +104,38 @@ def table_rows(table: ThermalTable) -> dict[str, Any]:
         columns = (nodes, table.bias_deg_h(axis, nodes), 2.0 * table.sigma_deg_h(axis, nodes))
         axes[axis] = [tuple(map(float, row)) for row in zip(*columns)]
     sigmas: list[float | None] = [row[2] / 2 for rows in axes.values() for row in rows]
-    return {"axes": axes, "decimals": decimals_for(sigmas)}
+    return TableRows(axes=axes, decimals=decimals_for(sigmas))
 
 
-def change_rows(change: Mapping[str, Document]) -> dict[str, Any]:
+def change_rows(change: Mapping[str, AxisDifference]) -> ChangeRows:
     """Per gyro the rows of `stored_tables.change_between`: T, before, U, after, U, change."""
     axes = {}
     for axis, c in change.items():
         columns = (
-            c["temperature_degC"],
-            c["before_deg_h"],
-            2.0 * c["sigma_before_deg_h"],
-            c["after_deg_h"],
-            2.0 * c["sigma_after_deg_h"],
-            c["change_deg_h"],
+            c.temperature_degC,
+            c.before_deg_h,
+            2.0 * c.sigma_before_deg_h,
+            c.after_deg_h,
+            2.0 * c.sigma_after_deg_h,
+            c.change_deg_h,
         )
         axes[axis] = [tuple(map(float, row)) for row in zip(*columns)]
     sigmas: list[float | None] = [
         row[k] / 2 for rows in axes.values() for row in rows for k in (2, 4)
     ]
     largest = {axis: max(rows, key=lambda row: abs(row[5])) for axis, rows in axes.items()}
-    return {"axes": axes, "decimals": decimals_for(sigmas), "largest": largest}
+    return ChangeRows(axes=axes, decimals=decimals_for(sigmas), largest=largest)
 
 
-def provenance_change(before: Revision, after: Revision) -> dict[str, Any]:
+def provenance_change(before: Revision, after: Revision) -> ProvenanceChange:
     """What the two tables were made from: runs that only one of them names, and their facts."""
     old, new = (_runs(r.table_dict) for r in (before, after))
-    return {
-        "added": [run for key, run in new.items() if key not in old],
-        "gone": [run for key, run in old.items() if key not in new],
-        "kept": sum(key in old for key in new),
-        "same_table": before.sha256 == after.sha256,
-    }
+    return ProvenanceChange(
+        added=[run for key, run in new.items() if key not in old],
+        gone=[run for key, run in old.items() if key not in new],
+        kept=sum(key in old for key in new),
+        same_table=before.sha256 == after.sha256,
+    )
 
 
 def _runs(table: TableDocument) -> dict[str, tuple[str, str]]:
@@ -106,7 +154,7 @@ def _runs(table: TableDocument) -> dict[str, tuple[str, str]]:
 
 def contradiction_rows(
     evidence: Sequence[SessionEvidence], table: ThermalTable
-) -> list[dict[str, Any]]:
+) -> list[ContradictionRow]:
     """What each session says against the active table: per gyro its bias less the table's, with
     U(k=2) of the difference.
     """
@@ -118,20 +166,15 @@ def contradiction_rows(
             AXES, map(float, e.temperature_degC), map(float, apart), map(float, 2.0 * sigma)
         )
         rows.append(
-            {
-                "run_id": e.run_id,
-                "sha256": e.run_sha256,
-                "start_utc": e.start_utc,
-                "gyros": list(gyros),
-            }
+            ContradictionRow(
+                run_id=e.run_id, sha256=e.run_sha256, start_utc=e.start_utc, gyros=list(gyros)
+            )
         )
     return rows
 
 
-def proposal_facts(p: Proposal) -> dict[str, Any]:
+def proposal_facts(p: Proposal) -> ProposalRow:
     """A proposal in a list."""
-    return {
-        "p": p,
-        "look": STATE_LOOKS[p.state],
-        "href": address("/proposal", p.unit, number=p.number),
-    }
+    return ProposalRow(
+        p=p, look=STATE_LOOKS[p.state], href=address("/proposal", p.unit, number=p.number)
+    )

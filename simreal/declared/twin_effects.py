@@ -14,7 +14,7 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, NoReturn, TypeGuard
 
-from ins.records import InputError, TwinModel
+from ins.records import EffectDocument, InputError, ParameterValue, TwinModel
 from simreal.declared.generic import OF_RUN
 from simreal.declared.node_function import FUNCTIONS, NodeFunction, unit_of
 from simreal.effects.base import ACCELS, GYROS, SLOW_NAME, Effect
@@ -88,7 +88,7 @@ class _Item:
     """One raw item; `where` begins each error line."""
 
     where: str
-    data: Mapping[str, Any]
+    data: EffectDocument
 
     def parsed(self) -> tuple[TwinEffect, ...]:
         """One effect; of a function of run one for each run."""
@@ -127,7 +127,7 @@ class _Item:
         }
         return (TwinEffect(effect, target, coefficients, shape, run_id),)
 
-    def _chosen(self, name: str, target: str, given: Mapping[str, Any]) -> Effect:
+    def _chosen(self, name: str, target: str, given: Mapping[str, ParameterValue]) -> Effect:
         """The one effect that name, target, process and parameters mean."""
         named = effects_named(name)
         if not named:
@@ -161,7 +161,7 @@ class _Item:
         return fits[0]
 
     def _function(
-        self, name: str, target: str, given: dict[str, Any], run_id: str
+        self, name: str, target: str, given: Mapping[str, ParameterValue], run_id: str
     ) -> tuple[TwinEffect, ...]:
         if target not in (*GYROS, *ACCELS):
             self._fail("target", target, _nearest(target, [*GYROS, *ACCELS]))
@@ -208,7 +208,7 @@ class _Item:
         return tuple(float(v) for v in given)
 
     def _number(
-        self, given: Mapping[str, Any], name: str, unit: str, *, positive: bool = False
+        self, given: Mapping[str, ParameterValue], name: str, unit: str, *, positive: bool = False
     ) -> float:
         """A plain number, or one with sigma and unit as in diagnosis.json."""
         key, needed = f"parameters.{name}", f"a number [{unit}]"
@@ -238,7 +238,7 @@ def _function(
     )
 
 
-def _misfit(effect: Effect, given: Mapping[str, Any]) -> tuple[int, int]:
+def _misfit(effect: Effect, given: Mapping[str, ParameterValue]) -> tuple[int, int]:
     """Parameters given that the effect has not, and those of its own that are not given: kinds of
     one name differ so.
     """

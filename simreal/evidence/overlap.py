@@ -3,7 +3,6 @@ left out.
 """
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -18,7 +17,7 @@ def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
     in words.
     """
     start, end = float(run.imu.start_s), float(run.imu.end_s)
-    gone: dict[str, Any] = {}
+    gone = set()
     notes = []
     for name in AIDING_STREAMS:
         stream = getattr(run, name)
@@ -26,11 +25,19 @@ def overlapping(run: Run) -> tuple[Run, tuple[str, ...]]:
             continue
         inside = stream.time_s[(stream.time_s > start) & (stream.time_s <= end)]
         if inside.size < 2 or float(np.ptp(inside)) < min(LEAST_S, 0.5 * (end - start)):
-            gone[name] = None
+            gone.add(name)
             first, last = (
                 float(f(stream.time_s)) if stream.time_s.size else float("nan")
                 for f in (np.min, np.max)
             )
             said = f"{name} covers {first:.0f} to {last:.0f} s, the IMU {start:.0f} to {end:.0f} s"
             notes.append(f"run {run.header.run_id}: {said}: left out")
-    return (replace(run, **gone) if gone else run), tuple(notes)
+    if not gone:
+        return run, ()
+    left = replace(
+        run,
+        temperature=None if "temperature" in gone else run.temperature,
+        gnss=None if "gnss" in gone else run.gnss,
+        odometer=None if "odometer" in gone else run.odometer,
+    )
+    return left, tuple(notes)

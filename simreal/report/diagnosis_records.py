@@ -5,8 +5,8 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
+from ins.records import EffectDocument
 from ins.verdicts import OMIT_NONE, written_as
 from simreal.inference.verdict import GapVerdict, Judging, Looks
 
@@ -119,7 +119,7 @@ class CauseRecord:
     rms: Mapping[str, RmsRecord]
     nodes: tuple[float, ...]
     values: tuple[float, ...]
-    twin_effects: tuple[Mapping[str, Any], ...]
+    twin_effects: tuple[EffectDocument, ...]
 
 
 @dataclass(frozen=True, kw_only=True)

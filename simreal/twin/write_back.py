@@ -7,12 +7,11 @@ for a slow variation, nodes, values and unit for a free function. The table is c
 twin, so the file needs nothing else.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
-from ins.records import TwinModel
-from ins.twin_file import twin_to_dict
+from ins.records import EffectDocument, ParameterValue, TwinModel
+from ins.twin_file import TwinDocument, twin_to_dict
 from simreal.declared.generic import OF_RUN, UNKNOWN_MOTION
 from simreal.declared.node_function import unit_of
 from simreal.declared.twin_effects import PROCESS, RUN_ID
@@ -25,7 +24,7 @@ TABLE_NAME = "table.json"
 
 def twin_with_causes(
     twin: TwinModel, causes: Sequence[Cause], run_ids: Sequence[str], *, with_table: bool
-) -> dict[str, Any]:
+) -> TwinDocument:
     """The twin as a plain dict, the causes after the effects that it has already.
 
     run_ids : of the runs, in the order of the diagnosis. with_table : a table is written beside it,
@@ -37,7 +36,7 @@ def twin_with_causes(
     )
 
 
-def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
+def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[EffectDocument]:
     """A cause as items of a twin's `effects`: one, or one a run where each run has a coefficient of
     its own.
     """
@@ -49,7 +48,9 @@ def effect_items(cause: Cause, run_ids: Sequence[str]) -> list[dict[str, Any]]:
         return [_item(cause, _function(cause, run_ids))]
     if cause.class_ == "P":
         return [_item(cause, {**own, RUN_ID: run_id}) for run_id, own in _by_run(cause).items()]
-    parameters: dict[str, Any] = {name: float(p.value) for name, p in cause.parameters.items()}
+    parameters: dict[str, ParameterValue] = {
+        name: float(p.value) for name, p in cause.parameters.items()
+    }
     if cause.effect == SLOW_NAME:
         parameters[PROCESS] = cause.id
     if cause.run_id is not None:
@@ -67,12 +68,13 @@ def processes_of(cause: Cause) -> tuple[str, ...]:
     return (cause.id, *others)
 
 
-def _item(cause: Cause, parameters: dict[str, Any]) -> dict[str, Any]:
-    return {"effect": cause.effect, "target": cause.target, "parameters": parameters}
+def _item(cause: Cause, parameters: Mapping[str, ParameterValue]) -> EffectDocument:
+    return {"effect": cause.effect, "target": cause.target, "parameters": dict(parameters)}
 
 
-def _function(cause: Cause, run_ids: Sequence[str]) -> dict[str, Any]:
-    nodes = list(run_ids) if cause.effect == OF_RUN else [float(n) for n in cause.nodes]
+def _function(cause: Cause, run_ids: Sequence[str]) -> dict[str, ParameterValue]:
+    of_run = cause.effect == OF_RUN
+    nodes: ParameterValue = list(run_ids) if of_run else [float(n) for n in cause.nodes]
     return {
         "nodes": nodes,
         "values": [float(v) for v in cause.values],

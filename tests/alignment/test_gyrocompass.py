@@ -16,6 +16,7 @@ from ins.attitude import euler_from_dcm, wrap_pi
 from ins.records import GyroNoise, Run, Site
 from ins.twin_file import default_twin
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
+from ins.verdicts import plain
 from tests.alignment.parked import PRIOR_DEG_H, attitude_error, ideal_of, simulate
 from tests.scenarios.study import DEFAULT_TWIN
 from trajectories.simulator.segments import Park, Straight, Turn
@@ -276,7 +277,7 @@ def test_document_holds_the_keys_of_the_contract():
     """formats.md section 5: alignment.json."""
     simulated = simulate(ideal_of(), 1)
     run: Run = simulated.run
-    document = alignment_document(align(simulated), run)
+    document = plain(alignment_document(align(simulated), run))
     assert document["schema"] == "recal.alignment/1"
     keys = (
         "roll_deg",
@@ -298,4 +299,4 @@ def test_document_holds_the_keys_of_the_contract():
     refused = alignment_document(
         align(simulated, site=Site(lat_rad=1.4, lon_rad=0.0, height_m=0.0)), run
     )
-    assert np.isnan(refused["heading_deg"])
+    assert np.isnan(refused.heading_deg)

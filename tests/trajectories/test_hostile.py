@@ -26,7 +26,7 @@ from ins.twin_file import read_twin, table_path, twin_to_dict
 from recal.cli import check as check_module
 from recal.cli.console import result_text
 from recal.cli.diagnose import command as diagnose_command
-from recal.service.check import report_lines
+from recal.service.check import check as check_run
 from recal.service.inputs.unit_inputs import TwinModel
 from tests.recal.verbs import check
 from tests.trajectories.readers import damage
@@ -52,9 +52,8 @@ def judged(run: Path) -> str:
     """The verdict of `check`, which never raises; `read_run` agrees with it."""
     with damage.bounded():
         result = check(run)
-        assert all("\n" not in line for line in report_lines(result)) and json.loads(
-            result_text(result)
-        )
+        lines = check_run(run).lines()
+        assert all("\n" not in line for line in lines) and json.loads(result_text(result))
         try:
             read_run(run)
         except InputError as error:

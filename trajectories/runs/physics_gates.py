@@ -214,13 +214,21 @@ def _rate_seen(size_rad_s: float) -> str:
     )
 
 
-def expected_rest(site: Site) -> dict[str, float]:
-    """What the means at rest should be at this site: gravity, and Earth rate along down and
-    north.
-    """
-    return {
-        "f_m_s2": float(gravity_magnitude(site.lat_rad, site.height_m)),
-        "w_deg_h": EARTH_RATE_RAD_S / DEG_PER_HOUR,
-        "w_down_deg_h": float(-EARTH_RATE_RAD_S * np.sin(site.lat_rad)) / DEG_PER_HOUR,
-        "w_horizontal_deg_h": float(EARTH_RATE_RAD_S * np.cos(site.lat_rad)) / DEG_PER_HOUR,
-    }
+@dataclass(frozen=True, kw_only=True)
+class ExpectedRest:
+    """What the means at rest should be at a site: gravity, and Earth rate along down and north."""
+
+    f_m_s2: float
+    w_deg_h: float
+    w_down_deg_h: float
+    w_horizontal_deg_h: float
+
+
+def expected_rest(site: Site) -> ExpectedRest:
+    """What the means at rest should be at this site."""
+    return ExpectedRest(
+        f_m_s2=float(gravity_magnitude(site.lat_rad, site.height_m)),
+        w_deg_h=EARTH_RATE_RAD_S / DEG_PER_HOUR,
+        w_down_deg_h=float(-EARTH_RATE_RAD_S * np.sin(site.lat_rad)) / DEG_PER_HOUR,
+        w_horizontal_deg_h=float(EARTH_RATE_RAD_S * np.cos(site.lat_rad)) / DEG_PER_HOUR,
+    )

@@ -33,7 +33,7 @@ from ins.columns import (
     VELOCITY,
     degrees_exact,
 )
-from ins.json_file import complaints, without_schema
+from ins.json_file import JsonObject, complaints, without_schema
 from ins.records import InputError, RemovedModel, RunHeader, Site, Span, Survey
 from ins.units import DEG
 
@@ -228,7 +228,7 @@ EXPECTED = ("tail", "lever_arms_m", "applied_table_sha256")
 
 
 def header_from_json(
-    data: dict[str, Any], *, name: str
+    data: JsonObject, *, name: str
 ) -> tuple[RunHeader | None, list[str], list[str]]:
     """The header in run.json, the errors (header None then) and the warnings, one line each."""
     try:

@@ -23,7 +23,6 @@ scoring_only              against the run's reference: RMS errors, and squared e
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,6 +150,21 @@ class AntennaDocument(ArmDocument):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ScoresDocument:
+    """RMS errors against truth (north, east, down; roll, pitch, heading), and squared errors over
+    variances, 1 where the sigmas are honest.
+    """
+
+    source: str = "reference"
+    rms_position_m: Sequence[float]
+    normalised_position: float
+    rms_velocity_m_s: Sequence[float]
+    normalised_velocity: float
+    rms_attitude_deg: Sequence[float]
+    normalised_attitude: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class AidedDocument:
     """The `aided` part of replay.json where nothing was flown."""
 
@@ -176,7 +190,7 @@ class AidedFlightDocument(AidedDocument):
     consistency: ConsistencyDocument
     noise: NoiseDocument
     antenna: AntennaDocument | None
-    scoring_only: Mapping[str, Any] | None
+    scoring_only: ScoresDocument | None
 
 
 def aided_document(
@@ -360,7 +374,7 @@ def bias_sigmas(result: AidedResult) -> tuple[NDArray, NDArray]:
     )
 
 
-def _scores(result: AidedResult, reference: ReferenceLog) -> dict[str, Any] | None:
+def _scores(result: AidedResult, reference: ReferenceLog) -> ScoresDocument | None:
     """RMS errors against truth, and squared errors over variances (1 where the sigmas are
     honest).
     """
@@ -393,12 +407,20 @@ def _scores(result: AidedResult, reference: ReferenceLog) -> dict[str, Any] | No
     )
     attitude = wrap_pi(angles * DEG - turn) / DEG
     sigma = level_sigmas(history.phi_covariance, history.C_nb)[inside] / DEG
-    out: dict[str, Any] = {"source": "reference"}
-    for name, error, spread, unit in (
-        ("position", position, np.sqrt(history.variance[inside, POS]), "m"),
-        ("velocity", velocity, np.sqrt(history.variance[inside, VEL]), "m_s"),
-        ("attitude", attitude, sigma, "deg"),
-    ):
-        out[f"rms_{name}_{unit}"] = [float(x) for x in np.sqrt(np.mean(error**2, axis=0))]
-        out[f"normalised_{name}"] = float(np.mean((error / spread) ** 2))
-    return out
+    return ScoresDocument(
+        rms_position_m=_rms(position),
+        normalised_position=_normalised(position, np.sqrt(history.variance[inside, POS])),
+        rms_velocity_m_s=_rms(velocity),
+        normalised_velocity=_normalised(velocity, np.sqrt(history.variance[inside, VEL])),
+        rms_attitude_deg=_rms(attitude),
+        normalised_attitude=_normalised(attitude, sigma),
+    )
+
+
+def _rms(error: NDArray) -> list[float]:
+    """Of each column."""
+    return [float(x) for x in np.sqrt(np.mean(error**2, axis=0))]
+
+
+def _normalised(error: NDArray, sigma: NDArray) -> float:
+    return float(np.mean((error / sigma) ** 2))

@@ -1,16 +1,17 @@
 """`alignment.json` of formats.md, section 5."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 from alignment.level_fit import LevelFound
+from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.words.sentences import codes, sentences
+from infield.session.parked.zero_rate import ZeroRates
 from ins.records import Phase, Run
 from ins.units import ARCSEC, DEG
-from ins.verdicts import plain
+from ins.verdicts import OMIT_NONE, Null
 
 SCHEMA = "recal.alignment/1"
 
@@ -44,7 +45,7 @@ class AlignmentDocument:
     """The alignment as the file holds it; angles not found are NaN (null in the file)."""
 
     schema: str
-    verdict: str
+    verdict: AlignmentVerdict
     reasons: Sequence[str]
     run_id: str
     imu_serial: str
@@ -64,34 +65,33 @@ class AlignmentDocument:
     reason_codes: Sequence[str | None]
     used_percent: float
     motion_level: LevelDocument | None
+    zero_rate: ZeroRates | Null | None = field(default=None, metadata=OMIT_NONE)
 
 
-def alignment_document(result: Alignment, run: Run) -> dict[str, Any]:
-    """The alignment as a plain document."""
-    return plain(
-        AlignmentDocument(
-            schema=SCHEMA,
-            verdict=result.verdict,
-            reasons=sentences(result.reasons),
-            run_id=run.header.run_id,
-            imu_serial=run.header.imu_serial,
-            time_s=result.time_s,
-            roll_deg=result.roll_rad / DEG,
-            pitch_deg=result.pitch_rad / DEG,
-            heading_deg=result.heading_rad / DEG % 360.0,
-            sigma_roll_deg=result.sigma_roll_rad / DEG,
-            sigma_pitch_deg=result.sigma_pitch_rad / DEG,
-            sigma_heading_deg=result.sigma_heading_rad / DEG,
-            latitude_found_deg=result.latitude_rad / DEG,
-            sigma_latitude_deg=result.sigma_latitude_rad / DEG,
-            phases=result.phases or run.phases,
-            duration_s=result.duration_s,
-            excluded=[span_document(span) for span in result.excluded],
-            consistency=FilterDocument(nis_mean=result.nis_mean, dof=result.dof),
-            reason_codes=codes(result.reasons),
-            used_percent=100.0 * result.used_share,
-            motion_level=None if result.level is None else level_document(result.level),
-        )
+def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:
+    """The alignment of a run."""
+    return AlignmentDocument(
+        schema=SCHEMA,
+        verdict=result.verdict,
+        reasons=sentences(result.reasons),
+        run_id=run.header.run_id,
+        imu_serial=run.header.imu_serial,
+        time_s=result.time_s,
+        roll_deg=result.roll_rad / DEG,
+        pitch_deg=result.pitch_rad / DEG,
+        heading_deg=result.heading_rad / DEG % 360.0,
+        sigma_roll_deg=result.sigma_roll_rad / DEG,
+        sigma_pitch_deg=result.sigma_pitch_rad / DEG,
+        sigma_heading_deg=result.sigma_heading_rad / DEG,
+        latitude_found_deg=result.latitude_rad / DEG,
+        sigma_latitude_deg=result.sigma_latitude_rad / DEG,
+        phases=result.phases or run.phases,
+        duration_s=result.duration_s,
+        excluded=[span_document(span) for span in result.excluded],
+        consistency=FilterDocument(nis_mean=result.nis_mean, dof=result.dof),
+        reason_codes=codes(result.reasons),
+        used_percent=100.0 * result.used_share,
+        motion_level=None if result.level is None else level_document(result.level),
     )
 
 

@@ -38,12 +38,12 @@ The same input gives the same bytes: there is no time of issue.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 
 from alignment.motion.kinds import Witness
+from alignment.reasons import AlignmentVerdict
 from infield.replay.drift import DRIFT_CLASSES, REALIGN_M_S, Drift
 from infield.replay.drift_prediction import NM_H_PER_DEG_H, level_shares
 from infield.replay.free_inertial import ReplayResult, TableReplay, heading_change
@@ -51,11 +51,12 @@ from infield.replay.reasons import ReplayVerdict
 from infield.replay.schuler import fit_schuler
 from infield.replay.stops import StopSpeed
 from infield.reports.documents.aided import AidedDocument, SpanDocument, aided_document
-from infield.reports.documents.alignment import alignment_document
+from infield.reports.documents.alignment import FilterDocument, LevelDocument, alignment_document
+from infield.reports.documents.spans import SpanDocument as LeftOutDocument
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.words.sentences import codes, sentence, sentences
 from ins.records import ReferenceLog, Run, TwinModel
-from ins.twin_file import twin_to_dict
+from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
 from ins.verdicts import OMIT_NONE, UNWRITTEN, Reason, because
 
@@ -161,6 +162,29 @@ class ScoringDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
+class FlownAlignment:
+    """The alignment that a flight began with; angles not found are NaN."""
+
+    verdict: AlignmentVerdict
+    reasons: Sequence[str]
+    time_s: float
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
+    sigma_roll_deg: float
+    sigma_pitch_deg: float
+    sigma_heading_deg: float
+    latitude_found_deg: float
+    sigma_latitude_deg: float
+    duration_s: float
+    excluded: Sequence[LeftOutDocument]
+    consistency: FilterDocument
+    reason_codes: Sequence[str | None]
+    used_percent: float
+    motion_level: LevelDocument | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class TableDocument:
     """One table's flight."""
 
@@ -171,7 +195,7 @@ class TableDocument:
     applied: bool
     notes: Sequence[str]
     note_codes: Sequence[str | None]
-    alignment: Mapping[str, Any]
+    alignment: FlownAlignment
     parked: DriftDocument | None
     predicted: PredictedDocument | None
     schuler: SchulerDocument | None
@@ -228,7 +252,7 @@ class ReplayDocument:
     start_utc: str
     store: str | None
     version: str
-    noise_model: Mapping[str, Any]
+    noise_model: TwinDocument
     vertical: str
     alignment_span: SpanDocument | None
     parked_span: SpanDocument | None
@@ -316,12 +340,10 @@ def _table(t: TableReplay, result: ReplayResult) -> TableDocument:
     )
 
 
-def _alignment(t: TableReplay, run: Run) -> Mapping[str, Any]:
+def _alignment(t: TableReplay, run: Run) -> FlownAlignment:
     """alignment.json less what stands above it; why it was not flown comes first."""
-    document = alignment_document(t.alignment, run)
-    document["reasons"] = sentences(t.reasons)
-    above = ("schema", "run_id", "imu_serial", "phases")
-    return {key: value for key, value in document.items() if key not in above}
+    document = replace(alignment_document(t.alignment, run), reasons=sentences(t.reasons))
+    return FlownAlignment(**{f.name: getattr(document, f.name) for f in fields(FlownAlignment)})
 
 
 def _drift(d: Drift | None) -> DriftDocument | None:

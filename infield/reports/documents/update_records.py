@@ -5,7 +5,6 @@ What formats.md does not promise of a file may be missing from an older one: it 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from infield.reports.documents.session_records import (
     EstimatedDocument,
@@ -16,7 +15,9 @@ from infield.reports.documents.spans import SpanDocument
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.session.disagreement import Step
 from infield.session.reasons import ThermalAction, ThermalKind
+from ins.json_file import JsonObject
 from ins.records import InputError, TableDocument
+from ins.twin_file import TwinDocument
 from ins.verdicts import OMIT_NONE, Null, Observability, Outcome, record_of
 
 
@@ -193,7 +194,7 @@ class UpdateDocument:
     revision: int | None = None
     rollback_command: str | None = None
     decision_rule: str | None = None
-    noise_model: Mapping[str, Any] | None = None
+    noise_model: TwinDocument | None = None
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)
@@ -212,7 +213,7 @@ class UpdateDocument:
         return [session.run_id for session in self.sessions]
 
 
-def update_of(data: Mapping[str, Any]) -> UpdateDocument:
+def update_of(data: JsonObject) -> UpdateDocument:
     """The update that an `update.json` holds, of this version or an older one.
 
     Parameters

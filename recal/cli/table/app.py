@@ -153,7 +153,7 @@ def diff(
     print("axis  temperature     before      after     change  U(k=2) before    after")
     print("             degC      deg/h      deg/h      deg/h          deg/h    deg/h")
     for axis, columns in axes.items():
-        for T, old, new, change, s_old, s_new in zip(*columns.values()):
+        for T, old, new, change, s_old, s_new in zip(*vars(columns).values()):
             biases = f"{old:+10.5f} {new:+10.5f} {change:+10.5f}"
             print(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
 

@@ -89,6 +89,7 @@ def export(
     For an autopilot: recal table export --to px4 --device-id 3670026 -o unit.params,
     or recal table export --to ardupilot --imu 1 -o unit.parm
     """
+    from ins.verdicts import plain
     from recal.service.table_files import CubicRequest, write_table
     from recal.service.tables import about, find_revision, line_of, open_tables
 
@@ -112,7 +113,7 @@ def export(
         _export_cubic(found, output, request, as_json=as_json, quiet=quiet, verbose=verbose)
         return
     write_table(found, output, form.value)
-    answer({"output": str(output), **about(found)}, as_json=as_json, verbose=verbose)
+    answer({"output": str(output), **plain(about(found))}, as_json=as_json, verbose=verbose)
     say(
         f"{output}: {line_of(found)}{' (covariance is not in a CSV)' if form == Form.csv else ''}",
         quiet=quiet,

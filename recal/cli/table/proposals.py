@@ -171,7 +171,7 @@ def _decide(
     result, decided = decide(url, (number, verdict), unit, signed, reason)
     answer(result, as_json=as_json, verbose=verbose)
     if decided is None:
-        say(f"refused: {result['reasons'][0]}", quiet=quiet)
+        say(f"refused: {result.reasons[0]}", quiet=quiet)
     else:
         became = (
             f", revision {decided.decision.revision_number}"
@@ -179,20 +179,21 @@ def _decide(
             else ""
         )
         say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)
-    finish(result["verdict"])
+    finish(result.verdict)
 
 
 def _show(
     full: FullProposal, output: Path | None, *, as_json: bool, verbose: bool, quiet: bool
 ) -> None:
     """One proposal with the lines of its report; the report itself where -o says."""
+    from ins.verdicts import plain
     from recal.service.results.update_words import stored_summary
     from recal.service.tables import about_proposal, proposed_document, write_proposal
 
     document = proposed_document(full)
     if output is not None:
         write_proposal(full, output)
-    shown = {**about_proposal(full), "report": document}
+    shown = {**plain(about_proposal(full)), "report": document}
     if answer(shown, as_json=as_json, verbose=verbose) or quiet:
         return
     print("\n".join([str(full.unit), *_lines(full), *stored_summary(document)]))

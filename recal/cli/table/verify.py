@@ -19,7 +19,7 @@ from recal.cli.console import (
 )
 
 if TYPE_CHECKING:
-    from recal.service.results.text import Document
+    from recal.service.tables import VerifyDocument
 
 HEAD_DIGITS = 16  # printed; enough to find it again
 
@@ -54,20 +54,20 @@ def command(
     result = verify(store, head or (), report or ())
     if not answer(result, as_json=as_json, verbose=verbose):
         for line in lines(result):
-            if not quiet or result["verdict"] == StoreVerdict.BROKEN:
+            if not quiet or result.verdict is StoreVerdict.BROKEN:
                 print(line)
-    finish(result["verdict"])
+    finish(result.verdict)
 
 
-def lines(result: Document) -> list[str]:
+def lines(result: VerifyDocument) -> list[str]:
     """A line for each unit, and for each fault that belongs to none."""
-    said = [f"{result['store']}: BROKEN: {fault}" for fault in result["faults"]]
-    for name, unit in zip(result["revisions"], result["units"]):
-        count = f"{unit['revisions']} revision{'s' if unit['revisions'] != 1 else ''}"
-        if unit["faults"]:
-            said.append(f"{name}: BROKEN: {'; '.join(unit['faults'])}")
-        elif unit["head_sha256"] is None:
+    said = [f"{result.store}: BROKEN: {fault}" for fault in result.faults]
+    for name, unit in zip(result.revisions, result.units):
+        count = f"{unit.revisions} revision{'s' if unit.revisions != 1 else ''}"
+        if unit.faults:
+            said.append(f"{name}: BROKEN: {'; '.join(unit.faults)}")
+        elif unit.head_sha256 is None:
             said.append(f"{name}: proposals only, intact")
         else:
-            said.append(f"{name}: {count}, intact, head {unit['head_sha256'][:HEAD_DIGITS]}")
+            said.append(f"{name}: {count}, intact, head {unit.head_sha256[:HEAD_DIGITS]}")
     return said or ["no units"]

@@ -2,11 +2,19 @@
 
 from pathlib import Path
 
-from ins.json_file import StrictModel, parse, read_json_object, read_small_text, read_toml
+from ins.json_file import (
+    JsonObject,
+    StrictModel,
+    parse,
+    read_json_object,
+    read_small_text,
+    read_toml,
+)
 from ins.records import InputError, RunHeader
 from trajectories.runs.schema import header_from_json
 
 __all__ = [
+    "JsonObject",
     "StrictModel",
     "parse",
     "read_header",

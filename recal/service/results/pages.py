@@ -24,8 +24,8 @@ from infield.reports.page import decimals_for
 from infield.reports.update_page import estimated_of, update_html
 from infield.reports.words.sentences import sentence
 from infield.session.disagreement import Step
+from ins.json_file import JsonObject
 from ins.verdicts import record_of
-from recal.service.results.text import Document
 from simreal.report.diagnosis_document import summary
 from simreal.report.diagnosis_records import DiagnosisRecord
 
@@ -40,6 +40,7 @@ __all__ = [
     "PALE",
     "PANEL_WIDTH",
     "VERMILLION",
+    "JsonObject",
     "MethodDocument",
     "Step",
     "UpdateDocument",
@@ -61,11 +62,11 @@ __all__ = [
 ]
 
 
-def stored_update_html(document: Document) -> str:
+def stored_update_html(document: JsonObject) -> str:
     """The page of a stored update.json."""
     return update_html(update_of(document))
 
 
-def diagnosis_lines(document: Document) -> list[str]:
+def diagnosis_lines(document: JsonObject) -> list[str]:
     """A stored diagnosis.json in a few lines for people."""
     return summary(record_of(DiagnosisRecord, document))

@@ -1,46 +1,56 @@
 """The base of what a verb gives: a verdict, why, the document, and where a notebook looks for them.
 
-A result is frozen. Its `document` is what its JSON file holds; the typed values of a result are
-attributes of its own class.
+A result is frozen. Its `record` is what was found, typed, and `document` what its JSON file holds.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from html import escape
 from os import PathLike, fspath
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
+from ins.verdicts import plain
 from recal.service.results.files import write_text
-from recal.service.results.text import Document, result_text
+from recal.service.results.text import result_text
 
 SHOWN_LINES = 8  # of a result's summary in its repr
 
 
+Record = TypeVar("Record")
+
+
 @dataclass(frozen=True, repr=False, eq=False)
-class Result:
+class Result(Generic[Record]):
     """What a verb found.
 
     Parameters
     ----------
-    document : Mapping
-        The result as its JSON file holds it, units in the keys.
+    record : dataclass
+        The result, a field for each key of its JSON file, units in the names.
     page : callable or None
         Draws the report as one HTML page; None where the verb has no report.
     """
 
-    document: Document
+    record: Record
     page: Callable[[], str] | None = field(default=None, kw_only=True)
+
+    @cached_property
+    def document(self) -> Mapping[str, Any]:
+        """The result as its JSON file holds it, units in the keys."""
+        return dict(plain(self.record))
 
     @property
     def verdict(self) -> str:
         """One word of docs, results: what came out."""
-        return str(self.document.get("verdict", "ok"))
+        return str(getattr(self.record, "verdict", "ok"))
 
     @property
     def reasons(self) -> tuple[str, ...]:
         """Why the verdict is what it is, a sentence each."""
-        return tuple(map(str, self.document.get("reasons", ())))
+        return tuple(map(str, getattr(self.record, "reasons", ())))
 
     def lines(self, *, verbose: bool = False) -> list[str]:
         """The result in a few lines for people."""
@@ -48,12 +58,11 @@ class Result:
 
     def to_json(self) -> str:
         """The result as text, exactly what the command writes with --json."""
-        return result_text(self.document)
+        return result_text(self.record)
 
-    def to_dict(self) -> dict[str, object]:
+    def to_dict(self) -> dict[str, Any]:
         """The result as plain values; numbers that are not finite are None."""
-        plain: dict[str, object] = json.loads(self.to_json())
-        return plain
+        return dict(json.loads(self.to_json()))
 
     def to_html(self, path: str | PathLike[str]) -> Path:
         """Write the report as one page that fetches nothing.

@@ -1,15 +1,17 @@
-"""The JSON of a result, in files and on standard output. Loads no heavy library."""
+"""The JSON of a result, in files and on standard output. Loads no heavy library by itself."""
 
 import json
 from collections.abc import Mapping
 from typing import Any
 
-Document = Mapping[str, Any]  # a result as JSON holds it (docs: the file formats, results)
 
+def result_text(result: object) -> str:
+    """The one JSON form of a result, a record or made of records; numbers that are not finite
+    become null.
+    """
+    from ins.verdicts import plain
 
-def result_text(document: Document) -> str:
-    """The one JSON form of a result; numbers that are not finite become null."""
-    return json.dumps(_finite(document), indent=1, allow_nan=False) + "\n"
+    return json.dumps(_finite(plain(result)), indent=1, allow_nan=False) + "\n"
 
 
 def _finite(value: Any) -> Any:

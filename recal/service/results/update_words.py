@@ -9,7 +9,7 @@ from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import UpdateDocument, ZeroRateEffect, update_of
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
-from recal.service.results.text import Document
+from ins.json_file import JsonObject
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -92,7 +92,7 @@ def points_of(document: UpdateDocument) -> Points:
     )
 
 
-def stored_summary(document: Document) -> list[str]:
+def stored_summary(document: JsonObject) -> list[str]:
     """A stored update.json in a few lines for people."""
     return summary(update_of(document))
 
