@@ -18,7 +18,6 @@ that is fitted: the NIS of the lateral way then tests nothing, and the document 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,12 +243,12 @@ def _states_of(nuisances: Iterable[Nuisance]) -> tuple[NDArray, NDArray]:
 
 def _with(assumed: Assumed, free: frozenset[Nuisance]) -> Assumed:
     """The same with other nuisances free; what is not free is as declared."""
-    kept: dict[str, Any] = {}
+    assumed = replace(assumed, free=free)
     if Nuisance.ANTENNA not in free:
-        kept["antenna_m"] = AS_DECLARED.antenna_m
+        assumed = replace(assumed, antenna_m=AS_DECLARED.antenna_m)
     if Nuisance.GNSS_DELAY not in free:
-        kept["gnss_delay_s"] = kept["gnss_velocity_delay_s"] = 0.0
-    return replace(assumed, free=free, **kept)
+        assumed = replace(assumed, gnss_delay_s=0.0, gnss_velocity_delay_s=0.0)
+    return assumed
 
 
 def _settled(bench: Bench, assumed: Assumed) -> tuple[ErrorFilter, Assumed]:
