@@ -91,13 +91,9 @@ class Reduced:
 
     def normal(self, X: NDArray) -> NormalEquations:
         """Normal equations of the blocks' bias on columns X (n, p)."""
-        y = self.blocks.bias_deg_h[:, None]
-        return NormalEquations(
-            self.product(X, X),
-            self.product(X, y)[:, 0],
-            float(self.product(y, y)[0, 0]),
-            self.weight.size,
-        )
+        both = np.column_stack([X, self.blocks.bias_deg_h])  # one solution of the drift for both
+        S = self.product(both, both)
+        return NormalEquations(S[:-1, :-1], S[:-1, -1], float(S[-1, -1]), self.weight.size)
 
     def design(self, bases: Sequence[Basis]) -> NDArray:
         """Rows of the model: the first basis for K_T, the second, where there is one, times the
