@@ -147,16 +147,13 @@ def fit_fog(
         word_bits=asked.word_bits,
         version=program_version(),
     )
-    document = plain(found)
     files = {}
     if study.axes:
         tables = fixed_tables(model, asked.word_bits)
         worst = worst_rounding(model, tables, max(run.rate for run in study.fast))
-        header = to_c_header(tables, worst, serial=document["imu_serial"])
+        header = to_c_header(tables, worst, serial=found.imu_serial)
         files = {"thermal_fog.h": header, "thermal_fog.csv": to_csv(tables)}
-    return ThermalFit(
-        document, page=lambda: fog_page.render(found), files=files, name="thermal_fog"
-    )
+    return ThermalFit(found, page=lambda: fog_page.render(found), files=files, name="thermal_fog")
 
 
 def fit_rlg(
