@@ -120,7 +120,7 @@ def solve(
             motion = level.standing(motion)
             parked_level = level.parked_level(history, motion)
         plan = plan_steps(
-            motion, prior.edges_s, until_s=_first_roll(motion) if parked_only else until_s
+            motion, prior.edges_s, until_s=motion.parked_until_s if parked_only else until_s
         )
         if not plan.kind.size:
             raise NothingStands(rest[1] - rest[0], twin.source)
@@ -177,11 +177,6 @@ def _less_found(
     for piece in pieces:
         bias = gyro_rad_s[bin_of(edges_s, piece.time_s)]
         yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=accel_m_s2)
-
-
-def _first_roll(motion: stillness.Motion) -> float:
-    rolling = np.flatnonzero(motion.kind >= kinds.ROLLING)
-    return float(motion.time_s[max(rolling[0] - 1, 0)]) if rolling.size else np.inf
 
 
 def align(

@@ -35,6 +35,7 @@ LOUD = 3.0  # times the quiet scatter is motion
 CAPS = np.array([NOISIEST * REST_FORCE_M_S2] * 3 + [NOISIEST * REST_RATE_RAD_S] * 3)
 GRAVITY_M_S2, GRAVITY_LIMIT_M_S2 = 9.81, 1.0
 SPIN_RAD_S = 0.35  # 20 deg/s: the zero-rate output of a consumer gyro may be that large
+TURN_PARTS_S = 15  # parts of a turn this near belong together
 BRIDGED_S = 15.0  # of disturbance inside a stretch
 
 # of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes
@@ -60,6 +61,9 @@ def first_rest(seconds: LogSeconds) -> Where | None:
     off = omega - np.median(omega, axis=0)
     turned = np.cumsum(off * blocks.seconds[:, None], axis=0) - 0.5 * off * blocks.seconds[:, None]
     slow = (np.abs(off) <= REST_TILT_RATE_RAD_S).all(axis=1)
+    up = np.median(f, axis=0)
+    # what turns about down is no tilt, however slowly: it stands on another heading then
+    slow &= _near((omega @ up / np.linalg.norm(up))[:, None], slice(None), REST_RATE_RAD_S)
     for i in range(len(f) - REST_BLOCKS + 1):
         reference = slice(i, i + REST_BLOCKS)
         good = _near(f, reference, REST_FORCE_M_S2) & _near(omega, reference, REST_RATE_RAD_S)
@@ -134,3 +138,18 @@ def steady_seconds(seconds: LogSeconds) -> NDArray:
     quiet = (step[:, :3] < FORCE_STEP_M_S2).all(axis=1)
     quiet &= (step[:, 3:] < RATE_STEP_RAD_S).all(axis=1)
     return np.asarray(quiet & (np.linalg.norm(mean[:, 3:], axis=1) < TURN_RAD_S))
+
+
+def between_turns(seconds: LogSeconds, *, turn_rad: float, rate_rad_s: float) -> tuple[Where, ...]:
+    """Start and end [s] of the stretches, however short, between turns by more than `turn_rad` that
+    are faster than `rate_rad_s`.
+    """
+    rate = seconds.mean[:, 3:]
+    fast = np.linalg.norm(rate - np.median(rate, axis=0), axis=1) > rate_rad_s
+    near = np.convolve(fast, np.ones(2 * TURN_PARTS_S + 1), mode="same") > 0
+    edges = [float(seconds.start_s[0])]
+    for a, b in runs_of_true(near):
+        if np.linalg.norm(seconds.sums[a:b, 3:].sum(axis=0)) > turn_rad:
+            edges += [float(seconds.start_s[a]), float(seconds.end_s[b - 1])]
+    edges.append(float(seconds.end_s[-1]))
+    return tuple((a, b) for a, b in zip(edges[::2], edges[1::2]) if b > a)

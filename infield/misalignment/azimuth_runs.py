@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from alignment import coarse
 from alignment.motion.imu_faults import repair
-from alignment.motion.inertial import first_rest
+from alignment.motion.inertial import between_turns, first_rest
 from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.seconds import seconds_of
 from alignment.motion.speeds import speed_disagreement
 from alignment.motion.stillness import PIVOT_RAD_S, classify
 from infield.misalignment.reasons import StopReason
 from infield.misalignment.settings import SHORTEST_STOP_S
-from infield.session.log import compensated_imu, session_end
+from infield.session.log import compensated_imu, compensated_seconds, session_end
 from ins.attitude import dcm_from_euler, euler_from_dcm, level_angles, wrap_pi
 from ins.compensation import compensate
 from ins.earth import gravity_magnitude, omega_ie_n
@@ -39,7 +39,6 @@ EDGE_SIGMAS = 6.0  # a 10 s block this far from the others at the edge of a stop
 STOP_BLOCK_S = 10.0
 # a turn beyond this ends a stop; 15 deg/h x sin(5 deg) is 1.3 deg/h of Earth rate
 STOP_TURN_RAD = 5.0 * DEG
-JOINED_S = 15  # parts of a turn this near belong together
 # a stop that turns by more, slowly, is none; 15 deg/h x 0.0017 is 0.026 deg/h of Earth rate
 MAX_CREEP_RAD = 0.1 * DEG
 
@@ -71,7 +70,8 @@ def find_stops(
     imu = compensated_imu(run, None, None, twin).between(-np.inf, session_end(run))
     rests: list[_Rest] = []
     left_out: list[Reason] = []
-    for start_s, end_s in between_turns(imu):
+    log = compensated_seconds(run, None, None, twin).between(-np.inf, session_end(run))
+    for start_s, end_s in between_turns(log, turn_rad=STOP_TURN_RAD, rate_rad_s=PIVOT_RAD_S):
         found = _rest_of(imu.between(start_s, end_s), run)
         if isinstance(found, _Rest) and found.used_s >= shortest_s:
             rests.append(found)
@@ -126,26 +126,6 @@ class _Rest:
     f_m_s2: NDArray
     excess_rad_s: NDArray
     C_nb: NDArray
-
-
-def between_turns(imu: ImuLog) -> list[tuple[float, float]]:
-    """Stretches [s] between turns of more than 5 deg that are faster than 0.11 deg/s, however
-    short.
-    """
-    second = np.floor(imu.time_s - imu.time_s[0] - 1e-9).astype(int)
-    starts = np.flatnonzero(np.diff(second, prepend=-1))
-    angle = np.add.reduceat(imu.dtheta_rad, starts, axis=0)
-    rate = angle / np.add.reduceat(imu.dt_s, starts)[:, None]
-    fast = np.linalg.norm(rate - np.median(rate, axis=0), axis=1) > PIVOT_RAD_S
-    near = np.convolve(fast, np.ones(2 * JOINED_S + 1), mode="same") > 0
-    ends_s = np.append(imu.time_s[starts[1:] - 1], imu.time_s[-1])
-    begins_s = np.append(imu.time_s[0] - imu.dt_s[0], ends_s[:-1])
-    edges = [float(begins_s[0])]
-    for a, b in stretches(near):
-        if np.linalg.norm(angle[a : b + 1].sum(axis=0)) > STOP_TURN_RAD:
-            edges += [float(begins_s[a]), float(ends_s[b])]
-    edges.append(float(ends_s[-1]))
-    return [(a, b) for a, b in zip(edges[::2], edges[1::2]) if b > a]
 
 
 def _rest_of(imu: ImuLog, run: Run) -> _Rest | Reason:

@@ -7,9 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from alignment.motion.inertial import between_turns
+from alignment.motion.seconds import seconds_of
+from alignment.motion.stillness import PIVOT_RAD_S
 from infield.misalignment.azimuth_biases import KnownAzimuths
 from infield.misalignment.azimuth_levelling import level_offsets
-from infield.misalignment.azimuth_runs import Stop, between_turns, find_stops
+from infield.misalignment.azimuth_runs import STOP_TURN_RAD, Stop, find_stops
 from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
@@ -266,10 +269,11 @@ def test_a_run_without_temperature_is_worth_less():
 
 def test_between_turns_of_a_run_that_never_turns_is_all_of_it():
     run = parked_run(0.0).run
-    ((a, b),) = between_turns(run.imu)
+    limits = {"turn_rad": STOP_TURN_RAD, "rate_rad_s": PIVOT_RAD_S}
+    ((a, b),) = between_turns(seconds_of(run.imu), **limits)
     assert a == pytest.approx(0.0) and b == pytest.approx(STOP_S)
     once = simulated((Park(duration_s=200.0), Pivot(angle_deg=-30.0), Park(duration_s=200.0)), 0.0)
-    assert len(between_turns(once.run.imu)) == 2
+    assert len(between_turns(seconds_of(once.run.imu), **limits)) == 2
 
 
 def stop(run, f):

@@ -99,8 +99,7 @@ def run_claim_chain(
     # (b), (c)
     history = navigate(pieces, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
     motion = motion.at(history.time_s)
-    first_roll = np.flatnonzero(motion.kind >= ROLLING)
-    parked = np.arange(len(motion.kind)) < (first_roll[0] if first_roll.size else len(motion.kind))
+    parked = motion.time_s <= motion.parked_until_s
     arw = gyro_densities(twin.gyro).white
     still = parked & (motion.kind == STILL)
     bracket = tilt_rates(history, still, arw=arw, velocity_sigma_m_s=motion.sigma_v_m_s)  # (e-h)
