@@ -13,12 +13,15 @@ from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
 from recal.service.update import Update, UpdateRequest, update_in_store
 from trajectories.runs.directory import write_run
+from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.unit_truth import UnitTruth
 
 SESSIONS = ("cold_parked_taxi", "ambient_parked_taxi", "hot_parked_taxi")
 STARTS_UTC = ("2026-03-01T05:00:00Z", "2026-04-12T06:30:00Z", "2026-06-20T11:00:00Z")
 HEADINGS_DEG = (0.0, 120.0, 250.0)
+# People board during the first session, half as many or a heavier aircraft.
+ENVIRONMENTS = ((Environment(kind="boarding", strength=0.5),), (), ())
 SCORED_TEMPERATURES = 50
 
 
@@ -115,7 +118,8 @@ def _document(
 def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], UnitTruth]:
     """One aged unit, three power-ons; returns the run directories and the true unit."""
     units, runs = [], []
-    for k, (name, start_utc, heading_deg) in enumerate(zip(SESSIONS, STARTS_UTC, HEADINGS_DEG)):
+    sessions = zip(SESSIONS, STARTS_UTC, HEADINGS_DEG, ENVIRONMENTS)
+    for k, (name, start_utc, heading_deg, environments) in enumerate(sessions):
         plan = read_scenario(name)
         plan = replace(
             plan,
@@ -123,6 +127,7 @@ def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], U
             unit=replace(plan.unit, ageing_seed=seed),
             run=replace(plan.run, start_utc=start_utc),
             attitude=replace(plan.attitude, heading_deg=heading_deg),
+            environments=environments,
         )
         simulated, unit = simulate_scenario(plan, seed=seed + k)
         units.append(unit)
