@@ -152,8 +152,8 @@ def _short(now: Sequence[Record], old: Sequence[Record]) -> str:
         f"- squared error over variance of accepted mean biases: {ratio:.2f} +- {half:.2f}, wanted"
         " 0.9 to 1.1",
         f"- accepted with an axis beyond {WRONG_SIGMAS:g} sigma: {_wrong(now)}",
-        f"- CPU of an update: {np.mean([r['cpu_s'] for r in now]):.2f} s"
-        + (f"; before {np.mean([r['cpu_s'] for r in old]):.2f} s" if old else ""),
+        f"- CPU of an update, median: {np.median([r['cpu_s'] for r in now]):.2f} s"
+        + (f"; before {np.median([r['cpu_s'] for r in old]):.2f} s" if old else ""),
     ]
     return "\n".join([*lines, ""])
 
