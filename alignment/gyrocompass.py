@@ -117,7 +117,9 @@ def solve(
             known = shaking if number > 1 else None
             motion = stillness.classify(history, phases, imu, faults, known)
             shaking = motion.shaking
-            motion = level.standing(motion)
+            motion = level.standing(history, motion)
+            if number == 0:  # what a first solution makes of rest is its own drift
+                motion = level.believed(motion, rest[1])
             parked_level = level.parked_level(history, motion)
         plan = plan_steps(
             motion, prior.edges_s, until_s=motion.parked_until_s if parked_only else until_s

@@ -8,7 +8,7 @@ only upwards, where that is e^SURE times as likely. Single steps that still stan
 variance that they show (Student's t), once.
 
 Source: innovations likelihood, Schweppe (1965); t-distributed weights, Lange, Little, Taylor
-(1989), section 3. Pinned by: tests/alignment/test_gyrocompass.py
+(1989), section 3. Pinned by: tests/alignment/test_parked_level.py
 """
 
 from collections.abc import Callable
@@ -38,6 +38,9 @@ FIRST_FACTOR = 1.41  # of the local level: where the search for a larger one beg
 HIGHER = 0.1  # nats that a step of the search must gain
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
 FREEDOM = 4.0  # of Student's t
+# correlation of successive innovations below which they count as independent, and how many are
+# needed to say so
+LEAST_ALIKE, FEWEST_ALIKE = 0.25, 12
 
 
 class Scale(NamedTuple):
@@ -109,10 +112,12 @@ class Stretch:
         dt = self.time_s[self.plan.last] - self.time_s[self.plan.first]
         tenth = np.sqrt(dt / 10.0)
         walk = np.minimum(scale.place_walk * place * tenth, LARGEST_WALK_M * np.sqrt(dt))
-        turn = np.minimum(scale.yaw_walk * yaw * tenth, LARGEST_YAW_WALK_RAD * np.sqrt(dt))
+        # gusts are no multiple of the quiet jitter, which may be a gyro's last bit
+        quiet = float(np.min(yaw)) if yaw.size else 0.0
+        turn = np.minimum(scale.yaw_walk * quiet * tenth, LARGEST_YAW_WALK_RAD * np.sqrt(dt))
         return ParkedConstraint(
             displacement_sigma_m=np.minimum(scale.place * place, LARGEST_PLACE_M),
-            yaw_jitter_rad=scale.yaw * yaw,
+            yaw_jitter_rad=np.sqrt(yaw**2 + (scale.yaw**2 - 1.0) * quiet**2),
             hold_heading=self.hold_heading,
             place_walk_m=walk,
             yaw_walk_rad=turn,
@@ -154,7 +159,9 @@ class _Search:
     def under(self, scale: Scale) -> Fitted:
         """The filter under a scale, single strays widened, what is beyond the gate left out."""
         plan, parked = self._stretch.plan, self._stretch.constraint(scale)
-        strayed = replace(_strayed(self._ungated(scale), plan, parked), gate=GATE_SIGMA)
+        ungated = self._ungated(scale)
+        slower = _slower(ungated, _strayed(ungated, plan, parked))
+        strayed = replace(slower, gate=GATE_SIGMA)
         flt = self._run(strayed, scale.unit)
         calm = self._run(self._stretch.calm(), 1.0)
         return Fitted(flt, strayed, scale, _found(flt, calm, strayed, scale.unit, plan))
@@ -237,6 +244,36 @@ def _middle(value: NDArray | float, still: NDArray) -> float:
 
 def _largest(value: NDArray | float, still: NDArray) -> float:
     return float(np.max(np.broadcast_to(value, still.shape)[still], initial=0.0))
+
+
+def _slower(flt: ErrorFilter, parked: ParkedConstraint) -> ParkedConstraint:
+    """The constraint with the noise that its innovations show from step to step: where they are
+    alike for several steps (a swell of a minute), so many steps say as much as one.
+    """
+    seen = flt.tally.normalised
+    place = max((_alike(seen[name]) for name in ("still", "stop") if name in seen), default=1.0)
+    yaw = _alike(seen["heading held"]) if "heading held" in seen else 1.0
+    return replace(
+        parked,
+        displacement_sigma_m=np.sqrt(place) * parked.displacement_sigma_m,
+        yaw_jitter_rad=np.sqrt(yaw) * parked.yaw_jitter_rad,
+    )
+
+
+def _alike(normalised: NDArray) -> float:
+    """How many successive innovations (n, r) say as much as one: 1 + 2 sum of their correlations up
+    to the first that is not certain.
+    """
+    n, steps = len(normalised), 1.0
+    if n < FEWEST_ALIKE:
+        return steps
+    power = np.mean(normalised**2)
+    for lag in range(1, n // 2):
+        rho = float(np.mean(normalised[lag:] * normalised[:-lag]) / power)
+        if rho < max(LEAST_ALIKE, 3.0 / np.sqrt(normalised.size)):
+            break
+        steps += 2.0 * rho
+    return steps
 
 
 def _strayed(flt: ErrorFilter, plan: StepPlan, parked: ParkedConstraint) -> ParkedConstraint:

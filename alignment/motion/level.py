@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from alignment.motion.excursions import PUSHED_M
 from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Cause
 from alignment.motion.stillness import NEW_PLACE_RAD, ROLL_EDGE_S, Motion, near, turn_about_down
 from ins.records import NavHistory
@@ -23,6 +24,8 @@ CUBIC = 3
 # of freedom) are so by chance in 1e-8 of all.
 ROUGHER = 4.0
 CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
+# A moored ship surges by a metre in a minute and comes back; a tug's push of that speed does not.
+FASTEST_SWAY_M_S, LONGEST_SWAY_M = 0.25, 2.0
 SMALLEST_YAW_RAD = 0.05 * ARCSEC
 # of a standing vehicle: its noise has a level, and the gyros saw its turns
 ABSORBED = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.GUST)
@@ -41,18 +44,53 @@ class ParkedLevel:
         return float(np.min(self.place_m)) if self.place_m.size else 0.0
 
 
-def standing(motion: Motion) -> Motion:
+def standing(history: NavHistory, motion: Motion) -> Motion:
     """The motion with all that a level describes taken for rest: what shook the vehicle, left it
-    where it was, and is no slow start or end of rolling.
+    where it was, and is no slow start or end of rolling; and a surge to and fro (a moored ship).
     """
     kind, cause = motion.kind.copy(), motion.cause.copy()
+    for a, b in runs_of_true(kind == ROLLING):
+        if _sways(history, a, b):
+            kind[a:b] = STILL
     apart = ~near(motion.time_s, kind >= ROLLING, ROLL_EDGE_S, ROLL_EDGE_S)
     for a, b in runs_of_true(kind == DISTURBED):
-        if (motion.jolt_rad[a:b] >= NEW_PLACE_RAD).any():
+        stays = _stays(history, a, b)
+        if (motion.jolt_rad[a:b] >= NEW_PLACE_RAD).any() and not stays:
             continue
-        absorbed = np.isin(cause[a:b], ABSORBED) & apart[a:b]
+        absorbed = np.isin(cause[a:b], (*ABSORBED, Cause.PUSH) if stays else ABSORBED)
+        absorbed &= apart[a:b]
         kind[a:b][absorbed], cause[a:b][absorbed] = STILL, ""
     return replace(motion, kind=kind, cause=cause)
+
+
+def believed(motion: Motion, rest_end_s: float) -> Motion:
+    """The motion with rolling and pushes before the end of the rest taken for rest."""
+    kind, cause = motion.kind.copy(), motion.cause.copy()
+    moved = (kind == ROLLING) | np.isin(cause, (*ABSORBED, Cause.PUSH))
+    moved &= motion.time_s <= rest_end_s
+    kind[moved], cause[moved] = STILL, ""
+    return replace(motion, kind=kind, cause=cause)
+
+
+def _stays(history: NavHistory, first: int, end: int) -> bool:
+    """Whether what looks like a push is a constant velocity of the solution (a log that begins
+    while somebody boards) and goes nowhere about it.
+    """
+    if end - first < PIECE_S:
+        return False
+    v = history.v_n_m_s[first:end, :2]
+    way = np.cumsum(v - np.median(v, axis=0), axis=0)
+    return bool(np.ptp(way, axis=0).max() < PUSHED_M)
+
+
+def _sways(history: NavHistory, first: int, end: int) -> bool:
+    """Whether what looks like rolling is slow all the while and comes back."""
+    v = history.v_n_m_s[first:end, :2]
+    if end - first < PIECE_S or np.linalg.norm(v, axis=1).max() > FASTEST_SWAY_M_S:
+        return False
+    way = np.cumsum(v - v.mean(axis=0), axis=0)
+    straight = np.linalg.norm(v.sum(axis=0))
+    return bool(np.ptp(way, axis=0).max() < LONGEST_SWAY_M and straight < LONGEST_SWAY_M)
 
 
 def parked_level(history: NavHistory, motion: Motion) -> ParkedLevel:
