@@ -32,6 +32,10 @@ from ins.verdicts import Reason, because
 
 # of sound sessions that any pattern of one kind may widen: the quiet ones are to lose nothing
 WIDENED_SHARE = 0.02
+# of a pattern's information had the session seen every bias without noise: below, what is left is
+# the rounding of a direction that the session does not show (gyros turned about the vertical of a
+# vehicle that never moves)
+SHOWN_SHARE = 0.01
 MOST_WIDENED = 3  # patterns that one session may be widened along; the ninth adds nothing new
 # What a bias may do with temperature, of which no step is told: a slope of 0.003 deg/h per degC
 # and 0.02 deg/h per degC/min, five times the factory curves' slope and the usual rate term
@@ -225,7 +229,8 @@ def _sizes(S: NDArray, learnt: Learnt) -> tuple[NDArray, NDArray]:
     """Size and sigma (K,) of patterns (K, 3N), each alone; sigma is inf where nothing shows."""
     g, M = learnt.evidence()
     information = np.einsum("ki,ij,kj->k", S, M, S)
-    shown = information > 0.0
+    most = np.einsum("ki,ij,kj->k", S, np.linalg.inv(learnt.prior), S)
+    shown = information > SHOWN_SHARE * most
     size = np.divide(S @ g, information, out=np.zeros(len(S)), where=shown)
     return size, np.sqrt(np.divide(1.0, information, out=np.full(len(S), np.inf), where=shown))
 

@@ -11,7 +11,7 @@ from infield.session.reasons import SessionReason, WrongFact
 from infield.session.wrong_facts import Learnt, force_off_gravity, suspicions, with_doubt
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import Outcome
-from tests.infield.sessions import SETTINGS, TWIN, estimate, estimate_of, factory, simulated
+from tests.infield.sessions import PARKED, SETTINGS, TWIN, estimate, estimate_of, factory, simulated
 
 SCALE, CLOCK, STEP_deg_h = 0.02, 2e-3, 0.15
 
@@ -107,6 +107,15 @@ def test_a_wrong_fact_is_found_with_its_size(fact, axis, size):
 
 def test_a_sound_session_is_not_convicted():
     assert not [s for s in suspicions(estimate()) if s.convicts]
+
+
+def test_what_a_session_does_not_show_accuses_nobody():
+    """A vehicle that never moves does not show gyros turned about its vertical: with the share of
+    information not asked for, rounding accused them of 17 rad.
+    """
+    found = suspicions(estimate(seed=5, segments=PARKED))
+    assert not [s for s in found if s.convicts]
+    assert all(s.sigma < 0.5 / MILLIRADIAN for s in found if s.fact is WrongFact.GYRO_AXES)
 
 
 def test_a_convicted_session_changes_nothing_and_says_why():
