@@ -1,53 +1,35 @@
-"""Fine alignment: the navigation-mode filter on the parked stretch, and the loop that linearises it
-about its result.
-"""
+"""Fine alignment: the navigation-mode filter on the parked stretch, and what it is worth."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from alignment import coarse, level_fit, levelling
-from alignment.inertial_start import start_attitude
-from alignment.motion import imu_faults, kinds, level, stillness
+from alignment import coarse, levelling
+from alignment.linearised import Course, NothingStands, RestedLog, solve
+from alignment.motion import imu_faults, kinds, stillness
 from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import LogSeconds, seconds_of
-from alignment.navigation_filter import (
-    Aid,
-    FilterPass,
-    ParkedConstraint,
-    bin_of,
-    declared_sway_m,
-    diffuse_heading_rad,
-    heading_error_row,
-    plan_steps,
-    views_of,
-)
+from alignment.navigation_filter import diffuse_heading_rad, heading_error_row, views_of
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from alignment.result import Alignment, BiasPrior, Solution
 from ins.attitude import dcm_from_rotation_vector, euler_from_dcm
-from ins.compensation import compensate
 from ins.earth import EARTH_RATE_RAD_S
 from ins.filters import error_model as em
-from ins.filters.error_filter import ErrorFilter
 from ins.kalman import nis_band
 from ins.noise import gyro_densities
-from ins.records import ImuLog, ImuSource, InputError, NavState, Phase, Site, Span, TwinModel
-from ins.strapdown.mechanization import VerticalChannel, navigate
-from ins.units import ARCSEC, DEG, DEG_PER_HOUR
+from ins.records import ImuSource, Phase, Site, Span, TwinModel
+from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
 MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
 MIN_REST_S = 60.0
 LEVEL_SHARE = 0.3  # of level Earth rate: gyros known worse than this find no heading
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
-SMALLEST_YAW_JITTER_RAD = 0.05 * ARCSEC
 # tried in turn where the residuals exceed the model
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)
 MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
-CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
-MAX_PASSES = 4
 # of the diffuse heading prior: above, the measurements said next to nothing of the heading
 NO_BETTER = 0.5
 # A place that strays by more, on a unit noisier than its model, is neither: it rolls unseen (side
@@ -60,125 +42,17 @@ WARM_UP_S = 1800.0
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 
 
-class NothingStands(InputError):
-    """No step of the rest stands still, so that there is nothing to estimate from."""
-
-    TEMPLATE = (
-        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
-        " moves, or the unit is much noisier than its noise model ({source})"
-    )
-
-    def __init__(self, rest_s: float, source: str) -> None:
-        super().__init__(self.TEMPLATE.format(rest_s=rest_s, source=source))
-        self.reason = because(AlignmentReason.NOTHING_STANDS, rest_s=rest_s, source=source)
-
-
-def solve(
-    imu: ImuSource,
-    site: Site,
-    twin: TwinModel,
-    prior: BiasPrior,
-    *,
-    rest: tuple[float, float],
-    phases: tuple[Phase, ...] = (),
-    sigma0: dict[str, float] | None = None,
-    aids: Sequence[Aid] = (),
-    vertical: VerticalChannel | None = None,
-    clone_at_s: float = np.inf,
-    until_s: float = np.inf,
-    parked_only: bool = False,
-    hold_heading: bool = True,
-    faults: Sequence[imu_faults.ImuFault] = (),
-    noise_scales: tuple[float, ...] = (1.0,),
-) -> Solution:
-    """Navigate from the rest, estimate the errors, correct the start and the biases, and again
-    until it stands.
-
-    imu: compensated with everything known (table, scale factors), its `faults` repaired; rest:
-    (start, end) of the first rest [s]; parked_only stops the filter where the vehicle first rolls.
-    Two or three passes as a rule.
+@dataclass(frozen=True)
+class ReadLog:
+    """What is known of a log before it is aligned: its seconds, and what was repaired in it; None:
+    looked for then.
     """
-    C_nb = start_attitude(imu, site, rest)
-    applied, applied_accel = np.zeros((len(prior.edges_s) - 1, 3)), np.zeros(3)
-    seen, shaking = np.zeros(0), None
-    level_rate = EARTH_RATE_RAD_S * float(np.cos(site.lat_rad))
-    for number in range(MAX_PASSES):
-        start = NavState(time_s=float(rest[0]), site=site, v_n_m_s=np.zeros(3), C_nb=C_nb)
-        history = navigate(
-            _less_found(
-                imu.pieces(rest[0], min(until_s, imu.end_s)), prior.edges_s, applied, applied_accel
-            ),
-            start,
-            epoch_s=1.0,
-            vertical=vertical or VerticalChannel(mode="hold"),
-        )
-        if number < MAX_PASSES - 1:
-            # from the second pass on the solution is close enough to keep what the rows showed
-            known = shaking if number > 1 else None
-            motion = stillness.classify(history, phases, imu, faults, known)
-            shaking = motion.shaking
-            motion = level.standing(history, motion)
-            if number == 0:  # what a first solution makes of rest is its own drift
-                motion = level.believed(motion, rest[1])
-            parked_level = level.parked_level(history, motion)
-        plan = plan_steps(
-            motion, prior.edges_s, until_s=motion.parked_until_s if parked_only else until_s
-        )
-        if not plan.kind.size:
-            raise NothingStands(rest[1] - rest[0], twin.source)
-        stretch = level_fit.Stretch(
-            plan, parked_level, history.time_s, hold_heading, declared_sway_m(twin)
-        )
-        last = FilterPass(
-            history=history,
-            plan=plan,
-            twin=twin,
-            parked=stretch.constraint(level_fit.QUIET),
-            bias_covariance=prior.covariance,
-            applied_rad_s=applied,
-            applied_accel_m_s2=applied_accel.copy(),
-            level_earth_rate_rad_s=level_rate,
-            clone_at_s=clone_at_s,
-        )
-        fitted = level_fit.fit(
-            _runner(last, sigma0 or {}, aids), stretch, noise_scales, rough=number == 0
-        )
-        flt = fitted.filter
-        correction = flt.x[em.THETA_START]
-        if (
-            number > 0
-            and np.linalg.norm(correction) < CONVERGED_RAD
-            and np.array_equal(seen, motion.kind)
-        ):
-            break
-        seen = motion.kind
-        if number < MAX_PASSES - 1:
-            C_nb = dcm_from_rotation_vector(-correction) @ C_nb
-            applied = applied + flt.bias[0].reshape(-1, 3)
-            applied_accel[:2] += flt.x[em.ACCEL]
-    last = replace(last, parked=fitted.parked, twin=scaled_noise(twin, fitted.scale.unit))
-    return Solution(history, motion, plan, prior, applied, clone_at_s, fitted, last)
+
+    seconds: LogSeconds | None = None
+    faults: Sequence[imu_faults.ImuFault] | None = None
 
 
-def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
-    """A pass of the filter under any level and any scale of the unit's noise."""
-    laid = last.lay_down(aids)
-
-    def run(parked: ParkedConstraint, scale: float) -> ErrorFilter:
-        return replace(last, parked=parked, twin=scaled_noise(last.twin, scale)).over(laid, sigma0)
-
-    return run
-
-
-def _less_found(
-    pieces: Iterable[ImuLog], edges_s: NDArray, gyro_rad_s: NDArray, accel_m_s2: NDArray
-) -> Iterator[ImuLog]:
-    """The pieces of a log less what was found: gyro biases (N, 3) over the bins, accelerometer
-    biases (3,).
-    """
-    for piece in pieces:
-        bias = gyro_rad_s[bin_of(edges_s, piece.time_s)]
-        yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=accel_m_s2)
+NOT_READ = ReadLog()
 
 
 def align(
@@ -189,13 +63,11 @@ def align(
     bias_sigma_deg_h: NDArray | None = None,
     phases: tuple[Phase, ...] = (),
     hold_heading: bool = True,
-    log: LogSeconds | None = None,
-    faults: Sequence[imu_faults.ImuFault] | None = None,
+    read: ReadLog = NOT_READ,
 ) -> Alignment:
     """Attitude with sigma at the end of the parked time of a log.
 
-    imu: compensated with the table where there is one; log: its seconds, None: read here; faults:
-    what was repaired in it, None: looked for here. bias_sigma_deg_h (3,): sigma of what is left
+    imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left
     of the gyro biases; None: the unit is unknown, the technology's sigma widened by what the parked
     rates show. Refusals come back as a verdict with reasons, not as exceptions.
     """
@@ -207,8 +79,8 @@ def align(
                 limit_deg=MAX_LATITUDE_RAD / DEG,
             )
         )
-    log = log or seconds_of(imu)
-    rest = first_rest(log)
+    seconds = read.seconds or seconds_of(imu)
+    rest = first_rest(seconds)
     if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
         return _refused(because(AlignmentReason.NEVER_RESTS))
     means = coarse.rest_means(imu.between(*rest))
@@ -226,42 +98,65 @@ def align(
     turns = levelling.turns(means)
     if turns and twin.gyro_technology != "mems":
         return _refused(turns)
-    # the solution drifts too fast for rest to be seen in it
     if level_sigma > LEVEL_SHARE * earth_level:
-        reasons = [because(AlignmentReason.TURNS_OR_BIAS, turns=turns)] if turns else []
-        if bias_sigma_deg_h is None and twin.gyro_technology != "mems":
-            twin, like = levelling.like_mems(
-                twin, float(sigma[0]), UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
-            )
-            reasons.append(like)
-        no_heading = because(
-            AlignmentReason.NO_HEADING,
-            sigma_deg_h=level_sigma / DEG_PER_HOUR,
-            level_deg_h=earth_level / DEG_PER_HOUR,
-        )
-        found = levelling.level(
-            imu, site, twin, rest=rest, gyro_sigma_rad_s=level_sigma, reason=no_heading
-        )
-        return replace(found, reasons=(*found.reasons, *reasons))
+        of_technology = bias_sigma_deg_h is None and twin.gyro_technology != "mems"
+        doubtful_deg_h = float(sigma[0]) if of_technology else None
+        log = RestedLog(imu, site, rest)
+        return _level_alone(log, twin, level_sigma, turns=turns, doubtful_deg_h=doubtful_deg_h)
+    faults = read.faults
     if faults is None:
-        imu, faults = imu_faults.repair(imu, log, rest[0], imu.end_s)
+        imu, faults = imu_faults.repair(imu, seconds, rest[0], imu.end_s)
+    course = Course(parked_only=True, hold_heading=hold_heading, noise_scales=NOISE_SCALES)
     try:
-        solution = solve(
-            imu,
-            site,
-            twin,
-            prior,
-            rest=rest,
-            phases=phases,
-            parked_only=True,
-            hold_heading=hold_heading,
-            faults=faults,
-            noise_scales=NOISE_SCALES,
-        )
+        solution = solve(RestedLog(imu, site, rest, phases, faults), twin, prior, course=course)
     except NothingStands as error:
         return _refused(error.reason)
-    result = _attitude(solution, phases)
-    diffuse = diffuse_heading_rad(prior.covariance, earth_level)
+    result = _judged(_attitude(solution, phases), solution, twin)
+    if result.verdict is AlignmentVerdict.REFUSED:
+        return result
+    return _latitude_test(result, site, means, float(np.max(sigma)), arw)
+
+
+def _level_alone(
+    log: RestedLog,
+    twin: TwinModel,
+    level_sigma_rad_s: float,
+    *,
+    turns: Reason | None,
+    doubtful_deg_h: float | None,
+) -> Alignment:
+    """Roll and pitch of gyros too uncertain for a heading: their solution drifts too fast for rest
+    to be seen in it.
+
+    doubtful_deg_h: bias that the parked rates show of a unit that nobody knows, None: it is known.
+    """
+    reasons = [because(AlignmentReason.TURNS_OR_BIAS, turns=turns)] if turns else []
+    if doubtful_deg_h is not None:
+        usual = UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
+        twin, like = levelling.like_mems(twin, doubtful_deg_h, usual)
+        reasons.append(like)
+    no_heading = because(
+        AlignmentReason.NO_HEADING,
+        sigma_deg_h=level_sigma_rad_s / DEG_PER_HOUR,
+        level_deg_h=EARTH_RATE_RAD_S * np.cos(log.site.lat_rad) / DEG_PER_HOUR,
+    )
+    found = levelling.level(
+        log.imu,
+        log.site,
+        twin,
+        rest=log.rest,
+        gyro_sigma_rad_s=level_sigma_rad_s,
+        reason=no_heading,
+    )
+    return replace(found, reasons=(*found.reasons, *reasons))
+
+
+def _judged(result: Alignment, solution: Solution, twin: TwinModel) -> Alignment:
+    """The result, refused where nothing was measured or where the vehicle moves; the unit's noise
+    is named where it was scaled.
+    """
+    level_rate = solution.last.level_earth_rate_rad_s
+    diffuse = diffuse_heading_rad(solution.prior.covariance, level_rate)
     if result.dof == 0 or result.sigma_heading_rad > NO_BETTER * diffuse:
         nothing = because(
             AlignmentReason.NOTHING_MEASURED,
@@ -277,10 +172,10 @@ def align(
     if unexplained or both or rejected_share(solution) >= MAX_REJECTED:
         moves = because(AlignmentReason.MOVES, scale=NOISE_SCALES[-1], source=twin.source)
         return replace(result, verdict=AlignmentVerdict.REFUSED, reasons=(moves,))
-    if scale > 1.0:
-        noisier = because(AlignmentReason.NOISIER, scale=scale, source=twin.source)
-        result = replace(result, reasons=(noisier,))
-    return _latitude_test(result, site, means, float(np.max(sigma)), arw)
+    if scale <= 1.0:
+        return result
+    noisier = because(AlignmentReason.NOISIER, scale=scale, source=twin.source)
+    return replace(result, reasons=(noisier,))
 
 
 def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> BiasPrior:
@@ -384,20 +279,6 @@ def rejected_share(solution: Solution) -> float:
     tally = solution.filter.tally
     return len(tally.rejected) / max(
         len(tally.rejected) + sum(len(v) for v in tally.normalised.values()), 1
-    )
-
-
-def scaled_noise(twin: TwinModel, scale: float) -> TwinModel:
-    """The twin with white noise and random walks `scale` times as large."""
-    gyro, accel = twin.gyro, twin.accel
-    return replace(
-        twin,
-        gyro=replace(gyro, arw_deg_sqrt_h=scale * gyro.arw_deg_sqrt_h),
-        accel=replace(
-            accel,
-            vrw_ug_sqrt_hz=scale * accel.vrw_ug_sqrt_hz,
-            rate_random_walk_ug_sqrt_h=scale * accel.rate_random_walk_ug_sqrt_h,
-        ),
     )
 
 

@@ -88,7 +88,7 @@ def alignment(case: Case) -> Any:
         case.twin,
         bias_sigma_deg_h=first_sigma_deg_h(case),
         phases=case.run.phases,
-        log=compensated_seconds(case),
+        read=gyrocompass.ReadLog(seconds=compensated_seconds(case)),
     )
     return {
         "verdict": found.verdict,

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from alignment.gyrocompass import ReadLog
 from alignment.gyrocompass import align as align_log
 from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
@@ -106,7 +107,7 @@ def align(
         unit.twin,
         bias_sigma_deg_h=sigma,
         phases=read.phases,
-        log=compensated_seconds(read, unit.table, temperature, unit.twin),
+        read=ReadLog(seconds=compensated_seconds(read, unit.table, temperature, unit.twin)),
     )
     rolls = steady_roll(read) if result.verdict is AlignmentVerdict.REFUSED else None
     if rolls is not None:

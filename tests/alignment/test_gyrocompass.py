@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import chi2
 
 from alignment import coarse, gyrocompass, navigation_filter
+from alignment.linearised import scaled_noise
 from infield.reports.documents.alignment import alignment_document
 from infield.reports.words.sentences import sentences
 from ins import earth
@@ -266,7 +267,7 @@ def test_without_the_parked_constraint_the_level_stands_and_heading_too():
 
 
 def test_scaled_noise_scales_white_noise_and_walks_only():
-    twin = gyrocompass.scaled_noise(DEFAULT_TWIN, 3.0)
+    twin = scaled_noise(DEFAULT_TWIN, 3.0)
     assert twin.gyro == replace(DEFAULT_TWIN.gyro, arw_deg_sqrt_h=0.006)
     assert twin.accel.vrw_ug_sqrt_hz == 30.0
     assert twin.accel.turn_on_ug == DEFAULT_TWIN.accel.turn_on_ug

@@ -5,9 +5,11 @@ heading, and no crash.
 import numpy as np
 import pytest
 
-from alignment.gyrocompass import NothingStands, align, solve
+from alignment.gyrocompass import align
+from alignment.linearised import Course, NothingStands, RestedLog, solve
 from alignment.motion.inertial import first_rest
 from alignment.motion.seconds import seconds_of
+from alignment.reasons import AlignmentReason
 from alignment.result import BiasPrior
 from infield.reports.words.sentences import sentence
 from ins.units import DEG_PER_HOUR
@@ -32,11 +34,23 @@ def test_the_level_of_a_mems_unit_under_the_name_of_a_ring_laser(park_s, seed):
     assert np.abs(error).max() < 3.5 * found.sigma_roll_rad
 
 
-def test_a_rest_in_which_no_step_stands_is_refused():
-    """The same unit where somebody has it navigated all the same: one line that names the noise."""
-    imu = flown(ideal(60.0), twin_of("mems"), 1).run.imu
+@pytest.mark.parametrize("park_s", [60.0, 75.0, 120.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_mems_unit_that_somebody_has_navigated_is_refused(park_s, seed):
+    """The same unit said to be as good as a ring laser: next to nothing measures its heading."""
+    imu = flown(ideal(park_s), twin_of("mems"), seed).run.imu
+    found = align(imu, SITE, twin_of("rlg"), bias_sigma_deg_h=np.full(3, 0.01))
+    assert found.verdict == "refused"
+    codes = (AlignmentReason.NOTHING_MEASURED, AlignmentReason.NOTHING_STANDS)
+    assert found.reasons[0].code in codes
+
+
+def test_a_rest_in_which_no_step_stands_has_no_solution():
+    """One line that names the noise."""
+    imu = flown(ideal(75.0), twin_of("mems"), 1).run.imu
     prior = BiasPrior(np.array([0.0, 1e4]), np.eye(3) * (0.01 * DEG_PER_HOUR) ** 2)
+    log = RestedLog(imu, SITE, first_rest(seconds_of(imu)))
     with pytest.raises(
         NothingStands, match=r"nothing stands still for a step.* much noisier than its noise model"
     ):
-        solve(imu, SITE, twin_of("rlg"), prior, rest=first_rest(seconds_of(imu)), parked_only=True)
+        solve(log, twin_of("rlg"), prior, course=Course(parked_only=True))

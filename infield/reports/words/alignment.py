@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from enum import StrEnum
 
-from alignment.gyrocompass import NothingStands
+from alignment.linearised import NothingStands
 from alignment.reasons import AlignmentReason
 from infield.reports.words.sentences import Template
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from alignment import gyrocompass
+from alignment.linearised import Course, RestedLog, solve
 from alignment.motion.imu_faults import repair
 from alignment.motion.seconds import seconds_of
 from alignment.navigation_filter import Aid
@@ -58,8 +59,10 @@ def estimate_session(
         twin,
         bias_sigma_deg_h=np.sqrt(np.diag(bins.prior)[:3]),
         hold_heading=settings.hold_heading,
-        log=log.between(rest[0], align_until_s),
-        faults=[fault for fault in faults if fault.end_s < align_until_s],
+        read=gyrocompass.ReadLog(
+            seconds=log.between(rest[0], align_until_s),
+            faults=[fault for fault in faults if fault.end_s < align_until_s],
+        ),
     )
     prior = BiasPrior(bins.edges_s, bins.prior * DEG_PER_HOUR**2)
     clone_at = aligned.time_s if np.isfinite(aligned.time_s) else rest[1]
@@ -68,20 +71,18 @@ def estimate_session(
     def aids(assumed: Assumed) -> list[Aid]:
         return _aids(run, twin, settings, clone_at, assumed)
 
-    solution = gyrocompass.solve(
-        imu,
-        run.header.site,
+    solution = solve(
+        RestedLog(imu, run.header.site, rest, run.phases, faults),
         twin,
         prior,
-        rest=rest,
-        phases=run.phases,
+        course=Course(
+            until_s=end_s,
+            clone_at_s=clone_at,
+            hold_heading=settings.hold_heading,
+            vertical=_vertical(run),
+        ),
         sigma0=sigma0,
         aids=aids(AS_DECLARED),
-        vertical=_vertical(run),
-        clone_at_s=clone_at,
-        until_s=end_s,
-        hold_heading=settings.hold_heading,
-        faults=faults,
     )
     rolling = rolling_model(Bench(solution.last, sigma0, aids), solution.filter)
     solution = replace(solution, fitted=replace(solution.fitted, filter=rolling.filter))

@@ -1,0 +1,237 @@
+"""A navigation solution from a rest on, linearised about its own result: navigate, estimate the
+errors, correct the start and the biases, and again until the solution stands.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import level_fit
+from alignment.inertial_start import start_attitude
+from alignment.motion import imu_faults, level, stillness
+from alignment.motion.inertial import Where
+from alignment.motion.shake import Shaking
+from alignment.navigation_filter import (
+    Aid,
+    FilterPass,
+    ParkedConstraint,
+    bin_of,
+    declared_sway_m,
+    plan_steps,
+)
+from alignment.reasons import AlignmentReason
+from alignment.result import BiasPrior, Solution
+from ins.attitude import dcm_from_rotation_vector
+from ins.compensation import compensate
+from ins.earth import EARTH_RATE_RAD_S
+from ins.filters import error_model as em
+from ins.filters.error_filter import ErrorFilter
+from ins.records import ImuLog, ImuSource, InputError, NavHistory, NavState, Phase, Site, TwinModel
+from ins.strapdown.mechanization import VerticalChannel, navigate
+from ins.verdicts import because
+
+CONVERGED_RAD = 1e-4  # what is left is of second order: 1e-8 rad
+MAX_PASSES = 4
+PARKED_HEIGHT = VerticalChannel(mode="hold")
+
+
+@dataclass(frozen=True)
+class RestedLog:
+    """A log as the filter takes it: compensated with everything known (table, scale factors).
+
+    rest: (start, end) of its first rest [s]; faults: what was repaired in it.
+    """
+
+    imu: ImuSource
+    site: Site
+    rest: Where
+    phases: tuple[Phase, ...] = ()
+    faults: Sequence[imu_faults.ImuFault] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """How far a log is followed, and how its vehicle is held.
+
+    until_s: end of the filter; parked_only: it ends where the vehicle first rolls. clone_at_s: when
+    the attitude error is kept for later. hold_heading: the parked vehicle keeps its heading.
+    noise_scales: of the unit's own noise, tried in turn where the residuals exceed the model.
+    """
+
+    until_s: float = np.inf
+    parked_only: bool = False
+    clone_at_s: float = np.inf
+    hold_heading: bool = True
+    noise_scales: tuple[float, ...] = (1.0,)
+    vertical: VerticalChannel = PARKED_HEIGHT
+
+
+TO_THE_END = Course()
+
+
+class NothingStands(InputError):
+    """No step of the rest stands still, so that there is nothing to estimate from."""
+
+    TEMPLATE = (
+        "{rest_s:.0f} s of rest: once navigated, nothing stands still for a step of the filter: it"
+        " moves, or the unit is much noisier than its noise model ({source})"
+    )
+
+    def __init__(self, rest_s: float, source: str) -> None:
+        super().__init__(self.TEMPLATE.format(rest_s=rest_s, source=source))
+        self.reason = because(AlignmentReason.NOTHING_STANDS, rest_s=rest_s, source=source)
+
+
+@dataclass(frozen=True)
+class _Start:
+    """Where a pass starts from: attitude, and what is taken out of the rows: gyro biases (N, 3)
+    over the bins [rad/s], accelerometer biases (3,) [m/s^2].
+    """
+
+    C_nb: NDArray
+    gyro_rad_s: NDArray
+    accel_m_s2: NDArray
+
+    def corrected(self, flt: ErrorFilter) -> "_Start":
+        """The start less the errors that a filter found."""
+        accel_m_s2 = self.accel_m_s2.copy()
+        accel_m_s2[:2] += flt.x[em.ACCEL]
+        return _Start(
+            dcm_from_rotation_vector(-flt.x[em.THETA_START]) @ self.C_nb,
+            self.gyro_rad_s + flt.bias[0].reshape(-1, 3),
+            accel_m_s2,
+        )
+
+
+@dataclass(frozen=True)
+class _Judged:
+    """What a pass made of the motion; shaking: what the rows showed; settled: the kinds are those
+    of the pass before.
+    """
+
+    motion: stillness.Motion
+    level: level.ParkedLevel
+    shaking: Shaking | None
+    settled: bool
+
+
+def solve(
+    log: RestedLog,
+    twin: TwinModel,
+    prior: BiasPrior,
+    *,
+    course: Course = TO_THE_END,
+    sigma0: dict[str, float] | None = None,
+    aids: Sequence[Aid] = (),
+) -> Solution:
+    """Navigate from the rest, estimate the errors, correct the start and the biases, and again
+    until it stands: two or three passes as a rule.
+
+    prior: of the gyro biases, over time bins; sigma0: priors of the nuisances by their names; aids:
+    what else measures. Raises NothingStands.
+    """
+    bins = len(prior.edges_s) - 1
+    start = _Start(start_attitude(log.imu, log.site, log.rest), np.zeros((bins, 3)), np.zeros(3))
+    before: _Judged | None = None
+    for number in range(MAX_PASSES):
+        history = _navigated(log, prior, course, start)
+        final = number == MAX_PASSES - 1
+        judged = before if before is not None and final else _judge(history, log, before, number)
+        last, stretch = _laid_out(log, twin, prior, course, (history, judged), start)
+        fitted = level_fit.fit(
+            _runner(last, sigma0 or {}, aids), stretch, course.noise_scales, rough=number == 0
+        )
+        small = np.linalg.norm(fitted.filter.x[em.THETA_START]) < CONVERGED_RAD
+        if final or (small and judged.settled):
+            break
+        before = judged
+        start = start.corrected(fitted.filter)
+    last = replace(last, parked=fitted.parked, twin=scaled_noise(twin, fitted.scale.unit))
+    return Solution(
+        history, judged.motion, last.plan, prior, start.gyro_rad_s, course.clone_at_s, fitted, last
+    )
+
+
+def _navigated(log: RestedLog, prior: BiasPrior, course: Course, start: _Start) -> NavHistory:
+    """The free solution from a start on."""
+    state = NavState(time_s=float(log.rest[0]), site=log.site, v_n_m_s=np.zeros(3), C_nb=start.C_nb)
+    rows = _less_found(log, prior.edges_s, course, start)
+    return navigate(rows, state, epoch_s=1.0, vertical=course.vertical)
+
+
+def _less_found(
+    log: RestedLog, edges_s: NDArray, course: Course, start: _Start
+) -> Iterator[ImuLog]:
+    """The pieces of a log less the biases that were found."""
+    for piece in log.imu.pieces(log.rest[0], min(course.until_s, log.imu.end_s)):
+        bias = start.gyro_rad_s[bin_of(edges_s, piece.time_s)]
+        yield compensate(piece, gyro_bias_rad_s=bias, accel_bias_m_s2=start.accel_m_s2)
+
+
+def _judge(history: NavHistory, log: RestedLog, before: _Judged | None, number: int) -> _Judged:
+    """When the vehicle stands, and how much it moves about its place."""
+    # from the second pass on the solution is close enough to keep what the rows showed
+    known = before.shaking if before is not None and number > 1 else None
+    seen = stillness.classify(history, log.phases, log.imu, log.faults, known)
+    motion = level.standing(history, seen)
+    if number == 0:  # what a first solution makes of rest is its own drift
+        motion = level.believed(motion, log.rest[1])
+    settled = before is not None and np.array_equal(before.motion.kind, motion.kind)
+    return _Judged(motion, level.parked_level(history, motion), seen.shaking, settled)
+
+
+def _laid_out(
+    log: RestedLog,
+    twin: TwinModel,
+    prior: BiasPrior,
+    course: Course,
+    flown: tuple[NavHistory, _Judged],
+    start: _Start,
+) -> tuple[FilterPass, level_fit.Stretch]:
+    """A pass of the filter over a solution, and what the search for its level needs."""
+    history, judged = flown
+    until_s = judged.motion.parked_until_s if course.parked_only else course.until_s
+    plan = plan_steps(judged.motion, prior.edges_s, until_s=until_s)
+    if not plan.kind.size:
+        raise NothingStands(log.rest[1] - log.rest[0], twin.source)
+    stretch = level_fit.Stretch(
+        plan, judged.level, history.time_s, course.hold_heading, declared_sway_m(twin)
+    )
+    last = FilterPass(
+        history=history,
+        plan=plan,
+        twin=twin,
+        parked=stretch.constraint(level_fit.QUIET),
+        bias_covariance=prior.covariance,
+        applied_rad_s=start.gyro_rad_s,
+        applied_accel_m_s2=start.accel_m_s2,
+        level_earth_rate_rad_s=EARTH_RATE_RAD_S * float(np.cos(log.site.lat_rad)),
+        clone_at_s=course.clone_at_s,
+    )
+    return last, stretch
+
+
+def _runner(last: FilterPass, sigma0: dict[str, float], aids: Sequence[Aid]) -> level_fit.Run:
+    """A pass of the filter under any level and any scale of the unit's noise."""
+    laid = last.lay_down(aids)
+
+    def run(parked: ParkedConstraint, scale: float) -> ErrorFilter:
+        return replace(last, parked=parked, twin=scaled_noise(last.twin, scale)).over(laid, sigma0)
+
+    return run
+
+
+def scaled_noise(twin: TwinModel, scale: float) -> TwinModel:
+    """The twin with white noise and random walks `scale` times as large."""
+    gyro, accel = twin.gyro, twin.accel
+    return replace(
+        twin,
+        gyro=replace(gyro, arw_deg_sqrt_h=scale * gyro.arw_deg_sqrt_h),
+        accel=replace(
+            accel,
+            vrw_ug_sqrt_hz=scale * accel.vrw_ug_sqrt_hz,
+            rate_random_walk_ug_sqrt_h=scale * accel.rate_random_walk_ug_sqrt_h,
+        ),
+    )
