@@ -83,7 +83,7 @@ def align(
     rest = first_rest(seconds)
     if rest is None or rest[1] - rest[0] < MIN_REST_S - coarse.COARSE_BLOCK_S:
         return _refused(because(AlignmentReason.NEVER_RESTS))
-    means = coarse.rest_means(imu.between(*rest))
+    means = coarse.earth_rate_means(imu.between(*rest))
     arw = gyro_densities(twin.gyro).white
     sigma = (
         np.full(3, np.nan)

@@ -33,8 +33,11 @@ ROUNDS = 8
 LARGEST_WALK_M = 0.01
 LARGEST_PLACE_M = 1.0  # a moored ship
 LARGEST_YAW_WALK_RAD = 1e-3
-FIRST_WALK = 0.25  # of the local level over ten seconds: where the search for a walk begins
-FIRST_FACTOR = 1.41  # of the local level: where the search for a larger one begins
+# Of the local level: where the search for a walk over ten seconds and for a larger level begins.
+# Place and its walk are alike in size; a heading that people turn by arcseconds walks a hundred
+# times its quiet jitter, which may be a gyro's last bit, and less than that shows nothing.
+FIRST_WALKS = {"place": (0.25,), "yaw": (0.25, 4.0, 60.0)}
+FIRST_FACTORS = {"place": (1.41,), "yaw": (1.41, 8.0, 60.0)}
 HIGHER = 0.1  # nats that a step of the search must gain
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
 FREEDOM = 4.0  # of Student's t
@@ -185,8 +188,9 @@ class _Search:
         for own, walk in (("place", "place_walk"), ("yaw", "yaw_walk")):
             if own == "yaw" and not self._stretch.hold_heading:
                 continue
-            starts = (scale._replace(**{walk: FIRST_WALK}), scale._replace(**{own: FIRST_FACTOR}))
-            start = max(starts, key=self._value)
+            walks = [scale._replace(**{walk: size}) for size in FIRST_WALKS[own]]
+            wider = [scale._replace(**{own: size}) for size in FIRST_FACTORS[own]]
+            start = max((*walks, *wider), key=self._value)
             if self._value(start) - SURE <= best:
                 continue
             found = self._climb(start, (own, walk))
@@ -201,7 +205,7 @@ class _Search:
             before = scale
             for name in names:
                 for factor in FACTORS:
-                    size = factor * (getattr(scale, name) or FIRST_WALK)
+                    size = factor * (getattr(scale, name) or FIRST_WALKS[names[0]][0])
                     tried = scale._replace(**{name: size})
                     if min(tried.place, tried.yaw) < 1.0:
                         continue

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from alignment.motion.excursions import PUSHED_M
 from alignment.motion.kinds import DISTURBED, ROLLING, STILL, Cause
-from alignment.motion.stillness import NEW_PLACE_RAD, ROLL_EDGE_S, Motion, near, turn_about_down
+from alignment.motion.stillness import (
+    NEW_PLACE_RAD,
+    PUSH_TURN_RAD,
+    ROLL_EDGE_S,
+    Motion,
+    near,
+    turn_about_down,
+)
 from ins.records import NavHistory
 from ins.robust import runs_of_true
 from ins.units import ARCSEC
@@ -84,8 +91,10 @@ def _stays(history: NavHistory, first: int, end: int) -> bool:
 
 
 def _sways(history: NavHistory, first: int, end: int) -> bool:
-    """Whether what looks like rolling is slow all the while and comes back."""
+    """Whether what looks like rolling is slow all the while, comes back, and keeps its heading."""
     v = history.v_n_m_s[first:end, :2]
+    if abs(turn_about_down(history)[first:end].sum()) > PUSH_TURN_RAD:
+        return False
     if end - first < PIECE_S or np.linalg.norm(v, axis=1).max() > FASTEST_SWAY_M_S:
         return False
     way = np.cumsum(v - v.mean(axis=0), axis=0)

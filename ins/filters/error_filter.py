@@ -50,8 +50,10 @@ class Tally:
 
     @property
     def loglik(self) -> float:
-        """Log likelihood of all measurements but its constant: its difference to another filter's
-        over the same measurements is the log of the Bayes factor of what the two take for possible.
+        """Log likelihood of all measurements, but for its constant.
+
+        Its difference to that of another filter over the same measurements is the log of the Bayes
+        factor of what the two take for possible.
         """
         return sum(self.log_likelihood.values()) + self.refused_log_likelihood
 

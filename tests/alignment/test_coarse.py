@@ -2,6 +2,8 @@
 rest.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -166,3 +168,31 @@ def test_means_of_a_simulated_rest_point_north():
     phi = rotation_vector_from_dcm(coarse.gyrocompass_dcm(means) @ ideal_of(PARK).C_nb[-1].T)
     assert abs(phi[2]) < 5 * 0.0123 * DEG_PER_HOUR / (EARTH_RATE_RAD_S * np.cos(45 * DEG))
     assert np.abs(phi[:2]).max() < 5 * (DEFAULT_TWIN.accel.turn_on_ug * MICRO_G / 9.8 + ARCSEC)
+
+
+def tilting(tilt_rad):
+    """Ten minutes at rest at 45 deg while the base rolls by tilt(t), without any noise."""
+    log = resting(45.0, rows=(6000, 0.1))[1]
+    rate = np.gradient(tilt_rad, log.time_s)
+    C = np.zeros((log.time_s.size, 3, 3))
+    C[:, 0, 0] = 1.0
+    C[:, 1, 1] = C[:, 2, 2] = np.cos(tilt_rad)
+    C[:, 1, 2] = np.sin(tilt_rad)
+    C[:, 2, 1] = -C[:, 1, 2]
+    dtheta = np.einsum("kij,kj->ki", C, log.dtheta_rad)
+    dtheta[:, 0] += rate * log.dt_s
+    return replace(log, dtheta_rad=dtheta, dv_m_s=np.einsum("kij,kj->ki", C, log.dv_m_s))
+
+
+@pytest.mark.parametrize("shape", ["ramp", "step"])
+def test_the_turn_of_the_base_is_no_wrong_latitude(shape):
+    """0.1 deg of roll in ten minutes is 0.6 deg/h: 2 deg of latitude, and of bias, if not known."""
+    time_s = resting(45.0, rows=(6000, 0.1))[1].time_s
+    ramp = time_s / time_s[-1]
+    along = ramp if shape == "ramp" else np.clip((time_s - 290.0) / 20.0, 0.0, 1.0)
+    log = tilting(np.radians(0.1) * along)
+    plain, _ = coarse.latitude_from_rates(coarse.rest_means(log))
+    found, excess = coarse.latitude_from_rates(coarse.earth_rate_means(log))
+    assert np.degrees(found) == pytest.approx(45.0, abs=0.02)
+    assert abs(excess) < 0.002 * EARTH_RATE_RAD_S
+    assert shape == "step" or abs(np.degrees(plain) - 45.0) > 0.3

@@ -1,6 +1,7 @@
 """What stands in the way of the store is told by its type: by fleet, page and update.json."""
 
 import pickle
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,6 +17,7 @@ from infield.store.errors import (
 )
 from infield.store.table_store import TableStore
 from ins.records import InputError
+from ins.verdicts import Outcome
 from recal.fleet.pools.work import _conflicted
 from recal.web.app import _status
 
@@ -35,9 +37,9 @@ def test_the_page_answers_by_the_type():
 
 @pytest.mark.parametrize("kind", [TableMoved, StoreBusy])
 def test_the_fleet_tries_again_by_the_code(kind):
-    document = {"verdict": "refused", "reasons": ["words"], "reason_codes": [str(kind.code)]}
+    document = SimpleNamespace(verdict=Outcome.REFUSED, reason_codes=[str(kind.code)])
     assert _conflicted(document) and kind.code in WORTH_ANOTHER_TRY
-    held = {**document, "reason_codes": [str(RunAlreadyMerged.code)]}
+    held = SimpleNamespace(verdict=Outcome.REFUSED, reason_codes=[str(RunAlreadyMerged.code)])
     assert not _conflicted(held)
 
 

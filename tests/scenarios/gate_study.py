@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from alignment import coarse, gyrocompass
+from alignment.inertial_start import start_attitude
 from alignment.motion import stillness
 from alignment.motion.kinds import DISTURBED, STILL
 from alignment.motion.stillness import Motion
@@ -111,13 +111,12 @@ def gate(kind: str | None, seed: int, sway_m_s: float = 0.001) -> Gated:
 
 
 def _first_solution(run: Run) -> NavHistory:
-    """The first pass of `gyrocompass.solve`: level from the first 30 s, north from the first five
-    minutes.
-    """
-    level = coarse.rest_means(run.imu.between(0.0, gyrocompass.LEVEL_S))
-    means = replace(coarse.rest_means(run.imu.between(0.0, 300.0)), f_ib_b=level.f_ib_b)
+    """The first pass of `linearised.solve`, from the gravity of the first five minutes."""
     start = NavState(
-        time_s=0.0, site=run.header.site, v_n_m_s=np.zeros(3), C_nb=coarse.gyrocompass_dcm(means)
+        time_s=0.0,
+        site=run.header.site,
+        v_n_m_s=np.zeros(3),
+        C_nb=start_attitude(run.imu, run.header.site, (0.0, 300.0)),
     )
     return navigate(run.imu, start, epoch_s=1.0, vertical=VerticalChannel(mode="hold"))
 

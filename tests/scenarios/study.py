@@ -93,7 +93,7 @@ def prior_table(sigma_deg_h: float = 0.01) -> ThermalTable:
 
 
 def session(
-    name: str,
+    motion: str | IdealSensors,
     seed: int,
     *,
     twin: TwinModel = REFERENCE_TWIN,
@@ -103,9 +103,10 @@ def session(
     settings: SessionSettings | None = None,
     **simulate: object,
 ) -> Outcome:
-    """One seeded session, simulated and estimated."""
+    """One seeded session, simulated and estimated, of a reference motion or of a noise-free run."""
+    base = ideal(motion) if isinstance(motion, str) else motion
     made = simulated_session(
-        ideal(name), seed, twin=twin, sigma_deg_h=sigma_deg_h, start=start, **simulate
+        base, seed, twin=twin, sigma_deg_h=sigma_deg_h, start=start, **simulate
     )
     return estimated(made, made.run, believed or twin, sigma_deg_h=sigma_deg_h, settings=settings)
 

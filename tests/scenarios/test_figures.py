@@ -39,8 +39,9 @@ def vehicle(**changes):
 TABLE_TWIN = vehicle(lateral_noise_m_s=0.015, crab_mrad=1.0)
 
 
-def sessions(runs, name, **kw):
-    make = parked_session if name == "parked_only" and not kw else partial(session, name, **kw)
+def sessions(runs, motion, **kw):
+    kept = isinstance(motion, str) and motion == "parked_only" and not kw
+    make = parked_session if kept else partial(session, motion, **kw)
     return [make(seed) for seed in range(runs)]
 
 
@@ -239,7 +240,7 @@ def test_r10_crab_lever_arm_and_accelerometers(runs):
     base = ideal("realistic_taxi", wheel_reference_m=(-5.0, 0.0, 0.0))
     twin, entered = vehicle(crab_mrad=8.7), replace(base.truth, wheel_reference_m=(0.0, 0.0, 0.0))
     unknown = replace(base, truth=entered)
-    found = sessions(runs, "realistic_taxi", base=unknown, twin=twin)
+    found = sessions(runs, unknown, twin=twin)
     low, high = chi2.ppf([0.025, 0.975], 3)
     inside = sum(low < o.nees < high for o in found)
     assert inside >= binom.ppf(0.001, runs, 0.95)

@@ -18,7 +18,7 @@ from benchmarks.baselines import (
     SessionMean,
 )
 from benchmarks.exact_merge import Evidence, exact_merge
-from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, Flown, fly, ideal
+from benchmarks.free_inertial import ALIGNMENT_S, HOUR_S, Flown, Sortie, fly, ideal
 from benchmarks.recalibration_unit import (
     EXACT,
     HERMITE,
@@ -172,11 +172,8 @@ def test_an_hour_with_a_table_that_is_off_drifts_as_physics_says():
         unit,
         QUIET,
         tables,
+        Sortie(profile="parked", lat_deg=45.0, heading_deg=0.0, start="ambient"),
         rng=rng,
-        profile="parked",
-        lat_deg=45.0,
-        heading_deg=0.0,
-        start="ambient",
     )
     north, east = (
         {name: getattr(hour, key) - getattr(hours["true"], key) for name, hour in hours.items()}

@@ -52,7 +52,8 @@ class TruthSection:
     run_up_s: float = 0.0
     step_s: float = 0.1
 
-    def __post_init__(self) -> None:
+    def check(self) -> None:
+        """InputError where a time is out of its range."""
         if min(self.park_s, self.park_after_s, self.run_up_s) < 0 or not self.step_s > 0:
             raise InputError("truth: needed times of 0 s or more and step_s above 0")
 
@@ -90,6 +91,7 @@ class Departure:
 
 def read_profile(section: TruthSection, folder: Path) -> TruthProfile:
     """The profile in a file; InputError names file, row or key."""
+    section.check()
     path = folder / section.file
     columns = _columns(path)
     time_s, place, v_n, euler = _checked(columns, path.name)

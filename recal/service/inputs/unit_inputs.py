@@ -82,7 +82,7 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
     sigma = UNKNOWN_BIAS_DEG_H[header.gyro_technology]
     if rest is not None:
         sigma = gyrocompass.unknown_bias_sigma_deg_h(
-            twin, coarse.rest_means(run.imu.between(*rest))
+            twin, coarse.earth_rate_means(run.imu.between(*rest))
         )
     # its warm-up shows too, and it may rest where a gyrocompass sees none
     if header.gyro_technology == "mems":
