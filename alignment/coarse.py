@@ -31,7 +31,7 @@ def rest_means(imu: ImuLog) -> RestMeans:
     """Block medians of a resting log; sigma_omega is that of the mean, from the scatter of the
     blocks.
     """
-    f, omega, seconds, whole_s = _blocks(imu)
+    f, omega, _, whole_s = _blocks(imu)
     return RestMeans(
         f_ib_b=np.median(f, axis=0),
         omega_ib_b=np.median(omega, axis=0),
