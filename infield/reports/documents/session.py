@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from alignment.motion.stillness import detect_phases
 from infield.reports.documents import parked as parked_document
+from infield.reports.documents.alignment import level_document
 from infield.reports.documents.session_records import (
     ChainDocument,
     ChainRow,
@@ -127,6 +128,7 @@ def _estimated(
         claim_chain=None if parked else _chain(session.chain, e),
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
+        motion_level=None if parked else level_document(e.navigated.fitted.found),
         taxi=_taxi(e.rolling),
     )
 

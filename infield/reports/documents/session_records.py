@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from alignment.reasons import AlignmentVerdict
+from infield.reports.documents.alignment import LevelDocument
 from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
 from infield.session.reasons import HeadingSource
@@ -263,4 +264,5 @@ class EstimatedDocument(SessionDocument):
     claim_chain: ChainDocument | None = None
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
     doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
+    motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)
