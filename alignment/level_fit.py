@@ -38,6 +38,7 @@ LARGEST_YAW_WALK_RAD = 1e-3
 # times its quiet jitter, which may be a gyro's last bit, and less than that shows nothing.
 FIRST_WALKS = {"place": (0.25,), "yaw": (0.25, 4.0, 60.0)}
 FIRST_FACTORS = {"place": (1.41,), "yaw": (1.41, 8.0, 60.0)}
+SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
 HIGHER = 0.1  # nats that a step of the search must gain
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
 FREEDOM = 4.0  # of Student's t
@@ -188,6 +189,8 @@ class _Search:
         for own, walk in (("place", "place_walk"), ("yaw", "yaw_walk")):
             if own == "yaw" and not self._stretch.hold_heading:
                 continue
+            if self._most_to_gain(own, scale) < 0.5 * SURE:
+                continue
             walks = [scale._replace(**{walk: size}) for size in FIRST_WALKS[own]]
             wider = [scale._replace(**{own: size}) for size in FIRST_FACTORS[own]]
             start = max((*walks, *wider), key=self._value)
@@ -198,6 +201,24 @@ class _Search:
             if self._value(found) - penalty > best:
                 best, scale = self._value(found) - penalty, found
         return scale, best
+
+    def _most_to_gain(self, own: str, scale: Scale) -> float:
+        """About the log-likelihood [nats] that any level of place or heading could add.
+
+        So far from the noise they were taken for are n innovations of mean square q, correlated by
+        r from step to step: n (q - 1 - ln q) / 2 + n r^2 / 2. Quiet data are not searched.
+        """
+        seen = self._ungated(scale).tally.normalised
+        gain = 0.0
+        for name in SHOWN_BY[own]:
+            if name not in seen or len(seen[name]) < 2:
+                continue
+            x = seen[name]
+            power = float(np.mean(x**2))
+            alike = float(np.mean(x[1:] * x[:-1])) / power
+            louder = power - 1.0 - np.log(power) if power > 1.0 else 0.0
+            gain += 0.5 * x.size * (louder + max(alike, 0.0) ** 2)
+        return gain
 
     def _climb(self, scale: Scale, names: tuple[str, ...]) -> Scale:
         """Up the likelihood by one parameter after another, until none of the factors helps."""
