@@ -272,7 +272,7 @@ def _shares(axis: Any, now: Sequence[Record], old: Sequence[Record]) -> None:
     axis.invert_yaxis()
     axis.set_xlim(-2, 102)
     axis.set_xlabel("accepted, % (95 % intervals)")
-    axis.legend(loc="lower left", frameon=False)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2, frameon=False)
 
 
 def _bars(axis: Any, now: Sequence[Record], value: Callable[[list[Record]], float]) -> None:
@@ -281,7 +281,7 @@ def _bars(axis: Any, now: Sequence[Record], value: Callable[[list[Record]], floa
         x = [value(_of(some, kind)) for kind in KINDS]
         y = np.arange(len(KINDS)) + 0.2 * (k - 1)
         axis.plot(x, y, "s", color=COLOURS[technology], markersize=4, label=technology)
-    axis.legend(loc="lower right", frameon=False)
+    axis.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3, frameon=False)
 
 
 INTRODUCTION = """# Does a parked hour end in a table?
