@@ -8,14 +8,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.documents.thermal import NoiseModelDocument, noise_model
+from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
 from infield.reports.words.sentences import codes, sentences
 from infield.thermal.fog.fixed_point import FixedTable, fixed_table, worst_error_deg_h
 from infield.thermal.fog.model import SCHEMA, FogModel, HeldOut, shifted
 from infield.thermal.fog.piecewise import Breakpoint, Piecewise, PiecewisePair, piecewise_pair
 from infield.thermal.fog.ramps import AxisFit, Curves, RampStudy
 from infield.thermal.ramp_runs import RampRun
-from infield.thermal.reasons import ThermalVerdict
 from ins.records import AXES
 from ins.verdicts import UNWRITTEN
 
@@ -217,18 +216,10 @@ class CheckDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FogDocument:
-    """thermal_fog.json; `thermal.rlg.held_out`: what its page is drawn from beside it."""
+class FogDocument(ThermalDocument):
+    """thermal_fog.json; `held_out`: what its page is drawn from beside it."""
 
     schema: str = SCHEMA
-    verdict: ThermalVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
-    version: str
-    imu_serial: str
-    gyro_technology: str
     runs: Sequence[RunDocument]
     remounted: bool
     noise_model: NoiseModelDocument

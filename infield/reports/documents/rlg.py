@@ -9,10 +9,10 @@ from enum import StrEnum
 import numpy as np
 
 from infield.reports.documents.spans import SpanDocument, span_document
-from infield.reports.documents.thermal import NoiseModelDocument, noise_model
+from infield.reports.documents.thermal import NoiseModelDocument, ThermalDocument, noise_model
 from infield.reports.words.sentences import codes, sentence, sentences
 from infield.thermal.gradient_runs import GradientRun
-from infield.thermal.reasons import ThermalNote, ThermalVerdict
+from infield.thermal.reasons import ThermalNote
 from infield.thermal.rlg.fit import RESIDUAL_S, AxisModel, Choice, Residual
 from infield.thermal.rlg.gradients import GradientStudy
 from infield.thermal.rlg.held_out import RlgHeldOut
@@ -167,18 +167,10 @@ class CheckDocument:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RlgDocument:
-    """thermal_rlg.json; `study`, `thermal.rlg.held_out`: what its page is drawn from."""
+class RlgDocument(ThermalDocument):
+    """thermal_rlg.json; `study`, `held_out`: what its page is drawn from."""
 
     schema: str = SCHEMA
-    verdict: ThermalVerdict
-    reasons: Sequence[str]
-    reason_codes: Sequence[str | None]
-    notes: Sequence[str]
-    note_codes: Sequence[str | None]
-    version: str
-    imu_serial: str
-    gyro_technology: str
     runs: Sequence[RunDocument]
     remounted: bool
     noise_model: NoiseModelDocument

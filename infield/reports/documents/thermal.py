@@ -1,8 +1,25 @@
 """What the documents of all thermal models share."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from infield.thermal.reasons import ThermalVerdict
 from ins.records import TwinModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalDocument:
+    """What the document of each thermal model begins with."""
+
+    schema: str
+    verdict: ThermalVerdict
+    reasons: Sequence[str]
+    reason_codes: Sequence[str | None]
+    notes: Sequence[str]
+    note_codes: Sequence[str | None]
+    version: str
+    imu_serial: str
+    gyro_technology: str
 
 
 @dataclass(frozen=True, kw_only=True)
