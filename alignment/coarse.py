@@ -32,12 +32,7 @@ def rest_means(imu: ImuLog) -> RestMeans:
     blocks.
     """
     f, omega, _, whole_s = _blocks(imu)
-    return RestMeans(
-        f_ib_b=np.median(f, axis=0),
-        omega_ib_b=np.median(omega, axis=0),
-        sigma_omega_rad_s=1.25 * robust_scatter(omega) / np.sqrt(len(f)),
-        seconds=whole_s,
-    )
+    return _medians(f, omega, whole_s)
 
 
 def earth_rate_means(imu: ImuLog) -> RestMeans:
@@ -52,7 +47,7 @@ def earth_rate_means(imu: ImuLog) -> RestMeans:
     n = len(f)
     ends = max(min(END_BLOCKS, n // 3), 1)
     if n < 3:
-        return rest_means(imu)
+        return _medians(f, omega, whole_s)
     u = f / np.linalg.norm(f, axis=1, keepdims=True)
     turned = np.mean(u[-ends:], axis=0) - np.mean(u[:ends], axis=0)
     # what lies between any of the first and any of the last blocks
@@ -63,12 +58,22 @@ def earth_rate_means(imu: ImuLog) -> RestMeans:
     noise = robust_scatter(np.diff(u, axis=0)) / np.sqrt(2.0)
     of_level = np.linalg.norm(noise) * np.sqrt(2.0 / ends) / between_s
     if np.linalg.norm(base) < 3.0 * of_level:
-        return rest_means(imu)
+        return _medians(f, omega, whole_s)
     return RestMeans(
         f_ib_b=np.median(f, axis=0),
         omega_ib_b=rate - base,
         sigma_omega_rad_s=np.hypot(1.25 * robust_scatter(omega) / np.sqrt(n), of_level),
         seconds=whole_s,
+    )
+
+
+def _medians(f: NDArray, omega: NDArray, seconds: float) -> RestMeans:
+    """The medians of blocks (n, 3)."""
+    return RestMeans(
+        f_ib_b=np.median(f, axis=0),
+        omega_ib_b=np.median(omega, axis=0),
+        sigma_omega_rad_s=1.25 * robust_scatter(omega) / np.sqrt(len(f)),
+        seconds=seconds,
     )
 
 
