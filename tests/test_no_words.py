@@ -21,6 +21,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("ins", "trajectories", "alignment", "infield", "simreal", "recal")
 TEXTS = {"reason", "reasons", "note", "notes", "advice", "why", "sentence"}
+LISTS = {"reasons", "notes"}
 VERDICTS = {"verdict", "outcome", "action", "observability"}
 SEARCHES = set(
     "startswith endswith find rfind index count partition rpartition removeprefix removesuffix"
@@ -117,7 +118,7 @@ class Finder(ast.NodeVisitor):
         if isinstance(node, ast.IfExp):
             return self.is_text(node.body) or self.is_text(node.orelse)
         if isinstance(node, ast.Name):
-            return node.id in self.texts
+            return node.id in self.texts or node.id in TEXTS
         if isinstance(node, ast.Attribute | ast.Subscript):
             name = name_of(node)
             return name in TEXTS or ast.unparse(node) == "fault.text" or name in self.texts
@@ -129,10 +130,17 @@ class Finder(ast.NodeVisitor):
             words = any(not self.is_text(side) and has_words(side) for side in sides)
             if words and any(self.is_text(side) for side in sides):
                 self.found.append((node.lineno, "compares the text of a message"))
+            elif any(map(self.is_searched, node.ops, node.comparators)):
+                self.found.append((node.lineno, "searches the text of a message"))
             literal = any(is_literal(side) for side in sides)
             if literal and any(name_of(side) in VERDICTS for side in sides):
                 self.found.append((node.lineno, "compares a verdict with a text"))
         self.generic_visit(node)
+
+    def is_searched(self, op, node):
+        """Whether `x in node` looks into one message; whether a list holds a line may be asked."""
+        one = self.is_text(node) and name_of(node) not in LISTS
+        return one and isinstance(op, ast.In | ast.NotIn)
 
     def visit_Call(self, node):
         called = node.func
@@ -188,6 +196,8 @@ def test_an_exemption_is_needed():
         'if document["verdict"] in ("committed", "proposed"): pass',
         'found = [v for v in x if v.verdict.startswith("separated")]',
         'import re; re.search("stuck", fault.text)',
+        'kept = [n for n in notes if "left out" in n]',
+        'why = next((n for n in log.notes if any(word in n for word in WORDS)), "")',
     ],
 )
 def test_the_old_faults_would_be_found(line):

@@ -16,6 +16,7 @@ from trajectories.readers.rows.column_map import LogOptions
 from trajectories.runs.checks import DROPOUT, Finding, Findings
 from trajectories.runs.directory import run_sha256
 from trajectories.runs.imu_scan import RateScan
+from trajectories.runs.notes import About, about
 from trajectories.runs.physics_gates import check_physics
 from trajectories.runs.schema import SCHEMA, ConversionRecord, SourceFile, header_from_json
 
@@ -28,12 +29,8 @@ RUN_OPTIONS = {
     "height_m": "--height-m",
 }
 MANY_LOST = 0.01  # of all rows
-# Words of the notes that may say why a key of the header is missing.
-TELLING = {
-    "": ("damaged", "garbled", "cut off"),
-    "lat_deg": ("left out:", "no gnss stream"),
-    "start_utc": ("no date",),
-}
+# What a note may be about that says why a key of the header is missing.
+TELLING = {"": About.DAMAGE, "lat_deg": About.FIXES, "start_utc": About.DATE}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,8 +140,8 @@ def _header(
         ]
         if missing:
             told = ", ".join(f"{k} ({RUN_OPTIONS[k]})" for k in missing)
-            words = [word for key in ("", *missing) for word in TELLING.get(key, ())]
-            why = next((f" ({n})" for n in log.notes if any(word in n for word in words)), "")
+            reasons = {TELLING[key] for key in ("", *missing) if key in TELLING}
+            why = next((f" ({n})" for n in log.notes if about(n) in reasons), "")
             raise InputError(
                 f"{path.name}: needed from the options or [run] in the map: {told}{why}"
             )

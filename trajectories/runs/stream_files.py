@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ins.records import PIECE_ROWS, InputError
+from trajectories.runs.notes import labelled
 from trajectories.runs.text_rows import (
     BLOCK_BYTES,
     MAX_LINE_BYTES,
@@ -172,7 +173,7 @@ class StreamFile:
                 raise InputError(f"{self.label}: more than {MAX_ROWS} rows, needed at most that")
         if start == 0:
             raise InputError(f"{self.label}: no rows")
-        self._note(*(f"{self.label}: {note}" for note in notes))
+        self._note(*(labelled(self.label, note) for note in notes))
         self._rows_of = known or counted
 
     def _parquet_tables(

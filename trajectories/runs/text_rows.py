@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ins.records import InputError
+from trajectories.runs.notes import About, Note, joined
 
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
 SMALL_ROWS = 5_000_000  # of a Parquet file of any size: constants take next to nothing
@@ -50,7 +51,7 @@ def read_text(path: Path) -> tuple[bytes, str]:
     text = bytearray()
     for part in text_parts(path, notes):
         text += part
-    return bytes(text), "; ".join(notes)
+    return bytes(text), joined(notes)
 
 
 def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) -> Iterator[bytes]:
@@ -102,7 +103,8 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
         note = note or "the file ends too early"
         if not size:
             raise InputError(f"{path}: not a gzip file ({note})")
-        notes.append(f"gzip data damaged after {size} bytes ({note}), the rest dropped")
+        told = f"gzip data damaged after {size} bytes ({note}), the rest dropped"
+        notes.append(Note(told, About.DAMAGE))
 
 
 def line_blocks(
@@ -186,7 +188,8 @@ def parse_block(
     notes: list[str] = []
     if last and text and not text.endswith((b"\n", b"\r")):
         text = text[: max(text.rfind(b"\n"), text.rfind(b"\r")) + 1]
-        notes.append(f"{label}: last row has no line end (file cut off?), dropped")
+        told = f"{label}: last row has no line end (file cut off?), dropped"
+        notes.append(Note(told, About.DAMAGE))
     table, problem = _arrow_table(text, layout)
     bad = _first_bad_line(text, layout) if problem else None
     if bad is not None:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys, binary_type
+from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import MAX_ROWS
 
 
@@ -33,8 +34,5 @@ def binary_columns(
         )
     data = np.fromfile(path, dtype=row, count=count, offset=layout.header_bytes)
     columns = {name: data[name].astype(np.float64) for name in layout.columns}
-    return columns, (
-        [f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"]
-        if rest
-        else []
-    )
+    cut = f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"
+    return columns, [Note(cut, About.DAMAGE)] if rest else []

@@ -13,6 +13,7 @@ from ins.units import DEG
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
 from trajectories.readers.rows.row_cleaning import row_ranges
+from trajectories.runs.notes import About, Note
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
 MAX_JUMP_S = 10.0  # between a fix and the median of five: a clock that was set
@@ -119,11 +120,13 @@ def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
     raw = replace(raw, lon_deg=np.where(raw.lon_deg > 180.0, raw.lon_deg - 360.0, raw.lon_deg))
     rows, left_out = _good_rows(raw)
     sigmas, told = _sigmas(raw.sigmas, rows, label)
-    notes = [
-        f"{label}: GPS {row_ranges(r)} left out: {why}" for why, r in left_out.items() if r.size
+    notes: list[str] = [
+        Note(f"{label}: GPS {row_ranges(r)} left out: {why}", About.FIXES)
+        for why, r in left_out.items()
+        if r.size
     ]
     if not rows.size:
-        return None, [*notes, f"{label}: no 3D fix: no gnss stream"]
+        return None, [*notes, Note(f"{label}: no 3D fix: no gnss stream", About.FIXES)]
     gnss = GnssLog(
         time_s=raw.log_s[rows],
         lat_rad=raw.lat_deg[rows] * DEG,
@@ -136,7 +139,8 @@ def good_fixes(raw: RawFixes, *, label: str) -> tuple[Fixes | None, list[str]]:
         dated = rows[(raw.unix_s[rows] > UNIX_S[0]) & (raw.unix_s[rows] < UNIX_S[1])]
     offset = float(np.median(raw.unix_s[dated] - raw.log_s[dated])) if dated.size else None
     if offset is None and np.isfinite(raw.unix_s[rows]).any():
-        told.append(f"{label}: GPS weeks that give no date (unknown, or modulo 1024)")
+        no_date = f"{label}: GPS weeks that give no date (unknown, or modulo 1024)"
+        told.append(Note(no_date, About.DATE))
     return Fixes(gnss=gnss, unix_less_log_s=offset), notes + told
 
 

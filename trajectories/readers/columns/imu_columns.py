@@ -31,6 +31,7 @@ from trajectories.readers.rows.gps_time import dated, unix_seconds
 from trajectories.readers.rows.row_cleaning import CleanRows, Stretch, clean_rows
 from trajectories.runs.checks import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 from trajectories.runs.imu_stream import imu_log
+from trajectories.runs.notes import About, Note
 
 PLAUSIBLE_DEGC = (-60.0, 125.0)
 USUAL_DEGC = (-40.0, 85.0)
@@ -167,7 +168,8 @@ def plausible_degC(
     with np.errstate(invalid="ignore"):
         sane = (gyro_degC >= PLAUSIBLE_DEGC[0]) & (gyro_degC <= PLAUSIBLE_DEGC[1])
     read = np.isfinite(gyro_degC)
-    wild, notes = gyro_degC[read & ~sane], []
+    wild = gyro_degC[read & ~sane]
+    notes: list[str] = []
     all_rows, wild_rows = (
         int(np.count_nonzero(v if v.ndim == 1 else v.any(axis=1))) for v in (read, read & ~sane)
     )
@@ -179,7 +181,7 @@ def plausible_degC(
         needed = f"needed {PLAUSIBLE_DEGC[0]:g} to {PLAUSIBLE_DEGC[1]:g}"
         if asked_for and 2 * wild_rows >= all_rows:
             raise InputError(f"{told}, {needed}: {_other_unit(float(np.median(wild)))}")
-        notes.append(f"{told}, {needed}: left out")
+        notes.append(Note(f"{told}, {needed}: left out", About.TEMPERATURE))
     good = gyro_degC[sane]
     if good.size > 100 and np.ptp(good) == 0.0:
         notes.append(

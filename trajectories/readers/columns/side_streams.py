@@ -40,6 +40,7 @@ from trajectories.readers.rows.column_map import (
     side_columns,
 )
 from trajectories.readers.rows.gps_time import gps_of_unix, unix_seconds
+from trajectories.runs.notes import About, Note
 
 Columns = Mapping[str, NDArray]
 
@@ -88,10 +89,11 @@ def with_fixes(log: ConvertedLog, raw: RawFixes, *, label: str) -> ConvertedLog:
     if found is not None and gnss is None:
         a, b = found.gnss.time_s[0], found.gnss.time_s[-1]
         end_s = log.time_shift_s + log.imu.end_s
-        notes += [
+        told = (
             f"{label}: fixes at {a:.3f} to {b:.3f} s, imu {log.time_shift_s:.3f} to {end_s:.3f} s:"
             " no gnss stream"
-        ]
+        )
+        notes += [Note(told, About.FIXES)]
     elif (
         found is not None
         and gnss is not None

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.containers.file_bytes import read_whole
+from trajectories.runs.notes import About, Note, labelled
 from trajectories.runs.text_rows import LISTED_ROWS
 
 SYNC = b"\xa3\x95"
@@ -106,7 +107,9 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
         "Type": np.array(list(names), dtype=np.float64),
         "Name": np.array(list(names.values())),
     }
-    notes = [f"{path.name}: {line}" for line in walk.notes + skipped_lines(walk.skipped, len(data))]
+    notes = [
+        labelled(path.name, line) for line in walk.notes + skipped_lines(walk.skipped, len(data))
+    ]
     return tables, notes
 
 
@@ -167,9 +170,8 @@ def _learn(walk: _Walk, data: bytes, at: int, wanted: Collection[str]) -> None:
     if kind == FMT_TYPE:
         return
     if not known or length != 3 + found.dtype.itemsize or kind == 0:
-        walk.notes.append(
-            f"byte {at}: format of message type {kind} garbled, its messages are not read"
-        )
+        told = f"byte {at}: format of message type {kind} garbled, its messages are not read"
+        walk.notes.append(Note(told, About.DAMAGE))
     elif walk.formats.setdefault(kind, found) != found:
         walk.notes.append(
             f"byte {at}: another format for message type {kind} ({name}), the first one kept"
@@ -203,13 +205,12 @@ def skipped_lines(skipped: Sequence[tuple[int, int]], size: int) -> list[str]:
     """One line for all damaged stretches (first byte, byte after), one for a file that ends within
     a message.
     """
-    lines = []
+    lines: list[str] = []
     damaged = list(skipped)
     if damaged and damaged[-1][1] == size:
         start, _ = damaged.pop()
-        lines.append(
-            f"ends within a message, the last {size - start} bytes (from byte {start}) dropped"
-        )
+        told = f"ends within a message, the last {size - start} bytes (from byte {start}) dropped"
+        lines.append(Note(told, About.DAMAGE))
     if damaged:
         total = sum(b - a for a, b in damaged)
         shown = ", ".join(f"{a}-{b - 1}" for a, b in damaged[:LISTED_ROWS])
@@ -218,5 +219,6 @@ def skipped_lines(skipped: Sequence[tuple[int, int]], size: int) -> list[str]:
             if len(damaged) > LISTED_ROWS
             else ""
         )
-        lines.append(f"{total} of {size} bytes damaged, skipped: bytes {shown}{more}")
+        told = f"{total} of {size} bytes damaged, skipped: bytes {shown}{more}"
+        lines.append(Note(told, About.DAMAGE))
     return lines

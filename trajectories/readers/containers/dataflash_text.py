@@ -12,6 +12,7 @@ import numpy as np
 from ins.records import InputError
 from trajectories.readers.containers.dataflash import TEXT_FIELDS, Tables
 from trajectories.readers.rows.increment_rows import is_file_of
+from trajectories.runs.notes import About, Note, joined, labelled
 from trajectories.runs.text_rows import LISTED_ROWS, is_number, read_text
 
 Formats = dict[str, tuple[str, list[str]]]  # name -> letters, columns
@@ -30,7 +31,8 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
     lines = data.decode("utf-8", errors="replace").splitlines()
     if lines and not data.endswith((b"\n", b"\r")):
         lines.pop()
-        note = "; ".join(filter(None, (note, "last line has no line end (file cut off?), dropped")))
+        cut = Note("last line has no line end (file cut off?), dropped", About.DAMAGE)
+        note = joined((note, cut))
     formats: Formats = {}
     rows: dict[str, list[list[str]]] = {}
     bad: list[int] = []
@@ -48,13 +50,9 @@ def read_tables(path: Path, wanted: Collection[str]) -> tuple[Tables, list[str]]
         raise InputError(f"{path.name}: holds none of the messages {' '.join(sorted(wanted))}")
     if bad:
         more = f" and {len(bad) - LISTED_ROWS} more" if len(bad) > LISTED_ROWS else ""
-        note = "; ".join(
-            filter(
-                None,
-                (note, f"damaged, skipped: lines {', '.join(map(str, bad[:LISTED_ROWS]))}{more}"),
-            )
-        )
-    return tables, [f"{path.name}: {note}"] if note else []
+        listed = ", ".join(map(str, bad[:LISTED_ROWS]))
+        note = joined((note, Note(f"damaged, skipped: lines {listed}{more}", About.DAMAGE)))
+    return tables, [labelled(path.name, note)] if note else []
 
 
 def _learn(formats: Formats, values: list[str]) -> None:

@@ -13,6 +13,7 @@ from ins.records import InputError
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
 from trajectories.readers.containers.unpacking import Damaged, inflated
+from trajectories.runs.notes import About, Note
 
 MAT_HEAD_BYTES = 128
 # Types of an element that holds a variable.
@@ -79,7 +80,8 @@ def _arrays(path: Path, notes: list[str]) -> Iterator[tuple[int, MatArray]]:
         at = after
     if at < size:
         what = "cut off" if size - at < 8 or kind in (ARRAY, COMPRESSED) else "damaged"
-        notes.append(f"{path.name}: {what} at byte {at}: the last {size - at} bytes dropped")
+        told = f"{path.name}: {what} at byte {at}: the last {size - at} bytes dropped"
+        notes.append(Note(told, About.DAMAGE))
 
 
 def _array(body: memoryview, kind: int, order: str) -> MatArray:
@@ -92,4 +94,5 @@ def _array(body: memoryview, kind: int, order: str) -> MatArray:
 
 
 def _told(path: Path, at: int, error: Damaged) -> str:
-    return f"{path.name}: variable at byte {at} damaged ({error}), not read"
+    told = f"{path.name}: variable at byte {at} damaged ({error}), not read"
+    return Note(told, About.DAMAGE)

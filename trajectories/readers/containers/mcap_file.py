@@ -13,6 +13,7 @@ from enum import IntEnum
 from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
+from trajectories.runs.notes import About, Note
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 LAST_KNOWN = 15
@@ -134,7 +135,8 @@ def _chunk(walk: _Walk, data: memoryview, start: int, length: int) -> int:
     except Damaged as error:
         lost = f"{len(records) - place} of {len(records)} bytes" if place else "it is"
         begin = start - RECORD_HEAD.size
-        walk.bag.note(f"{walk.label}: chunk at byte {begin} damaged ({error}), {lost} dropped")
+        told = f"{walk.label}: chunk at byte {begin} damaged ({error}), {lost} dropped"
+        walk.bag.note(Note(told, About.DAMAGE))
     if len(body) < length:
         raise Damaged("a chunk cut off")
     return start + length

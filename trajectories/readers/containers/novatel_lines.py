@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.row_cleaning import row_ranges
+from trajectories.runs.notes import About, Note
 from trajectories.runs.text_rows import arrow_words, line_blocks, text_parts
 
 LINE = re.compile(rb"[#%]([A-Z0-9_]+)A,([^;*#%]*);([^*#%]*)\*([0-9a-fA-F]{8})")
@@ -59,9 +60,8 @@ def read_lines(path: Path, wanted: Collection[str]) -> Lines:
             out.logs.setdefault(found[1].decode(), []).append((found[2], found[3]))
     for rows, why in ((cut, "cut off or garbled"), (bad, "wrong CRC")):
         if rows:
-            out.notes.append(
-                f"{path.name}: {row_ranges(np.array(rows)).replace('row', 'line')} dropped: {why}"
-            )
+            lines = row_ranges(np.array(rows)).replace("row", "line")
+            out.notes.append(Note(f"{path.name}: {lines} dropped: {why}", About.DAMAGE))
     if not out.logs and binary:
         raise InputError(
             f"{path.name}: binary NovAtel logs, needed ASCII ones (NovAtel Convert, or log"

@@ -13,6 +13,7 @@ from enum import IntEnum
 from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
+from trajectories.runs.notes import About, Note
 
 BAG_MAGIC = b"#ROSBAG V2.0\n"
 MAX_HEADER_BYTES = 1 << 20  # of a record, with the definition of a message
@@ -111,7 +112,8 @@ def _chunk(
             if records is not content or place
             else "it is"
         )
-        bag.note(f"{label}: chunk at byte {at} damaged ({error}), {lost} dropped")
+        told = f"{label}: chunk at byte {at} damaged ({error}), {lost} dropped"
+        bag.note(Note(told, About.DAMAGE))
 
 
 def _connect(fields: Fields, said: Fields, connections: dict[int, Topic | None], bag: Bag) -> None:

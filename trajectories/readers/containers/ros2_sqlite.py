@@ -11,6 +11,7 @@ from pathlib import Path
 from ins.records import InputError
 from trajectories.readers.containers.ros_messages import Bag, Topic
 from trajectories.readers.containers.unpacking import Damaged, unpacked
+from trajectories.runs.notes import About, Note
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 MAX_VALUE_BYTES = 1 << 28
@@ -92,7 +93,8 @@ def _messages(
             topic.take(received, _plain(data))
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:
         why = " ".join(str(error).split())[:80]
-        bag.note(f"{label}: damaged ({why}): read up to message {count}, what follows dropped")
+        told = f"{label}: damaged ({why}): read up to message {count}, what follows dropped"
+        bag.note(Note(told, About.DAMAGE))
 
 
 def _plain(data: bytes) -> bytes:

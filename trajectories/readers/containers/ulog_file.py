@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from ins.records import InputError
 from trajectories.readers.containers.dataflash import skipped_lines
 from trajectories.readers.containers.file_bytes import read_whole
+from trajectories.runs.notes import About, Note, labelled
 
 ULOG_HEAD = b"ULog\x01\x12\x35"
 ULOG_HEAD_BYTES = 16
@@ -116,13 +117,14 @@ def read_ulog(path: Path, wanted: Collection[str]) -> UlogTables:
         [f"the logger lost {lost} ms in {len(walk.dropouts_ms)} dropouts"] if lost else []
     )
     notes += [
-        f"topic {name} without {CLOCK_FIELD} (its format damaged?), not read" for name in stray
+        Note(f"topic {name} without {CLOCK_FIELD} (its format damaged?), not read", About.DAMAGE)
+        for name in stray
     ]
     return UlogTables(
         topics={key: topic for key, topic in topics.items() if CLOCK_FIELD in topic},
         parameters=walk.parameters,
         information=walk.information,
-        notes=tuple(f"{path.name}: {line}" for line in notes),
+        notes=tuple(labelled(path.name, line) for line in notes),
     )
 
 

@@ -24,6 +24,7 @@ from trajectories.readers.formats import ardupilot_mat
 from trajectories.readers.formats.ardupilot_gnss import fixes, log_clock
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.runs.notes import About, about
 
 TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 
@@ -202,7 +203,7 @@ def _temperature(table: Mapping[str, NDArray], label: str) -> tuple[dict[str, ND
     values, notes = plausible_degC(table[name], label, asked_for=False)
     if not np.any(np.nan_to_num(values)):
         return {}, [f"{label}: {name} is 0 or no temperature in all messages: none in the run"]
-    return {"temperature": values}, [n for n in notes if "left out" in n]
+    return {"temperature": values}, [n for n in notes if about(n) is About.TEMPERATURE]
 
 
 def _gyro_offsets(

@@ -9,6 +9,7 @@ from ins.units import DEG
 from trajectories.readers.columns.fixes import MATCH_S, Fixes, RawFixes, good_fixes
 from trajectories.readers.rows.clocks import going_on
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
+from trajectories.runs.notes import About, Note
 
 Table = Mapping[str, NDArray]
 NEEDED = ("Status", "Lat", "Lng", "Alt", "Spd", "GCrs", "VZ")
@@ -23,7 +24,7 @@ def fixes(tables: Mapping[str, Table], *, label: str) -> tuple[Fixes | None, lis
     """The 3D fixes of the first receiver, and notes on those left out; None where there is none."""
     table = tables.get("GPS")
     if table is None:
-        return None, [f"{label}: no GPS message: no gnss stream"]
+        return None, [Note(f"{label}: no GPS message: no gnss stream", About.FIXES)]
     clock = log_clock(table, ("TimeUS", "T"))
     missing = [k for k in NEEDED if k not in table]
     if clock is None or missing:

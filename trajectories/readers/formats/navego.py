@@ -26,6 +26,7 @@ from trajectories.readers.columns.side_streams import GnssFile, reference_on_run
 from trajectories.readers.containers.mat_file import is_mat
 from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
+from trajectories.runs.notes import About, Note
 
 W = [f"wb_{a}" for a in AXES]
 F = [f"fb_{a}" for a in AXES]
@@ -113,7 +114,10 @@ def _with_receiver(log: ConvertedLog, values: Leaves, path: Path, *, wanted: boo
             log,
             notes=(
                 *log.notes,
-                f"{path.name}: no gnss struct: no gnss stream (--gnss for another file)",
+                Note(
+                    f"{path.name}: no gnss struct: no gnss stream (--gnss for another file)",
+                    About.FIXES,
+                ),
             ),
         )
     name = receivers[0]

@@ -12,6 +12,7 @@ from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes
 from trajectories.readers.containers.novatel_lines import Logs, columns, of_width
 from trajectories.readers.rows.gps_time import gps_seconds, unix_seconds
+from trajectories.runs.notes import About, Note
 
 PAIRS = (("BESTGNSSPOS", "BESTGNSSVEL"), ("BESTPOS", "BESTVEL"))
 POSITION_FIELDS = (
@@ -39,7 +40,7 @@ def fixes(logs: Logs, week: int, *, label: str) -> tuple[RawFixes | None, list[s
     """
     names = next((pair for pair in PAIRS if pair[0] in logs), None)
     if names is None:
-        return None, [f"{label}: no BESTGNSSPOS or BESTPOS: no gnss stream"]
+        return None, [Note(f"{label}: no BESTGNSSPOS or BESTPOS: no gnss stream", About.FIXES)]
     found = _solutions(logs[names[0]], POSITION_FIELDS, f"{label}: {names[0]}")
     inertial = np.char.startswith(found["type"].astype(str), INERTIAL)
     notes = [
@@ -49,7 +50,7 @@ def fixes(logs: Logs, week: int, *, label: str) -> tuple[RawFixes | None, list[s
     notes = notes if inertial.any() else []
     found = {name: values[~inertial] for name, values in found.items()}
     if not found["type"].size:
-        return None, [*notes, f"{label}: no fix in {names[0]}: no gnss stream"]
+        return None, [*notes, Note(f"{label}: no fix in {names[0]}: no gnss stream", About.FIXES)]
     gps_s = gps_seconds(found["week"] - week, found["seconds"])
     v_n = _velocities(logs.get(names[1], []), gps_s, week, f"{label}: {names[1]}")
     notes += [] if np.isfinite(v_n).any() else [f"{label}: no {names[1]} beside the positions"]

@@ -22,6 +22,7 @@ from trajectories.readers.registry import ConvertedLog, Reader
 from trajectories.readers.rows.column_map import LogOptions, StretchKeys, column_map, stretch_of
 from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.checks import MIN_RATE_HZ, RATE_TOLERANCE
+from trajectories.runs.notes import About, Note, about
 
 RAW_TOPIC = "sensor_gyro"
 INTEGRATED = "vehicle_imu"
@@ -254,7 +255,7 @@ def _temperature(
             rows = rows[np.argsort(time_s[rows], kind="stable")]
             sane, notes = plausible_degC(values[rows], label, asked_for=False)
             return second_means(time_s[rows], np.repeat(sane[:, None], 3, axis=1)), [
-                n for n in notes if "left out" in n
+                n for n in notes if about(n) is About.TEMPERATURE
             ]
     return None, []
 
@@ -263,7 +264,7 @@ def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:
     """Fixes of the first receiver; old firmware has degrees in 1e-7 and millimetres."""
     gps = next((tables.topics[name, 0] for name in GPS if (name, 0) in tables.topics), None)
     if gps is None:
-        return None, [f"{label}: no {GPS[0]}: no gnss stream"]
+        return None, [Note(f"{label}: no {GPS[0]}: no gnss stream", About.FIXES)]
     new = "latitude_deg" in gps
     lat, lon, height = (
         ("latitude_deg", "longitude_deg", "altitude_ellipsoid_m")
@@ -276,7 +277,8 @@ def _fixes(tables: UlogTables, label: str) -> tuple[Fixes | None, list[str]]:
         if k not in gps
     ]
     if missing:
-        return None, [f"{label}: {GPS[0]} without {missing[0]}: no gnss stream"]
+        told = f"{label}: {GPS[0]} without {missing[0]}: no gnss stream"
+        return None, [Note(told, About.FIXES)]
     sigmas = [gps.get(k) for k in ("eph", "epv", "s_variance_m_s")]
     utc = gps.get("time_utc_usec", np.zeros(gps[lat].size))
     return good_fixes(

@@ -32,6 +32,7 @@ from trajectories.readers.rows.column_map import (
     stretch_of,
 )
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
+from trajectories.runs.notes import About, Note
 
 FLU = AxesKeys(x="x", y="-y", z="-z")  # REP-103: x forward, y left, z up
 MAP = {
@@ -178,11 +179,9 @@ def read_bag(path: Path) -> Bag:
             continue
         read_file(file, bag, label)
     for topic in bag.topics.values():
-        bag.note(
-            f"{path.name}: {topic.name}: {topic.damaged} messages damaged, dropped"
-            if topic.damaged
-            else ""
-        )
+        if topic.damaged:
+            told = f"{path.name}: {topic.name}: {topic.damaged} messages damaged, dropped"
+            bag.note(Note(told, About.DAMAGE))
     return bag
 
 

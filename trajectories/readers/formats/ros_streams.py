@@ -24,6 +24,7 @@ from trajectories.readers.containers.ros_messages import (
 )
 from trajectories.readers.registry import ConvertedLog
 from trajectories.readers.rows.column_map import AxesKeys, axis_matrix
+from trajectories.runs.notes import About, Note
 
 TEMPERATURE_MATCH_S = 1.0  # between the readings of three thermometers
 Clock = Callable[[Topic], NDArray]
@@ -71,10 +72,8 @@ def with_gnss(
     """
     fix, velocity = topics
     if fix is None:
-        return replace(
-            log,
-            notes=(*log.notes, f"{label}: no gnss stream: no topic of sensor_msgs/NavSatFix taken"),
-        )
+        told = f"{label}: no gnss stream: no topic of sensor_msgs/NavSatFix taken"
+        return replace(log, notes=(*log.notes, Note(told, About.FIXES)))
     status, lat, lon, height, *variance = fix.values.T
     v_n, sigma_v = _velocity(velocity, clock(fix), clock)
     known = variance[3] > 0

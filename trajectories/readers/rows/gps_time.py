@@ -5,6 +5,8 @@ import datetime
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from trajectories.runs.notes import About, Note
+
 GPS_EPOCH_UNIX_S = 315_964_800.0  # 1980-01-06
 WEEK_S = 604_800.0  # 7 x 86 400
 # 1999-08-22 to 2096: a receiver that knows the date. Weeks before (below 1024) are unknown, or
@@ -68,10 +70,11 @@ def dated(unix_s: float, label: str) -> tuple[dict[str, str], list[str]]:
     """
     if UNIX_S[0] < unix_s < UNIX_S[1]:
         return {"start_utc": utc_text(unix_s)}, []
-    return {}, [
+    told = (
         f"{label}: its clock shows {_year(unix_s)}: no date (week unknown or modulo 1024? unit?),"
         " --start-utc gives it"
-    ]
+    )
+    return {}, [Note(told, About.DATE)]
 
 
 def _year(unix_s: float) -> str:
