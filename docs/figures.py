@@ -4,7 +4,6 @@ minute on a quiet core).
 Each is a simulated session, or what the program computes from it; nothing is drawn by hand.
 """
 
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -13,24 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT))
-
-from infield.store.table_store import TableStore  # noqa: E402
-from infield.table.file import table_from_dict  # noqa: E402
-from ins.attitude import dcm_from_rotation_vector  # noqa: E402
-from ins.records import AXES, ImuLog, NavState  # noqa: E402
-from ins.strapdown.mechanization import navigate  # noqa: E402
-from ins.units import DEG_PER_HOUR  # noqa: E402
-from recal.service.update import UpdateRequest, update_in_store  # noqa: E402
-from trajectories.runs.directory import write_run  # noqa: E402
-from trajectories.simulator.scenario import (  # noqa: E402
+from infield.store.table_store import TableStore
+from infield.table.file import table_from_dict
+from ins.attitude import dcm_from_rotation_vector
+from ins.records import AXES, ImuLog, NavState
+from ins.strapdown.mechanization import navigate
+from ins.units import DEG_PER_HOUR
+from recal.service.update import UpdateRequest, update_in_store
+from trajectories.runs.directory import write_run
+from trajectories.simulator.scenario import (
     read_scenario,
     scenario_from_dict,
     scenario_ideal,
     simulate_scenario,
 )
-from trajectories.simulator.thermal import thermal_history  # noqa: E402
+from trajectories.simulator.thermal import thermal_history
 
 OUT = Path(__file__).parent / "figures"
 RATE_HZ = 20.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,13 +67,10 @@ def command(
 
     Example: recal serve --store sqlite:///recal.db --reports diagnoses
     """
-    try:
-        import fastapi  # noqa: F401
-        import uvicorn  # noqa: F401
-    except ModuleNotFoundError:
+    if not all(map(find_spec, ("fastapi", "uvicorn"))):
         from ins.records import InputError
 
-        raise InputError(NEEDS_EXTRA) from None
+        raise InputError(NEEDS_EXTRA)
     from recal.web.app import build_app
 
     settings, made = _settings(store, host, port, reports, token_file, allow_host or [], https)

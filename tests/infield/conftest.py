@@ -1,3 +1,5 @@
 """The store fixtures, on SQLite and PostgreSQL."""
 
-from tests.infield.stores import store, url  # noqa: F401
+from tests.infield.stores import store, url
+
+__all__ = ("store", "url")

@@ -98,8 +98,11 @@ def taxi(crab_mrad=0.0, odometer_ppm=0.0):
     )
 
 
+NO_ERRORS = Errors()
+
+
 @cache
-def solution(errors=Errors(), crab_mrad=0.0, odometer_ppm=0.0):  # noqa: B008  (frozen)
+def solution(errors=NO_ERRORS, crab_mrad=0.0, odometer_ppm=0.0):
     simulated = taxi(crab_mrad, odometer_ppm)
     heading = simulated.reference.heading_rad[0]
     C_nb = dcm_from_rotation_vector([0.0, 0.0, heading])

@@ -16,15 +16,20 @@ from ins.records import (
 )
 from ins.twin_file import default_twin, read_twin, twin_from_dict, twin_to_dict
 
-FORMATS_EXAMPLE = """{"schema": "recal.twin/1", "imu_serial": "SN-0042", "gyro_technology": "rlg", "table": "table.json",
- "gyro": {"arw_deg_sqrt_h": 0.002, "bias_instability_deg_h": 0.002, "rate_random_walk_deg_h_sqrt_h": 0.002, "turn_on_deg_h": 0.003,
-          "scale_factor_ppm": [0, 0, 0], "misalignment_mrad": [0, 0, 0, 0, 0, 0], "quantization_rad": 0.0},
- "accel": {"vrw_ug_sqrt_hz": 10.0, "bias_ug": [0, 0, 0], "bias_instability_ug": 1.0, "rate_random_walk_ug_sqrt_h": 2.0, "turn_on_ug": 30.0},
+FORMATS_EXAMPLE = """{
+ "schema": "recal.twin/1", "imu_serial": "SN-0042", "gyro_technology": "rlg", "table": "table.json",
+ "gyro": {"arw_deg_sqrt_h": 0.002, "bias_instability_deg_h": 0.002,
+          "rate_random_walk_deg_h_sqrt_h": 0.002, "turn_on_deg_h": 0.003,
+          "scale_factor_ppm": [0, 0, 0], "misalignment_mrad": [0, 0, 0, 0, 0, 0],
+          "quantization_rad": 0.0},
+ "accel": {"vrw_ug_sqrt_hz": 10.0, "bias_ug": [0, 0, 0], "bias_instability_ug": 1.0,
+           "rate_random_walk_ug_sqrt_h": 2.0, "turn_on_ug": 30.0},
  "temperature": {"noise_degC": 0.01, "resolution_degC": 0.01},
- "gnss": {"sigma_horizontal_m": 0.5, "sigma_vertical_m": 0.75, "sigma_velocity_m_s": 0.03}, "odometer": {"scale_ppm": 0.0, "noise_m_s": 0.01},
+ "gnss": {"sigma_horizontal_m": 0.5, "sigma_vertical_m": 0.75, "sigma_velocity_m_s": 0.03},
+ "odometer": {"scale_ppm": 0.0, "noise_m_s": 0.01},
  "vehicle": {"crab_mrad": 0.0, "lateral_noise_m_s": 0.02, "yaw_creep_arcsec_sqrt_h": 3.0,
              "sway_m_s": 0.001, "sway_hz": 0.28, "sway_damping": 0.2},
- "effects": []}"""  # noqa: E501
+ "effects": []}"""
 
 
 def twin(**changes):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.infield.stores import store, url  # noqa: F401
+from tests.infield.stores import store, url
 from tests.undrawn import figures_left_out
 
 
@@ -10,3 +10,6 @@ from tests.undrawn import figures_left_out
 def undrawn():
     with figures_left_out():
         yield
+
+
+__all__ = ("store", "url")
