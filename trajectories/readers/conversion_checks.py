@@ -15,7 +15,7 @@ from trajectories.runs.checks import LISTED, Findings
 
 NOISE_BLOCK_S = 1.0  # length of a block
 SIDE = 10  # blocks on either side of a change that are looked at
-FEWEST_CHANGED = 2  # and at least so many
+FEWEST_CHANGED = 2  # and at least 2: one block is a shock
 F_CHANGES = {
     STANDARD_GRAVITY: "g to m/s2",
     1e3 / STANDARD_GRAVITY: "m/s2 to mg",
@@ -31,13 +31,18 @@ W_CHANGES = {
 # Of a factor between two units: how far the medians of the two sides may be off it.
 F_TOLERANCE = 0.15
 W_TOLERANCE = 0.2
-STEADY_F = 1.5  # by which |f| may change on one side
-# by which the noise of the accelerometers may change beside a change of the gyros' unit
+# by which |f| may change on one side: 1.5 g is a turn banked by 48 deg, units are 9.8 apart
+STEADY_F = 1.5
+# by which the noise of the accelerometers may change beside a change of the gyros' unit, whose
+# units are 57 apart or more
 STEADY_FACTOR = 3.0
-SAME_RATE = 1e-9  # of a rate: no change but rounding
-FROZEN_S = 1.0  # length of a stretch that is told
-COARSE_SHARE = 0.2  # of all rows: more that repeat in short stretches, and the resolution is coarse
-NOISE_FREE = 0.95  # of all rows: more that stand still, and the log has no noise
+SAME_RATE = 1e-9  # of a rate: no change but rounding, 1e-16 each of a product and a quotient
+FROZEN_S = 1.0  # length of a stretch that is told: 10 rows at the slowest rate of a run, 10 Hz
+# of all rows: chosen; more than every 5th repeating in short stretches, and the resolution is
+# coarse
+COARSE_SHARE = 0.2
+# of all rows: more that stand still, and the log has no noise; chosen: 5 % may move
+NOISE_FREE = 0.95
 
 
 def check_rows(imu: ImuLog, *, time_shift_s: float, label: str, findings: Findings) -> None:

@@ -13,11 +13,16 @@ from ins.records import GnssLog, OdometerLog
 from trajectories.runs.checks import Findings
 
 COMPARED_ABOVE_M_S = 2.0  # three sigmas of the difference of fixes of 0.5 m a second apart
-CLIMBING_M_S = 0.5
+CLIMBING_M_S = 0.5  # chosen: 100 ft/min, a fifth of a usual slow climb (500)
 LEAST_PAIRS = 20  # of fixes: the median has 0.28 of one pair's scatter, 1.25 / sqrt(20)
-MAX_APART_S = 2.5  # of two fixes: a turn between them would show
-OFF = 0.3  # of the speed, median: what velocities may be off their positions
-FITS = 0.1  # of the speed, median: what the right unit leaves
+# of two fixes: one of a fix a second may be lost (2 s); a turn between would show
+MAX_APART_S = 2.5
+# of the speed, median: what velocities may be off their positions; the nearest wrong unit, m/s
+# taken for kn, is off by 0.49
+OFF = 0.3
+# of the speed, median: what the right unit leaves; kn and mph are 0.15 apart, and
+# tests/trajectories/test_conversion_streams.py fails at half and at twice of it
+FITS = 0.1
 SPEED_FACTORS = {  # a speed that reads so many times what it is
     3.6: "km/h taken for m/s",
     1 / 3.6: "m/s taken for km/h",

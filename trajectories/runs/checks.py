@@ -11,18 +11,23 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-MAX_GAP_S = 1.0  # between two imu rows: what moved meanwhile cannot be made good
+# between two imu rows: what moved meanwhile cannot be made good, 3 deg in a turn of standard
+# rate; ARCHITECTURE.md, "Decisions"
+MAX_GAP_S = 1.0
 # of any number in a stream: squares of it still add up; 1e24, beside the 1.8e308 of a double
 MAX_VALUE = 1e12
-# Rates of an imu stream that the run format takes.
-MIN_RATE_HZ = 10.0
-MAX_RATE_HZ = 2000.0
-RATE_TOLERANCE = 0.02  # of a rate: a logger's clock
-RATE_CHANGE = 0.2  # of the interval, lasting longer than RATE_CHANGE_S
+MIN_RATE_HZ = 10.0  # of an imu stream: formats.md section 1
+MAX_RATE_HZ = 2000.0  # formats.md section 1, as above
+RATE_TOLERANCE = 0.02  # of a rate, chosen: a logger's clock; 9.8 Hz are still taken for 10
+# of the interval, lasting longer than RATE_CHANGE_S: above the jitter worth a warning (0.1),
+# below the 0.5 and 1 of a rate doubled and halved
+RATE_CHANGE = 0.2
 RATE_CHANGE_S = 3.0
-DROPOUT = 1.5  # intervals; a longer one that its neighbour does not make up for has lost rows
+# intervals, halfway from 1 to 2: a longer one that its neighbour does not make up for has lost
+# rows
+DROPOUT = 1.5
 JITTER_WARNING = 0.1  # of the interval, 99th percentile
-LISTED = 5  # rows named of one kind of fault
+LISTED = 5  # rows named of one kind of fault: a line of about 80 characters each, 5 lines
 
 
 @dataclass(frozen=True, kw_only=True)

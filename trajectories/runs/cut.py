@@ -14,7 +14,7 @@ from ins.records import ImuLog, ImuSource, InputError, Phase, Run, Site, Span
 from trajectories.runs.checks import DROPOUT
 from trajectories.runs.directory import run_sha256
 
-MARGIN_S = 1e-9  # of time stamps that were computed
+MARGIN_S = 1e-9  # of time stamps that were computed: a double at 1e6 s is rounded by 1e-10 s
 
 
 def cut_run(run: Run, start_s: float, end_s: float, *, site: Site | None = None) -> Run:

@@ -15,9 +15,10 @@ from ins.records import AXES, ImuSource, Site
 from ins.units import DEG, DEG_PER_HOUR, STANDARD_GRAVITY
 from trajectories.runs.checks import Findings
 
-GATE_QUIET_S = 30.0  # length of the quiet stretch the gates use
-QUIET_SEARCH_S = 600.0  # looked for in this much of the log
-# of |f|: scatter of one-second means; sway and gusts stay below it, driving does not
+GATE_QUIET_S = 30.0  # length of the quiet stretch; chosen: 30 means of a second
+QUIET_SEARCH_S = 600.0  # looked for in this much of the log: 20 such stretches
+# of |f|: scatter of one-second means, 0.2 m/s^2; a sway of 0.02 m/s at 0.28 Hz (R1) makes 0.035,
+# braking from 10 m/s in 10 s makes 1
 QUIET_F = 0.02
 # of gravity: consumer accelerometers are off by up to 60 mg
 G_TOLERANCE = {"rlg": 0.02, "fog": 0.02, "mems": 0.1}
@@ -25,7 +26,9 @@ EXPECTED_F = 9.8  # [m/s^2] anywhere on Earth to 0.5 %
 # How far |w| at rest may be from Earth rate [deg/h]: the raw bias that a working unit's table takes
 # out, noise of 30 s.
 W_TOLERANCE_DEG_H = {"rlg": 2.0, "fog": 5.0, "mems": 150.0}
-FACTOR_TOLERANCE = 0.3  # of a suspected unit factor in the Earth rate
+# of a suspected unit factor in the Earth rate; chosen: those of W_UNITS are 3.6 apart or more, so
+# that no two fit one rate
+FACTOR_TOLERANCE = 0.3
 
 F_UNITS = (
     (1 / STANDARD_GRAVITY, "g", "multiply by 9.80665"),

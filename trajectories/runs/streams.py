@@ -48,10 +48,11 @@ from trajectories.runs.imu_stream import jitter
 from trajectories.runs.stream_files import StreamFile
 from trajectories.runs.thermometer import check_thermometer
 
-EARLIEST_S = -1.0  # of the first imu row: a second of rounding before start_utc
-LATEST_S = 60.0  # a logger that starts a minute after power-on; later, time_s is another clock
+EARLIEST_S = -1.0  # of the first imu row: start_utc may have been rounded to whole seconds, by 1 s
+LATEST_S = 60.0  # chosen: loggers start within 60 s of power-on; later, time_s is another clock
 SITE_DEG = 1.0  # 111 km, between the site and the first fix: another place was entered
-MAX_PHASES = 10_000  # of one power-on: a file of more is no list of phases
+# of one power-on; one every 5 s of the longest run (text_rows.MAX_ROWS, 13.9 h)
+MAX_PHASES = 10_000
 Loaded = tuple[Any, list[Span]]
 
 

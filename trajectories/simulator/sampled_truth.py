@@ -21,7 +21,8 @@ from ins.records import InputError, Site
 from trajectories.simulator.motions import Motion
 from trajectories.simulator.truth import Stretch, Truth, frames_along, imu_velocity_n
 
-FEWEST_SAMPLES = 8  # of a moving stretch: a quintic spline with two conditions at either end
+# of a moving stretch: a quintic has 6 coefficients, and 2 rows are its ends at rest
+FEWEST_SAMPLES = 8
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -32,7 +32,7 @@ from trajectories.simulator.unit_truth import UnitTruth, aged_unit
 from trajectories.simulator.vehicle import EVENTS, Event
 
 SCENARIO_SCHEMA = "recal.scenario/1"
-MAX_BYTES = 1_000_000
+MAX_BYTES = 1_000_000  # of a scenario; the longest packaged one has 1,491
 Triple = tuple[float, float, float]
 Around = dict[str, str | float]  # an environment as the file has it
 ZERO: Triple = (0.0, 0.0, 0.0)

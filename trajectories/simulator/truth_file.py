@@ -30,11 +30,11 @@ from trajectories.simulator.sampled_truth import (
 from trajectories.simulator.truth import Truth
 
 COLUMNS = REQUIRED["reference"]
-# rows slower than this for STILL_S are a stop; published profiles carry millimetres a second of
-# noise
+# rows slower than this for STILL_S are a stop: published profiles carry millimetres a second of
+# noise, Groves's profile 1 stands at 3 mm/s
 STILL_M_S = 0.005
-STILL_S = 1.0
-FEWEST_ROWS = 10
+STILL_S = 1.0  # chosen: 100 rows of Groves's profiles (100 Hz)
+FEWEST_ROWS = 10  # of a profile: four more than the 6 coefficients of a quintic
 
 
 @dataclass(frozen=True, kw_only=True)

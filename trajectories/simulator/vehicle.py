@@ -29,7 +29,8 @@ from trajectories.simulator.sensors import IdealSensors
 ROLLING_M_S = (0.5, 1.5)  # side noise fades in between these speeds
 SIDE_NOISE_TAU_S = 2.0
 BOARDING_DAMPING = 0.4
-MAX_PUSH_TURN_DEG = 1.0  # the body's rotation is second order in angle
+# the rotation is second order in angle: the third is 1 deg^3 / 6, 0.2 arcsec
+MAX_PUSH_TURN_DEG = 1.0
 BUMP_PEAK = 0.75 * np.sqrt(3)  # makes the largest value of sin(2 pi u) sin(pi u) one
 
 

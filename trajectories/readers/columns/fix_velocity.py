@@ -15,7 +15,8 @@ from ins.earth import displacement_ned
 from ins.units import DEG
 from trajectories.readers.columns.fixes import RawFixes
 
-# between the fixes on either side; further apart says nothing of the velocity between
+# between the fixes on either side; chosen: a fix a second is 2 s, one lost on either side 4 s;
+# further apart says nothing of the velocity between
 MAX_SPAN_S = 4.0
 # of the change of velocity from one interval to the next: what the mean over both may be off
 UNSTEADY = 0.25

@@ -16,13 +16,15 @@ from trajectories.readers.rows.row_cleaning import row_ranges
 from trajectories.runs.notes import About, Note
 
 MAX_JUMP_DEG = 0.01  # between a fix and the median of five: 1.1 km, no aircraft at 5 Hz
-MAX_JUMP_S = 10.0  # between a fix and the median of five: a clock that was set
-MAX_SPEED_M_S = 1000.0  # beyond any aircraft that carries such a unit
-MAX_HEIGHT_M = 30_000.0  # of a site, see ins.records.Site
+# between a fix and the median of five, 2 s at one fix a second: a clock that was set
+MAX_JUMP_S = 10.0
+MAX_SPEED_M_S = 1000.0  # chosen: twice the 515 m/s (1,000 kt) at which receivers for export stop
+MAX_HEIGHT_M = 30_000.0  # that of a site (ins.records.Site); receivers for export stop at 18 km
 # Between a fix and what belongs to it in a message of its own: velocity, accuracy; fixes come at
 # 5 Hz and slower.
 MATCH_S = 0.15
-LOST_SIGMA = 1e6  # of a sigma [m, m/s]: what receivers write that know nothing
+# of a sigma [m, m/s]: what receivers write that know nothing (docs/log_formats.md)
+LOST_SIGMA = 1e6
 
 
 @dataclass(frozen=True, kw_only=True)

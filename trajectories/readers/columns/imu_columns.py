@@ -33,8 +33,9 @@ from trajectories.runs.checks import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 from trajectories.runs.imu_stream import imu_log
 from trajectories.runs.notes import About, Note
 
+# parts of military grade are rated for -55 to 125 degC; docs/log_formats.md
 PLAUSIBLE_DEGC = (-60.0, 125.0)
-USUAL_DEGC = (-40.0, 85.0)
+USUAL_DEGC = (-40.0, 85.0)  # parts of industrial grade are rated for -40 to 85 degC
 # Beyond these two no message on rates or gaps says it better.
 LEAST_STEP_S = 1e-5  # 100 kHz, fifty times the fastest unit
 MOST_STEP_S = MAX_GAP_S

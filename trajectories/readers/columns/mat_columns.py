@@ -20,9 +20,9 @@ EXPRESSION = re.compile(
     r"^(?P<name>[A-Za-z]\w*(?:\(\d+\))?(?:\.[A-Za-z]\w*(?:\(\d+\))?)*)(?:\[(?P<from0>\d+)\]|\(:,"
     r" ?(?P<from1>\d+)\))?$"
 )
-MAX_FIELD_DEPTH = 4  # of fields within fields that are looked at
+MAX_FIELD_DEPTH = 4  # of fields within fields; chosen: those of NaveGo and PSINS lie 1 deep
 MAX_ELEMENTS = 100  # of an array of structs that are looked at
-SHOWN_NAMES = 12  # names of a message
+SHOWN_NAMES = 12  # names of a message; 12 of about 15 characters are three lines of a terminal
 
 Leaves = dict[str, NDArray]
 

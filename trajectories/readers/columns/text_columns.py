@@ -13,6 +13,7 @@ from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
 from trajectories.runs.text_rows import BadRowError, RowLayout, parse_rows, read_text, text_parts
 
+# looked at for text and a header; chosen: about 1,000 rows of 100 characters
 HEADER_BYTES = 100_000
 NO_TEXT = bytes([*range(9), *range(14, 32), *range(127, 256)])
 # of the bytes of a text, names in any script and damage allowed for; raw numbers have 0.4

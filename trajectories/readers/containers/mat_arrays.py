@@ -45,9 +45,11 @@ STRUCT = 2
 CHAR = 4
 ENCODINGS = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 COMPLEX = 0x0800
-MAX_ARRAY_DEPTH = 6  # of cells and structs in each other
-MAX_DIMENSIONS = 8  # of an array; series have two
-MAX_NAME = 200
+# of cells and structs in each other; chosen: above MAX_FIELD_DEPTH (4), far below Python's 1,000
+# calls
+MAX_ARRAY_DEPTH = 6
+MAX_DIMENSIONS = 8  # of an array; series have 2
+MAX_NAME = 200  # bytes; MATLAB's own names had at most 63 (namelengthmax)
 
 
 class MatArray:

@@ -16,8 +16,9 @@ from trajectories.readers.containers.unpacking import Damaged, unpacked
 from trajectories.runs.notes import About, Note
 
 MCAP_MAGIC = b"\x89MCAP0\r\n"
+# mcap.dev/spec: kinds 1 to 15 are defined, up to 0x7F reserved, from 0x80 on anybody's
 LAST_KNOWN = 15
-FIRST_FREE = 0x80  # kinds of records between the two are reserved, those beyond anybody's
+FIRST_FREE = 0x80  # 128, of the same specification
 
 
 class Record(IntEnum):

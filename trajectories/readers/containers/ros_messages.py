@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.runs.text_rows import MAX_ROWS
 
 IMU = "sensor_msgs/Imu"
 TEMPERATURE = "sensor_msgs/Temperature"
@@ -33,10 +34,9 @@ LAYOUTS = {
     TWIST_COVARIANCE: ("3d -3d 1d -6d 1d -6d 1d -21d", "8927a1a12fb2607ceea095b2dc440a96"),
 }
 CDR_HEAD_BYTES = 4
-MAX_PADDING = 8  # bytes of alignment behind a message
-MAX_FRAME_ID = 1024
-MAX_MESSAGES = 100_000_000
-MAX_TOPICS = 10_000
+MAX_PADDING = 8  # bytes behind a message: CDR aligns to 8 at most
+MAX_FRAME_ID = 1024  # bytes; chosen: names of frames have tens, a garbled length up to 4e9
+MAX_TOPICS = 10_000  # chosen: a bag has up to hundreds; 10,000 still take megabytes only
 NS = 1e-9
 
 
@@ -68,9 +68,9 @@ class Topic:
         self.stamp_ns.append(stamp_ns)
         self.receive_ns.append(receive_ns)
         self.kept.extend(values)
-        if len(self.stamp_ns) > MAX_MESSAGES:
+        if len(self.stamp_ns) > MAX_ROWS:
             raise InputError(
-                f"topic {self.name}: more than {MAX_MESSAGES} messages, needed at most that"
+                f"topic {self.name}: more than {MAX_ROWS} messages, needed at most that"
             )
 
     @property

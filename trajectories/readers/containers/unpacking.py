@@ -10,7 +10,7 @@ from typing import Any
 from ins.records import InputError
 from trajectories.runs.text_rows import MAX_GROWTH
 
-MAX_BLOCK_BYTES = 1 << 28  # recorders write blocks of about a megabyte, one message at least
+MAX_BLOCK_BYTES = 1 << 28  # 268 MB; recorders write blocks of 0.8 MB, a message at least
 MAX_MESSAGE_BYTES = 65_536  # a message of the kinds read here has a kilobyte
 INSTALL = "pip install strapdown-recal[ros]"
 

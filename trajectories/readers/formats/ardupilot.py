@@ -31,7 +31,7 @@ TablesOf = Callable[[Path, Collection[str]], tuple[Tables, list[str]]]
 GYRO_FIELDS = tuple(f"Gyr{a.upper()}" for a in AXES)
 ACCEL_FIELDS = tuple(f"Acc{a.upper()}" for a in AXES)
 TEMPERATURE_FIELDS = ("T", "Temp")  # of the IMU message, new and old
-MAX_IMUS = 9
+MAX_IMUS = 9  # names of messages end in one digit: IMU, IMU2 to IMU9
 TEXT_MESSAGES = ("FMT", "FMTU", "UNIT", "PARM", "MSG")  # messages with a column of text
 # as declared
 FIELD_UNITS = {

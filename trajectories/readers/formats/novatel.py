@@ -60,7 +60,7 @@ RAWIMU_FIELDS = (
 )
 VEHICLE_AXES = AxesKeys(x="y", y="x", z="-z")  # y forward, x right, z up
 # Bits of the first field of RAWIMUX.
-IMU_ERROR = 1
+IMU_ERROR = 1  # bit 0
 ENCRYPTED = 2
 SOLUTION = (
     "week",
@@ -77,8 +77,10 @@ SOLUTION = (
     "",
 )
 GOOD = b",INS_SOLUTION_GOOD"
-MAX_FAR_S = 3 * 86_400.0  # from the median time: stamps before the receiver knew the week
-RATE_OFF = 0.1
+# from the median time: a log lasts hours, and stamps before the receiver knew the week are off by
+# weeks, 7 days and more
+MAX_FAR_S = 3 * 86_400.0
+RATE_OFF = 0.1  # half of what lies between the rates of the types, 100 and 125 Hz
 
 
 class ScaleKeys(StrictModel):

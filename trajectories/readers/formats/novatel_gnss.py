@@ -31,7 +31,8 @@ POSITION_FIELDS = (
 VELOCITY_FIELDS = ("status", "type", "latency", "", "speed", "track", "up", "")
 COMPUTED = "SOL_COMPUTED"
 INERTIAL = "INS_"
-MAX_BRACKET_S = 1.5  # between the velocities on either side of a position
+# between the velocities on either side of a position; chosen: 1 s apart, and half
+MAX_BRACKET_S = 1.5
 
 
 def fixes(logs: Logs, week: int, *, label: str) -> tuple[RawFixes | None, list[str]]:

@@ -31,8 +31,9 @@ IMU_TOPICS = (RAW_TOPIC, INTEGRATED, COMBINED)
 BOARD_PARAMETERS = ("SENS_BOARD_ROT", "SENS_BOARD_X_OFF", "SENS_BOARD_Y_OFF", "SENS_BOARD_Z_OFF")
 GPS = ("vehicle_gps_position", "sensor_gps")
 WANTED_TOPICS = [*IMU_TOPICS, "sensor_accel", *GPS]
-FIX_TYPE_3D = 3
-# of the gyros' rate: slower, and the nearest of its rows is that of another moment
+FIX_TYPE_3D = 3  # PX4, sensor_gps.msg: 3 is a 3D fix, those above are better
+# of the gyros' rate: every other row, 10 % off for two clocks; slower, and the nearest of its
+# rows is that of another moment
 SLOWEST_ACCEL = 0.45
 US = 1e-6
 MAP = {

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajectories.runs.checks import MAX_GAP_S
+from trajectories.runs.text_rows import MAX_BAD
 
 WRAPS = {  # [s] after which a clock starts again
     2**32 * 1e-6: "32 bits of microseconds",
@@ -16,7 +17,7 @@ WRAPS = {  # [s] after which a clock starts again
 SHORT_WRAPS = {3600.0: "hour", 2**16 * 1e-3: "16 bits of milliseconds", 60.0: "minute"}
 # rows lost while a clock wraps; of a short one no more than a run's longest gap
 MAX_WRAP_GAP_S = 60.0
-MAX_BEYOND = 0.01  # of the times of a short clock: garbled ones
+# 58 s: the shortest period, less the longest gap at either side of the wrap
 FALL_S = min(SHORT_WRAPS) - 2 * MAX_GAP_S
 
 
@@ -45,7 +46,7 @@ def going_on(time_s: NDArray) -> tuple[NDArray, list[tuple[int, float, str]]]:
 
 
 def _within(t: NDArray, period_s: float) -> bool:
-    return bool(np.count_nonzero((t < 0) | (t > period_s)) <= MAX_BEYOND * t.size)
+    return bool(np.count_nonzero((t < 0) | (t > period_s)) <= MAX_BAD * t.size)
 
 
 def _period(t: NDArray, k: int, periods: dict[float, str]) -> float:

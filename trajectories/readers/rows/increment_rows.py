@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
+from trajectories.runs.checks import MAX_VALUE
 from trajectories.runs.text_rows import is_number, text_parts
 
 SNIFFED_BYTES = 1 << 16
-MIN_ROWS = 20
-MIN_WHOLE = 0.9  # of the first rows: the others are damaged
+MIN_ROWS = 20  # 2 s at the slowest rate of a run, 10 Hz
+MIN_WHOLE = 0.9  # of the first rows, some 500 in 64 kB: the others are damaged; chosen
 INTERVAL_S = (4e-4, 0.11)  # 10 Hz to 2 kHz with room
-PLAUSIBLE_G_M_S2 = (7.0, 13.0)  # of the median: what a vehicle feels most of the time
-PLAUSIBLE = 1e12  # of any number in such a row
+PLAUSIBLE_G_M_S2 = (7.0, 13.0)  # of the median: 0.7 to 1.3 g, what a vehicle feels most of the time
 COMMENTS = ("%", "#", "//")
 
 
@@ -64,7 +64,7 @@ def head_doubles(path: Path, columns: int) -> NDArray | None:
         return None
     rows = numbers[: numbers.size // columns * columns].reshape(-1, columns)
     with np.errstate(invalid="ignore"):
-        sane = np.isfinite(rows).all() and np.abs(rows).max() < PLAUSIBLE
+        sane = np.isfinite(rows).all() and np.abs(rows).max() < MAX_VALUE
     return rows if sane else None
 
 
@@ -74,7 +74,7 @@ def are_increments(rows: NDArray | None, *, time: int, accel: int) -> bool:
     """
     if rows is None or rows.shape[1] != 7 or len(rows) < MIN_ROWS:
         return False
-    rows = rows[np.abs(rows).max(axis=1) < PLAUSIBLE]  # NaN falls out too
+    rows = rows[np.abs(rows).max(axis=1) < MAX_VALUE]  # NaN falls out too
     steps = np.diff(rows[:, time])
     steps = steps[steps != 0]  # rows written twice
     if not steps.size or len(rows) < MIN_ROWS or np.mean(steps > 0) < 0.95:

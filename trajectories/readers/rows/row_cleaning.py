@@ -14,14 +14,16 @@ from scipy.ndimage import median_filter
 from ins.records import InputError
 from trajectories.readers.rows.clocks import going_on
 from trajectories.runs.checks import MAX_GAP_S
-from trajectories.runs.text_rows import LISTED_ROWS
+from trajectories.runs.text_rows import LISTED_ROWS, MAX_BAD, MENDED_LINES
 
 PLAUSIBLE_RAD_S = 100.0  # beyond any gyro: 5700 deg/s
 PLAUSIBLE_M_S2 = 2000.0  # beyond any accelerometer: 200 g
-MAX_DAMAGED = 0.01  # of all rows; beyond it the map is wrong, not the rows
-# behind the latest row before it: more is a clock set back, or the rows of another log
+# behind the latest row before it: more is a clock set back, or the rows of another log; chosen:
+# ten times the longest gap of a run (docs/log_formats.md)
 MAX_LATE_S = 10.0
-AHEAD_INTERVALS = 2.5  # before the five rows around it: garbled, or written early
+# before the median of the five rows around it: between rows that were written 2 and 3 places
+# early; garbled ones lie anywhere
+AHEAD_INTERVALS = 2.5
 BACKWARD = "time repeats or goes back"
 NOT_FINITE_ROW = "missing or not finite"
 # Dropped, but no sign of a wrong map.
@@ -89,7 +91,7 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
         )
     kept, faults, resorted = _judged(time_s[inside], w[inside], f[inside])
     dropped = sum(rows.size for why, rows in faults.items() if why not in NOT_COUNTED)
-    if dropped > max(5, MAX_DAMAGED * inside.size):
+    if dropped > max(MENDED_LINES, MAX_BAD * inside.size):
         worst = max(faults, key=lambda why: 0 if why in NOT_COUNTED else faults[why].size)
         hint = _hint(worst, inside[faults[worst]], time_s, w, f)
         raise InputError(

@@ -26,9 +26,12 @@ CONTAINERS, CONTAINER_EVERY_S = 14, 100.0  # seven in either hold of an A321
 CONTAINER_KG, CONTAINER_SIGMA_KG = 900.0, 250.0  # AKH: at most 1134 kg (IATA ULD Regulations)
 HOLD_DOORS_M = (6.0, -7.0)  # ahead of the main gear; both on the right side
 SILL_M = 1.9  # of a container on the sill, right of the centre line
+# seconds and metres over the sill and along the hold: estimates (docs/environments.md)
 ROLL_IN_S, ROLL_AFT_S, HOLD_M = 8.0, 15.0, 4.0
-LOCK_NEWTON, LOCK_S = 2000.0, 0.15  # a container meets its stop
-ENDS_BEFORE_S = 60.0  # the last load is aboard so long before the vehicle starts
+LOCK_NEWTON, LOCK_S = 2000.0, 0.15  # a container meets its stop: estimates (docs/environments.md)
+# the last load is aboard so long before the vehicle starts: loads fade (20 s) and the gear rings
+# down (12 s) in it
+ENDS_BEFORE_S = 60.0
 
 
 def refuelling(scene: Scene, rng: np.random.Generator) -> Forcing:

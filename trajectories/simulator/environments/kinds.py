@@ -5,7 +5,7 @@ from enum import StrEnum
 
 from ins.records import InputError
 
-MAX_STRENGTH = 10.0  # tilts stay below some degrees, where the gear's springs are linear
+MAX_STRENGTH = 10.0  # refuelling tilts by 1 deg at it, where the gear's springs are still linear
 
 
 class EnvironmentKind(StrEnum):

@@ -32,7 +32,9 @@ CABIN_M = (-13.0, 9.0)  # rows of seats, ahead of the main gear
 PASSENGERS, EVERY_S = 150, 6.0  # ten a minute through one door
 AISLE_M_S = 0.45  # with waiting
 CREW, CREW_M_S, PAUSE_S = 4, 1.0, 45.0
-LAST_WALK_S = 90.0  # before the vehicle starts, nobody sets out any more
+# before the vehicle starts, nobody sets out any more: a walk (24 s from end to end), the fading
+# (20 s) and ringing of the gear (12 s) fit in
+LAST_WALK_S = 90.0
 RESTLESS_NEWTON = 120.0  # RMS of 150 seated people, who shift a few kilogrammes each
 SHIFT_M = 1.5  # by which a seated crowd's restlessness is off the centre line
 
