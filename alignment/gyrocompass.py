@@ -1,6 +1,6 @@
 """Fine alignment: the navigation-mode filter on the parked stretch, and what it is worth."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,10 @@ GATE_GAP_S = 15.0  # measurements beyond the gate and no further apart are one s
 WARM_UP_S = 1800.0
 # formats.md, section 2: no table for a unit
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
+# What gyros read before any table is taken out, one sigma: three times the RMS of factory curves
+# (0.03 and 0.1 deg/h in the unit of every packaged scenario), as a unit may be of a poorer grade.
+# Checked on raw biases drawn at random: tests/alignment/test_gyrocompass.py
+RAW_BIAS_DEG_H = {"rlg": 0.1, "fog": 0.3, "mems": 30.0}
 
 
 @dataclass(frozen=True)
@@ -68,8 +72,8 @@ def align(
     """Attitude with sigma at the end of the parked time of a log.
 
     imu: compensated with the table where there is one. bias_sigma_deg_h (3,): sigma of what is left
-    of the gyro biases; None: the unit is unknown, the technology's sigma widened by what the parked
-    rates show. Refusals come back as a verdict with reasons, not as exceptions.
+    of the gyro biases; None: nothing is known of the unit, the technology's raw bias widened by
+    what the parked rates show. Refusals come back as a verdict with reasons, not as exceptions.
     """
     if abs(site.lat_rad) > MAX_LATITUDE_RAD:
         return _refused(
@@ -91,7 +95,7 @@ def align(
         else np.asarray(bias_sigma_deg_h, dtype=float)
     )
     if bias_sigma_deg_h is None:
-        sigma[:] = unknown_bias_sigma_deg_h(twin, means)
+        sigma[:] = unknown_bias_sigma_deg_h(twin, means, usual=RAW_BIAS_DEG_H)
     prior = _drifting_bias(sigma * DEG_PER_HOUR, start_s=rest[0], end_s=imu.end_s + 1.0)
     level_sigma = float(np.max(sigma)) * DEG_PER_HOUR + arw / np.sqrt(means.seconds)
     earth_level = EARTH_RATE_RAD_S * np.cos(site.lat_rad)
@@ -189,11 +193,13 @@ def _drifting_bias(sigma_rad_s: NDArray, *, start_s: float, end_s: float) -> Bia
     return BiasPrior(edges, np.kron(shape, np.diag(sigma_rad_s**2)))
 
 
-def unknown_bias_sigma_deg_h(twin: TwinModel, means: coarse.RestMeans) -> float:
-    """Bias sigma of a unit without a table: its technology's, widened by the excess of |omega| over
-    Earth rate.
+def unknown_bias_sigma_deg_h(
+    twin: TwinModel, means: coarse.RestMeans, *, usual: Mapping[str, float] = UNKNOWN_BIAS_DEG_H
+) -> float:
+    """Bias sigma of a unit without a table: what is usual of its technology, widened by the excess
+    of |omega| over Earth rate.
     """
-    floor = UNKNOWN_BIAS_DEG_H[twin.gyro_technology]
+    floor = usual[twin.gyro_technology]
     excess = abs(coarse.latitude_from_rates(means)[1]) / DEG_PER_HOUR
     noise = twin.gyro.arw_deg_sqrt_h / np.sqrt(means.seconds / 3600.0)
     return float(max(floor, excess if excess > 3.0 * np.hypot(floor, noise) else 0.0))

@@ -54,6 +54,12 @@ class Nuisance(StrEnum):
     GNSS_DELAY = "gnss_delay"
 
 
+class NoiseReason(StrEnum):
+    """What the noise model, and with it every sigma, rests on."""
+
+    DEFAULTS = "noise_defaults"
+
+
 class SessionReason(StrEnum):
     """What was measured and what was needed."""
 

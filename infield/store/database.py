@@ -120,6 +120,18 @@ def store_exists(url: str) -> bool:
     return parsed.get_backend_name() != "sqlite" or Path(str(parsed.database)).exists()
 
 
+def holds_store(url: str) -> bool:
+    """Whether there is a store at the URL: its file, or on a server the program's own tables."""
+    if not store_exists(url):
+        return False
+    try:
+        database = Database(url, create=False)
+    except NoStore:
+        return False
+    database.close()
+    return True
+
+
 def require_folder(url: str) -> None:
     """StoreError where an SQLite store's folder is missing: a mistyped store must not pass for a
     new one.

@@ -13,6 +13,8 @@ class StoreRefusal(StrEnum):
     BUSY = "store_busy"
     RUN_ALREADY_MERGED = "run_already_merged"
     ALREADY_REJECTED = "already_rejected"
+    NO_STORE = "no_store"
+    UNIT_NOT_IN_STORE = "unit_not_in_store"
 
 
 class StoreError(InputError):
@@ -85,6 +87,18 @@ class AlreadyRejected(StoreRefused):
     """The same update was rejected before, and nothing new is said for it."""
 
     code = StoreRefusal.ALREADY_REJECTED
+
+
+class StoreNotAskedFor(StoreRefused):
+    """There is no store, and nobody asked for a new one."""
+
+    code = StoreRefusal.NO_STORE
+
+
+class UnitNotInStore(StoreRefused):
+    """The store holds no table of the unit, and nobody asked for a new unit."""
+
+    code = StoreRefusal.UNIT_NOT_IN_STORE
 
 
 # refusals that another estimate, from the table that is active by then, may overcome

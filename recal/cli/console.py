@@ -58,6 +58,16 @@ AnyClock = Annotated[
         "--any-clock", help="Write although the clock is behind the unit's newest revision."
     ),
 ]
+NewUnit = Annotated[
+    bool,
+    typer.Option(
+        "--new-unit",
+        help="A unit without a table in the store begins with the default of its technology.",
+    ),
+]
+NewStore = Annotated[
+    bool, typer.Option("--new-store", help="Make the store if it is not there yet.")
+]
 StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
 ThermalModelPath = Annotated[
     Path | None,

@@ -11,6 +11,8 @@ from recal.cli.console import (
     DEFAULT_STORE,
     Command,
     JsonFlag,
+    NewStore,
+    NewUnit,
     NoSeed,
     OutputPath,
     Quiet,
@@ -25,6 +27,8 @@ from recal.cli.console import (
 if TYPE_CHECKING:
     from recal.fleet.document_records import FleetDocument
     from recal.fleet.records import RunOutcome
+
+NOTES_SHOWN = 3  # kinds of notes on the terminal; all are in fleet.json
 
 app = typer.Typer(
     rich_markup_mode=None, no_args_is_help=True, help="Many runs of many units in one call."
@@ -65,8 +69,13 @@ def update(
         bool, typer.Option("--joint", help="With --commit: all runs of a unit as one update.")
     ] = False,
     known_only: Annotated[
-        bool, typer.Option("--known-only", help="Refuse runs of units without a stored table.")
+        bool,
+        typer.Option(
+            "--known-only", help="Refuse runs of units without a stored table; with --dry-run too."
+        ),
     ] = False,
+    new_unit: NewUnit = False,
+    new_store: NewStore = False,
     workers: Annotated[
         int | None, typer.Option("--workers", min=1, help="Processes here; default: one a core.")
     ] = None,
@@ -101,6 +110,10 @@ def update(
         raise typer.BadParameter(
             "--commit stores tables, --dry-run stores nothing: give one of them"
         )
+    if known_only and new_unit:
+        raise typer.BadParameter(
+            "--known-only refuses new units, --new-unit takes them: give one of them"
+        )
     if cluster and workers is not None:
         raise typer.BadParameter(
             "--workers are processes here, --cluster has workers of its own: give one of them"
@@ -116,6 +129,8 @@ def update(
         output=output or Path("recal-fleet"),
         joint=joint,
         known_only=known_only,
+        new_unit=new_unit,
+        new_store=new_store,
         mode="commit" if commit else "dry" if dry_run else "propose",
         workers=workers or cores(),
         cluster=cluster,
@@ -157,6 +172,7 @@ def summary(document: "FleetDocument", output: Path, *, verbose: bool = False) -
         lines.append(f"  {serial}: drift {drift.nm_h:.2f} +- {drift.sigma_nm_h:.2f} NM/h removed")
     stepped = [u.imu_serial for u in document.units if u.step_words]
     lines += [f"  disagree with their table: {', '.join(stepped[:10])}"] if stepped else []
+    lines += [f"  {noted.count} noted: {noted.note}" for noted in document.noted[:NOTES_SHOWN]]
     groups = document.left_out
     for group in groups[: None if verbose else 8]:
         lines.append(f"  {group.count} {group.outcome}: {group.example.reason[:200]}")

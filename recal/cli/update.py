@@ -9,6 +9,8 @@ from recal.cli.console import (
     DEFAULT_STORE,
     AnyClock,
     JsonFlag,
+    NewStore,
+    NewUnit,
     NoSeed,
     OutputPath,
     Quiet,
@@ -40,6 +42,8 @@ def command(
     note: Annotated[
         str, typer.Option("--note", help="With --propose: kept with the proposal.")
     ] = "",
+    new_unit: NewUnit = False,
+    new_store: NewStore = False,
     accept_step: Annotated[
         bool,
         typer.Option(
@@ -90,6 +94,8 @@ def command(
             store_url=store,
             commit=commit,
             propose=signed,
+            new_unit=new_unit,
+            new_store=new_store,
             accept_step=accept_step,
             twin=twin,
             config=config,

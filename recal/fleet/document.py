@@ -41,7 +41,7 @@ from recal.fleet.tables import CRITERIA, table_facts
 from recal.fleet.unit_summary import LEVEL
 from recal.service.results.files import program_version
 from recal.service.results.pages import NM_H_PER_DEG_H, MethodDocument, Step
-from recal.service.store import TableStore, UnitKey, store_exists, store_name
+from recal.service.store import TableStore, UnitKey, holds_store, store_name
 
 MAX_POINTS = 2000
 WORST = {  # the verdict where nothing was merged: of the first of these that there is
@@ -160,7 +160,7 @@ def fleet_verdict(counts: Counter[FleetOutcome]) -> FleetVerdict:
 
 def _tables(store_url: str, now: datetime) -> dict[UnitKey, TableFacts]:
     """Facts of every table in the store."""
-    if not store_exists(store_url):
+    if not holds_store(store_url):
         return {}
     with TableStore.open(store_url) as store:
         return {record.unit: table_facts(store, record, now) for record in store.units()}

@@ -53,7 +53,8 @@ OUTCOMES = {  # outcome of a run: what it means, in the order of the report
 
 @dataclass(frozen=True, kw_only=True)
 class FleetRequest:
-    """What was asked for. mode: one of MODES; by, note: kept with proposals.
+    """What was asked for. mode: one of MODES; by, note: kept with proposals. known_only: refuse
+    units without a table in a dry run too; new_unit, new_store: make them where they are not there.
 
     cluster: a Dask scheduler's address, empty for `workers` processes here; pages: last, all or
     none.
@@ -67,6 +68,8 @@ class FleetRequest:
     note: str = ""
     joint: bool = False
     known_only: bool = False
+    new_unit: bool = False
+    new_store: bool = False
     workers: int = 1
     cluster: str = ""
     config: Path | None = None
@@ -76,6 +79,11 @@ class FleetRequest:
     def jointly(self) -> bool:
         """All runs of a unit as one update; a proposal must stand on the active table."""
         return self.joint or self.mode != "commit"
+
+    @property
+    def refuses_new_units(self) -> bool:
+        """What is stored is stored for units that the store knows, unless asked for otherwise."""
+        return self.known_only or (self.mode != "dry" and not self.new_unit)
 
 
 @dataclass(frozen=True, kw_only=True)

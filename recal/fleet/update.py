@@ -9,7 +9,7 @@ joint update of all the unit's runs (less those that contradict); so is a commit
 
 import hashlib
 import time
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -32,9 +32,17 @@ from recal.fleet.records import (
     outcome_of,
 )
 from recal.fleet.report import fleet_html
+from recal.service.inputs.unit_inputs import twin_fit_command
 from recal.service.results.files import output_directory, program_version, write_files
 from recal.service.results.text import result_text
-from recal.service.store import TableStore, UnitKey, absolute_store, store_exists, store_name
+from recal.service.store import (
+    TableStore,
+    UnitKey,
+    UnitRecord,
+    absolute_store,
+    holds_store,
+    store_name,
+)
 
 HELD = (FleetOutcome.COMMITTED, FleetOutcome.TAKEN_OUT)  # that the store held once
 
@@ -60,13 +68,14 @@ def update_fleet(request: FleetRequest, watcher: Watcher | None = None) -> Fleet
         request, store_url=store_url, output=output_directory(request.output, "fleet").absolute()
     )
     known = _known_units(request)
-    journal = Journal(
-        request.output, _settings(request), {str(key): number for key, number in known.items()}
-    )
+    heads = {str(key): record.active.number for key, record in known.items()}
+    journal = Journal(request.output, _settings(request), heads)
     try:
         set_aside = [*plan.set_aside, *_without_table(request, plan.units, known)]
         units = {
-            key: runs for key, runs in plan.units.items() if not request.known_only or key in known
+            key: runs
+            for key, runs in plan.units.items()
+            if not request.refuses_new_units or key in known
         }
         units = {key: tuple(_noted(run, known) for run in runs) for key, runs in units.items()}
         _look_again(journal, store_url)
@@ -125,14 +134,14 @@ def _pool(request: FleetRequest, queues: Sequence[UnitQueue], store_file: str | 
     )
 
 
-def _known_units(request: FleetRequest) -> dict[UnitKey, int]:
-    """Units with a table, and its revision's number; a store that is going to be written is made
-    and migrated here, once.
+def _known_units(request: FleetRequest) -> dict[UnitKey, UnitRecord]:
+    """Units with a table; a store that is going to be written is
+    migrated here, once, or made where it is asked for.
     """
-    if request.mode == "dry" and not store_exists(request.store_url):
+    if not (request.new_store and request.mode != "dry") and not holds_store(request.store_url):
         return {}
     with TableStore.open(request.store_url, create=request.mode != "dry") as store:
-        return {record.unit: record.active.number for record in store.units()}
+        return {record.unit: record for record in store.units()}
 
 
 def _settings(request: FleetRequest) -> CallSettings:
@@ -149,10 +158,17 @@ def _settings(request: FleetRequest) -> CallSettings:
 def _without_table(
     request: FleetRequest, units: dict[UnitKey, tuple[PlannedRun, ...]], known: Collection[UnitKey]
 ) -> list[RunOutcome]:
-    """With --known-only, runs of units that the store does not hold."""
-    if not request.known_only:
+    """Runs of units that the store does not hold, where those are refused."""
+    if not request.refuses_new_units:
         return []
-    words = "the store holds no table of this unit, and --known-only was given"
+    words = "the store holds no table of this unit: recal table import TABLE, or --new-unit"
+    if request.known_only:
+        words = "the store holds no table of this unit, and --known-only was given"
+    elif not request.new_store and not holds_store(request.store_url):
+        words = (
+            f"no store at {store_name(request.store_url)}: recal table import TABLE makes one, or"
+            " --new-store with --new-unit"
+        )
     return [
         outcome_of(run, FleetOutcome.REFUSED, words)
         for key, runs in units.items()
@@ -161,9 +177,20 @@ def _without_table(
     ]
 
 
-def _noted(run: PlannedRun, known: Collection[UnitKey]) -> PlannedRun:
-    new = "unit without a table in the store: it begins with the default of its technology"
-    return run if run.unit in known else replace(run, notes=(*run.notes, new))
+def _noted(run: PlannedRun, known: Mapping[UnitKey, UnitRecord]) -> PlannedRun:
+    """The run with what its update rests on beside the log itself."""
+    record, notes = known.get(run.unit), list(run.notes)
+    if record is None:
+        notes.append(
+            "unit without a table in the store: it begins with the default of its technology"
+        )
+    if run.twin is None and (record is None or not record.has_twin):
+        notes.append(
+            "unit without a noise model: sigma rests on the defaults of"
+            f" {run.unit.gyro_technology}; {twin_fit_command(())} measures it, then recal table"
+            " import TABLE --twin twin.json"
+        )
+    return replace(run, notes=tuple(notes))
 
 
 def _look_again(journal: Journal, store_url: str) -> None:
@@ -171,7 +198,7 @@ def _look_again(journal: Journal, store_url: str) -> None:
     somebody's decision.
     """
     committed = [o for o in journal.runs.values() if o.outcome in HELD]
-    if not committed or not store_exists(store_url):
+    if not committed or not holds_store(store_url):
         return
     words = "rolled back since, or the store was replaced; with another -o the run is taken anew"
     with TableStore.open(store_url) as store:

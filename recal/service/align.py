@@ -4,12 +4,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from alignment.gyrocompass import ReadLog
 from alignment.gyrocompass import align as align_log
 from alignment.motion.speeds import steady_roll
 from alignment.reasons import AlignmentReason, AlignmentVerdict
 from infield.reports.documents.alignment import AlignmentDocument, alignment_document
+from infield.reports.words.sentences import sentence
 from infield.session.log import compensated_imu, compensated_seconds
 from infield.session.parked.zero_rate import ZeroRates, mean_zero_rate
 from infield.session.settings import SessionSettings
@@ -17,7 +19,7 @@ from infield.thermometer.gyro_temperature import gyro_temperature
 from ins.records import Phase, Run
 from ins.verdicts import Null, Reason, because
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
-from recal.service.inputs.unit_inputs import UnitInputs, given_unit
+from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
 
 
@@ -66,8 +68,8 @@ def align(
     run : Run or path
         One power-on session.
     table : ThermalTable or path, optional
-        Gyro bias [deg/h] against temperature; else the store's, else bias 0 with the sigma of the
-        technology.
+        Gyro bias [deg/h] against temperature; else the store's, else bias 0 with the raw bias of
+        the technology as sigma.
     twin : TwinModel or path, optional
         Noise model; else the store's, else the defaults of the technology.
     store : str or TableStore, optional
@@ -100,6 +102,9 @@ def align(
         T = temperature.temperature_degC[0]
         sigma = np.array([unit.table.sigma_deg_h(k, T[k])[0] for k in range(3)])
         sigma = np.hypot(sigma, unit.twin.gyro.turn_on_deg_h)
+    if not unit.known and read.header.applied_table_sha256 is not None:
+        # the unit took its table out itself: what is left of it is as of any unit with one
+        sigma = np.array([unit.table.sigma_deg_h(k, np.zeros(1))[0] for k in range(3)])
     imu = compensated_imu(read, unit.table, temperature, unit.twin)
     result = align_log(
         imu,
@@ -113,19 +118,27 @@ def align(
     if rolls is not None:
         result = replace(result, reasons=(*result.reasons, rolls))
     if not unit.known:
-        result = replace(result, reasons=(*result.reasons, _no_table(unit, read)))
-    document = alignment_document(result, read)
+        result = replace(result, reasons=(*result.reasons, _no_table(unit, read, sigma)))
+    note = unit.noise_note([run])
+    document = replace(
+        alignment_document(result, read),
+        noise_source=unit.noise_source,
+        noise_note=None if note is None else sentence(note),
+    )
     if result.verdict is AlignmentVerdict.LEVEL_ONLY and read.header.gyro_technology == "mems":
         seen = mean_zero_rate(read, unit.twin, SessionSettings())
         document = replace(document, zero_rate=seen or Null.NULL)
     return Aligned(document, phases=tuple(document.phases))
 
 
-def _no_table(unit: UnitInputs, run: Run) -> Reason:
+def _no_table(unit: UnitInputs, run: Run, sigma_deg_h: NDArray | None) -> Reason:
+    """What the heading rests on where the unit has no table: the sigma that the alignment took."""
+    taken = raw_bias_sigma_deg_h(run, unit.twin) if sigma_deg_h is None else np.max(sigma_deg_h)
     return because(
         AlignmentReason.NO_TABLE,
         imu_serial=run.header.imu_serial,
-        sigma_deg_h=float(np.max(unit.table.sigma_deg_h(0, np.zeros(1)))),
+        technology=run.header.gyro_technology,
+        sigma_deg_h=float(taken),
     )
 
 
@@ -134,6 +147,7 @@ def summary(document: AlignmentDocument) -> list[str]:
     lines = [f"{document.run_id}: {document.verdict}"]
     word = "note:" if document.verdict == AlignmentVerdict.ALIGNED else "because"
     lines += [f"  {word} {reason}" for reason in document.reasons]
+    lines += [f"  note: {document.noise_note}"] if document.noise_note else []
     for name, value, sigma in (
         ("roll", document.roll_deg, document.sigma_roll_deg),
         ("pitch", document.pitch_deg, document.sigma_pitch_deg),

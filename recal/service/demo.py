@@ -8,6 +8,7 @@ import numpy as np
 
 from infield.store.table_store import TableStore
 from infield.table.thermal_table import ThermalTable
+from ins.twin_file import default_twin
 from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_text
 from recal.service.results.result import Result
@@ -85,7 +86,11 @@ def demo(
     url = _store_url(directory)
     (directory / "recal.db").unlink(missing_ok=True)
     with TableStore.open(url, create=True) as store:
-        store.import_table(unit.factory_table(), note="factory table of the demo unit")
+        store.import_table(
+            unit.factory_table(),
+            twin=replace(default_twin(unit.gyro_technology), imu_serial=unit.imu_serial),
+            note="factory table of the demo unit, and the noise that it is simulated with",
+        )
     result = update_in_store(UpdateRequest(runs=runs, store_url=url, commit=True, output=directory))
     for line in result.lines():
         told(line)

@@ -1,6 +1,6 @@
 """`replay`: navigate a log with the stored table and with the one before it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -134,15 +134,17 @@ def replay(
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
     )
     said = use(tables[0].table) if tables[0].table is not None else None
-    found = replay_document(
+    noise = unit.noise_note([run])
+    document = replay_document(
         result,
         unit.twin,
         store=database.name if database else None,
         version=program_version(),
-        notes=(*notes, *(said.text if said else ())),
+        notes=(*notes, *([noise] if noise else ()), *(said.text if said else ())),
         thermal_model=said,
         reference=reference,
     )
+    found = replace(document, noise_source=unit.noise_source)
     return Replayed(found, page=lambda: render(found), flown=result)
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 from datetime import datetime
 
 from infield.session.disagreement import SessionEvidence, utc
-from infield.store.database import parsed_url, require_folder, store_name
+from infield.store.database import holds_store, parsed_url, require_folder, store_name
 from infield.store.errors import (
     WORTH_ANOTHER_TRY,
     StoreConflict,
@@ -18,6 +18,7 @@ from infield.store.errors import (
 )
 from infield.store.proposal_rows import Decided
 from infield.store.proposals import signed_note
+from infield.store.rows import unit_of_table
 from infield.store.table_store import (
     FullProposal,
     MergedRun,
@@ -31,6 +32,7 @@ from infield.store.table_store import (
 )
 from ins.records import InputError
 from ins.verdicts import Outcome
+from recal.service.inputs.new_units import require_unit
 from recal.service.update import Update, commit_update
 
 __all__ = [
@@ -51,6 +53,7 @@ __all__ = [
     "UnitSummary",
     "UnknownUnit",
     "absolute_store",
+    "holds_store",
     "moment",
     "open_store",
     "require_folder",
@@ -63,7 +66,9 @@ __all__ = [
 class Store(TableStore):
     """Thermal tables by unit, append-only; a context manager that closes it."""
 
-    def commit(self, result: Update, *, by: str, note: str = "") -> Revision:
+    def commit(
+        self, result: Update, *, by: str, note: str = "", new_unit: bool = False
+    ) -> Revision:
         """Make the table of an update the active one, in one transaction or not at all.
 
         Parameters
@@ -74,11 +79,14 @@ class Store(TableStore):
             Who answers for it; kept with the revision.
         note : str
             Kept with the revision.
+        new_unit : bool
+            A unit that the store does not hold begins with the table before the update; else it is
+            refused.
 
         Returns
         -------
         Revision
-            The active revision; a unit that the store did not hold begins with the table before.
+            The active revision.
 
         Raises
         ------
@@ -87,10 +95,13 @@ class Store(TableStore):
         StoreConflict
             Where another table is active by now.
         StoreRefused
-            Where the table holds one of the runs.
+            Where the table holds one of the runs, or the store holds no table of the unit and
+            `new_unit` is false.
         """
         if result.verdict != Outcome.PROPOSED:
             raise InputError(f"commit: the update is {result.verdict}, needed proposed")
+        if not new_unit:
+            require_unit(self, unit_of_table(result.unit.table))
         document = replace(result.record, verdict=Outcome.COMMITTED, store=self.name)
         signed = signed_note(by, note or "committed from Python", "by ")
         return commit_update(self, result.estimate, result.unit, document, signed)

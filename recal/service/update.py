@@ -8,12 +8,13 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from os import PathLike
 from pathlib import Path
 
 from infield.reports import update_page
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.documents.update import Kept, update_document
-from infield.reports.documents.update_records import UpdateDocument
+from infield.reports.documents.update_records import RunDocument, UpdateDocument
 from infield.reports.words.sentences import sentence
 from infield.session.pipeline import UnitHistory, update_calibration
 from infield.session.reasons import SessionReason
@@ -21,12 +22,14 @@ from infield.session.results import UpdateResult
 from infield.session.settings import SessionSettings
 from infield.store.database import require_folder, store_name
 from infield.store.errors import StoreConflict, StoreRefused
+from infield.store.rows import unit_of_table
 from infield.store.table_store import MergedRun, Revision, TableStore
 from infield.table.file import table_sha256
 from infield.table.thermal_table import AgeingModel, ThermalTable
 from ins.records import InputError, Run, TableDocument
 from ins.verdicts import Outcome, because
 from recal.service.inputs.config import read_config
+from recal.service.inputs.new_units import refuse_store, require_unit
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import (
     UnitInputs,
@@ -158,6 +161,7 @@ def update(
     model = None if thermal_model is None else Path(thermal_model)
     job = _Job(settings=settings, ageing=ageing, accept_step=accept_step, thermal_model=model)
     result, unit, facts = _estimate(read, given, database, job)
+    facts = replace(facts, runs=[runs] if isinstance(runs, Run | str | PathLike) else runs)
     kept = Kept(store=database.name if database else None)
     return _made(result, unit, _document(result, facts, kept))
 
@@ -167,6 +171,9 @@ class UpdateRequest:
     """An update with a store. propose: who proposes and their note; without it and `commit`,
     nothing is stored.
 
+    new_store, new_unit: a store that is not there is made, a unit that the store does not hold
+    begins with the default of its technology; else either is refused.
+
     retries: how often to estimate again where another writer was faster; html: whether to write
     update.html; told: who is told of what happens on the way.
     """
@@ -175,6 +182,8 @@ class UpdateRequest:
     store_url: str
     commit: bool = False
     propose: tuple[str, str] | None = None
+    new_store: bool = False
+    new_unit: bool = False
     accept_step: bool = False
     twin: AnyTwin | None = None
     config: Path | None = None
@@ -226,10 +235,14 @@ class _Job:
 
 @dataclass(frozen=True, kw_only=True)
 class _Facts:
-    """What a document needs beside the estimate. lost: conflicts with other writers so far."""
+    """What a document needs beside the estimate. runs: as given; lost: conflicts with other writers
+    so far.
+    """
 
     table_before: TableDocument
     thermal_model: ThermalUseDocument | None
+    unit: UnitInputs
+    runs: Sequence[AnyRun] = ()
     lost: tuple[str, ...] = ()
 
 
@@ -247,7 +260,7 @@ def _estimate(
         ageing=job.ageing,
         accept_step=job.accept_step,
     )
-    facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after))
+    facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after), unit=unit)
     return result, unit, facts
 
 
@@ -266,7 +279,10 @@ def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
 
 
 def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument:
-    """The update document, and the conflicts with other writers on the way to it."""
+    """The update document, the conflicts with other writers on the way to it, and what its noise
+    model rests on.
+    """
+    note = facts.unit.noise_note(facts.runs)
     document = update_document(
         result,
         kept,
@@ -274,7 +290,12 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         table_before=facts.table_before,
         thermal_model=facts.thermal_model,
     )
-    return replace(document, conflicts=facts.lost or None)
+    return replace(
+        document,
+        conflicts=facts.lost or None,
+        noise_source=facts.unit.noise_source,
+        noise_note=None if note is None else sentence(note),
+    )
 
 
 def _made(result: UpdateResult, unit: UnitInputs, document: UpdateDocument) -> Update:
@@ -297,8 +318,17 @@ class _Try:
         request = self.request
         database = open_store(request.store_url)
         unit = unit_inputs(runs[0], database, request.twin)
+        if request.commit or request.propose:
+            key = unit_of_table(unit.table)
+            try:
+                if database is None and not request.new_store:
+                    refuse_store(request.store_url, key)
+                if not request.new_unit:
+                    require_unit(database, key)
+            except StoreRefused as error:
+                return self._not_begun(runs, unit, error)
         result, unit, facts = _estimate(runs, unit, database, self.job)
-        facts = replace(facts, lost=self.lost)
+        facts = replace(facts, lost=self.lost, runs=request.runs)
         if request.commit and result.outcome is Outcome.ACCEPTED:
             return _made(result, unit, self._commit(result, unit, facts))
         if request.propose and result.outcome is Outcome.ACCEPTED:
@@ -309,6 +339,22 @@ class _Try:
             document = replace(document, remembered=self._remember(result, unit))
         write_files(self.files(document))
         return _made(result, unit, document)
+
+    def _not_begun(self, runs: list[Run], unit: UnitInputs, error: StoreRefused) -> Update:
+        """An update that is refused before anything is estimated, with its report."""
+        job, table = self.job, unit.table
+        nothing = UpdateResult(
+            Outcome.REFUSED, (), table, table, (), unit.twin, job.settings, job.ageing
+        )
+        facts = _Facts(
+            table_before=unit.table_dict, thermal_model=None, unit=unit, runs=self.request.runs
+        )
+        kept = Kept(store=store_name(self.request.store_url))
+        document = _turned_down(_document(nothing, facts, kept), error)
+        named = [RunDocument(run_id=run.header.run_id, sha256=run.sha256) for run in runs]
+        document = replace(document, runs=named)
+        write_files(self.files(document))
+        return _made(nothing, unit, document)
 
     def _remember(self, result: UpdateResult, unit: UnitInputs) -> str:
         """Keep what the contradicting sessions said, the table untouched; where the store cannot be

@@ -301,3 +301,21 @@ def test_document_holds_the_keys_of_the_contract():
         align(simulated, site=Site(lat_rad=1.4, lon_rad=0.0, height_m=0.0)), run
     )
     assert np.isnan(refused.heading_deg)
+
+
+@pytest.mark.parametrize("runs", [RUNS, pytest.param(100, marks=pytest.mark.slow)])
+def test_the_heading_of_an_unknown_unit_is_as_uncertain_as_raw_gyros(runs):
+    """Raw biases of 0.1 deg/h, no table: squared heading error over variance in its 99.9 % band,
+    and the sigma is what 0.1 deg/h east make of a heading at rest (physics.md 6.4).
+    """
+    raw = gyrocompass.RAW_BIAS_DEG_H["rlg"]
+    z, sigma = [], []
+    for seed in range(runs):
+        simulated = simulate(ideal_of(), seed, size=raw / PRIOR_DEG_H)
+        result = align(simulated, sigma=None)
+        z.append(normalised(result, simulated)[2])
+        sigma.append(result.sigma_heading_rad)
+    low, high = band(runs)
+    assert low < np.mean(np.square(z)) < high
+    level_rate_deg_h = earth.EARTH_RATE_RAD_S * np.cos(45 * DEG) / DEG_PER_HOUR
+    assert np.median(sigma) == pytest.approx(raw / level_rate_deg_h, rel=0.25)

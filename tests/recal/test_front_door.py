@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import recal
+from infield.store.errors import StoreRefused
 from infield.store.table_store import TableStore
 from ins.records import InputError
 from tests.infield.sessions import factory_dict, simulated
@@ -157,8 +158,13 @@ def test_a_commit_is_the_table_and_is_signed(result, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with recal.open_store(URL) as store:
         with pytest.raises(InputError, match="by"):
-            store.commit(result, by="")
-        done = store.commit(result, by="A. Engineer", note="first flight of the year")
+            store.commit(result, by="", new_unit=True)
+        with pytest.raises(StoreRefused, match=r"holds no table of SN-0042 .*it holds no unit"):
+            store.commit(result, by="A. Engineer")
+        assert store.units() == []
+        done = store.commit(
+            result, by="A. Engineer", note="first flight of the year", new_unit=True
+        )
     assert (done.number, done.kind) == (2, "update") and "A. Engineer" in done.note
     with TableStore.open(URL) as store:
         held = store.active()

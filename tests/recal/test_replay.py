@@ -92,7 +92,10 @@ def test_two_revisions_are_flown_and_compared(folder):
     document = json.loads(outcome.stdout)
     assert outcome.stdout == (folder / "recal-replay/replay.json").read_text()
     assert document["schema"] == "recal.replay/1" and document["verdict"] == "replayed"
-    assert document["notes"] == ["parked for 10 min of navigation: NM/h is extrapolated"]
+    defaults, extrapolated = document["notes"]
+    assert "every sigma rests on the defaults of rlg; recal twin fit run -o twin.json" in defaults
+    assert document["noise_source"] == "defaults of rlg"
+    assert extrapolated == "parked for 10 min of navigation: NM/h is extrapolated"
     assert [(t["role"], t["revision"]) for t in document["tables"]] == [
         ("active", 2),
         ("previous", 1),

@@ -66,6 +66,8 @@ class AlignmentDocument:
     used_percent: float
     motion_level: LevelDocument | None
     zero_rate: ZeroRates | Null | None = field(default=None, metadata=OMIT_NONE)
+    noise_source: str | None = field(default=None, metadata=OMIT_NONE)
+    noise_note: str | None = field(default=None, metadata=OMIT_NONE)
 
 
 def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:

@@ -261,6 +261,7 @@ class ReplayDocument:
     aided: AidedDocument | None
     definitions: Mapping[str, str]
     thermal_model: ThermalUseDocument | None = field(default=None, metadata=OMIT_NONE)
+    noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     result: ReplayResult = field(repr=False, compare=False, metadata=UNWRITTEN)
 
 

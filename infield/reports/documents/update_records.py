@@ -169,6 +169,7 @@ class UpdateDocument:
 
     conflicts: with other writers, before the table was estimated against the active one;
     remembered: what became of contradicting sessions; proposal: under which number it is kept.
+    noise_note: that sigma rests on the defaults of the technology, where it does.
     """
 
     schema: str
@@ -195,6 +196,8 @@ class UpdateDocument:
     rollback_command: str | None = None
     decision_rule: str | None = None
     noise_model: TwinDocument | None = None
+    noise_source: str | None = field(default=None, metadata=OMIT_NONE)
+    noise_note: str | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)

@@ -54,7 +54,8 @@ SENTENCES: Mapping[StrEnum, Template] = {
     ),
     AlignmentReason.NO_TABLE: (
         "no table of {imu_serial} in the store: gyro bias taken as 0 +- {sigma_deg_h:.3g} deg/h,"
-        " what it is beyond that goes into the heading"
+        " the raw bias of {technology} gyros, and the heading's sigma rests on it; recal table"
+        " import TABLE gives the unit's own"
     ),
     AlignmentReason.SPEED_AT_REST: (
         "{witness} says up to {fastest_m_s:.1f} m/s for {moving_s:.0f} s while the inertial"

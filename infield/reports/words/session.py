@@ -7,6 +7,7 @@ from infield.reports.words.sentences import Template
 from infield.session.reasons import (
     Advice,
     ChainNote,
+    NoiseReason,
     ParkedReason,
     SessionReason,
     ThermalAction,
@@ -215,6 +216,10 @@ SENTENCES: Mapping[StrEnum, Template] = {
     SessionReason.FORCE_OFF_GRAVITY: (
         "the specific force at rest is {excess_ug:+.0f} micro-g ({share_percent:+.3f} %) off"
         " gravity at this site, needed within {limit_ug:.0f}: a wrong time base, scale, or height"
+    ),
+    NoiseReason.DEFAULTS: (
+        "no noise model of {imu_serial} was given: every sigma rests on the defaults of"
+        " {technology}; {command} measures it, then --twin twin.json"
     ),
     ParkedReason.NO_HEADING: (
         "gyro uncertainty {sigma_deg_h:.3g} deg/h against {level_deg_h:.3g} deg/h of level Earth"

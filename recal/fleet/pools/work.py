@@ -36,7 +36,7 @@ from recal.service.store import (
     StoreError,
     StoreRefused,
     TableStore,
-    store_exists,
+    holds_store,
 )
 from recal.service.update import UpdateRequest, update_in_store
 
@@ -164,6 +164,7 @@ def _update(task: RunTask, runs: Sequence[Pair]) -> UpdateDocument:
             store_url=task.store_url,
             commit=task.commit,
             propose=task.propose,
+            new_unit=True,  # units that are not asked for get no task
             html=False,
             twin=None if first.twin is None else Path(first.twin),
             config=None if task.config is None else Path(task.config),
@@ -226,7 +227,7 @@ def _if_held(task: RunTask, outcome: RunOutcome, original: str | None) -> RunOut
             outcome, outcome=FleetOutcome.ALREADY, reasons=(f"the same recording as {original}",)
         )
     key = task.unit
-    if not store_exists(task.store_url):
+    if not holds_store(task.store_url):
         return outcome
     with TableStore.open(task.store_url) as store:
         if not store.has_run(outcome.sha256, key.imu_serial):

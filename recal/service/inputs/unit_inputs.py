@@ -1,14 +1,18 @@
 """Table and noise model of a unit: given, from the store, or from the technology's defaults."""
 
-from collections.abc import Callable
+import shlex
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from pathlib import Path
 
 from alignment import coarse, gyrocompass
-from alignment.gyrocompass import UNKNOWN_BIAS_DEG_H
+from alignment.gyrocompass import RAW_BIAS_DEG_H, UNKNOWN_BIAS_DEG_H
 from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
+from infield.session.reasons import NoiseReason
+from infield.store.errors import NoStore
 from infield.store.table_store import TableStore, UnknownUnit, store_exists
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import ThermalTable, default_table
@@ -21,13 +25,22 @@ from infield.thermal.stored_model import (
 from infield.thermometer.gyro_temperature import gyro_temperature, too_short
 from ins.records import InputError, Run, TableDocument, TwinModel
 from ins.twin_file import default_twin
-from recal.service.inputs.records import AnyTable, AnyTwin, table_of, twin_of
+from ins.verdicts import Reason, because
+from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, table_of, twin_of
+
+
+class NoiseSource(StrEnum):
+    """Where the noise model of a unit comes from (formats.md, section 6: `noise_source`)."""
+
+    TWIN_FILE = "twin file"
+    STORE = "store"
+    DEFAULTS = "defaults"  # written with the technology that they are of
 
 
 @dataclass(frozen=True)
 class UnitInputs:
     """`table_dict`: the table as stored, whose hash is the stored one; `known`: the store holds the
-    unit, at `revision`, or its table is `given`.
+    unit, at `revision`, or its table is `given`; `noise`: where the twin comes from.
     """
 
     table: ThermalTable
@@ -36,6 +49,33 @@ class UnitInputs:
     known: bool
     revision: int = 0
     given: bool = False
+    noise: NoiseSource = NoiseSource.TWIN_FILE
+
+    @property
+    def noise_source(self) -> str:
+        """As documents name it."""
+        if self.noise is NoiseSource.DEFAULTS:
+            return f"{self.noise} of {self.table.gyro_technology}"
+        return self.noise.value
+
+    def noise_note(self, runs: Sequence[AnyRun]) -> Reason | None:
+        """That sigma rests on defaults, and what would measure the noise; None where a noise model
+        of the unit was there.
+        """
+        if self.noise is not NoiseSource.DEFAULTS:
+            return None
+        return because(
+            NoiseReason.DEFAULTS,
+            imu_serial=self.table.imu_serial,
+            technology=self.table.gyro_technology,
+            command=twin_fit_command(runs),
+        )
+
+
+def twin_fit_command(runs: Sequence[AnyRun]) -> str:
+    """The command that measures the noise of a unit from its runs, as a reader may copy it."""
+    named = [shlex.quote(str(run)) for run in runs if not isinstance(run, Run)]
+    return f"recal twin fit {' '.join(named) or 'RUN...'} -o twin.json"
 
 
 def given_unit(
@@ -56,22 +96,24 @@ def unit_inputs(run: Run, store: TableStore | None, given_twin: AnyTwin | None) 
     header = run.header
     key = (header.imu_serial, header.gyro_technology, header.gyro_mode)
     twin = None if given_twin is None else twin_of(given_twin)
+    noise = NoiseSource.DEFAULTS if twin is None else NoiseSource.TWIN_FILE
     if store is not None:
         try:
             revision = store.active(*key)
-            twin = twin or store.twin(*key)
+            stored = store.twin(*key) if twin is None else None
             return UnitInputs(
                 revision.table,
                 revision.table_dict,
-                _checked(twin or default_twin(header.gyro_technology), run),
+                _checked(twin or stored or default_twin(header.gyro_technology), run),
                 True,
                 revision.number,
+                noise=noise if stored is None else NoiseSource.STORE,
             )
         except UnknownUnit:
             pass
     twin = _checked(twin or default_twin(header.gyro_technology), run)
     table = table_of_unknown_unit(run, twin)
-    return UnitInputs(table, table_to_dict(table), twin, False)
+    return UnitInputs(table, table_to_dict(table), twin, False, noise=noise)
 
 
 def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
@@ -99,6 +141,17 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
         created_utc=header.start_utc,
         sigma_deg_h=sigma,
     )
+
+
+def raw_bias_sigma_deg_h(run: Run, twin: TwinModel) -> float:
+    """Sigma that an alignment takes for the biases of gyros that nobody knows [deg/h]: the raw bias
+    of their technology, widened by what |omega| of the parked log shows.
+    """
+    rest = find_rest(run)
+    if rest is None:
+        return RAW_BIAS_DEG_H[run.header.gyro_technology]
+    means = coarse.earth_rate_means(run.imu.between(*rest))
+    return gyrocompass.unknown_bias_sigma_deg_h(twin, means, usual=RAW_BIAS_DEG_H)
 
 
 def with_thermal_model(
@@ -133,7 +186,10 @@ def open_store(url: str, *, create: bool = False, any_clock: bool = False) -> Ta
     """The store, None where a command that only reads finds none."""
     if not create and not store_exists(url):
         return None
-    return TableStore.open(url, create=create, any_clock=any_clock)
+    try:
+        return TableStore.open(url, create=create, any_clock=any_clock)
+    except NoStore:  # a server's database that holds no recal tables
+        return None
 
 
 def _checked(twin: TwinModel, run: Run) -> TwinModel:

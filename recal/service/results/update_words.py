@@ -106,6 +106,7 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
         tries = len(document.conflicts) + 1
         lines.append(f"  estimated {tries} times, as other writers were faster")
     lines += [f"  {document.remembered}"] if document.remembered else []
+    lines += [f"  note: {document.noise_note}"] if document.noise_note else []
     shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []

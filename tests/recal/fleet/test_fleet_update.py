@@ -26,9 +26,14 @@ URL = "sqlite:///recal.db"
 MISSING = "runs/SN-A/flight-9"
 
 
-def call(mode="commit", source="runs", output="out", **more):
+def call(mode="commit", source="runs", output="out", store_url=URL, **more):
     request = FleetRequest(
-        source=Path(source), store_url=URL, output=Path(output), mode=mode, pages="none", **more
+        source=Path(source),
+        store_url=store_url,
+        output=Path(output),
+        mode=mode,
+        pages="none",
+        **more,
     )
     return plain(update_fleet(request))
 
@@ -169,7 +174,7 @@ def test_a_commit_the_worker_could_not_tell_of_is_found_again(fleet, inline, mon
     document = call()
     assert document["counts"]["committed"] == UPDATES
     run = next(r for r in document["runs"] if r["run_id"] == "SN-A-0")
-    assert "found in the store" in run["notes"][0] and run["revision"] == 2
+    assert "found in the store" in run["notes"][-1] and run["revision"] == 2
     report = json.loads((Path("out") / run["report"]).read_text())
     assert report["verdict"] == "committed" and [r["sha256"] for r in report["runs"]] == [
         run["sha256"]
@@ -284,8 +289,24 @@ def test_units_without_a_table(fleet, inline):
     )
     document = call()
     run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
+    assert run["outcome"] == "refused" and "--new-unit" in run["reasons"][0]
+    document = call(new_unit=True)
+    run = next(r for r in document["runs"] if r["imu_serial"] == "SN-NEW")
     assert run["outcome"] == "committed" and "begins with the default" in run["notes"][0]
+    assert "sigma rests on the defaults of rlg; recal twin fit" in run["notes"][1]
     assert history(fleet, "SN-NEW")[0].kind == "factory"
+
+
+def test_a_store_that_is_not_there_is_made_where_it_is_asked_for(fleet, inline):
+    document = call(store_url="sqlite:///typo.db")
+    assert document["verdict"] == "refused" and not Path("typo.db").exists()
+    assert all("no store at sqlite:///" in r["reasons"][0] for r in document["runs"])
+    document = call(store_url="sqlite:///typo.db", new_store=True)
+    assert document["verdict"] == "refused" and "--new-unit" in document["runs"][0]["reasons"][0]
+    document = call(
+        "commit", "runs/SN-A", store_url="sqlite:///typo.db", new_store=True, new_unit=True
+    )
+    assert document["counts"]["committed"] == 2
 
 
 def test_exit_codes_and_json(fleet, inline):
