@@ -15,7 +15,6 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    say,
 )
 
 
@@ -37,8 +36,13 @@ def command(
     from recal.service.results.files import output_directory, write_text
 
     aligned = align(run, twin=twin, store=store)
-    write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
-    answer(aligned.document, as_json=as_json, verbose=verbose)
-    for line in aligned.lines():
-        say(line, quiet=quiet)
+    written = write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
+    answer(
+        aligned.document,
+        aligned.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written,
+    )
     finish(aligned.verdict)

@@ -23,10 +23,11 @@ def command(
 
     Example: recal check flights/2026-03-01 --json
     """
-    from recal.service.check import check, report_lines
+    from recal.service.check import check, error_lines
 
     found = check(run, serial=serial)
-    if not answer(found.document, as_json=as_json, verbose=verbose):
-        for line in report_lines(found.record, quiet=quiet):
+    answer(found.document, found.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
+    if quiet and not as_json:
+        for line in error_lines(found.record):
             say(line)
     finish(found.verdict)

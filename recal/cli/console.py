@@ -1,10 +1,13 @@
-"""What every command shares: options, text on standard error, JSON on standard output, exit
-codes.
+"""What every command shares: options, which stream a text goes to, exit codes.
+
+The result goes to standard output: in words, or with --json as one JSON document. Everything else,
+progress, notes, warnings and errors, goes to standard error.
 """
 
 import errno
 import os
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -146,20 +149,45 @@ def login_name() -> str:
 
 
 def say(text: str, *, quiet: bool = False) -> None:
-    """One line for people, on standard error."""
+    """One line that is no part of the result, a note or a warning, on standard error."""
     if not quiet:
         print(text, file=sys.stderr)
 
 
-def answer(result: object, *, as_json: bool, verbose: bool) -> bool:
-    """The result as -v (standard error) and --json (standard output) ask for it; whether --json
-    did.
+def answer(
+    result: object,
+    lines: Iterable[str],
+    *,
+    as_json: bool,
+    quiet: bool,
+    verbose: bool,
+    report: Path | None = None,
+) -> None:
+    """The result, once, on standard output: its lines and where its report is, or its JSON.
+
+    verbose: the whole result on standard error, too; quiet: no words.
     """
     if verbose:
         print(result_text(result), file=sys.stderr, end="")
     if as_json:
         emit_json(result)
-    return as_json
+    elif not quiet:
+        print_lines(lines)
+        if report is not None:
+            print_lines([f"report: {linked(report)}"])
+
+
+def print_lines(lines: Iterable[str]) -> None:
+    """Lines of a result in words, on standard output."""
+    for line in lines:
+        print(line)
+
+
+def linked(path: Path) -> str:
+    """The path; on a terminal one that a click opens (OSC 8)."""
+    if not sys.stdout.isatty() or os.environ.get("TERM") == "dumb":
+        return str(path)
+    return f"\x1b]8;;{path.absolute().as_uri()}\x1b\\{path}\x1b]8;;\x1b\\"
 
 
 def emit_json(result: object) -> None:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer, say
+from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer
 
 
 def command(
@@ -71,7 +71,4 @@ def command(
     }
     chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
     converted = convert(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
-    if answer(converted.document, as_json=as_json, verbose=verbose):
-        return
-    for line in converted.lines():
-        say(line, quiet=quiet)
+    answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -1,10 +1,11 @@
 """`recal demo`: the main job on an embedded default."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish, say
+from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
 
 DEFAULT_SEED = 42
 
@@ -28,8 +29,13 @@ def command(
 
     chosen = DEFAULT_SEED if seed is None else seed
     with Progress("simulating three sessions", quiet=quiet):
-        shown = demo(output, seed=chosen, rate_hz=rate_hz, told=lambda line: say(line, quiet=quiet))
-    answer(shown.document, as_json=as_json, verbose=verbose)
-    for line in shown.lines():
-        say(line, quiet=quiet)
+        shown = demo(output, seed=chosen, rate_hz=rate_hz)
+    answer(
+        shown.document,
+        shown.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=Path(shown.record.report),
+    )
     finish(shown.verdict)

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish, say
+from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
 
 
 def command(
@@ -45,8 +45,13 @@ def command(
         found = diagnose(
             runs, twin, hold_out=hold_out or [], alpha=alpha, seed=seed or 0, told=told
         )
-        found.write(output)
-    answer(found.document, as_json=as_json, verbose=verbose)
-    for line in found.lines():
-        say(line, quiet=quiet)
+        written = found.write(output)
+    answer(
+        found.document,
+        found.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "diagnosis.html",
+    )
     finish(found.verdict)

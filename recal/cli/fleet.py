@@ -148,9 +148,14 @@ def update(
                 quiet=quiet,
             )
             raise
-    answer(plain(document), as_json=as_json, verbose=verbose)
-    for line in summary(document, request.output, verbose=verbose):
-        say(line, quiet=quiet)
+    answer(
+        plain(document),
+        summary(document, verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=request.output / "fleet.html",
+    )
     finish(document.verdict)
 
 
@@ -159,7 +164,7 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def summary(document: "FleetDocument", output: Path, *, verbose: bool = False) -> list[str]:
+def summary(document: "FleetDocument", *, verbose: bool = False) -> list[str]:
     """The result in a few lines for people."""
     units = len(document.units)
     lines = [
@@ -181,7 +186,7 @@ def summary(document: "FleetDocument", output: Path, *, verbose: bool = False) -
         if len(groups) > 8 and not verbose
         else []
     )
-    return [*lines, f"report: {output / 'fleet.html'}"]
+    return lines
 
 
 class _Bar:

@@ -15,7 +15,6 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    say,
 )
 
 if TYPE_CHECKING:
@@ -130,10 +129,15 @@ def command(
         )
         known = given_azimuths(heading_deg, north_to_west_deg, sigmas)
         found = misalignment(inputs, twin, known=known, settings=settings, store=store)
-    found.write(output, twin_out=twin_out)
-    answer(found.document, as_json=as_json, verbose=verbose)
-    for line in found.lines():
-        say(line, quiet=quiet)
+    written = found.write(output, twin_out=twin_out)
+    answer(
+        found.document,
+        found.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "misalignment.html",
+    )
     finish(found.verdict)
 
 

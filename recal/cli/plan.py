@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, say
+from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer
 
 
 class Without(StrEnum):
@@ -73,7 +73,12 @@ def command(
     )
     with Progress("planning", quiet=quiet) as told:
         planned = plan(runs or [], request, told=told)
-    planned.write(output)
-    answer(planned.document, as_json=as_json, verbose=verbose)
-    for line in planned.lines():
-        say(line, quiet=quiet)
+    written = planned.write(output)
+    answer(
+        planned.document,
+        planned.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "plan.html",
+    )

@@ -16,7 +16,6 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    say,
 )
 
 
@@ -49,8 +48,13 @@ def command(
     from recal.service.replay import replay
 
     flown = replay(run, twin=twin, store=store, thermal_model=thermal_model, aided=aided)
-    flown.write(output, kml=kml, csv=csv)
-    answer(flown.document, as_json=as_json, verbose=verbose)
-    for line in flown.lines():
-        say(line, quiet=quiet)
+    written = flown.write(output, kml=kml, csv=csv)
+    answer(
+        flown.document,
+        flown.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "replay.html",
+    )
     finish(flown.verdict)

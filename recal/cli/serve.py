@@ -9,16 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from recal.cli.console import (
-    DEFAULT_STORE,
-    JsonFlag,
-    NoSeed,
-    Quiet,
-    StoreUrl,
-    Verbose,
-    emit_json,
-    say,
-)
+from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, say
 
 if TYPE_CHECKING:
     import socket
@@ -77,17 +68,17 @@ def command(
     app = build_app(settings)
     listener = _listen(settings)
     url = _url(settings, listener)
-    if as_json:
-        emit_json(
-            {
-                "schema": "recal.serve/1",
-                "verdict": "ok",
-                "url": url,
-                "read_only": not settings.tokens,
-            }
-        )
-        sys.stdout.flush()
-    _greet(settings, url, made, quiet=quiet)
+    started = {
+        "schema": "recal.serve/1",
+        "verdict": "ok",
+        "url": url,
+        "read_only": not settings.tokens,
+    }
+    answer(
+        started, [f"serving on {url} (Ctrl-C ends it)"], as_json=as_json, quiet=quiet, verbose=False
+    )
+    sys.stdout.flush()
+    _greet(settings, made, quiet=quiet)
     _run(app, listener, log=verbose)
 
 
@@ -149,10 +140,10 @@ def _url(settings: ServeSettings, listener: socket.socket) -> str:
     return f"http://{host}:{listener.getsockname()[1]}/"
 
 
-def _greet(settings: ServeSettings, url: str, made: str, *, quiet: bool) -> None:
+def _greet(settings: ServeSettings, made: str, *, quiet: bool) -> None:
+    """How to sign in, and what a reader on the network can see."""
     from recal.web.settings import is_loopback
 
-    say(f"serving on {url} (Ctrl-C ends it)", quiet=quiet)
     if made:
         say(f"token of this start, to sign in with: {made}")
     elif not is_loopback(settings.host) and not settings.https:

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, Quiet, Seed, Verbose, answer, say
+from recal.cli.console import JsonFlag, Quiet, Seed, Verbose, answer
 
 
 def command(
@@ -47,6 +47,4 @@ def command(
         scenario, seed=seed, twin=twin, table=table, environments=environment or None
     )
     simulated = simulated.write(output, table=table_out, truth=truth)
-    answer(simulated.document, as_json=as_json, verbose=verbose)
-    for line in simulated.lines():
-        say(line, quiet=quiet)
+    answer(simulated.document, simulated.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -86,6 +86,7 @@ def command(
     if retry and not commit:
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
+    from recal.service.results.files import output_directory
     from recal.service.update import UpdateRequest, update_in_store
 
     result = update_in_store(
@@ -106,7 +107,12 @@ def command(
             told=lambda line: say(line, quiet=quiet),
         )
     )
-    answer(result.document, as_json=as_json, verbose=verbose)
-    for line in result.lines(verbose=verbose):
-        say(line, quiet=quiet)
+    answer(
+        result.document,
+        result.lines(verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=output_directory(output, "update") / "update.html",
+    )
     finish(result.verdict)

@@ -270,16 +270,17 @@ def _at_rest(seen: Inspection) -> RestDocument | None:
     )
 
 
-def report_lines(result: CheckDocument, *, quiet: bool = False) -> list[str]:
+def report_lines(result: CheckDocument) -> list[str]:
     """The result for people: what the run holds, then one line for each problem."""
-    lines = [] if quiet else _held_lines(result.holds)
-    lines += [f"{p.level}: {p.text}" for p in result.problems if not quiet or p.level != "warning"]
-    if not quiet:
-        lines += [
-            f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired
-        ]
-        lines.append(f"{result.run}: {result.verdict.replace('_', ' ')}")
-    return lines
+    lines = _held_lines(result.holds)
+    lines += [f"{p.level}: {p.text}" for p in result.problems]
+    lines += [f"repaired: {s.start_s:.3f} to {s.end_s:.3f} s: {s.reason}" for s in result.repaired]
+    return [*lines, f"{result.run}: {result.verdict.replace('_', ' ')}"]
+
+
+def error_lines(result: CheckDocument) -> list[str]:
+    """What keeps the run from being used, a line each."""
+    return [f"{p.level}: {p.text}" for p in result.problems if p.level != "warning"]
 
 
 def _held_lines(holds: HoldsDocument) -> list[str]:

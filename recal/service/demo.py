@@ -1,6 +1,6 @@
 """`demo`: the main job on an embedded default."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -60,24 +60,18 @@ class Demonstrated(Result[DemoDocument]):
     update: Update
 
     def lines(self, *, verbose: bool = False) -> list[str]:
-        """The error against the simulated truth, and where the report is."""
+        """The update, and the errors of both tables against the simulated truth."""
         error = self.record.table_error_deg_h
         return [
+            *self.update.lines(verbose=verbose),
             (
                 f"level gyros against the simulated truth: {error.table_before:.4f} ->"
                 f" {error.table_after:.4f} deg/h RMS"
             ),
-            f"report: {self.record.report}",
         ]
 
 
-def demo(
-    output: Path | None,
-    *,
-    seed: int,
-    rate_hz: float,
-    told: Callable[[str], None] = lambda line: None,
-) -> Demonstrated:
+def demo(output: Path | None, *, seed: int, rate_hz: float) -> Demonstrated:
     """Three simulated sessions (cold, ambient, hot start), one update over them, and the error
     before and after.
     """
@@ -92,8 +86,6 @@ def demo(
             note="factory table of the demo unit, and the noise that it is simulated with",
         )
     result = update_in_store(UpdateRequest(runs=runs, store_url=url, commit=True, output=directory))
-    for line in result.lines():
-        told(line)
     document = _document(seed, runs, directory, unit, result)
     shown = Demonstrated(document, page=result.page, update=result)
     write_text(directory / "demo.json", shown.to_json())

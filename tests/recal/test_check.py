@@ -68,7 +68,7 @@ def test_a_sound_run(path):
 
 def test_people_read_the_same(path):
     said = run_check(path)
-    assert said.exit_code == 0 and said.stdout == ""
+    assert said.exit_code == 0 and said.stderr == ""
     for part in (
         "imu: 4000 rows",
         "100 Hz increments",
@@ -77,8 +77,8 @@ def test_people_read_the_same(path):
         "|f| 9.79",
         ": ok",
     ):
-        assert part in said.stderr
-    assert run_check(path, "-q").stderr == ""
+        assert part in said.stdout
+    assert run_check(path, "-q").output == ""
 
 
 def test_all_problems_are_listed_with_exit_code_3(path):
@@ -97,7 +97,7 @@ def test_all_problems_are_listed_with_exit_code_3(path):
         "run.json",
     }
     quiet = run_check(path, "-q")
-    assert quiet.exit_code == 3
+    assert quiet.exit_code == 3 and quiet.stdout == ""
     assert len(quiet.stderr.splitlines()) == 4
 
 
@@ -111,14 +111,14 @@ def test_a_suspect_sign_fails_the_check(path):
     scale_columns(path / "imu.csv", "dtheta_", -1.0)
     said = run_check(path)
     assert said.exit_code == 3
-    assert "suspect: imu.csv: rate about the vertical is +7.5" in said.stderr
+    assert "suspect: imu.csv: rate about the vertical is +7.5" in said.stdout
 
 
 def test_another_serial_is_bad_input(path):
     assert run_check(path, "--serial", "SN-0042").exit_code == 0
     said = run_check(path, "--serial", "SN-0043")
     assert said.exit_code == 3
-    assert "run.json: imu_serial 'SN-0042', needed 'SN-0043'" in said.stderr
+    assert "run.json: imu_serial 'SN-0042', needed 'SN-0043'" in said.stdout
 
 
 def put(values, rows, column, value):

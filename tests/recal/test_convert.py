@@ -152,7 +152,7 @@ def test_from_log_to_checked_run(tmp_path):
         "T1",
     )
     assert said.exit_code == 0, said.stderr
-    assert "19217 rows, 64.07 Hz" in said.stderr and said.stdout == ""
+    assert "19217 rows, 64.07 Hz" in said.stdout and said.stderr == ""
     assert check(tmp_path / "run")["verdict"] == "ok"
     assert read_run(tmp_path / "run").header.tail == "T1"
     record = json.loads((tmp_path / "run" / "run.json").read_text())["conversion"]
@@ -414,5 +414,5 @@ def test_the_reference_of_a_log_is_written_beside_the_run(tmp_path):
     given = ("--serial", "S", "--technology", "rlg", "--start-utc", "2026-03-01T05:00:00Z")
     said = invoke(tmp_path / "trj.mat", "-o", tmp_path / "run", *given)
     assert said.exit_code == 0, said.stderr
-    assert "(with reference)" in said.stderr
+    assert "(with reference)" in said.stdout
     assert np.degrees(read_reference(tmp_path / "run").heading_rad[5]) == pytest.approx(40.0)

@@ -69,7 +69,7 @@ def test_a_diagnosis_writes_four_files_and_exits_0(done):
     assert len(document["runs"][0]["sha256"]) == 64 and document["table_sha256"] == table_sha256(
         one_cold().table
     )
-    assert document["sentence"] in result.stderr
+    assert result.stderr == ""
 
 
 def test_the_twin_written_stands_alone_and_reads_back(done):
@@ -108,6 +108,8 @@ def test_a_run_that_never_rests_is_refused_with_a_document(folder):
         and document["verdict"] == "refused"
         and "rest" in document["reasons"][0]
     )
+    assert document["sentence"] in result.stdout and result.stderr == ""
+    assert result.stdout.endswith("report: out/diagnosis.html\n")
     assert (
         "Not looked at" in Path("out/diagnosis.html").read_text()
         and not Path("out/twin.json").exists()

@@ -114,7 +114,7 @@ def test_one_run_with_four_stops_and_the_twin_that_it_writes(folder):
     assert twin.gyro.misalignment_mrad[4] == pytest.approx(document["misalignment_mrad"]["zx"])
     assert twin.gyro.sigma_misalignment_mrad[4] > 0 == twin.gyro.sigma_misalignment_mrad[1]
     outcome = run("run", "--twin", "unit.json", "--north-to-west-deg", "45,135,225,315")
-    assert outcome.exit_code == 4 and "counted from north to west?" in outcome.stderr
+    assert outcome.exit_code == 4 and "counted from north to west?" in outcome.stdout
     assert run("run", "--twin", "unit.json", "--heading-deg", "45,135,225,315").exit_code == 0
 
 

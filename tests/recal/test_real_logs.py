@@ -141,7 +141,7 @@ def test_from_log_to_check_and_align(tmp_path, log, args, rows):
     """
     said = CliRunner().invoke(app, [str(log), "-o", str(tmp_path / "run"), *args])
     assert said.exit_code == 0, said.stderr
-    assert f"{rows} rows, 50 Hz" in said.stderr
+    assert f"{rows} rows, 50 Hz" in said.stdout
     assert check(tmp_path / "run")["verdict"] == "warnings"
     assert (
         read_run(tmp_path / "run").sha256

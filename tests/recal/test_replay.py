@@ -104,7 +104,7 @@ def test_two_revisions_are_flown_and_compared(folder):
     rate = document["difference"]["rate_nm_h"]
     assert rate["active"] < 0.01 < 0.1 < rate["previous"]  # the unit's truth is no bias at all
     assert rate["change"] == pytest.approx(rate["active"] - rate["previous"])
-    assert f"{rate['previous']:.3f} -> {rate['active']:.3f} NM/h" in outcome.stderr
+    assert f"{rate['previous']:.3f} -> {rate['active']:.3f} NM/h" in run("run").stdout
     active = document["tables"][0]
     assert active["gnss"] is not None and active["scoring_only"]["source"] == "reference"
     assert (

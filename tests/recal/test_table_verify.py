@@ -52,7 +52,7 @@ def test_a_broken_unit_is_named_and_the_others_are_not(folder):
     for arguments in ([], ["-q"]):
         said = verify(*arguments)
         assert said.exit_code == 3 and isinstance(said.exception, SystemExit)
-        assert "SN-1 (rlg): BROKEN: revision 2 is missing, though tagged active" in said.stdout
+        assert "SN-1 (rlg): BROKEN: revision 2 is missing, though tagged active" in said.output
     result = json.loads(verify("--json").stdout)
     assert (result["schema"], result["verdict"]) == ("recal.verify/1", "broken")
     assert [len(u["faults"]) > 0 for u in result["units"]] == [True, False]

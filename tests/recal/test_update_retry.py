@@ -76,7 +76,7 @@ def test_a_retry_gives_the_bits_of_one_update_after_the_other(runs, filled, tmp_
         done.exit_code == 0 and document["verdict"] == "committed" and document["revision"] == 3
     ), done.output
     assert len(document["conflicts"]) == 1 and "the active table is not" in document["conflicts"][0]
-    assert "another writer was faster" in done.stderr and "estimated 2 times" in done.stderr
+    assert "another writer was faster" in done.stderr
     with TableStore.open(filled) as store:
         assert store.active().table_json == expected
         assert [len(r.runs) for r in store.history()] == [0, 1, 1] and store.verify().intact

@@ -6,7 +6,7 @@ that `recal --help` stays fast.
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -20,7 +20,6 @@ from recal.cli.console import (
     StoreUrl,
     Verbose,
     answer,
-    say,
 )
 from recal.cli.table import verify as table_verify
 from recal.cli.table.files import export, import_
@@ -31,6 +30,11 @@ from recal.cli.table.options import (
     SerialOption,
     TechnologyOption,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from recal.service.store import Revision, UnitRecord
 
 app = typer.Typer(
     rich_markup_mode=None, no_args_is_help=True, help="The stored thermal tables and their history."
@@ -50,7 +54,7 @@ def list_(
 
     Example: recal table list --store sqlite:///recal.db
     """
-    from recal.service.tables import about, key_of, line_of, need, open_tables
+    from recal.service.tables import about, key_of, need, open_tables
 
     with open_tables(store) as opened:
         units = [u for u in opened.units() if serial in (None, u.unit.imu_serial)]
@@ -69,19 +73,21 @@ def list_(
             for u, history in zip(units, histories)
         ],
     }
-    if answer(result, as_json=as_json, verbose=verbose) or quiet:
-        return
-    for u, history in zip(units, histories):
-        print(f"{u.unit}{'' if u.has_twin else ', no twin record'}")
-        for r in history:
-            tags = [
-                name
-                for name, n in (("factory", u.factory_number), ("active", u.active.number))
-                if n == r.number
-            ]
-            print("  " + line_of(r) + (f"  [{', '.join(tags)}]" if tags else ""))
-            if r.note:
-                print(f"       {r.note}")
+    lines = [line for u, history in zip(units, histories) for line in _unit_lines(u, history)]
+    answer(result, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+
+
+def _unit_lines(u: UnitRecord, history: Sequence[Revision]) -> list[str]:
+    """A unit and its revisions for people."""
+    from recal.service.tables import line_of
+
+    lines = [f"{u.unit}{'' if u.has_twin else ', no twin record'}"]
+    for r in history:
+        tagged = (("factory", u.factory_number), ("active", u.active.number))
+        tags = [name for name, number in tagged if number == r.number]
+        lines.append("  " + line_of(r) + (f"  [{', '.join(tags)}]" if tags else ""))
+        lines += [f"       {r.note}"] if r.note else []
+    return lines
 
 
 @app.command(cls=Command)
@@ -104,19 +110,20 @@ def show(
 
     with open_tables(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
-    if answer(found.table_dict, as_json=as_json, verbose=verbose) or quiet:
-        return
     table = found.table
-    print(
-        f"{found.unit}\n{line_of(found)}\nsha256 {found.sha256}\ncreated {table.created_utc},"
-        f" {table.interpolation}"
-    )
-    print("\naxis  temperature       bias    U(k=2)\n             degC      deg/h     deg/h")
+    lines = [
+        f"{found.unit}",
+        line_of(found),
+        f"sha256 {found.sha256}",
+        f"created {table.created_utc}, {table.interpolation}",
+        "",
+        "axis  temperature       bias    U(k=2)",
+        "             degC      deg/h     deg/h",
+    ]
     for axis, nodes in zip("xyz", table.temperature_degC):
-        for T, bias, sigma in zip(
-            nodes, table.bias_deg_h(axis, nodes), table.sigma_deg_h(axis, nodes)
-        ):
-            print(f"{axis:4}  {T:11.2f} {bias:+10.5f}  {2 * sigma:8.5f}")
+        rows = zip(nodes, table.bias_deg_h(axis, nodes), table.sigma_deg_h(axis, nodes))
+        lines += [f"{axis:4}  {T:11.2f} {bias:+10.5f}  {2 * sigma:8.5f}" for T, bias, sigma in rows]
+    answer(found.table_dict, lines, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @app.command(cls=Command)
@@ -147,15 +154,19 @@ def diff(
         after = find_revision(opened, to, serial, technology, mode)
     axes = {axis: change_between(before, after, axis) for axis in "xyz"}
     result = {"from": about(before), "to": about(after), "axes": axes}
-    if answer(result, as_json=as_json, verbose=verbose) or quiet:
-        return
-    print(f"{after.unit}\nfrom {line_of(before)}\nto   {line_of(after)}\n")
-    print("axis  temperature     before      after     change  U(k=2) before    after")
-    print("             degC      deg/h      deg/h      deg/h          deg/h    deg/h")
+    lines = [
+        f"{after.unit}",
+        f"from {line_of(before)}",
+        f"to   {line_of(after)}",
+        "",
+        "axis  temperature     before      after     change  U(k=2) before    after",
+        "             degC      deg/h      deg/h      deg/h          deg/h    deg/h",
+    ]
     for axis, columns in axes.items():
         for T, old, new, change, s_old, s_new in zip(*vars(columns).values()):
             biases = f"{old:+10.5f} {new:+10.5f} {change:+10.5f}"
-            print(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
+            lines.append(f"{axis:4}  {T:11.2f} {biases}       {2 * s_old:8.5f} {2 * s_new:8.5f}")
+    answer(result, lines, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @app.command(cls=Command)
@@ -191,11 +202,8 @@ def rollback(
             )
     except StoreConflict as error:
         raise InputError(str(error)) from None
-    answer(about(found), as_json=as_json, verbose=verbose)
-    say(
-        f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}",
-        quiet=quiet,
-    )
+    line = f"{found.unit}: {line_of(found)}, the table of revision {found.restored_number}"
+    answer(about(found), [line], as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 app.command("verify", cls=Command)(table_verify.command)

@@ -21,7 +21,6 @@ from recal.cli.console import (
     StoreUrl,
     Verbose,
     answer,
-    say,
 )
 from recal.cli.table.options import (
     ModeOption,
@@ -113,10 +112,13 @@ def export(
         _export_cubic(found, output, request, as_json=as_json, quiet=quiet, verbose=verbose)
         return
     write_table(found, output, form.value)
-    answer({"output": str(output), **plain(about(found))}, as_json=as_json, verbose=verbose)
-    say(
-        f"{output}: {line_of(found)}{' (covariance is not in a CSV)' if form == Form.csv else ''}",
+    left_out = " (covariance is not in a CSV)" if form == Form.csv else ""
+    answer(
+        {"output": str(output), **plain(about(found))},
+        [f"{output}: {line_of(found)}{left_out}"],
+        as_json=as_json,
         quiet=quiet,
+        verbose=verbose,
     )
 
 
@@ -173,10 +175,11 @@ def import_(
     found, said = import_table(
         given, store, twin, note=note, override=override_technology, any_clock=any_clock
     )
-    answer(about(found), as_json=as_json, verbose=verbose)
-    say(f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}", quiet=quiet)
-    for line in said:
-        say(f"  note: {line}", quiet=quiet)
+    lines = [
+        f"{found.unit}: {line_of(found)}{', twin record set' if twin else ''}",
+        *(f"  note: {line}" for line in said),
+    ]
+    answer(about(found), lines, as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 def _form(output: Path | None, to: Form | None) -> Form:
@@ -249,22 +252,19 @@ def _export_cubic(
 
     made = export_cubic_table(found, output, request)
     refused = made.refused
-    answer(made.document, as_json=as_json, verbose=verbose)
-    say(f"{output}: {'refused' if refused else line_of(found)}", quiet=quiet)
-    for reason in made.reasons:
-        say(
-            f"  {'because' if refused else 'although'} the cubic is too stiff: {reason}",
-            quiet=quiet,
-        )
+    lines = [f"{output}: {'refused' if refused else line_of(found)}"]
+    word = "because" if refused else "although"
+    lines += [f"  {word} the cubic is too stiff: {reason}" for reason in made.reasons]
     if refused:
-        say(
+        lines.append(
             "  a narrower --range, a larger --fit-limit, or --force would write it, the error told"
-            " in the file",
-            quiet=quiet,
+            " in the file"
         )
+    else:
+        lines += [f"  {line}" for line in made.lines()]
+    answer(made.document, lines, as_json=as_json, quiet=quiet, verbose=verbose)
+    if refused:
         raise typer.Exit(REFUSED_EXIT)
-    for line in made.lines():
-        say(f"  {line}", quiet=quiet)
 
 
 def _check_options(given: TableFile) -> None:

@@ -21,11 +21,12 @@ from recal.cli.console import (
     answer,
     finish,
     login_name,
-    say,
 )
 from recal.cli.table.options import ModeOption, SerialOption, TechnologyOption
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from recal.service.store import FullProposal, Proposal
 
 app = typer.Typer(rich_markup_mode=None)
@@ -81,12 +82,7 @@ def proposals(
             return
         found = opened.proposals(serial, technology, mode, state=state)
     result = {"store": opened.name, "proposals": [about_proposal(p) for p in found]}
-    if answer(result, as_json=as_json, verbose=verbose) or quiet:
-        return
-    for k, p in enumerate(found):
-        if k == 0 or p.unit != found[k - 1].unit:
-            print(p.unit)
-        print("\n".join("  " + line for line in _lines(p)))
+    answer(result, _listed(found), as_json=as_json, quiet=quiet, verbose=verbose)
 
 
 @app.command(cls=Command)
@@ -169,16 +165,16 @@ def _decide(
 
     signed = login_name() if by is None else by
     result, decided = decide(url, (number, verdict), unit, signed, reason)
-    answer(result, as_json=as_json, verbose=verbose)
     if decided is None:
-        say(f"refused: {result.reasons[0]}", quiet=quiet)
+        line = f"refused: {result.reasons[0]}"
     else:
         became = (
             f", revision {decided.decision.revision_number}"
             if decided.decision and verdict == Decided.APPROVED
             else ""
         )
-        say(f"{decided.unit}: proposal {number} {verdict}{became}", quiet=quiet)
+        line = f"{decided.unit}: proposal {number} {verdict}{became}"
+    answer(result, [line], as_json=as_json, quiet=quiet, verbose=verbose)
     finish(result.verdict)
 
 
@@ -193,10 +189,24 @@ def _show(
     document = proposed_document(full)
     if output is not None:
         write_proposal(full, output)
-    shown = {**plain(about_proposal(full)), "report": document}
-    if answer(shown, as_json=as_json, verbose=verbose) or quiet:
-        return
-    print("\n".join([str(full.unit), *_lines(full), *stored_summary(document)]))
+    answer(
+        {**plain(about_proposal(full)), "report": document},
+        [str(full.unit), *_lines(full), *stored_summary(document)],
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=None if output is None else output / "update.html",
+    )
+
+
+def _listed(found: Sequence[Proposal]) -> list[str]:
+    """Proposals for people, unit by unit."""
+    lines: list[str] = []
+    for k, p in enumerate(found):
+        if k == 0 or p.unit != found[k - 1].unit:
+            lines.append(str(p.unit))
+        lines += ["  " + line for line in _lines(p)]
+    return lines
 
 
 def _lines(p: Proposal) -> list[str]:

@@ -16,6 +16,7 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
+    say,
 )
 
 if TYPE_CHECKING:
@@ -52,10 +53,10 @@ def command(
     from recal.service.tables import StoreVerdict, verify
 
     result = verify(store, head or (), report or ())
-    if not answer(result, as_json=as_json, verbose=verbose):
+    answer(result, lines(result), as_json=as_json, quiet=quiet, verbose=verbose)
+    if quiet and not as_json and result.verdict is StoreVerdict.BROKEN:
         for line in lines(result):
-            if not quiet or result.verdict is StoreVerdict.BROKEN:
-                print(line)
+            say(line)
     finish(result.verdict)
 
 

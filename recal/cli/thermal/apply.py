@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer, say
+from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer
 
 
 def command(
@@ -36,6 +36,4 @@ def command(
     from recal.service.thermal import take_out
 
     left = take_out(model, run, output, part=part, batch=batch)
-    answer(left.document, as_json=as_json, verbose=verbose)
-    for line in left.lines():
-        say(line, quiet=quiet)
+    answer(left.document, left.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

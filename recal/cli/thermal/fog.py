@@ -19,7 +19,6 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    say,
 )
 
 
@@ -69,8 +68,13 @@ def command(
         allowed_deg_h=allowed_deg_h, word_bits=word_bits, remounted=remounted, one_sided=one_sided
     )
     fitted = fit_fog(fast, slow or [], check or [], twin=twin, store=store, request=request)
-    fitted.write(output)
-    answer(fitted.document, as_json=as_json, verbose=verbose)
-    for line in fitted.lines():
-        say(line, quiet=quiet)
+    written = fitted.write(output)
+    answer(
+        fitted.document,
+        fitted.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "thermal_fog.html",
+    )
     finish(fitted.verdict)

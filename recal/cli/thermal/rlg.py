@@ -15,7 +15,6 @@ from recal.cli.console import (
     Verbose,
     answer,
     finish,
-    say,
 )
 
 
@@ -45,8 +44,13 @@ def command(
     from recal.service.thermal import fit_rlg
 
     fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted)
-    fitted.write(output)
-    answer(fitted.document, as_json=as_json, verbose=verbose)
-    for line in fitted.lines():
-        say(line, quiet=quiet)
+    written = fitted.write(output)
+    answer(
+        fitted.document,
+        fitted.lines(),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written / "thermal_rlg.html",
+    )
     finish(fitted.verdict)

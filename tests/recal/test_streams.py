@@ -1,0 +1,209 @@
+"""Which stream a text goes to: the result on standard output, in words or as JSON, and nothing else
+there; notes, warnings and errors on standard error.
+
+Every command runs in a quick form: the verb behind a slow one is replaced by a result of one line.
+"""
+
+import ast
+import json
+import os
+import pty
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.main import get_command
+from typer.testing import CliRunner
+
+import recal
+from infield.store.table_store import TableStore
+from recal.cli.app import COMMANDS, GROUPS, app
+from recal.cli.console import linked
+from tests.recal.test_table import table_file
+
+ROOT = Path(recal.__file__).parent.parent
+WORDS = "SN-1: what came out"
+OUTPUT = ["-o", "out"]
+SELF_TESTED = {"serve"}  # runs until it is stopped: test_serve_command.py
+
+
+@dataclass
+class Shown:
+    """What a verb gives, made without work."""
+
+    verdict: str = "ok"
+    document: dict = field(default_factory=lambda: {"schema": "recal.shown/1"})
+    record: SimpleNamespace = field(
+        default_factory=lambda: SimpleNamespace(report="out/update.html", problems=())
+    )
+
+    def lines(self, *, verbose=False):
+        return [WORDS]
+
+    def to_json(self):
+        return json.dumps(self.document)
+
+    def write(self, output=None, **more):
+        return Path(output)
+
+
+class SimulationShown(Shown):
+    def write(self, output=None, **more):
+        return self
+
+
+@dataclass
+class FleetShown:
+    """A fleet document without units."""
+
+    verdict: str = "up_to_date"
+    reasons: tuple = (WORDS,)
+    counts: dict = field(default_factory=dict)
+    units: tuple = ()
+    left_out: tuple = ()
+
+
+def shown(*arguments, **options):
+    return Shown()
+
+
+SLOW = {  # the verb that a command calls
+    "demo": "recal.service.demo.demo",
+    "simulate": "recal.service.simulate.simulate",
+    "convert": "recal.service.convert.convert",
+    "check": "recal.service.check.check",
+    "align": "recal.service.align.align",
+    "replay": "recal.service.replay.replay",
+    "update": "recal.service.update.update_in_store",
+    "misalignment": "recal.service.misalignment.misalignment",
+    "plan": "recal.service.plan.plan",
+    "diagnose": "recal.service.diagnose.diagnose",
+    "thermal rlg": "recal.service.thermal.fit_rlg",
+    "thermal fog": "recal.service.thermal.fit_fog",
+    "thermal apply": "recal.service.thermal.take_out",
+}
+QUICK = {  # the words after the name; every command has its line here
+    "demo": OUTPUT,
+    "simulate": ["parked_only", *OUTPUT],
+    "convert": ["log.bin", *OUTPUT],
+    "check": ["run"],
+    "align": ["run", *OUTPUT],
+    "replay": ["run", *OUTPUT],
+    "update": ["run", *OUTPUT],
+    "misalignment": ["run", *OUTPUT],
+    "plan": OUTPUT,
+    "diagnose": ["run", "--twin", "twin.json", *OUTPUT],
+    "table list": [],
+    "table show": [],
+    "table diff": [],
+    "table rollback": ["--to", "factory"],
+    "table verify": [],
+    "table export": ["-o", "out.csv"],
+    "table import": ["table.json"],
+    "table proposals": [],
+    "table approve": ["1", "--reason", "why"],
+    "table reject": ["1", "--reason", "why"],
+    "thermal rlg": ["run", *OUTPUT],
+    "thermal fog": ["--fast", "run", *OUTPUT],
+    "thermal apply": ["model.json", "run", *OUTPUT],
+    "fleet update": ["runs", *OUTPUT],
+}
+REPORTS = {
+    "demo": "update",
+    "replay": "replay",
+    "update": "update",
+    "misalignment": "misalignment",
+    "plan": "plan",
+    "diagnose": "diagnosis",
+    "thermal rlg": "thermal_rlg",
+    "thermal fog": "thermal_fog",
+    "fleet update": "fleet",
+}
+
+
+def names():
+    """Every command that does something, by its full name."""
+    commands = get_command(app).commands
+    found = list(COMMANDS)
+    for group in GROUPS:
+        found += [f"{group} {name}" for name in commands[group].commands]
+    return found
+
+
+def refused(url, proposal, *rest):
+    return FleetShown(verdict="refused"), None
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A store with two revisions of one unit; slow verbs replaced."""
+    monkeypatch.chdir(tmp_path)
+    for verb in SLOW.values():
+        monkeypatch.setattr(verb, shown)
+    monkeypatch.setattr(SLOW["simulate"], lambda *_, **more: SimulationShown())
+    monkeypatch.setattr("recal.service.tables.decide", refused)
+    monkeypatch.setattr("recal.fleet.update.update_fleet", lambda *_: FleetShown())
+    with TableStore.open("sqlite:///recal.db", create=True) as store:
+        data = table_file(tmp_path)
+        store.import_table(data)
+        data["axes"]["y"]["bias_deg_h"][0] = 0.5
+        store.import_table(data)
+    return tmp_path
+
+
+def run(name, *more):
+    done = CliRunner().invoke(app, [*name.split(), *QUICK[name], *more])
+    assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+    return done
+
+
+def test_every_command_has_its_quick_form():
+    assert {*QUICK, *SELF_TESTED} == set(names())
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_result_goes_to_standard_output_and_nothing_else_does(name, folder):
+    said = run(name)
+    assert said.stderr == ""
+    assert said.stdout.strip() or name == "table proposals"  # there are none
+    if name in SLOW:
+        assert said.stdout.startswith(WORDS + "\n")
+    last = said.stdout.splitlines()[-1:]
+    if name in REPORTS:
+        assert last == [f"report: {Path('out', REPORTS[name]).with_suffix('.html')}"]
+    as_json = run(name, "--json")
+    json.loads(as_json.stdout)
+    assert as_json.stderr == "" and as_json.exit_code == said.exit_code
+    quiet = run(name, "-q")
+    assert quiet.output == "" and quiet.exit_code == said.exit_code
+    more = run(name, "-v")
+    json.loads(more.stderr)
+    assert more.stdout == said.stdout or name in ("table import", "table rollback")  # a number on
+
+
+def test_only_the_console_prints():
+    """No module of the front door but the console and the program's last line writes to a
+    stream.
+    """
+    allowed = {"recal/cli/console.py", "recal/__main__.py"}
+    for path in sorted((ROOT / "recal").rglob("*.py")):
+        name = str(path.relative_to(ROOT))
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print":
+                assert name in allowed, f"{name}:{node.lineno} prints"
+            if isinstance(node, ast.Attribute) and node.attr == "write":
+                assert getattr(node.value, "attr", "") != "stdout" or name in allowed, name
+
+
+def test_a_path_can_be_opened_by_a_click_on_a_terminal_only(monkeypatch, tmp_path):
+    page = tmp_path / "a page.html"
+    assert linked(page) == str(page)
+    master, slave = pty.openpty()
+    with os.fdopen(master, "rb"), os.fdopen(slave, "w") as terminal:
+        monkeypatch.setattr("sys.stdout", terminal)
+        monkeypatch.setenv("TERM", "xterm")
+        link = linked(page)
+        monkeypatch.setenv("TERM", "dumb")
+        assert linked(page) == str(page)
+    assert link == f"\x1b]8;;{page.as_uri()}\x1b\\{page}\x1b]8;;\x1b\\" and "a%20page" in link
