@@ -62,6 +62,7 @@ class FleetShown:
     counts: dict = field(default_factory=dict)
     units: tuple = ()
     left_out: tuple = ()
+    noted: tuple = ()
 
 
 def shown(*arguments, **options):
