@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ins.records import ImuLog, InputError, frozen_array
 
+# of an interval to the one before: above it a gap; one lost row makes 2, jitter 2.5
+# (tests/ins/test_strapdown_kernel.py holds it to that of the loop)
 MAX_INTERVAL_RATIO = 2.5
 SERIES_ANGLE_RAD = 1e-3  # below, (a - sin a)/a^3 is 1/6 to 5e-8
 

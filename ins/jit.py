@@ -27,7 +27,8 @@ except ImportError:  # the plain-Python path
     numba = None  # type: ignore[assignment]
 
 JIT_OPTIONS = {"nogil": True}
-NEEDED_BYTES = 50_000_000  # a full disk would fail in the middle of a write
+# a full disk would fail in the middle of a write; KEPT_FOLDERS of 1 MB, and room
+NEEDED_BYTES = 50_000_000
 KEPT_FOLDERS = 20  # compiled code of older sources, about 1 MB each
 
 

@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ins.records import InputError
 
 MAX_JSON_BYTES = 4_000_000  # a table with covariance is below 1 MB
-MAX_SHOWN = 60
+MAX_SHOWN = 60  # characters; chosen: file, key and 60 of the value fit a line
 MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
 # no key: a kind that was tried
 UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")

@@ -20,16 +20,26 @@ PLAUSIBLE_MEDIAN_degC = (
     70.0,
 )  # of a run's median where no table says that the unit works beyond
 KELVIN_degC = 150.0  # a median above this is no Celsius; 20 degC are 293 K, and 68 degF
-COARSE_degC = 0.25  # steps at least so large are worth a remark
+# steps at least so large are worth a remark; chosen: a step is then the change of a bin of 5 min
+# at 0.05 degC/min
+COARSE_degC = 0.25
 FASTEST_degC_s = 0.05  # 3 degC/min: faster no housing changes
+# the fastest housing (FASTEST_degC_s) takes 10 s for 0.5 degC; 10 sigmas of the readings' own
+# noise; more than two steps of the thermometer and less than three
 JUMP_degC, READING_JUMP_SIGMAS, JUMP_STEPS = 0.5, 10.0, 2.5
-TRANSIENT_S = 900.0  # a jump that comes back within this leaves the rest of the log as it was
+# a jump that comes back within this leaves the rest of the log as it was; chosen: 15 min, short
+# beside a session of an hour
+TRANSIENT_S = 900.0
 STUCK_S, LONG_STUCK_S = 120.0, 600.0  # FASTEST_degC_s passes 6 and 30 degC meanwhile
-HOLE_S = 60.0
-OTHER_SCALE_degC = 12.0  # no two thermometers of one unit differ by more for long
-LAST_SHARE = 0.25  # of a log: by then a unit that came in cold has warmed up
-SAME_SCALE_degC = 5.0  # a guessed scale that brings them so near is named
-ALIVE_SHARE = 0.2  # of rows that change: a thermometer fine enough to flicker
+HOLE_S = 60.0  # FASTEST_degC_s passes 3 degC meanwhile
+# no two thermometers of one unit differ by more for long; above -25 degC, Fahrenheit for Celsius
+# does (0.8 T + 32)
+OTHER_SCALE_degC = 12.0
+# of a log: by then a unit that came in cold has warmed up; of an hour, the last 15 min
+LAST_SHARE = 0.25
+# a guessed scale that brings them so near is named: less than half of the 12 above
+SAME_SCALE_degC = 5.0
+ALIVE_SHARE = 0.2  # of rows that change: a fine thermometer flickers; chosen: every 5th row
 SPIKE_ROWS = 11  # window of the running median: bursts of up to five rows are spikes; (11 - 1) / 2
 SCALES = (
     ("Fahrenheit?", lambda T: (T - 32.0) / 1.8),

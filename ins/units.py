@@ -6,10 +6,10 @@
 
 from math import pi
 
-DEG = pi / 180.0  # [rad]
+DEG = pi / 180.0  # [rad], 0.0174533
 ARCSEC = DEG / 3600.0  # [rad]
 MILLIRADIAN = 1e-3  # [rad]
-HOUR = 3600.0  # [s]
+HOUR = 3600.0  # [s], 60 minutes of 60
 DEG_PER_HOUR = DEG / HOUR  # [rad/s]
 DEG_PER_SQRT_HOUR = DEG / 60.0  # angle random walk [rad/sqrt(s)]
 DEG_PER_HOUR_SQRT_HOUR = DEG / HOUR / 60.0  # rate random walk [rad/s/sqrt(s)]

@@ -26,6 +26,8 @@ from ins.verdicts import Reason, because
 
 MAX_ROUNDS = 30
 SETTLED_RAD = 1e-7  # of azimuth: 15 deg/h x 1e-7 is 1.5e-6 deg/h on a gyro
+# between stops: 2 degC apart, the default table of a ring-laser unit (formats.md section 2)
+# differs by 4e-4 deg/h (1 sigma), near the 0.001 of a study's noise (R21)
 NOTED_DEGC = 2.0
 # of a table's variance that a stop without temperature has for itself (formats.md section 2)
 UNTIED_SHARE = 0.3

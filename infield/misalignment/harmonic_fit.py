@@ -29,7 +29,9 @@ from ins.records import InputError, frozen_array
 from ins.units import DEG_PER_HOUR
 
 CONFIDENCE = 0.999  # of the redundancy check; 1 of 1000 sound studies fails it
-UNSEEN_SHARE = 1e-6  # share of the null space in a combination that makes it unobservable
+# share of the null space in a combination that makes it unobservable: far above rounding (1e-15),
+# far below a real share (0.1 and more)
+UNSEEN_SHARE = 1e-6
 # gyro, column, sign
 COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}
 OWN_AXIS = {"x": (0, 1, 1.0), "y": (1, 2, -1.0)}

@@ -35,7 +35,8 @@ from ins.verdicts import Observability, Reason, because
 # azimuth with a sigma of 17 deg
 MAX_REACH = 0.3
 SAME_PLACE_DEG = 0.1  # of latitude: 0.1 deg is 0.17 % of the level Earth rate at 45 deg
-# a given heading that the gyros contradict by more is a mistake, not an error of the table
+# a given heading that the gyros contradict by more is a mistake, not an error of the table; as
+# far as an azimuth may lie off its nominal place (R21)
 GYRO_CHECK_DEG = 2.0
 ENTRIES = tuple(AXES[i] + AXES[j] for i, j in zip(*OFF_DIAGONAL))
 

@@ -49,10 +49,13 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-SHORTEST_SPAN_S = 60.0  # of navigation, and of a parked span, for a drift to mean anything
+# of navigation, and of a parked span, for a drift to mean anything: in 60 s a level gyro off by
+# 0.01 deg/h makes 0.9 mm/s (physics.md 6.3)
+SHORTEST_SPAN_S = 60.0
 # before the start of navigation: holds the row before it (a run has no gap over 1 s)
 ROW_BEFORE_S = 2.0
-# a third of a Schuler period: a drift in NM/h from less is said to be extrapolated
+# 0.36 of a Schuler period (84.4 min, physics.md 6.1): a drift in NM/h from less is said to be
+# extrapolated
 EXTRAPOLATED_BELOW_S = 1800.0
 
 Where = tuple[float, float]  # start and end [s]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 COLOURS = {"previous": OLD, "active": NEW}
 LINES = {"previous": "--", "active": "-"}
 RAW = "raw gyro output"
-SHORT_NM = 0.1  # a drift of less is drawn in metres
+SHORT_NM = 0.1  # a drift of less, 185 m, is drawn in metres
 LEAST_M = 0.01  # half the width of a drawing of less: no axis in 1e-5 m
 BANNERS = {
     ReplayVerdict.REPLAYED: "good",

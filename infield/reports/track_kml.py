@@ -22,7 +22,9 @@ from infield.session.disagreement import utc
 from ins.units import DEG
 
 MOST_POINTS = 20_000  # of all tracks together; viewers grow slow beyond
-FLIES_M = 100.0  # of height along the best track: more is a flight
+# of height along the best track: more is a flight; chosen: 3 km of the steepest runways (2 %)
+# climb 60 m
+FLIES_M = 100.0
 COLOURS = {"previous": OLD, "active": NEW, "aided": GREEN, "gnss": GREY}
 NAMES = {
     "previous": "free-inertial, previous table",

@@ -11,6 +11,7 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
+from infield.reports.documents.session import HEATING_DEG_C_MIN
 from infield.reports.documents.session_records import (
     ChainRow,
     EstimatedDocument,
@@ -50,8 +51,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SESSION_COLOURS = (BLACK, GREEN, PURPLE, ORANGE, SKY)  # of the runs' points, in turn
-SETTLED_DEG_C_MIN = 0.05  # a slower change of temperature is drawn as settled
-VAGUE = 4.0  # a point this many times the median sigma may run out of the frame
+VAGUE = 4.0  # a point this many times the median sigma may run out of the frame: 1/16 of the weight
 PHASE_COLOURS = {
     "alignment": SKY,
     "extended_alignment": "#A9D8F5",
@@ -129,7 +129,7 @@ def _draw_points(ax: "Axes", points: Sequence[PointDocument], run_ids: list[str]
         [run_ids.index(p.run_id) if p.run_id in run_ids else 0 for p in points],
         [p.temperature_rate_degC_min or 0.0 for p in points],
     )
-    way = np.where(np.abs(rate) < SETTLED_DEG_C_MIN, 0, np.sign(rate))
+    way = np.where(np.abs(rate) < HEATING_DEG_C_MIN, 0, np.sign(rate))
     for number in np.unique(run):
         colour = SESSION_COLOURS[int(number) % len(SESSION_COLOURS)]
         for sign, marker in ((1, "^"), (-1, "v"), (0, "o")):

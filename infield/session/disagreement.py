@@ -26,7 +26,8 @@ from ins.verdicts import Reason, because
 # of a session's mean bias from the table, to count as off it; 0.3 % of sound sessions
 OFF_SIGMAS = 3.0
 SAME_SIGMAS = 3.29  # two sessions of one unit differ by more in 1 of 1000 cases
-FEWEST_SESSIONS = 2  # sessions that agree
+# sessions that agree: one may be wrong itself; two beyond 3 sigma are no chance (1e-5)
+FEWEST_SESSIONS = 2
 
 
 @dataclass(frozen=True, kw_only=True)

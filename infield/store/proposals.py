@@ -42,7 +42,8 @@ from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, TableDocument
 from ins.verdicts import Outcome
 
-LONGEST_NAME, LONGEST_STORED_REASON = 200, 4000  # characters
+# characters; chosen: two lines of a report, and two screens of 25 lines of 80
+LONGEST_NAME, LONGEST_STORED_REASON = 200, 4000
 
 __all__ = ["Decision", "FullProposal", "Proposal", "ProposalStore"]
 

@@ -22,12 +22,16 @@ from ins.records import AXES, InputError
 
 GRID = 121  # temperatures that fit and error are taken at
 MISFIT = 0.1  # of each variance, taken as independent errors of the cubic
-# the valid range: where an axis is known at most this many times worse than where it is known best
+# the valid range: where an axis is known at most this many times worse than where it is known
+# best; chosen: it has 1/9 of the weight there
 KNOWN = 3.0
 LEAST_DEG_H = 1e-3  # of sigma: below it no autopilot's gyro shows a difference
+# chosen: half of what ArduPilot's own calibration asks for (TEMP_RANGE_MIN, 10 degC)
 SHORTEST_DEGC = 5.0
 FORCED = "WRITTEN ALTHOUGH TOO STIFF"  # before a fit's words in a file that was forced
-NO_TERM = 1e-12  # of the largest term at the end of the range: a smaller one is none
+# of the largest term at the end of the range: a smaller one is none; the autopilots' float32
+# keeps 6e-8
+NO_TERM = 1e-12
 _NUMBER = r"\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 _TELLS = re.compile(r"gyro [xyz]: (?:cubic less table|the cubic is the table)")
 _FIT = re.compile(

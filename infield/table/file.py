@@ -34,7 +34,8 @@ SCHEMA = "recal.table/1"
 CSV_COLUMNS = ("axis", "temperature_degC", "bias_deg_h", "sigma_deg_h")
 SLOPE_COLUMN = "slope_deg_h_degC"  # a fifth CSV column, hermite tables only
 PLAUSIBLE_NODES_degC = (-100.0, 200.0)  # beyond: kelvin, or another unit; 20 degC are 293 K
-# relative: sigma_deg_h may be the covariance's diagonal rounded to two digits, not another number
+# relative: sigma_deg_h may be the root of the covariance's diagonal rounded to two digits after
+# the leading one (0.5 %), not another number
 SIGMA_AGREES = 0.02
 
 

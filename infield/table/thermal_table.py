@@ -26,7 +26,8 @@ INTERPOLATIONS = ("linear", "hermite")
 # no table for a unit (formats.md, section 2)
 DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 DAYS_PER_YEAR = 365.25
-# asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding
+# asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding:
+# files of ten digits have 1e-10, doubles 1e-16
 TABLE_ROUNDING = 1e-9
 
 

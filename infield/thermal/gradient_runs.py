@@ -23,7 +23,8 @@ from infield.thermometer.smoother import SmoothTemperature, nodes_of, smooth_rea
 from ins.records import AXES, Run, TemperatureLog, TwinModel
 from ins.thermometer_faults import check_thermometers
 
-FLAT_degC = 0.05  # a line that moves less says nothing
+# a line that moves less says nothing: 5 steps of the default thermometer (0.01 degC)
+FLAT_degC = 0.05
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,15 @@ from ins.robust import robust_scatter, runs_of_true
 from ins.units import DEG_PER_HOUR, MICRO_G, STANDARD_GRAVITY
 from ins.verdicts import LeftOut
 
+# angle random walk of 0.002 deg/sqrt(h) is 0.0155 deg/h over it (physics.md 6.3), and a ramp of 1
+# degC/min passes 1 degC
 RAMP_BLOCK_S = 60.0
-FEWEST_SHARE = 0.6  # of a block that must be left
+# of a block that must be left: its noise is then at most 1.29 of that of a whole one
+FEWEST_SHARE = 0.6
 SHORTEST_WINDOW_S, LONGEST_WINDOW_S, WINDOW_degC = 120.0, 1800.0, 0.3  # over which a rate is read
-STEADY_SHARE = (
-    0.3  # a ramp's rate stays within this share of its median; the rest is soak or turning
-)
+# a ramp's rate stays within this share of its median; the rest is soak or turning; chosen: above
+# the 0.1 that a rate read from steps of 0.1 degC is off (R4), below 1 of a ramp that turns
+STEADY_SHARE = 0.3
 # a ten-second sum this far from the median of its ten minutes was bumped; 8 sigmas: 1e-15 of
 # Gaussian errors lie beyond
 BUMP_SIGMAS, BUMP_ROWS = 8.0, 61

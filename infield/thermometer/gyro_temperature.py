@@ -28,7 +28,9 @@ from ins.thermometer_faults import (
 )
 from ins.verdicts import LeftOut, Reason, because
 
-FEWEST_READINGS, SHORTEST_LOG_S = 10, 60.0  # of a temperature log that a session can be told from
+# of a temperature log that a session can be told from; chosen: the log of a minute with 12 nodes
+# of the smoother (5 s)
+FEWEST_READINGS, SHORTEST_LOG_S = 10, 60.0
 SAMPLES = 60  # of a span for its mean: every 5 s of a bin of 5 min
 # a hole up to this is bridged by the smoother, with the sigma that it has there
 BRIDGED_HOLE_S = 2.0 * HOLE_S

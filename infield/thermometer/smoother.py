@@ -19,19 +19,22 @@ from scipy.linalg import cho_solve_banded, cholesky_banded, solveh_banded
 from scipy.special import ndtr
 
 from ins.robust import white_sigma
+from ins.thermometer_faults import COARSE_degC
 
-NODE_S = 5.0
+NODE_S = 5.0  # a rate that changes by 1 degC/min within a minute bends 0.9 mdegC off a line over it
 # q [(degC/s)^2 / s]: a settled unit to a heated chip
 DENSITIES = tuple(10.0**k for k in range(-11, -3))
 FIRST_DENSITY = 3  # index above: 1e-8, a cold start
-# of a coarse thermometer only the first so many: faster motion cannot be told from its steps
+# of a coarse thermometer (COARSE_degC and more) only the first so many: faster motion cannot be
+# told from its steps
 COARSE_DENSITIES = 5
-COARSE_degC = 0.25
 # s / r that are tried; above, a step is no more seen
 NOISE_STEPS = (0.02, 0.035, 0.06, 0.1, 0.18, 0.32, 0.56, 1.0)
-LEAST_NOISE_degC = 1e-3
+LEAST_NOISE_degC = 1e-3  # a tenth of the default thermometer's noise (formats.md section 3)
 NEWTON_STEPS = 30
-FAINT = 1e-12  # least likelihood of an interval that is still computed as one
+# least likelihood of an interval that is still computed as one: beyond 7 sigma (1.3e-12), whose
+# square is 49
+FAINT = 1e-12
 
 
 @dataclass(frozen=True)

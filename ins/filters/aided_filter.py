@@ -32,7 +32,8 @@ from ins.strapdown.start import check_initial, check_rows, earth_frame_state, in
 
 STEP_S = 0.2
 KINDS = ("position", "velocity")
-ROUNDING = 1e-9  # of the trace: how negative an eigenvalue of a covariance may be
+# of the trace: how negative an eigenvalue of a covariance may be; a file of ten digits has 1e-10
+ROUNDING = 1e-9
 REJECT_PROBABILITY = 1e-6  # of a good fix, by the gate on the NIS of its three components
 ANTENNA = slice(AIDED_LEVER.start, AIDED_STATES)  # states of lever arm and delays
 ON_UNIT = Antenna(lever_arm_m=np.zeros(3))

@@ -60,8 +60,8 @@ SLOW_LEVEL, SLOW_DOWN, SLOW_S = 4, 5, 6
 SLOW_V, SLOW_V_S = 7, 8  # and of velocities
 # of the settings; CONSIDER: the antenna is, if above 0
 GATE, STAND_SIGMA, RESET_S, STAND_RATE, CONSIDER = 0, 1, 2, 3, 4
-# what a step carries over the end of a piece: NIS and count of the standing updates so far; seconds
-# and steps so far
+# what a step carries over the end of a piece, at places 0 to 11: NIS and count of the standing
+# updates so far; seconds and steps so far
 DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = (
     0,
     1,
@@ -75,8 +75,8 @@ DT, V_BEFORE, RATE, REJECTED_SINCE, STAND_NIS, STOOD, CLOCK, STEPS, CARRY = (
 )
 # of what is taken off: biases of gyros and accelerometers, slow errors, lever arm, delays
 B_SLOW, B_LEVER, B_DELAY, B_VELOCITY_DELAY, TAKEN = 6, 12, 15, 16, 17
-# the trail, one row a step: time, velocity, what velocity and position have gained since the start,
-# angular rate (NED)
+# the trail, one row a step: time, velocity, what velocity and position have gained since the
+# start, angular rate (NED); places of 13 columns, and 256 rows: 51 s of steps of 0.2 s
 TRAIL_T, TRAIL_V, TRAIL_DV, TRAIL_DR, TRAIL_W, TRAIL, TRAIL_ROWS = 0, 1, 4, 7, 10, 13, 256
 # of an output row: geodetic position, v_n, C_nb, biases, variances of the 15 errors, covariance of
 # the NED attitude error
@@ -84,7 +84,7 @@ O_BIAS, O_VAR, O_PHI, OUT = 15, 21, 36, 45
 # of a fix: residuals and their sigmas, position then velocity; NIS of each; what became of each;
 # log likelihood of each
 F_RESIDUAL, F_SIGMA, F_NIS, F_USED, F_LOGLIK, FIX = 0, 6, 12, 14, 16, 18
-UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3
+UNSEEN, REJECTED, USED, RESET = 0, 1, 2, 3  # what became of a fix, 0 to 3, in F_USED of its row
 POLE_TAN = 1e6
 UNSEEN_OFF = 10.0  # m or m/s: where it had to be begun anew and was not seen
 RESET_TILT_RAD = 0.02  # what the attitude may be off by where the solution had to be begun anew

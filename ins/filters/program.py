@@ -16,7 +16,7 @@ from ins.filters.states import THETA
 
 ADVANCE, MEASURE, ADD, ASSIGN = 0, 1, 2, 3  # operations
 REFUSED, USED, LOST, NOT_FINITE = 0, 1, -1, -2  # what became of one
-BIN, ROLLING, KEEP, MOVING = 0, 1, 2, 3  # columns of a step's flags
+BIN, ROLLING, KEEP, MOVING = 0, 1, 2, 3  # columns 0 to 3 of a step's flags
 
 Row = Mapping[int, ArrayLike]  # state index: coefficient, one for all or (m,)
 

@@ -31,7 +31,7 @@ ODOMETER_DELAY = 30  # how much older than its stamp a speed is [s]
 GNSS_ARM = slice(31, 33)  # error of the lever arm from the IMU to the antenna, body x, y [m]
 GNSS_DELAY = 33  # how much older than its stamp a position of the receiver is [s]
 GNSS_VELOCITY_DELAY = 34  # the same of its velocity [s]
-BASE = 35  # number of base states
+BASE = 35  # number of base states: those above are 0 to 34
 
 # Of these, the states that move, and those that only drive the moving ones, in the kernel's order.
 MOVING_STATES = (0, 1, 2, 3, 4, 5, 6, 7, 8, LATERAL)

@@ -9,7 +9,7 @@ from recal.fleet.document_records import Criteria, TableFacts
 from recal.service.inputs.unit_inputs import UNKNOWN_BIAS_DEG_H
 from recal.service.store import TableStore, UnitRecord, moment
 
-STALE_DAYS = 365.0
+STALE_DAYS = 365.0  # chosen: a year; docs/fleet.md says so
 STALE_SHARE = 0.5  # of the sigma of a unit without a table
 CRITERIA = Criteria(
     stale_after_days=STALE_DAYS,

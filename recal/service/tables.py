@@ -45,7 +45,7 @@ __all__ = [
     "write_proposal",
 ]
 
-MAX_DIGITS = 10  # of a revision number
+MAX_DIGITS = 10  # of a revision number, less one: 9 digits fit 32 bits (2,147,483,647)
 
 
 def open_tables(url: str, *, any_clock: bool = False) -> TableStore:

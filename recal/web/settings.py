@@ -12,8 +12,8 @@ from pathlib import Path
 from ins.records import InputError
 
 TOKEN_VARIABLE = "RECAL_SERVE_TOKEN"
-SHORTEST_TOKEN = 16  # characters
-LARGEST_TOKEN_FILE = 65_536  # bytes
+SHORTEST_TOKEN = 16  # characters: 16 random letters are 75 bits (26^16); docs/serve.md advises 32
+LARGEST_TOKEN_FILE = 65_536  # bytes; chosen: 500 lines of a name and a token of 64 characters each
 LOOPBACK_NAMES = ("localhost",)
 
 

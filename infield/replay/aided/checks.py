@@ -16,11 +16,16 @@ from ins.records import Site
 from ins.units import DEG
 from ins.verdicts import Reason, because
 
-REPEATS_ABOVE_M_S = 0.5  # faster than that no two good fixes are the same
+# no two good fixes are the same above it: of ten a second 5 cm apart, where 1e-7 deg are 1 cm
+REPEATS_ABOVE_M_S = 0.5
+# 0.1 m/s of the receiver's noise are 1.1 deg of course at 5 m/s; the median of 30 rows has 0.23
+# of the scatter of one (1.25 / sqrt(30))
 ON_TRACK_M_S, ON_TRACK_ROWS = 5.0, 30
+# chosen: mountings are within a degree or two, so 5 deg are no mounting; a scatter beyond 20 deg
+# is wind or slip, not a turned unit. It is a note and changes nothing
 OFF_TRACK_RAD, SPREAD_RAD = 5.0 * DEG, 20.0 * DEG
 SITE_OFF_M, SITE_SIGMAS = 30.0, 5.0  # 5 sigmas: 6e-7 of Gaussian errors lie beyond
-SOON_S = 60.0
+SOON_S = 60.0  # chosen: a log that stands within its first 60 s began parked
 
 
 def without_repeats(fixes: Fixes) -> tuple[Fixes, tuple[Reason, ...]]:

@@ -38,12 +38,14 @@ from ins.records import ImuLog, ImuSource, Run, TwinModel
 from ins.units import DEG_PER_HOUR_SQRT_HOUR, MICRO_G_PER_SQRT_HOUR
 from ins.verdicts import Reason, because
 
-FEWEST_FIXES = 10
-HELD_S = 7200.0  # of log that is kept in memory for it
+FEWEST_FIXES = 10  # chosen: 10 s of one fix a second; fewer hold nothing
+HELD_S = 7200.0  # of log that is kept in memory for it: at 200 Hz and 64 bytes a row 92 MB
 # of log that noise and antenna are fitted on, from the first time on that the vehicle moves
 FIT_S = 1800.0
 RESETS_TOLD = 5  # times of a new beginning that the reason names
-OUTAGE_S = 3.0  # without a used position: the solution coasts, and it is listed
+# without a used position: the solution coasts, and it is listed; at one fix a second 2 may be
+# lost
+OUTAGE_S = 3.0
 STAND_SIGMA_M_S = 0.01
 # a parked vehicle's own turning; 0: no measurement (a gyrocompass
 STAND_RATE_RAD_S = {"mems": 1e-4, "fog": 0.0, "rlg": 0.0}

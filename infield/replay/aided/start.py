@@ -28,9 +28,12 @@ from ins.records import ImuLog, ImuSource, NavState, Site, TwinModel
 from ins.units import DEG, DEG_PER_HOUR, MICRO_G
 from ins.verdicts import Reason, because
 
-# of log to match on, at first and at most; between two tries
+# of log to match on, at first and at most; between two tries; chosen: in 60 s a bias of 30 deg/h,
+# the default of MEMS units (formats.md section 2), turns by 0.5 deg
 FIRST_WINDOW_S, LONGEST_MATCH_S, STRIDE_S = 15.0, 60.0, 20.0
-LEAST_CHANGE_M_S = 2.0  # of satellite velocity within a window that is worth a try
+# of satellite velocity within a window that is worth a try: with 0.1 m/s of noise one pair tells
+# the heading to 4 deg, and HEADING_LIMIT_RAD is 3
+LEAST_CHANGE_M_S = 2.0
 # sigma of a match that is taken: three of them are still nearly linear; 1 - cos(9 deg) is 1.2 %
 HEADING_LIMIT_RAD = 3.0 * DEG
 FLOORS_RAD = (1.0 * DEG, 1.0 * DEG, 2.0 * DEG)  # sigma of tilt and heading after a match

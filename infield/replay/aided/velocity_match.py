@@ -19,8 +19,10 @@ from ins.earth import geodetic_from_ecef, gravity_n, omega_en_n, omega_ie_n
 from ins.filters.aided_records import Fixes
 from ins.records import ImuLog
 
-# between the fixes of a pair: short of it noise outweighs what gravity and turns show
+# between the fixes of a pair, one a second with 5 % of jitter: short of it noise outweighs what
+# gravity and turns show
 APART_S = 0.95
+# 15 equations for the 3 angles, so that the residuals tell the noise to 20 % (1 / sqrt(24))
 FEWEST_PAIRS = 5
 
 

@@ -21,7 +21,7 @@ from infield.thermal.rlg.terms import COLLINEAR, TERM_UNITS, TERMS, Collinear
 from ins.records import AXES
 from ins.verdicts import UNWRITTEN, Reason, because, written_as
 
-ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing
+ENOUGH = 1.2  # held-out residual over the noise floor, above which something is missing: R19
 MODEL = (
     "b = K1 + K2 T + K3 T^2 + K4 dT/dt + K5 T dT/dt + K6x Tdiff_x + K6y Tdiff_y + K6z"
     " Tdiff_z + rest(T), T = temperature less the reference, dT/dt in degC/min"

@@ -44,7 +44,9 @@ from ins.records import AXES, Phase
 from ins.units import DEG, DEG_PER_HOUR, MILLIRADIAN
 from ins.verdicts import because
 
-HEATING_DEG_C_MIN = 0.05  # a slower change of temperature is neither heating nor cooling
+# a slower change of temperature is neither heating nor cooling; chosen: it passes 0.25 degC in
+# the 5 min of a bin, a coarse thermometer's step
+HEATING_DEG_C_MIN = 0.05
 BAND_DEG_C = 5.0  # width of the bands of temperature that the coverage counts
 # of the values of each nuisance: name, size in SI
 NUISANCE_UNITS = {

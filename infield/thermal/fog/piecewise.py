@@ -30,7 +30,9 @@ STEP_degC = 0.25
 SURE = 1.96
 DEGREES = (1, 2, 3)
 MOST_ADDED = 4
-NEAREST_degC = 4.0  # no two breakpoints closer than this, nor to an end
+# no two breakpoints closer than this, nor to an end; chosen: above the grid of the curves
+# (GRID_degC of fog.ramps, 2.5), so that a piece holds more than one step of it
+NEAREST_degC = 4.0
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,9 @@ GRID_degC = 2.5
 # a slow ramp faster than this share of the fast one is the same ramp again; the separation divides
 # by their difference: 0.2 of a rate is 5 times the noise
 EQUAL_RATES = 0.8
-OVERLAP_degC = 10.0  # of temperatures that both members of a pair must have passed
+# of temperatures that both members of a pair must have passed: 5 points of GRID_degC, one more
+# than a cubic has coefficients
+OVERLAP_degC = 10.0
 KT, KD = 0, 1
 
 

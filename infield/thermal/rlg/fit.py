@@ -33,7 +33,9 @@ from infield.thermal.rlg.terms import (
 from infield.thermal.study import INFLATE_ABOVE
 from ins.records import AXES, TwinModel
 
-STRETCH_MIN, STRETCHES = 20, 5  # of a run: every fifth stretch is held out in turn
+# of a run: every fifth stretch is held out in turn; four bins of `recal update` (5 min) each, a
+# fifth of the data at a time
+STRETCH_MIN, STRETCHES = 20, 5
 # residuals are quoted for means over this, as long as the bins of `recal update`
 RESIDUAL_S = 300.0
 TEMPERATURE_ONLY = ("K1", "K2", "K3")

@@ -28,13 +28,16 @@ from infield.thermal.study import (
 from ins.records import AXES, TwinModel
 from ins.verdicts import Reason, because
 
-SHORTEST_MIN = 20  # usable minutes of a run
-FEWEST_MIN = 60  # of all runs together
-SPAN_degC = 10.0  # of temperatures in all
-ONE_SIDED = 0.25  # of the rate's RMS, what must be left beyond a curve of temperature
+FEWEST_MIN = 60  # of all runs together: 7 blocks of a minute for each of the 8 terms
+# of temperatures in all; chosen: as OVERLAP_degC of the ramps, 10 blocks at 1 degC/min
+SPAN_degC = 10.0
+# of the rate's RMS, what must be left beyond a curve of temperature: with less the sigma of K4
+# grows more than 4 times
+ONE_SIDED = 0.25
 CURVE_ORDER = 3  # of that curve
-MOVING_degC_min = 0.05  # a rate faster than this has a sign
-BOTH_WAYS_degC = 5.0  # of temperatures passed warming and cooling
+# a rate faster than this has a sign; as HEATING_DEG_C_MIN of reports.documents.session
+MOVING_degC_min = 0.05
+BOTH_WAYS_degC = 5.0  # of temperatures passed warming and cooling; chosen: 1/2 of SPAN_degC
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,13 +108,13 @@ def _cannot_fit(runs: Sequence[GradientRun]) -> tuple[Reason, ...]:
 
 
 def _too_short(run: GradientRun) -> tuple[Reason, ...]:
-    if run.minutes >= SHORTEST_MIN:
+    if run.minutes >= STRETCH_MIN:
         return ()
     why = because(
         ThermalReason.RUN_TOO_SHORT,
         run_id=run.blocks.run_id,
         minutes=run.minutes,
-        needed_min=SHORTEST_MIN,
+        needed_min=STRETCH_MIN,
     )
     return (why,)
 

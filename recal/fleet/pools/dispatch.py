@@ -19,8 +19,11 @@ from recal.fleet.records import (
     outcome_of,
 )
 
-MOST_ATTEMPTS = 3  # of a task whose worker died
-WARM = 3  # tasks after which more than one goes out, whatever they gave
+# of a task whose worker died; chosen: one that ends 3 workers is the cause itself
+MOST_ATTEMPTS = 3
+# tasks after which more than one goes out, whatever they gave; one that goes through compiles the
+# kernels for all (11 s, CHANGELOG.md), 3 that fail may not reach them
+WARM = 3
 
 
 class UnitQueue:

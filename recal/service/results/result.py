@@ -16,7 +16,7 @@ from ins.verdicts import plain
 from recal.service.results.files import write_text
 from recal.service.results.text import result_text
 
-SHOWN_LINES = 8  # of a result's summary in its repr
+SHOWN_LINES = 8  # of a result's summary in its repr; chosen: a third of a screen of 25 lines
 
 
 Record = TypeVar("Record")
