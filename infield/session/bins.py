@@ -19,7 +19,9 @@ from ins.records import TwinModel
 
 # spread of a bin's mean about every model of it; keeps the joint covariance invertible
 BIN_FLOOR_DEG_H = 1e-4
-TIED_SHARE = 0.5  # of a bin that needs a gyro temperature
+# of a bin that needs a gyro temperature; chosen: of 5 min the larger half, 150 s, as USED_SHARE
+# of parked.rates
+TIED_SHARE = 0.5
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,11 @@ from simreal.effects.telemetry import Telemetry, Trace
 
 # a blunder is -2, -1 or 1 times the table; any other share is a drift that looks like it
 WHOLE_LOG_PRIOR = -1.0
-# a table that moves by less over the runs has no temperature in it
+# a table that moves by less over the runs has no temperature in it; 1e-6 deg/h is what R6 takes
+# for no change
 LEAST_TABLE_RAD_S = 1e-6 * DEG_PER_HOUR
-LEAST_SPAN_degC = 0.2  # readings that move by less tell no slope
+# readings that move by less tell no slope: 20 steps of the default thermometer
+LEAST_SPAN_degC = 0.2
 SLOPE_STEP_degC = 0.5
 
 

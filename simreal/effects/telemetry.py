@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
-PARKED, ROLLING, AIRBORNE = 0, 1, 2
+PARKED, ROLLING, AIRBORNE = 0, 1, 2  # kinds of a second, 0 to 2
 
 
 @dataclass(frozen=True, kw_only=True)

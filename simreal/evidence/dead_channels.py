@@ -16,7 +16,9 @@ from ins.compensation import corrected
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude, omega_ie_n
 from ins.records import AXES, ImuLog, ImuSource, Run
 
-COMPUTED_SHARE = 1e-9  # of its size: a rate that varies by less was computed, not measured
+# of its size: a rate that varies by less was computed, not measured; doubles round by 1e-16, a
+# converter of 24 bits by 6e-8
+COMPUTED_SHARE = 1e-9
 # part of the vertical that a gyro must see to be told by the vertical Earth rate; an axis 17 deg
 # above the horizon
 LEVELLED = 0.3

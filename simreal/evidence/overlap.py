@@ -8,6 +8,7 @@ import numpy as np
 
 from ins.records import Run
 
+# chosen: a minute, the shortest log that is looked at (SHORTEST_REST_S of evidence.seconds, 60)
 LEAST_S = 60.0
 AIDING_STREAMS = ("temperature", "gnss", "odometer")
 

@@ -46,9 +46,11 @@ from simreal.evidence.parked_fixes import ParkedFixes
 from simreal.evidence.run_view import RunView
 
 GYRO_STATES = slice(em.BASE, em.BASE + 3)
-ROLLING_STATES = em.BASE + 3
+ROLLING_STATES = em.BASE + 3  # base states, then the 3 gyros
 YAW_JITTER_RAD = 0.1 * ARCSEC
-STOP_EDGE = 5  # seconds at both ends of a stop in which the vehicle may still roll
+# seconds at both ends of a stop in which the vehicle may still roll; chosen: BRAKING_S (2) of
+# alignment.motion.timeline, and 3 of a late receiver
+STOP_EDGE = 5
 CHANNEL = {
     "lateral": "vehicle",
     "odometer": "odometer",

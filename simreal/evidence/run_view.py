@@ -45,11 +45,15 @@ from simreal.effects.telemetry import AIRBORNE, PARKED, ROLLING, Telemetry
 from simreal.evidence.dead_channels import dead_columns, with_dead_filled
 from simreal.evidence.seconds import Seconds, seconds_of
 
-MOVEMENT_EDGE_S = 6.0  # beside movement: the vehicle may be on its way already
+# beside movement: the vehicle may be on its way already; chosen: twice the longest sum of the
+# rows in which a start shows (3 s)
+MOVEMENT_EDGE_S = 6.0
 BLIND_EDGE_S = 60.0  # the same, where a sensor is dead and a slow start may go unseen
 SHORTEST_PARK_S = 60.0
 SHORTEST_LEVEL_S = 30.0  # of a unit that does not find north
-MEAN_S, MOVING_M_S2 = 10, 0.15  # of a phase logged as parked
+# of a phase logged as parked: means of 10 s, 2.8 periods of rocking at 0.28 Hz, and a push of
+# 0.15 m/s^2, FORCE_STEP_M_S2 of alignment.motion.inertial
+MEAN_S, MOVING_M_S2 = 10, 0.15
 # turn-on bias over the level Earth rate beyond this: no heading, no navigation; 6 deg
 UNKNOWN_HEADING_RAD = 0.1
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from alignment.motion.seconds import LogSeconds
 from ins.records import InputError
 
-SHORTEST_REST_S = 60.0
+SHORTEST_REST_S = 60.0  # six blocks of PARKED_MEAN_S (10 s), in which the evidence comes
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,13 @@ from simreal.inference.scoring import fit
 from simreal.inference.verdict import Judging
 
 LOW_BAND = 32  # transform indices kept of a channel's parked rows; what moves is kept in as many
-TOUCHED = 0.02  # share of an effect's energy that makes a channel one of its own
+# share of an effect's energy that makes a channel one of its own; chosen: of 12 sigma, the size
+# of the blind trials, 0.02 is 1.7 sigma
+TOUCHED = 0.02
 ALTERNATE_S = 30.0  # blocks of an event's run that are fitted and judged in turn
-MOST_ENERGY = 0.9  # of an effect's energy within the low band
+# of an effect's energy within the low band; chosen: 0.9 of it makes a shrink at most 0.1 too
+# small
+MOST_ENERGY = 0.9  # of an effect's energy within the low band; chosen: 0.1 of it may go unjudged
 # variance of the predicted effect, of its energy: beyond, nothing is predicted; a sigma of half the
 # effect: 0.5^2
 LOOSE = 0.25

@@ -27,9 +27,9 @@ from simreal.inference.noise_hypotheses import (
 )
 from simreal.inference.scoring import Scorer, fit
 
-MOST_EFFECTS = 6
+MOST_EFFECTS = 6  # chosen: the blind trials (docs/gap_study.md) plant up to 2
 REPLICATES = 300
-TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn
+TAIL = 0.15  # share of the replicates through which the tail of their maxima is drawn: 45 of 300
 SWEEPS = 3
 REFINEMENTS = 3
 REFINED_POINTS = 9  # points of one refinement

@@ -24,8 +24,12 @@ UNLISTED = (UNKNOWN_MOTION, "")  # a cause outside the catalogue
 OUTSIDE, ROOM_SIGMA = 0.15, 25.0
 # of free functions of motion
 FREE_UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1.0)}
-LEAST_PROBABILITY = 0.01  # probability below which an answer is not listed
-ABSURD = 3.0  # times the upper end of the usual range, and the value is flagged
+# probability below which an answer is not listed, nor worth a recording; chosen: all that is left
+# out is less than 0.05, what a set of 0.95 may miss
+LEAST_PROBABILITY = 0.01  # of an answer that is listed, or worth a recording; chosen: 1 in 100
+# times the upper end of the usual range, and the value is flagged; chosen: half a power of ten,
+# as usual sizes are given to one digit
+ABSURD = 3.0
 
 
 @dataclass(frozen=True)

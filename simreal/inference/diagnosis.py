@@ -38,7 +38,7 @@ from simreal.inference.verdict import GapVerdict, Looks
 DEFAULT_ALPHA = 0.01
 MOST_PLACES = 8
 SPAN = (0.05, 0.95)  # of the energy, for the stretch of time and temperature that a place names
-LEAST_SHARE = 0.02
+LEAST_SHARE = 0.02  # of the gap, for a channel to be named; chosen: as TOUCHED of addback, 1/50
 PHASE_OF_MOTION = {PARKED: "extended_alignment", ROLLING: "taxi", AIRBORNE: "flight"}
 
 

@@ -23,7 +23,8 @@ from simreal.inference.bank import SIZES, Bank, Group, Hypothesis, size_weights
 # squared length left after projection, of the whole: below, an effect is one of the selected ones;
 # 1 % of its length
 ALIKE = 1e-4
-# squared length in usual sizes below which an effect leaves no trace at all in these runs
+# squared length in usual sizes below which an effect leaves no trace at all in these runs: a
+# thousandth of a sigma, 1e-3^2
 NO_TRACE_SQUARE = 1e-6
 GENERIC_RANGE = (0.03, 30.0)  # of a free function's coefficients, in turn-on sigmas
 

@@ -30,7 +30,8 @@ LEAST_LEFT = 1e-6  # of a squared signature; nearer than that is the same
 GRAM_ROUNDING = 1e-6  # of the bank's Gram matrix, which is summed in single precision
 # a signature that the rival's columns hold whole; 0.3 % of its length is beside them
 SAME_COS2 = 1.0 - 1e-5
-NO_SIGNATURE_SQUARE = 1e-12  # squared size of an effect that leaves no trace
+# squared size of an effect that leaves no trace: a millionth of a sigma, 1e-6^2
+NO_SIGNATURE_SQUARE = 1e-12
 
 
 @dataclass(frozen=True)

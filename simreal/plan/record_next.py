@@ -4,12 +4,11 @@ from its rivals.
 
 from infield.table.thermal_table import ThermalTable
 from simreal.effects.base import SLOW_NAME
-from simreal.inference.causes import Cause, Rival
+from simreal.inference.causes import LEAST_PROBABILITY, Cause, Rival
 from simreal.inference.diagnosis import Diagnosis
 from simreal.plan.advice import advice
 
 MOST_CAUSES = 3  # each simulates a few recordings
-LEAST_PROBABILITY = 0.01  # of a rival that is worth a recording
 
 
 def record_next(diagnosis: Diagnosis, table: ThermalTable | None) -> list[str]:

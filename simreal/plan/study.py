@@ -27,7 +27,9 @@ NULL_NATS = 5.0
 DELTAS = np.linspace(1.0, 20.0, 191)  # sizes tried for the smallest that is seen
 # of the score, and for each pair: a recording that separates no more must gain this
 LEAST_GAIN, LEAST_EACH = 0.1, 0.01
-EQUAL_GAIN = 0.03  # of the best gain: within it, the cheaper recording is taken
+# of the best gain: within it, the cheaper recording is taken; chosen: 3 % of a gain are not worth
+# an hour
+EQUAL_GAIN = 0.03
 COMPARED: dict[str, tuple[Recording, ...]] = {
     "1 cold": (Recording(),),
     "1 cooling": (Recording(start="cooling"),),

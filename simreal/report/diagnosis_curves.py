@@ -25,9 +25,12 @@ from simreal.inference.scoring import fit
 from simreal.inference.verdict import Judging
 
 MINUTE_BINS = 6
-# of its RMS: an effect whose scatter within a run is larger is no constant of that run
+# of its RMS: an effect whose scatter within a run is larger is no constant of that run; chosen:
+# below the 0.5 of a ramp that begins at zero
 VARIES = 0.2
-LEAST_ELSEWHERE = 1e-3  # share of an effect's information: below, it is not in those runs
+# share of an effect's information: below, it is not in those runs; of 12 sigma, the size of the
+# blind trials, 0.4 sigma is left
+LEAST_ELSEWHERE = 1e-3
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ from simreal.twin.write_back import effect_items, processes_of
 NO_TABLE = "the twin has no table: the whole thermal bias counts as gap"
 PARK_FIRST = "Park for 5 minutes or more after power-on, then repeat."
 MOST_SAID = 4  # parameters of a cause in the lines for people
-LEAST_P = 1e-300  # a p-value below has no digits to show
+LEAST_P = 1e-300  # a p-value below has no digits to show: the smallest double is 2.2e-308
 
 
 @dataclass(frozen=True, kw_only=True)

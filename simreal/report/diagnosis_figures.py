@@ -30,13 +30,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
 
-MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be
-SHOWN_NATS = 3.0  # a smaller excess has no number in its cell
+MOST_NATS = 30.0  # colour scale of the heat map: beyond, a cell is as dark as can be; odds of 1e13
+SHOWN_NATS = 3.0  # a smaller excess has no number in its cell: odds of 20
 MOST_PANELS = 8
 MOST_BANDS = 2  # channels of one drawing of bands
 LEAST_RHO = 0.05  # a smaller ratio is drawn there
-DARK = 0.55  # share of the colour scale from which a number is written in white
-LEAST_SHOWN = 0.001  # probability of an answer that is drawn
+# share of the colour scale from which a number is written in white; chosen: past its middle (0.5)
+DARK = 0.55
+LEAST_SHOWN = 0.001  # probability of an answer that is drawn: a bar of 0.1 % is one pixel of 1000
 Band = tuple[float, float, bool]  # lower and upper end [Hz], and whether the vehicle moves
 
 

@@ -37,7 +37,9 @@ from ins.records import ImuSource, NavHistory, NavState, Site, TwinModel
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from ins.units import DEG_PER_HOUR, MICRO_G
 
-UNSEEN = 0.9  # a heading sigma above this share of its prior means that the taxi did not show it
+# a heading sigma above this share of its prior means that the taxi did not show it: it told 0.1
+# nats
+UNSEEN = 0.9
 
 
 @dataclass(frozen=True)

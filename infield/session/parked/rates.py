@@ -41,8 +41,10 @@ from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_SQRT_HOUR, HOUR, PPM
 from ins.verdicts import LeftOut, Reason, because
 
 SHORTEST_RATE_BIN_S, MOST_BINS = 60.0, 60
-USED_SHARE = 0.5  # of a bin that must be still
+USED_SHARE = 0.5  # of a bin that must be still: its sigma is at most 1.41 of that of a whole one
 NOISIER = 1.2  # times the twin's white noise: worth saying
+# times the twin's white noise, and nothing is taken: 100 times the variance is another unit or no
+# rest
 TOO_NOISY = 10.0
 FREE_LEVEL = 1e3  # in sigmas of the innovations: nothing believed of the level
 

@@ -17,8 +17,11 @@ from infield.session.reasons import ParkedReason
 from ins.records import AIRBORNE_PHASES, PARKED_PHASES, Run
 from ins.verdicts import LeftOut, Reason, because
 
+# the noise of the default MEMS unit (0.3 deg/sqrt(h)) leaves 2.3 deg/h over it, a thirteenth of
+# the 30 of a unit without a table (formats.md section 2)
 MIN_PARKED_S = 60.0
-NAMED_ABOVE_S = 20.0  # a rest shorter than MIN_PARKED_S and longer than this is named as left out
+# a rest shorter than MIN_PARKED_S and longer than this is named as left out: a third of 60 s
+NAMED_ABOVE_S = 20.0
 
 
 @dataclass(frozen=True)

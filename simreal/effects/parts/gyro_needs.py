@@ -16,9 +16,10 @@ from simreal.effects.telemetry import PARKED, Telemetry
 NEEDED_TURN_RAD = 0.5  # 29 deg: level Earth rate changes by 12 % on one axis and 48 % on the other
 # slower is Earth rate, transport rate or noise; 7e-5 rad/s, 4e-5 rad/s at 250 m/s
 TURNING_RAD_S = 2e-3
-TEMPERATURE_CHANGE_degC = 1.0
-GRADIENT_CHANGE_degC = 0.1
-TURN_TEMPERATURES_degC = 3.0  # between turns "at two temperatures"
+TEMPERATURE_CHANGE_degC = 1.0  # ten steps of a thermometer of 0.1 degC (R4)
+GRADIENT_CHANGE_degC = 0.1  # ten steps of the default thermometer (0.01 degC)
+# between turns "at two temperatures"; chosen: 3 of TEMPERATURE_CHANGE_degC
+TURN_TEMPERATURES_degC = 3.0
 HEADING_APART_RAD = 0.5  # 29 deg, as a turn
 FORCE_CHANGE_M_S2 = 0.5  # of a component, about 0.05 g
 
