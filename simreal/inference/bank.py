@@ -22,7 +22,7 @@ from simreal.evidence.whitened import CHANNELS, SENSORS, Evidence
 # squared sizes that the prior mixes
 SIZES = np.array([9.0, 36.0, 144.0, 576.0, 2304.0, 9216.0, 36864.0, 147456.0])
 GENERIC_LOG_PRIOR, RUN_LOG_PRIOR = -2.0, -3.0
-# times the upper end of the usual range, and the prior is thin; chosen: two powers of ten
+# times the upper end of the usual range, and the prior is thin; chosen: 1e2, a step of e^-3 there
 REACH = 100.0
 # deg/h and ug of the units the catalogue's usual sizes are for
 NAVIGATION_TURN_ON = {"gyro": 0.003, "accel": 30.0}

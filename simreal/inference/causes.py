@@ -27,8 +27,8 @@ FREE_UNITS = {"gnss": ("m", 1.0), "odometer": ("m/s", 1.0), "vehicle": ("m/s", 1
 # probability below which an answer is not listed, nor worth a recording; chosen: all that is left
 # out is less than 0.05, what a set of 0.95 may miss
 LEAST_PROBABILITY = 0.01  # of an answer that is listed, or worth a recording; chosen: 1 in 100
-# times the upper end of the usual range, and the value is flagged; chosen: half a power of ten,
-# as usual sizes are given to one digit
+# times the upper end of the usual range, and the value is flagged; chosen: about half a power of
+# ten (3.2), as usual sizes are given to one digit
 ABSURD = 3.0
 
 

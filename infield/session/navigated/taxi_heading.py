@@ -344,7 +344,7 @@ EVIDENCE = {
     "centre line": HeadingSource.SURVEY,
 }
 # of the gain in heading: below it no one kind of evidence is named; chosen: the others have told
-# less than a quarter of it
+# less than 1/4 of what it told
 MOST_OF_IT = 0.8
 
 

@@ -9,7 +9,7 @@ from infield.store.database import store_name
 from infield.store.errors import StoreNotAskedFor, UnitNotInStore
 from infield.store.table_store import TableStore, UnitKey
 
-UNITS_NAMED = 8  # units of a store that one line names
+UNITS_NAMED = 8  # units of a store that one line names; chosen: 8 serials of ten characters
 
 
 def refuse_store(url: str, key: UnitKey) -> NoReturn:
