@@ -157,24 +157,8 @@ def _greet(settings: ServeSettings, made: str, *, quiet: bool) -> None:
 
 def _run(app: Any, listener: socket.socket, *, log: bool) -> None:
     """Serve until interrupted; requests are logged on standard error with -v."""
-    import copy
-
     import uvicorn
 
-    logging = copy.deepcopy(uvicorn.config.LOGGING_CONFIG)
-    logging["handlers"]["access"]["stream"] = "ext://sys.stderr"
-    config = uvicorn.Config(
-        app,
-        log_config=logging,
-        log_level="info" if log else "warning",
-        access_log=log,
-        server_header=False,
-        proxy_headers=False,
-        ws="none",
-        lifespan="off",
-        timeout_keep_alive=5,
-        limit_concurrency=100,
-        timeout_graceful_shutdown=5,
-        h11_max_incomplete_event_size=32_768,
-    )
-    uvicorn.Server(config).run(sockets=[listener])
+    from recal.web.connections import server_config
+
+    uvicorn.Server(server_config(app, log=log)).run(sockets=[listener])

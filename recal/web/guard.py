@@ -7,8 +7,8 @@ read whole beforehand.
 
 import asyncio
 import ipaddress
+import re
 from collections.abc import Callable
-from urllib.parse import urlsplit
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -19,6 +19,11 @@ Refuse = Callable[[int, str], tuple[int, list[tuple[bytes, bytes]], bytes]]
 # bytes of a form (docs/serve.md): a reason of 4,000 letters of two bytes has 24,000 when
 # percent-encoded
 MAX_BODY = 32_768
+# A Host, whole: a name or an address, IPv6 in brackets, and perhaps a port (RFC 9110, 7.2).
+HOST = re.compile(
+    r"(?:(?P<name>[0-9A-Za-z._-]+)|\[(?P<ipv6>[0-9A-Fa-f:.]+)\])(?::(?P<port>[0-9]{1,5}))?"
+)
+MAX_PORT = 65_535  # 2^16 - 1
 BODY_WAIT_S = 10.0
 BODY = "recal.body"  # where the routes find it in the scope
 FORM = "application/x-www-form-urlencoded"
@@ -104,21 +109,25 @@ def allowed_host(host: str, settings: ServeSettings) -> bool:
     """May a browser ask under this Host? An IP address cannot be rebound; names must be known. The
     port does not count.
     """
-    try:
-        parts = urlsplit(f"//{host}")
-        name, _ = parts.hostname or "", parts.port
-    except ValueError:
+    found = HOST.fullmatch(host)
+    if found is None or int(found["port"] or 0) > MAX_PORT:
         return False
-    if parts.username is not None or parts.path or parts.query or parts.fragment:
+    name = (found["name"] or found["ipv6"]).lower()
+    address = _address(name)
+    if found["ipv6"] and (address is None or address.version != 6):
         return False
     if name in settings.hosts or name == settings.host.lower():
         return True
-    if is_loopback(settings.host):
-        return is_loopback(name)
-    try:
-        return bool(ipaddress.ip_address(name))
-    except ValueError:
+    if address is None:
         return name in LOOPBACK_NAMES
+    return address.is_loopback or not is_loopback(settings.host)
+
+
+def _address(name: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(name)
+    except ValueError:
+        return None
 
 
 def check_origin(headers: dict[str, list[str]]) -> None:

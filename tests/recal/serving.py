@@ -16,6 +16,7 @@ from infield.store.table_store import MergedRun, TableStore
 from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
 from recal.web.app import build_app
+from recal.web.connections import server_config
 from recal.web.settings import ServeSettings, token_of
 
 TOKEN, NAMED_TOKEN = "0123456789abcdef-shared", "0123456789abcdef-of-her"
@@ -28,15 +29,7 @@ def serving(url, *, tokens=TOKENS, **more):
     listener = socket.create_server(("127.0.0.1", 0))
     port = listener.getsockname()[1]
     app = build_app(ServeSettings(store_url=url, port=port, tokens=tokens, **more))
-    config = uvicorn.Config(
-        app,
-        log_level="critical",
-        ws="none",
-        lifespan="off",
-        server_header=False,
-        proxy_headers=False,
-    )
-    server = uvicorn.Server(config)
+    server = uvicorn.Server(server_config(app, log=False))
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
     thread.start()
     try:

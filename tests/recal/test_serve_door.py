@@ -36,6 +36,18 @@ def test_which_hosts_are_ours():
         "localhost/a",
         "localhost?a",
         "127.0.0.1.evil.example",
+        "[::1].evil",
+        "[::1].evil:8000",
+        "[::1]x:8000",
+        "x[::1]",
+        "::1",
+        "[127.0.0.1]",
+        "[localhost]",
+        "[::1]:70000",
+        "127.0.0.1:8000:9",
+        "127.0.0.1 ",
+        "localhost\n",
+        "",
     ):
         assert not allowed_host(host, here) and not allowed_host(host, there)
 

@@ -7,6 +7,7 @@ import os
 import re
 import socket
 
+import httpx
 import pytest
 
 pytest.importorskip("fastapi")
@@ -15,6 +16,7 @@ from infield.store.table_store import TableStore
 from ins.records import InputError
 from recal.web import guard, pages
 from recal.web.actions import local_path
+from recal.web.connections import MAX_CONNECTIONS, Connection, waiting_longest
 from recal.web.door import MAX_FAILURES
 from recal.web.reports import Reports
 from recal.web.settings import ServeSettings
@@ -108,6 +110,7 @@ def test_every_answer_carries_the_headers(visitor):
         "127.0.0.1@evil.example",
         "evil.example:127.0.0.1",
         "[::1",
+        "[::1].evil",
         "127.0.0.1/..",
     ],
 )
@@ -123,6 +126,65 @@ def test_no_host_and_two_hosts_are_not_served(site):
     ):
         answer = raw(site[0], request)
         assert answer.split()[1] in (b"400", b"421") and b"SN-1" not in answer
+
+
+IDLE = (  # what a client may leave the server waiting for
+    b"",
+    b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
+    b"POST /signin HTTP/1.1\r\nHost: localhost\r\nOrigin: http://localhost\r\n"
+    b"Sec-Fetch-Site: same-origin\r\nContent-Type: application/x-www-form-urlencoded\r\n"
+    b"Content-Length: 100\r\n\r\na=",
+)
+
+
+@pytest.mark.parametrize("begun", IDLE, ids=["nothing", "half-a-head", "half-a-form"])
+def test_idle_connections_make_room_for_a_new_one(site, begun):
+    """Twice as many as may be open at once, beyond the limit where uvicorn answers 503."""
+    where = site[0].removeprefix("http://").split(":")
+    held = [socket.create_connection((where[0], int(where[1])), timeout=10) for _ in range(130)]
+    try:
+        for connection in held:
+            connection.sendall(begun)
+        for _ in range(3):
+            assert httpx.get(f"{site[0]}/", trust_env=False, timeout=10).status_code == 200
+        dropped = [connection for connection in held[:60] if is_closed(connection)]
+        assert len(dropped) == 60 and not is_closed(held[-1])
+    finally:
+        for connection in held:
+            connection.close()
+
+
+def is_closed(connection):
+    """Whether the server has ended a connection."""
+    connection.settimeout(0.05)
+    try:
+        return connection.recv(1) == b""
+    except TimeoutError:
+        return False
+    except ConnectionError:
+        return True
+
+
+def test_a_request_at_work_is_never_dropped():
+    """Connections of a stand-in loop: the oldest waiting ones go, as many as are needed."""
+
+    def stub(opened_s, waits):
+        held = object.__new__(StubConnection)
+        held.opened_s, held.is_waiting = opened_s, waits
+        return held
+
+    at_work = [stub(k, False) for k in range(MAX_CONNECTIONS)]
+    waiting = [stub(100 - k, True) for k in range(5)]
+    held = {*at_work, *waiting}
+    assert waiting_longest(held, MAX_CONNECTIONS) == []
+    assert waiting_longest(held, MAX_CONNECTIONS + 2) == [waiting[4], waiting[3]]
+    assert set(waiting_longest(held, len(held) + 1)) == set(waiting)
+
+
+class StubConnection(Connection):
+    """One whose waiting is said."""
+
+    waits = property(lambda self: self.is_waiting)
 
 
 @pytest.mark.parametrize(
