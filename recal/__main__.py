@@ -28,7 +28,7 @@ def _run() -> int:
     try:
         from recal.cli.app import app
 
-        app()
+        app(prog_name="recal")
     except SystemExit as end:
         if isinstance(end.__context__, BrokenPipeError):  # the reader of the help has seen enough
             return 0

@@ -2,23 +2,14 @@
 exit code.
 """
 
-import types
-import typing
-from pathlib import Path
 from typing import Any
 
 import typer
 
 from recal.cli import console
 from recal.cli.app import app
+from recal.cli.terminal.help import default_of, is_argument, panel_of, takes, text_of, usage_words
 
-PYTHON_TYPES: dict[Any, str] = {
-    bool: "",
-    str: "TEXT",
-    int: "WHOLE NUMBER",
-    float: "NUMBER",
-    Path: "PATH",
-}
 WORDS = {
     console.DONE_EXIT: "done",
     console.USAGE_EXIT: "wrong usage: an unknown option or a missing argument",
@@ -66,7 +57,9 @@ def _index(by_word: dict[str, dict[str, Any]]) -> str:
     lines = [
         "# Commands",
         "",
-        "Made from the program when this site was built.",
+        "Made from the program when this site was built. Every command takes `--json`, `-q` and"
+        " `-v`. Every command accepts `--seed`; where it is not listed, the command draws no random"
+        " numbers.",
         "",
         "| command | does |",
         "|---|---|",
@@ -97,8 +90,8 @@ def _page(word: str, commands: dict[str, Any]) -> str:
             *_help(command),
             _usage(name, command),
             "",
-            *_arguments(command),
-            *_options(command),
+            *_arguments(name, command),
+            *_options(name, command),
         ]
     return "\n".join(parts)
 
@@ -123,64 +116,43 @@ def _help(command: Any) -> list[str]:
 
 
 def _usage(name: str, command: Any) -> str:
-    words = ["recal", name, "[OPTIONS]"]
-    for p in _of_kind(command, arguments=True):
-        word = (p.metavar or p.name).upper() + ("..." if p.nargs == -1 else "")
-        words.append(word if p.required else f"[{word}]")
-    return "\n".join(["```", " ".join(words), "```"])
+    return "\n".join(["```", " ".join(["recal", name, *usage_words(command)]), "```"])
 
 
-def _arguments(command: Any) -> list[str]:
-    found = _of_kind(command, arguments=True)
+def _arguments(name: str, command: Any) -> list[str]:
+    found = [p for p in _shown(command) if is_argument(p)]
     rows = [
-        f"| `{(p.metavar or p.name).upper()}` | {'yes' if p.required else 'no'} | {_cell(p.help)} |"
+        f"| `{takes(p)}` | {'yes' if p.required else 'no'} | {_cell(text_of(p, _path(name)))} |"
         for p in found
     ]
     return ["| argument | needed | |", "|---|---|---|", *rows, ""] if rows else []
 
 
-def _options(command: Any) -> list[str]:
-    found = _of_kind(command, arguments=False)
-    rows = [f"| {_flags(p)} | {_kind(p)} | {_default(p)} | {_cell(p.help)} |" for p in found]
-    return ["| option | takes | default | |", "|---|---|---|---|", *rows, ""] if rows else []
+def _options(name: str, command: Any) -> list[str]:
+    found = [p for p in _shown(command) if not is_argument(p)]
+    rows = [
+        f"| {_flags(p)} | {_code(takes(p))} | {panel_of(p).lower()} | {_code(default_of(p))} |"
+        f" {_cell(text_of(p, _path(name)))} |"
+        for p in found
+    ]
+    head = ["| option | takes | kind | default | |", "|---|---|---|---|---|"]
+    return [*head, *rows, ""] if rows else []
 
 
-def _of_kind(command: Any, *, arguments: bool) -> list[Any]:
-    params = [p for p in command.params if not getattr(p, "hidden", False)]
-    return [p for p in params if (not p.opts[0].startswith("-")) == arguments]
+def _path(name: str) -> str:
+    return f"recal {name}"
+
+
+def _shown(command: Any) -> list[Any]:
+    return [p for p in command.params if not getattr(p, "hidden", False)]
 
 
 def _flags(param: Any) -> str:
     return ", ".join(f"`{flag}`" for flag in (*param.opts, *param.secondary_opts))
 
 
-def _kind(param: Any) -> str:
-    """What follows the flag; a list may be given several times."""
-    hint = param.type_descriptor.annotation
-    options = [h for h in typing.get_args(hint) if h is not type(None)]
-    if typing.get_origin(hint) in (typing.Union, types.UnionType) and options:
-        hint = options[0]
-    if typing.get_origin(hint) in (list, tuple):
-        return f"{_word(typing.get_args(hint)[0])}, repeated"
-    return _word(hint)
-
-
-def _word(hint: Any) -> str:
-    if typing.get_origin(hint) is typing.Literal:
-        return " \\| ".join(f"`{a}`" for a in typing.get_args(hint))
-    if isinstance(hint, type) and hasattr(hint, "__members__"):
-        return " \\| ".join(f"`{m.value}`" for m in hint.__members__.values())
-    return PYTHON_TYPES.get(hint, getattr(hint, "__name__", str(hint)))
-
-
-def _default(param: Any) -> str:
-    if param.required:
-        return "needed"
-    if isinstance(param.default, bool) and param.secondary_opts:
-        return f"`{(param.opts if param.default else param.secondary_opts)[0]}`"
-    if param.default is None or param.default is False or param.default in ((), []):
-        return ""
-    return f"`{param.default}`" if not callable(param.default) else ""
+def _code(text: str) -> str:
+    return "`" + text.replace("|", "\\|") + "`" if text else ""
 
 
 def _summary(command: Any) -> str:

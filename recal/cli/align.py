@@ -12,6 +12,7 @@ from recal.cli.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    TwinPath,
     Verbose,
     answer,
     finish,
@@ -19,9 +20,9 @@ from recal.cli.console import (
 
 
 def command(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: Annotated[Path, typer.Argument(help="A run directory.")],
     store: StoreUrl = DEFAULT_STORE,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    twin: TwinPath = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

@@ -5,12 +5,12 @@
 
 import importlib
 from collections.abc import Iterator, MutableMapping
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
-from recal.cli.console import Command
+from recal.cli.console import Command, print_lines
 
 COMMANDS = {  # the first paragraph of each command's help
     "demo": (
@@ -119,13 +119,27 @@ app = typer.Typer(
     name="recal",
     cls=Program,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     help="Strapdown inertial navigation that recalibrates its gyros in the field.",
 )
 
 
+def _show_version(asked: bool) -> None:
+    if asked:
+        from recal.service.results.files import program_version
+
+        print_lines([f"recal {program_version()}"])
+        raise typer.Exit
+
+
 @app.callback()
-def program() -> None:
-    """What comes before the command: no options of its own."""
+def program(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_show_version, help="Print the version and exit."
+        ),
+    ] = False,
+) -> None:
+    """What comes before the command."""

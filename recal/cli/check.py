@@ -11,7 +11,7 @@ from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer, finish, 
 def command(
     run: Annotated[Path, typer.Argument(help="A run directory.")],
     serial: Annotated[
-        str | None, typer.Option("--serial", help="The unit that it should be from.")
+        str | None, typer.Option("--serial", help="Serial number that the run should have.")
     ] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

@@ -14,6 +14,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from recal.cli.terminal.help import FOLDER, help_records, usage_words
+from recal.cli.terminal.user_config import read_user_config
 from recal.service.results.text import result_text
 
 DONE_EXIT, FAILED_EXIT, USAGE_EXIT, BAD_INPUT_EXIT, REFUSED_EXIT, INCONSISTENT_EXIT = (
@@ -43,22 +45,23 @@ EXIT_CODES = {
 DEFAULT_STORE = "sqlite:///recal.db"
 
 JsonFlag = Annotated[
-    bool, typer.Option("--json", help="Print exactly the result JSON on standard output.")
+    bool, typer.Option("--json", help="Print the result as one JSON document, not in words.")
 ]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print nothing but errors.")]
 Verbose = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Say more: the whole result on standard error.")
+    bool, typer.Option("-v", "--verbose", help="Print the whole result on standard error, too.")
 ]
 Seed = Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the random generator.")]
 NoSeed = Annotated[
     int | None,
-    typer.Option("--seed", help="Accepted by every command; this one draws no random numbers."),
+    typer.Option("--seed", hidden=True, help="Accepted; this command draws no random numbers."),
 ]
 OPTIONAL_VALUE = {"--retry": "3"}
 AnyClock = Annotated[
     bool,
     typer.Option(
-        "--any-clock", help="Write although the clock is behind the unit's newest revision."
+        "--any-clock",
+        help="Write although this computer's clock is behind the unit's newest revision.",
     ),
 ]
 NewUnit = Annotated[
@@ -71,16 +74,41 @@ NewUnit = Annotated[
 NewStore = Annotated[
     bool, typer.Option("--new-store", help="Make the store if it is not there yet.")
 ]
-StoreUrl = Annotated[str, typer.Option("--store", help="SQLAlchemy URL of the table store.")]
+StoreUrl = Annotated[
+    str,
+    typer.Option(
+        "--store",
+        metavar="URL",
+        envvar="RECAL_STORE",
+        help="The store of tables, as an SQLAlchemy URL. Default: RECAL_STORE, else the store of"
+        f" your config.toml, else {DEFAULT_STORE}.",
+    ),
+]
 ThermalModelPath = Annotated[
     Path | None,
     typer.Option(
         "--thermal-model",
-        help="thermal_rlg.json or thermal_fog.json: its rates and gradients leave the log first.",
+        help="A fitted thermal_rlg.json or thermal_fog.json. What it says of temperature rates and"
+        " gradients is taken out of the log first.",
     ),
 ]
 OutputPath = Annotated[
-    Path | None, typer.Option("-o", "--output", help="Where to write (created).")
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FOLDER",
+        help=f"The folder to write to, made if need be. Default: {FOLDER}.",
+    ),
+]
+TwinPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--twin",
+        metavar="FILE",
+        help="Twin file with the noise model of the unit. Default: the unit's record in the store,"
+        " else the defaults of its technology.",
+    ),
 ]
 
 
@@ -91,11 +119,23 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """As typer does; an option of OPTIONAL_VALUE that no number follows gets its own."""
+        configured = read_user_config()
+        ctx.default_map = {"store": configured.store or None, "by": configured.operator or None}
         given = list(args)
         for k in reversed(range(given.index("--") if "--" in given else len(given))):
             if given[k] in OPTIONAL_VALUE and not "".join(given[k + 1 : k + 2]).isdecimal():
                 given.insert(k + 1, OPTIONAL_VALUE[given[k]])
         return super().parse_args(ctx, given)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """What follows the name in the line of usage."""
+        return usage_words(self)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Options under the headings of recal.cli.terminal.help, in plain text."""
+        for panel, rows in help_records(self, ctx.command_path).items():
+            with formatter.section(panel):
+                formatter.write_dl(rows)
 
     def get_short_help_str(self, limit: int = 0) -> str:
         """The first paragraph of the help, whole."""

@@ -6,40 +6,64 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer
+from recal.cli.terminal.help import INPUT
 
 
 def command(
     log: Annotated[Path, typer.Argument(help="A flight log.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
     map_file: Annotated[
-        Path | None, typer.Option("--map", help="TOML map: columns, units, axes, rate.")
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            rich_help_panel=INPUT,
+            help="Column map (TOML) of a table: its columns, units, axes and rate.",
+        ),
     ] = None,
-    serial: Annotated[str | None, typer.Option("--serial", help="imu_serial of the unit.")] = None,
+    serial: Annotated[
+        str | None, typer.Option("--serial", help="Serial number of the unit.")
+    ] = None,
     technology: Annotated[
-        str | None, typer.Option("--technology", help="rlg, fog or mems.")
+        str | None,
+        typer.Option(
+            "--technology", metavar="rlg|fog|mems", help="Technology of the unit's gyros."
+        ),
     ] = None,
     lat_deg: Annotated[
-        float | None, typer.Option("--lat-deg", help="Where the run starts.")
+        float | None,
+        typer.Option("--lat-deg", help="Latitude where the run starts [deg]. Default: the log's."),
     ] = None,
-    lon_deg: Annotated[float | None, typer.Option("--lon-deg")] = None,
+    lon_deg: Annotated[float | None, typer.Option("--lon-deg", help="Its longitude [deg].")] = None,
     height_m: Annotated[
-        float | None, typer.Option("--height-m", help="Above the ellipsoid.")
+        float | None, typer.Option("--height-m", help="Its height above the ellipsoid [m].")
     ] = None,
-    tail: Annotated[str | None, typer.Option("--tail", help="Tail number.")] = None,
+    tail: Annotated[str | None, typer.Option("--tail", help="Tail number of the aircraft.")] = None,
     start_utc: Annotated[
-        str | None, typer.Option("--start-utc", help="Such as 2026-03-01T05:00:00Z.")
+        str | None,
+        typer.Option("--start-utc", help="When the run starts, such as 2026-03-01T05:00:00Z."),
     ] = None,
     run_id: Annotated[
-        str | None, typer.Option("--run-id", help="Default: the name of the log.")
+        str | None, typer.Option("--run-id", help="Name of the run. Default: the name of the log.")
     ] = None,
     log_format: Annotated[
-        str | None, typer.Option("--format", help="Default: by the content of the log.")
+        str | None,
+        typer.Option("--format", help="Format of the log. Default: known by its content."),
     ] = None,
     imu: Annotated[
-        int | None, typer.Option("--imu", min=1, help="Which IMU of a log that has several.")
+        int | None,
+        typer.Option(
+            "--imu", min=1, rich_help_panel=INPUT, help="Which IMU of a log that has several."
+        ),
     ] = None,
     gnss: Annotated[
-        Path | None, typer.Option("--gnss", help="Fixes that are in a file of their own.")
+        Path | None,
+        typer.Option(
+            "--gnss",
+            metavar="FILE",
+            rich_help_panel=INPUT,
+            help="Satellite fixes that are in a file of their own.",
+        ),
     ] = None,
     from_s: Annotated[
         float | None, typer.Option("--from-s", help="Where to begin, by the log's own clock [s].")

@@ -16,7 +16,7 @@ def command(
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     rate_hz: Annotated[
-        float, typer.Option("--rate-hz", help="IMU rate of the simulated runs.")
+        float, typer.Option("--rate-hz", help="IMU rate of the simulated runs [Hz].")
     ] = 50.0,
     verbose: Verbose = False,
 ) -> None:
@@ -24,7 +24,7 @@ def command(
 
     Example: recal demo -o recal-demo
     """
-    from recal.cli.progress import Progress
+    from recal.cli.terminal.progress import Progress
     from recal.service.demo import demo
 
     chosen = DEFAULT_SEED if seed is None else seed

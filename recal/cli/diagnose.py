@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
+from recal.cli.terminal.help import INPUT
 
 
 def command(
@@ -15,17 +16,24 @@ def command(
     twin: Annotated[
         Path,
         typer.Option(
-            "--twin", help="Twin file: what the simulator believes; its table lies beside it."
+            "--twin",
+            metavar="FILE",
+            help="Twin file: what the simulator believes of the unit. Its table lies beside it.",
         ),
     ],
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
-            "--hold-out", help="Run (id or directory) that only judges the shrink (repeatable)."
+            "--hold-out",
+            metavar="RUN",
+            rich_help_panel=INPUT,
+            help="A run, by name or folder, that only judges how far the gap shrinks. May be"
+            " repeated.",
         ),
     ] = None,
     alpha: Annotated[
-        float, typer.Option(min=1e-4, max=0.5, help="False alarms per diagnosis.")
+        float,
+        typer.Option(min=1e-4, max=0.5, help="Share of diagnoses that may raise a false alarm."),
     ] = 0.01,
     output: OutputPath = None,
     as_json: JsonFlag = False,
@@ -38,7 +46,7 @@ def command(
 
     Example: recal diagnose run-1 run-2 run-3 --twin twin.json -o diagnosis
     """
-    from recal.cli.progress import Progress
+    from recal.cli.terminal.progress import Progress
     from recal.service.diagnose import diagnose
 
     with Progress("diagnosing", quiet=quiet) as told:

@@ -23,6 +23,7 @@ from recal.cli.console import (
     login_name,
     say,
 )
+from recal.cli.terminal.help import ADVANCED, OUTPUT
 
 if TYPE_CHECKING:
     from recal.fleet.document_records import FleetDocument
@@ -66,7 +67,7 @@ def update(
         bool, typer.Option("--dry-run", help="Store nothing, no proposals either.")
     ] = False,
     joint: Annotated[
-        bool, typer.Option("--joint", help="With --commit: all runs of a unit as one update.")
+        bool, typer.Option("--joint", help="With --commit: take all runs of a unit as one update.")
     ] = False,
     known_only: Annotated[
         bool,
@@ -77,21 +78,43 @@ def update(
     new_unit: NewUnit = False,
     new_store: NewStore = False,
     workers: Annotated[
-        int | None, typer.Option("--workers", min=1, help="Processes here; default: one a core.")
+        int | None,
+        typer.Option(
+            "--workers",
+            min=1,
+            rich_help_panel=ADVANCED,
+            help="Processes on this machine. Default: one a core.",
+        ),
     ] = None,
     cluster: Annotated[
-        str, typer.Option("--cluster", help="A Dask scheduler instead, such as tcp://host:8786.")
+        str,
+        typer.Option(
+            "--cluster",
+            metavar="URL",
+            rich_help_panel=ADVANCED,
+            help="Work on the cluster of this Dask scheduler, such as tcp://host:8786.",
+        ),
     ] = "",
     config: Annotated[
-        Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")
+        Path | None,
+        typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
     ] = None,
     pages: Annotated[
-        Pages, typer.Option("--pages", help="Drawn: a unit's last of each outcome, all, none.")
+        Pages,
+        typer.Option(
+            "--pages",
+            rich_help_panel=OUTPUT,
+            help="Which runs get a page: a unit's last of each outcome, all, or none.",
+        ),
     ] = Pages.last,
     by: Annotated[
-        str | None, typer.Option("--by", help="Who proposes; default: your login name.")
+        str | None,
+        typer.Option(
+            "--by",
+            help="Who proposes. Default: the operator of your config.toml, else your login name.",
+        ),
     ] = None,
-    note: Annotated[str, typer.Option("--note", help="Kept with the proposals.")] = "",
+    note: Annotated[str, typer.Option("--note", help="A note kept with the proposals.")] = "",
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

@@ -12,10 +12,12 @@ from recal.cli.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    TwinPath,
     Verbose,
     answer,
     finish,
 )
+from recal.cli.terminal.help import INPUT, OUTPUT
 
 if TYPE_CHECKING:
     from recal.service.misalignment import KnownAzimuths
@@ -30,43 +32,74 @@ Headings = Annotated[
     str | None,
     typer.Option(
         "--heading-deg",
-        help="Of the stops, such as 0,90,180,270; without them the gyros find the azimuths.",
+        metavar="DEG,DEG,...",
+        rich_help_panel=INPUT,
+        help="Headings of the stops, such as 0,90,180,270. Default: the gyros find the azimuths.",
     ),
 ]
 NorthToWest = Annotated[
-    str | None, typer.Option("--north-to-west-deg", help="The same, counted from north to west.")
+    str | None,
+    typer.Option(
+        "--north-to-west-deg",
+        metavar="DEG,DEG,...",
+        rich_help_panel=INPUT,
+        help="Headings of the stops, counted from north to west.",
+    ),
 ]
 SigmaAzimuth = Annotated[
-    float, typer.Option("--sigma-azimuth-arcsec", help="Of each given heading by itself.")
+    float,
+    typer.Option(
+        "--sigma-azimuth-arcsec", help="1 sigma of each given heading by itself [arcsec]."
+    ),
 ]
 SigmaNorth = Annotated[
     float,
-    typer.Option("--sigma-north-arcsec", help="Of what all given headings share: their north."),
+    typer.Option(
+        "--sigma-north-arcsec", help="1 sigma of the north that all given headings share [arcsec]."
+    ),
 ]
 SigmaMounting = Annotated[
     float | None,
     typer.Option(
         "--sigma-mounting-arcsec",
-        help="Of the unit's base against the turning axis: states accelerometer biases.",
+        help="1 sigma of the angle between the unit's base and the turning axis [arcsec]. Where it"
+        " is given, the result states accelerometer biases.",
     ),
 ]
 MaxOff = Annotated[
-    float, typer.Option("--max-off-deg", help="How far an azimuth may be off its place.")
+    float, typer.Option("--max-off-deg", help="How far a stop may be off its quarter turn [deg].")
 ]
 Prior = Annotated[
-    float, typer.Option("--prior-mrad", help="What a coupling may be before this, 1 sigma.")
+    float,
+    typer.Option(
+        "--prior-mrad", help="1 sigma of what a coupling may be before it is measured [mrad]."
+    ),
 ]
-Shortest = Annotated[float, typer.Option("--shortest-s", help="Stops below this are left out.")]
+Shortest = Annotated[float, typer.Option("--shortest-s", help="Shorter stops are left out [s].")]
 Latitude = Annotated[
-    float | None, typer.Option("--lat-deg", help="Latitude of a table (runs have their own).")
+    float | None,
+    typer.Option(
+        "--lat-deg",
+        rich_help_panel=INPUT,
+        help="Latitude of a CSV table [deg]; runs have their own.",
+    ),
 ]
 Sigma = Annotated[
     float | None,
-    typer.Option("--sigma-deg-h", help="Of the biases of a table without sigma columns."),
+    typer.Option(
+        "--sigma-deg-h",
+        rich_help_panel=INPUT,
+        help="1 sigma of the biases of a CSV table without sigma columns [deg/h].",
+    ),
 ]
-TwinPath = Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")]
 TwinOut = Annotated[
-    Path | None, typer.Option("--twin-out", help="Write the twin with misalignment and sigma here.")
+    Path | None,
+    typer.Option(
+        "--twin-out",
+        metavar="FILE",
+        rich_help_panel=OUTPUT,
+        help="Also write the twin with the misalignment and its sigma to this file.",
+    ),
 ]
 
 

@@ -28,26 +28,38 @@ class Technology(StrEnum):
 
 def command(
     runs: Annotated[
-        list[Path] | None, typer.Argument(help="Run directories at hand; none: plan from nothing.")
+        list[Path] | None, typer.Argument(help="Run directories at hand. Default: none.")
     ] = None,
     twin: Annotated[
-        Path | None, typer.Option("--twin", help="Twin file: noise model of the unit.")
+        Path | None,
+        typer.Option(
+            "--twin",
+            metavar="FILE",
+            help="Twin file with the noise model of the unit. Default: that of its technology.",
+        ),
     ] = None,
     technology: Annotated[
-        Technology, typer.Option(help="Defaults of this technology, without --twin or runs.")
+        Technology,
+        typer.Option(help="Technology of the gyros, where there is neither twin nor run."),
     ] = Technology.rlg,
     separate: Annotated[
         list[str] | None,
-        typer.Option("--separate", help="Two effects A,B (repeatable); A@gyro_y sets the channel."),
+        typer.Option(
+            "--separate",
+            metavar="A,B",
+            help="Two effects to tell apart; A@gyro_y names the channel. May be repeated."
+            " Default: the pairs that are usually confused.",
+        ),
     ] = None,
     without: Annotated[
-        list[Without] | None, typer.Option("--without", help="What there is not (repeatable).")
+        list[Without] | None,
+        typer.Option("--without", help="What a recording here cannot have. May be repeated."),
     ] = None,
     lat_deg: Annotated[
         float | None,
-        typer.Option(min=-85, max=85, help="Latitude; default that of the runs, or 45."),
+        typer.Option(min=-85, max=85, help="Latitude [deg]. Default: that of the runs, else 45."),
     ] = None,
-    most: Annotated[int, typer.Option(min=1, max=12, help="At most so many new recordings.")] = 6,
+    most: Annotated[int, typer.Option(min=1, max=12, help="How many new recordings at most.")] = 6,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -59,7 +71,7 @@ def command(
 
     Example: recal plan --twin twin.json --separate gyro_thermal_linear,gyro_warmup_transient
     """
-    from recal.cli.progress import Progress
+    from recal.cli.terminal.progress import Progress
     from recal.service.plan import PlanRequest, plan
 
     request = PlanRequest(

@@ -13,26 +13,35 @@ from recal.cli.console import (
     Quiet,
     StoreUrl,
     ThermalModelPath,
+    TwinPath,
     Verbose,
     answer,
     finish,
 )
+from recal.cli.terminal.help import OUTPUT
 
 
 def command(
-    run: Annotated[Path, typer.Argument(help="Run directory.")],
+    run: Annotated[Path, typer.Argument(help="A run directory.")],
     store: StoreUrl = DEFAULT_STORE,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    twin: TwinPath = None,
     thermal_model: ThermalModelPath = None,
     aided: Annotated[
         bool,
         typer.Option(
-            "--aided/--no-aided", help="Also navigate with the run's GNSS, where it has one."
+            "--aided/--no-aided",
+            help="Also navigate with the satellite fixes of the run, where it has any.",
         ),
     ] = True,
-    kml: Annotated[bool, typer.Option("--kml", help="Also write track.kml, for a globe.")] = False,
+    kml: Annotated[
+        bool,
+        typer.Option("--kml", rich_help_panel=OUTPUT, help="Also write track.kml for a globe."),
+    ] = False,
     csv: Annotated[
-        bool, typer.Option("--csv", help="Also write the navigation files as CSV.")
+        bool,
+        typer.Option(
+            "--csv", rich_help_panel=OUTPUT, help="Also write the navigation files as CSV."
+        ),
     ] = False,
     output: OutputPath = None,
     as_json: JsonFlag = False,

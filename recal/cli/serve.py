@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from recal.cli.console import DEFAULT_STORE, JsonFlag, NoSeed, Quiet, StoreUrl, Verbose, answer, say
+from recal.cli.terminal.help import INPUT
 
 if TYPE_CHECKING:
     import socket
@@ -24,30 +25,43 @@ def command(
     host: Annotated[
         str,
         typer.Option(
-            "--host", help="Address to listen on; any but this machine's own needs a token."
+            "--host", help="Address to listen on. Any but this machine's own needs a token."
         ),
     ] = "127.0.0.1",
     port: Annotated[
-        int, typer.Option("--port", min=0, max=65535, help="0: any that is free.")
+        int,
+        typer.Option(
+            "--port", min=0, max=65535, help="Port to listen on; 0 takes any that is free."
+        ),
     ] = 8000,
     reports: Annotated[
-        Path | None, typer.Option("--reports", help="Directory to find diagnosis reports below.")
+        Path | None,
+        typer.Option(
+            "--reports",
+            metavar="FOLDER",
+            rich_help_panel=INPUT,
+            help="Also show the diagnosis reports below this folder.",
+        ),
     ] = None,
     token_file: Annotated[
         Path | None,
         typer.Option(
             "--token-file",
-            help="A line each: TOKEN, or NAME TOKEN; else RECAL_SERVE_TOKEN is used.",
+            metavar="FILE",
+            rich_help_panel=INPUT,
+            help="File with a line for each reviewer: TOKEN, or NAME TOKEN. Default:"
+            " RECAL_SERVE_TOKEN.",
         ),
     ] = None,
     allow_host: Annotated[
         list[str] | None,
         typer.Option(
-            "--allow-host", help="A further name that browsers may use, as behind a proxy."
+            "--allow-host",
+            help="A further host name that browsers may use, as behind a proxy. May be repeated.",
         ),
     ] = None,
     https: Annotated[
-        bool, typer.Option("--https", help="A proxy adds TLS: cookies are for https only.")
+        bool, typer.Option("--https", help="A proxy adds TLS, so cookies are for https only.")
     ] = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

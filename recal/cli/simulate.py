@@ -6,30 +6,66 @@ from typing import Annotated
 import typer
 
 from recal.cli.console import JsonFlag, Quiet, Seed, Verbose, answer
+from recal.cli.terminal.help import INPUT, OUTPUT
 
 
 def command(
     scenario: Annotated[
-        str, typer.Argument(help="A scenario file (TOML), or the name of a packaged one.")
-    ],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The run directory to write.")],
+        str | None,
+        typer.Argument(
+            help="A scenario file (TOML), or the name of a packaged one. Needed but with --list."
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FOLDER",
+            help="The run directory to write. Needed but with --list.",
+        ),
+    ] = None,
+    listed: Annotated[
+        bool, typer.Option("--list", help="List the packaged scenarios and simulate nothing.")
+    ] = False,
     twin: Annotated[
-        Path | None, typer.Option("--twin", help="Twin file, instead of the scenario's.")
+        Path | None,
+        typer.Option("--twin", metavar="FILE", help="Twin file. Default: the scenario's."),
     ] = None,
     table: Annotated[
-        Path | None, typer.Option("--table", help="Factory table of the unit (JSON).")
+        Path | None,
+        typer.Option(
+            "--table",
+            metavar="FILE",
+            rich_help_panel=INPUT,
+            help="Factory table of the unit (JSON). Default: the scenario's, else one is drawn.",
+        ),
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option("--truth", help="CSV of the true biases, for scoring.")
+        Path | None,
+        typer.Option(
+            "--truth",
+            metavar="FILE",
+            rich_help_panel=OUTPUT,
+            help="Also write the true biases to this file (CSV).",
+        ),
     ] = None,
     table_out: Annotated[
-        Path | None, typer.Option("--table-out", help="Where to put the unit's table.")
+        Path | None,
+        typer.Option(
+            "--table-out",
+            metavar="FILE",
+            rich_help_panel=OUTPUT,
+            help="Also write the unit's factory table to this file (JSON).",
+        ),
     ] = None,
     environment: Annotated[
         list[str] | None,
         typer.Option(
             "--environment",
-            help="What the parked vehicle goes through: KIND or KIND:STRENGTH, repeatable.",
+            metavar="KIND[:STRENGTH]",
+            help="What the parked vehicle goes through, such as boarding:1.5. May be repeated."
+            " Default: the scenario's.",
         ),
     ] = None,
     seed: Seed = None,
@@ -41,8 +77,23 @@ def command(
 
     Example: recal simulate cold_parked_taxi -o run --seed 7 --environment boarding:1.5
     """
-    from recal.service.simulate import simulate
+    from recal.service.simulate import scenarios, simulate
 
+    if listed:
+        known = scenarios()
+        width = max(map(len, known))
+        answer(
+            {"schema": "recal.scenarios/1", "verdict": "ok", "scenarios": known},
+            [f"{name:{width}}  {words}" for name, words in known.items()],
+            as_json=as_json,
+            quiet=quiet,
+            verbose=verbose,
+        )
+        return
+    if scenario is None or output is None:
+        raise typer.BadParameter(
+            "needed: a scenario and -o FOLDER; recal simulate --list names the packaged scenarios"
+        )
     simulated = simulate(
         scenario, seed=seed, twin=twin, table=table, environments=environment or None
     )

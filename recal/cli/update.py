@@ -16,38 +16,42 @@ from recal.cli.console import (
     Quiet,
     StoreUrl,
     ThermalModelPath,
+    TwinPath,
     Verbose,
     answer,
     finish,
     login_name,
     say,
 )
+from recal.cli.terminal.help import ADVANCED
 
 
 def command(
     runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
     store: StoreUrl = DEFAULT_STORE,
     commit: Annotated[
-        bool, typer.Option("--commit", help="Store the new table; without it, only propose.")
+        bool, typer.Option("--commit", help="Store the new table. Default: only report it.")
     ] = False,
     propose: Annotated[
         bool,
         typer.Option(
-            "--propose", help="Keep the new table in the store for review; the active one stays."
+            "--propose", help="Keep the new table in the store for review; the active table stays."
         ),
     ] = False,
     by: Annotated[
-        str | None, typer.Option("--by", help="Who proposes; default: your login name.")
+        str | None,
+        typer.Option(
+            "--by",
+            help="Who proposes. Default: the operator of your config.toml, else your login name.",
+        ),
     ] = None,
-    note: Annotated[
-        str, typer.Option("--note", help="With --propose: kept with the proposal.")
-    ] = "",
+    note: Annotated[str, typer.Option("--note", help="A note kept with the proposal.")] = "",
     new_unit: NewUnit = False,
     new_store: NewStore = False,
     accept_step: Annotated[
         bool,
         typer.Option(
-            "--accept-step", help="Follow a step of the unit that several sessions agree on."
+            "--accept-step", help="Follow a step of the unit's bias that several sessions agree on."
         ),
     ] = False,
     retry: Annotated[
@@ -57,14 +61,16 @@ def command(
             min=0,
             max=99,
             metavar="[N]",
-            help="With --commit: where another writer was faster, "
-            "estimate again from the table that is active then, at most N times (3).",
+            rich_help_panel=ADVANCED,
+            help="With --commit: where another writer was faster, estimate again from the table"
+            " that is active then, at most N times. Default: 0; 3 where N is left out.",
         ),
     ] = 0,
     any_clock: AnyClock = False,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    twin: TwinPath = None,
     config: Annotated[
-        Path | None, typer.Option("--config", help="Settings (TOML), sections session and ageing.")
+        Path | None,
+        typer.Option("--config", help="Settings file (TOML) with the sections session and ageing."),
     ] = None,
     thermal_model: ThermalModelPath = None,
     output: OutputPath = None,

@@ -21,8 +21,10 @@ from trajectories.runs.directory import write_run
 from trajectories.simulator.environments.kinds import Environment, environment_of
 from trajectories.simulator.scenario import (
     Scenario,
+    packaged_scenarios,
     read_scenario,
     scenario_truth,
+    scenario_words,
     simulate_scenario,
 )
 from trajectories.simulator.session import SimulatedRun
@@ -210,6 +212,11 @@ def simulate(
         table_dict=factory or unit.factory_table(),
         twin=plan.twin,
     )
+
+
+def scenarios() -> dict[str, str]:
+    """The packaged scenarios by name, with what each is."""
+    return {name: scenario_words(name) for name in packaged_scenarios()}
 
 
 def _truth(plan: Scenario) -> TruthDocument | None:

@@ -156,6 +156,16 @@ def packaged_scenarios() -> list[str]:
     )
 
 
+def _packaged_text(name: str) -> str:
+    folder = resources.files("trajectories.simulator") / "scenarios"
+    return (folder / f"{name}.toml").read_text("utf-8")
+
+
+def scenario_words(name: str) -> str:
+    """What a packaged scenario is: the comment that its file begins with."""
+    return _packaged_text(name).partition("\n")[0].removeprefix("# ")
+
+
 def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scenario:
     """The scenario in a TOML file, or the packaged one of that name; `twin_path` replaces its twin.
 
@@ -163,12 +173,7 @@ def read_scenario(source: Path | str, *, twin_path: Path | None = None) -> Scena
     """
     path = Path(source)
     if not path.exists() and str(source) in packaged_scenarios():
-        text, folder = (
-            (resources.files("trajectories.simulator") / "scenarios" / f"{source}.toml").read_text(
-                "utf-8"
-            ),
-            Path(),
-        )
+        text, folder = _packaged_text(str(source)), Path()
     else:
         text, folder = _read_text(path), path.parent
     return scenario_from_dict(

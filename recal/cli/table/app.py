@@ -30,6 +30,7 @@ from recal.cli.table.options import (
     SerialOption,
     TechnologyOption,
 )
+from recal.cli.terminal.help import INPUT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,10 +134,22 @@ def diff(
     technology: TechnologyOption = None,
     mode: ModeOption = None,
     from_: Annotated[
-        str, typer.Option("--from", help="A number, factory, previous or active.")
+        str,
+        typer.Option(
+            "--from",
+            metavar="NUMBER|factory|previous|active",
+            rich_help_panel=INPUT,
+            help="The older revision.",
+        ),
     ] = "previous",
     to: Annotated[
-        str, typer.Option("--to", help="A number, factory, previous or active.")
+        str,
+        typer.Option(
+            "--to",
+            metavar="NUMBER|factory|previous|active",
+            rich_help_panel=INPUT,
+            help="The newer revision.",
+        ),
     ] = "active",
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -175,7 +188,15 @@ def rollback(
     serial: SerialOption = None,
     technology: TechnologyOption = None,
     mode: ModeOption = None,
-    to: Annotated[str, typer.Option("--to", help="A number, factory or previous.")] = "previous",
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="NUMBER|factory|previous",
+            rich_help_panel=INPUT,
+            help="The revision that becomes active again.",
+        ),
+    ] = "previous",
     note: NoteOption = "",
     any_clock: AnyClock = False,
     as_json: JsonFlag = False,

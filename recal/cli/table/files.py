@@ -16,7 +16,6 @@ from recal.cli.console import (
     AnyClock,
     JsonFlag,
     NoSeed,
-    OutputPath,
     Quiet,
     StoreUrl,
     Verbose,
@@ -29,6 +28,7 @@ from recal.cli.table.options import (
     SerialOption,
     TechnologyOption,
 )
+from recal.cli.terminal.help import ADVANCED, INPUT, OUTPUT
 
 if TYPE_CHECKING:
     from recal.service.table_files import CubicRequest, TableFile
@@ -50,27 +50,42 @@ class Autopilot(StrEnum):
 
 
 ImuOption = Annotated[
-    int | None, typer.Option("--imu", min=0, help="The number in an autopilot's parameter names.")
+    int | None,
+    typer.Option("--imu", min=0, help="Number of the IMU in an autopilot's parameter names."),
 ]
 
 
 def export(
-    output: OutputPath = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", metavar="FILE", help="The file to write.")
+    ] = None,
     store: StoreUrl = DEFAULT_STORE,
     serial: SerialOption = None,
     technology: TechnologyOption = None,
     mode: ModeOption = None,
     revision: RevisionOption = "active",
-    to: Annotated[Form | None, typer.Option("--to", help="Default: by the file's ending.")] = None,
+    to: Annotated[
+        Form | None,
+        typer.Option("--to", rich_help_panel=OUTPUT, help="Format. Default: by the file's ending."),
+    ] = None,
     imu: ImuOption = None,
     device_id: Annotated[
-        int | None, typer.Option("--device-id", help="PX4: of the gyro, CAL_GYROk_ID or its log.")
+        int | None,
+        typer.Option("--device-id", help="PX4: the gyro's id, from CAL_GYROk_ID or its log."),
     ] = None,
     range_: Annotated[
-        tuple[float, float] | None, typer.Option("--range", help="For the cubic [degC].")
+        tuple[float, float] | None,
+        typer.Option(
+            "--range", help="Temperatures that the cubic is fitted to [degC]. Default: the table's."
+        ),
     ] = None,
     fit_limit: Annotated[
-        float, typer.Option("--fit-limit", min=0.0, help="Cubic less table, in the table's sigma.")
+        float,
+        typer.Option(
+            "--fit-limit",
+            min=0.0,
+            help="Largest difference of cubic and table, in the table's sigma.",
+        ),
     ] = 1.0,
     force: Annotated[
         bool, typer.Option("--force", help="Write a cubic beyond the limit, its error told in it.")
@@ -128,23 +143,30 @@ def import_(
     ],
     store: StoreUrl = DEFAULT_STORE,
     twin: Annotated[
-        Path | None, typer.Option("--twin", help="Sets the unit's twin record.")
+        Path | None,
+        typer.Option("--twin", metavar="FILE", help="Twin file to keep as the unit's record."),
     ] = None,
     serial: SerialOption = None,
     technology: TechnologyOption = None,
     mode: ModeOption = None,
     note: NoteOption = "",
     from_: Annotated[
-        Autopilot | None, typer.Option("--from", help="Whose parameters, where a file has both.")
+        Autopilot | None,
+        typer.Option(
+            "--from", rich_help_panel=INPUT, help="Whose parameters to read, where a file has both."
+        ),
     ] = None,
     imu: ImuOption = None,
     sigma: Annotated[
-        float | None, typer.Option("--sigma", min=0.0, help="Of an autopilot's cubic [deg/h].")
+        float | None,
+        typer.Option("--sigma", min=0.0, help="1 sigma of an autopilot's cubic [deg/h]."),
     ] = None,
     override_technology: Annotated[
         bool,
         typer.Option(
-            "--override-technology", help="Although the store knows the serial as another; noted."
+            "--override-technology",
+            rich_help_panel=ADVANCED,
+            help="Import although the store knows the serial as another technology; this is noted.",
         ),
     ] = False,
     any_clock: AnyClock = False,

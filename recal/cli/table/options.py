@@ -7,13 +7,22 @@ from typing import Annotated
 import typer
 
 SerialOption = Annotated[
-    str | None, typer.Option("--serial", help="IMU serial; needed where the store holds several.")
+    str | None,
+    typer.Option(
+        "--serial", help="Serial number of the unit. Needed where the store holds several."
+    ),
 ]
-TechnologyOption = Annotated[str | None, typer.Option("--technology", help="rlg, fog or mems.")]
+TechnologyOption = Annotated[
+    str | None,
+    typer.Option("--technology", metavar="rlg|fog|mems", help="Technology of the unit's gyros."),
+]
 ModeOption = Annotated[
-    str | None, typer.Option("--mode", help="Gyro mode, where the unit has several.")
+    str | None, typer.Option("--mode", help="Gyro mode of the unit, where it has several.")
 ]
-NoteOption = Annotated[str, typer.Option("--note", help="Kept with the revision.")]
+NoteOption = Annotated[str, typer.Option("--note", help="A note kept with the revision.")]
 RevisionOption = Annotated[
-    str, typer.Option("--revision", help="A number, factory, previous or active.")
+    str,
+    typer.Option(
+        "--revision", metavar="NUMBER|factory|previous|active", help="Which revision of the table."
+    ),
 ]

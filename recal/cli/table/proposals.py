@@ -14,7 +14,6 @@ from recal.cli.console import (
     Command,
     JsonFlag,
     NoSeed,
-    OutputPath,
     Quiet,
     StoreUrl,
     Verbose,
@@ -35,13 +34,20 @@ NumberArgument = Annotated[
     int, typer.Argument(metavar="NUMBER", help="The proposal's number, unit by unit.", min=1)
 ]
 ByOption = Annotated[
-    str | None, typer.Option("--by", help="Who decides; default: your login name.")
+    str | None,
+    typer.Option(
+        "--by", help="Who decides. Default: the operator of your config.toml, else your login name."
+    ),
 ]
-ReasonOption = Annotated[str, typer.Option("--reason", help="Why; kept with the decision.")]
+ReasonOption = Annotated[str, typer.Option("--reason", help="Why. Kept with the decision.")]
 PROPOSAL_STATES = ("open", "out of date", "approved", "rejected")
 StateOption = Annotated[
     str | None,
-    typer.Option("--state", help="Only those that are: " + ", ".join(PROPOSAL_STATES) + "."),
+    typer.Option(
+        "--state",
+        metavar="STATE",
+        help=f"Only proposals of this state: {', '.join(PROPOSAL_STATES)}. Default: all.",
+    ),
 ]
 
 
@@ -55,7 +61,15 @@ def proposals(
     technology: TechnologyOption = None,
     mode: ModeOption = None,
     state: StateOption = None,
-    output: OutputPath = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            metavar="FOLDER",
+            help="Where to write the proposal's update.json and update.html. Default: nowhere.",
+        ),
+    ] = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -30,13 +30,15 @@ def command(
     head: Annotated[
         list[str] | None,
         typer.Option(
-            "--head", help="A head printed earlier: it must still be in a chain. Repeatable."
+            "--head", help="A head printed earlier. It must still be in a chain. May be repeated."
         ),
     ] = None,
     report: Annotated[
         list[Path] | None,
         typer.Option(
-            "--report", help="An update.json: it must be as the store holds it. Repeatable."
+            "--report",
+            metavar="FILE",
+            help="An update.json. It must be as the store holds it. May be repeated.",
         ),
     ] = None,
     as_json: JsonFlag = False,

@@ -12,16 +12,22 @@ def command(
     model: Annotated[
         Path, typer.Argument(help="A thermal_rlg.json or thermal_fog.json that was fitted.")
     ],
-    run: Annotated[Path, typer.Argument(help="Run directory, raw gyro output.")],
+    run: Annotated[Path, typer.Argument(help="A run directory with raw gyro output.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The compensated run to write.")],
     part: Annotated[
         str,
         typer.Option(
-            "--part", help="all, or rates: leave in what a settled unit has, for a thermal table."
+            "--part",
+            metavar="all|rates",
+            help="What to take out: all, or only rates, which leaves what a settled unit has to a"
+            " thermal table.",
         ),
     ] = "all",
     batch: Annotated[
-        bool, typer.Option("--batch", help="Smoothed temperatures instead of real-time order.")
+        bool,
+        typer.Option(
+            "--batch", help="Use smoothed temperatures. Default: only those up to each row's time."
+        ),
     ] = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

@@ -16,41 +16,72 @@ from recal.cli.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    TwinPath,
     Verbose,
     answer,
     finish,
 )
+from recal.cli.terminal.help import INPUT, OUTPUT
 
 
 def command(
     fast: Annotated[
         list[Path],
-        typer.Option("--fast", help="Runs with the fast ramp, up and down (one or several)."),
+        typer.Option(
+            "--fast",
+            metavar="RUN...",
+            rich_help_panel=INPUT,
+            help="Runs with the fast ramp, up and down.",
+        ),
     ],
     slow: Annotated[
         list[Path] | None,
-        typer.Option("--slow", help="Runs with the slow ramp; none: up/down pair."),
+        typer.Option(
+            "--slow",
+            metavar="RUN...",
+            rich_help_panel=INPUT,
+            help="Runs with the slow ramp. Default: none; up and down of the fast ramp are"
+            " compared.",
+        ),
     ] = None,
     check: Annotated[
-        list[Path] | None, typer.Option("--check", help="Runs to test on, not fitted to.")
+        list[Path] | None,
+        typer.Option(
+            "--check",
+            metavar="RUN...",
+            rich_help_panel=INPUT,
+            help="Runs that only test the model.",
+        ),
     ] = None,
     allowed_deg_h: Annotated[
         float | None,
         typer.Option(
-            "--allowed-deg-h", help="Gradient term a slow ramp may have; default: bias instability."
+            "--allowed-deg-h",
+            help="Largest gradient term of a slow ramp [deg/h]. Default: the twin's bias"
+            " instability.",
         ),
     ] = None,
     word_bits: Annotated[
-        int, typer.Option("--word-bits", min=8, max=32, help="Of the exported fixed-point tables.")
+        int,
+        typer.Option(
+            "--word-bits",
+            min=8,
+            max=32,
+            rich_help_panel=OUTPUT,
+            help="Bits of a word of the exported whole-number tables.",
+        ),
     ] = 16,
     remounted: Annotated[
-        bool, typer.Option("--remounted", help="The unit was moved between the runs.")
+        bool,
+        typer.Option(
+            "--remounted", help="The unit was taken off and mounted again between the runs."
+        ),
     ] = False,
     one_sided: Annotated[
-        bool, typer.Option("--one-sided", help="Accept ramps of one direction at two rates.")
+        bool, typer.Option("--one-sided", help="Accept ramps of one direction, at two rates.")
     ] = False,
     store: StoreUrl = DEFAULT_STORE,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    twin: TwinPath = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,

@@ -12,10 +12,12 @@ from recal.cli.console import (
     OutputPath,
     Quiet,
     StoreUrl,
+    TwinPath,
     Verbose,
     answer,
     finish,
 )
+from recal.cli.terminal.help import INPUT
 
 
 def command(
@@ -23,13 +25,22 @@ def command(
         list[Path], typer.Argument(help="Run directories of one unit at rest, warmed and cooled.")
     ],
     check: Annotated[
-        list[Path] | None, typer.Option("--check", help="Runs to test on, not fitted to.")
+        list[Path] | None,
+        typer.Option(
+            "--check",
+            metavar="RUN...",
+            rich_help_panel=INPUT,
+            help="Runs that only test the model.",
+        ),
     ] = None,
     remounted: Annotated[
-        bool, typer.Option("--remounted", help="The unit was moved between the runs.")
+        bool,
+        typer.Option(
+            "--remounted", help="The unit was taken off and mounted again between the runs."
+        ),
     ] = False,
     store: StoreUrl = DEFAULT_STORE,
-    twin: Annotated[Path | None, typer.Option("--twin", help="Noise model of the unit.")] = None,
+    twin: TwinPath = None,
     output: OutputPath = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
