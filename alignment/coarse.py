@@ -10,7 +10,9 @@ from ins.records import ImuLog
 from ins.robust import robust_scatter
 
 END_BLOCKS = 6  # a minute at either end, over which a sway of 1 cm leaves 2 microradians
-COARSE_BLOCK_S = 10.0  # a person who steps in spoils a block, not the mean
+# a person who steps in spoils a block, not the mean; chosen: 60 blocks in the 10 min of
+# LONGEST_COARSE_S
+COARSE_BLOCK_S = 10.0
 
 
 @dataclass(frozen=True)

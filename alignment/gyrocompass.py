@@ -23,20 +23,29 @@ from ins.records import ImuSource, Phase, Site, Span, TwinModel
 from ins.units import DEG, DEG_PER_HOUR
 from ins.verdicts import Reason, because
 
-MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice: no gyrocompass alignment above
+MAX_LATITUDE_RAD = 78.25 * DEG  # aviation practice (requirements.md section 1, R2): none above
+# the angle random walk of a ring-laser unit (0.002 deg/sqrt(h)) leaves 1.5 mrad of heading over
+# it at 45 deg
 MIN_REST_S = 60.0
-LEVEL_SHARE = 0.3  # of level Earth rate: gyros known worse than this find no heading
+# of level Earth rate: gyros known worse than this find no heading; 0.3 is 17 deg, up to where the
+# filter is linear to 1.5 %
+LEVEL_SHARE = 0.3
 LATITUDE_SIGMAS = 3.0  # alarm level of the latitude test: 0.3 % false alarms
 # tried in turn where the residuals exceed the model
 NOISE_SCALES = (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0)
-MAX_REJECTED = 0.05  # share of the measurements that the gate may leave out
-# of the diffuse heading prior: above, the measurements said next to nothing of the heading
+# share of the measurements that the gate may leave out; chosen: 2e-9 of sound ones lie beyond its
+# 6 sigma, so 1 in 20 is a vehicle that moves
+MAX_REJECTED = 0.05
+# of the diffuse heading prior: above it, the measurements said less than 3 times as much of the
+# heading as the prior, next to nothing
 NO_BETTER = 0.5
 # A place that strays by more, on a unit noisier than its model, is neither: it rolls unseen (side
 # motion of 0.02 m/s leaves 0.06 to 0.09 m over half a minute).
 LARGEST_SWAY_OF_NOISY_M = 0.03
 BIAS_BIN_S = 300.0
-GATE_GAP_S = 15.0  # measurements beyond the gate and no further apart are one stretch
+# measurements beyond the gate and no further apart are one stretch: 1.5 steps (STILL_STEP_S of
+# the filter, 10 s)
+GATE_GAP_S = 15.0
 WARM_UP_S = 1800.0
 # formats.md, section 2: no table for a unit
 UNKNOWN_BIAS_DEG_H = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}

@@ -39,11 +39,12 @@ LARGEST_YAW_WALK_RAD = 1e-3
 FIRST_WALKS = {"place": (0.25,), "yaw": (0.25, 4.0, 60.0)}
 FIRST_FACTORS = {"place": (1.41,), "yaw": (1.41, 8.0, 60.0)}
 SHOWN_BY = {"place": ("still", "stop"), "yaw": ("heading held",)}  # measurements of each level
-HIGHER = 0.1  # nats that a step of the search must gain
+# nats that a step of the search must gain: a parameter 0.4 of its sigma off costs less
+HIGHER = 0.1
 STRAYS = 13.8  # squared innovation of a place (2 degrees of freedom) that is chance once in 1,000
 FREEDOM = 4.0  # of Student's t
-# correlation of successive innovations below which they count as independent, and how many are
-# needed to say so
+# correlation of successive innovations below which they count as independent, 3 sigma of 144 of
+# them (3 / 12), and how many are needed to say so: of 12, 3 sigma are 0.87
 LEAST_ALIKE, FEWEST_ALIKE = 0.25, 12
 
 

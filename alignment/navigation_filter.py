@@ -26,11 +26,15 @@ from ins.noise import accel_densities, gyro_densities, walk_with_flicker
 from ins.records import NavHistory, TwinModel
 from ins.units import ARCSEC, MICRO_G, MICRO_G_PER_SQRT_HOUR
 
+# the errors do not depend on the specific force (ARCHITECTURE.md), and 2.8 periods of rocking at
+# 0.28 Hz fit in
 STILL_STEP_S = 10.0
 PARKED = ("still", "stop", "heading held")  # what is measured of a vehicle that stands
 LATERAL_TIME_S = 2.0  # formats.md: side velocity while rolling is first-order Gauss-Markov, 2 s
 MIN_DISPLACEMENT_SIGMA_M = 1e-4
-NEW_HEADING_RAD = 1e-3  # a sudden turn beyond this is a new parked heading
+# a sudden turn beyond this is a new parked heading: loading turns by up to 200 arcsec
+# (docs/rates_gate.md), 0.97 mrad
+NEW_HEADING_RAD = 1e-3
 # wide beside a coarse heading, and at least 20 times what the gyro prior allows
 DIFFUSE_HEADING_RAD = 0.05
 DIFFUSE_TILT_RAD = 0.005

@@ -24,15 +24,20 @@ from ins.robust import robust_sigma, robust_sigmas, runs_of_true
 from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
-FEWEST = 8
-# of a shock, in touched seconds; a vehicle that starts to move accelerates for longer
+FEWEST = 8  # of them: the end of a line through 8 is known to 0.7 of one's noise (2 / sqrt(8))
+# of a shock, in touched seconds; a vehicle that starts to move accelerates for longer: chosen, to
+# 5 m/s at 1 m/s^2
 LONGEST_S = 5
-RETURN_S = 900.0  # a push or a slow tow comes to rest again within this time
-JUMP_SIGMAS = 4.5  # only transients are asked: a handful in a session
+# a push or a slow tow comes to rest again within this time; chosen: 15 min, 900 m at walking pace
+RETURN_S = 900.0
+# 7e-6 of Gaussian jumps lie beyond; only transients are asked, a handful in a session
+JUMP_SIGMAS = 4.5
 SMALLEST_JUMP_M_S = 0.003
 SMALLEST_TILT_RAD = 2e-5
 EARTH_WINDOW = 300  # seconds on either side: did the vehicle turn against Earth rate?
-SMALLEST_TURN_RAD = 3e-4  # about down, within a shock; smaller is what loading does
+# 62 arcsec about down, within a shock; chosen: what loads the vehicle turns it by less in so
+# short a time
+SMALLEST_TURN_RAD = 3e-4
 SHOCK_TURN_RAD = 5e-6  # an arcsecond: how much a shock may really turn the vehicle
 
 

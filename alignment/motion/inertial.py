@@ -21,27 +21,37 @@ REST_RATE_RAD_S = 3e-4  # 62 deg/h, four times Earth rate: a vehicle that turns 
 # Where the gyros see the body tilt (people, loading), force and rate may follow: a turn since the
 # stretch began of 1 deg, no faster than a vehicle that turns on the spot.
 REST_TILT_RAD = 0.02
-REST_TILT_RATE_RAD_S = 2e-3
+REST_TILT_RATE_RAD_S = 2e-3  # as PIVOT_RAD_S of motion.stillness, 0.11 deg/s
 # block means that scatter by more (0.17 deg/s, 0.3 m/s^2) are a vehicle that moves, not a noisy
 # unit
 NOISIEST = 10.0
-LONGEST_COARSE_S = 600.0  # of rest for the first attitude: more only adds the warm-up's drift
+# of rest for the first attitude: more only adds the warm-up's drift; 10 min, as the alignment of
+# the reference scenario (requirements.md)
+LONGEST_COARSE_S = 600.0
 
 WINDOW = 10  # seconds over which scatter is taken
-QUIET_S = 60.0  # the quietest minute of the log is where the quiet level is looked for
+# the quietest minute of the log is where the quiet level is looked for: six windows of 10 s
+QUIET_S = 60.0
 QUIETEST = 0.6  # of a sigma: RMS of the quietest of many windows
-LOUD = 3.0  # times the quiet scatter is motion
+LOUD = 3.0  # times the quiet scatter is motion: of 10 Gaussian steps 5e-15 scatter by as much
 # m/s^2 and rad/s of scatter: beyond, a vehicle that moves, not a noisy unit
 CAPS = np.array([NOISIEST * REST_FORCE_M_S2] * 3 + [NOISIEST * REST_RATE_RAD_S] * 3)
+# 9.78 to 9.83 anywhere; consumer accelerometers are off by up to 60 mg (0.6 m/s^2)
 GRAVITY_M_S2, GRAVITY_LIMIT_M_S2 = 9.81, 1.0
 SPIN_RAD_S = 0.35  # 20 deg/s: the zero-rate output of a consumer gyro may be that large
-TURN_PARTS_S = 15  # parts of a turn this near belong together
-BRIDGED_S = 15.0  # of disturbance inside a stretch
+# parts of a turn this near belong together; chosen: a vehicle that halts for 30 s has stopped
+TURN_PARTS_S = 15
+# of disturbance inside a stretch; chosen: a bump or a door of 10 s, and its ringing
+BRIDGED_S = 15.0
 
-# of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes
+# of the mean force from second to second, and of the mean rate; wind on a parked aircraft passes:
+# a sway of 0.02 m/s at 0.28 Hz (R1) makes steps of 0.05 m/s^2 RMS
 FORCE_STEP_M_S2 = 0.15
+# 0.6 deg/s: noise of the default MEMS unit (0.3 deg/sqrt(h)) makes steps of 1.2e-4 rad/s
 RATE_STEP_RAD_S = 0.01
-TURN_RAD_S = 0.02  # above any bias; a vehicle that turns on the spot does not stand still
+# above the bias of units as they are: an ArduPilot plane's 911 deg/h are 4.4e-3 rad/s; a vehicle
+# that turns on the spot, by 90 deg in 79 s, does not stand still
+TURN_RAD_S = 0.02
 
 
 def first_rest(seconds: LogSeconds) -> Where | None:

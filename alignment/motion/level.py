@@ -25,13 +25,16 @@ from ins.records import NavHistory
 from ins.robust import runs_of_true
 from ins.units import ARCSEC
 
-PIECE_S = 30  # epochs of a second; a cubic in the solution's position errors reaches over them
+# epochs of a second; a cubic in the solution's position errors reaches over them: of Schuler
+# motion 6e-10 are left
+PIECE_S = 30
 CUBIC = 3
 # A piece of so many times the median variance is rougher than the stretch; quiet pieces (26 degrees
 # of freedom) are so by chance in 1e-8 of all.
 ROUGHER = 4.0
 CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
-# A moored ship surges by a metre in a minute and comes back; a tug's push of that speed does not.
+# A moored ship surges by a metre in a minute (0.1 m/s at most) and comes back; a tug's push of
+# that speed does not.
 FASTEST_SWAY_M_S, LONGEST_SWAY_M = 0.25, 2.0
 SMALLEST_YAW_RAD = 0.05 * ARCSEC
 # of a standing vehicle: its noise has a level, and the gyros saw its turns

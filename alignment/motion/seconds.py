@@ -20,12 +20,17 @@ from ins.robust import robust_sigmas
 
 # times the quiet second's largest deviation (1.5 to 3 sigmas of a row): about 10 sigmas
 PEAK_SPREADS = 4.0
-SECOND_SIGMAS = 8.0
-# the reader holds the next row's rate over so much; more of it is worse than a quiet jump
+SECOND_SIGMAS = 8.0  # of a second's mean: 1e-15 of Gaussian ones lie beyond
+# the reader holds the next row's rate over so much; more of it is worse than a quiet jump: a sway
+# of 0.02 m/s at 0.28 Hz (R1) is 5 mm/s in it
 LOST_S = 0.15
-SAME = 1e-7  # relative: compensation leaves the rows of a saturated sensor that much alike
-SHORTEST_JUDGED = 60  # seconds: below, there is no quiet level to judge by
-HALF_S = 0.5  # of rows at either end of a log are counted to the second beside them
+# relative: compensation leaves the rows of a saturated sensor that much alike; float32 rounds by
+# 6e-8
+SAME = 1e-7
+# seconds: below, there is no quiet level to judge by; of 60 a robust sigma is known to 15 %
+SHORTEST_JUDGED = 60
+# less of a second, at either end of a log, is counted to the one beside it; 1/2 rounds
+HALF_S = 0.5
 EDGE_ROWS = 1.5  # a second may lack so many rows at the start of a stretch and still count
 
 

@@ -21,23 +21,30 @@ from ins.records import GnssLog, OdometerLog, Run
 from ins.robust import runs_of_true
 from ins.verdicts import Reason, because
 
-SLOW_M_S = 0.5  # of a receiver while the vehicle stands, or four of its sigmas
+# of a receiver while the vehicle stands, or four of its sigmas (tests/motion/test_timeline.py has
+# 0.4 m/s at rest)
+SLOW_M_S = 0.5
 LOOSE_M_S = 2.0  # a receiver that declares worse cannot say that the unit stands
 CREEP_M_S = 0.05  # mean velocity of a stretch that stands, beyond its noise
 MOST_CREEP_M_S = 0.2  # however noisy
 CORRELATED_S = 5.0  # of a receiver's velocity errors
-FEWEST_ROWS = 3  # of a receiver, for its word
-# slope of the positions of a receiver that gives no velocity; over eight seconds it is noisy
+FEWEST_ROWS = 3  # of a receiver, for its word: of 3 one may be wrong
+# speed by the positions of a receiver that gives no velocity, LASTING_S apart: 3 sigma of fixes
+# of 5 m
 POSITION_CREEP_M_S = 1.0
-MOVING_M_S = 1.0  # a logged speed above this is movement
+# a logged speed above this is movement: twice what a standing vehicle may read (0.5)
+MOVING_M_S = 1.0
 WHEELS_STAND_M_S = 0.5  # an odometer below this stands
-DEAD_M_S = 0.05  # an odometer below this reads zero
+# an odometer below this reads zero: 5 sigmas of the default one (formats.md section 3)
+DEAD_M_S = 0.05
 # a log of speeds is silent where its nearest row is farther than so many rows, and than this
 GAP_ROWS, SHORTEST_GAP_S = 5.0, 2.0
 NAMES = {Witness.GNSS: "GNSS", Witness.WHEELS: "the odometer"}  # as reasons name them
-LASTING_S = 20.0  # for so long before two sensors are said to disagree
+# for so long before two sensors are said to disagree: at half and at twice of it
+# tests/motion/test_timeline.py fails
+LASTING_S = 20.0
 
-SHORTEST_S = 5.0  # of a stand in a flight
+SHORTEST_S = 5.0  # of a stand in a flight: with EDGE_S off at either end 13 s of rest
 EDGE_S = 4.0  # taken off either end: a receiver sees a slow start late
 
 

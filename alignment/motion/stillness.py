@@ -27,11 +27,18 @@ from ins.records import AIRBORNE_PHASES, ImuSource, NavHistory, Phase, Span
 from ins.robust import robust_sigma, runs_of_true
 
 ROLL_EDGE_S = 5.0  # beside rolling a shake belongs to the start or the stop
+# 2.9 deg: a vehicle that turned by more on the spot rolls; a tug's push turns by 1 deg at most in
+# the simulator (tests/alignment/test_stillness.py)
 PUSH_TURN_RAD = 0.05
-BESIDE = 15  # epochs of rest on either side of a disturbance, for the line between them
+# epochs of rest on either side of a disturbance, for the line between them, whose end is known to
+# 0.5 of an epoch's noise (2 / sqrt(15))
+BESIDE = 15
+# chosen: 68 kt; a taxi is up to 30 kt fast, what is faster takes off or has landed
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
-NEW_PLACE_RAD = 2e-3  # jolt of a vehicle that was pushed: beyond what the parked heading survives
+# jolt of a vehicle that was pushed: twice NEW_HEADING_RAD of the filter (1e-3), beyond what the
+# parked heading survives
+NEW_PLACE_RAD = 2e-3
 ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 
 

@@ -49,7 +49,8 @@ from ins.units import KNOT
 STEADY_M_S = 0.03
 # faster is a flight or a roll: 10 kt, twice the speed error after which a solution is aligned anew
 DRIFT_BELOW_M_S = 10.0 * KNOT
-BRAKING_S = 2.0  # at the start of a stop: the last of the braking, and a receiver that is late
+# at the start of a stop: the last 2 m/s of the braking at 1 m/s^2, and a receiver that is late
+BRAKING_S = 2.0
 
 
 def timeline(run: Run, history: NavHistory, faults: tuple[ImuFault, ...] = ()) -> Motion:
