@@ -33,6 +33,7 @@ from infield.reports.documents.session_records import (
 from infield.reports.words.sentences import codes, sentence, sentences
 from infield.session.estimate import Found, RollingEvidence, SessionEstimate
 from infield.session.navigated.claim_chain import ClaimChain
+from infield.session.navigated.environment import environment
 from infield.session.navigated.taxi_heading import heading_source
 from infield.session.points import UNSEEN_SIGMA, AxisObservability
 from infield.session.reasons import Nuisance
@@ -113,12 +114,14 @@ def _estimated(
     """The facts of a run with its estimate."""
     parked = e.parked is not None
     after_deg_h = _table_after(session, e, points)
+    phases = logged_phases(session, e)
     return EstimatedDocument(
         **vars(facts),
         alignment=_alignment(e),
         heading_error=heading_error(session),
         observability={a.axis: _seen(a) for a in session.seen},
-        phases=[PhaseDocument(**vars(p)) for p in session.run.phases or _detected(e)],
+        phases=[PhaseDocument(**vars(p)) for p in phases],
+        phases_used=list(dict.fromkeys(filter(None, phases_of(points, phases)))),
         points_covariance_deg_h2=points.covariance.tolist(),
         coverage=_coverage(temperature, e),
         residuals=_residuals(points, e.bins.table_deg_h, after_deg_h),
@@ -131,6 +134,7 @@ def _estimated(
         zero_rate=parked_document.zero_rate(e) if parked else None,
         doubted=sentences(s.reason for s in session.doubted) or None,
         motion_level=None if parked else level_document(e.navigated.fitted.found),
+        environment=None if parked else environment(e.navigated),
         taxi=_taxi(e.rolling),
     )
 
@@ -165,6 +169,19 @@ def _seen(axis: AxisObservability) -> SeenDocument:
 def advice_words(axis: AxisObservability) -> str:
     """What would make the gyro better known; empty where nothing more is needed."""
     return "" if axis.advice is None else sentence(axis.advice)
+
+
+def logged_phases(session: SessionResult, e: SessionEstimate) -> tuple[Phase, ...]:
+    """The phases of a run as it declares them, else as its motion shows them."""
+    return session.run.phases or _detected(e)
+
+
+def phases_of(points: SessionPoints, phases: Sequence[Phase]) -> list[str | None]:
+    """The phase in which each point has its centre; None of one between two phases."""
+    return [
+        next((p.phase for p in phases if p.start_s <= time_s <= p.end_s), None)
+        for time_s in points.time_s
+    ]
 
 
 def _detected(e: SessionEstimate) -> tuple[Phase, ...]:

@@ -7,6 +7,7 @@ from alignment.reasons import AlignmentVerdict
 from infield.reports.documents.alignment import LevelDocument
 from infield.reports.documents.spans import SpanDocument
 from infield.session.navigated.claim_chain import ChainPoint
+from infield.session.navigated.environment import Environment
 from infield.session.reasons import HeadingSource
 from ins.verdicts import OMIT_NONE, Observability, Outcome
 
@@ -246,13 +247,15 @@ class EstimatedDocument(SessionDocument):
     """The same of a run that was estimated; what only a navigated session has is None.
 
     doubted: wrong facts that the session resembles, so that its table was taught nothing along
-    them; left out where there are none. taxi: left out where nothing rolled.
+    them; left out where there are none. taxi: left out where nothing rolled. phases_used: those
+    that made points. environment: of a navigated session, what its parked vehicle went through.
     """
 
     alignment: SessionAlignment
     heading_error: HeadingError
     observability: Mapping[str, SeenDocument]
     phases: Sequence[PhaseDocument] = ()
+    phases_used: Sequence[str] = ()
     points_covariance_deg_h2: Sequence[Sequence[float]] | None = None
     coverage: Sequence[CoverageDocument] = ()
     residuals: Sequence[ResidualDocument] = ()
@@ -265,4 +268,5 @@ class EstimatedDocument(SessionDocument):
     zero_rate: ZeroRateDocument | None = field(default=None, metadata=OMIT_NONE)
     doubted: Sequence[str] | None = field(default=None, metadata=OMIT_NONE)
     motion_level: LevelDocument | None = field(default=None, metadata=OMIT_NONE)
+    environment: Environment | None = field(default=None, metadata=OMIT_NONE)
     taxi: TaxiDocument | None = field(default=None, metadata=OMIT_NONE)

@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from alignment.gyrocompass import excluded_spans
 from alignment.navigation_filter import LATERAL_TIME_S
 from infield.reports.documents import parked as parked_document
-from infield.reports.documents.session import advice_words, heading_error, session_document
+from infield.reports.documents.session import (
+    advice_words,
+    heading_error,
+    logged_phases,
+    phases_of,
+    session_document,
+)
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.documents.update_records import (
@@ -164,9 +170,10 @@ def _observability(sessions: list[SessionResult]) -> dict[str, ObservedDocument]
 
 
 def _points(session: SessionResult) -> list[PointDocument]:
-    p = session.points
-    if p is None:
+    p, e = session.points, session.estimate
+    if p is None or e is None:
         return []
+    phases = phases_of(p, logged_phases(session, e))
     verdicts = {a.axis: a.verdict for a in session.seen}
     return [
         PointDocument(
@@ -185,6 +192,7 @@ def _points(session: SessionResult) -> list[PointDocument]:
             run_sha256=p.run_sha256,
             applied_table_sha256=p.applied_table_sha256,
             observability=verdicts.get(AXES[axis], Observability.NOT_OBSERVABLE),
+            phase=phases[k],
         )
         for k, axis in enumerate(p.axis_index)
     ]

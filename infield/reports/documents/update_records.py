@@ -41,7 +41,7 @@ class ObservedDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class PointDocument:
-    """The total bias of one gyro over one bin; time_s: its centre."""
+    """The total bias of one gyro over one bin; time_s: its centre; phase: the one it lies in."""
 
     axis: str
     time_s: float
@@ -58,6 +58,7 @@ class PointDocument:
     run_sha256: str | None = None
     applied_table_sha256: str | None = None
     observability: Observability | str | None = None
+    phase: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
