@@ -1,4 +1,4 @@
-"""What an update says of the parked vehicle's motion, against a sway of known size and frequency."""
+"""What an update says of its parked vehicle, against a sway of known size and frequency."""
 
 from dataclasses import replace
 from functools import lru_cache
