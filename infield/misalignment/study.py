@@ -22,7 +22,7 @@ from infield.misalignment.azimuth_levelling import LevelOffsets, level_offsets
 from infield.misalignment.azimuth_runs import Stop, find_stops, heading_disagreement
 from infield.misalignment.couplings import Misalignment, measure_misalignment
 from infield.misalignment.geometry import azimuth_geometry
-from infield.misalignment.harmonic_fit import level_rate_deg_h
+from infield.misalignment.harmonic_fit import azimuth_columns, level_rate_deg_h
 from infield.misalignment.reasons import Azimuths, MisalignmentReason, MisalignmentVerdict, Unseen
 from infield.misalignment.settings import AzimuthSettings
 from infield.table.thermal_table import ThermalTable
@@ -255,15 +255,18 @@ def study_table(
     source: str,
     settings: AzimuthSettings | None = None,
 ) -> AzimuthStudy:
-    """Self-calibrated biases (m, 3) with independent sigmas (m, 3) on headings (m,), fitted."""
+    """Self-calibrated biases (m, 3) with independent sigmas (m, 3) on headings (m,), fitted.
+
+    The error that all headings share (`sigma_heading_deg` of the settings) looks like xy - yx, so
+    that only xy + yx is free of it.
+    """
     settings = settings or AzimuthSettings()
-    covariance = np.diag(np.ravel(sigma_deg_h) ** 2)
+    rate = level_rate_deg_h(lat_rad)
+    sigma_heading_rad = settings.sigma_heading_deg * DEG
+    common = azimuth_columns(heading_rad, rate).sum(axis=1) * sigma_heading_rad
+    covariance = np.diag(np.ravel(sigma_deg_h) ** 2) + np.outer(common, common)
     result = measure_misalignment(
-        heading_rad,
-        bias_deg_h,
-        covariance,
-        level_rate_deg_h=level_rate_deg_h(lat_rad),
-        settings=settings,
+        heading_rad, bias_deg_h, covariance, level_rate_deg_h=rate, settings=settings
     )
     return AzimuthStudy(
         source=source,
@@ -271,7 +274,7 @@ def study_table(
         lat_rad=lat_rad,
         twin=twin,
         settings=settings,
-        azimuths=because(Azimuths.OF_TABLE),
+        azimuths=because(Azimuths.OF_TABLE, sigma_heading_rad=sigma_heading_rad),
         why_no_levels=because(Unseen.NO_ACCELEROMETERS),
         result=result,
         heading_rad=heading_rad,
@@ -284,9 +287,9 @@ def corrected_twin(study: AzimuthStudy) -> TwinModel:
     """The twin with the couplings that were observed added to its misalignment, and their sigmas
     beside it.
 
-    Where only xy + yx is seen, each takes half: the rest is a turn of the triad about down, which
-    without a north outside of the gyros no session can tell from its heading. What was not observed
-    stays as it was.
+    Where xy + yx is seen, and neither xy nor yx is well, each takes half: the rest is a turn of the
+    triad about down, which without a good north from outside no session can tell from its heading.
+    What was not observed stays as it was.
     """
     gyro = study.twin.gyro
     value, sigma = list(gyro.misalignment_mrad), list(gyro.sigma_misalignment_mrad)
@@ -310,6 +313,7 @@ def _usable(result: Misalignment) -> dict[str, tuple[float, float]]:
         if c.verdict is not Observability.NOT_OBSERVABLE
     }
     both = seen.pop("xy+yx", None)
-    if both is not None and "xy" not in seen and "yx" not in seen:
+    pair = [c for c in result.couplings if c.name in ("xy", "yx")]
+    if both is not None and all(c.verdict is not Observability.OBSERVED for c in pair):
         seen |= dict.fromkeys(("xy", "yx"), (both[0] / 2, both[1] / 2))
     return seen

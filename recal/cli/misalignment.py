@@ -52,10 +52,18 @@ SigmaAzimuth = Annotated[
         "--sigma-azimuth-arcsec", help="1 sigma of each given heading by itself [arcsec]."
     ),
 ]
-SigmaNorth = Annotated[
-    float,
+SigmaHeading = Annotated[
+    float | None,
     typer.Option(
-        "--sigma-north-arcsec", help="1 sigma of the north that all given headings share [arcsec]."
+        "--sigma-heading-deg",
+        help="1 sigma of the error that all given headings share, those of a table too [deg]; 0"
+        " only where north is known without error. Default: 0.1.",
+    ),
+]
+SigmaNorth = Annotated[
+    float | None,
+    typer.Option(
+        "--sigma-north-arcsec", help="The same in seconds of arc [arcsec]; give one of the two."
     ),
 ]
 SigmaMounting = Annotated[
@@ -108,7 +116,8 @@ def command(
     heading_deg: Headings = None,
     north_to_west_deg: NorthToWest = None,
     sigma_azimuth_arcsec: SigmaAzimuth = 5.0,
-    sigma_north_arcsec: SigmaNorth = 30.0,
+    sigma_heading_deg: SigmaHeading = None,
+    sigma_north_arcsec: SigmaNorth = None,
     sigma_mounting_arcsec: SigmaMounting = None,
     max_off_deg: MaxOff = 2.0,
     prior_mrad: Prior = 1.0,
@@ -140,6 +149,7 @@ def command(
         max_off_deg=_size(max_off_deg, "--max-off-deg"),
         prior_mrad=_size(prior_mrad, "--prior-mrad"),
         sigma_mounting_arcsec=_size(sigma_mounting_arcsec, "--sigma-mounting-arcsec"),
+        sigma_heading_deg=common_sigma_deg(sigma_heading_deg, sigma_north_arcsec),
     )
     if is_table(inputs):
         if heading_deg or north_to_west_deg:
@@ -156,11 +166,13 @@ def command(
             inputs[0], lat_deg=lat_deg, sigma_deg_h=sigma, twin=twin, settings=settings
         )
     else:
-        sigmas = (
-            _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec"),
-            _size(sigma_north_arcsec, "--sigma-north-arcsec"),
+        stop_arcsec = _size(sigma_azimuth_arcsec, "--sigma-azimuth-arcsec")
+        known = given_azimuths(
+            heading_deg,
+            north_to_west_deg,
+            sigma_stop_arcsec=stop_arcsec,
+            sigma_heading_deg=settings.sigma_heading_deg,
         )
-        known = given_azimuths(heading_deg, north_to_west_deg, sigmas)
         found = misalignment(inputs, twin, known=known, settings=settings, store=store)
     written = found.write(output, twin_out=twin_out)
     answer(
@@ -186,8 +198,30 @@ def _size(value: Any, name: str) -> Any:
     return value
 
 
+def common_sigma_deg(sigma_heading_deg: float | None, sigma_north_arcsec: float | None) -> float:
+    """1 sigma of the error that all given headings share [deg]; typer.BadParameter where both
+    options are given, or one is no size.
+    """
+    from recal.service.misalignment import AzimuthSettings
+
+    if sigma_heading_deg is not None and sigma_north_arcsec is not None:
+        raise typer.BadParameter(
+            "--sigma-heading-deg and --sigma-north-arcsec are both given, needed one"
+        )
+    if sigma_north_arcsec is not None:
+        return float(_size(sigma_north_arcsec, "--sigma-north-arcsec")) / 3600.0
+    given = AzimuthSettings.sigma_heading_deg if sigma_heading_deg is None else sigma_heading_deg
+    if not 0 <= given <= 180.0:
+        raise typer.BadParameter(f"--sigma-heading-deg = {given:g}, needed 0 to 180")
+    return given
+
+
 def given_azimuths(
-    heading_deg: str | None, north_to_west_deg: str | None, sigmas_arcsec: tuple[float, float]
+    heading_deg: str | None,
+    north_to_west_deg: str | None,
+    *,
+    sigma_stop_arcsec: float,
+    sigma_heading_deg: float,
 ) -> "KnownAzimuths | None":
     """The given headings, None where there are none; typer.BadParameter where they are no list of
     numbers.
@@ -208,5 +242,6 @@ def given_azimuths(
             f"azimuths {text[:60]!r}, needed numbers within +-360 with commas between them"
         )
     headings = angles if heading_deg else [-angle for angle in angles]
-    stop, north = sigmas_arcsec
-    return known_azimuths(headings, sigma_stop_arcsec=stop, sigma_north_arcsec=north)
+    return known_azimuths(
+        headings, sigma_stop_arcsec=sigma_stop_arcsec, sigma_heading_deg=sigma_heading_deg
+    )

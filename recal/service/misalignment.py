@@ -187,13 +187,26 @@ def misalignment_of_table(
 
 
 def known_azimuths(
-    headings_deg: Sequence[float], *, sigma_stop_arcsec: float, sigma_north_arcsec: float
+    headings_deg: Sequence[float],
+    *,
+    sigma_stop_arcsec: float = 5.0,
+    sigma_heading_deg: float = AzimuthSettings.sigma_heading_deg,
 ) -> KnownAzimuths:
-    """Headings that were given: each with a sigma of its own, and one that all share."""
+    """Headings that were given.
+
+    Parameters
+    ----------
+    headings_deg : sequence of float
+        One for each stop, in the order of the runs [deg].
+    sigma_stop_arcsec : float
+        1 sigma of each by itself [arcsec].
+    sigma_heading_deg : float
+        1 sigma of the error that all share [deg].
+    """
     return KnownAzimuths(
         heading_rad=np.mod(np.array(headings_deg) * DEG, 2 * np.pi),
         sigma_stop_rad=sigma_stop_arcsec * ARCSEC,
-        sigma_north_rad=sigma_north_arcsec * ARCSEC,
+        sigma_north_rad=sigma_heading_deg * DEG,
     )
 
 

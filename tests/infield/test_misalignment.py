@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from alignment.motion.inertial import between_turns
 from alignment.motion.seconds import seconds_of
@@ -13,7 +14,7 @@ from alignment.motion.stillness import PIVOT_RAD_S
 from infield.misalignment.azimuth_biases import KnownAzimuths
 from infield.misalignment.azimuth_levelling import level_offsets
 from infield.misalignment.azimuth_runs import STOP_TURN_RAD, Stop, find_stops
-from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs
+from infield.misalignment.study import AzimuthSettings, corrected_twin, study_runs, study_table
 from infield.reports.documents.misalignment import misalignment_document
 from infield.reports.misalignment_page import render
 from infield.reports.words.sentences import sentences
@@ -105,6 +106,39 @@ def test_four_power_ons_with_and_without_azimuths():
         "zy",
         "xy+yx",
     }
+
+
+@pytest.mark.parametrize("common_deg", [0.1, 1.0])
+def test_an_error_that_all_headings_share_is_within_the_sigmas(common_deg):
+    """Biases made by the sensor model of physics.md section 4, with plain sums of the angles."""
+    rng = np.random.default_rng(21)
+    level_deg_h, noise_deg_h = 15.041 * np.cos(0.7), 0.001
+    xy, yx, zx, zy = 3e-4, -2e-4, 4e-4, 1e-4
+    given = np.array(FOUR_DEG) * DEG
+    squares = {name: [] for name in ("xy", "yx", "zx", "zy", "xy+yx")}
+    truth = {"xy": xy, "yx": yx, "zx": zx, "zy": zy, "xy+yx": xy + yx}
+    for _ in range(400):
+        true = given - rng.normal(0.0, common_deg * DEG)
+        forward, right = level_deg_h * np.cos(true), -level_deg_h * np.sin(true)
+        reads = np.column_stack([forward + xy * right, right + yx * forward, zx * forward])
+        reads[:, 2] += zy * right
+        reads[:, 0] -= level_deg_h * np.cos(given)
+        reads[:, 1] += level_deg_h * np.sin(given)
+        noise = rng.normal(0.0, noise_deg_h, reads.shape)
+        result = study_table(
+            given,
+            reads + noise,
+            np.full(reads.shape, noise_deg_h),
+            lat_rad=0.7,
+            twin=TWIN,
+            source="made",
+            settings=AzimuthSettings(sigma_heading_deg=common_deg),
+        ).result
+        for c in result.couplings:
+            squares[c.name].append(((c.value_rad - truth[c.name]) / c.sigma_rad) ** 2)
+    low, high = chi2.ppf([0.0005, 0.9995], 400) / 400
+    means = {name: float(np.mean(values)) for name, values in squares.items()}
+    assert all(low < mean < high for mean in means.values()), means
 
 
 def test_two_sessions_on_opposite_headings_disagree_before_and_agree_after():

@@ -22,7 +22,8 @@ ROWS = (
     "180,0.01,-0.02,0.02423",
     "270,0.01346,-0.02,0.03",
 )
-TABLE = ("k.csv", "--lat-deg", "39.9", "--sigma-deg-h", "0.001")
+HEADINGS_UNKNOWN = ("k.csv", "--lat-deg", "39.9", "--sigma-deg-h", "0.001")
+TABLE = (*HEADINGS_UNKNOWN, "--sigma-heading-deg", "0")
 
 
 @pytest.fixture
@@ -98,8 +99,28 @@ def test_the_same_biases_by_heading_are_the_same_answer(folder):
 def test_own_sigmas_of_the_rows_are_used(folder):
     sigmas = ",sigma_x_deg_h,sigma_y_deg_h,sigma_z_deg_h"
     put(HEADER + sigmas, [row + ",0.001,0.002,0.004" for row in ROWS])
-    found = by_entry(result_of("k.csv", "--lat-deg", "39.9"))
+    found = by_entry(result_of("k.csv", "--lat-deg", "39.9", "--sigma-heading-deg", "0"))
     assert found["zx"]["sigma_arcsec"] == pytest.approx(4 * found["xy"]["sigma_arcsec"])
+
+
+def test_the_error_that_headings_share_is_in_the_sigmas_by_default(folder):
+    exact, found = (by_entry(result_of(*given)) for given in (TABLE, HEADINGS_UNKNOWN))
+    for entry in ("xy", "yx"):
+        assert found[entry]["value_arcsec"] == pytest.approx(exact[entry]["value_arcsec"])
+        common = np.sqrt(found[entry]["sigma_arcsec"] ** 2 - exact[entry]["sigma_arcsec"] ** 2)
+        assert common == pytest.approx(360.0, rel=1e-3)  # 0.1 deg
+    for entry in ("zx", "zy", "xy+yx"):
+        assert found[entry]["sigma_arcsec"] == pytest.approx(exact[entry]["sigma_arcsec"])
+    assert "within 0.1 deg" in result_of(*HEADINGS_UNKNOWN)["azimuths"]
+    seconds = by_entry(result_of(*TABLE[:-2], "--sigma-north-arcsec", "360"))
+    assert seconds["xy"]["sigma_arcsec"] == pytest.approx(found["xy"]["sigma_arcsec"])
+
+
+def test_the_twin_takes_the_sum_where_north_is_poor(folder):
+    result_of(*HEADINGS_UNKNOWN, "--twin-out", "twin.json")
+    misalignment = read_twin(folder / "twin.json").gyro.misalignment_mrad
+    xy, yx = misalignment[0], misalignment[2]
+    assert xy == pytest.approx(yx)
 
 
 def test_one_run_with_four_stops_and_the_twin_that_it_writes(folder):
@@ -171,6 +192,8 @@ def test_bad_tables_are_one_line(folder, header, rows, told):
     [
         ("k.csv", "--sigma-deg-h", "0.001"),
         (*TABLE, "--heading-deg", "0,90,180,270"),
+        (*TABLE, "--sigma-north-arcsec", "30"),
+        (*HEADINGS_UNKNOWN, "--sigma-heading-deg", "-1"),
         (*TABLE[:3], "--sigma-deg-h", "-1"),
         ("run", "--heading-deg", "0,ninety"),
         ("run", "--heading-deg", "0", "--north-to-west-deg", "0"),

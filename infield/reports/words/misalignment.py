@@ -31,11 +31,17 @@ def _contradicted(*, stop: int, run_id: str, given_rad: float, seen_rad: float) 
 
 
 def _given(*, sigma_stop_rad: float, sigma_north_rad: float) -> str:
-    stop, north = sigma_stop_rad / ARCSEC, sigma_north_rad / ARCSEC
+    stop, north = sigma_stop_rad / ARCSEC, sigma_north_rad / DEG
     return (
-        f"given: each stop within {stop:g} arcsec, their common north within {north:g} arcsec (1"
+        f"given: each stop within {stop:g} arcsec, their common north within {north:.3g} deg (1"
         " sigma)"
     )
+
+
+def _of_table(*, sigma_heading_rad: float) -> str:
+    if sigma_heading_rad == 0.0:
+        return "as in the table, without error"
+    return f"as in the table, their common north within {sigma_heading_rad / DEG:.3g} deg (1 sigma)"
 
 
 def _creeps(*, turned_rad: float) -> str:
@@ -83,7 +89,7 @@ SENTENCES: Mapping[StrEnum, Template] = {
         " gyro"
     ),
     Azimuths.GIVEN: _given,
-    Azimuths.OF_TABLE: "as in the table, without error",
+    Azimuths.OF_TABLE: _of_table,
     Unseen.VERTICAL: (
         "what the vertical couples in is a bias at one attitude and latitude: it stays in the"
         " table; tilt the unit to see it"
