@@ -20,8 +20,8 @@ from ins.robust import robust_scatter
 
 GUARD_S = 2.0
 BESIDE_S = 20  # seconds on either side of a disturbance, for level and rate before and after it
-# turned or tilted by more, 1.1 deg: what follows stands on another heading
-# (tests/alignment/test_parked_seconds.py turns by 0.002 and by more)
+# turned or tilted by more, 1.1 deg: what follows stands on another heading;
+# tests/alignment/test_parked_seconds.py turns by 0.002 and 0.3 rad
 NEW_PLACE_RAD = 0.02
 PLACE = "stands elsewhere"
 

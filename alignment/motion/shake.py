@@ -24,7 +24,8 @@ SIGMAS = (6.0, 6.0, 6.0, 7.5)
 WIDE_SIGMAS = 8.0  # where that is still below the aviation gate
 # epochs; energy of the sums over a second, the steepest part of an oscillation at 0.1 to 0.5 Hz
 GUST_WINDOW = 8
-# times the quiet mean square over the window: 3e-6 of 8 Gaussian epochs have as much
+# times the quiet mean square over the window: 3e-6 of 8 Gaussian epochs have as much; at half of
+# it a sway of 20 mm/s loses more than R1 allows (tests/alignment/test_stillness.py)
 GUST_ENERGY = 5.0
 # a unit whose quiet spread is smaller is not called rocked by a few millimetres a second
 GUST_FLOOR_M_S = 0.005

@@ -37,7 +37,7 @@ BESIDE = 15
 TAKE_OFF_M_S = 35.0
 PIVOT_RAD_S = 2e-3  # turning on the spot (0.11 deg/s) is movement
 # jolt of a vehicle that was pushed: twice NEW_HEADING_RAD of the filter (1e-3), beyond what the
-# parked heading survives
+# parked heading survives; tests/alignment/test_stillness.py asks for more than that
 NEW_PLACE_RAD = 2e-3
 ALIGNMENT_S = 600.0  # length of the first alignment where the log does not say
 

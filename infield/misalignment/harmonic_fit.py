@@ -30,7 +30,7 @@ from ins.units import DEG_PER_HOUR
 
 CONFIDENCE = 0.999  # of the redundancy check; 1 of 1000 sound studies fails it
 # share of the null space in a combination that makes it unobservable: far above rounding (1e-15),
-# far below a real share (0.1 and more)
+# far below the share of one that is not seen (about 1)
 UNSEEN_SHARE = 1e-6
 # gyro, column, sign
 COUPLINGS = {"xy": (0, 2, -1.0), "yx": (1, 1, 1.0), "zx": (2, 1, 1.0), "zy": (2, 2, -1.0)}

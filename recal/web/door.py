@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from recal.web.settings import Token
 
 SESSION_S = 8 * 3600.0
-MAX_SESSIONS = 500  # chosen: some 100 bytes each; far more than people review at a time
+# chosen: far more than people who review one fleet; the oldest of 501 signs in again
+MAX_SESSIONS = 500
 MAX_FAILURES = 5  # of one address within FAILURE_WINDOW_S (docs/serve.md): 1,440 guesses a day
 # 57,600 guesses a day; the shortest token, 16 letters, is one of 26^16 = 4e22 (docs/serve.md)
 MAX_FAILURES_IN_ALL = 200

@@ -28,7 +28,7 @@ from recal.service.results.pages import (
     svg_text,
 )
 
-MOST_KEPT = 64  # chosen: 64 pages of text, megabytes; one that is gone is drawn again
+MOST_KEPT = 64  # chosen: the latest 64; one that is gone is drawn again when asked for
 LINES = {
     "factory": (GREY, ":"),
     "previous": (OLD, "--"),

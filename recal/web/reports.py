@@ -12,7 +12,7 @@ from ins.records import InputError
 from recal.service.results.pages import JsonObject
 
 DOCUMENT, PAGE = "diagnosis.json", "diagnosis.html"
-LARGEST = 32 * 2**20  # bytes of a report (docs/serve.md)
+LARGEST = 32 * 2**20  # 32 MB of a report (docs/serve.md)
 # folders that are looked through, 0.2 s of a walk at most, and how deep; chosen: runs and
 # diagnoses lie 2 or 3 deep
 MOST_DIRECTORIES, DEEPEST = 5000, 8
