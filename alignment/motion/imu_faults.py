@@ -25,8 +25,8 @@ from ins.units import STANDARD_GRAVITY
 
 WINDOW = 20  # seconds on either side
 FEWEST = 8  # of them: the end of a line through 8 is known to 0.7 of one's noise (2 / sqrt(8))
-# of a shock, in touched seconds; a vehicle that starts to move accelerates for longer: chosen, to
-# 5 m/s at 1 m/s^2
+# of a shock, in touched seconds; a vehicle that starts to move accelerates for longer, to 5 m/s
+# at 1 m/s^2; at half of it tests/alignment/test_imu_faults.py fails
 LONGEST_S = 5
 # a push or a slow tow comes to rest again within this time; chosen: 15 min, 900 m at walking pace
 RETURN_S = 900.0
