@@ -23,7 +23,8 @@ from infield.table.temperature_model import SettledCurve, TemperatureModel
 from ins.records import AXES, GYRO_TECHNOLOGIES, InputError, frozen_array
 
 INTERPOLATIONS = ("linear", "hermite")
-# no table for a unit (formats.md, section 2)
+# of a table whose sigmas nobody gives: a unit as it leaves the factory (docs/reference/formats.md
+# section 2 has the raw biases, 0.1 and 0.3 deg/h, of units without one)
 DEFAULT_SIGMA_deg_h = {"rlg": 0.01, "fog": 0.05, "mems": 30.0}
 DAYS_PER_YEAR = 365.25
 # asymmetry or negative eigenvalue, relative to the largest variance, still taken for rounding:

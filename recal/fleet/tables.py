@@ -6,14 +6,13 @@ from datetime import datetime
 import numpy as np
 
 from recal.fleet.document_records import Criteria, TableFacts
-from recal.service.inputs.unit_inputs import UNKNOWN_BIAS_DEG_H
-from recal.service.store import TableStore, UnitRecord, moment
+from recal.service.store import DEFAULT_SIGMA_deg_h, TableStore, UnitRecord, moment
 
 STALE_DAYS = 365.0  # chosen: a year; docs/fleet.md says so
-STALE_SHARE = 0.5  # of the sigma of a unit without a table
+STALE_SHARE = 0.5  # of the sigma that tables of the technology come with
 CRITERIA = Criteria(
     stale_after_days=STALE_DAYS,
-    stale_sigma_deg_h={name: STALE_SHARE * sigma for name, sigma in UNKNOWN_BIAS_DEG_H.items()},
+    stale_sigma_deg_h={name: STALE_SHARE * sigma for name, sigma in DEFAULT_SIGMA_deg_h.items()},
     stale_contradictions=1,
     surprise_sigmas=3.0,
 )
@@ -44,7 +43,7 @@ def table_facts(store: TableStore, record: UnitRecord, now: datetime) -> TableFa
 
 def _stale(facts: TableFacts, technology: str) -> list[str]:
     """Why the table needs attention; empty where it does not."""
-    most = STALE_SHARE * UNKNOWN_BIAS_DEG_H[technology]
+    most = STALE_SHARE * DEFAULT_SIGMA_deg_h[technology]
     reasons = []
     if facts.contradictions:
         several = facts.contradictions > 1

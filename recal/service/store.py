@@ -30,6 +30,7 @@ from infield.store.table_store import (
     UnitSummary,
     store_exists,
 )
+from infield.table.thermal_table import DEFAULT_SIGMA_deg_h
 from ins.records import InputError
 from ins.verdicts import Outcome
 from recal.service.inputs.new_units import require_unit
@@ -37,6 +38,7 @@ from recal.service.update import Update, commit_update
 
 __all__ = [
     "WORTH_ANOTHER_TRY",
+    "DEFAULT_SIGMA_deg_h",
     "Decided",
     "FullProposal",
     "MergedRun",

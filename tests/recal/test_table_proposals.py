@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -10,7 +11,7 @@ from infield.table.file import table_to_dict
 from infield.table.thermal_table import EvenNodes, default_table
 from ins.records import InputError
 from recal.cli.app import app
-from tests.infield.sessions import factory_dict, simulated
+from tests.infield.sessions import TWIN, factory, factory_dict, shifted, simulated
 from tests.recal.verbs import update
 from trajectories.runs.directory import write_run
 
@@ -118,10 +119,33 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undr
 
 @pytest.mark.slow
 def test_an_inconsistent_update_is_not_proposed(folder):
-    # of a unit far off the table that its technology has by default
+    # the table is of another unit: 0.1 deg/h off, forty of its sigmas
     write_run(folder / "run", simulated().run)
+    with TableStore.open(URL, create=True) as store:
+        store.import_table(table_to_dict(shifted(factory(), (0.1, 0.0, 0.0))))
     answered("update", "run", "--propose", "-o", "out", exit_code=5)
-    assert not (folder / "recal.db").exists()
+    with TableStore.open(URL) as store:
+        assert store.proposals() == []
+        assert store.active().number == 1
+
+
+@pytest.mark.slow
+def test_a_new_unit_gets_a_table_that_knows_its_sigma(folder):
+    # its ring lasers read -0.06 to 0.02 deg/h, six times what one with a table is off
+    made = simulated()
+    write_run(folder / "run", made.run)
+    document = answered("update", "run", "--propose", "--new-unit", "--new-store", "-o", "out")
+    assert document["verdict"] == "proposed"
+    axes = document["table_after"]["axes"]
+    seen = {p["axis"]: p["temperature_degC"] for p in document["points"]}
+    for k, axis in enumerate("xyz"):
+        nodes, temperature = axes[axis], seen[axis]
+        value, sigma = (
+            np.interp(temperature, nodes["temperature_degC"], nodes[key])
+            for key in ("bias_deg_h", "sigma_deg_h")
+        )
+        true = made.gyro_bias_true_deg_h[-600:, k].mean()
+        assert abs(value - true) < 4.0 * np.hypot(sigma, TWIN.gyro.bias_instability_deg_h)
 
 
 def test_a_proposal_is_written_as_files(folder, monkeypatch):

@@ -7,7 +7,7 @@ from enum import StrEnum
 from pathlib import Path
 
 from alignment import coarse, gyrocompass
-from alignment.gyrocompass import RAW_BIAS_DEG_H, UNKNOWN_BIAS_DEG_H
+from alignment.gyrocompass import RAW_BIAS_DEG_H
 from infield.reports.documents.thermal_use import ThermalUseDocument, use_document
 from infield.session.log import find_rest
 from infield.session.parked.zero_rate import unknown_sigma_deg_h
@@ -117,15 +117,11 @@ def unit_inputs(run: Run, store: TableStore | None, given_twin: AnyTwin | None) 
 
 
 def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
-    """No table for a unit: bias 0 and its technology's sigma, widened by what |omega| of the parked
-    log shows.
+    """No table for a unit: bias 0 and the raw bias of its technology as sigma, widened by what
+    |omega| of the parked log shows.
     """
-    header, rest = run.header, find_rest(run)
-    sigma = UNKNOWN_BIAS_DEG_H[header.gyro_technology]
-    if rest is not None:
-        sigma = gyrocompass.unknown_bias_sigma_deg_h(
-            twin, coarse.earth_rate_means(run.imu.between(*rest))
-        )
+    header = run.header
+    sigma = raw_bias_sigma_deg_h(run, twin)
     # its warm-up shows too, and it may rest where a gyrocompass sees none
     if header.gyro_technology == "mems":
         temperature = (
@@ -144,8 +140,8 @@ def table_of_unknown_unit(run: Run, twin: TwinModel) -> ThermalTable:
 
 
 def raw_bias_sigma_deg_h(run: Run, twin: TwinModel) -> float:
-    """Sigma that an alignment takes for the biases of gyros that nobody knows [deg/h]: the raw bias
-    of their technology, widened by what |omega| of the parked log shows.
+    """Sigma of the biases of gyros that nobody knows [deg/h]: the raw bias of their technology,
+    widened by what |omega| of the parked log shows.
     """
     rest = find_rest(run)
     if rest is None:
