@@ -16,8 +16,6 @@ from ins.robust import robust_sigmas, runs_of_true
 Where = tuple[float, float]
 
 REST_BLOCKS = 6  # of 10 s: less than a minute is no rest (tests/motion/test_short_stretch.py)
-    6  # of 10 s: nothing shorter than a minute is a rest (tests/motion/test_short_stretch.py)
-)
 REST_FORCE_M_S2 = 0.03  # of a block mean off its stretch's median: 3 mrad of tilt
 REST_RATE_RAD_S = 3e-4  # 62 deg/h, four times Earth rate: a vehicle that turns a degree a minute
 # Where the gyros see the body tilt (people, loading), force and rate may follow: a turn since the
