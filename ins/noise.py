@@ -201,6 +201,34 @@ def flicker_covariance(start_s: NDArray, end_s: NDArray, *, lowest_hz: float) ->
     return _bin_mean(integral, start_s, end_s)
 
 
+def markov_covariance(start_s: NDArray, end_s: NDArray, *, tau_s: float) -> NDArray:
+    """Covariance of bin means of a first-order Gauss-Markov process.
+
+    Parameters
+    ----------
+    start_s, end_s : ndarray, shape (m,)
+        Bins [s], start before end.
+    tau_s : float
+        Correlation time [s].
+
+    Returns
+    -------
+    covariance : ndarray, shape (m, m)
+        For a variance of 1 unit^2.
+
+    Notes
+    -----
+    R(tau) = exp(-|tau| / tau_s); its integral over u and v is -(tau_s^2 exp(-x) + tau_s^2 x) with
+    x = |u - v| / tau_s.
+    """
+
+    def integral(u: NDArray, v: NDArray) -> NDArray:
+        x = np.abs(u - v) / tau_s
+        return np.asarray(-(tau_s**2) * (np.exp(-x) + x))
+
+    return _bin_mean(integral, start_s, end_s)
+
+
 def _bin_mean(
     integral: Callable[[NDArray, NDArray], NDArray], start_s: NDArray, end_s: NDArray
 ) -> NDArray:

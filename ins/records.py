@@ -858,6 +858,30 @@ class EffectDocument(TypedDict):
     parameters: dict[str, ParameterValue]
 
 
+class FitDocument(TypedDict, total=False):
+    """What a fitted twin rests on, as its file holds it (formats.md, section 6).
+
+    parameters: names, section and key, with values, sigma and interval_95 of each and their
+    covariance; identified: whether the runs tell it; seconds: at rest behind it; needed_s: parked
+    in one recording that would tell it, null where none of 128 h does; needed_runs: for the
+    turn-on; not_identified: why, by name; runs: hashes; method: how.
+    """
+
+    parameters: list[str]
+    values: list[float]
+    sigma: list[float | None]
+    interval_95: list[list[float | None]]
+    covariance: list[list[float]]
+    identified: list[bool]
+    seconds: list[float]
+    needed_s: list[float | None]
+    needed_runs: list[float | None]
+    not_identified: dict[str, str]
+    lines: list[dict[str, float | str]]
+    runs: list[str]
+    method: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class TwinModel:
     """What is believed about one installation: noise and nominal errors.
@@ -875,6 +899,8 @@ class TwinModel:
     vehicle : VehicleNoise
     effects : tuple of EffectDocument
         Effects beyond these, by name, target and parameters.
+    fit : FitDocument, optional
+        What the numbers rest on, where they were fitted to runs.
     source : str
         Where the numbers come from: a file, or the defaults of a technology.
     """
@@ -889,6 +915,7 @@ class TwinModel:
     odometer: OdometerNoise = field(default_factory=OdometerNoise)
     vehicle: VehicleNoise = field(default_factory=VehicleNoise)
     effects: tuple[EffectDocument, ...] = ()
+    fit: FitDocument | None = None
     source: str = "defaults"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal, TypedDict, cast
 
 from pydantic import Field, create_model
 
@@ -23,6 +23,7 @@ from ins.records import (
     GYRO_TECHNOLOGIES,
     AccelNoise,
     EffectDocument,
+    FitDocument,
     GyroNoise,
     InputError,
     TemperatureNoise,
@@ -71,6 +72,7 @@ class TwinDocument(TypedDict, total=False):
     odometer: Section
     vehicle: Section
     effects: Sequence[EffectDocument]
+    fit: FitDocument
 
 
 class _Effect(StrictModel):
@@ -79,11 +81,30 @@ class _Effect(StrictModel):
     parameters: dict[str, Any] = Field(default_factory=dict)
 
 
+class _Fit(StrictModel):
+    """`FitDocument`, checked; all may be left out, nothing else stands in it."""
+
+    parameters: list[str]
+    values: list[float]
+    sigma: list[float | None]
+    interval_95: list[list[float | None]] = Field(default_factory=list)
+    covariance: list[list[float]] = Field(default_factory=list)
+    identified: list[bool] = Field(default_factory=list)
+    seconds: list[float] = Field(default_factory=list)
+    needed_s: list[float | None] = Field(default_factory=list)
+    needed_runs: list[float | None] = Field(default_factory=list)
+    not_identified: dict[str, str] = Field(default_factory=dict)
+    lines: list[dict[str, float | str]] = Field(default_factory=list)
+    runs: list[str] = Field(default_factory=list)
+    method: str = ""
+
+
 class _TwinHead(StrictModel):
     imu_serial: str = ""
     gyro_technology: Literal["rlg", "fog", "mems"]
     table: Annotated[str, Field(min_length=1)] | None = None
     effects: list[_Effect] = Field(default_factory=list)
+    fit: _Fit | None = None
 
 
 def default_twin(technology: str) -> TwinModel:
@@ -209,6 +230,7 @@ def twin_from_dict(data: JsonObject, *, source: str, name: str) -> TwinModel:
         table=given.get("table"),
         imu_serial=given.get("imu_serial", ""),
         effects=tuple(_effect(item) for item in model.effects),
+        fit=None if model.fit is None else _fit(model.fit),
     )
 
 
@@ -225,7 +247,8 @@ def twin_to_dict(twin: TwinModel) -> TwinDocument:
     data : dict
         `twin_from_dict` makes the same twin of it.
     """
-    body = _lists({k: v for k, v in asdict(twin).items() if k != "source"})
+    left_out = {"source"} if twin.fit is not None else {"source", "fit"}
+    body = _lists({k: v for k, v in asdict(twin).items() if k not in left_out})
     document: TwinDocument = {"schema": SCHEMA, **body}
     return document
 
@@ -253,6 +276,10 @@ def _section_model(record: Any) -> type[StrictModel]:
         )
         types[f.name] = (kind, None)
     return create_model(type(record).__name__, __base__=StrictModel, **types)
+
+
+def _fit(item: _Fit) -> FitDocument:
+    return cast(FitDocument, item.model_dump(exclude_unset=True))
 
 
 def _effect(item: _Effect) -> EffectDocument:

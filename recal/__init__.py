@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from recal.service.simulate import simulate
     from recal.service.store import open_store
     from recal.service.thermal import fit_fog, fit_rlg
+    from recal.service.twin_fit import fit_twin
     from recal.service.update import update
 
     __version__: str
@@ -35,6 +36,7 @@ _HOMES = {
     "diagnose": "diagnose",
     "fit_fog": "thermal",
     "fit_rlg": "thermal",
+    "fit_twin": "twin_fit",
     "misalignment": "misalignment",
     "open_store": "store",
     "plan": "plan",
@@ -55,6 +57,7 @@ __all__ = [
     "diagnose",
     "fit_fog",
     "fit_rlg",
+    "fit_twin",
     "misalignment",
     "open_store",
     "plan",

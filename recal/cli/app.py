@@ -54,6 +54,7 @@ GROUPS = {  # what each group of commands says of itself
     "table": "The stored thermal tables and their history.",
     "thermal": "Thermal coefficients from chamber runs.",
     "fleet": "Many runs of many units in one call.",
+    "twin": "The noise model of a unit, from its own logs.",
 }
 MODULES = {"table": "recal.cli.table.commands", "thermal": "recal.cli.thermal.app"}
 

@@ -32,6 +32,7 @@ from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, table_of, tw
 class NoiseSource(StrEnum):
     """Where the noise model of a unit comes from (formats.md, section 6: `noise_source`)."""
 
+    FITTED = "fitted"  # by recal twin fit, whichever way it came
     TWIN_FILE = "twin file"
     STORE = "store"
     DEFAULTS = "defaults"  # written with the technology that they are of
@@ -54,6 +55,8 @@ class UnitInputs:
     @property
     def noise_source(self) -> str:
         """As documents name it."""
+        if self.twin.fit is not None:
+            return NoiseSource.FITTED.value
         if self.noise is NoiseSource.DEFAULTS:
             return f"{self.noise} of {self.table.gyro_technology}"
         return self.noise.value

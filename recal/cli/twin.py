@@ -1,0 +1,59 @@
+"""`recal twin`: the noise model of a unit, fitted to its own logs."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from recal.cli.console import (
+    Command,
+    JsonFlag,
+    NoSeed,
+    OutputPath,
+    Quiet,
+    Verbose,
+    answer,
+    finish,
+    say,
+)
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    no_args_is_help=True,
+    help="The noise model of a unit, from its own logs.",
+)
+
+
+@app.callback()
+def twin() -> None:
+    """The noise model of a unit, from its own logs."""
+
+
+@app.command("fit", cls=Command)
+def fit(
+    runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit, parked.")],
+    start: Annotated[
+        Path | None,
+        typer.Option("--start", help="Twin to begin with: kept where the runs tell nothing."),
+    ] = None,
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """The noise of a unit from its parked time, each number with its sigma; what the runs cannot
+    tell is named, with the recording that would.
+
+    Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
+    """
+    from recal.cli.progress import Progress
+    from recal.service.twin_fit import fit_twin
+
+    with Progress("fitting", quiet=quiet) as told:
+        fitted = fit_twin(runs, start, told=told)
+        fitted.write(output)
+    answer(fitted.document, as_json=as_json, verbose=verbose)
+    for line in fitted.lines(verbose=verbose):
+        say(line, quiet=quiet)
+    finish(fitted.verdict)

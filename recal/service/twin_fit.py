@@ -1,0 +1,151 @@
+"""`twin fit`: the noise of a unit from its own parked logs."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from infield.table.thermal_table import ThermalTable
+from ins.records import InputError, Run, TwinModel
+from ins.twin_file import default_twin, twin_to_dict
+from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
+from recal.service.inputs.twin_table import twin_table
+from recal.service.results.files import output_directory, program_version, write_files
+from recal.service.results.paths import AnyPath
+from recal.service.results.result import Result
+from recal.service.results.text import result_text
+from simreal.report.twin_document import fitted_twin, no_rest_document, summary, twin_fit_document
+from simreal.report.twin_page import allan_figure, twin_html
+from simreal.report.twin_records import TwinFitRecord
+from simreal.twin.fit.fit import NoRest
+from simreal.twin.fit.fit import fit_twin as fit_runs
+from simreal.twin.fit.result import Parameter
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from pandas import DataFrame
+
+TWIN_NAME = "twin.json"
+
+
+@dataclass(frozen=True, repr=False, eq=False, kw_only=True)
+class FittedTwin(Result[TwinFitRecord]):
+    """A twin fitted to runs.
+
+    Parameters
+    ----------
+    twin : TwinModel or None
+        The fitted twin with its `fit`; None where no run rests.
+    """
+
+    twin: TwinModel | None
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Every parameter with value, sigma, 95 % interval, and whether the runs tell it."""
+        return () if self.record.found is None else self.record.found.parameters
+
+    def to_frame(self) -> "DataFrame":
+        """The parameters as a pandas DataFrame, a row each."""
+        from pandas import DataFrame
+
+        return DataFrame([vars(p) for p in self.parameters])
+
+    def plot(self) -> "Figure":
+        """Allan deviation of each channel, of the data and of the fitted model with its band.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            Made without pyplot; `.savefig(path)` writes it.
+        """
+        return allan_figure(self.record)
+
+    def lines(self, *, verbose: bool = False) -> list[str]:
+        """Each parameter with its sigma, or why it cannot be told."""
+        return summary(self.record)
+
+    def write(self, output: AnyPath | None = None) -> Path:
+        """Write twin.json, twin_fit.json and twin.html to a directory (else `recal-twin`), or,
+        where the path ends in .json, the twin there and the others beside it; returns the twin's
+        path.
+        """
+        twin = twin_path(output)
+        files = {twin.with_name(f"{twin.stem}_fit.json"): self.to_json()}
+        if self.page is not None:
+            files[twin.with_suffix(".html")] = self.page()
+        if self.twin is not None:
+            files[twin] = result_text(twin_to_dict(self.twin))
+        write_files(files)
+        return twin
+
+
+def twin_path(output: AnyPath | None) -> Path:
+    """Where a twin is to be written; its folder is made."""
+    path = None if output is None else Path(output)
+    if path is not None and path.suffix == ".json":
+        output_directory(path.parent, "twin")
+        return path
+    return output_directory(path, "twin") / TWIN_NAME
+
+
+def fit_twin(
+    runs: AnyRun | Sequence[AnyRun],
+    start: AnyTwin | None = None,
+    *,
+    told: Callable[[str], None] = lambda words: None,
+) -> FittedTwin:
+    """The noise of a unit from what its sensors do at rest.
+
+    Parameters
+    ----------
+    runs : Run or path, or several
+        Power-on sessions of one unit, each with a parked stretch; one hour or many days.
+    start : TwinModel or path, optional
+        What is kept of what the runs do not tell, and the table to take out; else the defaults of
+        the technology.
+    told : callable
+        Told what is being done.
+
+    Returns
+    -------
+    FittedTwin
+        Verdict `fitted`, or `refused` where no run rests; `.twin`; `.parameters` with sigmas; what
+        cannot be told, and the recording that would tell it.
+
+    Raises
+    ------
+    InputError
+        Where an input cannot be read, or the runs are of different units.
+
+    Examples
+    --------
+    >>> import recal
+    >>> simulated = recal.simulate("parked_only", seed=7, rate_hz=10)
+    >>> fitted = recal.fit_twin(simulated.run)
+    >>> fitted.verdict, abs(fitted.twin.gyro.arw_deg_sqrt_h / 0.002 - 1) < 0.02
+    ('fitted', True)
+    """
+    read = runs_of(runs)
+    believed, table = _believed(read[0], start)
+    found = fit_runs(read, believed, table, told)
+    if isinstance(found, NoRest):
+        serial = read[0].header.imu_serial
+        return FittedTwin(no_rest_document(found, believed, serial, program_version()), twin=None)
+    record = twin_fit_document(found, believed, program_version())
+    return FittedTwin(record, page=lambda: twin_html(record), twin=fitted_twin(found))
+
+
+def _believed(run: Run, start: AnyTwin | None) -> tuple[TwinModel, ThermalTable | None]:
+    """The twin to begin with, less what an earlier fit says of itself, and its table."""
+    header = run.header
+    if start is None:
+        return default_twin(header.gyro_technology), None
+    twin = twin_of(start)
+    for key in ("imu_serial", "gyro_technology"):
+        declared, own = getattr(twin, key), getattr(header, key)
+        if declared and declared != own:
+            raise InputError(f"{twin.source}: {key} {declared}, run {header.run_id} has {own}")
+    beside = twin_table(Path(start), twin).table if isinstance(start, str | PathLike) else None
+    return twin, beside

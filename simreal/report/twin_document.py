@@ -1,0 +1,199 @@
+"""twin_fit.json of a fit, the `fit` of its twin, and the same in a few lines for people. Computes
+nothing.
+"""
+
+import math
+from dataclasses import replace
+
+from ins.records import FitDocument, TwinModel
+from simreal.report.twin_records import (
+    METHOD,
+    ChannelRecord,
+    LineRecord,
+    ParameterRecord,
+    RunRecord,
+    TwinFitRecord,
+)
+from simreal.report.twin_words import NAMES, YAW, needs_words, size_words, why_words
+from simreal.twin.fit.fit import CHANNELS, NoRest
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.streams import SHORTEST_S
+
+AXES_DIFFER_P = 1e-4
+DIFFERENT = (
+    "the white noise of the {triad} axes differs ({sizes}); the twin has their root mean square"
+)
+
+
+def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> TwinFitRecord:
+    """The document of a fit that found something."""
+    return TwinFitRecord(
+        verdict="fitted",
+        reasons=(),
+        version=version,
+        imu_serial=found.twin.imu_serial,
+        gyro_technology=found.twin.gyro_technology,
+        start=believed.source,
+        runs=[_run(r) for r in found.runs],
+        parked_s=found.seconds,
+        parameters=[_parameter(p) for p in found.parameters],
+        channels=[
+            ChannelRecord(
+                channel=c.channel,
+                p_value=c.p_value,
+                white=found.axis_white.get(c.channel),
+                frequency_hz=c.hz.tolist(),
+                power=c.power.tolist(),
+                power_model=c.model.tolist(),
+                dof=c.dof.tolist(),
+                tau_s=c.tau_s.tolist(),
+                allan=c.allan.tolist(),
+                allan_model=c.allan_model.tolist(),
+                allan_low=c.allan_low.tolist(),
+                allan_high=c.allan_high.tolist(),
+            )
+            for c in found.curves
+        ],
+        lines=[
+            LineRecord(
+                channel=CHANNELS[line.channel],
+                frequency_hz=line.frequency_hz,
+                amplitude=line.amplitude,
+                sigma=line.sigma,
+            )
+            for line in found.lines
+        ],
+        axes_alike_p=dict(found.differ),
+        vehicle_share={CHANNELS[k]: float(found.shared[k]) for k in range(3)},
+        windows_left_out=dict(found.left_out),
+        notes=_notes(found),
+        found=found,
+    )
+
+
+def no_rest_document(
+    found: NoRest, believed: TwinModel, serial: str, version: str
+) -> TwinFitRecord:
+    """The document of a fit of runs that never rest."""
+    names = ", ".join(r.run_id for r in found.runs)
+    return TwinFitRecord(
+        verdict="refused",
+        reasons=[f"{names}: never at rest for {SHORTEST_S:.0f} s; needed a parked stretch"],
+        version=version,
+        imu_serial=serial,
+        gyro_technology=believed.gyro_technology,
+        start=believed.source,
+        runs=[_run(r) for r in found.runs],
+        parked_s=0.0,
+        parameters=(),
+        channels=(),
+        lines=(),
+        axes_alike_p={},
+        vehicle_share={},
+        windows_left_out={},
+        notes=(),
+    )
+
+
+def fitted_twin(found: TwinFit) -> TwinModel:
+    """The twin with what its numbers rest on."""
+    known = [found.of(name) for name in found.names]
+    fit: FitDocument = {
+        "parameters": list(found.names),
+        "values": [p.value for p in known],
+        "sigma": [_finite(p.sigma) for p in known],
+        "interval_95": [[_finite(p.low), _finite(p.high)] for p in known],
+        "covariance": found.covariance.tolist(),
+        "identified": [p.identified for p in known],
+        "seconds": [p.seconds for p in known],
+        "needed_s": [_needed(p, Needs.PARKED_SECONDS) for p in known],
+        "needed_runs": [_needed(p, Needs.RUNS) for p in known],
+        "not_identified": {p.name: why_words(p) for p in found.parameters if not p.identified},
+        "lines": [
+            {
+                "channel": CHANNELS[line.channel],
+                "frequency_hz": line.frequency_hz,
+                "amplitude": line.amplitude,
+            }
+            for line in found.lines
+        ],
+        "runs": [r.sha256 for r in found.runs],
+        "method": METHOD,
+    }
+    return replace(found.twin, fit=fit)
+
+
+def summary(d: TwinFitRecord) -> list[str]:
+    """The fit in a few lines for people."""
+    if d.found is None:
+        return [f"{d.imu_serial}: {d.verdict}", *(f"  because {why}" for why in d.reasons)]
+    known = sum(p.identified for p in d.parameters)
+    hours = d.parked_s / 3600.0
+    lines = [
+        f"{d.imu_serial}: fitted from {len(d.runs)} run{'s' if len(d.runs) > 1 else ''},"
+        f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters told"
+    ]
+    for p in d.found.parameters:
+        name = NAMES[p.name][0]
+        lacks = needs_words(p)
+        tail = "" if p.identified else f" ({WORDS_SHORT}{'; ' + lacks if lacks else ''})"
+        lines.append(f"  {name:28s}{size_words(p)}{tail}")
+    lines += [f"  note: {note}" for note in d.notes]
+    return lines
+
+
+WORDS_SHORT = "not told by these runs"
+
+
+def _run(r: RunUsed) -> RunRecord:
+    return RunRecord(run_id=r.run_id, sha256=r.sha256, parked_s=r.parked_s)
+
+
+def _parameter(p: Parameter) -> ParameterRecord:
+    words, unit = NAMES[p.name]
+    return ParameterRecord(
+        name=p.name,
+        words=words,
+        unit=unit,
+        value=p.value,
+        sigma=p.sigma,
+        interval_95=(p.low, p.high),
+        identified=p.identified,
+        believed=p.believed,
+        seconds=p.seconds,
+        nats=p.nats,
+        why=p.why,
+        text=why_words(p),
+        needs=p.needs,
+        needed_s=_needed(p, Needs.PARKED_SECONDS),
+        needed_runs=_needed(p, Needs.RUNS),
+    )
+
+
+def _needed(p: Parameter, needs: Needs) -> float | None:
+    return _finite(p.needed) if p.needs is needs else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _notes(found: TwinFit) -> list[str]:
+    notes = []
+    for triad, p in found.differ.items():
+        if p < AXES_DIFFER_P:
+            own = {k: v for k, v in found.axis_white.items() if k.startswith(triad)}
+            sizes = ", ".join(f"{name[-1]} {value:.3g}" for name, value in own.items())
+            notes.append(DIFFERENT.format(triad=triad, sizes=sizes))
+    if found.of("vehicle.yaw_creep_arcsec_sqrt_h").identified:
+        notes.append(YAW)
+    for line in found.lines:
+        unit = "rad/s" if line.channel < 3 else "m/s^2"
+        notes.append(
+            f"a line at {line.frequency_hz:.4g} Hz on {CHANNELS[line.channel]}, amplitude"
+            f" {line.amplitude:.2g} {unit}: left out of the noise"
+        )
+    silent = [r.run_id for r in found.runs if r.parked_s == 0.0]
+    if silent:
+        notes.append(f"never at rest, not used: {', '.join(silent)}")
+    return notes

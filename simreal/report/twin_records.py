@@ -1,0 +1,99 @@
+"""What twin_fit.json (`recal.twin_fit/1`) and twin_check.json (`recal.twin_check/1`) hold: a field
+is a key.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ins.verdicts import OMIT_NONE, UNWRITTEN
+from simreal.twin.fit.result import Needs, TwinFit, Why
+
+FIT_SCHEMA, CHECK_SCHEMA = "recal.twin_fit/1", "recal.twin_check/1"
+METHOD = (
+    "restricted maximum likelihood of slow means with Whittle's of half-overlapping Hann spectra"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRecord:
+    """One number of the twin; interval_95: the upper end is a one-sided limit where not identified;
+    nats: log likelihood against none of it; needed_s, needed_runs: what would identify it.
+    """
+
+    name: str
+    words: str
+    unit: str
+    value: float
+    sigma: float
+    interval_95: Sequence[float]
+    identified: bool
+    believed: float
+    seconds: float
+    nats: float | None
+    why: Why | None
+    text: str
+    needs: Needs
+    needed_s: float | None
+    needed_runs: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRecord:
+    """A channel's spectrum and Allan deviation beside those of the model (SI units)."""
+
+    channel: str
+    p_value: float
+    white: float | None
+    frequency_hz: Sequence[float]
+    power: Sequence[float]
+    power_model: Sequence[float]
+    dof: Sequence[float]
+    tau_s: Sequence[float]
+    allan: Sequence[float]
+    allan_model: Sequence[float]
+    allan_low: Sequence[float]
+    allan_high: Sequence[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineRecord:
+    """A line of dither or of an engine; amplitude in rad/s or m/s^2."""
+
+    channel: str
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunRecord:
+    """A run of the fit."""
+
+    run_id: str
+    sha256: str
+    parked_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinFitRecord:
+    """The document of a fit."""
+
+    schema: str = FIT_SCHEMA
+    verdict: str
+    reasons: Sequence[str]
+    version: str
+    method: str = METHOD
+    imu_serial: str
+    gyro_technology: str
+    start: str
+    runs: Sequence[RunRecord]
+    parked_s: float
+    parameters: Sequence[ParameterRecord]
+    channels: Sequence[ChannelRecord]
+    lines: Sequence[LineRecord]
+    axes_alike_p: Mapping[str, float]
+    vehicle_share: Mapping[str, float]
+    windows_left_out: Mapping[str, float]
+    notes: Sequence[str]
+    found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
+    twin: str | None = field(default=None, metadata=OMIT_NONE)

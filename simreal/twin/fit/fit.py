@@ -1,0 +1,504 @@
+"""A twin from a unit's own parked logs: the spine.
+
+Streams at rest -> spectra and slow means -> one likelihood a triad -> what can be told of each
+term, with the other sensors and the spread between runs.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from infield.table.thermal_table import ThermalTable
+from ins.earth import EARTH_RATE_RAD_S
+from ins.noise import accel_densities, gyro_densities
+from ins.records import InputError, Run, RunHeader, TwinModel
+from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
+from ins.units import MICRO_G_PER_SQRT_HOUR as MICRO_G_WALK
+from simreal.twin.fit.constants import (
+    FIRST_S,
+    Spread,
+    accel_constants,
+    gyro_constants,
+    spread_between,
+)
+from simreal.twin.fit.curves import curves_of
+from simreal.twin.fit.evidence import BELIEVED_SIGMA, IDENTIFIED_SIGMA, Told, TriadFit, fit_triad
+from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
+from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
+from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.slow import slow_data
+from simreal.twin.fit.spectra import Line, spectra_of
+from simreal.twin.fit.streams import Stream, stream_of
+from simreal.twin.fit.terms import Shape, Term
+
+GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
+CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+UNSEEN = 0.1  # of the white noise at the highest frequency: where quantisation is first looked for
+SMALLEST = 1e-3  # of the white noise in a second: what a term of zero is believed to be
+SMALLEST_SWAY_M_S = 1e-5
+# degrees of freedom at which a spread is known to a quarter: sigma of a log variance sqrt(2 / n)
+ENOUGH_FREEDOM = 2.0 / IDENTIFIED_SIGMA**2
+ENOUGH_READINGS = 2.0 * ENOUGH_FREEDOM
+
+
+@dataclass(frozen=True)
+class NoRest:
+    """No run of a fit ever rests: nothing can be told. runs: what was looked at."""
+
+    runs: tuple[RunUsed, ...]
+
+
+def fit_twin(
+    runs: Sequence[Run],
+    believed: TwinModel,
+    table: ThermalTable | None = None,
+    told: Callable[[str], None] = lambda words: None,
+) -> TwinFit | NoRest:
+    """The noise of the unit that made the runs. InputError where they are of several units.
+
+    believed: what is kept of what the runs do not tell; table: its thermal table, taken out first.
+    """
+    header = one_unit(runs)
+    streams: list[Stream] = []
+    used: list[RunUsed] = []
+    for run in runs:
+        told(f"reading {run.header.run_id}")
+        stream = stream_of(run, believed, table)
+        if stream is not None:
+            streams.append(stream)
+        parked = 0.0 if stream is None else stream.still_s
+        used.append(RunUsed(run_id=run.header.run_id, sha256=run.sha256, parked_s=parked))
+    if not streams:
+        return NoRest(tuple(used))
+    told("fitting the noise")
+    evidence, lines, left_out, shared = _evidence(streams)
+    rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
+    seconds = float(sum(s.still_s for s in streams))
+    gyro = fit_triad(
+        evidence.of(GYROS), _gyro_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
+    )
+    accel = fit_triad(
+        evidence.of(ACCELS), _accel_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
+    )
+    told("reading the other sensors")
+    parameters = _gyro_parameters(gyro, believed, seconds)
+    parameters += _accel_parameters(accel, believed, seconds)
+    parameters += _turn_on(streams, believed, gyro, accel)
+    parameters += _others(streams, believed)
+    twin = _twin_of(believed, parameters, header.imu_serial)
+    names, covariance = _covariance(parameters, gyro, accel)
+    return TwinFit(
+        twin=twin,
+        parameters=tuple(parameters),
+        names=names,
+        covariance=covariance,
+        curves=curves_of(streams, evidence, (gyro.fitted, accel.fitted)),
+        lines=lines,
+        runs=tuple(used),
+        differ={"gyro": gyro.differ_p, "accel": accel.differ_p},
+        axis_white=_axis_white(gyro, accel),
+        shared=shared,
+        left_out=left_out,
+        seconds=seconds,
+    )
+
+
+def one_unit(runs: Sequence[Run]) -> RunHeader:
+    """The header of the first run; InputError where another is of another unit."""
+    first = runs[0].header
+    for run in runs[1:]:
+        header = run.header
+        for key in ("imu_serial", "gyro_technology", "gyro_mode"):
+            if getattr(header, key) != getattr(first, key):
+                raise InputError(
+                    f"run {header.run_id}: {key} {getattr(header, key)!r}, run {first.run_id} has"
+                    f" {getattr(first, key)!r}: needed runs of one unit"
+                )
+    return first
+
+
+def _evidence(
+    streams: Sequence[Stream],
+) -> tuple[Evidence, tuple[Line, ...], dict[str, float], NDArray]:
+    bands, slow, share = [], [], []
+    lines: list[Line] = []
+    left_out: dict[str, float] = {}
+    shared = np.zeros(3)
+    for k, stream in enumerate(streams):
+        found = spectra_of(stream)
+        bands += [(k, b) for b in found.bands]
+        slow += [(k, d) for d in slow_data(stream, found.slow_s)]
+        share.append(np.tile(1.0 - stream.up_b**2, 2))
+        lines += found.lines
+        shared = np.maximum(shared, found.shared)
+        for name, part in found.left_out.items():
+            left_out[name] = max(part, left_out.get(name, 0.0))
+    return Evidence(tuple(bands), tuple(slow), tuple(share)), _merged(lines), left_out, shared
+
+
+def _merged(lines: Sequence[Line]) -> tuple[Line, ...]:
+    """Lines of several runs as one where they are of one channel and within 0.5 %."""
+    kept: list[Line] = []
+    for line in sorted(lines, key=lambda one: (one.channel, one.frequency_hz)):
+        last = kept[-1] if kept else None
+        alike = last is not None and last.channel == line.channel
+        if alike and last and line.frequency_hz < 1.005 * last.frequency_hz:
+            if line.amplitude > last.amplitude:
+                kept[-1] = line
+        else:
+            kept.append(line)
+    return tuple(kept)
+
+
+def _gyro_model(twin: TwinModel, dt_s: float) -> Model:
+    d = gyro_densities(twin.gyro)
+    white = d.white**2
+    creep = (twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / np.sqrt(HOUR)) ** 2
+    centres = {
+        Term.WHITE: white,
+        Term.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0 or UNSEEN * white * dt_s / 4.0,
+        Term.FLICKER: d.instability**2 or SMALLEST * white,
+        Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
+        Term.CREEP: creep or SMALLEST * white,
+    }
+    return _model(centres, Shape())
+
+
+def _accel_model(twin: TwinModel, dt_s: float) -> Model:
+    d = accel_densities(twin.accel)
+    white = d.white**2
+    v = twin.vehicle
+    centres = {
+        Term.WHITE: white,
+        Term.QUANTIZATION: UNSEEN * white * dt_s / 4.0,
+        Term.FLICKER: d.instability**2 or SMALLEST * white,
+        Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
+        Term.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
+    }
+    shape = Shape(
+        sway_w=2.0 * np.pi * max(v.sway_hz, 0.01), sway_zeta=min(max(v.sway_damping, 0.02), 0.95)
+    )
+    return _model(centres, shape)
+
+
+def _model(centres: dict[Term, float], shape: Shape) -> Model:
+    width = np.full(len(centres), PRIOR_SIGMA)
+    return Model(tuple(centres), np.log(list(centres.values())), shape, width)
+
+
+def _size(told: Told, unit: float) -> tuple[float, float, float, float]:
+    """Value, sigma, low and high of a term's size in a unit."""
+    value = float(np.exp(0.5 * told.value)) / unit
+    low = float(np.exp(0.5 * told.low)) / unit if np.isfinite(told.low) else 0.0
+    return value, 0.5 * told.sigma * value, low, float(np.exp(0.5 * told.high)) / unit
+
+
+def _parameter(name: str, told: Told, unit: float, believed: float, seconds: float) -> Parameter:
+    value, sigma, low, high = _size(told, unit)
+    why = None
+    if not told.identified:
+        why = Why.TOO_LOOSE if told.nats > SEEN_NATS else Why.NOTHING_SEEN
+        if believed == 0.0:  # nobody believed in it and nothing shows it
+            value, sigma = 0.0, 0.5 * high
+    return Parameter(
+        name=name,
+        value=value,
+        sigma=sigma,
+        low=low,
+        high=high,
+        identified=told.identified,
+        believed=believed,
+        seconds=seconds,
+        nats=told.nats if np.isfinite(told.nats) else None,
+        why=why,
+        needs=Needs.NOTHING if told.identified else Needs.PARKED_SECONDS,
+        needed=told.needed_s,
+    )
+
+
+SEEN_NATS = 2.0  # 2 nats are 2 sigmas: something is there, its size is not told
+QUANTUM = 1.0 / np.sqrt(12.0)  # sigma of a uniform error of one step
+SQRT_HOUR = np.sqrt(HOUR)
+GYRO_TERMS = {
+    Term.WHITE: ("gyro.arw_deg_sqrt_h", DEG_PER_SQRT_HOUR),
+    Term.QUANTIZATION: ("gyro.quantization_rad", QUANTUM),
+    Term.FLICKER: ("gyro.bias_instability_deg_h", DEG_PER_HOUR),
+    Term.WALK: ("gyro.rate_random_walk_deg_h_sqrt_h", DEG_PER_HOUR_SQRT_HOUR),
+    Term.MARKOV: ("gyro.gauss_markov_deg_h", DEG_PER_HOUR),
+    Term.CREEP: ("vehicle.yaw_creep_arcsec_sqrt_h", ARCSEC / SQRT_HOUR),
+}
+ACCEL_TERMS = {
+    Term.WHITE: ("accel.vrw_ug_sqrt_hz", MICRO_G),
+    Term.QUANTIZATION: ("accel.quantization_m_s", QUANTUM),
+    Term.FLICKER: ("accel.bias_instability_ug", MICRO_G),
+    Term.WALK: ("accel.rate_random_walk_ug_sqrt_h", MICRO_G_WALK),
+    Term.MARKOV: ("accel.gauss_markov_ug", MICRO_G),
+    Term.SWAY: ("vehicle.sway_m_s", 1.0),
+}
+# what the fit finds and a twin has no key for; it stands in the twin's `fit`
+BESIDE_TWIN = (
+    "gyro.gauss_markov_deg_h",
+    "gyro.gauss_markov_tau_s",
+    "accel.quantization_m_s",
+    "accel.gauss_markov_ug",
+    "accel.gauss_markov_tau_s",
+)
+
+
+def believed_value(twin: TwinModel, name: str) -> float:
+    """What a twin declares under a name, 0 where it has no such key."""
+    section, key = name.split(".")
+    return float(getattr(getattr(twin, section), key, 0.0))
+
+
+def _gyro_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+    found = [
+        _parameter(name, told, unit, believed_value(twin, name), seconds)
+        for term, (name, unit) in GYRO_TERMS.items()
+        if (told := fit.of(term)) is not None
+    ]
+    if fit.of(Term.CREEP) is None:
+        name = GYRO_TERMS[Term.CREEP][0]
+        found.append(_kept(name, twin, Why.GYROS_DIFFER, seconds))
+    return found + _shape_parameters("gyro", fit, twin, seconds)
+
+
+def _accel_parameters(fit: TriadFit, twin: TwinModel, seconds: float) -> list[Parameter]:
+    found = [
+        _parameter(name, told, unit, believed_value(twin, name), seconds)
+        for term, (name, unit) in ACCEL_TERMS.items()
+        if (told := fit.of(term)) is not None
+    ]
+    return found + _shape_parameters("accel", fit, twin, seconds)
+
+
+def _shape_parameters(
+    section: str, fit: TriadFit, twin: TwinModel, seconds: float
+) -> list[Parameter]:
+    """Frequency and damping of the sway, time of a Markov process; as well known as their term."""
+    units = {
+        "sway_w": ("vehicle.sway_hz", 2.0 * np.pi, Term.SWAY),
+        "sway_zeta": ("vehicle.sway_damping", 1.0, Term.SWAY),
+        "tau_s": (f"{section}.gauss_markov_tau_s", 1.0, Term.MARKOV),
+    }
+    model, found = fit.fitted.model, []
+    sigmas = np.sqrt(np.diag(fit.fitted.covariance))
+    for j, name in enumerate(model.shapes):
+        key, unit, term = units[name]
+        k = len(model.terms) + j
+        value, sigma = float(np.exp(fit.fitted.x[k])) / unit, float(sigmas[k])
+        of = fit.of(term)
+        identified = of is not None and of.identified and sigma < IDENTIFIED_SIGMA / 2.0
+        why = None if identified else Why.TOO_LOOSE
+        found.append(
+            Parameter(
+                name=key,
+                value=value,
+                sigma=sigma * value,
+                low=value * float(np.exp(-1.96 * sigma)),
+                high=value * float(np.exp(1.96 * sigma)),
+                identified=identified,
+                believed=believed_value(twin, key),
+                seconds=seconds,
+                why=why,
+                needs=Needs.NOTHING if identified else Needs.PARKED_SECONDS,
+                needed=seconds if identified else of.needed_s if of else float("inf"),
+            )
+        )
+    return found
+
+
+def _kept(
+    name: str,
+    twin: TwinModel,
+    why: Why,
+    seconds: float,
+    *,
+    needs: Needs = Needs.NOTHING,
+    needed: float = float("nan"),
+) -> Parameter:
+    """A parameter that stays what it was believed to be."""
+    value = believed_value(twin, name)
+    return Parameter(
+        name=name,
+        value=value,
+        sigma=float("inf"),
+        low=0.0,
+        high=float("inf"),
+        identified=False,
+        believed=value,
+        seconds=seconds,
+        why=why,
+        needs=needs,
+        needed=needed,
+    )
+
+
+def _turn_on(
+    streams: Sequence[Stream], twin: TwinModel, gyro: TriadFit, accel: TriadFit
+) -> list[Parameter]:
+    """The spread of constants from one power-on to the next, from several runs."""
+    north = twin.gyro_technology != "mems"
+    rows = [gyro_constants(s, finds_north=north) for s in streams]
+    noise = np.full(rows[0].size, _mean_variance(gyro, streams))
+    if not north:
+        lat = streams[0].run.header.site.lat_rad
+        noise = noise + 0.5 * (EARTH_RATE_RAD_S * np.cos(lat)) ** 2
+    force = [accel_constants(s) for s in streams]
+    spreads = (
+        ("gyro.turn_on_deg_h", DEG_PER_HOUR, spread_between(rows, noise)),
+        (
+            "accel.turn_on_ug",
+            MICRO_G,
+            spread_between(force, np.array([_mean_variance(accel, streams)])),
+        ),
+    )
+    return [_spread(name, unit, found, twin, len(streams)) for name, unit, found in spreads]
+
+
+def _mean_variance(fit: TriadFit, streams: Sequence[Stream]) -> float:
+    """Variance of the mean over the first rest: white noise and what flicker adds to it."""
+    seconds = min(FIRST_S, float(np.median([s.still_s for s in streams])))
+    white = np.exp(fit.fitted.log_variance(Term.WHITE)) / seconds
+    flicker = np.exp(fit.fitted.log_variance(Term.FLICKER))
+    return float(white + flicker)
+
+
+def _spread(name: str, unit: float, found: Spread | None, twin: TwinModel, runs: int) -> Parameter:
+    columns = found.freedom / max(runs - 1, 1) if found else 1.0
+    needed = float(np.ceil(ENOUGH_FREEDOM / columns)) + 1.0
+    if found is None:
+        return _kept(name, twin, Why.FEW_RUNS, 0.0, needs=Needs.RUNS, needed=max(needed, 2.0))
+    value = float(np.sqrt(found.variance)) / unit
+    high = float(np.sqrt(found.high)) / unit
+    low = float(np.sqrt(found.low)) / unit
+    identified = bool(found.freedom >= ENOUGH_FREEDOM and found.low > 0)
+    believed = believed_value(twin, name)
+    return Parameter(
+        name=name,
+        # what few runs say is weighed with what was believed, as log sizes
+        value=value if identified else _weighed(value, believed, found.freedom),
+        sigma=value / np.sqrt(2.0 * found.freedom),
+        low=low,
+        high=high,
+        identified=identified,
+        believed=believed,
+        seconds=float(runs),
+        why=None if identified else Why.FEW_RUNS,
+        needs=Needs.NOTHING if identified else Needs.RUNS,
+        needed=float(runs) if identified else needed,
+    )
+
+
+def _weighed(value: float, believed: float, freedom: float) -> float:
+    """Mean of two log sizes: of a spread with so many degrees of freedom, and of one believed to a
+    factor 3.
+    """
+    if believed <= 0:
+        return value
+    floor = SMALLEST * believed
+    own, other = 2.0 * freedom, (2.0 / BELIEVED_SIGMA) ** 2
+    mean = (own * np.log(max(value, floor)) + other * np.log(believed)) / (own + other)
+    return float(np.exp(mean))
+
+
+def _others(streams: Sequence[Stream], twin: TwinModel) -> list[Parameter]:
+    found = _thermometer_parameters(list(streams), twin)
+    fixes = receiver(list(streams))
+    for key in ("sigma_horizontal_m", "sigma_vertical_m", "sigma_velocity_m_s"):
+        name = f"gnss.{key}"
+        found.append(_sampled(name, fixes.get(name), twin))
+    found.append(_sampled("odometer.noise_m_s", wheels(list(streams)), twin))
+    return found
+
+
+def _thermometer_parameters(streams: list[Stream], twin: TwinModel) -> list[Parameter]:
+    noise_name, step_name = "temperature.noise_degC", "temperature.resolution_degC"
+    seen = thermometers(streams)
+    if seen is None:
+        return [_kept(name, twin, Why.NO_STREAM, 0.0) for name in (noise_name, step_name)]
+    noise = _sampled(noise_name, seen.noise, twin)
+    if seen.noise.sigma < 0.3 * seen.resolution:
+        limit = 0.3 * seen.resolution
+        value = min(noise.believed, limit)
+        noise = replace(
+            noise, value=value, low=0.0, high=limit, identified=False, why=Why.BELOW_RESOLUTION
+        )
+    if seen.resolution == 0.0:
+        return [noise, _kept(step_name, twin, Why.NOT_ON_A_GRID, seen.noise.count)]
+    step = Parameter(
+        name=step_name,
+        value=seen.resolution,
+        sigma=0.0,
+        low=seen.resolution,
+        high=seen.resolution,
+        identified=True,
+        believed=believed_value(twin, step_name),
+        seconds=seen.noise.count,
+    )
+    return [noise, step]
+
+
+def _sampled(name: str, sample: Sample | None, twin: TwinModel) -> Parameter:
+    if sample is None:
+        return _kept(name, twin, Why.NO_STREAM, 0.0)
+    freedom = max(sample.count, 1.0)
+    low, high = chi2.ppf([0.025, 0.975], freedom)
+    identified = bool(freedom >= ENOUGH_READINGS and sample.sigma > 0)
+    believed = believed_value(twin, name)
+    return Parameter(
+        name=name,
+        value=sample.sigma if identified else believed,
+        sigma=sample.sigma / float(np.sqrt(2.0 * freedom)),
+        low=sample.sigma * float(np.sqrt(freedom / high)),
+        high=sample.sigma * float(np.sqrt(freedom / low)),
+        identified=identified,
+        believed=believed,
+        seconds=sample.count,
+        why=None if identified else Why.EXACT_ZERO if sample.sigma == 0 else Why.TOO_LOOSE,
+    )
+
+
+def _twin_of(believed: TwinModel, parameters: Sequence[Parameter], serial: str) -> TwinModel:
+    """The twin with the fitted numbers."""
+    twin = replace(believed, imu_serial=serial, source="fitted")
+    for p in parameters:
+        if p.name in BESIDE_TWIN:
+            continue
+        section, key = p.name.split(".")
+        record = replace(getattr(twin, section), **{key: p.value})
+        twin = replace(twin, **{section: record})
+    return twin
+
+
+def _covariance(
+    parameters: Sequence[Parameter], gyro: TriadFit, accel: TriadFit
+) -> tuple[tuple[str, ...], NDArray]:
+    """Covariance of all parameters that have a finite sigma: triads as fitted, the rest apart."""
+    known = [p for p in parameters if np.isfinite(p.sigma)]
+    names = tuple(p.name for p in known)
+    values = {p.name: p.value for p in known}
+    total = np.diag([p.sigma**2 for p in known])
+    for fit, terms in ((gyro, GYRO_TERMS), (accel, ACCEL_TERMS)):
+        model = fit.fitted.model
+        keys = [terms[t][0] for t in model.terms]
+        at = [names.index(k) for k in keys if k in names]
+        scale = np.array([0.5 * values[k] for k in keys if k in names])
+        own = [j for j, k in enumerate(keys) if k in names]
+        block = fit.fitted.covariance[np.ix_(own, own)] * np.outer(scale, scale)
+        total[np.ix_(at, at)] = block
+    return names, total
+
+
+def _axis_white(gyro: TriadFit, accel: TriadFit) -> dict[str, float]:
+    """White noise of each axis fitted alone, in the units of the twin."""
+    found = {}
+    for fit, terms in ((gyro, GYRO_TERMS), (accel, ACCEL_TERMS)):
+        unit = terms[Term.WHITE][1]
+        for c, alone in fit.axes.items():
+            size = float(np.exp(0.5 * alone.log_variance(Term.WHITE)))
+            found[CHANNELS[c]] = size / unit
+    return found

@@ -1,0 +1,264 @@
+"""Spectra of the six channels at rest, in bands of frequency: from the rows above HIGH_HZ, from the
+seconds below it, and from ever longer means as the recording allows.
+
+Windows overlap by half under a Hann taper, so that neither a random walk nor a dither line leaks
+over the bands. A window in which a person or a gust adds power is left out. Lines are found and
+left out. What the gyros share with the accelerometers is the vehicle's, and is left out too
+(`shared_motion`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import gamma as gamma_law
+
+from simreal.twin.fit.shared_motion import own_power
+from simreal.twin.fit.streams import Stream
+
+HIGH_HZ = 0.4  # the rows' spectra begin here, those of the seconds end here
+WINDOW_S = 20.0  # of rows
+POINTS = 320  # of a window of means
+FIRST_BIN = 8  # below, a 1/f^2 spectrum leaks by more than 1.6 % under a Hann taper (1 / k^2)
+DECIMATION = 8  # each layer of means is so much slower than the one before
+PER_DECADE = 25  # bands
+# Independent complex values that half-overlapping Hann windows give a bin: 1 / (1 + var(w^2) / mean
+# (w^2)^2 / 2) of a half, w^2 summed over windows is 0.75 + 0.25 cos.
+SHARE = 0.5 / (1.0 + (0.25 / 0.75) ** 2 / 2.0)
+# of one bin between its neighbours under the taper: white noise shows in 1.5 of them
+BINS_ALIKE = 1.5
+UPRIGHT = 0.5  # of the vertical along a gyro: more, and its turns are mostly yaw, without a witness
+WILD_P = 1e-5  # a window with more power than this probability is somebody's step or a gust
+LINE_P = 1e-6  # of a bin that stands out; a log of an hour has 2e4 of them
+LINE_BINS = 2  # on either side of a line that its taper fills
+ROUGH_BANDS = 4  # in which a window is judged
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of one channel: its frequency [Hz], amplitude in rad/s or m/s^2, and sigma of that."""
+
+    channel: int
+    frequency_hz: float
+    amplitude: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Bands:
+    """One channel in one layer: dt_s: of the samples; bins hz (m,) and band (m,) of each; power
+    (b,) [unit^2/Hz, two-sided], dof (b,): complex values behind it.
+    """
+
+    channel: int
+    dt_s: float
+    hz: NDArray
+    band: NDArray
+    power: NDArray
+    dof: NDArray
+
+    @property
+    def centre_hz(self) -> NDArray:
+        """Mean frequency of each band."""
+        return self.mean(self.hz)
+
+    def mean(self, of_bins: NDArray) -> NDArray:
+        """Mean over the bins of each band."""
+        count = np.bincount(self.band, minlength=self.power.size)
+        return np.bincount(self.band, of_bins, self.power.size) / count
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """All bands of a stream; left_out: share of the windows that were wild, by layer name; shared
+    (3,): share of each gyro's power that the accelerometers tell.
+    """
+
+    bands: tuple[Bands, ...]
+    lines: tuple[Line, ...]
+    left_out: dict[str, float]
+    shared: NDArray
+    slow_s: float
+
+
+def spectra_of(stream: Stream) -> Spectra:
+    """The layers of a stream."""
+    bands: list[Bands] = []
+    lines: list[Line] = []
+    left_out: dict[str, float] = {}
+    shared = np.zeros(3)
+    layers = [(_row_windows(stream), 1.0 / stream.run.imu.rate_hz, HIGH_HZ, np.inf)]
+    steps = decimations(stream)
+    level = tuple(np.flatnonzero(np.abs(stream.up_b) < UPRIGHT).tolist())
+    for step in steps:
+        slowest = FIRST_BIN / (POINTS * step)
+        layers.append((_mean_windows(stream, step), float(step), slowest, HIGH_HZ / step))
+    for windows, dt_s, low_hz, high_hz in layers:
+        found = _layer(list(windows), dt_s, (low_hz, high_hz), level)
+        if found is None:
+            continue
+        bands += found.bands
+        lines += found.lines
+        left_out |= found.left_out
+        shared = np.maximum(shared, found.shared)
+    return Spectra(tuple(bands), tuple(lines), left_out, shared, slow_block_s(steps))
+
+
+def decimations(stream: Stream) -> list[int]:
+    """Seconds a mean, layer by layer: on until a span holds at most SLOW_BINS of the slow means."""
+    steps = [1]
+    while _slow_bins(stream, slow_block_s(steps)) > SLOW_BINS:
+        steps.append(steps[-1] * DECIMATION)
+    return steps
+
+
+SLOW_BINS = 540  # of the means that are taken with their whole covariance: 50 ms an inversion
+
+
+def slow_block_s(steps: list[int]) -> float:
+    """Length of the slow means: they end where the last layer begins."""
+    return POINTS * steps[-1] / (2.0 * FIRST_BIN)
+
+
+def _slow_bins(stream: Stream, block_s: float) -> float:
+    return sum((b - a) // block_s for a, b in stream.spans)
+
+
+def _row_windows(stream: Stream) -> Iterator[NDArray]:
+    """Rates and forces (n, 6) of half-overlapping windows of rows."""
+    rate = stream.run.imu.rate_hz
+    n = 2 * round(0.5 * WINDOW_S * rate)
+    for a, b in stream.spans:
+        start_s, end_s = stream.seconds.end_s[a] - 1.0, stream.seconds.end_s[b - 1]
+        kept = np.zeros((0, 6))
+        for piece in stream.imu.pieces(start_s, end_s + 1e-6):
+            rows = np.concatenate([piece.dtheta_rad, piece.dv_m_s], axis=1) / piece.dt_s[:, None]
+            kept = np.concatenate([kept, rows])
+            while len(kept) >= n:
+                yield kept[:n]
+                kept = kept[n // 2 :]
+
+
+def _mean_windows(stream: Stream, step: int) -> Iterator[NDArray]:
+    """The same of means over `step` seconds."""
+    for a, b in stream.spans:
+        count = (b - a) // step
+        mean = stream.seconds.mean[a : a + count * step].reshape(count, step, 6).mean(axis=1)
+        for first in range(0, count - POINTS + 1, POINTS // 2):
+            yield mean[first : first + POINTS]
+
+
+def _layer(
+    windows: list[NDArray], dt_s: float, where_hz: tuple[float, float], level: tuple[int, ...]
+) -> Spectra | None:
+    if not windows:
+        return None
+    n = len(windows[0])
+    f = np.fft.rfftfreq(n, dt_s)
+    low_hz = max(where_hz[0], FIRST_BIN / (n * dt_s))
+    use = np.flatnonzero((f >= low_hz - 1e-9) & (f < where_hz[1] - 1e-9))
+    use = use[use < n // 2]  # the last bin of an even window is real
+    if use.size < FIRST_BIN:
+        return None
+    Z = _transforms(windows, dt_s)[:, use]  # windows, bins, channels
+    f = f[use]
+    power = np.abs(Z) ** 2
+    wild = _wild(power)
+    left = float(wild.mean())
+    if wild.all():
+        return None
+    power, Z = power[~wild], Z[~wild]
+    mean = power.mean(axis=0)
+    dof = SHARE * len(power) if len(windows) > 1 else 1.0 / BINS_ALIKE
+    line, lines = _lines(mean, f, len(power), dt_s * n)
+    band = _bands_of(f)
+    bands: list[Bands] = []
+    shared = np.zeros(3)
+    for c in range(6):
+        good = ~line[:, c] & np.isfinite(mean[:, c]) & (mean[:, c] > 0)
+        if good.sum() < FIRST_BIN:
+            continue
+        _, own = np.unique(band[good], return_inverse=True)
+        count = np.bincount(own).astype(float)
+        found = Bands(c, dt_s, f[good], own, np.bincount(own, mean[good, c]) / count, dof * count)
+        if c in level:
+            own_rows = Z[:, good]
+            cleaned = own_power(own_rows[:, :, c], own_rows[:, :, 3:], own, found.dof)
+            found = replace(found, power=cleaned[0], dof=cleaned[1])
+            shared[c] = float(np.max(cleaned[2]))
+        bands.append(found)
+    name = "rows" if dt_s < 1.0 else f"{dt_s:.0f} s"
+    return Spectra(tuple(bands), lines, {name: left}, shared, 0.0)
+
+
+def _transforms(windows: list[NDArray], dt_s: float) -> NDArray:
+    """Scaled transforms (w, n // 2 + 1, 6): their mean square is the two-sided spectrum."""
+    n = len(windows[0])
+    taper = np.hanning(n + 1)[:n]
+    scale = np.sqrt(dt_s / np.sum(taper**2))
+    ramp = np.arange(n) - 0.5 * (n - 1)
+    out = np.empty((len(windows), n // 2 + 1, 6), dtype=complex)
+    for k, rows in enumerate(windows):
+        off = rows - rows.mean(axis=0)
+        off = off - np.outer(ramp, ramp @ off / (ramp @ ramp))
+        out[k] = np.fft.rfft(off * taper[:, None], axis=0) * scale
+    return out
+
+
+def _wild(power: NDArray) -> NDArray:
+    """Windows (w,) whose power in any rough band of any channel noise does not explain."""
+    count = power.shape[0]
+    wild = np.zeros(count, bool)
+    if count < 5:
+        return wild
+    edges = np.unique(np.geomspace(1, power.shape[1] + 1, ROUGH_BANDS + 1).astype(int)) - 1
+    level = np.median(power, axis=0)
+    for a, b in pairwise(edges):
+        flat = power[:, a:b] / np.maximum(level[a:b], 1e-300)
+        total = flat.mean(axis=1)
+        nu = (b - a) / BINS_ALIKE
+        centre = np.median(total, axis=0) / (gamma_law.ppf(0.5, nu) / nu)
+        limit = gamma_law.isf(WILD_P, nu) / nu
+        wild |= (total > limit * centre).any(axis=1)
+    return wild if wild.sum() <= count // 2 else np.zeros(count, bool)
+
+
+def _lines(
+    mean: NDArray, f: NDArray, windows: int, window_s: float
+) -> tuple[NDArray, tuple[Line, ...]]:
+    """Bins (m, 6) that belong to lines, and the lines."""
+    line = np.zeros(mean.shape, bool)
+    found: list[Line] = []
+    nu = max(SHARE * windows, 0.5)
+    limit = gamma_law.isf(LINE_P, nu) / nu
+    half = 12  # bins on either side that say what the floor is
+    for c in range(6):
+        if not (mean[:, c] > 0).all():
+            continue
+        padded = np.pad(np.log(mean[:, c]), half, mode="reflect")
+        around = np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1)
+        floor = np.exp(np.median(around, axis=1)) / (gamma_law.ppf(0.5, nu) / nu)
+        out = mean[:, c] > limit * floor
+        for k in np.flatnonzero(out):
+            beside = slice(max(k - LINE_BINS, 0), k + LINE_BINS + 1)
+            edge = k < half or k >= len(f) - half  # the floor is known on one side only
+            if edge or mean[k, c] < mean[beside, c].max() or _broad(out, int(k)):
+                continue
+            line[beside, c] = True
+            excess = float(np.sum(mean[beside, c] - floor[beside])) / window_s
+            sigma = float(floor[k]) / window_s / np.sqrt(max(windows, 1))
+            amplitude = np.sqrt(max(4.0 * excess, 0.0))
+            found.append(Line(c, float(f[k]), float(amplitude), float(2.0 * sigma / amplitude)))
+    return line, tuple(found)
+
+
+def _broad(out: NDArray, k: int) -> bool:
+    """Whether more than a line's own bins stand out about bin k: a resonance, not a line."""
+    return bool(out[max(k - 6, 0) : k + 7].sum() > 2 * LINE_BINS + 1)
+
+
+def _bands_of(f: NDArray) -> NDArray:
+    """Number of the band of each bin."""
+    return np.floor(PER_DECADE * np.log10(f)).astype(int)

@@ -1,0 +1,163 @@
+"""When a unit rests in a run, and what its sensors do then: an even grid of seconds, which of them
+are still, and where the vehicle may have been left on another level.
+
+Rest is what `alignment.motion` says: the joined timeline for a unit that finds north, the parked
+seconds for one that does not.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from alignment import coarse
+from alignment.motion.imu_faults import repair
+from alignment.motion.kinds import DISTURBED, STILL, Cause
+from alignment.motion.parked_seconds import parked_places
+from alignment.motion.seconds import seconds_of as log_seconds
+from alignment.motion.stillness import Motion, classify
+from alignment.motion.timeline import fused
+from infield.session.log import compensated_imu, compensated_seconds, find_rest
+from infield.session.parked.stretches import find_rests
+from infield.table.thermal_table import ThermalTable
+from infield.thermometer.gyro_temperature import GyroTemperature, gyro_temperature, too_short
+from ins.records import ImuSource, InputError, NavState, Run, TwinModel
+from ins.robust import runs_of_true
+from ins.strapdown.mechanization import VerticalChannel, navigate
+from simreal.evidence.seconds import Seconds, seconds_of
+
+SHORTEST_S = 60.0  # of a still stretch: three of the slowest means
+# causes that may leave the vehicle on another level; a gust, a clip or a lost row does not
+LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH)
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A run's parked time.
+
+    seconds: on an even grid, less the table and the twin's nominal errors; still (n,): seconds at
+    rest with all their rows; place (n,): number of the level on which the vehicle stands, it grows
+    with each disturbance that may have moved it; up_b (3,): the vertical in body axes, as the mean
+    specific force shows it; imu: the log, less the same; temperature: None where none can be used;
+    motion: for the others.
+    """
+
+    run: Run
+    imu: ImuSource
+    seconds: Seconds
+    still: NDArray
+    place: NDArray
+    up_b: NDArray
+    temperature: GyroTemperature | None
+    motion: Motion | None
+
+    @property
+    def still_s(self) -> float:
+        """Seconds at rest."""
+        return float(np.count_nonzero(self.still))
+
+    @property
+    def run_s(self) -> float:
+        """Length of the log [s]."""
+        return float(self.run.imu.end_s - self.run.imu.start_s)
+
+    @property
+    def spans(self) -> list[tuple[int, int]]:
+        """First and behind-last second of each still stretch on one level."""
+        found = []
+        for a, b in runs_of_true(self.still):
+            cuts = a + 1 + np.flatnonzero(np.diff(self.place[a:b]))
+            edges = [a, *cuts.tolist(), b]
+            found += [(i, j) for i, j in pairwise(edges) if j - i >= SHORTEST_S]
+        return found
+
+
+def stream_of(run: Run, twin: TwinModel, table: ThermalTable | None = None) -> Stream | None:
+    """The parked time of a run; None where it never rests for SHORTEST_S."""
+    temperature = _temperature(run)
+    try:
+        seconds = seconds_of(compensated_seconds(run, table, temperature, twin))
+    except InputError:
+        return None
+    imu = compensated_imu(run, table, temperature, twin)
+    if run.header.gyro_technology == "mems":
+        return _of_rests(run, imu, seconds, temperature)
+    return _of_timeline(run, imu, seconds, temperature)
+
+
+def _temperature(run: Run) -> GyroTemperature | None:
+    if run.temperature is None or too_short(run.temperature):
+        return None
+    found = gyro_temperature(run.temperature)
+    return None if len(found.unusable) == 3 else found
+
+
+def _of_timeline(
+    run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None
+) -> Stream | None:
+    """Rest of a unit that finds north: navigated from its first rest, every witness asked."""
+    rest = find_rest(run)
+    if rest is None:
+        return None
+    mended, faults = repair(run.imu, log_seconds(run.imu), rest[0], run.imu.end_s)
+    whole = imu if mended is run.imu else mended
+    means = coarse.rest_means(imu.between(*rest))
+    C_nb = coarse.gyrocompass_dcm(means)
+    start = NavState(time_s=rest[0], site=run.header.site, v_n_m_s=np.zeros(3), C_nb=C_nb)
+    history = navigate(
+        whole.pieces(rest[0], whole.end_s),
+        start,
+        epoch_s=1.0,
+        vertical=VerticalChannel(mode="hold"),
+    )
+    motion = fused(run, history, classify(history, run.phases, whole, faults))
+    still = np.zeros(seconds.end_s.size, bool)
+    steps = np.zeros(still.size, bool)
+    # an epoch ends anywhere within a second of the grid: it touches that second and the one before
+    at = np.clip(np.ceil(motion.time_s - seconds.end_s[0]).astype(int), 0, still.size - 1)
+    still[at] = True
+    restless = motion.kind != STILL
+    moved = restless & (np.isin(motion.cause, LEAVES_A_STEP) | (motion.kind > DISTURBED))
+    for k in (0, 1):
+        still[np.maximum(at[restless] - k, 0)] = False
+        steps[np.maximum(at[moved] - k, 0)] = True
+    still &= seconds.rows > 0
+    if not still.any():
+        return None
+    place = np.cumsum(np.diff(steps.astype(int), prepend=0) > 0)
+    return _checked(
+        Stream(run, imu, seconds, still, place, _up(seconds, still), temperature, motion)
+    )
+
+
+def _of_rests(
+    run: Run, imu: ImuSource, seconds: Seconds, temperature: GyroTemperature | None
+) -> Stream | None:
+    """Rest of a unit that finds no north: its parked places, by its own quiet seconds."""
+    still = np.zeros(seconds.end_s.size, bool)
+    place = np.zeros(still.size, int)
+    log = log_seconds(run.imu)
+    number = 0
+    for stretch in find_rests(run).stretches:
+        for found in parked_places(log, *stretch):
+            number += 1
+            at = np.rint(found.end_s - seconds.end_s[0]).astype(int)
+            inside = (at >= 0) & (at < still.size)
+            still[at[inside]] = found.still[inside]
+            place[at[inside]] = number
+    still &= seconds.rows > 0
+    if not still.any():
+        return None
+    return _checked(Stream(run, imu, seconds, still, place, _up(seconds, still), temperature, None))
+
+
+def _up(seconds: Seconds, still: NDArray) -> NDArray:
+    force = seconds.mean[still, 3:].mean(axis=0)
+    return np.asarray(force / max(float(np.linalg.norm(force)), 1e-9))
+
+
+def _checked(stream: Stream) -> Stream | None:
+    rows = np.median(stream.seconds.rows[stream.still]) if stream.still.any() else 0
+    whole = replace(stream, still=stream.still & (stream.seconds.rows > 0.9 * rows))
+    return whole if whole.spans else None

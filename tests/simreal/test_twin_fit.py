@@ -1,0 +1,140 @@
+"""The twin fitted to parked logs: what is told is right to its sigma, the rest is said."""
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import recal
+from ins.noise import markov_covariance
+from ins.records import InputError
+from ins.twin_file import default_twin, read_twin
+from recal.cli.app import app
+from simreal.evidence.noise_model import ChannelNoise
+from simreal.twin.fit.constants import spread_between
+from simreal.twin.fit.other_sensors import resolution
+from simreal.twin.fit.shared_motion import own_power
+from simreal.twin.fit.terms import Shape, Term, bin_covariance, sampled_psd
+
+
+@lru_cache
+def fitted():
+    simulated = recal.simulate("parked_only", seed=5, rate_hz=20)
+    return simulated, recal.fit_twin(simulated.run)
+
+
+@pytest.mark.parametrize("term", list(Term))
+def test_a_terms_spectrum_is_the_transform_of_its_covariance(term):
+    """Over 4096 means of a second: what a term's own covariance gives a Hann window, bin by bin."""
+    n, shape = 1024, Shape(tau_s=20.0)
+    end = np.arange(1.0, n + 1.0)
+    V = bin_covariance(term, end - 1.0, end, shape, run_s=1e6)
+    taper = np.hanning(n + 1)[:n]
+    k = np.arange(20, n // 2, 60)
+    waves = np.exp(-2j * np.pi * np.outer(k, np.arange(n)) / n) * taper / np.sqrt(np.sum(taper**2))
+    power = np.real(np.einsum("kn,nm,km->k", waves, V, waves.conj()))
+    assert power == pytest.approx(sampled_psd(term, k / n, 1.0, shape), rel=0.02)
+
+
+def test_markov_means_are_those_of_the_noise_model():
+    end = 10.0 * np.arange(1.0, 7.0)
+    known = ChannelNoise(markov=1.0, markov_tau_s=25.0).covariance(6, 10.0)
+    assert markov_covariance(end - 10.0, end, tau_s=25.0) == pytest.approx(known, rel=1e-9)
+
+
+def test_what_an_hour_tells_is_right_to_its_sigma():
+    simulated, result = fitted()
+    truth = simulated.twin
+    told = {p.name: p for p in result.parameters if p.identified}
+    for name in ("gyro.arw_deg_sqrt_h", "accel.vrw_ug_sqrt_hz", "vehicle.sway_m_s"):
+        section, key = name.split(".")
+        true = getattr(getattr(truth, section), key)
+        assert abs(told[name].value - true) < 4.0 * told[name].sigma, name
+        assert told[name].value == pytest.approx(true, rel=0.05)
+    assert told["vehicle.sway_hz"].value == pytest.approx(truth.vehicle.sway_hz, rel=0.05)
+    assert told["temperature.resolution_degC"].value == pytest.approx(0.01)
+
+
+def test_what_an_hour_cannot_tell_is_named_with_the_recording_that_would():
+    _, result = fitted()
+    rest = {p.name: p for p in result.parameters if not p.identified}
+    walk = rest["gyro.rate_random_walk_deg_h_sqrt_h"]
+    assert walk.needed > 4200.0 and walk.value < walk.high
+    assert rest["gyro.turn_on_deg_h"].needed == 9.0
+    assert result.twin.fit["not_identified"][walk.name].startswith("cannot be told from these runs")
+    assert result.twin.gyro.turn_on_deg_h == 0.003
+
+
+def test_the_files_of_a_fit(tmp_path):
+    _, result = fitted()
+    assert result.write(tmp_path / "unit.json") == tmp_path / "unit.json"
+    assert {path.name for path in tmp_path.iterdir()} == {"unit.json", "unit_fit.json", "unit.html"}
+    twin = read_twin(tmp_path / "unit.json")
+    assert twin.gyro == result.twin.gyro and twin.fit == result.twin.fit
+    covariance = np.array(twin.fit["covariance"])
+    assert np.linalg.eigvalsh(covariance).min() > -1e-12 * covariance.max()
+    document = json.loads((tmp_path / "unit_fit.json").read_text())
+    assert document["schema"] == "recal.twin_fit/1" and len(document["channels"]) == 6
+    page = (tmp_path / "unit.html").read_text()
+    assert "http" not in page.replace("http://www.w3.org", "") and "Allan deviation" in page
+    assert list(result.to_frame()["name"]) == [p.name for p in result.parameters]
+
+
+def test_two_units_in_one_fit_are_bad_input():
+    simulated, _ = fitted()
+    other = replace(simulated.run, header=replace(simulated.run.header, imu_serial="SN-2"))
+    with pytest.raises(InputError, match=r"imu_serial 'SN-2'.*needed runs of one unit"):
+        recal.fit_twin([simulated.run, other])
+    with pytest.raises(InputError, match="imu_serial SN-3"):
+        recal.fit_twin(simulated.run, replace(default_twin("rlg"), imu_serial="SN-3"))
+
+
+def test_a_run_that_never_rests_is_refused(tmp_path):
+    simulated, _ = fitted()
+    imu = simulated.run.imu.whole()
+    shaken = imu.dv_m_s + 0.5 * np.sin(np.arange(imu.rows))[:, None]
+    turned = imu.dtheta_rad + 0.02 * np.sin(0.01 * np.arange(imu.rows))[:, None]
+    run = replace(simulated.run, imu=replace(imu, dv_m_s=shaken, dtheta_rad=turned), phases=())
+    result = recal.fit_twin(run)
+    assert result.verdict == "refused" and "never at rest" in result.reasons[0]
+    assert result.twin is None
+
+
+def test_the_command_names_a_missing_run():
+    outcome = CliRunner().invoke(app, ["twin", "fit", "nowhere"])
+    assert outcome.exit_code != 0 and isinstance(outcome.exception, InputError)
+
+
+def test_three_power_ons_hardly_tell_a_turn_on():
+    rng = np.random.default_rng(3)
+    few = spread_between([rng.standard_normal(1) for _ in range(3)], np.zeros(1))
+    many = spread_between([rng.standard_normal(2) for _ in range(60)], np.zeros(2))
+    assert few.freedom == 2 and few.high > 25.0 * few.low
+    assert many.low < 1.0 < many.high and many.high / many.low < 3.0
+
+
+def test_a_tilting_vehicle_is_not_charged_to_the_gyro():
+    """A hundred windows of a gyro with unit noise on a base that accelerometers see too."""
+    rng = np.random.default_rng(7)
+
+    def white(*shape):
+        return (rng.standard_normal(shape) + 1j * rng.standard_normal(shape)) / np.sqrt(2.0)
+
+    tilt = white(100, 20)
+    gyro = white(100, 20) + 0.7j * tilt
+    accel = np.stack([3.0 * tilt + 0.1 * white(100, 20), *white(2, 100, 20)], axis=2)
+    power, dof, shared = own_power(gyro, accel, np.zeros(20, int), np.array([2000.0]))
+    assert power[0] == pytest.approx(1.0, abs=0.08) and dof[0] == 1997.0
+    assert shared[0] == pytest.approx(0.33, abs=0.05)
+    apart = own_power(gyro, white(100, 20, 3), np.zeros(20, int), np.array([2000.0]))
+    assert apart[0][0] == pytest.approx(1.49, abs=0.12)
+
+
+def test_a_resolution_is_a_grid_and_noise_has_none():
+    rng = np.random.default_rng(1)
+    readings = 20.0 + np.cumsum(rng.standard_normal(4000)) * 0.03
+    assert resolution([0.0625 * np.round(readings / 0.0625)]) == pytest.approx(0.0625)
+    assert resolution([readings]) == 0.0
