@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from recal.service.simulate import simulate
     from recal.service.store import open_store
     from recal.service.thermal import fit_fog, fit_rlg
-    from recal.service.twin_fit import fit_twin
+    from recal.service.twin.fit import fit_twin
     from recal.service.update import update
 
     __version__: str
@@ -36,7 +36,7 @@ _HOMES = {
     "diagnose": "diagnose",
     "fit_fog": "thermal",
     "fit_rlg": "thermal",
-    "fit_twin": "twin_fit",
+    "fit_twin": "twin.fit",
     "misalignment": "misalignment",
     "open_store": "store",
     "plan": "plan",

@@ -56,7 +56,11 @@ GROUPS = {  # what each group of commands says of itself
     "fleet": "Many runs of many units in one call.",
     "twin": "The noise model of a unit, from its own logs.",
 }
-MODULES = {"table": "recal.cli.table.commands", "thermal": "recal.cli.thermal.app"}
+MODULES = {
+    "table": "recal.cli.table.commands",
+    "thermal": "recal.cli.thermal.app",
+    "twin": "recal.cli.twin.app",
+}
 
 
 class _Loaded(MutableMapping[str, Any]):

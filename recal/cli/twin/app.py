@@ -5,17 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import (
-    Command,
-    JsonFlag,
-    NoSeed,
-    OutputPath,
-    Quiet,
-    Verbose,
-    answer,
-    finish,
-    say,
-)
+from recal.cli.console import Command, JsonFlag, NoSeed, OutputPath, Quiet, Verbose, answer, finish
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -48,12 +38,17 @@ def fit(
     Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
     """
     from recal.cli.progress import Progress
-    from recal.service.twin_fit import fit_twin
+    from recal.service.twin.fit import fit_twin
 
     with Progress("fitting", quiet=quiet) as told:
         fitted = fit_twin(runs, start, told=told)
-        fitted.write(output)
-    answer(fitted.document, as_json=as_json, verbose=verbose)
-    for line in fitted.lines(verbose=verbose):
-        say(line, quiet=quiet)
+        written = fitted.write(output)
+    answer(
+        fitted.document,
+        fitted.lines(verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+        report=written.with_suffix(".html") if fitted.page else None,
+    )
     finish(fitted.verdict)

@@ -1,0 +1,1 @@
+"""`recal twin`: one module a command, `app` the group."""
