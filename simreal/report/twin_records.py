@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ins.verdicts import OMIT_NONE, UNWRITTEN
+from simreal.twin.fit.agreement import Of
 from simreal.twin.fit.result import Needs, TwinFit, Why
 
 FIT_SCHEMA, CHECK_SCHEMA = "recal.twin_fit/1", "recal.twin_check/1"
@@ -97,3 +98,34 @@ class TwinFitRecord:
     notes: Sequence[str]
     found: TwinFit | None = field(default=None, metadata=UNWRITTEN)
     twin: str | None = field(default=None, metadata=OMIT_NONE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellRecord:
+    """A band of a channel: power over what the twin declares, and how improbable that is."""
+
+    channel: str
+    frequency_hz: tuple[float, float]
+    ratio: float
+    dof: float
+    p_value: float
+    of: Of
+    fits: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class TwinCheckRecord:
+    """The document of a check; text: in one line."""
+
+    schema: str = CHECK_SCHEMA
+    verdict: str
+    reasons: Sequence[str]
+    version: str
+    imu_serial: str
+    noise_model: str
+    runs: Sequence[str]
+    parked_s: float
+    p_value: float | None
+    tolerated: float
+    cells: Sequence[CellRecord]
+    text: str

@@ -37,7 +37,7 @@ def fit(
 
     Example: recal twin fit run-1 run-2 run-3 --start twin.json -o fitted/twin.json
     """
-    from recal.cli.progress import Progress
+    from recal.cli.terminal.progress import Progress
     from recal.service.twin.fit import fit_twin
 
     with Progress("fitting", quiet=quiet) as told:
@@ -52,3 +52,34 @@ def fit(
         report=written.with_suffix(".html") if fitted.page else None,
     )
     finish(fitted.verdict)
+
+
+@app.command("check", cls=Command)
+def check(
+    runs: Annotated[list[Path], typer.Argument(help="Run directories of one unit.")],
+    twin: Annotated[Path, typer.Option("--twin", help="Twin file whose noise is judged.")],
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """Does the noise of a twin fit these runs, channel by channel and band by band? Exit code 0
+    where it fits, 5 where not, 4 where the runs hold too little rest.
+
+    Example: recal twin check run-4 --twin twin.json
+    """
+    from recal.service.results.files import output_directory, write_text
+    from recal.service.twin.check import check_twin
+
+    checked = check_twin(runs, twin)
+    if output is not None:
+        write_text(output_directory(output, "twin") / "twin_check.json", checked.to_json())
+    answer(
+        checked.document,
+        checked.lines(verbose=verbose),
+        as_json=as_json,
+        quiet=quiet,
+        verbose=False,
+    )
+    finish(checked.verdict)

@@ -30,7 +30,8 @@ RANK = 1e-8  # relative: a regressor that the others hold already
 @dataclass(frozen=True)
 class SlowData:
     """Contrasts y (n - p,) of one channel in one run: Q (n, n - p) makes them of means over bins
-    start_s, end_s (n,); regressors: names of what was taken out.
+    start_s, end_s (n,); regressors: names of what was taken out; of_bins: covariances of the means
+    themselves, which the channels of a run share.
     """
 
     channel: int
@@ -40,6 +41,7 @@ class SlowData:
     Q: NDArray
     y: NDArray
     regressors: tuple[str, ...]
+    of_bins: dict[tuple[Term, Shape], NDArray] = field(repr=False)
     known: dict[tuple[Term, Shape], "Covariance"] = field(default_factory=dict, repr=False)
 
     @property
@@ -76,8 +78,11 @@ class SlowData:
         key = (term, shape)
         if key in self.known:
             return self.known[key]
-        V = bin_covariance(term, self.start_s, self.end_s, shape, run_s=self.run_s)
-        half = V @ self.Q
+        if key not in self.of_bins:
+            self.of_bins.pop(next((k for k in self.of_bins if k[0] is term), key), None)
+            V = bin_covariance(term, self.start_s, self.end_s, shape, run_s=self.run_s)
+            self.of_bins[key] = V
+        half = self.of_bins[key] @ self.Q
         slow = self.Q[:, : self.whole].T @ half[:, : self.whole]
         quick = np.einsum("nk,nk->k", self.Q[:, self.whole :], half[:, self.whole :])
         found = Covariance(slow, quick)
@@ -107,6 +112,7 @@ def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
     mean = stream.seconds.mean[blocks].mean(axis=1)
     common, names = _common(stream, stream.place[blocks[:, 0]], 0.5 * (start_s + end_s))
     found = []
+    of_bins: dict[tuple[Term, Shape], NDArray] = {}
     for c in range(6):
         own = [common[min(c % 3, len(common) - 1)]]
         if c < 3:
@@ -114,7 +120,7 @@ def slow_data(stream: Stream, block_s: float) -> list[SlowData]:
         X = np.concatenate(own, axis=1)
         Q, y = _contrasts(X, mean[:, c])
         if y.size >= FEWEST_BINS:
-            found.append(SlowData(c, start_s, end_s, stream.run_s, Q, y, names))
+            found.append(SlowData(c, start_s, end_s, stream.run_s, Q, y, names, of_bins))
     return found
 
 

@@ -7,7 +7,7 @@ left out. What the gyros share with the accelerometers is the vehicle's, and is 
 (`shared_motion`).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -85,16 +85,34 @@ class Spectra:
 
 def spectra_of(stream: Stream) -> Spectra:
     """The layers of a stream."""
+    layers = [(_row_windows(stream), 1.0 / stream.run.imu.rate_hz, HIGH_HZ, np.inf)]
+    steps = decimations(stream)
+    layers += [_mean_layer(stream, step) for step in steps]
+    found = _joined(layers, _level_gyros(stream))
+    return replace(found, slow_s=slow_block_s(steps))
+
+
+def mean_spectra(stream: Stream) -> Spectra:
+    """The layer of the seconds alone, which no row is read for."""
+    return _joined([_mean_layer(stream, 1)], _level_gyros(stream))
+
+
+Layer = tuple[Iterator[NDArray], float, float, float]
+
+
+def _mean_layer(stream: Stream, step: int) -> Layer:
+    return _mean_windows(stream, step), float(step), FIRST_BIN / (POINTS * step), HIGH_HZ / step
+
+
+def _level_gyros(stream: Stream) -> tuple[int, ...]:
+    return tuple(np.flatnonzero(np.abs(stream.up_b) < UPRIGHT).tolist())
+
+
+def _joined(layers: Sequence[Layer], level: tuple[int, ...]) -> Spectra:
     bands: list[Bands] = []
     lines: list[Line] = []
     left_out: dict[str, float] = {}
     shared = np.zeros(3)
-    layers = [(_row_windows(stream), 1.0 / stream.run.imu.rate_hz, HIGH_HZ, np.inf)]
-    steps = decimations(stream)
-    level = tuple(np.flatnonzero(np.abs(stream.up_b) < UPRIGHT).tolist())
-    for step in steps:
-        slowest = FIRST_BIN / (POINTS * step)
-        layers.append((_mean_windows(stream, step), float(step), slowest, HIGH_HZ / step))
     for windows, dt_s, low_hz, high_hz in layers:
         found = _layer(list(windows), dt_s, (low_hz, high_hz), level)
         if found is None:
@@ -103,7 +121,7 @@ def spectra_of(stream: Stream) -> Spectra:
         lines += found.lines
         left_out |= found.left_out
         shared = np.maximum(shared, found.shared)
-    return Spectra(tuple(bands), tuple(lines), left_out, shared, slow_block_s(steps))
+    return Spectra(tuple(bands), tuple(lines), left_out, shared, 0.0)
 
 
 def decimations(stream: Stream) -> list[int]:

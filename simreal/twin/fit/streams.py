@@ -28,6 +28,7 @@ from ins.strapdown.mechanization import VerticalChannel, navigate
 from simreal.evidence.seconds import Seconds, seconds_of
 
 SHORTEST_S = 60.0  # of a still stretch: three of the slowest means
+WHOLE_SECOND = 0.9  # of the usual number of rows
 # causes that may leave the vehicle on another level; a gust, a clip or a lost row does not
 LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH)
 
@@ -112,6 +113,43 @@ def _of_timeline(
         vertical=VerticalChannel(mode="hold"),
     )
     motion = fused(run, history, classify(history, run.phases, whole, faults))
+    return _with_motion(Stream(run, imu, seconds, *_nowhere(seconds), temperature, motion), motion)
+
+
+def _nowhere(seconds: Seconds) -> tuple[NDArray, NDArray, NDArray]:
+    """No second still, one place, no vertical."""
+    n = seconds.end_s.size
+    return np.zeros(n, bool), np.zeros(n, int), np.zeros(3)
+
+
+def stream_at_rest(
+    run: Run,
+    twin: TwinModel,
+    table: ThermalTable | None,
+    *,
+    motion: Motion | None = None,
+    rest: tuple[float, float] | None = None,
+) -> Stream | None:
+    """The parked time of a run whose rest somebody has judged already: the still epochs of a
+    motion, or one rest from start to end [s].
+    """
+    temperature = _temperature(run)
+    try:
+        seconds = seconds_of(compensated_seconds(run, table, temperature, twin))
+    except InputError:
+        return None
+    stream = Stream(run, run.imu, seconds, *_nowhere(seconds), temperature, motion)
+    if motion is not None:
+        return _with_motion(stream, motion)
+    if rest is None:
+        return None
+    inside = (seconds.end_s > rest[0] + 1.0) & (seconds.end_s <= rest[1])
+    return _checked(replace(stream, still=inside & (seconds.rows > 0)))
+
+
+def _with_motion(stream: Stream, motion: Motion) -> Stream | None:
+    """The stream, still where the motion is."""
+    seconds = stream.seconds
     still = np.zeros(seconds.end_s.size, bool)
     steps = np.zeros(still.size, bool)
     # an epoch ends anywhere within a second of the grid: it touches that second and the one before
@@ -123,12 +161,8 @@ def _of_timeline(
         still[np.maximum(at[restless] - k, 0)] = False
         steps[np.maximum(at[moved] - k, 0)] = True
     still &= seconds.rows > 0
-    if not still.any():
-        return None
     place = np.cumsum(np.diff(steps.astype(int), prepend=0) > 0)
-    return _checked(
-        Stream(run, imu, seconds, still, place, _up(seconds, still), temperature, motion)
-    )
+    return _checked(replace(stream, still=still, place=place))
 
 
 def _of_rests(
@@ -147,9 +181,7 @@ def _of_rests(
             still[at[inside]] = found.still[inside]
             place[at[inside]] = number
     still &= seconds.rows > 0
-    if not still.any():
-        return None
-    return _checked(Stream(run, imu, seconds, still, place, _up(seconds, still), temperature, None))
+    return _checked(Stream(run, imu, seconds, still, place, np.zeros(3), temperature, None))
 
 
 def _up(seconds: Seconds, still: NDArray) -> NDArray:
@@ -158,6 +190,12 @@ def _up(seconds: Seconds, still: NDArray) -> NDArray:
 
 
 def _checked(stream: Stream) -> Stream | None:
-    rows = np.median(stream.seconds.rows[stream.still]) if stream.still.any() else 0
-    whole = replace(stream, still=stream.still & (stream.seconds.rows > 0.9 * rows))
+    """The stream less seconds that lack rows, with its vertical; None where too little is left."""
+    if not stream.still.any():
+        return None
+    rows = np.median(stream.seconds.rows[stream.still])
+    still = stream.still & (stream.seconds.rows > WHOLE_SECOND * rows)
+    if not still.any():
+        return None
+    whole = replace(stream, still=still, up_b=_up(stream.seconds, still))
     return whole if whole.spans else None
