@@ -7,19 +7,19 @@ from dataclasses import replace
 
 from ins.records import FitDocument, TwinModel
 from simreal.report.twin_records import (
-    METHOD,
+    FIT_METHOD,
     ChannelRecord,
     LineRecord,
     ParameterRecord,
     RunRecord,
     TwinFitRecord,
 )
-from simreal.report.twin_words import NAMES, YAW, needs_words, size_words, why_words
-from simreal.twin.fit.fit import CHANNELS, NoRest
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit
-from simreal.twin.fit.streams import SHORTEST_S
+from simreal.report.twin_words import PARAMETER_NAMES, YAW_NOTE, needs_words, size_words, why_words
+from simreal.twin.fit.evidence import AXES_DIFFER_P
+from simreal.twin.fit.fit import NoRest
+from simreal.twin.fit.result import SIX_CHANNELS, Needs, Parameter, RunUsed, TwinFit
+from simreal.twin.fit.streams import STILL_AT_LEAST_S
 
-AXES_DIFFER_P = 1e-4
 DIFFERENT = (
     "the white noise of the {triad} axes differs ({sizes}); the twin has their root mean square"
 )
@@ -56,7 +56,7 @@ def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> Twin
         ],
         lines=[
             LineRecord(
-                channel=CHANNELS[line.channel],
+                channel=SIX_CHANNELS[line.channel],
                 frequency_hz=line.frequency_hz,
                 amplitude=line.amplitude,
                 sigma=line.sigma,
@@ -64,7 +64,7 @@ def twin_fit_document(found: TwinFit, believed: TwinModel, version: str) -> Twin
             for line in found.lines
         ],
         axes_alike_p=dict(found.differ),
-        vehicle_share={CHANNELS[k]: float(found.shared[k]) for k in range(3)},
+        vehicle_share={SIX_CHANNELS[k]: float(found.shared[k]) for k in range(3)},
         windows_left_out=dict(found.left_out),
         notes=_notes(found),
         found=found,
@@ -78,7 +78,7 @@ def no_rest_document(
     names = ", ".join(r.run_id for r in found.runs)
     return TwinFitRecord(
         verdict="refused",
-        reasons=[f"{names}: never at rest for {SHORTEST_S:.0f} s; needed a parked stretch"],
+        reasons=[f"{names}: never at rest for {STILL_AT_LEAST_S:.0f} s; needed a parked stretch"],
         version=version,
         imu_serial=serial,
         gyro_technology=believed.gyro_technology,
@@ -111,14 +111,14 @@ def fitted_twin(found: TwinFit) -> TwinModel:
         "not_identified": {p.name: why_words(p) for p in found.parameters if not p.identified},
         "lines": [
             {
-                "channel": CHANNELS[line.channel],
+                "channel": SIX_CHANNELS[line.channel],
                 "frequency_hz": line.frequency_hz,
                 "amplitude": line.amplitude,
             }
             for line in found.lines
         ],
         "runs": [r.sha256 for r in found.runs],
-        "method": METHOD,
+        "method": FIT_METHOD,
     }
     return replace(found.twin, fit=fit)
 
@@ -134,7 +134,7 @@ def summary(d: TwinFitRecord) -> list[str]:
         f" {hours:.2g} h at rest: {known} of {len(d.parameters)} parameters told"
     ]
     for p in d.found.parameters:
-        name = NAMES[p.name][0]
+        name = PARAMETER_NAMES[p.name][0]
         lacks = needs_words(p)
         tail = "" if p.identified else f" ({WORDS_SHORT}{'; ' + lacks if lacks else ''})"
         lines.append(f"  {name:28s}{size_words(p)}{tail}")
@@ -150,7 +150,7 @@ def _run(r: RunUsed) -> RunRecord:
 
 
 def _parameter(p: Parameter) -> ParameterRecord:
-    words, unit = NAMES[p.name]
+    words, unit = PARAMETER_NAMES[p.name]
     return ParameterRecord(
         name=p.name,
         words=words,
@@ -186,11 +186,11 @@ def _notes(found: TwinFit) -> list[str]:
             sizes = ", ".join(f"{name[-1]} {value:.3g}" for name, value in own.items())
             notes.append(DIFFERENT.format(triad=triad, sizes=sizes))
     if found.of("vehicle.yaw_creep_arcsec_sqrt_h").identified:
-        notes.append(YAW)
+        notes.append(YAW_NOTE)
     for line in found.lines:
         unit = "rad/s" if line.channel < 3 else "m/s^2"
         notes.append(
-            f"a line at {line.frequency_hz:.4g} Hz on {CHANNELS[line.channel]}, amplitude"
+            f"a line at {line.frequency_hz:.4g} Hz on {SIX_CHANNELS[line.channel]}, amplitude"
             f" {line.amplitude:.2g} {unit}: left out of the noise"
         )
     silent = [r.run_id for r in found.runs if r.parked_s == 0.0]

@@ -1,6 +1,6 @@
 """twin.html: the document of a fit as one page that fetches nothing. Computes nothing."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
@@ -18,15 +18,16 @@ from infield.reports.figures import (
 )
 from simreal.report.page import render_page
 from simreal.report.twin_records import ChannelRecord, TwinFitRecord
-from simreal.report.twin_words import NAMES, needs_words, size_words
+from simreal.report.twin_words import PARAMETER_NAMES, needs_words, size_words
 from simreal.twin.fit.result import Needs, Parameter
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.figure import Figure
 
 GYRO_UNIT_DEG_H = 180.0 / np.pi * 3600.0
 ACCEL_UNIT_UG = 1e6 / 9.80665
-BADGES = {True: ("told", "good"), False: ("not told", "none")}
+TOLD_BADGES = {True: ("told", "good"), False: ("not told", "none")}
 
 
 def twin_html(document: TwinFitRecord) -> str:
@@ -37,8 +38,8 @@ def twin_html(document: TwinFitRecord) -> str:
         "twin.html.j2",
         d=document,
         rows=[(p, size_words(p), needs_words(p)) for p in found.parameters],
-        names=NAMES,
-        badges=BADGES,
+        names=PARAMETER_NAMES,
+        badges=TOLD_BADGES,
         rests=_rests,
         headline=headline(document),
         banner=_banner(document),
@@ -144,7 +145,7 @@ def _unit(channel: ChannelRecord) -> tuple[float, str]:
 
 
 def _legend(figure: "Figure", axes: NDArray) -> None:
-    named: dict[str, Any] = {}
+    named: dict[str, Artist] = {}
     for ax in axes.flat:
         handles, labels = ax.get_legend_handles_labels()
         named |= dict(zip(labels, handles))

@@ -10,7 +10,7 @@ from simreal.twin.fit.agreement import Of
 from simreal.twin.fit.result import Needs, TwinFit, Why
 
 FIT_SCHEMA, CHECK_SCHEMA = "recal.twin_fit/1", "recal.twin_check/1"
-METHOD = (
+FIT_METHOD = (
     "restricted maximum likelihood of slow means with Whittle's of half-overlapping Hann spectra"
 )
 
@@ -83,7 +83,7 @@ class TwinFitRecord:
     verdict: str
     reasons: Sequence[str]
     version: str
-    method: str = METHOD
+    method: str = FIT_METHOD
     imu_serial: str
     gyro_technology: str
     start: str

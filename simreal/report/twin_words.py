@@ -6,7 +6,7 @@ import math
 from ins.units import HOUR
 from simreal.twin.fit.result import Needs, Parameter, Why
 
-WORDS = {
+WHY_WORDS = {
     Why.NOTHING_SEEN: "none of it is seen beside the rest",
     Why.TOO_LOOSE: "something of it is seen, too little to tell its size",
     Why.FEW_RUNS: "too few power-ons",
@@ -16,7 +16,7 @@ WORDS = {
     Why.NOT_ON_A_GRID: "readings lie on no grid",
     Why.GYROS_DIFFER: "the gyros differ, and nothing beside the vertical one witnesses a yaw",
 }
-NAMES = {
+PARAMETER_NAMES = {
     "gyro.arw_deg_sqrt_h": ("angle random walk", "deg/sqrt(h)"),
     "gyro.quantization_rad": ("gyro quantisation", "rad"),
     "gyro.bias_instability_deg_h": ("gyro flicker B", "deg/h"),
@@ -42,7 +42,7 @@ NAMES = {
     "gnss.sigma_velocity_m_s": ("receiver, velocity", "m/s"),
     "odometer.noise_m_s": ("wheels", "m/s"),
 }
-YAW = (
+YAW_NOTE = (
     "yaw creep is what the vertical gyro has beyond the level ones: nothing else witnesses a yaw,"
     " so a vertical gyro that is noisier in itself looks the same"
 )
@@ -52,7 +52,7 @@ def why_words(p: Parameter) -> str:
     """Why a parameter cannot be told, and what would; empty where it is told."""
     if p.why is None:
         return ""
-    said = f"cannot be told from these runs: {WORDS[p.why]}"
+    said = f"cannot be told from these runs: {WHY_WORDS[p.why]}"
     lacks = needs_words(p)
     return f"{said}; {lacks}" if lacks else said
 
@@ -70,7 +70,7 @@ def needs_words(p: Parameter) -> str:
 
 def size_words(p: Parameter) -> str:
     """The value with its interval, or the limit."""
-    unit = NAMES[p.name][1]
+    unit = PARAMETER_NAMES[p.name][1]
     tail = f" {unit}" if unit else ""
     if p.identified:
         return f"{p.value:.4g} +- {p.sigma:.2g}{tail}"

@@ -13,6 +13,7 @@ from ins.noise import markov_covariance
 from ins.records import InputError
 from ins.twin_file import default_twin, read_twin
 from recal.cli.app import app
+from recal.service.twin.check import check_twin
 from simreal.evidence.noise_model import ChannelNoise
 from simreal.twin.fit.constants import spread_between
 from simreal.twin.fit.other_sensors import resolution
@@ -101,6 +102,18 @@ def test_a_run_that_never_rests_is_refused(tmp_path):
     result = recal.fit_twin(run)
     assert result.verdict == "refused" and "never at rest" in result.reasons[0]
     assert result.twin is None
+
+
+def test_a_twin_is_held_against_a_run():
+    simulated, result = fitted()
+    right = check_twin(simulated.run, result.twin)
+    assert right.verdict == "ok" and "fits these runs" in right.lines()[0]
+    declared = replace(result.twin.gyro, arw_deg_sqrt_h=0.5 * result.twin.gyro.arw_deg_sqrt_h)
+    wrong = check_twin(simulated.run, replace(result.twin, gyro=declared))
+    assert wrong.verdict == "inconsistent" and "recal twin fit" in wrong.lines()[0]
+    assert {c.channel[:4] for c in wrong.record.cells if not c.fits} == {"gyro"}
+    within = replace(result.twin.gyro, arw_deg_sqrt_h=1.07 * result.twin.gyro.arw_deg_sqrt_h)
+    assert check_twin(simulated.run, replace(result.twin, gyro=within)).verdict == "ok"
 
 
 def test_the_command_names_a_missing_run():

@@ -22,17 +22,19 @@ from ins.records import TwinModel
 from ins.units import ARCSEC, HOUR
 from simreal.evidence.noise_model import channel_noises
 from simreal.twin.fit.model import ABSENT, Model, band_model
+from simreal.twin.fit.result import SIX_CHANNELS
 from simreal.twin.fit.slow import SlowData, slow_data
 from simreal.twin.fit.spectra import Bands, mean_spectra
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Shape, Term
 
-NAMES = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 TOLERATED = 0.1  # of a size: a sigma that is off by less is 20 % of a variance off
-MISFIT_P = 0.01  # of a whole run, over all its cells
+# of a whole run, over all its cells: one run in 100 of a right twin is called wrong
+MISFIT_P = 0.01
 BLOCK_S = 40  # of the slow means
-EDGES_HZ = (0.025, 0.06, 0.15, 0.41)  # of the cells between slow means and rows
-VEHICLES = 0.5  # of a cell's declared power that is sway: the cell is the vehicle's
+CELL_EDGES_HZ = (0.025, 0.06, 0.15, 0.41)  # of the cells between slow means and rows
+# of a cell's declared power that is sway: above 0.5 the cell says more of the vehicle
+VEHICLES = 0.5
 
 
 class Of(StrEnum):
@@ -168,12 +170,13 @@ def _within_seconds(stream: Stream, twin: TwinModel, live: Sequence[int]) -> lis
         only = noise.scatter(rows, seconds.row_dt_s)[0]
         calm = type(noise)(white=noise.white, bounded=noise.bounded)
         sway = 1.0 - calm.scatter(rows, seconds.row_dt_s)[0] / only
-        key = (NAMES[c], 1.0, 0.5 * rate_hz)
+        key = (SIX_CHANNELS[c], 1.0, 0.5 * rate_hz)
         found.append((key, float(seen.mean()) / expected, 0.5 * freedom * seen.size, sway))
     return found
 
 
-WILD_SECONDS = 4.0  # times the median scatter: a step of somebody, not noise
+# times the median scatter: 100 rows of noise scatter by 1.6 times at 4 sigmas, 10 rows by 3
+WILD_SECONDS = 4.0
 
 
 def _level_axes(up_b: NDArray) -> NDArray:
@@ -188,12 +191,12 @@ def _between(bands: Bands, model: Model, share: NDArray) -> list[Part]:
     sway = parts[model.terms.index(Term.SWAY)] / S if Term.SWAY in model.terms else 0.0 * S
     f = bands.centre_hz
     found: list[Part] = []
-    for low, high in pairwise(EDGES_HZ):
+    for low, high in pairwise(CELL_EDGES_HZ):
         inside = (f >= low) & (f < high) & (bands.dof > 0)
         if inside.any():
             dof = bands.dof[inside]
             ratio = float(np.sum(dof * bands.power[inside] / S[inside]) / dof.sum())
-            key = (NAMES[bands.channel], low, high)
+            key = (SIX_CHANNELS[bands.channel], low, high)
             part = float(dof @ sway[inside] / dof.sum())
             found.append((key, ratio, float(dof.sum()), part))
     return found
@@ -214,5 +217,5 @@ def _slow(slow: SlowData, model: Model, share: NDArray) -> Part:
                 sway = factor * float(np.exp(x[j]) * np.trace(unit.slow))
     z = solve_triangular(np.linalg.cholesky(V), slow.y[:w], lower=True)
     square = float(z @ z + np.sum(slow.y[w:] ** 2 / v))
-    key = (NAMES[slow.channel], 0.0, 0.5 / BLOCK_S)
+    key = (SIX_CHANNELS[slow.channel], 0.0, 0.5 / BLOCK_S)
     return key, square / slow.y.size, 0.5 * slow.y.size, sway / float(np.trace(V))

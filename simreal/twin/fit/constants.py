@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from simreal.twin.fit.streams import Stream
 
-FIRST_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
+CONSTANT_OVER_S = 900.0  # of rest: the constant of a run is taken here, before it drifts
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def accel_constants(stream: Stream) -> NDArray:
 
 
 def _first_mean(stream: Stream) -> NDArray:
-    seconds = np.flatnonzero(stream.still)[: int(FIRST_S)]
+    seconds = np.flatnonzero(stream.still)[: int(CONSTANT_OVER_S)]
     return np.asarray(stream.seconds.mean[seconds].mean(axis=0))
 
 

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from simreal.twin.fit.model import Evidence, Fitted, band_model
-from simreal.twin.fit.result import ChannelCurve
+from simreal.twin.fit.result import SIX_CHANNELS, ChannelCurve
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Term, sampled_psd
 
-NAMES = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 TAUS = 4  # averaging times of a doubling
 INTEGRAL = 3000  # frequencies of the integral that makes an Allan variance of a spectrum
 
@@ -23,7 +22,7 @@ def curves_of(
     longest = max(streams, key=lambda s: max(b - a for a, b in s.spans))
     index = list(streams).index(longest)
     found = []
-    for c, name in enumerate(NAMES):
+    for c, name in enumerate(SIX_CHANNELS):
         fitted = fits[c // 3]
         share = evidence.share[index]
         bands = [b for k, b in evidence.bands if k == index and b.channel == c]

@@ -12,7 +12,9 @@ from ins.units import HOUR
 from simreal.twin.fit.model import PRIOR_SIGMA, ROUGHLY, Evidence, Fitted, Model, climb, derivatives
 from simreal.twin.fit.terms import Term, sampled_psd
 
-IDENTIFIED_SIGMA = 0.5  # of a log variance: a quarter of the size
+# of a log variance, 0.25 of the size: beyond, normal limits hold the truth in less than 92 %
+# (chi-square with fewer than 8 degrees of freedom)
+IDENTIFIED_SIGMA = 0.5
 BELIEVED_SIGMA = 2.0 * np.log(3.0)  # of what the data do not tell: a factor 3 of the size
 LIMIT_DROP = 0.5 * float(chi2.ppf(0.90, 1))  # of the log likelihood at a one-sided 95 % limit
 LIMIT_STEPS, LIMIT_WITHIN = 10, 0.3  # of a log variance: 15 % of a limit
@@ -22,9 +24,10 @@ TAUS_S = (30.0, 300.0, 2000.0)  # where a Markov process is looked for
 PARKED_HOURS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0, 128.0)
 NEVER_S = float("inf")
 LOWEST_CYCLES = 1.5  # in a recording: what is slower went with its constant
-GRID = 400  # frequencies
+BOUND_POINTS = 400  # frequencies
+# probability that like axes are called unlike: 1 fit in 10,000, for the triad is then not one
 AXES_DIFFER_P = 1e-4
-AXIS_SIGMA = 0.2  # of an axis's own log variance: wider, and the triad's is taken
+AXIS_SIGMA = 0.2  # of an axis's own log variance: beyond 0.1 of its size the triad's is taken
 
 
 @dataclass(frozen=True)
@@ -249,7 +252,7 @@ def bound_sigma(
     of Whittle's information; terms of one channel count once.
     """
     shape = model.shape_at(x)
-    f = np.geomspace(LOWEST_CYCLES / parked_s, 0.5 / dt_s, GRID)
+    f = np.geomspace(LOWEST_CYCLES / parked_s, 0.5 / dt_s, BOUND_POINTS)
     df = np.gradient(f)
     parts = np.stack([sampled_psd(t, f, dt_s, shape) for t in model.terms])
     parts *= np.exp(x[: len(model.terms)])[:, None]

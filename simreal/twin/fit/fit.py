@@ -18,7 +18,7 @@ from ins.records import InputError, Run, RunHeader, TwinModel
 from ins.units import ARCSEC, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR, MICRO_G
 from ins.units import MICRO_G_PER_SQRT_HOUR as MICRO_G_WALK
 from simreal.twin.fit.constants import (
-    FIRST_S,
+    CONSTANT_OVER_S,
     Spread,
     accel_constants,
     gyro_constants,
@@ -28,19 +28,21 @@ from simreal.twin.fit.curves import curves_of
 from simreal.twin.fit.evidence import BELIEVED_SIGMA, IDENTIFIED_SIGMA, Told, TriadFit, fit_triad
 from simreal.twin.fit.model import PRIOR_SIGMA, Evidence, Model
 from simreal.twin.fit.other_sensors import Sample, receiver, thermometers, wheels
-from simreal.twin.fit.result import Needs, Parameter, RunUsed, TwinFit, Why
+from simreal.twin.fit.result import SIX_CHANNELS, Needs, Parameter, RunUsed, TwinFit, Why
 from simreal.twin.fit.slow import slow_data
 from simreal.twin.fit.spectra import Line, spectra_of
 from simreal.twin.fit.streams import Stream, stream_of
 from simreal.twin.fit.terms import Shape, Term
 
-GYROS, ACCELS = (0, 1, 2), (3, 4, 5)
-CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
-UNSEEN = 0.1  # of the white noise at the highest frequency: where quantisation is first looked for
+GYRO_TRIAD, ACCEL_TRIAD = (0, 1, 2), (3, 4, 5)
+# of the white noise at the highest frequency, where quantisation is first looked for: 0.1 is seen
+# in 1e4 rows
+STARTING_SHARE = 0.1
 SMALLEST = 1e-3  # of the white noise in a second: what a term of zero is believed to be
 SMALLEST_SWAY_M_S = 1e-5
 # degrees of freedom at which a spread is known to a quarter: sigma of a log variance sqrt(2 / n)
 ENOUGH_FREEDOM = 2.0 / IDENTIFIED_SIGMA**2
+# readings are seldom independent to the last: twice the 8 that a size to a quarter asks for
 ENOUGH_READINGS = 2.0 * ENOUGH_FREEDOM
 
 
@@ -78,10 +80,10 @@ def fit_twin(
     rate_hz = float(np.median([s.run.imu.rate_hz for s in streams]))
     seconds = float(sum(s.still_s for s in streams))
     gyro = fit_triad(
-        evidence.of(GYROS), _gyro_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
+        evidence.of(GYRO_TRIAD), _gyro_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
     )
     accel = fit_triad(
-        evidence.of(ACCELS), _accel_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
+        evidence.of(ACCEL_TRIAD), _accel_model(believed, 1.0 / rate_hz), 1.0 / rate_hz, seconds
     )
     told("reading the other sensors")
     parameters = _gyro_parameters(gyro, believed, seconds)
@@ -159,7 +161,8 @@ def _gyro_model(twin: TwinModel, dt_s: float) -> Model:
     creep = (twin.vehicle.yaw_creep_arcsec_sqrt_h * ARCSEC / np.sqrt(HOUR)) ** 2
     centres = {
         Term.WHITE: white,
-        Term.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0 or UNSEEN * white * dt_s / 4.0,
+        Term.QUANTIZATION: twin.gyro.quantization_rad**2 / 12.0
+        or STARTING_SHARE * white * dt_s / 4.0,
         Term.FLICKER: d.instability**2 or SMALLEST * white,
         Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
         Term.CREEP: creep or SMALLEST * white,
@@ -173,7 +176,7 @@ def _accel_model(twin: TwinModel, dt_s: float) -> Model:
     v = twin.vehicle
     centres = {
         Term.WHITE: white,
-        Term.QUANTIZATION: UNSEEN * white * dt_s / 4.0,
+        Term.QUANTIZATION: STARTING_SHARE * white * dt_s / 4.0,
         Term.FLICKER: d.instability**2 or SMALLEST * white,
         Term.WALK: d.walk**2 or SMALLEST * white / HOUR,
         Term.SWAY: max(v.sway_m_s, SMALLEST_SWAY_M_S) ** 2,
@@ -361,7 +364,7 @@ def _turn_on(
 
 def _mean_variance(fit: TriadFit, streams: Sequence[Stream]) -> float:
     """Variance of the mean over the first rest: white noise and what flicker adds to it."""
-    seconds = min(FIRST_S, float(np.median([s.still_s for s in streams])))
+    seconds = min(CONSTANT_OVER_S, float(np.median([s.still_s for s in streams])))
     white = np.exp(fit.fitted.log_variance(Term.WHITE)) / seconds
     flicker = np.exp(fit.fitted.log_variance(Term.FLICKER))
     return float(white + flicker)
@@ -500,5 +503,5 @@ def _axis_white(gyro: TriadFit, accel: TriadFit) -> dict[str, float]:
         unit = terms[Term.WHITE][1]
         for c, alone in fit.axes.items():
             size = float(np.exp(0.5 * alone.log_variance(Term.WHITE)))
-            found[CHANNELS[c]] = size / unit
+            found[SIX_CHANNELS[c]] = size / unit
     return found

@@ -19,11 +19,11 @@ from simreal.twin.fit.terms import Shape, Term, sampled_psd
 
 PRIOR_SIGMA = 2.0 * np.log(10.0)  # of a log variance: a factor 10 of the size, one sigma
 SHAPE_SIGMA = np.log(3.0)  # of the frequency and the damping of the sway
-STEPS = 60
+MOST_STEPS = 60
 LARGEST_STEP = 1.5  # of a log variance
 CONVERGED, ROUGHLY = 1e-3, 0.03  # nats that a step still gains
 SHAPE_STEP = 1e-3  # relative, of the numerical derivative
-ABSENT = -80.0  # log variance of a term that is left out
+ABSENT = -80.0  # log variance of a term left out: e^-80 is 1e-35, below any square of a noise
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def climb(
     value, gradient, information = derivatives(evidence, model, x)
     best = value - 0.5 * float(np.sum(weight * (x - start) ** 2))
     damping = 0.0
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         slope = (gradient - weight * (x - start))[free]
         curve = (information + np.diag(weight))[np.ix_(free, free)]
         step = np.linalg.solve(curve + damping * np.diag(np.diag(curve)), slope)

@@ -11,12 +11,13 @@ from ins.earth import radii_of_curvature
 from ins.robust import robust_sigma
 from simreal.twin.fit.streams import Stream
 
-GRID_SHARE = 0.999  # of the steps between readings that a resolution must explain
-GRID_OFF = 0.02  # of a step
-GRID_NEAR = 20.0  # steps between readings that are looked at: rounding adds up beyond
+# of the steps between readings that a resolution must explain: 1 in 1,000 may be a glitch
+GRID_SHARE = 0.999
+GRID_OFF = 0.02  # of a step: readings are rounded to 1e-9, noise lies within it in 4 %
+GRID_NEAR = 20.0  # steps that are looked at: an error of 0.001 of a step adds up to GRID_OFF
 SECOND_DIFFERENCE = 6.0  # variance of a second difference of white readings
-FEWEST = 30  # readings
-SHORTEST_FIX_S = 300.0  # of rest, for a receiver whose errors last minutes
+FEWEST_SEEN = 30  # readings: a sigma to 13 %
+SHORTEST_FIX_S = 300.0  # of rest, for a receiver whose errors last 1 to 2 min
 CORRELATED = np.exp(-1.0)
 
 
@@ -45,7 +46,7 @@ def thermometers(streams: list[Stream]) -> Thermometers | None:
         if stream.run.temperature is not None
         for column in stream.run.temperature.gyro_degC.T
     ]
-    columns = [column for column in columns if column.size > FEWEST]
+    columns = [column for column in columns if column.size > FEWEST_SEEN]
     if not columns:
         return None
     step = resolution(columns)
@@ -82,7 +83,7 @@ def receiver(streams: list[Stream]) -> dict[str, Sample]:
         if gnss is None or stream.still_s < SHORTEST_FIX_S:
             continue
         at = _at_rest(stream, gnss.time_s)
-        if at.sum() < FEWEST:
+        if at.sum() < FEWEST_SEEN:
             continue
         rate_s = float(np.median(np.diff(gnss.time_s)))
         lat, lon = gnss.lat_rad[at], gnss.lon_rad[at]
@@ -117,11 +118,11 @@ def wheels(streams: list[Stream]) -> Sample | None:
             rolling.append(np.diff(log.speed_m_s[rolls], n=2))
     still = np.concatenate(parked) if parked else np.zeros(0)
     still = still[np.isfinite(still)]
-    if still.size > FEWEST and np.any(still != 0.0):
+    if still.size > FEWEST_SEEN and np.any(still != 0.0):
         return Sample(float(np.sqrt(np.mean(still**2))), float(still.size))
     moving = np.concatenate(rolling) if rolling else np.zeros(0)
     moving = moving[np.isfinite(moving)]
-    if moving.size <= FEWEST:
+    if moving.size <= FEWEST_SEEN:
         return None
     return Sample(robust_sigma(moving) / np.sqrt(SECOND_DIFFERENCE), moving.size / 3.0)
 

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from ins.records import TwinModel
 from simreal.twin.fit.spectra import Line
 
+SIX_CHANNELS = ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
 
 class Why(StrEnum):
     """Why a parameter of a twin cannot be told from the runs."""

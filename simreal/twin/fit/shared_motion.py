@@ -9,8 +9,10 @@ about the vertical.
 import numpy as np
 from numpy.typing import NDArray
 
-FEWEST_DOF = 12.0  # complex values of a band, three of which go to the accelerometers
-MOSTLY_SHARED = 0.5  # a band of which the vehicle makes more says too little of the gyro
+# complex values of a band: of 12 the three accelerometers cost a quarter
+FEWEST_DOF = 12.0
+# of a band: where the vehicle makes more than 0.5, a tenth of it left in is 10 % of the gyro
+MOSTLY_SHARED = 0.5
 
 
 def own_power(

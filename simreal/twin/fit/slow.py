@@ -15,16 +15,16 @@ from ins.earth import EARTH_RATE_RAD_S, gravity_magnitude
 from simreal.twin.fit.streams import Stream
 from simreal.twin.fit.terms import Shape, Term, bin_covariance
 
-FEWEST_BINS = 6
+FEWEST_BINS = 6  # one for a level, two for temperature, one for a tilt, 2 that say something
 # degC a log must span for each power of the temperature: a table's bias bends over about 20 degC
 POWERS_degC = (1.0, 6.0, 15.0)
-RATE_ABOVE_degC = 6.0  # from here on the rate of temperature is a regressor too
+RATE_ABOVE_degC = 6.0  # from here on, with the 2nd power, the rate of temperature is one too
 # contrasts of the slowest waves whose whole covariance counts; those of quicker ones are next to
 # independent of them and of each other, as cosines of a random walk are
 WHOLE = 48
 DIED_DOWN = 3.0  # times its own decay: 5 % of the sway are left
 SHAPE_GRID = 0.1  # of a log frequency or damping, as which templates are kept
-RANK = 1e-8  # relative: a regressor that the others hold already
+RANK = 1e-8  # relative: a regressor that the others hold already, to the root of 1e-16
 
 
 @dataclass(frozen=True)

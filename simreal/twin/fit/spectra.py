@@ -29,10 +29,12 @@ PER_DECADE = 25  # bands
 SHARE = 0.5 / (1.0 + (0.25 / 0.75) ** 2 / 2.0)
 # of one bin between its neighbours under the taper: white noise shows in 1.5 of them
 BINS_ALIKE = 1.5
-UPRIGHT = 0.5  # of the vertical along a gyro: more, and its turns are mostly yaw, without a witness
+# of the vertical along a gyro: beyond 0.5, 30 deg off level, its turns are mostly yaw, which the
+# accelerometers do not see
+UPRIGHT = 0.5
 WILD_P = 1e-5  # a window with more power than this probability is somebody's step or a gust
 LINE_P = 1e-6  # of a bin that stands out; a log of an hour has 2e4 of them
-LINE_BINS = 2  # on either side of a line that its taper fills
+LINE_BINS = 2  # on either side of a line: a Hann window is 4 bins wide between its zeros
 ROUGH_BANDS = 4  # in which a window is judged
 
 

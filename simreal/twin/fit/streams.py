@@ -27,8 +27,8 @@ from ins.robust import runs_of_true
 from ins.strapdown.mechanization import VerticalChannel, navigate
 from simreal.evidence.seconds import Seconds, seconds_of
 
-SHORTEST_S = 60.0  # of a still stretch: three of the slowest means
-WHOLE_SECOND = 0.9  # of the usual number of rows
+STILL_AT_LEAST_S = 60.0  # of a still stretch: 3 of the slow means of 20 s
+WHOLE_SECOND = 0.9  # of the usual number of rows: 0.1 fewer change a mean by 5 % of its sigma
 # causes that may leave the vehicle on another level; a gust, a clip or a lost row does not
 LEAVES_A_STEP = (Cause.MOTION, Cause.BUMP, Cause.LOADING, Cause.PUSH)
 
@@ -70,12 +70,12 @@ class Stream:
         for a, b in runs_of_true(self.still):
             cuts = a + 1 + np.flatnonzero(np.diff(self.place[a:b]))
             edges = [a, *cuts.tolist(), b]
-            found += [(i, j) for i, j in pairwise(edges) if j - i >= SHORTEST_S]
+            found += [(i, j) for i, j in pairwise(edges) if j - i >= STILL_AT_LEAST_S]
         return found
 
 
 def stream_of(run: Run, twin: TwinModel, table: ThermalTable | None = None) -> Stream | None:
-    """The parked time of a run; None where it never rests for SHORTEST_S."""
+    """The parked time of a run; None where it never rests for STILL_AT_LEAST_S."""
     temperature = _temperature(run)
     try:
         seconds = seconds_of(compensated_seconds(run, table, temperature, twin))
