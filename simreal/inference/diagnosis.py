@@ -30,8 +30,9 @@ from simreal.inference.attribute import (
 )
 from simreal.inference.bank import silent
 from simreal.inference.causes import Cause, cause_of, posterior_bars
+from simreal.inference.excess import Excess, excesses
 from simreal.inference.locate import Cell, CellTable, Leftover, cells_of, locate, measure_cells
-from simreal.inference.noise_hypotheses import NoiseHypothesis, Squares, term_of
+from simreal.inference.noise_hypotheses import NoiseHypothesis, term_of
 from simreal.inference.scoring import fit
 from simreal.inference.verdict import GapVerdict, Looks
 
@@ -60,17 +61,14 @@ class Place:
 class Diagnosis:
     """Everything that the document and the report say; they compute nothing.
 
-    score, score_after: mean squared normalised residual in the located cells (all, if none), floor
-    the twin's own. bars: the most probable answers of each cause. cells: before; cells_after.
-    unused: runs that could not be looked at.
+    excesses: the gap over all rows, then channel by channel. bars: the most probable answers of
+    each cause. cells: before; cells_after. unused: runs that could not be looked at.
     """
 
     verdict: GapVerdict
     sentence: str
-    score: float
-    floor: float
+    excesses: tuple[Excess, ...]
     p_value: float
-    score_after: float
     p_value_after: float
     where: tuple[Place, ...]
     causes: tuple[Cause, ...]
@@ -234,17 +232,14 @@ def _diagnosed(
     bars = tuple(tuple(posterior_bars(attribution, slot)) for slot in attribution.slots)
     p_max = tail_probability(attribution.replicate_max, float(attribution.log_odds_before.max()))
     present = p_after < 0.5 * how.alpha
-    where, marked = _places(attribution, before, after)
-    inside = marked if marked.any() else np.ones(len(cells), bool)
+    where = _places(attribution, before, after)
     verdict = _verdict(causes, present)
     order = np.argsort([-c.probability for c in causes], kind="stable")
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, causes, where, looks_like if present else Looks.NOTHING),
-        score=_score(before, inside),
-        floor=_floor(cells, squares, attribution, inside),
+        excesses=excesses(evidence.z, residual, evidence.rows.channel, attribution.columns.size),
         p_value=min(2.0 * min(p_max, p_before), 1.0),
-        score_after=_score(after, inside),
         p_value_after=p_after,
         where=where,
         causes=tuple(causes[k] for k in order),
@@ -264,17 +259,6 @@ def _diagnosed(
         attribution=attribution,
         notes=tuple(f"{v.name}: {n}" for v in views for n in v.notes),
     )
-
-
-def _score(table: CellTable, inside: NDArray) -> float:
-    return float((table.rho * table.dof)[inside].sum() / table.dof[inside].sum())
-
-
-def _floor(
-    cells: Sequence[Cell], squares: Squares, attribution: Attribution, inside: NDArray
-) -> float:
-    rho, n, _ = measure_cells(cells, squares.dof, attribution.replicate_ratio)
-    return float(((rho * n[:, None])[inside].sum(axis=0) / n[inside].sum()).mean())
 
 
 def _left_share(before: CellTable, after: CellTable) -> float:
@@ -336,11 +320,8 @@ def _called(cause: Cause) -> str:
     return f"{cause.effect} on {cause.target}"
 
 
-def _places(
-    attribution: Attribution, cells: CellTable, after: CellTable
-) -> tuple[tuple[Place, ...], NDArray]:
-    """Channels by their share of the gap, with band, time and temperature; and the cells that are
-    located.
+def _places(attribution: Attribution, cells: CellTable, after: CellTable) -> tuple[Place, ...]:
+    """Channels by their share of the gap, with band, time and temperature.
 
     A found effect counts where it enters: on its target if that is a channel (a gyro's drift also
     shows in GNSS), else on the channels that hold its energy. What is left counts in the cells that
@@ -373,7 +354,6 @@ def _places(
         by_cell = np.where(cells.located, 2.0 * np.maximum(cells.nats, 0.0), 0.0)
     np.add.at(by_channel, channels, by_cell)
     total = float(by_channel.sum())
-    marked = cells.located | (by_cell > 0.1 * max(total, 1e-300)) & (by_cell > 1.0)
     places = []
     for number in np.flatnonzero(by_channel > LEAST_SHARE * max(total, 1e-300)):
         mine = channels == number
@@ -383,7 +363,7 @@ def _places(
             _place(evidence, CHANNELS[number], own, explained, float(by_channel[number] / total))
         )
     places.sort(key=lambda p: -p.share)
-    return tuple(places[:MOST_PLACES]), marked
+    return tuple(places[:MOST_PLACES])
 
 
 def _signature(attribution: Attribution, slot: Slot) -> NDArray:

@@ -14,16 +14,19 @@ from simreal.effects.catalogue import catalogue
 from simreal.inference.addback import Shrink
 from simreal.inference.causes import Cause, Rival, Value
 from simreal.inference.diagnosis import Diagnosis, Place
+from simreal.inference.excess import FLOOR, Excess
 from simreal.inference.user_level import UserLevel
 from simreal.inference.verdict import GapVerdict
 from simreal.report.diagnosis_records import (
     AnswerRecord,
     CauseRecord,
     CellRecord,
+    ChannelRecord,
     DiagnosisRecord,
     DriftRecord,
     GapAfterRecord,
     GapRecord,
+    GoneRecord,
     NotLookedAtRecord,
     NotTestableRecord,
     ParameterRecord,
@@ -70,6 +73,7 @@ def diagnosis_document(
     run_ids = [v.name for v in diagnosis.views]
     twin = diagnosis.twin
     table_note = () if asked.table_sha256 else (NO_TABLE,)
+    whole, *channels = diagnosis.excesses
     return DiagnosisRecord(
         verdict=diagnosis.verdict,
         sentence=diagnosis.sentence,
@@ -77,7 +81,12 @@ def diagnosis_document(
         gyro_technology=twin.gyro_technology,
         twin=twin.source,
         version=asked.version,
-        gap=GapRecord(score=diagnosis.score, floor=diagnosis.floor, p_value=diagnosis.p_value),
+        gap=GapRecord(
+            score=whole.score,
+            floor=FLOOR,
+            p_value=diagnosis.p_value,
+            excess_sigma=whole.excess_sigma,
+        ),
         where=tuple(_place(p) for p in diagnosis.where),
         causes=tuple(_cause(c, bars, run_ids) for c, bars in zip(diagnosis.causes, diagnosis.bars)),
         unexplained=UnexplainedRecord(
@@ -90,7 +99,13 @@ def diagnosis_document(
             NotTestableRecord(effect=name, needs=needs, target=target or None)
             for name, needs, target in diagnosis.not_testable
         ),
-        gap_after=GapAfterRecord(score=diagnosis.score_after, p_value=diagnosis.p_value_after),
+        gap_after=GapAfterRecord(
+            score=whole.score_after,
+            p_value=diagnosis.p_value_after,
+            excess_sigma=whole.excess_sigma_after,
+        ),
+        shrink=_gone(whole),
+        channels=tuple(_channel(excess) for excess in channels),
         user_level=tuple(_user(u) for u in users),
         record_next=tuple(record_next),
         cells=_cells(diagnosis),
@@ -102,6 +117,22 @@ def diagnosis_document(
         replicates=diagnosis.replicates,
         seed=asked.seed,
         table_sha256=asked.table_sha256 or None,
+    )
+
+
+def _gone(excess: Excess) -> GoneRecord:
+    return GoneRecord(fraction=excess.fraction, interval_95=excess.interval_95)
+
+
+def _channel(excess: Excess) -> ChannelRecord:
+    return ChannelRecord(
+        channel=excess.channel,
+        rows=excess.rows,
+        score=excess.score,
+        score_after=excess.score_after,
+        excess_sigma=excess.excess_sigma,
+        excess_sigma_after=excess.excess_sigma_after,
+        shrink=_gone(excess),
     )
 
 
@@ -152,6 +183,8 @@ def summary(document: DiagnosisRecord) -> list[str]:
         f"  gap score {gap.score:.2f} (floor {gap.floor:.2f}, p {p_text(gap.p_value)}),"
         f" with what was found {after.score:.2f} (p {p_text(after.p_value)})"
     )
+    if document.causes and document.shrink is not None:
+        lines.append(_excess_line(document))
     for cause in document.causes:
         lines += _cause_lines(cause)
     lines += [f"  navigation, run {u.run_id}: {_user_line(u)}" for u in document.user_level]
@@ -331,6 +364,17 @@ def p_text(value: float | None) -> str:
     if value is None:
         return "n/a"
     return f"{value:.2g}" if value > LEAST_P else "under 1e-300"
+
+
+def _excess_line(document: DiagnosisRecord) -> str:
+    """How far what was found takes the excess down."""
+    gap, after, shrink = document.gap, document.gap_after, document.shrink
+    assert gap.excess_sigma is not None and after.excess_sigma is not None and shrink is not None
+    low, high = shrink.interval_95
+    return (
+        f"  excess over the floor {gap.excess_sigma:.1f} -> {after.excess_sigma:.1f} sigma:"
+        f" {100 * shrink.fraction:.0f} % gone ({100 * low:.0f} to {100 * high:.0f} %)"
+    )
 
 
 def _cause_lines(cause: CauseRecord) -> list[str]:

@@ -15,11 +15,14 @@ SCHEMA = "recal.diagnosis/1"
 
 @dataclass(frozen=True, kw_only=True)
 class GapRecord:
-    """Mean squared normalised residual in the located cells, the twin's own, and its p-value."""
+    """Mean squared whitened residual over all rows, the twin's own, its distance from that in
+    sigmas of the null, and the p-value that there is no gap.
+    """
 
     score: float | None
     floor: float | None
     p_value: float | None
+    excess_sigma: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +31,28 @@ class GapAfterRecord:
 
     score: float | None
     p_value: float | None
+    excess_sigma: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GoneRecord:
+    """Share of the excess over the floor that what was found takes away."""
+
+    fraction: float
+    interval_95: tuple[float, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelRecord:
+    """The gap over all rows of one channel, as `gap` and `gap_after` have it over all."""
+
+    channel: str
+    rows: int
+    score: float
+    score_after: float
+    excess_sigma: float
+    excess_sigma_after: float
+    shrink: GoneRecord
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,6 +243,8 @@ class DiagnosisRecord:
     unexplained: UnexplainedRecord
     not_testable: tuple[NotTestableRecord, ...]
     gap_after: GapAfterRecord
+    shrink: GoneRecord | None = field(default=None, metadata=OMIT_NONE)
+    channels: tuple[ChannelRecord, ...] = ()
     user_level: tuple[UserRecord, ...] = ()
     record_next: tuple[str, ...] = ()
     cells: tuple[CellRecord, ...] = ()

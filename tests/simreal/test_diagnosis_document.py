@@ -67,10 +67,8 @@ def finite(value):
 def test_the_document_has_every_field_of_the_contract(found):
     d = json.loads(result_text(plain(document_of(found))))
     assert d["schema"] == "recal.diagnosis/1" and d["verdict"] == "explained"
-    assert set(d["gap"]) == {"score", "floor", "p_value"} and set(d["gap_after"]) == {
-        "score",
-        "p_value",
-    }
+    assert set(d["gap"]) == {"score", "floor", "p_value", "excess_sigma"}
+    assert set(d["gap_after"]) == {"score", "p_value", "excess_sigma"}
     assert finite(d) and all(isinstance(v, float) for v in d["gap"].values())
     where = d["where"][0]
     assert {"channel", "phase", "temperature_degC", "frequency_hz", "time_s", "share"} <= set(where)
@@ -387,6 +385,21 @@ def test_a_refused_document_says_why_and_claims_nothing(found):
     )
     assert d.verdict == "refused" and "never rests" in d.sentence and d.gap.score is None
     assert d.causes == () and summary(d) == [f"SN-0042: {d.sentence}"]
+
+
+def test_a_shrink_of_nearly_all_reads_as_one(found):
+    """Score, excess and shrink are one measure, over all rows and by channel."""
+    d = plain(document_of(found))
+    gap, after = d["gap"], d["gap_after"]
+    rows = sum(c["rows"] for c in d["channels"])
+    assert gap["excess_sigma"] == pytest.approx((gap["score"] - 1.0) * np.sqrt(rows / 2))
+    assert gap["excess_sigma"] > 3.0 > abs(after["excess_sigma"])
+    low, high = d["shrink"]["interval_95"]
+    assert low <= d["shrink"]["fraction"] <= high <= 1.0 and d["shrink"]["fraction"] > 0.8
+    worst = max(d["channels"], key=lambda c: c["excess_sigma"])
+    assert worst["channel"] == d["where"][0]["channel"]
+    assert worst["shrink"]["fraction"] > 0.8
+    assert any(line.startswith("  excess over the floor") for line in summary(document_of(found)))
 
 
 def test_a_document_reads_back_from_its_json(found):
