@@ -238,7 +238,7 @@ def _diagnosed(
     return Diagnosis(
         verdict=verdict,
         sentence=_sentence(verdict, causes, where, looks_like if present else Looks.NOTHING),
-        excesses=excesses(evidence.z, residual, evidence.rows.channel, attribution.columns.size),
+        excesses=excesses(evidence, residual, attribution.columns.size),
         p_value=min(2.0 * min(p_max, p_before), 1.0),
         p_value_after=p_after,
         where=where,
