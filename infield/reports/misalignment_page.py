@@ -21,6 +21,7 @@ from infield.reports.figures import (
     svg_text,
 )
 from infield.reports.page import number, render_page
+from infield.reports.words.significance import measured_words
 from ins.records import AXES
 from ins.units import ARCSEC, DEG
 from ins.verdicts import Observability, plain
@@ -47,11 +48,19 @@ def render(document: MisalignmentDocument) -> str:
         d=plain(document),
         banner=BANNERS[document.verdict],
         badges=BADGES,
+        words=_coupling_words,
         headline=headline(document),
         names=dict(zip(AXES, AXES)),
         harmonics=_harmonics(document) if document.gyros else None,
         couplings=_couplings(document) if document.couplings else None,
     )
+
+
+def _coupling_words(verdict: str, value: float | None, sigma: float | None) -> str:
+    """What the page says of a coupling."""
+    if value is None or sigma is None:
+        return verdict.replace("_", " ")
+    return measured_words(verdict, value, sigma)
 
 
 def headline(document: MisalignmentDocument) -> str:

@@ -56,9 +56,25 @@ def render(document: ReplayDocument) -> str:
         tables={t["role"]: t for t in data["tables"]},
         banner=BANNERS[document.verdict],
         headline=_headline(document),
+        words=verdict_words(document),
         figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
     )
+
+
+def verdict_words(document: ReplayDocument) -> str:
+    """What the flights say of the tables; "replayed" would only say that they were flown."""
+    if document.verdict is not ReplayVerdict.REPLAYED:
+        return str(document.verdict)
+    difference = document.difference
+    if difference is None or difference.rate_nm_h is None:
+        return "flown, no drift of two tables to compare"
+    if difference.significant is None:
+        return "flown with two tables, the sigma of their difference is not known"
+    if not difference.significant:
+        return "no significant difference between the tables"
+    less = difference.rate_nm_h.change < 0.0
+    return f"the active table drifts significantly {'less' if less else 'more'} than the previous"
 
 
 def _headline(document: ReplayDocument) -> str:
@@ -77,9 +93,12 @@ def _headline(document: ReplayDocument) -> str:
     if previous is None or previous.parked is None:
         return f"Parked drift {number(after)} NM/h over {hours * 60:.0f} min."
     before = previous.parked.rate_nm_h
+    sigma = document.difference.sigma_rate_nm_h if document.difference else None
+    spread = "" if sigma is None else f" ± {number(sigma)}"
     return (
         f"Parked drift over {hours * 60:.0f} min: {number(before)} NM/h with the previous table,"
-        f" {number(after)} NM/h with the active one ({number(after - before, sign=True)} NM/h)."
+        f" {number(after)} NM/h with the active one"
+        f" ({number(after - before, sign=True)}{spread} NM/h, 1 sigma)."
     )
 
 

@@ -30,6 +30,7 @@ from infield.reports.documents.update_records import (
     UpdateDocument,
 )
 from infield.reports.page import decimals_for, number, render_page
+from infield.reports.table_known import TableKnown, table_known
 from infield.session.reasons import HeadingSource
 from infield.table.file import table_from_dict
 from infield.table.thermal_table import ThermalTable
@@ -80,6 +81,7 @@ class AxisView:
     look: str
     help: str
     largest: ChangeDocument | None
+    table: TableKnown | None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,7 @@ def update_html(document: UpdateDocument) -> str:
     """
     before = _table(document.table_before, "table_before")
     after = _table(document.table_after, "table_after")
+    known = table_known(document) if document.table_before else {}
     sessions = [_session(document, k) for k in range(len(document.sessions))]
     estimated = estimated_of(document)
     return render_page(
@@ -131,7 +134,7 @@ def update_html(document: UpdateDocument) -> str:
         d=document,
         verdict=VERDICTS.get(document.verdict, (str(document.verdict), "none", "\u25a0")),
         statement=_statement(document),
-        axes=[_axis(document, axis) for axis in AXES],
+        axes=[_axis(document, axis, known) for axis in AXES],
         decimals=_decimals(document),
         changed=_changed(document),
         bias_drawings=_bias_drawings(document, before, after),
@@ -245,7 +248,7 @@ def _use_of_proposal(document: UpdateDocument) -> str:
     )
 
 
-def _axis(document: UpdateDocument, axis: str) -> AxisView:
+def _axis(document: UpdateDocument, axis: str, known: Mapping[str, TableKnown]) -> AxisView:
     seen = document.observability.get(axis)
     word, look = "not estimated", "none"
     if seen is not None:
@@ -257,6 +260,7 @@ def _axis(document: UpdateDocument, axis: str) -> AxisView:
         look=look,
         help=_help(document, seen),
         largest=max(_changes(document, axis), key=lambda row: abs(row.change_deg_h), default=None),
+        table=known.get(axis),
     )
 
 

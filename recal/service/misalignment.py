@@ -18,6 +18,7 @@ from infield.misalignment.study import (
 )
 from infield.reports.documents.misalignment import MisalignmentDocument, misalignment_document
 from infield.reports.misalignment_page import render
+from infield.reports.words.significance import measured_words
 from infield.session.log import with_applied_table_undone
 from infield.store.table_store import TableStore
 from ins.records import InputError, TwinModel
@@ -224,7 +225,8 @@ def summary(document: MisalignmentDocument) -> list[str]:
         if c.verdict == Observability.NOT_OBSERVABLE or c.value_arcsec is None:
             continue
         value = round(c.value_arcsec, 1) + 0.0  # no -0.0
-        lines.append(f"  {c.entry:6s}{value:+9.1f} +- {c.sigma_arcsec:.1f} arcsec ({c.verdict})")
+        said = measured_words(c.verdict, c.value_arcsec, c.sigma_arcsec)
+        lines.append(f"  {c.entry:6s}{value:+9.1f} +- {c.sigma_arcsec:.1f} arcsec ({said})")
     if r := document.redundancy:
         lines.append(f"  redundancy: chi-square {r.chi2:.1f} of {r.dof}, limit {r.limit_999:.1f}")
     lines += [f"  not observable: {row.what}: {row.why}" for row in document.not_observable]

@@ -10,7 +10,7 @@ from infield.replay.free_inertial import ReplayResult, TableChoice
 from infield.replay.free_inertial import replay as replay_run
 from infield.reports.documents.aided import AidedDocument, AidedFlightDocument, aided_columns
 from infield.reports.documents.replay import ReplayDocument, TableDocument, replay_document
-from infield.reports.replay_page import render
+from infield.reports.replay_page import render, verdict_words
 from infield.reports.track_kml import track_kml
 from infield.store.table_store import TableStore
 from ins.attitude import euler_from_dcm
@@ -225,7 +225,7 @@ def _write_aided(path: Path, result: ReplayResult) -> None:
 
 def summary(document: ReplayDocument) -> list[str]:
     """The result in a few lines for people."""
-    lines = [f"{document.run_id}: {document.verdict}"]
+    lines = [f"{document.run_id}: {verdict_words(document)}"]
     lines += [f"  because {reason}" for reason in document.reasons]
     lines += [f"  {note}" for note in document.notes]
     for t in document.tables:
@@ -247,9 +247,11 @@ def summary(document: ReplayDocument) -> list[str]:
             )
     difference = document.difference
     if difference and (rate := difference.rate_nm_h):
+        sigma = difference.sigma_rate_nm_h
+        spread = "" if sigma is None else f" +- {sigma:.3f}"
         lines.append(
-            f"  previous to active: {rate.previous:.3f} -> {rate.active:.3f} NM/h, "
-            f"heading {difference.heading_mrad:+.2f} mrad"
+            f"  previous to active: {rate.previous:.3f} -> {rate.active:.3f} NM/h, change"
+            f" {rate.change:+.3f}{spread}, heading {difference.heading_mrad:+.2f} mrad"
         )
     return lines + _aided_lines(document.aided)
 

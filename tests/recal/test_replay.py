@@ -105,6 +105,10 @@ def test_two_revisions_are_flown_and_compared(folder):
     assert rate["active"] < 0.01 < 0.1 < rate["previous"]  # the unit's truth is no bias at all
     assert rate["change"] == pytest.approx(rate["active"] - rate["previous"])
     assert f"{rate['previous']:.3f} -> {rate['active']:.3f} NM/h" in run("run").stdout
+    sigmas = [t["predicted"]["sigma_nm_h"] for t in document["tables"]]
+    difference = document["difference"]
+    assert difference["sigma_rate_nm_h"] == pytest.approx(np.hypot(*sigmas))  # two imports
+    assert difference["significant"] is (abs(rate["change"]) > 2 * np.hypot(*sigmas))
     active = document["tables"][0]
     assert active["gnss"] is not None and active["scoring_only"]["source"] == "reference"
     assert (

@@ -94,7 +94,7 @@ def test_an_update_is_proposed_rejected_proposed_again_and_approved(folder, undr
     shown = answered("table", "proposals", "1")
     assert (
         shown["report"]["points"] == document["points"]
-        and "gyro x: sigma" in run("table", "proposals", "1").stdout
+        and "mean bias of the run, 1 sigma" in run("table", "proposals", "1").stdout
     )
 
     def again(note=""):

@@ -55,6 +55,7 @@ from infield.reports.documents.alignment import FilterDocument, LevelDocument, a
 from infield.reports.documents.spans import SpanDocument as LeftOutDocument
 from infield.reports.documents.thermal_use import ThermalUseDocument
 from infield.reports.words.sentences import codes, sentence, sentences
+from infield.reports.words.significance import differs
 from ins.records import ReferenceLog, Run, TwinModel
 from ins.twin_file import TwinDocument, twin_to_dict
 from ins.units import DEG, KNOT, MILLIRADIAN, NAUTICAL_MILE
@@ -92,6 +93,10 @@ DEFINITIONS = {
     "aided": (
         "the log compensated with the active table, navigated with its satellite fixes; NIS:"
         " squared innovation over what the filter expects, 1 where its sigmas are honest"
+    ),
+    "difference": (
+        "active less previous; sigma_rate_nm_h: by what the tables do not know, as noise and"
+        " turn-on are in both; significant: beyond two of it"
     ),
     "scoring_only": "the run's reference (truth): it scores, it never navigates",
 }
@@ -225,12 +230,16 @@ class SeenDocument:
 
 @dataclass(frozen=True, kw_only=True)
 class DifferenceDocument:
-    """Active less previous."""
+    """Active less previous. sigma_rate_nm_h: of the change of rate_nm_h by what the tables do not
+    know; significant: whether the change is beyond two of it.
+    """
 
     heading_deg: float
     heading_mrad: float
     heading_expected_mrad: float
     rate_nm_h: ChangeDocument | None = None
+    sigma_rate_nm_h: float | None = None
+    significant: bool | None = None
     rms_rate_nm_h: ChangeDocument | None = None
     parked_end_displacement_m: Mapping[str, SeenDocument] | None = None
 
@@ -431,13 +440,36 @@ def _difference(result: ReplayResult) -> DifferenceDocument | None:
     rates: dict[str, ChangeDocument | None] = {"rate_nm_h": None, "rms_rate_nm_h": None}
     if new.parked is not None and old.parked is not None:
         rates = {name: _change(old.parked, new.parked, name) for name in rates}
+    rate, sigma = rates["rate_nm_h"], _sigma_of_change(old, new)
     return DifferenceDocument(
+        sigma_rate_nm_h=sigma,
+        significant=None if rate is None or sigma is None else differs(rate.change, sigma),
         heading_deg=turned[0] / DEG,
         heading_mrad=turned[0] / MILLIRADIAN,
         heading_expected_mrad=turned[1] / MILLIRADIAN,
         parked_end_displacement_m=_displacement(old, new),
         **rates,
     )
+
+
+def _sigma_of_change(old: TableReplay, new: TableReplay) -> float | None:
+    """What chance makes of the change of drift from one table to the other [NM/h].
+
+    Both fly the same log, so its noise and its turn-on bias are in both. Where one table was
+    updated to the other, the error of the one with more data is a part of the other's (the
+    posterior of Bayes): the variances subtract. Otherwise they add, which is too large where the
+    tables share data.
+    """
+    if new.predicted is None or old.predicted is None:
+        return None
+    before, after = old.predicted.sigma_nm_h**2, new.predicted.sigma_nm_h**2
+    parents = [
+        (t.choice.table.provenance.get("parent_sha256"), other.choice.sha256)
+        for t, other in ((new, old), (old, new))
+        if t.choice.table is not None
+    ]
+    nested = any(parent is not None and parent == sha256 for parent, sha256 in parents)
+    return float(np.sqrt(abs(before - after) if nested else before + after))
 
 
 def _change(old: Drift, new: Drift, name: str) -> ChangeDocument:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from infield.reports.documents.parked import effect_words, stretch_words
 from infield.reports.documents.session_records import EstimatedDocument
 from infield.reports.documents.update_records import UpdateDocument, ZeroRateEffect, update_of
+from infield.reports.table_known import table_known
 from infield.session.hysteresis import ACTED_ON
 from infield.session.reasons import ThermalAction
 from ins.json_file import JsonObject
@@ -110,12 +111,7 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
     shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []
-    for axis, seen in document.observability.items():
-        lines.append(
-            f"  gyro {axis}: sigma {seen.sigma_before_deg_h:.4f} ->"
-            f" {seen.sigma_after_deg_h:.4f} deg/h, {seen.verdict}"
-            + (f"; {seen.advice}" if seen.advice and verbose else "")
-        )
+    lines += _axis_lines(document, verbose=verbose)
     heading = document.heading_error
     if heading.value_mrad is not None:
         lines.append(
@@ -123,6 +119,32 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
             f" {heading.sigma_mrad:.2f} mrad, from {heading.source}"
         )
     return [*lines, *_effects(document)]
+
+
+def _axis_lines(document: UpdateDocument, *, verbose: bool) -> list[str]:
+    """Gyro by gyro both sigmas by their names: that of a run's mean bias, and U(k=2) of the
+    table.
+    """
+    known = table_known(document) if document.table_before else {}
+    lines = []
+    for axis, seen in document.observability.items():
+        line = (
+            f"  gyro {axis}: {seen.verdict}; mean bias of the run, 1 sigma"
+            f" {deg_h_text(seen.sigma_before_deg_h)} -> {deg_h_text(seen.sigma_after_deg_h)} deg/h"
+        )
+        if table := known.get(axis):
+            line += (
+                f"; table, U(k=2) {deg_h_text(table.U_before_k2_deg_h)} ->"
+                f" {deg_h_text(table.U_after_k2_deg_h)} deg/h over {table.low_degC:.0f} to"
+                f" {table.high_degC:.0f} degC"
+            )
+        lines.append(line + (f"; {seen.advice}" if seen.advice and verbose else ""))
+    return lines
+
+
+def deg_h_text(value: float) -> str:
+    """Four decimals below 1 deg/h, four digits above."""
+    return f"{value:.4f}" if abs(value) < 1.0 else f"{value:.4g}"
 
 
 def _effects(document: UpdateDocument) -> list[str]:
