@@ -7,6 +7,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
+    Force,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -24,6 +25,7 @@ def command(
     store: StoreUrl = DEFAULT_STORE,
     twin: TwinPath = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -35,7 +37,10 @@ def command(
     """
     from recal.service.align import align
     from recal.service.results.files import output_directory, write_text
+    from recal.service.results.overwrite import need_free_report
 
+    folder = output or Path("recal-align")
+    need_free_report(folder, "alignment.json", "recal.alignment/1", force=force)
     aligned = align(run, twin=twin, store=store)
     written = write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
     answer(

@@ -101,6 +101,13 @@ OutputPath = Annotated[
         help=f"The folder to write to, made if need be. Default: {FOLDER}.",
     ),
 ]
+Force = Annotated[
+    bool,
+    typer.Option(
+        "--force",
+        help="Write over what exists. Default: only over an earlier output of this command.",
+    ),
+]
 TwinPath = Annotated[
     Path | None,
     typer.Option(

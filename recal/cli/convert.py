@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer
+from recal.cli.console import Force, JsonFlag, NoSeed, Quiet, Verbose, answer
 from recal.cli.terminal.help import INPUT
 
 
@@ -71,6 +71,7 @@ def command(
     to_s: Annotated[
         float | None, typer.Option("--to-s", help="Where to end, by the log's own clock [s].")
     ] = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -81,7 +82,8 @@ def command(
 
     Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
     """
-    from recal.service.convert import convert
+    from recal.service.convert import convert, made_of
+    from recal.service.results.overwrite import need_free_run
 
     given = {
         "imu_serial": serial,
@@ -94,5 +96,6 @@ def command(
         "run_id": run_id,
     }
     chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
+    need_free_run(output, lambda run: made_of(run, log), f"made of {log.name}", force=force)
     converted = convert(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
     answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

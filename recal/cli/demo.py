@@ -5,13 +5,14 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
+from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
 
 DEFAULT_SEED = 42
 
 
 def command(
     output: OutputPath = None,
+    force: Force = False,
     seed: Seed = DEFAULT_SEED,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -29,7 +30,7 @@ def command(
 
     chosen = DEFAULT_SEED if seed is None else seed
     with Progress("simulating three sessions", quiet=quiet):
-        shown = demo(output, seed=chosen, rate_hz=rate_hz)
+        shown = demo(output, seed=chosen, rate_hz=rate_hz, force=force)
     answer(
         shown.document,
         shown.lines(),

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
+from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
 from recal.cli.terminal.help import INPUT
 
 
@@ -36,6 +36,7 @@ def command(
         typer.Option(min=1e-4, max=0.5, help="Share of diagnoses that may raise a false alarm."),
     ] = 0.01,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -48,7 +49,13 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.diagnose import diagnose
+    from recal.service.results.overwrite import need_free_report, need_other_file
 
+    folder = output or Path("recal-diagnose")
+    others = ("diagnosis.html", "twin.json", "table.json")
+    need_free_report(folder, "diagnosis.json", "recal.diagnosis/1", others, force=force)
+    if folder.exists() and not force:
+        need_other_file(folder / "twin.json", twin)
     with Progress("diagnosing", quiet=quiet) as told:
         found = diagnose(
             runs, twin, hold_out=hold_out or [], alpha=alpha, seed=seed or 0, told=told

@@ -7,6 +7,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
+    Force,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -128,6 +129,7 @@ def command(
     twin: TwinPath = None,
     twin_out: TwinOut = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -143,7 +145,13 @@ def command(
     twin.json
     """
     from recal.service.misalignment import AzimuthSettings, misalignment, misalignment_of_table
+    from recal.service.results.overwrite import need_free_file, need_free_report
 
+    folder = output or Path("recal-misalignment")
+    others = ("misalignment.html",)
+    need_free_report(folder, "misalignment.json", "recal.misalignment/1", others, force=force)
+    if twin_out is not None:
+        need_free_file(twin_out, None, force=force)
     settings = AzimuthSettings(
         shortest_s=_size(shortest_s, "--shortest-s"),
         max_off_deg=_size(max_off_deg, "--max-off-deg"),

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, OutputPath, Quiet, Seed, Verbose, answer
+from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer
 
 
 class Without(StrEnum):
@@ -61,6 +61,7 @@ def command(
     ] = None,
     most: Annotated[int, typer.Option(min=1, max=12, help="How many new recordings at most.")] = 6,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -73,7 +74,10 @@ def command(
     """
     from recal.cli.terminal.progress import Progress
     from recal.service.plan import PlanRequest, plan
+    from recal.service.results.overwrite import need_free_report
 
+    folder = output or Path("recal-plan")
+    need_free_report(folder, "plan.json", "recal.plan/1", ("plan.html",), force=force)
     request = PlanRequest(
         twin=twin,
         technology=technology,

@@ -7,6 +7,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
+    Force,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -44,6 +45,7 @@ def command(
         ),
     ] = False,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -55,7 +57,11 @@ def command(
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
     from recal.service.replay import replay
+    from recal.service.results.overwrite import need_free_report
 
+    folder = output or Path("recal-replay")
+    others = ("replay.html", "navigation.parquet", "navigation_aided.parquet", "track.kml")
+    need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
     flown = replay(run, twin=twin, store=store, thermal_model=thermal_model, aided=aided)
     written = flown.write(output, kml=kml, csv=csv)
     answer(

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, Quiet, Seed, Verbose, answer
+from recal.cli.console import Force, JsonFlag, Quiet, Seed, Verbose, answer
 from recal.cli.terminal.help import INPUT, OUTPUT
 
 
@@ -68,6 +68,7 @@ def command(
             " Default: the scenario's.",
         ),
     ] = None,
+    force: Force = False,
     seed: Seed = None,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -77,6 +78,7 @@ def command(
 
     Example: recal simulate cold_parked_taxi -o run --seed 7 --environment boarding:1.5
     """
+    from recal.service.results.overwrite import TRUTH, is_simulated, need_free_file, need_free_run
     from recal.service.simulate import scenarios, simulate
 
     if listed:
@@ -94,6 +96,10 @@ def command(
         raise typer.BadParameter(
             "needed: a scenario and -o FOLDER; recal simulate --list names the packaged scenarios"
         )
+    need_free_run(output, is_simulated, "a simulated run", force=force)
+    for file, schema in ((table_out, "recal.table/1"), (truth, TRUTH)):
+        if file is not None:
+            need_free_file(file, schema, force=force)
     simulated = simulate(
         scenario, seed=seed, twin=twin, table=table, environments=environment or None
     )

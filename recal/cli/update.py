@@ -8,6 +8,7 @@ import typer
 from recal.cli.console import (
     DEFAULT_STORE,
     AnyClock,
+    Force,
     JsonFlag,
     NewStore,
     NewUnit,
@@ -74,6 +75,7 @@ def command(
     ] = None,
     thermal_model: ThermalModelPath = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -93,8 +95,11 @@ def command(
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
     from recal.service.results.files import output_directory
+    from recal.service.results.overwrite import need_free_report
     from recal.service.update import UpdateRequest, update_in_store
 
+    folder = output or Path("recal-update")
+    need_free_report(folder, "update.json", "recal.update/1", ("update.html",), force=force)
     result = update_in_store(
         UpdateRequest(
             runs=runs,

@@ -7,9 +7,10 @@ from pathlib import Path
 from infield.reports.documents.spans import SpanDocument
 from ins.json_file import JsonObject, read_toml
 from ins.records import ReferenceLog, Run
+from recal.service.results.overwrite import Peeked
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
-from trajectories.readers.conversion import Conversion, convert_log
+from trajectories.readers.conversion import Conversion, convert_log, file_sha256
 from trajectories.runs.checks import Finding
 from trajectories.runs.directory import write_run
 
@@ -118,6 +119,13 @@ def convert(
             conversion=conversion.record,
         )
     return Converted(summary(conversion, output), conversion=conversion)
+
+
+def made_of(found: Peeked, log: Path) -> bool:
+    """Whether a run.json says that the run was converted from this very log."""
+    if found.source != log.name or not log.exists():
+        return False
+    return found.source_sha256 == file_sha256(log)
 
 
 def with_gnss_file(options: JsonObject, gnss: Path) -> JsonObject:

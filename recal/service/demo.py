@@ -11,9 +11,11 @@ from infield.table.thermal_table import ThermalTable
 from ins.twin_file import default_twin
 from ins.verdicts import Outcome
 from recal.service.results.files import output_directory, write_text
+from recal.service.results.overwrite import need_free_report
 from recal.service.results.result import Result
 from recal.service.update import Update, UpdateRequest, update_in_store
 from trajectories.runs.directory import write_run
+from trajectories.runs.schema import SimulationRecord
 from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.scenario import read_scenario, simulate_scenario
 from trajectories.simulator.unit_truth import UnitTruth
@@ -24,6 +26,7 @@ HEADINGS_DEG = (0.0, 120.0, 250.0)
 # People board during the first session, half as many or a heavier aircraft.
 ENVIRONMENTS = ((Environment(kind="boarding", strength=0.5),), (), ())
 SCORED_TEMPERATURES = 50
+DEMO_FILES = ("recal.db", "update.json", "update.html", "run-1-cold_parked_taxi")  # beside demo.json
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,10 +74,13 @@ class Demonstrated(Result[DemoDocument]):
         ]
 
 
-def demo(output: Path | None, *, seed: int, rate_hz: float) -> Demonstrated:
+def demo(output: Path | None, *, seed: int, rate_hz: float, force: bool = False) -> Demonstrated:
     """Three simulated sessions (cold, ambient, hot start), one update over them, and the error
     before and after.
     """
+    need_free_report(
+        output or Path("recal-demo"), "demo.json", DemoDocument.schema, DEMO_FILES, force=force
+    )
     directory = output_directory(output, "demo")
     runs, unit = _simulate(directory, seed, rate_hz)
     url = _store_url(directory)
@@ -129,7 +135,8 @@ def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], U
         simulated, unit = simulate_scenario(plan, seed=seed + k)
         units.append(unit)
         path = directory / f"run-{k + 1}-{name}"
-        write_run(path, simulated.run, reference=simulated.reference)
+        made = SimulationRecord(scenario=name, seed=seed + k)
+        write_run(path, simulated.run, reference=simulated.reference, simulation=made)
         runs.append(path)
     return runs, units[-1]
 

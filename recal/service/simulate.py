@@ -18,6 +18,7 @@ from simreal.declared.declared_noise import without_excess
 from simreal.declared.twin_effects import parse_effects
 from simreal.twin.inject_truth import inject_simulated, telemetry_of_simulated
 from trajectories.runs.directory import write_run
+from trajectories.runs.schema import SimulationRecord
 from trajectories.simulator.environments.kinds import Environment, environment_of
 from trajectories.simulator.scenario import (
     Scenario,
@@ -76,12 +77,15 @@ class Simulation(Result[SimulateDocument]):
         Its factory table, as JSON holds it.
     twin : TwinModel
         The noise that was simulated.
+    scenario : str
+        The name or file of the scenario.
     """
 
     simulated: SimulatedRun
     unit: UnitTruth
     table_dict: TableDocument
     twin: TwinModel
+    scenario: str = ""
 
     @property
     def run(self) -> Run:
@@ -117,7 +121,8 @@ class Simulation(Result[SimulateDocument]):
         Simulation
             The same, its document naming the run directory.
         """
-        write_run(Path(path), self.run, reference=self.reference)
+        made = SimulationRecord(scenario=self.scenario, seed=self.record.seed)
+        write_run(Path(path), self.run, reference=self.reference, simulation=made)
         if table is not None:
             write_text(Path(table), json_text(self.table_dict))
         if truth is not None:
@@ -211,6 +216,7 @@ def simulate(
         unit=unit,
         table_dict=factory or unit.factory_table(),
         twin=plan.twin,
+        scenario=Path(scenario).name,
     )
 
 

@@ -33,7 +33,7 @@ class Shown:
     """What a verb gives, made without work."""
 
     verdict: str = "ok"
-    document: dict = field(default_factory=lambda: {"schema": "recal.shown/1"})
+    document: dict = field(default_factory=lambda: {"schema": "recal.alignment/1"})
     record: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(report="out/update.html", problems=())
     )

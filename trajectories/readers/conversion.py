@@ -82,10 +82,10 @@ def convert_log(
         odometer=log.odometer,
         faults=log.faults,
     )
-    others = [SourceFile(source=p.name, source_sha256=_file_sha256(p)) for p in log.other_files]
+    others = [SourceFile(source=p.name, source_sha256=file_sha256(p)) for p in log.other_files]
     record = ConversionRecord(
         source=path.name,
-        source_sha256=_file_sha256(path),
+        source_sha256=file_sha256(path),
         format=name,
         time_shift_s=log.time_shift_s,
         notes=log.notes,
@@ -148,10 +148,10 @@ def _header(
     return header
 
 
-def _file_sha256(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Of a file; of a folder, over the names and hashes of its files."""
     if path.is_dir():
-        parts = [f"{p.name} {_file_sha256(p)}\n" for p in sorted(path.iterdir()) if p.is_file()]
+        parts = [f"{p.name} {file_sha256(p)}\n" for p in sorted(path.iterdir()) if p.is_file()]
         return hashlib.sha256("".join(parts).encode()).hexdigest()
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()

@@ -26,6 +26,7 @@ from trajectories.runs.physics_gates import QuietMeans, check_physics
 from trajectories.runs.schema import (
     STREAMS,
     ConversionRecord,
+    SimulationRecord,
     check_columns,
     header_from_json,
     header_to_json,
@@ -185,8 +186,11 @@ def write_run(
     reference: ReferenceLog | None = None,
     fmt: str = "parquet",
     conversion: ConversionRecord | None = None,
+    simulation: SimulationRecord | None = None,
 ) -> None:
     """Writes a run directory completely or not at all; an older run at `path` is replaced.
+
+    conversion, simulation: where the run came from, kept in run.json.
 
     fmt is "parquet", "csv" or "csv.gz". InputError where `path` exists and is not a run: nothing is
     overwritten.
@@ -202,7 +206,11 @@ def write_run(
         raise InputError(f"{path}: cannot be written ({error.strerror or error})") from None
     try:
         text = (
-            json.dumps(header_to_json(run.header, conversion=conversion), indent=1, allow_nan=False)
+            json.dumps(
+                header_to_json(run.header, conversion=conversion, simulation=simulation),
+                indent=1,
+                allow_nan=False,
+            )
             + "\n"
         )
         (new / "run.json").write_text(text, encoding="utf-8")

@@ -110,6 +110,14 @@ class SourceFile:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SimulationRecord:
+    """What the simulator made a run from, as run.json keeps it: such a run is no recording."""
+
+    scenario: str
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class ConversionRecord:
     """Where the run of a converted log came from, as run.json keeps it.
 
@@ -190,6 +198,13 @@ class _SurveyKeys(_Open):
         return self
 
 
+class _SimulationKeys(_Open):
+    """`simulation` of run.json."""
+
+    scenario: str
+    seed: int
+
+
 class _ModelKeys(_Open):
     sha256: Annotated[str, AfterValidator(_hexadecimal)]
     part: Literal["all", "rates"]
@@ -210,6 +225,7 @@ class _RunKeys(_Open):
     removed_thermal_model: _ModelKeys | None = None
     gyro_level_removed: bool = False
     conversion: dict[str, Any] = Field(default_factory=dict)
+    simulation: _SimulationKeys | None = None
 
     @field_validator("start_utc")
     @classmethod
@@ -270,9 +286,14 @@ def header_from_json(
 
 
 def header_to_json(
-    header: RunHeader, *, conversion: ConversionRecord | None = None
+    header: RunHeader,
+    *,
+    conversion: ConversionRecord | None = None,
+    simulation: SimulationRecord | None = None,
 ) -> dict[str, Any]:
-    """run.json as a plain dict; `conversion` says where a converted log came from."""
+    """run.json as a plain dict; `conversion` says where a converted log came from, `simulation`
+    that the run is no recording.
+    """
     site, survey = header.site, header.survey
     return {
         "schema": SCHEMA,
@@ -298,6 +319,7 @@ def header_to_json(
         **({"removed_thermal_model": vars(header.removed_model)} if header.removed_model else {}),
         **({"gyro_level_removed": True} if header.level_removed else {}),
         **({"conversion": conversion.to_json()} if conversion else {}),
+        **({"simulation": vars(simulation)} if simulation else {}),
     }
 
 

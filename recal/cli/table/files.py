@@ -88,7 +88,11 @@ def export(
         ),
     ] = 1.0,
     force: Annotated[
-        bool, typer.Option("--force", help="Write a cubic beyond the limit, its error told in it.")
+        bool,
+        typer.Option(
+            "--force",
+            help="Write over what exists, and a cubic beyond the limit with its error told in it.",
+        ),
     ] = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
@@ -104,6 +108,7 @@ def export(
     or recal table export --to ardupilot --imu 1 -o unit.parm
     """
     from ins.verdicts import plain
+    from recal.service.results.overwrite import CSV_TABLE, PARAMETERS, need_free_file
     from recal.service.table_files import CubicRequest, write_table
     from recal.service.tables import about, find_revision, line_of, open_tables
 
@@ -115,7 +120,10 @@ def export(
                 raise typer.BadParameter("goes with --to px4 or --to ardupilot", param_hint=name)
     with open_tables(store) as opened:
         found = find_revision(opened, revision, serial, technology, mode)
+    if form in (Form.json, Form.csv):
+        need_free_file(output, CSV_TABLE if form == Form.csv else "recal.table/1", force=force)
     if form in (Form.px4, Form.ardupilot):
+        need_free_file(output, PARAMETERS, force=force)
         request = CubicRequest(
             autopilot=form.value,
             number=_number(form, imu, device_id),

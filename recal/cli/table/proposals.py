@@ -12,6 +12,7 @@ import typer
 from recal.cli.console import (
     DEFAULT_STORE,
     Command,
+    Force,
     JsonFlag,
     NoSeed,
     Quiet,
@@ -70,6 +71,7 @@ def proposals(
             help="Where to write the proposal's update.json and update.html. Default: nowhere.",
         ),
     ] = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -80,6 +82,7 @@ def proposals(
 
     Example: recal table proposals 3 --serial SN-0042 -o review
     """
+    from recal.service.results.overwrite import need_free_report
     from recal.service.store import TableStore
     from recal.service.tables import about_proposal
 
@@ -92,6 +95,9 @@ def proposals(
     with TableStore.open(store) as opened:
         if number is not None:
             full = opened.proposal(number, serial, technology, mode)
+            if output is not None:
+                others = ("update.html",)
+                need_free_report(output, "update.json", "recal.update/1", others, force=force)
             _show(full, output, as_json=as_json, verbose=verbose, quiet=quiet)
             return
         found = opened.proposals(serial, technology, mode, state=state)

@@ -32,7 +32,7 @@ PANEL_OF = {  # options that several commands share; one without a panel of its 
     "--seed": ADVANCED,
     "--help": ADVANCED,
 }
-WORDS: dict[Any, str] = {str: "TEXT", int: "NUMBER", float: "NUMBER", Path: "PATH"}
+TYPE_WORDS: dict[Any, str] = {str: "TEXT", int: "NUMBER", float: "NUMBER", Path: "PATH"}
 FOLDER = "{folder}"  # in a help text: the folder a command writes to unless -o names one
 
 
@@ -104,7 +104,7 @@ def word_of(hint: Any) -> str:
     """A type in a word, an enumeration as its values."""
     if isinstance(hint, type) and hasattr(hint, "__members__"):
         return "|".join(str(member.value) for member in hint.__members__.values())
-    return WORDS.get(hint, "TEXT")
+    return TYPE_WORDS.get(hint, "TEXT")
 
 
 def text_of(param: Any, path: str) -> str:

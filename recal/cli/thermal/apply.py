@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from recal.cli.console import JsonFlag, NoSeed, Quiet, Verbose, answer
+from recal.cli.console import Force, JsonFlag, NoSeed, Quiet, Verbose, answer
 
 
 def command(
@@ -29,6 +29,7 @@ def command(
             "--batch", help="Use smoothed temperatures. Default: only those up to each row's time."
         ),
     ] = False,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -39,7 +40,9 @@ def command(
 
     Example: recal thermal apply rlg/thermal_rlg.json run-1 -o run-1-compensated
     """
+    from recal.service.results.overwrite import is_compensated, need_free_run
     from recal.service.thermal import take_out
 
+    need_free_run(output, is_compensated, "a compensated run", force=force)
     left = take_out(model, run, output, part=part, batch=batch)
     answer(left.document, left.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

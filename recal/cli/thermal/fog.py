@@ -11,6 +11,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
+    Force,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -83,6 +84,7 @@ def command(
     store: StoreUrl = DEFAULT_STORE,
     twin: TwinPath = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -93,8 +95,12 @@ def command(
 
     Example: recal thermal fog --fast chamber-fast --slow chamber-slow --check chamber-other -o fog
     """
+    from recal.service.results.overwrite import need_free_report
     from recal.service.thermal import FogRequest, fit_fog
 
+    folder = output or Path("recal-thermal")
+    others = ("thermal_fog.html",)
+    need_free_report(folder, "thermal_fog.json", "recal.thermal_fog/1", others, force=force)
     request = FogRequest(
         allowed_deg_h=allowed_deg_h, word_bits=word_bits, remounted=remounted, one_sided=one_sided
     )

@@ -7,6 +7,7 @@ import typer
 
 from recal.cli.console import (
     DEFAULT_STORE,
+    Force,
     JsonFlag,
     NoSeed,
     OutputPath,
@@ -42,6 +43,7 @@ def command(
     store: StoreUrl = DEFAULT_STORE,
     twin: TwinPath = None,
     output: OutputPath = None,
+    force: Force = False,
     as_json: JsonFlag = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -52,8 +54,12 @@ def command(
 
     Example: recal thermal rlg chamber-1 chamber-2 --check chamber-3 -o rlg
     """
+    from recal.service.results.overwrite import need_free_report
     from recal.service.thermal import fit_rlg
 
+    folder = output or Path("recal-thermal")
+    others = ("thermal_rlg.html",)
+    need_free_report(folder, "thermal_rlg.json", "recal.thermal_rlg/1", others, force=force)
     fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted)
     written = fitted.write(output)
     answer(

@@ -1,0 +1,146 @@
+"""What a command may write over: its own earlier output, known by its schema. Anything else that is
+there already stays, unless the user says --force.
+"""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ins.records import InputError
+
+MAX_PEEKED_BYTES = 200_000_000  # a result of a fleet has some 10 MB
+HEAD_CHARACTERS = 1000  # where a file says what it is
+CSV_TABLE = "axis,temperature_degC,bias_deg_h,sigma_deg_h"
+PARAMETERS = "from recal's table of"
+TRUTH = "time_s,gyro_x_bias_deg_h"
+
+
+@dataclass(frozen=True)
+class Peeked:
+    """What a JSON file says of its making; empty where it says nothing.
+
+    source, source_sha256: of the log that a run was converted from.
+    """
+
+    schema: str = ""
+    simulated: bool = False
+    compensated: bool = False
+    source: str = ""
+    source_sha256: str = ""
+
+
+Own = Callable[[Peeked], bool]
+
+
+def need_free_report(
+    folder: Path, name: str, schema: str, others: Sequence[str] = (), *, force: bool = False
+) -> None:
+    """A folder may take a command's files: its `name` is of `schema`, or none of them is there.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the command writes; need not exist.
+    name : str
+        The JSON document of the command.
+    schema : str
+        What that document says of itself.
+    others : sequence of str
+        What else the command writes there.
+    force : bool
+        Whether the user allows what exists to be written over.
+
+    Raises
+    ------
+    InputError
+        Names the first file in the way.
+    """
+    if force:
+        return
+    document = folder / name
+    if document.exists():
+        if peeked(document).schema != schema:
+            raise _refusal(document, f"no {schema} of an earlier call")
+        return
+    for other in others:
+        if (folder / other).exists():
+            raise _refusal(folder / other, f"no {name} of an earlier call lies beside it")
+
+
+def need_free_run(path: Path, own: Own, what: str, *, force: bool = False) -> None:
+    """A run directory may be written: nothing is there, or a run that `own` knows by its run.json.
+
+    InputError names the folder, with `what` the run would have to be.
+    """
+    if force or not path.exists() or (path.is_dir() and not any(path.iterdir())):
+        return
+    header = path / "run.json"
+    if not header.exists():
+        return  # no run at all: the writer refuses it, also with --force
+    if not own(peeked(header)):
+        raise _refusal(path, f"it holds a recording, not {what}")
+
+
+def need_free_file(path: Path, mark: str | None, *, force: bool = False) -> None:
+    """A file may be written: nothing is there, or one that begins with `mark` or has it as schema.
+
+    mark None: the file could be the user's own, so that nothing tells it from an earlier output.
+    """
+    if force or not path.exists():
+        return
+    if mark is None:
+        raise _refusal(path, "it may be yours")
+    if mark not in _head(path) and peeked(path).schema != mark:
+        raise _refusal(path, f"no {mark!r} in it")
+
+
+def is_simulated(found: Peeked) -> bool:
+    """Whether a run.json says that the simulator made the run."""
+    return found.simulated
+
+
+def is_compensated(found: Peeked) -> bool:
+    """Whether a run.json says that `recal thermal apply` made the run."""
+    return found.compensated
+
+
+def peeked(path: Path) -> Peeked:
+    """What a JSON file says of its making."""
+    try:
+        if path.stat().st_size > MAX_PEEKED_BYTES:
+            return Peeked()
+        data = json.loads(path.read_text("utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return Peeked()
+    if not isinstance(data, dict):
+        return Peeked()
+    record = data.get("conversion")
+    log = record if isinstance(record, dict) else {}
+    return Peeked(
+        schema=str(data.get("schema", "")),
+        simulated=bool(data.get("simulation")),
+        compensated=bool(data.get("removed_thermal_model") or data.get("gyro_level_removed")),
+        source=str(log.get("source", "")),
+        source_sha256=str(log.get("source_sha256", "")),
+    )
+
+
+def _head(path: Path) -> str:
+    try:
+        with path.open(encoding="utf-8") as file:
+            return file.read(HEAD_CHARACTERS)
+    except (OSError, ValueError):
+        return ""
+
+
+def _refusal(path: Path, why: str) -> InputError:
+    return InputError(
+        f"{path}: exists ({why}) and is not written over; name another place, or give --force"
+    )
+
+
+def need_other_file(written: Path, given: Path) -> None:
+    """A file that the command reads is not one that it writes; InputError where it is."""
+    if written.exists() and given.exists() and written.samefile(given):
+        raise _refusal(written, "it is what this command reads")
