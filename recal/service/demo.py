@@ -26,7 +26,7 @@ HEADINGS_DEG = (0.0, 120.0, 250.0)
 # People board during the first session, half as many or a heavier aircraft.
 ENVIRONMENTS = ((Environment(kind="boarding", strength=0.5),), (), ())
 SCORED_TEMPERATURES = 50
-DEMO_FILES = ("recal.db", "update.json", "update.html", "run-1-cold_parked_taxi")  # beside demo.json
+DEMO_FILES = ("recal.db", "update.json", "update.html", "run-1-cold_parked_taxi")
 
 
 @dataclass(frozen=True, kw_only=True)

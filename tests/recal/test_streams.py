@@ -33,6 +33,7 @@ class Shown:
     """What a verb gives, made without work."""
 
     verdict: str = "ok"
+    page: None = None  # of a fit that was refused
     document: dict = field(default_factory=lambda: {"schema": "recal.alignment/1"})
     record: SimpleNamespace = field(
         default_factory=lambda: SimpleNamespace(report="out/update.html", problems=())
@@ -83,6 +84,8 @@ SLOW = {  # the verb that a command calls
     "thermal rlg": "recal.service.thermal.fit_rlg",
     "thermal fog": "recal.service.thermal.fit_fog",
     "thermal apply": "recal.service.thermal.take_out",
+    "twin fit": "recal.service.twin.fit.fit_twin",
+    "twin check": "recal.service.twin.check.check_twin",
 }
 QUICK = {  # the words after the name; every command has its line here
     "demo": OUTPUT,
@@ -109,6 +112,8 @@ QUICK = {  # the words after the name; every command has its line here
     "thermal fog": ["--fast", "run", *OUTPUT],
     "thermal apply": ["model.json", "run", *OUTPUT],
     "fleet update": ["runs", *OUTPUT],
+    "twin fit": ["run", *OUTPUT],
+    "twin check": ["run", "--twin", "twin.json"],
 }
 REPORTS = {
     "demo": "update",

@@ -80,6 +80,6 @@ def check(
         checked.lines(verbose=verbose),
         as_json=as_json,
         quiet=quiet,
-        verbose=False,
+        verbose=verbose,
     )
     finish(checked.verdict)
