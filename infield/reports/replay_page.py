@@ -56,7 +56,7 @@ def render(document: ReplayDocument) -> str:
         tables={t["role"]: t for t in data["tables"]},
         banner=BANNERS[document.verdict],
         headline=_headline(document),
-        words=verdict_words(document),
+        told=verdict_words(document),
         figures=_figures(result) | aided_figures(result) | {"map": map_figure(result)},
         labels={t.choice.role: _label(t) for t in result.tables},
     )
