@@ -10,6 +10,7 @@ import json
 import math
 import re
 import tomllib
+from collections import Counter
 from collections.abc import Mapping
 from datetime import date, datetime, time
 from pathlib import Path
@@ -370,10 +371,11 @@ def _suggestion(loc: tuple, model: Any) -> str:
 
 
 def _unique(pairs: list[tuple[str, Json]]) -> JsonObject:
-    keys = [k for k, _ in pairs]
-    if len(set(keys)) != len(keys):
-        raise ValueError(f"key {next(k for k in keys if keys.count(k) > 1)!r} appears twice")
-    return dict(pairs)
+    data = dict(pairs)
+    if len(data) != len(pairs):
+        twice = next(k for k, count in Counter(k for k, _ in pairs).items() if count > 1)
+        raise ValueError(f"key {twice!r} appears twice")
+    return data
 
 
 def _refuse_constant(text: str) -> float:

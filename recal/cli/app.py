@@ -140,11 +140,25 @@ def _show_version(asked: bool) -> None:
 
 @app.callback()
 def program(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
             "--version", is_eager=True, callback=_show_version, help="Print the version and exit."
         ),
     ] = False,
+    max_unpacked_mb: Annotated[
+        int | None,
+        typer.Option(
+            "--max-unpacked-mb",
+            min=1,
+            max=1_000_000,
+            help="What a packed file may unpack to [MB]; else 268, or 50 times its size.",
+        ),
+    ] = None,
 ) -> None:
     """What comes before the command."""
+    if max_unpacked_mb is not None:
+        from recal.service.inputs.limits import unpack_limit
+
+        context.with_resource(unpack_limit(max_unpacked_mb))

@@ -31,7 +31,7 @@ from recal.service.inputs.unit_inputs import TwinModel
 from tests.recal.verbs import check
 from tests.trajectories.readers import damage
 from tests.trajectories.run_cases import csv_run, full_run, imu_log, reference_log
-from trajectories.runs import text_rows
+from trajectories.runs import limits
 from trajectories.runs.directory import read_run, write_run
 from trajectories.simulator.scenario import packaged_scenarios, read_scenario
 
@@ -139,15 +139,15 @@ def test_a_parquet_of_more_rows_than_its_bytes_can_hold(tmp_path, monkeypatch):
         run / "imu.parquet",
         compression="zstd",
     )
-    monkeypatch.setattr(text_rows, "SMALL_ROWS", 1000)
+    monkeypatch.setattr(limits, "SMALL_BYTES", 1000)
     assert (run / "imu.parquet").stat().st_size < 80_000
     assert judged(run) == "bad_input"
-    assert any(f"imu.parquet: {rows} rows in " in p["text"] for p in check(run)["problems"])
+    assert any(f"bytes in {rows} rows unpacked" in p["text"] for p in check(run)["problems"])
 
 
 def test_a_gzip_that_grows_without_end(tmp_path, monkeypatch):
     """A thousandfold; again with a lowered limit."""
-    monkeypatch.setattr(text_rows, "SMALL_BYTES", 1 << 20)
+    monkeypatch.setattr(limits, "SMALL_BYTES", 1 << 20)
     run = short_run(tmp_path / "run", "csv.gz")
     head = gzip.decompress((run / "imu.csv.gz").read_bytes()).split(b"\n")
     row = b"0.01," + b"0" * 900_000 + b",0,0,0,0,-0.1\n"
@@ -155,9 +155,9 @@ def test_a_gzip_that_grows_without_end(tmp_path, monkeypatch):
         packed.write(head[0] + b"\n")
         for _ in range(30):
             packed.write(row)
-    assert 30 * len(row) > (1 << 20) + 200 * (run / "imu.csv.gz").stat().st_size
+    assert 30 * len(row) > limits.MAX_GROWTH * (run / "imu.csv.gz").stat().st_size
     assert judged(run) == "bad_input"
-    assert any("bytes unpacked, needed at most that" in p["text"] for p in check(run)["problems"])
+    assert any("--max-unpacked-mb raises it" in p["text"] for p in check(run)["problems"])
 
 
 def test_files_that_are_none(tmp_path):

@@ -7,6 +7,7 @@ Angles are degrees in the files and radians in the records; `degrees_exact` is t
 import datetime
 import difflib
 import re
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -64,7 +65,7 @@ def check_columns(stream: str, names: Sequence[str], *, where: str) -> list[str]
         return [f"{where}: column {b} beside {a}: needed either increments or rates, not both"]
     allowed = (*INCREMENT_COLUMNS, *RATE_COLUMNS, "time_s") if stream == "imu" else known
     wrong = [_unknown(n, allowed) for n in names if n not in known]
-    wrong += [f"column {n} appears twice" for n in dict.fromkeys(names) if list(names).count(n) > 1]
+    wrong += [f"column {n} appears twice" for n, k in Counter(names).items() if k > 1]
     wrong += [
         f"column {n} is missing, needed {' '.join(required)}" for n in required if n not in names
     ][:1]

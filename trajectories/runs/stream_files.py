@@ -11,6 +11,7 @@ import gzip
 import io
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,17 +27,20 @@ from trajectories.runs.text_rows import (
     RowLayout,
     line_blocks,
     parse_block,
-    read_text,
     refuse_rows,
     text_parts,
+    text_size,
 )
 
 STREAM_ENDINGS = (".parquet", ".csv", ".csv.gz")
 # what pandas adds to a filtered frame, no data of the run
 PANDAS_INDEX = re.compile(r"__index_level_\d+__")
 
+GROUP_ROWS = 1 << 20  # of a Parquet file that is written: what pyarrow takes by itself
 HELD_ROWS = 1_000_000  # 83 min at 200 Hz: 64 MB of increments
 READ_AHEAD_BYTES = 1 << 20
+MAX_STREAM_COLUMNS = 100  # the widest stream that a run may have, temperature, has 13
+WORD_BYTES = 1000  # of a row with words, on average: a phase and two times have 60
 
 Piece = tuple[int, dict[str, NDArray]]  # index of its first row, columns
 
@@ -60,6 +64,11 @@ class StreamFile:
         self._file: Any = None
         try:
             self.names = self._open_text() if self.is_text else self._open_parquet()
+            if len(self.names) > MAX_STREAM_COLUMNS:
+                told = f"{len(self.names)} columns, needed at most {MAX_STREAM_COLUMNS}"
+                raise InputError(f"{self.label}: {told}")
+            if path.name.endswith(".gz"):
+                text_size(path, len(self.names))
         except OSError as error:
             raise InputError(
                 f"{path}: cannot be read ({' '.join(str(error).split())[:200]})"
@@ -91,7 +100,7 @@ class StreamFile:
             raise InputError(
                 f"{self.label}: not a Parquet file ({' '.join(str(error).split())[:200]})"
             ) from None
-        refuse_rows(self._file.metadata.num_rows, self.path)
+        refuse_rows(self._file.metadata.num_rows, len(names), self.path)
         return tuple(n for n in names if not PANDAS_INDEX.fullmatch(n))
 
     def column(self, name: str) -> NDArray:
@@ -106,6 +115,12 @@ class StreamFile:
             tables = [table for _, table in self._parquet_tables((name,), 0)]
         self._check_type(name, tables[0].schema.field(name).type if tables else None)
         return np.concatenate([_values(table, name) for table in tables] or [np.empty(0)])
+
+    def columns(self) -> dict[str, NDArray]:
+        """All columns as `column` gives them; the text that was parsed for them is let go."""
+        found = {name: self.column(name) for name in self.names}
+        self._held = None
+        return found
 
     def pieces(
         self, names: Sequence[str] | None = None, *, from_row: int = 0, rows: int = PIECE_ROWS
@@ -229,41 +244,60 @@ class StreamFile:
     def _note(self, *notes: str) -> None:
         self.notes += [note for note in notes if note not in self.notes]
 
-    @property
-    def text(self) -> str:
-        """The rows of a text file as they are (for the one stream that holds words)."""
-        text, note = read_text(self.path)
-        self._note(*([f"{self.label}: {note}"] if note else []))
+    def text_lines(self, most: int) -> list[str]:
+        """The rows of a text file as they are (for the one stream that holds words); InputError
+        where there are more than `most`, or more than WORD_BYTES in each of those.
+        """
+        notes: list[str] = []
+        text = bytearray()
+        for part in _without_header(text_parts(self.path, notes)):
+            text += part
+            if text.count(b"\n") > most or len(text) > most * WORD_BYTES:
+                raise InputError(f"{self.label}: more than {most} rows, needed at most that")
+        self._note(*(f"{self.label}: {note}" for note in notes))
         try:
-            return text.partition(b"\n")[2].decode("utf-8")
+            return text.decode("utf-8").splitlines()
         except UnicodeDecodeError:
             raise InputError(f"{self.label}: not UTF-8 text") from None
 
-    def text_column(self, name: str) -> list[str]:
-        """A Parquet column of words."""
+    def text_column(self, name: str, most: int) -> list[str]:
+        """A Parquet column of words; InputError where there are more than `most`, or a word has
+        more than WORD_BYTES.
+        """
         import pyarrow as pa
+        import pyarrow.parquet as pq
 
-        groups = list(range(self._file.metadata.num_row_groups))
-        try:
-            # in this thread: a worker of Arrow that is alive at exit may abort the process
-            batches = list(
-                self._file.iter_batches(
-                    PIECE_ROWS, row_groups=groups, columns=[name], use_threads=False
-                )
+        if self._file.metadata.num_rows > most:
+            raise InputError(
+                f"{self.label}: {self._file.metadata.num_rows} rows, needed at most {most}"
             )
-            values = pa.Table.from_batches(
-                batches, None if batches else pa.schema([self._file.schema_arrow.field(name)])
-            ).column(0)
+        words: list[str] = []
+        try:
+            # a word that is repeated stays one word: a few bytes may name a long one many times;
+            # in this thread: a worker of Arrow that is alive at exit may abort the process
+            file = pq.ParquetFile(self.path, read_dictionary=[name], pre_buffer=False)
+            held = file.schema_arrow.field(name).type
+            if not pa.types.is_dictionary(held):
+                raise InputError(f"{self.label}: column {name} holds {held}, needed text")
+            for batch in file.iter_batches(PIECE_ROWS, columns=[name], use_threads=False):
+                words += self._words(batch.column(0), name)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
             raise InputError(
                 f"{self.label}: column {name}: damaged ({' '.join(str(error).split())[:200]})"
             ) from None
-        if not (pa.types.is_string(values.type) or pa.types.is_large_string(values.type)):
-            raise InputError(f"{self.label}: column {name} holds {values.type}, needed text")
-        try:
-            return [str(v) for v in values.to_pylist()]
-        except UnicodeDecodeError:
-            raise InputError(f"{self.label}: column {name}: not UTF-8 text") from None
+        return words
+
+    def _words(self, column: Any, name: str) -> list[str]:
+        import pyarrow.compute as pc
+
+        longest = pc.max(pc.binary_length(column.dictionary)).as_py() or 0
+        if longest > WORD_BYTES:
+            raise InputError(
+                f"{self.label}: column {name} holds a text of {longest} bytes, needed at most"
+                f" {WORD_BYTES}"
+            )
+        texts = [str(text) for text in column.dictionary.to_pylist()]
+        return [str(k) if k is None else texts[k] for k in column.indices.to_pylist()]
 
     def row(self, index: int) -> str:
         """How a message names the row with this index."""
@@ -303,17 +337,10 @@ def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
     """Columns to a new Parquet or CSV file by its ending; every float64 comes back bit-identical,
     NaN as missing.
     """
-    import pyarrow as pa
-
-    table = pa.table({name: pa.array(values, from_pandas=True) for name, values in columns.items()})
     if path.name.endswith(".parquet"):
-        import pyarrow.parquet as pq
-
-        floats = [f.name for f in table.schema if pa.types.is_floating(f.type)]
-        pq.write_table(
-            table, path, compression="zstd", use_dictionary=False, use_byte_stream_split=floats
-        )
+        _write_parquet(path, columns)
         return
+    table = _table(columns)
     from pyarrow import csv as arrow_csv
 
     out = io.BytesIO((",".join(table.column_names) + "\n").encode())
@@ -325,3 +352,28 @@ def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
     path.write_bytes(
         gzip.compress(data, compresslevel=6, mtime=0) if path.name.endswith(".gz") else data
     )
+
+
+def _table(columns: Mapping[str, ArrayLike]) -> Any:
+    import pyarrow as pa
+
+    return pa.table({name: pa.array(part, from_pandas=True) for name, part in columns.items()})
+
+
+def _write_parquet(path: Path, columns: Mapping[str, Any]) -> None:
+    """A row group at a time: of a long log, no more than that is held a second time."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = max((len(values) for values in columns.values()), default=0)
+    groups = (
+        _table({name: v[first : first + GROUP_ROWS] for name, v in columns.items()})
+        for first in range(0, max(rows, 1), GROUP_ROWS)
+    )
+    group = next(groups)
+    floats = [f.name for f in group.schema if pa.types.is_floating(f.type)]
+    with pq.ParquetWriter(
+        path, group.schema, compression="zstd", use_dictionary=False, use_byte_stream_split=floats
+    ) as writer:
+        for part in chain([group], groups):
+            writer.write_table(part, row_group_size=GROUP_ROWS)

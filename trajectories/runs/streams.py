@@ -243,7 +243,7 @@ def _columns(
     stream: StreamFile, required: Sequence[str], findings: Findings, *, no_fix: bool = False
 ) -> tuple[_Rows | None, list[Span]]:
     """All columns without the rows that lack a required value; None after an error."""
-    columns = {name: stream.column(name) for name in stream.names}
+    columns = stream.columns()
     if wild := _wild(columns):
         name, k = wild
         findings.error(
@@ -268,7 +268,9 @@ def _columns(
         *(f"{stream.label}: {s.reason} ({s.start_s:.3f} to {s.end_s:.3f} s)" for s in faults)
     )
     part = _Rows(
-        {name: np.ascontiguousarray(values[rows]) for name, values in columns.items()},
+        columns
+        if kept.all()
+        else {name: np.ascontiguousarray(values[rows]) for name, values in columns.items()},
         lambda k: stream.row(int(rows[k])),
     )
     wrong = check_increasing(part.columns["time_s"], part.row)
@@ -317,15 +319,16 @@ def _check_position(kept: "_Rows", findings: Findings) -> bool:
 def _phase_rows(stream: StreamFile) -> list[tuple[str, float, float]]:
     if not stream.is_text:
         columns = [
-            stream.text_column("phase"),
+            stream.text_column("phase", MAX_PHASES),
             stream.column("start_s").tolist(),
             stream.column("end_s").tolist(),
         ]
         return list(zip(*columns))
     order = [stream.names.index(name) for name in ("phase", "start_s", "end_s")]
-    rows = [r for r in csv.reader(stream.text.splitlines()) if r]
-    if len(rows) > MAX_PHASES:
-        raise InputError(f"{stream.label}: {len(rows)} rows, needed at most {MAX_PHASES}")
+    try:
+        rows = [r for r in csv.reader(stream.text_lines(MAX_PHASES)) if r]
+    except csv.Error as error:
+        raise InputError(f"{stream.label}: not rows of separated values ({error})") from None
     out = []
     for k, row in enumerate(rows):
         try:

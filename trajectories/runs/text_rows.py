@@ -9,22 +9,20 @@ import re
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ins.records import InputError
-from trajectories.runs.notes import About, Note, joined
+from trajectories.runs.limits import NUMBER_BYTES, refuse_unpacked
+from trajectories.runs.notes import About, Note
 
 MAX_ROWS = 100_000_000  # 13.9 h at 2 kHz
-SMALL_ROWS = 5_000_000  # of a Parquet file of any size: constants take next to nothing
-MAX_ROWS_PER_BYTE = 20  # of a Parquet file beyond that
+MAX_COLUMNS = 10_000  # of a row: the widest logs known here, of autopilots, have some hundreds
 MAX_TEXT_BYTES = 8_000_000_000  # MAX_ROWS of 80 characters
 # chosen: 40,000 numbers of 25 characters; longer is a file without line ends
 MAX_LINE_BYTES = 1_000_000
 BLOCK_BYTES = 1 << 22
-# Unpacked bytes of each packed one: a log of constants grows a hundredfold.
-MAX_GROWTH = 200
-SMALL_BYTES = 1 << 28  # what a log may unpack to in any case: 268 MB
 UNPACK_BYTES = 1 << 12  # of a gzip file at a time: what damage costs of the text before it
 MAX_BAD = 0.01  # of the lines or rows of a log: damage costs a few, a wrong map all; chosen: 1 %
 MENDED_LINES = 5  # of a log so short that MAX_BAD of it is less: below 500 lines
@@ -33,26 +31,45 @@ SHOWN_CHARACTERS = 40  # of a field that is no number
 MISSING = ("", "nan", "NaN", "NAN", "NA", "null")
 
 
-def refuse_rows(rows: int, path: Path) -> None:
-    """InputError where a packed table says that it has more rows than a log has, or than so small a
-    file can hold.
+def refuse_rows(rows: int, columns: int, path: Path) -> None:
+    """InputError where a packed table says that it has more rows than a log has, or more numbers
+    than so small a file may unpack to.
     """
-    most = min(MAX_ROWS, SMALL_ROWS + MAX_ROWS_PER_BYTE * path.stat().st_size)
-    if rows > most:
-        raise InputError(
-            f"{path.name}: {rows} rows in {path.stat().st_size} bytes, needed at most {most}"
-        )
+    if rows > MAX_ROWS:
+        raise InputError(f"{path.name}: {rows} rows, needed at most {MAX_ROWS}")
+    size = path.stat().st_size
+    refuse_unpacked(rows * columns * NUMBER_BYTES, size, path.name, f"bytes in {rows} rows")
 
 
-def read_text(path: Path) -> tuple[bytes, str]:
-    """The bytes of a text file, gunzipped as far as it goes, and a note where a gzip file is cut
-    off or damaged.
+@dataclass(frozen=True)
+class TextSize:
+    """How long a text is, as far as it can be unpacked: bytes, line feeds, carriage returns."""
+
+    size: int
+    feeds: int
+    returns: int
+
+    @property
+    def lines(self) -> int:
+        """How many lines have an end."""
+        return self.feeds or self.returns
+
+
+def text_size(path: Path, columns: int) -> TextSize:
+    """The length of a text, counted without keeping any of it. InputError where a gzip file
+    unpacks to more than it may, as text or as rows of so many numbers.
     """
-    notes: list[str] = []
-    text = bytearray()
-    for part in text_parts(path, notes):
-        text += part
-    return bytes(text), joined(notes)
+    packed = path.stat().st_size
+    size = feeds = returns = 0
+    for part in text_parts(path, []):
+        size += len(part)
+        feeds += part.count(b"\n")
+        returns += part.count(b"\r")
+        if path.name.endswith(".gz"):
+            rows = max(feeds, returns)
+            numbers = rows * columns * NUMBER_BYTES
+            refuse_unpacked(numbers, packed, path.name, f"bytes in {rows} rows")
+    return TextSize(size, feeds, returns)
 
 
 def text_parts(path: Path, notes: list[str], *, block_bytes: int = BLOCK_BYTES) -> Iterator[bytes]:
@@ -83,7 +100,7 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
     """What can be unpacked of a gzip file of one or more members; a note where it ends too
     early.
     """
-    most = min(MAX_TEXT_BYTES, SMALL_BYTES + MAX_GROWTH * path.stat().st_size)
+    packed = path.stat().st_size
     size, unpack, note = 0, zlib.decompressobj(wbits=31), ""
     with path.open("rb") as file:
         try:
@@ -92,10 +109,7 @@ def _gunzip(path: Path, notes: list[str]) -> Iterator[bytes]:
                     unpack = zlib.decompressobj(wbits=31)
                 part = unpack.decompress(chunk)
                 size += len(part)
-                if size > most:
-                    raise InputError(
-                        f"{path}: more than {most} bytes unpacked, needed at most that"
-                    )
+                refuse_unpacked(size, packed, path.name)
                 if part:
                     yield part
         except zlib.error as error:
@@ -115,18 +129,21 @@ def line_blocks(
     alone may end without a line end, and no block but the last ends in what may be the last line of
     the text.
     """
-    held = b""
+    held = bytearray()
     for part in parts:
+        if len(held) < block_bytes:
+            held += part
+            continue
         cut = held.rfind(b"\n") + 1
         rest = held[cut:] + part
         if cut >= block_bytes and rest[: rest.rfind(b"\n") + 1].strip():
-            yield held[:cut], False
+            yield bytes(held[:cut]), False
             held = rest
         else:
             held += part
         if len(held) > MAX_LINE_BYTES + 2 * block_bytes and b"\n" not in held:
             raise InputError(f"{label}: a line of more than {MAX_LINE_BYTES} bytes")
-    yield held, True
+    yield bytes(held), True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,46 +161,20 @@ class RowLayout:
     first_line: int = 2
     used: Sequence[str] | None = None
 
-    @property
-    def wanted(self) -> Sequence[str]:
-        return self.names if self.used is None else self.used
-
-
-def parse_rows(text: bytes, layout: RowLayout) -> tuple[Any, list[str]]:
-    """A pyarrow table of float64 columns from rows of text, and what was dropped.
-
-    A last row without a line end, or broken, is a cut-off file: dropped and noted. A few broken
-    rows before it become rows of missing values, and are noted; with many, the first is an
-    InputError with line and column.
-    """
-    label = layout.label
-    try:
-        table, notes = parse_block(text, layout)
-    except InputError:
-        text, bad, why = _mended(text, layout)
-        if not bad:
-            raise
-        table, notes = parse_block(text, layout)
-        shown = ", ".join(str(layout.first_line + k) for k in bad[:LISTED_ROWS])
-        if len(bad) > LISTED_ROWS:
-            shown += f" and {len(bad) - LISTED_ROWS} more"
-        mended = (
-            f"{label}: no row of {len(layout.names)} numbers in line {shown} ({why}): taken as"
-            " missing"
-        )
-        notes = [mended, *notes]
-    if table is None:
-        raise InputError(f"{label}: no rows")
-    if table.num_rows > MAX_ROWS:
-        raise InputError(f"{label}: {table.num_rows} rows, needed at most {MAX_ROWS}")
-    return table, notes
+    @cached_property
+    def wanted(self) -> set[str]:
+        """The names of the columns that are wanted."""
+        return set(self.names if self.used is None else self.used)
 
 
 def parse_block(
     text: bytes, layout: RowLayout, *, lines_before: int = 0, last: bool = True
 ) -> tuple[Any, list[str]]:
-    """`parse_rows` of a block that has `lines_before` lines of rows before it; no table where it
-    holds no row.
+    """A pyarrow table of float64 columns from a block of rows that has `lines_before` lines of rows
+    before it, and what was dropped; no table where it holds no row.
+
+    A last row without a line end, or broken, is a cut-off file: dropped and noted. InputError for
+    any other line that is no row, with its number and column.
     """
     label = layout.label
     notes: list[str] = []
@@ -231,10 +222,8 @@ class _BadLine(NamedTuple):
     fault: _Fault
 
 
-def _mended(text: bytes, layout: RowLayout) -> tuple[bytes, list[int], str]:
-    """The text with missing values for lines that are no rows, the indices of those (none if many),
-    the first's fault.
-    """
+def mended(text: bytes, layout: RowLayout) -> tuple[bytes, dict[int, str]]:
+    """The text with missing values for lines that are no rows; of those the index and the fault."""
     lines = text.split(b"\n")
     end = lines.pop()
     bad: dict[int, str] = {}
@@ -242,12 +231,10 @@ def _mended(text: bytes, layout: RowLayout) -> tuple[bytes, list[int], str]:
         fault = _wrong_line(line, layout) if line.strip() else None
         if fault is not None:
             bad[k] = fault.why
-    if not bad or len(bad) > max(MENDED_LINES, MAX_BAD * len(lines)):
-        return text, [], ""
     missing = layout.delimiter.join(["nan"] * len(layout.names)).encode()
     for k in bad:
         lines[k] = missing
-    return b"\n".join([*lines, end]), list(bad), next(iter(bad.values()))
+    return b"\n".join([*lines, end]), bad
 
 
 def _arrow_table(text: bytes, layout: RowLayout) -> tuple[Any, str]:
@@ -257,9 +244,7 @@ def _arrow_table(text: bytes, layout: RowLayout) -> tuple[Any, str]:
 
     delimiter = layout.delimiter
     if delimiter == " ":
-        text = re.sub(rb"(?m)^[ \t]+|[ \t\r]+$", b"", text)
-        text = re.sub(rb"[ \t]+", b",", text)
-        delimiter = ","
+        text, delimiter = _separated(text), ","
     if not text.strip():
         return None, ""
     keys = [str(i) for i in range(len(layout.names))]
@@ -278,6 +263,18 @@ def _arrow_table(text: bytes, layout: RowLayout) -> tuple[Any, str]:
     except pa.ArrowException as error:
         return None, arrow_words(error)
     return table.rename_columns([layout.names[int(k)] for k in wanted]), ""
+
+
+def _separated(text: bytes) -> bytes:
+    """Columns between white space as columns between commas.
+
+    Each step goes over the text once: a pattern such as [ ]+$ begins anew at every blank of a run,
+    which takes the square of its length.
+    """
+    text = re.sub(rb"[ \t]+", b" ", text).replace(b" \r", b"\r")
+    text = re.sub(rb"\r+", b"\r", text).replace(b"\r\n", b"\n")
+    text = text.replace(b" \n", b"\n").replace(b"\n ", b"\n")
+    return text.strip(b" ").replace(b" ", b",")
 
 
 def arrow_words(error: Exception) -> str:

@@ -48,7 +48,8 @@ def options(**changes) -> dict:
 
 
 def convert(columns, **changes):
-    return converted(columns, column_map(LogOptions(options(**changes))), label="log", notes=[])
+    keys = column_map(LogOptions(options(**changes)))
+    return converted(dict(columns), keys, label="log", notes=[])
 
 
 def test_axes_units_and_time():

@@ -15,8 +15,8 @@ from trajectories.runs.text_rows import MAX_ROWS
 def binary_columns(
     path: Path, layout: LayoutKeys, used: Sequence[str]
 ) -> tuple[dict[str, NDArray], list[str]]:
-    """All columns by `columns`, `dtype` (one for all or one each) and `header_bytes`; a row cut off
-    at the end is dropped.
+    """The used columns by `columns`, `dtype` (one for all or one each), `header_bytes`; a row cut
+    off at the end is dropped.
     """
     if layout.columns is None:
         raise InputError("map: key columns is missing: a binary log has no names of its own")
@@ -33,6 +33,6 @@ def binary_columns(
             f"{path.name}: {count} rows of {row.itemsize} bytes, needed 2 to {MAX_ROWS}"
         )
     data = np.fromfile(path, dtype=row, count=count, offset=layout.header_bytes)
-    columns = {name: data[name].astype(np.float64) for name in layout.columns}
+    columns = {k: data[k].astype(np.float64) for k in layout.columns if k in set(used)}
     cut = f"{path.name}: last row cut off after {rest} of {row.itemsize} bytes, dropped"
     return columns, [Note(cut, About.DAMAGE)] if rest else []

@@ -25,10 +25,11 @@ from trajectories.readers.rows.column_map import (
     SensorKeys,
     TemperatureKeys,
     axis_matrix,
+    other_columns,
     used_columns,
 )
 from trajectories.readers.rows.gps_time import dated, unix_seconds
-from trajectories.readers.rows.row_cleaning import CleanRows, Stretch, clean_rows
+from trajectories.readers.rows.row_cleaning import CleanRows, Stretch, are_all, clean_rows
 from trajectories.runs.checks import MAX_GAP_S, MAX_RATE_HZ, MIN_RATE_HZ
 from trajectories.runs.imu_stream import imu_log
 from trajectories.runs.notes import About, Note
@@ -42,7 +43,7 @@ MOST_STEP_S = MAX_GAP_S
 
 
 def converted(
-    columns: Mapping[str, NDArray],
+    columns: dict[str, NDArray],
     keys: ColumnMap,
     *,
     label: str,
@@ -50,7 +51,8 @@ def converted(
     base_s: float = 0.0,
 ) -> ConvertedLog:
     """The log of raw columns, each shape (n,). Everything dropped or repaired is in `faults` and
-    `notes`.
+    `notes`. The columns that nothing else needs are taken out of `columns`: a long log is held once
+    where it can be.
 
     base_s: what the log's own clock shows at time 0 of the columns [s].
     """
@@ -59,15 +61,23 @@ def converted(
     w, gyro_kind = _vector(columns, keys.gyro, M)
     f, accel_kind = _vector(columns, keys.accel, M)
     time_s = _times(columns, keys, len(w))
-    held = np.isfinite(np.hstack([w, f])).any(axis=1)  # the others are rows of other streams
+    for name in {*keys.gyro.columns, *keys.accel.columns} - set(other_columns(keys)):
+        del columns[name]
+    # the others are rows of other streams
+    held = np.isfinite(w).any(axis=1) | np.isfinite(f).any(axis=1)
     nominal = _nominal(time_s[held], label)
     stretch = Stretch(from_s=keys.from_s, to_s=keys.to_s, base_s=base_s)
     with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped there
         clean = clean_rows(
-            time_s, w / _span(gyro_kind, nominal), f / _span(accel_kind, nominal), stretch, label
+            time_s,
+            _per_second(w, gyro_kind, nominal),
+            _per_second(f, accel_kind, nominal),
+            stretch,
+            label,
         )
     kept, time_s, notes = clean.rows, clean.time_s, notes + clean.notes
-    w, f = w[kept], f[kept]
+    if not are_all(kept, len(w)):
+        w, f = w[kept], f[kept]
     nominal = _nominal(time_s, label)
     shift = float(time_s[0]) - nominal
     if "rates" in (gyro_kind, accel_kind) and gyro_kind != accel_kind:
@@ -103,12 +113,12 @@ def _vector(columns: Mapping[str, NDArray], sensor: SensorKeys, M: NDArray) -> t
     rates = GYRO_RATES | ACCEL_RATES  # the unit's own dimension was checked with the map
     kind = "rates" if sensor.unit in rates else "increments"
     factor = (rates | GYRO_INCREMENTS | ACCEL_INCREMENTS)[sensor.unit] * sensor.scale
-    raw = np.stack([columns[name] for name in sensor.columns], axis=1)
-    out = np.empty_like(raw)
+    raw = [columns[name] for name in sensor.columns]
+    out = np.empty((raw[0].size, 3))
     for i, row in enumerate(M):  # exact: one product a value, no sums over unused axes
         k = int(np.argmax(np.abs(row)))
         with np.errstate(over="ignore", invalid="ignore"):  # damaged values, dropped later
-            out[:, i] = raw[:, k] * (factor * row[k])
+            np.multiply(raw[k], factor * row[k], out=out[:, i])
     return out, kind
 
 
@@ -136,8 +146,8 @@ def _nominal(time_s: NDArray, label: str) -> float:
     return nominal_s
 
 
-def _span(kind: str, nominal_s: float) -> float:
-    return 1.0 if kind == "rates" else nominal_s
+def _per_second(values: NDArray, kind: str, nominal_s: float) -> NDArray:
+    return values if kind == "rates" else values / nominal_s
 
 
 def _with_own(

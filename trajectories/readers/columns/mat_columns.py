@@ -78,7 +78,7 @@ def _collect(out: Leaves, name: str, value: Any, depth: int) -> None:
             for field in value.dtype.names:
                 _collect(out, f"{label}.{field}", element[field], depth + 1)
     elif value.dtype.kind in "fiu" and value.ndim == 2 and value.size:
-        out[name] = value.astype(np.float64)
+        out[name] = np.asarray(value, dtype=np.float64)
 
 
 def _column(values: Leaves, text: str, path: Path) -> NDArray:

@@ -29,7 +29,7 @@ def parquet_columns(
     try:
         file = pq.ParquetFile(path, pre_buffer=False)
         rows = file.metadata.num_rows
-        refuse_rows(rows, path)
+        refuse_rows(rows, len(used), path)
         if rows < 2:
             raise InputError(f"{path.name}: {rows} rows, needed at least 2")
         refuse_missing(used, flat_names(path), path.name)

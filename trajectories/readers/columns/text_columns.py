@@ -4,14 +4,25 @@ in gzip.
 
 import csv
 import re
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from pathlib import Path
 
 from numpy.typing import NDArray
 
 from ins.records import InputError
 from trajectories.readers.rows.column_map import LayoutKeys
-from trajectories.runs.text_rows import BadRowError, RowLayout, parse_rows, read_text, text_parts
+from trajectories.runs.row_columns import Block, column_rows
+from trajectories.runs.text_rows import (
+    MAX_COLUMNS,
+    BadRowError,
+    RowLayout,
+    TextSize,
+    line_blocks,
+    text_parts,
+    text_size,
+)
 
 # looked at for text and a header; chosen: about 1,000 rows of 100 characters
 HEADER_BYTES = 100_000
@@ -27,34 +38,77 @@ def text_columns(
     """The used columns by name, and what was dropped. Columns that are not used may hold
     anything.
     """
-    text, note = read_text(path)
-    if b"\n" not in text:
-        text = text.replace(b"\r", b"\n")
-    if len(text[:HEADER_BYTES].translate(None, NO_TEXT)) < MIN_TEXT * len(text[:HEADER_BYTES]):
-        raise InputError(
-            f"{path.name}: no text: needed format in the map (binary, with columns and dtype?)"
-        )
-    if layout.comment is not None:
-        text = re.sub(rb"(?m)^[ \t]*" + re.escape(layout.comment.encode()) + rb".*$", b"", text)
+    packed: list[str] = []
+    size = text_size(path, len(used))
     delimiter = " " if layout.format == "text" else layout.delimiter
+    blocks = _blocks(path, layout, size, packed)
+    text, last = _head_block(blocks, layout)
     names, rows, first_line = _split_header(text, layout, delimiter, path.name)
     _refuse_one_column(
         rows if layout.columns else text[: len(text) - len(rows)], layout, delimiter, path.name
     )
     refuse_missing(used, names, path.name)
-    if layout.decimal == ",":
-        if delimiter == ",":
-            raise InputError('map: decimal = "," needs another delimiter')
-        rows = rows.replace(b",", b".")
+    if layout.decimal == "," and delimiter == ",":
+        raise InputError('map: decimal = "," needs another delimiter')
     standing = RowLayout(
         names=names, label=path.name, delimiter=delimiter, first_line=first_line, used=used
     )
+    found: Iterator[Block] = chain([(rows, last)], blocks)
+    if layout.decimal == ",":
+        found = ((part.replace(b",", b"."), is_last) for part, is_last in found)
     try:
-        table, notes = parse_rows(rows, standing)
+        columns, notes = column_rows(found, standing, size.lines - first_line + 1)
     except BadRowError as error:
         raise InputError(f"{error}{_number_hint(error.field or '')}") from None
-    columns = {name: table.column(name).to_numpy() for name in table.column_names}
-    return columns, ([f"{path.name}: {note}"] if note else []) + notes
+    return columns, [f"{path.name}: {note}" for note in packed] + notes
+
+
+def _blocks(path: Path, layout: LayoutKeys, size: TextSize, notes: list[str]) -> Iterator[Block]:
+    """The text by blocks of whole lines, those that begin with the comment sign made blank; line
+    ends of old Macs become ours.
+    """
+    parts = text_parts(path, notes)
+    if not size.feeds:
+        parts = (part.replace(b"\r", b"\n") for part in parts)
+    comment = None
+    if layout.comment is not None:
+        comment = re.compile(rb"(?m)^[ \t]*" + re.escape(layout.comment.encode()) + rb".*$")
+    is_head = True
+    for text, last in line_blocks(parts, label=path.name):
+        if is_head:
+            _refuse_no_text(text[:HEADER_BYTES], path.name)
+        is_head = False
+        yield text if comment is None else comment.sub(b"", text), last
+
+
+def _refuse_no_text(head: bytes, label: str) -> None:
+    if len(head.translate(None, NO_TEXT)) < MIN_TEXT * len(head):
+        raise InputError(
+            f"{label}: no text: needed format in the map (binary, with columns and dtype?)"
+        )
+
+
+def _head_block(blocks: Iterator[Block], layout: LayoutKeys) -> Block:
+    """As many blocks as hold the header lines, as one."""
+    text, last = next(blocks)
+    counted = _countable(text, layout)
+    while counted <= _header_count(layout) and not last:
+        more, last = next(blocks)
+        text, counted = text + more, counted + _countable(more, layout)
+    return text, last
+
+
+def _countable(text: bytes, layout: LayoutKeys) -> int:
+    """The lines that count as lines of a header."""
+    if layout.comment is None:
+        return text.count(b"\n")
+    return sum(1 for line in text.split(b"\n") if line.strip())
+
+
+def _header_count(layout: LayoutKeys) -> int:
+    if layout.header_lines is not None:
+        return layout.header_lines
+    return layout.names_line or int(layout.columns is None)
 
 
 def _number_hint(got: str) -> str:
@@ -98,26 +152,26 @@ def _split_header(
     """Column names, the rows, and the number of the first line of rows; with a comment sign, empty
     lines do not count.
     """
-    count = (
-        layout.header_lines
-        if layout.header_lines is not None
-        else (layout.names_line or int(layout.columns is None))
-    )
+    count = _header_count(layout)
     lines: list[bytes] = []
-    first_line = 1
+    first_line, at = 1, 0
     while len(lines) < count:
-        line, end, text = text.partition(b"\n")
-        if not end:
+        end = text.find(b"\n", at)
+        if end < 0:
             raise InputError(
                 f"{label}: {len(lines) + 1} lines, needed {count} header lines and rows"
             )
+        line, at = text[at:end], end + 1
         lines += [line] if line.strip() or layout.comment is None else []
         first_line += 1
+    text = text[at:]
     place = (layout.names_line or count) - 1
     if layout.columns is None and not 0 <= place < count:
         raise InputError(f"map: names_line {place + 1}, needed at most header_lines ({count})")
     names = layout.columns if layout.columns is not None else _names(lines[place], delimiter)
-    twice = [name for name in names if names.count(name) > 1]
+    if len(names) > MAX_COLUMNS:
+        raise InputError(f"{label}: {len(names)} columns, needed at most {MAX_COLUMNS}")
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if not names or twice:
         raise InputError(
             f"{label}: column {twice[0]} appears twice" if twice else f"{label}: no column names"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from trajectories.readers.containers.unpacking import Damaged
+from trajectories.runs.limits import NUMBER_BYTES, Room
 
 MATRIX = 14
 STORED = {
@@ -50,13 +51,18 @@ COMPLEX = 0x0800
 MAX_ARRAY_DEPTH = 6
 MAX_DIMENSIONS = 8  # of an array; series have 2
 MAX_NAME = 200  # bytes; MATLAB's own names had at most 63 (namelengthmax)
+OBJECT_BYTES = 200  # that an element of a cell or struct takes at least, be it empty
+CHARACTER_BYTES = 8  # of a text, as a text and as a row of an array
 
 
 class MatArray:
-    """One array: its name and shape at once, its values on demand. `order` is "<" or ">"."""
+    """One array: its name and shape at once, its values on demand. `order` is "<" or ">"; `room`
+    is asked before anything is made.
+    """
 
-    def __init__(self, body: memoryview, order: str, depth: int = 0) -> None:
+    def __init__(self, body: memoryview, order: str, room: Room, depth: int = 0) -> None:
         self._data, self._order, self._at, self._depth = body, order, 0, depth
+        self._room = room
         if depth > MAX_ARRAY_DEPTH:
             raise Damaged("nested too deeply")
         kind, flags = self._element()
@@ -128,6 +134,7 @@ class MatArray:
         kind, data = self._element()
         dtype = np.dtype(self._order + STORED[kind]) if kind in STORED else None
         count = math.prod(self.shape)
+        self._room.take(count * NUMBER_BYTES if count <= len(data) else 0)
         if dtype is None or len(data) != count * dtype.itemsize:
             raise Damaged(f"{len(data)} bytes for {count} numbers")
         with np.errstate(all="ignore"):
@@ -136,6 +143,7 @@ class MatArray:
 
     def _texts(self) -> NDArray:
         kind, data = self._element()
+        self._room.take(len(data) * CHARACTER_BYTES)
         name = ENCODINGS.get(kind, "")
         if name in ("utf-16", "utf-32"):
             name += "-le" if self._order == "<" else "-be"
@@ -182,10 +190,13 @@ class MatArray:
         """One array after the other; what is passed over, and an array of no bytes, is an empty
         matrix.
         """
+        self._room.take(out.size * OBJECT_BYTES)
         for k in range(out.size):
             kind, body = self._element()
             if kind != MATRIX:
                 raise Damaged(f"type {kind} where an array should be")
-            value: Any = MatArray(body, self._order, self._depth + 1).value() if len(body) else None
+            value: Any = None
+            if len(body):
+                value = MatArray(body, self._order, self._room, self._depth + 1).value()
             out[k] = np.empty((0, 0)) if value is None else value
         return out

@@ -9,13 +9,18 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+from numpy.typing import NDArray
+
 from ins.records import InputError
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
 from trajectories.readers.containers.unpacking import Damaged, inflated
+from trajectories.runs.limits import Room
 from trajectories.runs.notes import About, Note
 
 MAT_HEAD_BYTES = 128
+ELEMENT_HEAD_BYTES = 8
+HEAD_BYTES = 4096  # of a packed variable: flags, dimensions and name have 300 at most
 # Types of an element that holds a variable.
 ARRAY = 14
 COMPRESSED = 15
@@ -39,58 +44,85 @@ def is_matlab(path: Path) -> bool:
 
 def variable_names(path: Path) -> set[str]:
     """Names of the variables that can be read."""
-    return {array.name for _, array in _arrays(path, [])}
+    return {variable.name for variable in _variables(path, [])}
 
 
 def read_variables(path: Path, wanted: Callable[[str], bool]) -> tuple[dict[str, Any], list[str]]:
     """Variables by name as `scipy.io.loadmat` gives them, and notes on damaged ones. InputError for
-    another format.
+    another format, or where they unpack to more than they may.
     """
     if not is_mat(path):
         what = "a MATLAB file of version 7.3 (HDF5)" if is_matlab(path) else "no MATLAB file"
         raise InputError(f"{path.name}: {what}, needed version 5 to 7.2: in MATLAB save with -v7")
     notes: list[str] = []
     found: dict[str, Any] = {}
-    for at, array in _arrays(path, notes):
+    for variable in _variables(path, notes):
         try:
-            value = array.value() if wanted(array.name) else None
+            value = variable.value() if wanted(variable.name) else None
         except Damaged as error:
-            notes.append(_told(path, at, error))
+            notes.append(_told(path, variable.at, error))
             continue
         if value is not None:
-            found[array.name] = value
+            found[variable.name] = value
     return found, notes
 
 
-def _arrays(path: Path, notes: list[str]) -> Iterator[tuple[int, MatArray]]:
-    """Place and array of each variable whose head can be read."""
+class _Variable:
+    """A variable of a file: place and name at once, its values on demand. A packed one is not
+    unpacked for its name beyond its head.
+    """
+
+    def __init__(self, at: int, body: memoryview, kind: int, order: str, room: Room) -> None:
+        self.at, self._body, self._kind, self._order, self._room = at, body, kind, order, room
+        head = body if kind == ARRAY else _matrix(inflated(body, HEAD_BYTES, whole=False), order)
+        self.name = MatArray(head, order, room).name
+
+    def value(self) -> NDArray | None:
+        """As `MatArray.value` gives it."""
+        body = self._body
+        if self._kind != ARRAY:
+            declared = _declared(inflated(body, HEAD_BYTES, whole=False), self._order)
+            self._room.take(declared)
+            body = _matrix(inflated(body, declared + ELEMENT_HEAD_BYTES), self._order)
+        return MatArray(body, self._order, self._room).value()
+
+
+def _variables(path: Path, notes: list[str]) -> Iterator[_Variable]:
+    """The variables whose head can be read."""
     data = memoryview(read_whole(path))
     size = len(data)
+    room = Room(size, path.name)
     order = ">" if bytes(data[126:128]) == b"MI" else "<"
     at = MAT_HEAD_BYTES
-    while at + 8 <= size:
+    while at + ELEMENT_HEAD_BYTES <= size:
         kind, length = struct.unpack_from(order + "II", data, at)
-        after = at + 8 + length
+        after = at + ELEMENT_HEAD_BYTES + length
         if after > size or kind not in (ARRAY, COMPRESSED):
             break
         try:
-            yield at, _array(data[at + 8 : after], kind, order)
+            yield _Variable(at, data[at + ELEMENT_HEAD_BYTES : after], kind, order, room)
         except Damaged as error:
             notes.append(_told(path, at, error))
         at = after
     if at < size:
-        what = "cut off" if size - at < 8 or kind in (ARRAY, COMPRESSED) else "damaged"
-        told = f"{path.name}: {what} at byte {at}: the last {size - at} bytes dropped"
+        left = size - at
+        known = left < ELEMENT_HEAD_BYTES or kind in (ARRAY, COMPRESSED)
+        what = "cut off" if known else "damaged"
+        told = f"{path.name}: {what} at byte {at}: the last {left} bytes dropped"
         notes.append(Note(told, About.DAMAGE))
 
 
-def _array(body: memoryview, kind: int, order: str) -> MatArray:
-    if kind == ARRAY:
-        return MatArray(body, order)
-    plain = memoryview(inflated(body))
-    if len(plain) < 8 or struct.unpack_from(order + "I", plain)[0] != ARRAY:
+def _declared(plain: bytes, order: str) -> int:
+    """The length of the array that an unpacked element says it is."""
+    if len(plain) < ELEMENT_HEAD_BYTES or struct.unpack_from(order + "I", plain)[0] != ARRAY:
         raise Damaged("no array in it")
-    return MatArray(plain[8 : 8 + struct.unpack_from(order + "I", plain, 4)[0]], order)
+    return int(struct.unpack_from(order + "I", plain, 4)[0])
+
+
+def _matrix(plain: bytes, order: str) -> memoryview:
+    """The array within an unpacked element, or as much of it as there is."""
+    end = ELEMENT_HEAD_BYTES + _declared(plain, order)
+    return memoryview(plain)[ELEMENT_HEAD_BYTES:end]
 
 
 def _told(path: Path, at: int, error: Damaged) -> str:

@@ -126,7 +126,9 @@ def _chunk(walk: _Walk, data: memoryview, start: int, length: int) -> int:
         records = body[at + 8 :]
         if len(body) == length:
             records = records[: int.from_bytes(body[at : at + 8], "little")]
-            records = memoryview(unpacked(records, name, size)) if name else records
+            if name:
+                walk.bag.room.take(size)
+                records = memoryview(unpacked(records, name, size))
             if checksum and zlib.crc32(records) != checksum:
                 raise Damaged("wrong checksum")
         elif name:

@@ -103,7 +103,9 @@ def _chunk(
     try:
         name = fields.get(b"compression", b"none").decode("ascii", errors="replace")
         if name != "none":
-            records = memoryview(unpacked(content, name, _number(fields, b"size", 4)))
+            size = _number(fields, b"size", 4)
+            bag.room.take(size)
+            records = memoryview(unpacked(content, name, size))
         while place < len(records):
             place = _record(records, place, connections, bag, label, nested=True)
     except Damaged as error:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ins.records import InputError
+from trajectories.runs.limits import Room
 from trajectories.runs.text_rows import MAX_ROWS
 
 IMU = "sensor_msgs/Imu"
@@ -81,10 +82,14 @@ class Topic:
 
 @dataclass
 class Bag:
-    """Topics of the kinds in LAYOUTS by name, and notes on what was skipped."""
+    """Topics of the kinds in LAYOUTS by name, and notes on what was skipped; `room`: for what the
+    file at hand unpacks to.
+    """
 
     topics: dict[str, Topic] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    room: Room = field(default_factory=lambda: Room(0, "bag"))
+    _noted: set[str] = field(default_factory=set)
 
     def topic(self, name: str, kind: str, encoding: str, *, md5: str | None = None) -> Topic | None:
         """Where messages of a connection go; None where nothing is wanted of them."""
@@ -107,7 +112,8 @@ class Bag:
         return [t for _, t in sorted(self.topics.items()) if t.kind in kinds and t.stamp_ns]
 
     def note(self, text: str) -> None:
-        if text and text not in self.notes:
+        if text and text not in self._noted:
+            self._noted.add(text)
             self.notes.append(text)
 
 

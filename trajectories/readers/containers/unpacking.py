@@ -8,10 +8,10 @@ import zlib
 from typing import Any
 
 from ins.records import InputError
-from trajectories.runs.text_rows import MAX_GROWTH
 
 MAX_BLOCK_BYTES = 1 << 28  # 268 MB; recorders write blocks of 0.8 MB, a message at least
 MAX_MESSAGE_BYTES = 65_536  # a message of the kinds read here has a kilobyte
+SPARE_BYTES = 65_536  # beyond what packed data say of their length: padding has eight
 INSTALL = "pip install strapdown-recal[ros]"
 
 
@@ -41,22 +41,20 @@ def unpacked(data: memoryview, name: str, size: int | None = None) -> bytes:
     return found
 
 
-def inflated(data: memoryview) -> bytes:
-    """What zlib packed. Damaged where it is cut off or garbled, or grows beyond what numbers do
-    when they are unpacked.
+def inflated(data: memoryview, most: int, *, whole: bool = True) -> bytes:
+    """What zlib packed, at most so many bytes of it. Damaged where it is garbled; where it should
+    be `whole`, also where it is cut off, or SPARE_BYTES longer.
     """
-    most = MAX_BLOCK_BYTES + MAX_GROWTH * len(data)
     unpack = zlib.decompressobj()
     try:
         found = unpack.decompress(data, most)
+        if whole and not unpack.eof:  # padding, and the checksum behind it
+            unpack.decompress(unpack.unconsumed_tail, SPARE_BYTES)
     except zlib.error as error:
         raise Damaged(str(error)) from None
-    if not unpack.eof:
-        raise Damaged(
-            f"more than {MAX_GROWTH} times its size unpacked"
-            if len(found) >= most
-            else "packed data cut off"
-        )
+    if whole and not unpack.eof:
+        longer = len(found) == most and unpack.unconsumed_tail
+        raise Damaged(f"more than {most} bytes unpacked" if longer else "packed data cut off")
     return found
 
 

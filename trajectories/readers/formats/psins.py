@@ -11,6 +11,7 @@ imufile.m, trjsimu.m, gpssimu.m, a2mat.m.
 """
 
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,8 @@ from trajectories.readers.rows.increment_rows import (
     is_file_of,
     refuse_other_width,
 )
-from trajectories.runs.text_rows import RowLayout, is_number, parse_rows, read_text
+from trajectories.runs.row_columns import column_rows
+from trajectories.runs.text_rows import RowLayout, is_number, line_blocks, text_parts, text_size
 
 W = [f"wm_{a}" for a in AXES]
 V = [f"vm_{a}" for a in AXES]
@@ -43,7 +45,8 @@ MAP = {
     "accel": {"columns": V, "unit": "m/s"},
     "axes": {"x": "y", "y": "x", "z": "-z"},
 }
-SIMU_HEAD = rb"\A%.*PSINS.*SIMU"
+# ".*PSINS.*SIMU" would begin anew at every PSINS of a long line
+SIMU_HEAD = rb"\A%(?:(?!PSINS).)*PSINS.*SIMU"
 IMU_NAMES = ("imu", "trj.imu")
 GPS_NAMES = ("gps", "gnss", "trj.gps")
 AVP_NAMES = ("avp", "trj.avp")
@@ -103,7 +106,10 @@ class _SimuFile:
 
 def _simu_file(path: Path) -> _SimuFile:
     """What a file of counts holds. InputError where the head is not as the format says."""
-    text, note = read_text(path)
+    packed: list[str] = []
+    size = text_size(path, len(ROW))
+    blocks = line_blocks(text_parts(path, packed), label=path.name)
+    text, last = next(blocks)
     head: list[list[float]] = []
     line_number = 0
     while len(head) < 3 and text:
@@ -125,17 +131,17 @@ def _simu_file(path: Path) -> _SimuFile:
     width = len(text.split(b"\n", 1)[0].split())
     names = [*ROW[:6], *(["late"] if width == 7 else [])]
     layout = RowLayout(names=names, label=path.name, delimiter=" ", first_line=line_number + 1)
-    table, notes = parse_rows(text, layout)
-    counts = {name: table.column(name).to_numpy() for name in names}
+    counts, notes = column_rows(chain([(text, last)], blocks), layout, size.lines)
     factors = [*(s * ARCSEC for s in scales[:3]), *(s * 1e-6 * g for s in scales[3:])]
-    columns = {name: counts[name] * factor for name, factor in zip(ROW, factors)}
+    scaled = ((name, counts[name] * factor) for name, factor in zip(ROW, factors))
+    columns: dict[str, NDArray] = dict(scaled)
     late_s = np.cumsum(counts["late"]) * 1e-6 if width == 7 else 0.0
-    columns["t"] = t0_s + np.arange(1, table.num_rows + 1) * (interval_ms * 1e-3) + late_s
+    columns["t"] = t0_s + np.arange(1, counts[names[0]].size + 1) * (interval_ms * 1e-3) + late_s
     attitude = f"pitch {head[0][0]:g}, roll {head[0][1]:g}, heading {-head[0][2] % 360:g} deg"
     told = (
         f"{path.name}: head gives the place, and {attitude} (inaccurate, says the format; not used)"
     )
-    first = [f"{path.name}: {note}"] if note else []
+    first = [f"{path.name}: {note}" for note in packed]
     return _SimuFile(
         columns=columns,
         site={"lat_deg": lat_deg, "lon_deg": lon_deg, "height_m": height_m},

@@ -32,6 +32,7 @@ from trajectories.readers.rows.column_map import (
     stretch_of,
 )
 from trajectories.readers.rows.gps_time import UNIX_S, utc_text
+from trajectories.runs.limits import Room
 from trajectories.runs.notes import About, Note
 
 FLU = AxesKeys(x="x", y="-y", z="-z")  # REP-103: x forward, y left, z up
@@ -216,6 +217,7 @@ def _mapped(path: Path, bag: Bag, label: str, read: Callable[[memoryview, Bag, s
     """
     with path.open("rb") as file:
         data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    bag.room = Room(len(data), label)
     read(memoryview(data), bag, label)
 
 

@@ -257,11 +257,15 @@ def axis_matrix(axes: AxesKeys) -> NDArray:
 
 def used_columns(keys: ColumnMap) -> list[str]:
     """The names of the columns that the map reads in the log itself, each once."""
-    names = [*keys.gyro.columns, *keys.accel.columns]
-    names += [keys.time.column] if keys.time else []
+    return list(dict.fromkeys([*keys.gyro.columns, *keys.accel.columns, *other_columns(keys)]))
+
+
+def other_columns(keys: ColumnMap) -> list[str]:
+    """The names of the columns in the log itself that are not, or not only, the imu's."""
+    names = [keys.time.column] if keys.time else []
     for part in (keys.temperature, keys.gnss, keys.odometer):
         names += side_columns(part) if part is not None and part.file is None else []
-    return list(dict.fromkeys(names))
+    return names
 
 
 def side_columns(part: TemperatureKeys | GnssKeys | OdometerKeys) -> list[str]:

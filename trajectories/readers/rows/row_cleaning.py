@@ -90,7 +90,9 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
             f"{label}: {time_s.size - inside.size} rows outside the stretch that was asked for"
             " (from_s, to_s)"
         )
-    kept, faults, resorted = _judged(time_s[inside], w[inside], f[inside])
+    all_inside = inside.size == time_s.size
+    parts = (time_s, w, f) if all_inside else (time_s[inside], w[inside], f[inside])
+    kept, faults, resorted = _judged(*parts)
     dropped = sum(rows.size for why, rows in faults.items() if why not in NOT_COUNTED)
     if dropped > max(MENDED_LINES, MAX_BAD * inside.size):
         worst = max(faults, key=lambda why: 0 if why in NOT_COUNTED else faults[why].size)
@@ -108,7 +110,7 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
         notes.append(
             f"{label}: {row_ranges(inside[resorted])} written late, put back in the order of time"
         )
-    rows = inside[kept]
+    rows = kept if all_inside else inside[kept]
     if (steps := np.diff(time_s[rows])).size == 0:
         raise InputError(f"{label}: {rows.size} usable rows, needed at least 2 with rising times")
     _refuse_gaps(steps, time_s[rows] + stretch.base_s, rows, label)
@@ -121,6 +123,11 @@ def clean_rows(time_s: NDArray, w: NDArray, f: NDArray, stretch: Stretch, label:
         wraps_s=periods,
         others=inside[faults[OTHERS]],
     )
+
+
+def are_all(rows: NDArray, count: int) -> bool:
+    """Whether indices are all from 0 to `count`, in order."""
+    return rows.size == count and (count == 0 or rows[0] == 0) and bool(np.all(np.diff(rows) == 1))
 
 
 def _hint(worst: str, rows: NDArray, time_s: NDArray, w: NDArray, f: NDArray) -> str:
@@ -148,8 +155,9 @@ def _judged(time_s: NDArray, w: NDArray, f: NDArray) -> tuple[NDArray, dict[str,
     """Indices of the good rows in the order of time; the others by what is wrong with them; the
     good ones written late.
     """
-    stamped, seen = np.isfinite(time_s), np.isfinite(np.hstack([w, f]))
-    finite, others = stamped & seen.all(axis=1), stamped & ~seen.any(axis=1)
+    stamped, seen = np.isfinite(time_s), (np.isfinite(w), np.isfinite(f))
+    finite = stamped & seen[0].all(axis=1) & seen[1].all(axis=1)
+    others = stamped & ~seen[0].any(axis=1) & ~seen[1].any(axis=1)
     with np.errstate(invalid="ignore"):
         sane = (np.abs(w) < PLAUSIBLE_RAD_S).all(axis=1) & (np.abs(f) < PLAUSIBLE_M_S2).all(axis=1)
     filler, empty, unstamped = _filler(time_s, (w == 0).all(axis=1) & (f == 0).all(axis=1))
