@@ -105,8 +105,9 @@ def mat_bytes(rows: int) -> Callable[[Path], None]:
         body = struct.pack("<IIII", 6, 8, 6, 0) + struct.pack("<IIii", 5, 8, rows, 7) + name
         length = len(body) + 8 + size + (-size % 8)
         packed = pack.compress(struct.pack("<II", 14, length) + body + struct.pack("<II", 2, size))
-        for _ in range(0, size + (-size % 8), 1 << 20):
-            packed += pack.compress(bytes(1 << 20))
+        left = size + (-size % 8)
+        for first in range(0, left, 1 << 20):
+            packed += pack.compress(bytes(min(1 << 20, left - first)))
         packed += pack.flush()
         head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
         (folder / "log.mat").write_bytes(head + struct.pack("<II", 15, len(packed)) + packed)

@@ -70,13 +70,22 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
     >>> frozen_array([1, 2], (None,), "time_s")
     array([1., 2.])
     """
-    a = np.array(values, dtype=np.float64, order="C")
+    settled = isinstance(values, np.ndarray) and _is_settled(values)
+    a = values if settled else np.array(values, dtype=np.float64, order="C")
     if a.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(a.shape, shape)
     ):
         raise InputError(f"{name}: shape {a.shape}, needed {shape}")
     a.flags.writeable = False
     return a
+
+
+def _is_settled(values: NDArray) -> bool:
+    """Whether an array is what a record holds already: nobody can write to it, and it owns its
+    numbers, so that a long log need not be copied.
+    """
+    owned = values.base is None and not values.flags.writeable
+    return owned and values.dtype == np.float64 and values.flags.c_contiguous
 
 
 def _freeze(record: Any, shapes: dict[str, tuple[int | None, ...]]) -> None:

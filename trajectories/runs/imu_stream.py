@@ -206,10 +206,13 @@ def imu_log(
     nominal = Intervals.of(np.diff(time_s)).nominal_s
     dt_s = np.concatenate([[nominal], np.diff(time_s)])
     scan = DropoutScan(nominal)
-    scan.feed(time_s, dv)
+    for first in range(0, time_s.size, PIECE_ROWS):  # it holds what it is fed
+        scan.feed(time_s[first : first + PIECE_ROWS], dv[first : first + PIECE_ROWS])
     dropouts = scan.finish()
     rows = slice(None) if source == "rates" else dropouts.row[dropouts.short]
     _to_increments(rows, dt_s, dtheta, dv, 1.0 if source == "rates" else nominal)
+    for values in (time_s, dt_s, dtheta, dv):
+        values.flags.writeable = False  # so that the log takes them as they are
     log = ImuLog(time_s=time_s, dt_s=dt_s, dtheta_rad=dtheta, dv_m_s=dv, source=source)
     return log, dropout_spans(dropouts)
 

@@ -48,6 +48,10 @@ class Room:
     def __init__(self, packed_bytes: int, label: str) -> None:
         self._packed, self._label, self._taken = packed_bytes, label, 0
 
+    def check(self, count: int) -> None:
+        """InputError where there is no room for so many bytes."""
+        refuse_unpacked(self._taken + count, self._packed, self._label)
+
     def take(self, count: int) -> None:
         """Room for so many bytes; InputError where there is not as much."""
         self._taken += count

@@ -338,7 +338,7 @@ def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
     NaN as missing.
     """
     if path.name.endswith(".parquet"):
-        _write_parquet(path, columns)
+        _write_parquet(path, {name: np.asarray(values) for name, values in columns.items()})
         return
     table = _table(columns)
     from pyarrow import csv as arrow_csv
@@ -360,7 +360,7 @@ def _table(columns: Mapping[str, ArrayLike]) -> Any:
     return pa.table({name: pa.array(part, from_pandas=True) for name, part in columns.items()})
 
 
-def _write_parquet(path: Path, columns: Mapping[str, Any]) -> None:
+def _write_parquet(path: Path, columns: Mapping[str, NDArray]) -> None:
     """A row group at a time: of a long log, no more than that is held a second time."""
     import pyarrow as pa
     import pyarrow.parquet as pq

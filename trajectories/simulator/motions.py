@@ -35,6 +35,8 @@ PEAK = 15.0 / 8.0  # largest slope of the quintic blend 10 u^3 - 15 u^4 + 6 u^5 
 TURN_BLEND_S = 3.0  # time over which a turn on wheels reaches its rate
 FLIGHT_BLEND_S = 6.0  # the same for bank and climb
 LIFT_OFF_S = 4.0  # wheels leave the ground over this time
+# A shorter change than this is none: the fifth power of the time divides it (_profile).
+SHORTEST_BLEND_S = 1e-6
 CHANNELS = ("speed_m_s", "course_rate_rad_s", "climb_rate_m_s", "airborne")
 
 
@@ -68,7 +70,7 @@ class _Plan:
     rest: list[tuple[float, float]] = field(default_factory=list)
 
     def blend(self, channel: str, to: float, *, start_s: float, duration_s: float) -> None:
-        if duration_s > 0 and to != self.level[channel]:
+        if duration_s > SHORTEST_BLEND_S and to != self.level[channel]:
             self.blends[channel].append((start_s, start_s + duration_s, self.level[channel], to))
             self.level[channel] = to
 

@@ -22,6 +22,11 @@ from ins.units import DEG
 from trajectories.simulator.chamber import ChamberProfile
 from trajectories.simulator.environments.kinds import Environment
 from trajectories.simulator.motions import lay
+from trajectories.simulator.scenario_ranges import (
+    refuse_many_parts,
+    refuse_many_rows,
+    refuse_out_of_range,
+)
 from trajectories.simulator.segments import SEGMENTS, Segment
 from trajectories.simulator.sensors import IdealSensors, ideal_sensors
 from trajectories.simulator.session import SessionPlan, SimulatedRun, simulate_run
@@ -194,6 +199,8 @@ def scenario_from_dict(
         if k not in SECTIONS
     }
     head = fill(_Head, rest, name=name)
+    refuse_many_parts("motion", len(head.motion), name=name)
+    refuse_many_parts("disturbance", len(head.disturbance), name=name)
     profile = _profile(head, data, folder, name)
     if profile is not None:
         data = {**data, "site": _site_keys(profile.site)}
@@ -207,7 +214,7 @@ def scenario_from_dict(
         head, folder, twin_path, name, technology=unit.gyro_technology or "rlg"
     )
     factory_table = folder / unit.table if unit.table else table_path(twin, twin_folder)
-    return Scenario(
+    scenario = Scenario(
         name=Path(name).stem,
         seed=head.seed,
         alignment_s=head.alignment_s,
@@ -226,6 +233,22 @@ def scenario_from_dict(
         profile=profile,
         **sections,
     )
+    _refuse_endless(scenario, name)
+    return scenario
+
+
+def _refuse_endless(scenario: Scenario, name: str) -> None:
+    """InputError where the run has more rows than can be made; a motion is laid out for its length
+    alone.
+    """
+    if scenario.profile is not None:
+        end_s = float(scenario.profile.stretches[-1].end_s)
+    else:
+        try:
+            end_s = lay(scenario.segments, alignment_s=scenario.alignment_s).end_s
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+    refuse_many_rows(end_s, scenario.imu.rate_hz, name=f"{name}: motion")
 
 
 def _profile(head: "_Head", data: dict[str, Any], folder: Path, name: str) -> TruthProfile | None:
@@ -358,6 +381,7 @@ def fill(cls: type, data: Any, *, name: str) -> Any:
     }
     model = parse(create_model(cls.__name__, __base__=StrictModel, **needed), data, name=name)
     given = model.model_dump(exclude_unset=True)
+    refuse_out_of_range(given, name=name)
     return cls(**{k: tuple(v) if hints[k] == Triple else v for k, v in given.items()})
 
 
@@ -406,6 +430,7 @@ def _one_of(kinds: dict[str, type], key: str, item: dict[str, Any], name: str) -
 def _environments(data: Around | list[Around], name: str) -> tuple[Environment, ...]:
     """What [environment] or each [[environment]] says."""
     listed = data if isinstance(data, list) else [data]
+    refuse_many_parts("environment", len(listed), name=name)
     found = []
     for k, item in enumerate(listed):
         where = f"{name}: environment[{k}]" if isinstance(data, list) else f"{name}: environment"

@@ -27,6 +27,7 @@ from trajectories.simulator.sampled_truth import (
     SampledStand,
     truth_from_samples,
 )
+from trajectories.simulator.scenario_ranges import refuse_many_rows
 from trajectories.simulator.truth import Truth
 
 COLUMNS = REQUIRED["reference"]
@@ -102,6 +103,8 @@ def read_profile(section: TruthSection, folder: Path) -> TruthProfile:
             f"{path.name}: row 1 moves at {speed:.3g} m/s, needed 0 or truth.run_up_s: a run starts"
             " at rest"
         )
+    span_s = section.park_s + section.run_up_s + section.park_after_s + time_s[-1] - time_s[0]
+    refuse_many_rows(span_s, 1.0 / section.step_s, name=path.name)
     start_s = section.park_s + (section.run_up_s if moving_start else 0.0)
     time_s = time_s - time_s[0] + start_s
     site = _start(place[0], v_n[0], section.run_up_s if moving_start else 0.0)

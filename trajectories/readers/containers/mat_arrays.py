@@ -73,6 +73,11 @@ class MatArray:
         self.shape = self._shape()
         self.name = bytes(self._element()[1]).decode("latin-1").rstrip("\0")[:MAX_NAME]
 
+    @property
+    def number_bytes(self) -> int:
+        """What its numbers will take, as its shape says; 0 for other kinds."""
+        return NUMBER_BYTES * math.prod(self.shape) if self._class in CLASSES else 0
+
     def value(self) -> NDArray | None:
         """As `scipy.io.loadmat` gives it: a matrix of numbers, texts by row, object arrays of
         cells, records of structs.

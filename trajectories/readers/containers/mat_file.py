@@ -15,7 +15,7 @@ from ins.records import InputError
 from trajectories.readers.containers.file_bytes import read_whole
 from trajectories.readers.containers.mat_arrays import MatArray
 from trajectories.readers.containers.unpacking import Damaged, inflated
-from trajectories.runs.limits import Room
+from trajectories.runs.limits import NUMBER_BYTES, Room
 from trajectories.runs.notes import About, Note
 
 MAT_HEAD_BYTES = 128
@@ -75,13 +75,16 @@ class _Variable:
     def __init__(self, at: int, body: memoryview, kind: int, order: str, room: Room) -> None:
         self.at, self._body, self._kind, self._order, self._room = at, body, kind, order, room
         head = body if kind == ARRAY else _matrix(inflated(body, HEAD_BYTES, whole=False), order)
-        self.name = MatArray(head, order, room).name
+        array = MatArray(head, order, room)
+        self.name, self._number_bytes = array.name, array.number_bytes
 
     def value(self) -> NDArray | None:
         """As `MatArray.value` gives it."""
         body = self._body
         if self._kind != ARRAY:
             declared = _declared(inflated(body, HEAD_BYTES, whole=False), self._order)
+            if self._number_bytes <= NUMBER_BYTES * declared:  # else the dimensions lie
+                self._room.check(self._number_bytes)
             self._room.take(declared)
             body = _matrix(inflated(body, declared + ELEMENT_HEAD_BYTES), self._order)
         return MatArray(body, self._order, self._room).value()
