@@ -70,8 +70,10 @@ def frozen_array(values: ArrayLike, shape: tuple[int | None, ...], name: str) ->
     >>> frozen_array([1, 2], (None,), "time_s")
     array([1., 2.])
     """
-    settled = isinstance(values, np.ndarray) and _is_settled(values)
-    a = values if settled else np.array(values, dtype=np.float64, order="C")
+    if isinstance(values, np.ndarray) and _is_settled(values):
+        a = values
+    else:
+        a = np.array(values, dtype=np.float64, order="C")
     if a.ndim != len(shape) or any(
         want is not None and got != want for got, want in zip(a.shape, shape)
     ):

@@ -181,7 +181,7 @@ def test_the_example_shows_every_section():
 
 def test_a_latitude_of_91_is_refused():
     site = {"lat_deg": 91.0, "lon_deg": 7.0, "height_m": 0.0}
-    with pytest.raises(InputError, match="s.toml: site: lat_deg: got 91, needed -90 to 90"):
+    with pytest.raises(InputError, match=r"s\.toml: site: lat_deg: got 91, needed -90 to 90"):
         scenario_ideal(scenario_from_dict(small(site=site), name="s.toml"))
 
 

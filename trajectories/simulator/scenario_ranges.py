@@ -50,13 +50,17 @@ MAX_PARTS = 1_000
 def refuse_out_of_range(values: Mapping[str, object], *, name: str) -> None:
     """InputError for the first number, alone or in a list, that is not in the range of its key."""
     for key, value in values.items():
-        numbers = value if isinstance(value, list | tuple) else [value]
         low, high = range_of(key)
-        for number in numbers:
-            is_number = isinstance(number, int | float) and not isinstance(number, bool)
-            if is_number and not low <= number <= high:
+        for number in _numbers(value):
+            if not low <= number <= high:
                 got = f"{number:g}" if abs(number) < 1e300 else str(number)[:20]
                 raise InputError(f"{name}: {key}: got {got}, needed {low:g} to {high:g}")
+
+
+def _numbers(value: object) -> list[int | float]:
+    """The numbers of a value: itself, or those of a list."""
+    parts = value if isinstance(value, list | tuple) else [value]
+    return [n for n in parts if isinstance(n, int | float) and not isinstance(n, bool)]
 
 
 def range_of(key: str) -> Range:

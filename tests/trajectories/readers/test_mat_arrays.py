@@ -141,8 +141,8 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     assert set(read_variables(path, lambda name: name == "x")[0]) == {"x"}
     with limits.unpack_limit(10):
         assert read_variables(path, lambda name: True)[0]["imu"].shape == (rows, 1)
-    cells = np.empty((1, rows), dtype=object)
-    cells[:] = [np.empty((0, 0))]
+    cells = np.empty((1, 10_000), dtype=object)
+    cells[0, :] = [np.empty((0, 0))] * 10_000
     savemat(path, {"cells": cells}, do_compression=True)
     with pytest.raises(InputError, match="needed at most 1048576"):
         read_variables(path, lambda name: True)
