@@ -105,6 +105,21 @@ def cache_folder(sources: Path) -> Path | None:
     return None
 
 
+def is_compiled() -> bool:
+    """Whether machine code of these sources lies on the disk, or none is made.
+
+    Returns
+    -------
+    compiled : bool
+        False where the first call of a kernel compiles it.
+    """
+    config: Any = getattr(numba, "config", None)
+    if config is None or config.DISABLE_JIT:
+        return True
+    folder = cache_folder(Path(__file__).parent)
+    return folder is not None and any(folder.rglob("*.nbi"))
+
+
 def top_package(folder: Path) -> Path:
     """The folder of the top-level package that a folder lies in.
 

@@ -134,13 +134,14 @@ def replay(
     applied_table: Callable[[str], ThermalTable] | None = None,
     reference: ReferenceLog | None = None,
     aided: bool = True,
+    told: Callable[[str], None] = lambda words: None,
 ) -> ReplayResult:
     """Fly a log with each table, the active one first; `aided`: and with its GNSS, where it has
     that.
 
     applied_table(sha256): the table that the unit had subtracted, to be added back (InputError
-    where unknown). A run without gyro temperatures is flown raw, once, and the notes say so.
-    Refusals are verdicts.
+    where unknown); told(words): hears what is being done. A run without gyro temperatures is flown
+    raw, once, and the notes say so. Refusals are verdicts.
     """
     raw = with_applied_table_undone(run, applied_table)
     faults = tuple(
@@ -163,7 +164,10 @@ def replay(
         )
     else:
         span = (rest[0], min(alignment_end(raw, rest[0]), raw.imu.end_s))
-        flown = [_fly(raw, choice, temperature, twin, span, vertical) for choice in tables]
+        flown = []
+        for choice in tables:
+            told(f"flying with the {choice.role} table")
+            flown.append(_fly(raw, choice, temperature, twin, span, vertical))
         result = ReplayResult(
             run=run,
             verdict=ReplayVerdict.REFUSED,
@@ -178,6 +182,7 @@ def replay(
             result = _with_scores(result, raw, first, twin, reference)
     if not aided or raw.gnss is None:
         return result
+    told("navigating with satellite fixes")
     return _with_aided(result, raw, tables[0], temperature, twin, rest)
 
 

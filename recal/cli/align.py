@@ -35,13 +35,15 @@ def command(
 
     Example: recal align run-1 --json
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.align import align
     from recal.service.results.files import output_directory, write_text
     from recal.service.results.overwrite import need_free_report
 
     folder = output or Path("recal-align")
     need_free_report(folder, "alignment.json", "recal.alignment/1", force=force)
-    aligned = align(run, twin=twin, store=store)
+    with Progress("aligning", quiet=quiet):
+        aligned = align(run, twin=twin, store=store)
     written = write_text(output_directory(output, "align") / "alignment.json", aligned.to_json())
     answer(
         aligned.document,

@@ -23,9 +23,11 @@ def command(
 
     Example: recal check flights/2026-03-01 --json
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.check import check, error_lines
 
-    found = check(run, serial=serial)
+    with Progress("reading the run", quiet=quiet):
+        found = check(run, serial=serial)
     answer(found.document, found.lines(), as_json=as_json, quiet=quiet, verbose=verbose)
     if quiet and not as_json:
         for line in error_lines(found.record):

@@ -82,6 +82,7 @@ def command(
 
     Example: recal convert flight.bin -o runs/flight-imu3 --imu 3
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.convert import convert, made_of
     from recal.service.results.overwrite import need_free_run
 
@@ -97,5 +98,6 @@ def command(
     }
     chosen = {"imu": imu, "format": log_format, "from_s": from_s, "to_s": to_s}
     need_free_run(output, lambda run: made_of(run, log), f"made of {log.name}", force=force)
-    converted = convert(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
+    with Progress("converting", quiet=quiet):
+        converted = convert(log, output, map_file=map_file, gnss=gnss, header=given, options=chosen)
     answer(converted.document, converted.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

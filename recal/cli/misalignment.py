@@ -144,6 +144,7 @@ def command(
     Example: recal misalignment run-0 run-90 run-180 run-270 --heading-deg 0,90,180,270 --twin-out
     twin.json
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.misalignment import AzimuthSettings, misalignment, misalignment_of_table
     from recal.service.results.overwrite import need_free_file, need_free_report
 
@@ -181,7 +182,8 @@ def command(
             sigma_stop_arcsec=stop_arcsec,
             sigma_heading_deg=settings.sigma_heading_deg,
         )
-        found = misalignment(inputs, twin, known=known, settings=settings, store=store)
+        with Progress("comparing the stops", quiet=quiet):
+            found = misalignment(inputs, twin, known=known, settings=settings, store=store)
     written = found.write(output, twin_out=twin_out)
     answer(
         found.document,

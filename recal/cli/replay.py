@@ -21,6 +21,8 @@ from recal.cli.console import (
 )
 from recal.cli.terminal.help import OUTPUT
 
+STEPS = 5  # reading, two tables, satellite fixes, the report
+
 
 def command(
     run: Annotated[Path, typer.Argument(help="A run directory.")],
@@ -56,14 +58,19 @@ def command(
 
     Example: recal replay run-2 --store sqlite:///recal.db -o replay
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.replay import replay
     from recal.service.results.overwrite import need_free_report
 
     folder = output or Path("recal-replay")
     others = ("replay.html", "navigation.parquet", "navigation_aided.parquet", "track.kml")
     need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
-    flown = replay(run, twin=twin, store=store, thermal_model=thermal_model, aided=aided)
-    written = flown.write(output, kml=kml, csv=csv)
+    with Progress("replaying", quiet=quiet, steps=STEPS) as told:
+        flown = replay(
+            run, twin=twin, store=store, thermal_model=thermal_model, aided=aided, told=told
+        )
+        told("drawing the report")
+        written = flown.write(output, kml=kml, csv=csv)
     answer(
         flown.document,
         flown.lines(),

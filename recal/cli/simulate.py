@@ -78,6 +78,7 @@ def command(
 
     Example: recal simulate cold_parked_taxi -o run --seed 7 --environment boarding:1.5
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import TRUTH, is_simulated, need_free_file, need_free_run
     from recal.service.simulate import scenarios, simulate
 
@@ -100,8 +101,9 @@ def command(
     for file, schema in ((table_out, "recal.table/1"), (truth, TRUTH)):
         if file is not None:
             need_free_file(file, schema, force=force)
-    simulated = simulate(
-        scenario, seed=seed, twin=twin, table=table, environments=environment or None
-    )
-    simulated = simulated.write(output, table=table_out, truth=truth)
+    with Progress("simulating", quiet=quiet):
+        simulated = simulate(
+            scenario, seed=seed, twin=twin, table=table, environments=environment or None
+        )
+        simulated = simulated.write(output, table=table_out, truth=truth)
     answer(simulated.document, simulated.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -94,30 +94,32 @@ def command(
     if retry and not commit:
         raise typer.BadParameter("nothing is stored without --commit", param_hint="--retry")
     signed = (login_name() if by is None else by, note) if propose else None
+    from recal.cli.terminal.progress import Progress
     from recal.service.results.files import output_directory
     from recal.service.results.overwrite import need_free_report
     from recal.service.update import UpdateRequest, update_in_store
 
     folder = output or Path("recal-update")
     need_free_report(folder, "update.json", "recal.update/1", ("update.html",), force=force)
-    result = update_in_store(
-        UpdateRequest(
-            runs=runs,
-            store_url=store,
-            commit=commit,
-            propose=signed,
-            new_unit=new_unit,
-            new_store=new_store,
-            accept_step=accept_step,
-            twin=twin,
-            config=config,
-            thermal_model=thermal_model,
-            output=output,
-            retries=retry,
-            any_clock=any_clock,
-            told=lambda line: say(line, quiet=quiet),
+    with Progress(f"estimating from {len(runs)} run{'s' * (len(runs) != 1)}", quiet=quiet):
+        result = update_in_store(
+            UpdateRequest(
+                runs=runs,
+                store_url=store,
+                commit=commit,
+                propose=signed,
+                new_unit=new_unit,
+                new_store=new_store,
+                accept_step=accept_step,
+                twin=twin,
+                config=config,
+                thermal_model=thermal_model,
+                output=output,
+                retries=retry,
+                any_clock=any_clock,
+                told=lambda line: say(line, quiet=quiet),
+            )
         )
-    )
     answer(
         result.document,
         result.lines(verbose=verbose),

@@ -1,6 +1,6 @@
 """`demo`: the main job on an embedded default."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -74,7 +74,14 @@ class Demonstrated(Result[DemoDocument]):
         ]
 
 
-def demo(output: Path | None, *, seed: int, rate_hz: float, force: bool = False) -> Demonstrated:
+def demo(
+    output: Path | None,
+    *,
+    seed: int,
+    rate_hz: float,
+    force: bool = False,
+    told: Callable[[str], None] = lambda words: None,
+) -> Demonstrated:
     """Three simulated sessions (cold, ambient, hot start), one update over them, and the error
     before and after.
     """
@@ -82,7 +89,7 @@ def demo(output: Path | None, *, seed: int, rate_hz: float, force: bool = False)
         output or Path("recal-demo"), "demo.json", DemoDocument.schema, DEMO_FILES, force=force
     )
     directory = output_directory(output, "demo")
-    runs, unit = _simulate(directory, seed, rate_hz)
+    runs, unit = _simulate(directory, seed, rate_hz, told)
     url = _store_url(directory)
     (directory / "recal.db").unlink(missing_ok=True)
     with TableStore.open(url, create=True) as store:
@@ -91,6 +98,7 @@ def demo(output: Path | None, *, seed: int, rate_hz: float, force: bool = False)
             twin=replace(default_twin(unit.gyro_technology), imu_serial=unit.imu_serial),
             note="factory table of the demo unit, and the noise that it is simulated with",
         )
+    told("recalibrating from three sessions")
     result = update_in_store(UpdateRequest(runs=runs, store_url=url, commit=True, output=directory))
     document = _document(seed, runs, directory, unit, result)
     shown = Demonstrated(document, page=result.page, update=result)
@@ -118,11 +126,14 @@ def _document(
     )
 
 
-def _simulate(directory: Path, seed: int, rate_hz: float) -> tuple[list[Path], UnitTruth]:
+def _simulate(
+    directory: Path, seed: int, rate_hz: float, told: Callable[[str], None]
+) -> tuple[list[Path], UnitTruth]:
     """One aged unit, three power-ons; returns the run directories and the true unit."""
     units, runs = [], []
     sessions = zip(SESSIONS, STARTS_UTC, HEADINGS_DEG, ENVIRONMENTS)
     for k, (name, start_utc, heading_deg, environments) in enumerate(sessions):
+        told(f"simulating {name}")
         plan = read_scenario(name)
         plan = replace(
             plan,

@@ -1,5 +1,6 @@
 """`replay`: navigate a log with the stored table and with the one before it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -83,6 +84,7 @@ def replay(
     store: TableStore | str | None = None,
     thermal_model: AnyPath | None = None,
     aided: bool = True,
+    told: Callable[[str], None] = lambda words: None,
 ) -> Replayed:
     """Navigate a run again, free-inertial and with its GNSS.
 
@@ -100,6 +102,8 @@ def replay(
         A fitted thermal_rlg.json or thermal_fog.json, taken out of the log first.
     aided : bool
         Also navigate with the run's GNSS, where it has one.
+    told : callable
+        Told what is being done.
 
     Returns
     -------
@@ -119,6 +123,7 @@ def replay(
     >>> flown.verdict, list(flown.drift_nm_h)
     ('replayed', ['active'])
     """
+    told("reading the run")
     reference = None if isinstance(run, Run) else read_reference(Path(run))
     (read,) = runs_of(run)
     database = opened(store)
@@ -132,6 +137,7 @@ def replay(
         reference=reference,
         aided=aided,
         applied_table=(lambda sha256: database.by_sha256(sha256).table) if database else None,
+        told=told,
     )
     said = use(tables[0].table) if tables[0].table is not None else None
     noise = unit.noise_note([run])

@@ -213,3 +213,29 @@ def test_a_path_can_be_opened_by_a_click_on_a_terminal_only(monkeypatch, tmp_pat
         monkeypatch.setenv("TERM", "dumb")
         assert linked(page) == str(page)
     assert link == f"\x1b]8;;{page.as_uri()}\x1b\\{page}\x1b]8;;\x1b\\" and "a%20page" in link
+
+
+def test_progress_is_said_on_a_terminal_only(monkeypatch, capsys):
+    """On a terminal the step, how many there are, and once that kernels are compiled."""
+    from recal.cli.terminal.progress import FIRST_RUN, Progress
+
+    with Progress("replaying", quiet=False, steps=2) as told:
+        told("reading the run")
+    assert capsys.readouterr() == ("", "")
+    master, slave = pty.openpty()
+    with os.fdopen(master, "rb", buffering=0) as seen, os.fdopen(slave, "w") as terminal:
+        monkeypatch.setattr("sys.stderr", terminal)
+        monkeypatch.setenv("TERM", "xterm")
+        for compiled in (False, True):
+            monkeypatch.setattr("ins.jit.is_compiled", lambda known=compiled: known)
+            with Progress("replaying", quiet=False, steps=2) as told:
+                told("reading the run")
+                told("drawing the report")
+            terminal.flush()
+            said = seen.read(65536).decode()
+            assert "1/2" in said and "drawing the report" in said
+            assert (FIRST_RUN in said) is not compiled
+        with Progress("replaying", quiet=True):
+            terminal.write("end")
+            terminal.flush()
+        assert seen.read(65536) == b"end"

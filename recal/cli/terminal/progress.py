@@ -1,22 +1,35 @@
 """What a long command is doing, on a terminal; nothing when piped."""
 
+import sys
 from types import TracebackType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+FIRST_RUN = "first run on this machine: compiling, about 20 s"
 
 
 class Progress:
-    """A line on standard error that says what is being done while it lasts; call it with the
-    words.
+    """A bar on standard error with what is being done, which step of how many, and since when; call
+    it with the words as each step begins.
+
+    steps: how many there are; None where nobody knows, then the bar only moves.
     """
 
-    def __init__(self, title: str, *, quiet: bool) -> None:
-        from rich.console import Console
-
-        console = Console(stderr=True)
-        self._status = console.status(title) if console.is_terminal and not quiet else None
+    def __init__(self, title: str, *, quiet: bool, steps: int | None = None) -> None:
+        self._title, self._steps, self._begun = title, steps, 0
+        self._bar: Bar | None = None
+        self._task: TaskID | None = None
+        if not quiet and sys.stderr.isatty():
+            self._bar = _bar(counted=steps is not None)
 
     def __enter__(self) -> "Progress":
-        if self._status is not None:
-            self._status.start()
+        if self._bar is not None:
+            self._bar.start()
+            self._task = self._bar.add_task(self._title, total=self._steps)
+            self._say_compiling()
         return self
 
     def __exit__(
@@ -25,9 +38,38 @@ class Progress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        if self._bar is not None:
+            self._bar.stop()
 
     def __call__(self, what: str) -> None:
-        if self._status is not None:
-            self._status.update(what)
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=what, completed=self._begun)
+            self._begun += 1
+
+    def _say_compiling(self) -> None:
+        from ins.jit import is_compiled
+
+        if self._bar is not None and not is_compiled():
+            self._bar.console.print(FIRST_RUN, highlight=False)
+
+
+def _bar(*, counted: bool) -> "Bar":
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        SpinnerColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    count = [MofNCompleteColumn()] if counted else []
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        *count,
+        TimeElapsedColumn(),
+    )
+    return Progress(*columns, console=Console(stderr=True), transient=True)

@@ -40,9 +40,11 @@ def command(
 
     Example: recal thermal apply rlg/thermal_rlg.json run-1 -o run-1-compensated
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import is_compensated, need_free_run
     from recal.service.thermal import take_out
 
     need_free_run(output, is_compensated, "a compensated run", force=force)
-    left = take_out(model, run, output, part=part, batch=batch)
+    with Progress("compensating", quiet=quiet):
+        left = take_out(model, run, output, part=part, batch=batch)
     answer(left.document, left.lines(), as_json=as_json, quiet=quiet, verbose=verbose)

@@ -95,6 +95,7 @@ def command(
 
     Example: recal thermal fog --fast chamber-fast --slow chamber-slow --check chamber-other -o fog
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
     from recal.service.thermal import FogRequest, fit_fog
 
@@ -104,8 +105,9 @@ def command(
     request = FogRequest(
         allowed_deg_h=allowed_deg_h, word_bits=word_bits, remounted=remounted, one_sided=one_sided
     )
-    fitted = fit_fog(fast, slow or [], check or [], twin=twin, store=store, request=request)
-    written = fitted.write(output)
+    with Progress("fitting", quiet=quiet):
+        fitted = fit_fog(fast, slow or [], check or [], twin=twin, store=store, request=request)
+        written = fitted.write(output)
     answer(
         fitted.document,
         fitted.lines(),

@@ -54,14 +54,16 @@ def command(
 
     Example: recal thermal rlg chamber-1 chamber-2 --check chamber-3 -o rlg
     """
+    from recal.cli.terminal.progress import Progress
     from recal.service.results.overwrite import need_free_report
     from recal.service.thermal import fit_rlg
 
     folder = output or Path("recal-thermal")
     others = ("thermal_rlg.html",)
     need_free_report(folder, "thermal_rlg.json", "recal.thermal_rlg/1", others, force=force)
-    fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted)
-    written = fitted.write(output)
+    with Progress("fitting", quiet=quiet):
+        fitted = fit_rlg(runs, check or [], twin=twin, store=store, remounted=remounted)
+        written = fitted.write(output)
     answer(
         fitted.document,
         fitted.lines(),
