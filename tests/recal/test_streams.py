@@ -223,6 +223,7 @@ def test_progress_is_said_on_a_terminal_only(monkeypatch, capsys):
         told("reading the run")
     assert capsys.readouterr() == ("", "")
     master, slave = pty.openpty()
+    os.set_blocking(master, False)
     with os.fdopen(master, "rb", buffering=0) as seen, os.fdopen(slave, "w") as terminal:
         monkeypatch.setattr("sys.stderr", terminal)
         monkeypatch.setenv("TERM", "xterm")
@@ -232,10 +233,16 @@ def test_progress_is_said_on_a_terminal_only(monkeypatch, capsys):
                 told("reading the run")
                 told("drawing the report")
             terminal.flush()
-            said = seen.read(65536).decode()
+            said = all_of(seen)
             assert "1/2" in said and "drawing the report" in said
             assert (FIRST_RUN in said) is not compiled
         with Progress("replaying", quiet=True):
             terminal.write("end")
             terminal.flush()
-        assert seen.read(65536) == b"end"
+        assert all_of(seen) == "end"
+
+
+def all_of(seen):
+    """What a terminal shows by now; it is read in pieces."""
+    pieces = iter(lambda: seen.read(65536), None)
+    return b"".join(pieces).decode()
