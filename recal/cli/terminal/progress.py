@@ -47,7 +47,7 @@ class Progress:
             self._begun += 1
 
     def _say_compiling(self) -> None:
-        from ins.jit import is_compiled
+        from recal.service.results.compiled import is_compiled
 
         if self._bar is not None and not is_compiled():
             self._bar.console.print(FIRST_RUN, highlight=False)
