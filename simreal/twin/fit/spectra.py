@@ -35,6 +35,8 @@ UPRIGHT = 0.5
 WILD_P = 1e-5  # a window with more power than this probability is somebody's step or a gust
 LINE_P = 1e-6  # of a bin that stands out; a log of an hour has 2e4 of them
 LINE_BINS = 2  # on either side of a line: a Hann window is 4 bins wide between its zeros
+# of the floor that may be left beside a line; the side lobes fall as 1 / (pi k^3)^2
+LINE_LEFT = 0.01
 ROUGH_BANDS = 4  # in which a window is judged
 
 
@@ -266,7 +268,7 @@ def _lines(
             edge = k < half or k >= len(f) - half  # the floor is known on one side only
             if edge or mean[k, c] < mean[beside, c].max() or _broad(out, int(k)):
                 continue
-            line[beside, c] = True
+            line[_hidden_by(k, mean[k, c] / floor[k]), c] = True
             excess = float(np.sum(mean[beside, c] - floor[beside])) / window_s
             sigma = float(floor[k]) / window_s / np.sqrt(max(windows, 1))
             amplitude = np.sqrt(max(4.0 * excess, 0.0))
@@ -274,9 +276,16 @@ def _lines(
     return line, tuple(found)
 
 
+def _hidden_by(k: int, over_floor: float) -> slice:
+    """Bins about a line's bin k that its side lobes reach."""
+    reach = max(LINE_BINS, int(np.ceil((over_floor / LINE_LEFT / np.pi**2) ** (1.0 / 6.0))))
+    return slice(max(k - reach, 0), k + reach + 1)
+
+
 def _broad(out: NDArray, k: int) -> bool:
     """Whether more than a line's own bins stand out about bin k: a resonance, not a line."""
-    return bool(out[max(k - 6, 0) : k + 7].sum() > 2 * LINE_BINS + 1)
+    beside = out[max(k - 12, 0) : k + 13]
+    return bool(beside.sum() > 0.5 * beside.size)
 
 
 def _bands_of(f: NDArray) -> NDArray:

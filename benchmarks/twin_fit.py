@@ -1,0 +1,296 @@
+"""Twins fitted to simulated parked hours whose noise is known: coverage, errors against the bound,
+slopes and wavelet moments beside it.
+
+    python -m benchmarks.twin_fit run TECHNOLOGY FIRST LAST -o hours.jsonl
+    python -m benchmarks.twin_fit table hours.jsonl [more.jsonl]
+
+Each hour is simulated at 100 Hz, its sizes drawn by factors 0.3 to 3 about BASES; in one of three
+somebody boards, ring-laser gyros have a dither line. The bound is Whittle's integral at the truth,
+written here apart from the fit. `slopes` reads the Allan deviation of `allantools` (not a dependency
+of the program) at 1 s, at its floor and at its last third; `moments` fits Haar wavelet variances by
+non-negative least squares (as GMWM does: Guerrier et al. 2013), its weights those of white noise.
+"""
+
+import argparse
+import json
+import time
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+import recal
+from ins.records import Site, TwinModel
+from ins.twin_file import default_twin
+from ins.units import ARCSEC, DEG, DEG_PER_HOUR, DEG_PER_HOUR_SQRT_HOUR, DEG_PER_SQRT_HOUR, HOUR
+from ins.units import MICRO_G, MICRO_G_PER_SQRT_HOUR
+from trajectories.simulator.motions import lay
+from trajectories.simulator.segments import Park
+from trajectories.simulator.sensors import IdealSensors, ideal_sensors
+from trajectories.simulator.session import SessionPlan, simulate_run
+from trajectories.simulator.thermal import thermal_history
+from trajectories.simulator.truth import build_truth
+from trajectories.simulator.unit_truth import aged_unit
+from trajectories.simulator.vehicle import Boarding
+
+RATE_HZ, PARKED_S = 100.0, HOUR
+FACTOR = 3.0
+BASES = {"rlg": 1.0, "fog": 5.0, "mems": 1.0}  # times the default gyro of the technology
+# over the white noise of a row: a step above three of them is a staircase that follows the Earth's
+# rate, no noise, unless a dither moves it
+QUANTA = (0.5, 3.0)
+LINE_HZ, LINE_RAD_S = 31.7, 3e-5
+TOLD_SIGMA = 0.5  # of a log variance by the bound: a parameter that an hour tells
+UNTOLD_SIGMA = 1.0  # a parameter that it does not
+UNITS = {
+    "gyro.arw_deg_sqrt_h": DEG_PER_SQRT_HOUR,
+    "gyro.quantization_rad": 1.0 / np.sqrt(12.0),
+    "gyro.bias_instability_deg_h": DEG_PER_HOUR,
+    "gyro.rate_random_walk_deg_h_sqrt_h": DEG_PER_HOUR_SQRT_HOUR,
+    "vehicle.yaw_creep_arcsec_sqrt_h": ARCSEC / np.sqrt(HOUR),
+    "accel.vrw_ug_sqrt_hz": MICRO_G,
+    "accel.bias_instability_ug": MICRO_G,
+    "accel.rate_random_walk_ug_sqrt_h": MICRO_G_PER_SQRT_HOUR,
+    "vehicle.sway_m_s": 1.0,
+}
+GYRO_NAMES, ACCEL_NAMES = list(UNITS)[:5], list(UNITS)[5:]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.twin_fit", description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run")
+    run.add_argument("technology", choices=tuple(BASES))
+    run.add_argument("first", type=int)
+    run.add_argument("last", type=int)
+    run.add_argument("-o", "--output", type=Path, required=True)
+    table = commands.add_parser("table")
+    table.add_argument("hours", type=Path, nargs="+")
+    options = parser.parse_args()
+    if options.command == "run":
+        for seed in range(options.first, options.last):
+            with options.output.open("a", encoding="utf-8") as out:
+                out.write(json.dumps(one_hour(options.technology, seed)) + "\n")
+        return
+    lines = [line for path in options.hours for line in path.read_text().splitlines()]
+    print("\n".join(table_lines([json.loads(line) for line in lines])))
+
+
+@lru_cache(maxsize=1)
+def _ideal() -> IdealSensors:
+    site = Site(lat_rad=45 * DEG, lon_rad=7 * DEG, height_m=250.0)
+    truth = build_truth(
+        lay((Park(duration_s=PARKED_S),)), site, heading_rad=0.6, roll_rad=0.01, pitch_rad=-0.02
+    )
+    return ideal_sensors(truth, RATE_HZ)
+
+
+def drawn_twin(technology: str, rng: np.random.Generator) -> TwinModel:
+    """A twin whose sizes are off the technology's by factors to FACTOR either way."""
+    twin = default_twin(technology)
+
+    def off(value: float) -> float:
+        return float(value * np.exp(rng.uniform(-1.0, 1.0) * np.log(FACTOR)))
+
+    base = BASES[technology]
+    low, high = np.log(QUANTA)
+    arw = off(base * twin.gyro.arw_deg_sqrt_h)
+    row_rad = arw * DEG_PER_SQRT_HOUR / np.sqrt(RATE_HZ)
+    gyro = replace(
+        twin.gyro,
+        arw_deg_sqrt_h=arw,
+        bias_instability_deg_h=off(base * twin.gyro.bias_instability_deg_h),
+        rate_random_walk_deg_h_sqrt_h=off(base * twin.gyro.rate_random_walk_deg_h_sqrt_h),
+        quantization_rad=float(row_rad * np.exp(rng.uniform(low, high))),
+    )
+    accel = replace(
+        twin.accel,
+        vrw_ug_sqrt_hz=off(twin.accel.vrw_ug_sqrt_hz),
+        bias_instability_ug=off(twin.accel.bias_instability_ug),
+        rate_random_walk_ug_sqrt_h=off(twin.accel.rate_random_walk_ug_sqrt_h),
+    )
+    vehicle = replace(
+        twin.vehicle,
+        sway_m_s=off(twin.vehicle.sway_m_s),
+        sway_hz=off(twin.vehicle.sway_hz),
+        yaw_creep_arcsec_sqrt_h=off(twin.vehicle.yaw_creep_arcsec_sqrt_h),
+    )
+    return replace(twin, gyro=gyro, accel=accel, vehicle=vehicle)
+
+
+def one_hour(technology: str, seed: int) -> dict:
+    """Truth, fit, bound, slopes and moments of one hour."""
+    rng = np.random.default_rng([seed, list(BASES).index(technology), 16])
+    twin = drawn_twin(technology, rng)
+    events = ()
+    if seed % 3 == 0:
+        events = (Boarding(time_s=float(rng.uniform(600.0, 3000.0)), roll_arcsec=20.0),)
+    unit = aged_unit(rng, gyro_technology=technology)
+    simulated = simulate_run(
+        _ideal(), thermal_history("ambient"), unit, twin, rng=rng, plan=SessionPlan(events=events)
+    )
+    run = simulated.run
+    imu = run.imu.whole()
+    if technology == "rlg":
+        swing = LINE_RAD_S / RATE_HZ * np.sin(2.0 * np.pi * LINE_HZ * imu.time_s)
+        run = replace(run, imu=replace(imu, dtheta_rad=imu.dtheta_rad + swing[:, None]))
+    began = time.process_time()
+    fitted = recal.fit_twin(run)
+    cpu_s = time.process_time() - began
+    found = {p.name: [p.value, p.sigma, p.low, p.high, p.identified] for p in fitted.parameters}
+    truth = {n: getattr(getattr(twin, n.split(".")[0]), n.split(".")[1]) for n in UNITS}
+    return {
+        "technology": technology,
+        "seed": seed,
+        "cpu_s": cpu_s,
+        "boarded": bool(events),
+        "truth": truth,
+        "found": {n: found[n] for n in UNITS if n in found},
+        "lines": [line.frequency_hz for line in fitted.record.lines],
+        "bound": bounds(twin),
+        "slopes": slopes(imu.dtheta_rad[:, 0] * RATE_HZ),
+        "moments": moments(imu.dtheta_rad[:, 0] * RATE_HZ),
+    }
+
+
+def bounds(twin: TwinModel) -> dict[str, float]:
+    """Cramer-Rao bound on the sigma of each log variance, by Whittle's integral over a parked hour
+    of three axes; sway has its shape beside it.
+    """
+    f = np.geomspace(1.5 / PARKED_S, 0.5 * RATE_HZ, 2000)
+    df, dt = np.gradient(f), 1.0 / RATE_HZ
+    v, w = twin.vehicle, 2.0 * np.pi * f
+    flicker, walk = 1.0 / (2.0 * np.pi * f), 1.0 / w**2
+    ones, quantum = np.ones_like(f), 4.0 * np.sin(0.5 * w * dt) ** 2 / dt
+
+    def swaying(hz: float, zeta: float) -> NDArray:
+        at = 2.0 * np.pi * hz
+        density = 4.0 * zeta * at * w**2 / ((at**2 - w**2) ** 2 + (2.0 * zeta * at * w) ** 2)
+        return np.asarray(density * quantum / dt)
+
+    def size(name: str) -> float:
+        section, key = name.split(".")
+        return float((getattr(getattr(twin, section), key) * UNITS[name]) ** 2)
+
+    shapes = dict(zip(GYRO_NAMES, (ones, quantum, flicker, walk, ones)))
+    gyro = [size(n) * shapes[n] for n in GYRO_NAMES]
+    level = [*gyro[:4], 0.0 * ones]
+    sway = size("vehicle.sway_m_s") * swaying(v.sway_hz, v.sway_damping)
+    sway_w = size("vehicle.sway_m_s") * swaying(1.001 * v.sway_hz, v.sway_damping)
+    sway_z = size("vehicle.sway_m_s") * swaying(v.sway_hz, 1.001 * v.sway_damping)
+    still = [size(n) * s for n, s in zip(ACCEL_NAMES[:3], (ones, flicker, walk))]
+    moved = [*still, sway, (sway_w - sway) / 1e-3, (sway_z - sway) / 1e-3]
+    fixed = [*still, *(0.0 * ones for _ in range(3))]
+    found = {}
+    for names, axes, count in (
+        (GYRO_NAMES, (level, level, gyro), 5),
+        (ACCEL_NAMES, (moved, moved, fixed), 4),
+    ):
+        information = np.zeros((len(axes[0]), len(axes[0])))
+        for parts in axes:
+            rows = np.stack(parts)
+            relative = rows / rows[:count].sum(axis=0)
+            information += PARKED_S * (relative * df) @ relative.T
+        covariance = np.linalg.pinv(information)
+        found |= {n: float(np.sqrt(covariance[k, k])) for k, n in enumerate(names)}
+    return found
+
+
+def allan(rate: NDArray) -> tuple[NDArray, NDArray]:
+    """Averaging times and Allan deviation, by allantools where it is installed."""
+    taus = np.unique(np.geomspace(1.0 / RATE_HZ, PARKED_S / 9.0, 60).round(2))
+    import allantools
+
+    tau, deviation, _, _ = allantools.oadev(rate, rate=RATE_HZ, data_type="freq", taus=taus)
+    return np.asarray(tau), np.asarray(deviation)
+
+
+def slopes(rate: NDArray) -> dict[str, float]:
+    """What is read off an Allan plot by hand."""
+    try:
+        tau, deviation = allan(rate)
+    except ImportError:
+        return {}
+    last = tau > tau[-1] / 3.0
+    return {
+        "gyro.arw_deg_sqrt_h": float(np.interp(1.0, tau, deviation)) / DEG_PER_SQRT_HOUR,
+        "gyro.quantization_rad": float(deviation[0] * tau[0] / np.sqrt(3.0)) * np.sqrt(12.0),
+        "gyro.bias_instability_deg_h": float(deviation.min()) / 0.664 / DEG_PER_HOUR,
+        "gyro.rate_random_walk_deg_h_sqrt_h": float(
+            np.median(deviation[last] * np.sqrt(3.0 / tau[last]))
+        )
+        / DEG_PER_HOUR_SQRT_HOUR,
+    }
+
+
+def moments(rate: NDArray) -> dict[str, float]:
+    """Haar wavelet variances at octaves, matched by white noise, quantisation, flicker and walk."""
+    n = rate.size
+    angle = np.concatenate([[0.0], np.cumsum(rate) / RATE_HZ])
+    m = 2 ** np.arange(int(np.log2(n // 4)))
+    tau = m / RATE_HZ
+    second = [np.mean((angle[2 * k :] - 2 * angle[k:-k] + angle[: -2 * k]) ** 2) for k in m]
+    variance = np.array(second) / (2.0 * tau**2)
+    columns = [1.0 / tau, 3.0 / tau**2, np.full(tau.size, 2.0 * np.log(2.0) / np.pi), tau / 3.0]
+    weight = np.sqrt(n / m) / variance
+    scale = np.array([np.max(column * weight) for column in columns])
+    A = np.stack(columns, axis=1) * weight[:, None] / scale
+    found = nnls(A, variance * weight)[0] / scale
+    return {n: float(np.sqrt(v)) / UNITS[n] for n, v in zip(GYRO_NAMES[:4], found)}
+
+
+def table_lines(hours: list[dict]) -> list[str]:
+    """The Markdown table: of each technology and parameter what an hour tells, and how well."""
+    lines = [
+        "| unit | parameter | hours that tell it | in the 95 % interval | RMS error | over the bound"
+        " | slopes | moments | called told where the bound says not |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    for technology in BASES:
+        own = [h for h in hours if h["technology"] == technology]
+        for name in UNITS if own else ():
+            lines.append(_row(technology, name, own))
+    if hours:
+        cpu = np.array([h["cpu_s"] for h in hours])
+        lines.append("")
+        lines.append(f"{len(hours)} hours; CPU a fit {np.median(cpu):.1f} s (median).")
+    return lines
+
+
+def _row(technology: str, name: str, own: list[dict]) -> str:
+    told = [h for h in own if h["bound"][name] < TOLD_SIGMA and name in h["found"]]
+    untold = [h for h in own if h["bound"][name] > UNTOLD_SIGMA and name in h["found"]]
+    wrong = sum(bool(h["found"][name][4]) for h in untold)
+    called = f"{wrong} of {len(untold)}"
+    if not told:
+        return f"| {technology} | `{name}` | 0 of {len(own)} | | | | | | {called} |"
+    true = np.array([h["truth"][name] for h in told])
+    value, _, low, high, _ = np.array([h["found"][name] for h in told], dtype=float).T
+    inside = int(np.sum((low <= true) & (true <= high)))
+    error = np.log(np.maximum(value, 1e-6 * true) / true)
+    bound = np.array([0.5 * h["bound"][name] for h in told])
+    return (
+        f"| {technology} | `{name}` | {len(told)} of {len(own)} | {inside} of {len(told)}"
+        f" ({100 * inside / len(told):.0f} %) | {100 * _rms(error):.2g} %"
+        f" | {_rms(error / bound):.2f} | {_beside(told, name, 'slopes')}"
+        f" | {_beside(told, name, 'moments')} | {called} |"
+    )
+
+
+def _beside(told: list[dict], name: str, method: str) -> str:
+    pairs = [(h[method][name], h["truth"][name]) for h in told if name in h[method]]
+    if not pairs:
+        return ""
+    value, true = np.array(pairs).T
+    return f"{100 * _rms(np.log(np.maximum(value, 0.01 * true) / true)):.2g} %"
+
+
+def _rms(values: NDArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+if __name__ == "__main__":
+    main()
