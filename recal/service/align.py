@@ -21,6 +21,7 @@ from ins.verdicts import Null, Reason, because
 from recal.service.inputs.records import AnyRun, AnyTable, AnyTwin, runs_of
 from recal.service.inputs.unit_inputs import UnitInputs, given_unit, raw_bias_sigma_deg_h
 from recal.service.results.result import Result
+from recal.service.twin.judged import fit_at_rest
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -124,6 +125,7 @@ def align(
         alignment_document(result, read),
         noise_source=unit.noise_source,
         noise_note=None if note is None else sentence(note),
+        noise_fit=fit_at_rest(read, unit.twin, unit.table, [run]),
     )
     if result.verdict is AlignmentVerdict.LEVEL_ONLY and read.header.gyro_technology == "mems":
         seen = mean_zero_rate(read, unit.twin, SessionSettings())
@@ -148,6 +150,8 @@ def summary(document: AlignmentDocument) -> list[str]:
     word = "note:" if document.verdict == AlignmentVerdict.ALIGNED else "because"
     lines += [f"  {word} {reason}" for reason in document.reasons]
     lines += [f"  note: {document.noise_note}"] if document.noise_note else []
+    if document.noise_fit is not None and not document.noise_fit.fits:
+        lines.append(f"  note: {document.noise_fit.text}")
     for name, value, sigma in (
         ("roll", document.roll_deg, document.sigma_roll_deg),
         ("pitch", document.pitch_deg, document.sigma_pitch_deg),

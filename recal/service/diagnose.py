@@ -1,10 +1,11 @@
 """`diagnose`: where simulator and logs disagree, which effect causes it, how the gap shrinks."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from os import PathLike
 from pathlib import Path
 
+from infield.reports.documents.noise_fit import NoiseFit
 from infield.table.file import json_text
 from infield.table.thermal_table import ThermalTable
 from ins.records import InputError, Run, TwinModel
@@ -14,6 +15,7 @@ from recal.service.results.files import output_directory, program_version, write
 from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
+from recal.service.twin.judged import noise_fit
 from simreal.evidence.overlap import overlapping
 from simreal.evidence.run_view import view_run
 from simreal.inference import diagnosis as core
@@ -24,6 +26,8 @@ from simreal.report.diagnosis_curves import fitted_trace, known_trace, overlays
 from simreal.report.diagnosis_document import Asked, diagnosis_document, refused_document, summary
 from simreal.report.diagnosis_page import diagnosis_html
 from simreal.report.diagnosis_records import CauseRecord, DiagnosisRecord
+from simreal.twin.fit.agreement import agreement
+from simreal.twin.fit.streams import stream_at_rest
 from simreal.twin.write_back import TABLE_NAME, twin_with_causes
 from trajectories.runs import directory
 from trajectories.runs.stream_files import HELD_ROWS
@@ -144,6 +148,7 @@ def diagnose(
         seed=seed,
         table_sha256=beside.sha256,
         hold_out=tuple(held),
+        runs=tuple(map(str, paths)),
         notes=tuple(notes),
     )
     try:
@@ -174,6 +179,7 @@ def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked)
         users=[u for u in users if u is not None],
         record_next=record_next(found, beside.table),
     )
+    record = replace(record, noise_fit=_noise_fit(found, beside, asked))
     with_table = beside.data is not None
     names = [v.name for v in found.views]
     twin = twin_with_causes(found.twin, found.causes, names, with_table=with_table)
@@ -181,6 +187,16 @@ def _results(found: Diagnosis, runs: list[Run], beside: TwinTable, asked: Asked)
     if beside.data is not None:
         files[TABLE_NAME] = json_text(beside.data) + "\n"
     return _made(record, diagnosis_html(record, overlays(found)), files)
+
+
+def _noise_fit(found: Diagnosis, beside: TwinTable, asked: Asked) -> NoiseFit | None:
+    """Whether the twin's noise fits the parked stretches."""
+    streams = [
+        stream_at_rest(v.run, found.twin, beside.table, rest=(v.start_s, v.end_s))
+        for v in found.views
+    ]
+    at_rest = [stream for stream in streams if stream is not None]
+    return noise_fit(agreement(at_rest, found.twin) if at_rest else None, asked.runs)
 
 
 def _made(record: DiagnosisRecord, page: str, files: dict[str, str]) -> Diagnosed:

@@ -44,6 +44,8 @@ from recal.service.results.paths import AnyPath
 from recal.service.results.result import Result
 from recal.service.results.text import result_text
 from recal.service.results.update_words import AxisChange, Points, axes_of, points_of, summary
+from recal.service.twin.judged import noise_fit, update_agreement
+from simreal.twin.fit.agreement import Agreement
 
 Files = Callable[[UpdateDocument], dict[Path, str]]  # its JSON, and HTML where wanted
 
@@ -235,13 +237,15 @@ class _Job:
 
 @dataclass(frozen=True, kw_only=True)
 class _Facts:
-    """What a document needs beside the estimate. runs: as given; lost: conflicts with other writers
+    """What a document needs beside the estimate. agreement: of the noise model with the runs; runs:
+    as given; lost: conflicts with other writers
     so far.
     """
 
     table_before: TableDocument
     thermal_model: ThermalUseDocument | None
     unit: UnitInputs
+    agreement: Agreement | None = None
     runs: Sequence[AnyRun] = ()
     lost: tuple[str, ...] = ()
 
@@ -261,7 +265,7 @@ def _estimate(
         accept_step=job.accept_step,
     )
     facts = _Facts(table_before=unit.table_dict, thermal_model=use(result.after), unit=unit)
-    return result, unit, facts
+    return result, unit, replace(facts, agreement=update_agreement(result))
 
 
 def _history(unit: UnitInputs, database: TableStore | None) -> UnitHistory:
@@ -295,6 +299,7 @@ def _document(result: UpdateResult, facts: _Facts, kept: Kept) -> UpdateDocument
         conflicts=facts.lost or None,
         noise_source=facts.unit.noise_source,
         noise_note=None if note is None else sentence(note),
+        noise_fit=noise_fit(facts.agreement, facts.runs),
     )
 
 

@@ -58,6 +58,7 @@ class Asked:
     seed: int
     table_sha256: str = ""
     hold_out: tuple[str, ...] = ()
+    runs: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 
@@ -190,6 +191,8 @@ def summary(document: DiagnosisRecord) -> list[str]:
     lines += [f"  navigation, run {u.run_id}: {_user_line(u)}" for u in document.user_level]
     lines += [f"  run {r.run_id} not looked at: {r.why}" for r in document.not_looked_at]
     lines += [f"  {note}" for note in document.notes]
+    if document.noise_fit is not None and not document.noise_fit.fits:
+        lines.append(f"  note: {document.noise_fit.text}")
     lines += [f"  record next: {text}" for text in document.record_next]
     return lines
 

@@ -6,6 +6,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from infield.reports.documents.noise_fit import NoiseFit
 from ins.records import EffectDocument
 from ins.verdicts import OMIT_NONE, written_as
 from simreal.inference.verdict import GapVerdict, Judging, Looks
@@ -251,6 +252,7 @@ class DiagnosisRecord:
     runs: tuple[RunRecord, ...]
     not_looked_at: tuple[NotLookedAtRecord, ...]
     notes: tuple[str, ...] = ()
+    noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
     alpha: float
     threshold_nats: float | None
     replicates: int

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from alignment.level_fit import LevelFound
 from alignment.reasons import AlignmentVerdict
 from alignment.result import Alignment
+from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.spans import SpanDocument, span_document
 from infield.reports.words.sentences import codes, sentences
 from infield.session.parked.zero_rate import ZeroRates
@@ -68,6 +69,7 @@ class AlignmentDocument:
     zero_rate: ZeroRates | Null | None = field(default=None, metadata=OMIT_NONE)
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
+    noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
 
 
 def alignment_document(result: Alignment, run: Run) -> AlignmentDocument:

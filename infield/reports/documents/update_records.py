@@ -6,6 +6,7 @@ What formats.md does not promise of a file may be missing from an older one: it 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+from infield.reports.documents.noise_fit import NoiseFit
 from infield.reports.documents.session_records import (
     EstimatedDocument,
     HeadingError,
@@ -170,7 +171,8 @@ class UpdateDocument:
 
     conflicts: with other writers, before the table was estimated against the active one;
     remembered: what became of contradicting sessions; proposal: under which number it is kept.
-    noise_note: that sigma rests on the defaults of the technology, where it does.
+    noise_note: that sigma rests on the defaults of the technology, where it does; noise_fit:
+    whether the noise model fits the runs.
     """
 
     schema: str
@@ -199,6 +201,7 @@ class UpdateDocument:
     noise_model: TwinDocument | None = None
     noise_source: str | None = field(default=None, metadata=OMIT_NONE)
     noise_note: str | None = field(default=None, metadata=OMIT_NONE)
+    noise_fit: NoiseFit | None = field(default=None, metadata=OMIT_NONE)
     assumptions: Sequence[str] = ()
     predicted_effect: PredictedEffect | None = None
     zero_rate_effect: ZeroRateEffect | Null | None = field(default=None, metadata=OMIT_NONE)

@@ -108,6 +108,8 @@ def summary(document: UpdateDocument, *, verbose: bool = False) -> list[str]:
         lines.append(f"  estimated {tries} times, as other writers were faster")
     lines += [f"  {document.remembered}"] if document.remembered else []
     lines += [f"  note: {document.noise_note}"] if document.noise_note else []
+    if document.noise_fit is not None and not document.noise_fit.fits:
+        lines.append(f"  note: {document.noise_fit.text}")
     shown = [term for term in document.hysteresis if verbose or term.action in SHOWN_ACTIONS]
     lines += [f"  {term.text}" for term in shown]
     lines += [f"  {line}" for line in document.thermal_model.text] if document.thermal_model else []

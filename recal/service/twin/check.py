@@ -5,20 +5,16 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
-from alignment.motion.stillness import Motion
-from infield.session.log import find_rest
-from infield.session.results import UpdateResult
-from infield.table.thermal_table import ThermalTable
-from ins.records import InputError, Run, TwinModel
+from ins.records import InputError, Run
 from recal.service.inputs.records import AnyRun, AnyTwin, runs_of, twin_of
 from recal.service.inputs.twin_table import twin_table
 from recal.service.inputs.unit_inputs import twin_fit_command
 from recal.service.results.files import program_version
 from recal.service.results.result import Result
-from simreal.report.twin_check_document import agreement_line, summary, twin_check_document
+from simreal.report.twin_check_document import summary, twin_check_document
 from simreal.report.twin_records import TwinCheckRecord
 from simreal.twin.fit.agreement import agreement
-from simreal.twin.fit.streams import Stream, stream_at_rest, stream_of
+from simreal.twin.fit.streams import Stream, stream_of
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -77,37 +73,3 @@ def check_twin(runs: AnyRun | Sequence[AnyRun], twin: AnyTwin) -> CheckedTwin:
         version=program_version(),
     )
     return CheckedTwin(document)
-
-
-def update_agreement(result: UpdateResult, runs: Sequence[AnyRun]) -> str | None:
-    """In one line whether the noise model fits the runs of an update, at the rest that its sessions
-    found; None where they hold too little.
-    """
-    streams = []
-    for session in result.sessions:
-        estimate = session.estimate
-        if estimate is None:
-            continue
-        stream = stream_at_rest(session.run, result.twin, result.before, motion=estimate.motion)
-        if stream is not None:
-            streams.append(stream)
-    return _line(streams, result.twin, runs)
-
-
-def rest_agreement(
-    run: Run,
-    twin: TwinModel,
-    table: ThermalTable | None,
-    runs: Sequence[AnyRun],
-    *,
-    motion: Motion | None = None,
-) -> str | None:
-    """The same for one run at its first rest, or at the rest of a motion."""
-    rest = find_rest(run) if motion is None else None
-    stream = stream_at_rest(run, twin, table, motion=motion, rest=rest)
-    return _line([] if stream is None else [stream], twin, runs)
-
-
-def _line(streams: Sequence[Stream], twin: TwinModel, runs: Sequence[AnyRun]) -> str | None:
-    found = agreement(streams, twin) if streams else None
-    return None if found is None else agreement_line(found, twin_fit_command(runs))

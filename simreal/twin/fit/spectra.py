@@ -268,7 +268,7 @@ def _lines(
             edge = k < half or k >= len(f) - half  # the floor is known on one side only
             if edge or mean[k, c] < mean[beside, c].max() or _broad(out, int(k)):
                 continue
-            line[_hidden_by(k, mean[k, c] / floor[k]), c] = True
+            line[_hidden_by(int(k), float(mean[k, c] / floor[k])), c] = True
             excess = float(np.sum(mean[beside, c] - floor[beside])) / window_s
             sigma = float(floor[k]) / window_s / np.sqrt(max(windows, 1))
             amplitude = np.sqrt(max(4.0 * excess, 0.0))
