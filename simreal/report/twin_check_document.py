@@ -7,8 +7,7 @@ from ins.records import TwinModel
 from simreal.report.twin_records import CellRecord, TwinCheckRecord
 from simreal.twin.fit.agreement import MISFIT_P, TOLERATED, Agreement, Cell, Of
 
-MISFITS_SHOWN = 3  # misfits that a line names: 3 of 60 characters are what a terminal shows in two
-TOO_LITTLE = "the runs hold too little rest to judge the noise model: needed 4 min at rest"
+TOO_LITTLE = "the runs hold too little rest to judge the noise model: needed 6 min at rest"
 
 
 def twin_check_document(
@@ -49,9 +48,11 @@ def agreement_line(found: Agreement, command: str) -> str:
     bad = found.misfits
     if not bad:
         return f"the noise model fits these runs (p {found.p_value:.2g})"
-    named = "; ".join(cell_words(c) for c in bad[:MISFITS_SHOWN])
-    more = f"; and {len(bad) - MISFITS_SHOWN} more" if len(bad) > MISFITS_SHOWN else ""
-    return f"the noise model does not fit these runs: {named}{more}; {command} measures it"
+    own = sum(c.of is Of.SENSOR for c in found.cells)
+    return (
+        f"the noise model does not fit these runs in {len(bad)} of {own} bands, worst"
+        f" {cell_words(bad[0])}; {command} measures it"
+    )
 
 
 def cell_words(c: Cell) -> str:

@@ -31,7 +31,7 @@ from simreal.twin.fit.terms import Shape, Term
 TOLERATED = 0.1  # of a size: a sigma that is off by less is 20 % of a variance off
 # of a whole run, over all its cells: one run in 100 of a right twin is called wrong
 MISFIT_P = 0.01
-BLOCK_S = 40  # of the slow means
+BLOCK_S = 60  # of the slow means
 CELL_EDGES_HZ = (0.025, 0.06, 0.15, 0.41)  # of the cells between slow means and rows
 # of a cell's declared power that is sway: above 0.5 the cell says more of the vehicle
 VEHICLES = 0.5
