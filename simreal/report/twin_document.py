@@ -187,11 +187,14 @@ def _notes(found: TwinFit) -> list[str]:
             notes.append(DIFFERENT.format(triad=triad, sizes=sizes))
     if found.of("vehicle.yaw_creep_arcsec_sqrt_h").identified:
         notes.append(YAW_NOTE)
-    for line in found.lines:
-        unit = "rad/s" if line.channel < 3 else "m/s^2"
+    if found.lines:
+        worst = max(found.lines, key=lambda line: line.amplitude / (1.0 + 1e3 * (line.channel > 2)))
+        channels = len({line.channel for line in found.lines})
+        unit = "rad/s" if worst.channel < 3 else "m/s^2"
         notes.append(
-            f"a line at {line.frequency_hz:.4g} Hz on {SIX_CHANNELS[line.channel]}, amplitude"
-            f" {line.amplitude:.2g} {unit}: left out of the noise"
+            f"{len(found.lines)} lines of dither or engines on {channels} channels are left out of"
+            f" the noise, such as {worst.frequency_hz:.4g} Hz on {SIX_CHANNELS[worst.channel]},"
+            f" amplitude {worst.amplitude:.2g} {unit}; a twin has no place for them"
         )
     silent = [r.run_id for r in found.runs if r.parked_s == 0.0]
     if silent:

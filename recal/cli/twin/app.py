@@ -1,5 +1,6 @@
 """`recal twin`: the noise model of a unit, fitted to its own logs."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,29 @@ app = typer.Typer(
     no_args_is_help=True,
     help="The noise model of a unit, from its own logs.",
 )
+
+
+class Source(StrEnum):
+    """Whose noise file it is."""
+
+    kalibr = "kalibr"
+    imu_utils = "imu_utils"
+    datasheet = "datasheet"
+
+
+class Target(StrEnum):
+    """Whose form a twin is written in."""
+
+    kalibr = "kalibr"
+    pyins = "pyins"
+
+
+class OfTechnology(StrEnum):
+    """What gyros a unit has."""
+
+    rlg = "rlg"
+    fog = "fog"
+    mems = "mems"
 
 
 @app.callback()
@@ -83,3 +107,63 @@ def check(
         verbose=verbose,
     )
     finish(checked.verdict)
+
+
+@app.command("import", cls=Command)
+def import_(
+    source: Annotated[Path, typer.Argument(help="Noise file: key: number, one a line.")],
+    form: Annotated[Source, typer.Option("--from", help="Whose file it is.")],
+    technology: Annotated[
+        OfTechnology, typer.Option(help="Its defaults fill what the file lacks.")
+    ] = OfTechnology.mems,
+    serial: Annotated[str, typer.Option("--serial", help="imu_serial of the unit.")] = "",
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """A twin from a noise model of Kalibr, imu_utils or a data sheet.
+
+    Example: recal twin import imu.yaml --from kalibr --serial SN-7 -o twin.json
+    """
+    from recal.service.twin.exchange import import_twin, twin_document
+    from recal.service.twin.fit import write_twin
+
+    twin = import_twin(source, form.value, technology=technology.value, serial=serial)
+    written = write_twin(twin, output)
+    answer(
+        twin_document(twin),
+        [f"{written}: {technology.value} twin with the noise of {source}"],
+        as_json=as_json,
+        quiet=quiet,
+        verbose=verbose,
+    )
+
+
+@app.command("export", cls=Command)
+def export(
+    twin: Annotated[Path, typer.Argument(help="Twin file.")],
+    form: Annotated[Target, typer.Option("--to", help="In whose form.")],
+    rate_hz: Annotated[
+        float, typer.Option("--rate-hz", min=10, max=2000, help="update_rate that Kalibr is told.")
+    ] = 100.0,
+    output: OutputPath = None,
+    as_json: JsonFlag = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+    seed: NoSeed = None,
+) -> None:
+    """A twin as Kalibr's imu.yaml, or as the arguments of pyins (JSON); on standard output without
+    -o.
+
+    Example: recal twin export twin.json --to kalibr -o imu.yaml
+    """
+    from recal.service.results.files import write_text
+    from recal.service.twin.exchange import export_twin
+
+    text = export_twin(twin, form.value, rate_hz=rate_hz)
+    lines = text.splitlines() if output is None else [f"{output}: {form.value} of {twin}"]
+    if output is not None:
+        write_text(output, text)
+    answer({"form": form.value, "text": text}, lines, as_json=as_json, quiet=quiet, verbose=verbose)

@@ -90,6 +90,13 @@ def twin_path(output: AnyPath | None) -> Path:
     return output_directory(path, "twin") / TWIN_NAME
 
 
+def write_twin(twin: TwinModel, output: AnyPath | None) -> Path:
+    """Write a twin alone; returns its path."""
+    path = twin_path(output)
+    write_files({path: result_text(twin_to_dict(twin))})
+    return path
+
+
 def fit_twin(
     runs: AnyRun | Sequence[AnyRun],
     start: AnyTwin | None = None,
