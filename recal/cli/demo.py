@@ -8,7 +8,7 @@ import typer
 from recal.cli.console import Force, JsonFlag, OutputPath, Quiet, Seed, Verbose, answer, finish
 
 DEFAULT_SEED = 42
-STEPS = 4  # three sessions, one update
+DEMO_STEPS = 4  # three sessions, one update
 
 
 def command(
@@ -30,7 +30,7 @@ def command(
     from recal.service.demo import demo
 
     chosen = DEFAULT_SEED if seed is None else seed
-    with Progress("simulating", quiet=quiet, steps=STEPS) as told:
+    with Progress("simulating", quiet=quiet, steps=DEMO_STEPS) as told:
         shown = demo(output, seed=chosen, rate_hz=rate_hz, force=force, told=told)
     answer(
         shown.document,

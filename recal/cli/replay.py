@@ -21,7 +21,7 @@ from recal.cli.console import (
 )
 from recal.cli.terminal.help import OUTPUT
 
-STEPS = 5  # reading, two tables, satellite fixes, the report
+REPLAY_STEPS = 5  # reading, two tables, satellite fixes, the report
 
 
 def command(
@@ -65,7 +65,7 @@ def command(
     folder = output or Path("recal-replay")
     others = ("replay.html", "navigation.parquet", "navigation_aided.parquet", "track.kml")
     need_free_report(folder, "replay.json", "recal.replay/1", others, force=force)
-    with Progress("replaying", quiet=quiet, steps=STEPS) as told:
+    with Progress("replaying", quiet=quiet, steps=REPLAY_STEPS) as told:
         flown = replay(
             run, twin=twin, store=store, thermal_model=thermal_model, aided=aided, told=told
         )
