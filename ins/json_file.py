@@ -22,6 +22,8 @@ from ins.records import InputError
 
 MAX_JSON_BYTES = 4_000_000  # a table with covariance is below 1 MB
 MAX_SHOWN = 60  # characters; chosen: file, key and 60 of the value fit a line
+# Of a number: seconds since 1970 are 1.8e9; the fourth power still is a float64.
+MAX_NUMBER = 1e15
 MAX_DEPTH = 32  # of lists and keys within each other; what is read here has six
 # no key: a kind that was tried
 UNION_MEMBER = re.compile(r"(str|int|float|bool)|(list|dict|constrained-|function-).*[\[-].*")
@@ -89,7 +91,8 @@ def read_json_object(path: Path) -> JsonObject:
         raise InputError(f"{path}: not valid JSON ({_reason(error)})") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}: holds {shown(data)}, needed an object of JSON")
-    return _bounded(data, f"{path}: not valid JSON")
+    refuse_wild(_bounded(data, f"{path}: not valid JSON"), name=str(path))
+    return data
 
 
 def read_toml(path: Path) -> JsonObject:
@@ -304,6 +307,33 @@ def refuse_non_finite(value: Any, *, name: str, key: str = "") -> None:
             refuse_non_finite(v, name=name, key=f"{key}[{i}]")
     elif isinstance(value, float) and not math.isfinite(value):
         raise InputError(f"{name}: {key}: got {value}, needed a finite number")
+
+
+def refuse_wild(value: Any, *, name: str, key: str = "") -> None:
+    """Refuse numbers beyond MAX_NUMBER, at any depth.
+
+    Parameters
+    ----------
+    value : object
+        Dicts, lists and numbers.
+    name : str
+        The file; the error line begins with it.
+    key : str
+        Where `value` stands in it.
+
+    Raises
+    ------
+    InputError
+        Names the key.
+    """
+    if isinstance(value, dict):
+        for k, v in value.items():
+            refuse_wild(v, name=name, key=f"{key}.{k}" if key else str(k))
+    elif isinstance(value, list):
+        for i, v in enumerate(value):
+            refuse_wild(v, name=name, key=f"{key}[{i}]")
+    elif isinstance(value, int | float) and not abs(value) <= MAX_NUMBER:
+        raise InputError(f"{name}: {key}: got {shown(value)}, needed within +-{MAX_NUMBER:g}")
 
 
 def _complaint(item: Any, model: type[BaseModel], name: str) -> str:

@@ -8,9 +8,12 @@ from typing import Any
 
 from infield.session.settings import SessionSettings
 from infield.table.thermal_table import AgeingModel
-from ins.json_file import read_toml
+from ins.json_file import read_toml, shown
 from ins.records import InputError
 
+# Of any setting: the largest is a sigma of some thousand parts a million; its square stays far
+# within a float64.
+MAX_SETTING = 1e6
 CONFIG_SECTIONS: dict[str, type] = {"session": SessionSettings, "ageing": AgeingModel}
 
 
@@ -34,7 +37,7 @@ def read_config(path: Path | None) -> tuple[SessionSettings, AgeingModel]:
 
 
 def _section(kind: type, values: Any, where: str) -> Any:
-    """One section as its record; numbers must be finite and not negative."""
+    """One section as its record; numbers must be from 0 to MAX_SETTING."""
     if not isinstance(values, dict):
         raise InputError(f"{where}: got {values!r}, needed a section")
     known = {f.name: f for f in fields(kind)}
@@ -48,9 +51,10 @@ def _section(kind: type, values: Any, where: str) -> Any:
         ) != isinstance(value, dict):
             raise InputError(f"{where}: {key} = {value!r}, needed {type(wanted).__name__}")
         for number in value.values() if isinstance(value, dict) else [value]:
-            if not isinstance(number, int | float) or not 0 <= number < float("inf"):
+            if not isinstance(number, int | float) or not 0 <= number <= MAX_SETTING:
                 raise InputError(
-                    f"{where}: {key} = {value!r}, needed a number that is not negative"
+                    f"{where}: {key} = {shown(value)}, needed a number that is not negative, at"
+                    f" most {MAX_SETTING:g}"
                 )
     merged = {
         k: {**getattr(default, k), **v} if isinstance(v, dict) else v for k, v in values.items()
